@@ -1,0 +1,36 @@
+"""The one escape that makes any name a safe URI path segment and a safe Zenoh key chunk.
+
+Bytes of the UTF-8 form outside ``A-Z a-z 0-9 _ . -`` become ``~XX`` (upper-case hex). A name that as a whole is
+reserved (or ``.`` or ``..``) has its first byte escaped as well. The rule is reversible and every name has exactly
+one segment; any other spelling is refused.
+"""
+
+from collections.abc import Container
+
+MAX_NAME_BYTES = 128
+_PLAIN = frozenset(b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_.-")
+
+
+def escape(name: str, reserved: Container[str] = ()) -> str:
+    """Return the segment of ``name``; ValueError when it is empty or longer than 128 bytes in UTF-8."""
+    raw = name.encode()
+    if not 0 < len(raw) <= MAX_NAME_BYTES:
+        raise ValueError(f"a name has 1 to {MAX_NAME_BYTES} bytes, not {len(raw)}")
+    escape_first = name in (".", "..") or name in reserved
+    return "".join(
+        chr(byte) if byte in _PLAIN and not (escape_first and index == 0) else f"~{byte:02X}"
+        for index, byte in enumerate(raw)
+    )
+
+
+def unescape(segment: str, reserved: Container[str] = ()) -> str:
+    """Return the name of ``segment``; ValueError when the segment is not the canonical one of any name."""
+    head, *rest = segment.split("~")
+    try:
+        raw = head.encode("ascii") + b"".join(bytes.fromhex(part[:2]) + part[2:].encode("ascii") for part in rest)
+        name = raw.decode()
+        if escape(name, reserved) == segment:
+            return name
+    except ValueError:
+        pass
+    raise ValueError(f"{segment!r} is not the segment of a name")
