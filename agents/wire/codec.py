@@ -2,7 +2,7 @@
 
 import math
 import struct
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import msgspec
 
@@ -85,27 +85,45 @@ def encode_state(state: State) -> bytes:
     return header + struct.pack(f"<{len(values) + 3 * count}d", *values, *rows[0], *rows[1], *rows[2])
 
 
-def decode_state(payload: bytes) -> State:
-    """Unpack a frame. Raises WireError (VersionError) for anything that is not exactly one frame; ±∞ is refused."""
+class Header(NamedTuple):
+    """What a frame says before its values; times in nanoseconds."""
+
+    incarnation: int
+    sequence: int
+    monotonic_ns: int
+    wall_ns: int
+    joint_count: int
+    floating: bool
+
+
+def read_header(payload: bytes) -> Header:
+    """Read everything but the values. Raises WireError (VersionError) for anything that is not exactly one frame."""
     if len(payload) < _HEADER.size or payload[:2] != MAGIC:
         raise WireError(f"{len(payload)} bytes that do not start with a frame header")
     _, version, flags, count, incarnation, sequence, monotonic_ns, wall_ns = _HEADER.unpack_from(payload)
     check_version(version)
     if flags & ~FLOATING or count > MAX_JOINTS:
         raise WireError(f"flags {flags:#x} or {count} joints are out of range")
-    base_count = _BASE_VALUES if flags & FLOATING else 0
-    total = base_count + 3 * count
+    total = (_BASE_VALUES if flags & FLOATING else 0) + 3 * count
     if len(payload) != _HEADER.size + 8 * total:
         raise WireError(f"{len(payload)} bytes, but the header announces {_HEADER.size + 8 * total}")
+    return Header(incarnation, sequence, monotonic_ns, wall_ns, count, bool(flags & FLOATING))
+
+
+def decode_state(payload: bytes) -> State:
+    """Unpack a frame. Raises WireError (VersionError) for anything that is not exactly one frame; ±∞ is refused."""
+    header = read_header(payload)
+    base_count, count = _BASE_VALUES if header.floating else 0, header.joint_count
+    total = base_count + 3 * count
     values = struct.unpack_from(f"<{total}d", payload, _HEADER.size)
     if any(map(math.isinf, values)):
         raise WireError("a value is infinite")
     b, rows = values[:base_count], values[base_count:]
     return State(
-        incarnation=incarnation,
-        sequence=sequence,
-        monotonic_ns=monotonic_ns,
-        wall_ns=wall_ns,
+        incarnation=header.incarnation,
+        sequence=header.sequence,
+        monotonic_ns=header.monotonic_ns,
+        wall_ns=header.wall_ns,
         base=Base(b[0:3], b[3:7], b[7:10], b[10:13]) if b else None,  # type: ignore[arg-type]
         positions=rows[:count],
         velocities=rows[count : 2 * count],

@@ -1,0 +1,187 @@
+"""The live fleet: ``apply(event, now) -> changes``. Pure; the clock is passed in as wall time in nanoseconds.
+
+A run of an agent is an incarnation. While several runs of one robot are present (a restart before the lease of the
+dead one ended), the highest incarnation is the present one.
+"""
+
+import logging
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any, Literal
+
+from agents.wire.codec import WireError, read_header
+from agents.wire.messages import Description
+from gateway.fleet.complaints import Complaints
+from gateway.fleet.events import Appeared, Described, Event, Framed, Undescribed, Vanished
+from gateway.fleet.observation import Observation
+from gateway.fleet.robot import Robot
+
+__all__ = [
+    "Appeared",
+    "Change",
+    "Described",
+    "Event",
+    "Fleet",
+    "Framed",
+    "Observation",
+    "Robot",
+    "Undescribed",
+    "Vanished",
+]
+
+MAX_ROBOTS = 10_000
+MAX_RUNS = 8  # of one robot at once
+_log = logging.getLogger(__name__)
+
+What = Literal["appeared", "vanished", "described", "faulty", "frame"]
+
+
+@dataclass(frozen=True)
+class Change:
+    """What became different about a robot."""
+
+    robot: str
+    what: What
+
+
+@dataclass
+class _Entry:
+    """A robot, and the runs of its agent that are present, each with what it said (a reason when unusable)."""
+
+    robot: Robot
+    runs: dict[int, Description | str | None] = field(default_factory=dict)
+
+
+class Fleet:
+    """Every robot that was ever seen. ``malformed`` and ``dropped`` count, by robot, what was not taken:
+    malformed things are faults of the sender, dropped ones (late, of another run) happen in good order."""
+
+    def __init__(self) -> None:
+        self._entries: dict[str, _Entry] = {}
+        self._robots: dict[str, Robot] = {}
+        self._complaints = Complaints(_log)
+        self.dropped: Counter[str] = Counter()
+        self._handlers: dict[type, Callable[[Any, int], list[Change]]] = {
+            Appeared: self._appeared,
+            Vanished: self._vanished,
+            Described: self._described,
+            Undescribed: self._undescribed,
+            Framed: self._framed,
+        }
+
+    @property
+    def robots(self) -> Mapping[str, Robot]:
+        """By name, in the order of the names; a view that is never to be changed by the reader."""
+        return MappingProxyType(self._robots)
+
+    @property
+    def malformed(self) -> Counter[str]:
+        return self._complaints.counts
+
+    def apply(self, event: Event, now_ns: int) -> list[Change]:
+        """Take an event at gateway wall time ``now_ns`` and say what changed by it."""
+        return self._handlers[type(event)](event, now_ns)
+
+    def _appeared(self, event: Appeared, now_ns: int) -> list[Change]:
+        entry = self._entry(event.robot)
+        if entry is None or (len(entry.runs) >= MAX_RUNS and event.incarnation not in entry.runs):
+            self._complaints.add(event.robot, f"more than {MAX_ROBOTS} robots or {MAX_RUNS} runs of one")
+            return []
+        entry.runs.setdefault(event.incarnation, None)
+        entry.robot.last_seen_ns = now_ns
+        return self._elect(entry)
+
+    def _vanished(self, event: Vanished, now_ns: int) -> list[Change]:
+        entry = self._entries.get(event.robot)
+        if entry is None or event.incarnation not in entry.runs:
+            return []
+        del entry.runs[event.incarnation]
+        if entry.runs:
+            return self._elect(entry)
+        entry.robot.online = False
+        return [Change(event.robot, "vanished")]
+
+    def _elect(self, entry: _Entry) -> list[Change]:
+        """Make the highest incarnation the present one."""
+        robot, incarnation = entry.robot, max(entry.runs)
+        if robot.online and robot.incarnation == incarnation:
+            return []
+        robot.online = True
+        changes = [Change(robot.name, "appeared")]
+        if robot.incarnation != incarnation:
+            robot.run(incarnation)
+            changes += self._tell(entry)
+        return changes
+
+    def _described(self, event: Described, now_ns: int) -> list[Change]:
+        return self._said(event.description.robot, event.description.incarnation, event.description, now_ns)
+
+    def _undescribed(self, event: Undescribed, now_ns: int) -> list[Change]:
+        self._complaints.add(event.robot, event.reason)
+        return self._said(event.robot, event.incarnation, event.reason, now_ns)
+
+    def _said(self, robot: str, incarnation: int, said: Description | str, now_ns: int) -> list[Change]:
+        entry = self._entries.get(robot)
+        if entry is None or incarnation not in entry.runs:
+            return []  # the run ended while it was being asked
+        entry.robot.last_seen_ns = now_ns
+        entry.runs[incarnation] = said
+        return self._tell(entry) if incarnation == entry.robot.incarnation else []
+
+    def _tell(self, entry: _Entry) -> list[Change]:
+        """Bring what the present run said to the robot, if it is news."""
+        robot = entry.robot
+        said = None if robot.incarnation is None else entry.runs.get(robot.incarnation)
+        if said is None or said == robot.description or (robot.description is None and said == robot.fault):
+            return []
+        if isinstance(said, str):
+            robot.undescribe(said)
+            return [Change(robot.name, "faulty")]
+        robot.describe(said)
+        if robot.fault:
+            self._complaints.add(robot.name, robot.fault)
+            return [Change(robot.name, "faulty")]
+        return [Change(robot.name, "described"), *self._early_frame(robot)]
+
+    def _early_frame(self, robot: Robot) -> list[Change]:
+        """A frame may come before the description; only now can the two be compared."""
+        if robot.header is None:
+            return []
+        reason = robot.refusal(robot.header)
+        if reason is None:
+            return [Change(robot.name, "frame")]
+        self._complaints.add(robot.name, reason)
+        robot.drop_frame()
+        return []
+
+    def _framed(self, event: Framed, now_ns: int) -> list[Change]:
+        entry = self._entries.get(event.robot)
+        try:
+            header = read_header(event.payload)
+        except WireError as error:
+            self._complaints.add(event.robot, error)
+            return []
+        if entry is None or entry.robot.incarnation != header.incarnation:
+            self.dropped[event.robot if entry else "(unknown)"] += 1
+            return []
+        robot = entry.robot
+        reason = robot.refusal(header)
+        if reason is not None:
+            self._complaints.add(event.robot, reason)
+            return []
+        if header.sequence <= robot.last_sequence():
+            self.dropped[event.robot] += 1
+            return []
+        robot.last_seen_ns = now_ns
+        robot.take(header, event.payload)
+        return [Change(event.robot, "frame")] if robot.described else []
+
+    def _entry(self, name: str) -> _Entry | None:
+        """The entry of a robot, made when there is room for it."""
+        entry = self._entries.get(name)
+        if entry is None and len(self._entries) < MAX_ROBOTS:
+            entry = self._entries[name] = _Entry(Robot(name, self._complaints.add))
+            self._robots = {key: self._entries[key].robot for key in sorted(self._entries)}
+        return entry

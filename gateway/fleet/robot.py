@@ -1,0 +1,221 @@
+"""One robot as the gateway knows it: who is present, what it said it is, and its latest frame."""
+
+import logging
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from agents.wire.codec import MAX_JOINTS, Header, WireError, decode_state, layout
+from agents.wire.messages import Description, State
+from gateway.fleet.kinematics import Kinematics
+from gateway.fleet.model import ModelError, Pose, RobotModel
+from gateway.fleet.observation import Observation, Observations
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class _Frame:
+    header: Header
+    payload: bytes
+
+
+@dataclass
+class _Derived:
+    """What was worked out of the present frame and description, at first use."""
+
+    decoded: bool = False
+    state: State | None = None
+    rows: dict[str, Mapping[str, float]] = field(default_factory=dict)
+    poses: dict[str, Pose | None] | None = None
+
+
+class Robot:
+    """Read by the gateway, changed by ``Fleet`` alone. Times in nanoseconds, values in SI units, NaN is unknown.
+
+    While a restarted agent has not described itself yet, the description of the run before stays readable and every
+    value is unknown. While the robot is offline, its last frame stays.
+    """
+
+    def __init__(self, name: str, complain: Callable[[str, object], None]) -> None:
+        self.name = name
+        self.online = False
+        self.incarnation: int | None = None
+        self.description: Description | None = None
+        self.model: RobotModel | None = None
+        self.last_seen_ns: int | None = None
+        self._complain = complain
+        self._fault: str | None = None
+        self._kinematics: Kinematics | None = None
+        self._kinematics_fault: str | None = None
+        self._observations = Observations()
+        self._frame: _Frame | None = None
+        self._derived = _Derived()
+
+    @property
+    def fault(self) -> str | None:
+        """Why this robot cannot be used fully, as a sentence; None when it can."""
+        return self._fault or self._kinematics_fault
+
+    @property
+    def header(self) -> Header | None:
+        """The header of the latest frame; None before the first frame of the present incarnation."""
+        frame = self._usable_frame()
+        return None if frame is None else frame.header
+
+    @property
+    def sequence(self) -> int | None:
+        header = self.header
+        return None if header is None else header.sequence
+
+    @property
+    def payload(self) -> bytes | None:
+        """The latest frame as it came over the wire."""
+        frame = self._usable_frame()
+        return None if frame is None else frame.payload
+
+    @property
+    def frame(self) -> State | None:
+        """The latest frame, unpacked at first use; None before the first and while the latest is malformed inside."""
+        derived = self._derived
+        if not derived.decoded:
+            derived.decoded = True
+            frame = self._usable_frame()
+            try:
+                derived.state = None if frame is None else decode_state(frame.payload)
+            except WireError as error:
+                self._complain(self.name, error)
+        return derived.state
+
+    @property
+    def positions(self) -> Mapping[str, float]:
+        """rad or m by joint, for every movable joint of the model and every joint of the description."""
+        return self._row("positions")
+
+    @property
+    def velocities(self) -> Mapping[str, float]:
+        """rad/s or m/s by joint."""
+        return self._row("velocities")
+
+    @property
+    def efforts(self) -> Mapping[str, float]:
+        """Nm or N by joint."""
+        return self._row("efforts")
+
+    def link_pose(self, link: str) -> Pose | None:
+        """Pose in the world frame (fixed base: the frame of the root link); None when it cannot be known."""
+        derived = self._derived
+        if derived.poses is None:
+            frame, kinematics = self.frame, self._ready_kinematics()
+            if frame is None or kinematics is None:
+                derived.poses = {}
+            else:
+                derived.poses = kinematics.link_poses(self.positions, frame.base)
+        return derived.poses.get(link)
+
+    def observe(self, key: str, values: tuple[float, ...], resolution: float) -> Observation:
+        """Hold ``values`` under ``key``: the old ones and their stamp come back until one moves by ``resolution``.
+
+        The stamp is the agent's wall time of the frame that moved it. A new incarnation or description starts anew.
+        """
+        header = self.header
+        return self._observations.observe(key, values, resolution, None if header is None else header.wall_ns)
+
+    # What follows is for Fleet alone.
+
+    def run(self, incarnation: int) -> None:
+        """Begin another run of the agent: nothing measured by the run before is true any more."""
+        self.incarnation = incarnation
+        self._fault = None
+        self._frame = None
+        self._observations.clear()
+        self._derived = _Derived()
+
+    def describe(self, description: Description) -> None:
+        """Take a description; ``fault`` says afterwards whether it can be used."""
+        old = self.description
+        same_tree = old is not None and (old.urdf, old.base) == (description.urdf, description.base)
+        if not same_tree or self.model is None:
+            self.model = self._kinematics = self._kinematics_fault = None
+        self.description, self._fault = description, None
+        try:
+            self.model = self.model or RobotModel.parse(description.urdf)
+        except ModelError as error:
+            self._fault = str(error)
+        else:
+            self._fault = _mismatch(description, self.model)
+        self._observations.clear()
+        self._derived = _Derived()
+
+    def undescribe(self, reason: str) -> None:
+        """Stay visible, as faulty: what the agent says of its robot cannot be used."""
+        self.description = self.model = self._kinematics = self._kinematics_fault = None
+        self._fault = reason
+        self._observations.clear()
+        self._derived = _Derived()
+
+    def take(self, header: Header, payload: bytes) -> None:
+        """Store a frame without looking at its values."""
+        self._frame = _Frame(header, payload)
+        self._derived = _Derived()
+
+    def last_sequence(self) -> int:
+        return -1 if self._frame is None else self._frame.header.sequence
+
+    @property
+    def described(self) -> bool:
+        """Whether the present run of the agent has described itself usably."""
+        return self.description is not None and self.description.incarnation == self.incarnation and not self._fault
+
+    def refusal(self, header: Header) -> str | None:
+        """Why a frame does not fit the description; None when it does or while there is no description to fit."""
+        if not self.described or self.description is None:
+            return None
+        joints, floating = len(self.description.joints), self.description.base == "floating"
+        if (header.joint_count, header.floating) == (joints, floating):
+            return None
+        base = {True: "floating", False: "fixed"}
+        return (
+            f"a frame of {header.joint_count} joints and a {base[header.floating]} base, "
+            f"but the description has {joints} and a {base[floating]} one"
+        )
+
+    def drop_frame(self) -> None:
+        self._frame = None
+        self._derived = _Derived()
+
+    def _usable_frame(self) -> _Frame | None:
+        return self._frame if self.described else None
+
+    def _row(self, name: str) -> Mapping[str, float]:
+        row = self._derived.rows.get(name)
+        if row is None:
+            values = {} if self.model is None else {j.name: math.nan for j in self.model.joints.values() if j.movable}
+            frame = self.frame
+            if frame is not None and self.description is not None:
+                values.update(zip(self.description.joints, getattr(frame, name), strict=True))
+            row = self._derived.rows[name] = values
+        return row
+
+    def _ready_kinematics(self) -> Kinematics | None:
+        if self._kinematics is None and self.described and not self._kinematics_fault and self.description is not None:
+            try:
+                self._kinematics = Kinematics(self.description.urdf, self.description.base == "floating")
+            except ModelError as error:
+                self._kinematics_fault = str(error)
+                _log.warning("robot %r has no link poses: %s", self.name, error)
+        return self._kinematics
+
+
+def _mismatch(description: Description, model: RobotModel) -> str | None:
+    """Why the description contradicts its own URDF or the wire; None when it does not."""
+    joints = description.joints
+    if len(set(joints)) != len(joints) or len(joints) > MAX_JOINTS:
+        return f"the description lists a joint twice, or more than {MAX_JOINTS} joints"
+    for name in joints:
+        joint = model.joints.get(name)
+        if joint is None or not joint.movable:
+            return f"the description lists joint {name!r}, which its URDF does not have as a movable joint"
+    if description.layout != layout(len(joints), description.base == "floating"):
+        return f"the layout in the description is not that of a frame of {len(joints)} joints and its base"
+    return None
