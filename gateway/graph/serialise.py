@@ -5,6 +5,7 @@ The same triples in the same order give the same bytes, so that an ETag can be t
 
 import re
 from collections.abc import Mapping, Sequence
+from typing import TypeVar
 
 from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, serialize
 
@@ -15,6 +16,8 @@ from gateway.graph.parsing import ParseError, parse
 __all__ = ["MEDIA_TYPES", "ParseError", "parse", "render"]
 
 MEDIA_TYPES = ("text/turtle", "application/ld+json", "application/n-triples", "application/rdf+xml", "text/html")
+
+_T = TypeVar("_T", bound=Term)
 
 # XML 1.0, 2.2 has no way to write these characters, not even as references.
 _NO_XML = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]")
@@ -42,7 +45,7 @@ def _relabelled(triples: Sequence[Triple]) -> list[Triple]:
     """By subject, with blank nodes b0, b1, … in order of appearance: parsers and builders give random labels."""
     outline = Outline(triples)
 
-    def named(term: Term) -> Term:
+    def named(term: _T) -> BlankNode | _T:
         return BlankNode(outline.label(term)) if isinstance(term, BlankNode) else term
 
     return [

@@ -1,0 +1,179 @@
+"""Everything that the gateway refuses, as one tree; each error knows how it looks from outside.
+
+    FleetError                      status  code
+    ├── BadRequest                  400     bad-request
+    ├── NotFound                    404     not-found
+    ├── MethodNotAllowed            405     method-not-allowed
+    ├── NotAcceptable               406     not-acceptable
+    ├── Conflict                    409     conflict
+    │   └── RefusedByAgent          409     refused
+    ├── PreconditionFailed          412     precondition-failed
+    ├── PayloadTooLarge             413     payload-too-large
+    ├── UnsupportedMediaType        415     unsupported-media-type
+    ├── MisdirectedRequest          421     misdirected-request
+    ├── UnprocessableContent        422     unprocessable-content
+    ├── Offline                     503     offline
+    └── AgentSilent                 504     agent-silent
+
+The problem type (RFC 9457, 3.1.1) of each is ``PROBLEMS`` followed by its code; ``gateway.http.problem`` renders them.
+"""
+
+# ruff: noqa: N818  (the names are those of the status codes, RFC 9110, 15)
+
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
+
+from pyoxigraph import Triple
+
+PROBLEMS = "https://w3id.org/linked-fleet/problems#"
+
+
+class FleetError(Exception):
+    """A request cannot be served; ``detail`` says what was wrong and what would have been right."""
+
+    status: ClassVar[int] = 500
+    code: ClassVar[str] = "internal"
+    title: ClassVar[str] = "The gateway failed"
+
+    def __init__(
+        self, detail: str, *, headers: Mapping[str, str] | None = None, report: Sequence[Triple] | None = None
+    ) -> None:
+        super().__init__(detail)
+        self.detail = detail
+        self.headers: dict[str, str] = dict(headers or {})
+        self.report = report
+
+    @property
+    def type(self) -> str:
+        return PROBLEMS + self.code
+
+    @property
+    def members(self) -> dict[str, str | int | list[str]]:
+        """Extension members (RFC 9457, 3.2): only those that are known."""
+        return {}
+
+    def __str__(self) -> str:
+        return f"{self.status} {self.title}: {self.detail}"
+
+
+class BadRequest(FleetError):
+    """The request is malformed; ``line`` and ``column`` count from 1 when a body is to blame."""
+
+    status, code, title = 400, "bad-request", "The request is malformed"
+
+    def __init__(
+        self,
+        detail: str,
+        *,
+        line: int | None = None,
+        column: int | None = None,
+        headers: Mapping[str, str] | None = None,
+    ) -> None:
+        super().__init__(detail, headers=headers)
+        self.line, self.column = line, column
+
+    @property
+    def members(self) -> dict[str, str | int | list[str]]:
+        known = {"line": self.line, "column": self.column}
+        return {name: value for name, value in known.items() if value is not None}
+
+
+class NotFound(FleetError):
+    status, code, title = 404, "not-found", "There is no such resource"
+
+
+class MethodNotAllowed(FleetError):
+    """The resource has other methods: RFC 9110, 15.5.6 demands that ``Allow`` lists them."""
+
+    status, code, title = 405, "method-not-allowed", "The resource does not have this method"
+
+    def __init__(self, detail: str, *, allow: Sequence[str], headers: Mapping[str, str] | None = None) -> None:
+        super().__init__(detail, headers={**(headers or {}), "Allow": ", ".join(allow)})
+        self.allow = tuple(allow)
+
+    @property
+    def members(self) -> dict[str, str | int | list[str]]:
+        return {"allow": list(self.allow)}
+
+
+class NotAcceptable(FleetError):
+    """No representation suits ``Accept``; ``offered`` are the media types that there are."""
+
+    status, code, title = 406, "not-acceptable", "No acceptable representation"
+
+    def __init__(self, detail: str, *, offered: Sequence[str], headers: Mapping[str, str] | None = None) -> None:
+        super().__init__(detail, headers={"Vary": "Accept", **(headers or {})})
+        self.offered = tuple(offered)
+
+    @property
+    def members(self) -> dict[str, str | int | list[str]]:
+        return {"offered": list(self.offered)}
+
+
+class Conflict(FleetError):
+    status, code, title = 409, "conflict", "The state of the resource forbids it"
+
+
+class RefusedByAgent(Conflict):
+    """The robot's own agent said no: stale, out of limits, busy, held."""
+
+    code, title = "refused", "The robot refused the command"
+
+
+class PreconditionFailed(FleetError):
+    status, code, title = 412, "precondition-failed", "The resource has changed"
+
+
+class PayloadTooLarge(FleetError):
+    status, code, title = 413, "payload-too-large", "The body is too large"
+
+
+class UnsupportedMediaType(FleetError):
+    """The body is of a type that is not taken here; ``offered`` are those that are."""
+
+    status, code, title = 415, "unsupported-media-type", "The media type is not supported"
+
+    def __init__(self, detail: str, *, offered: Sequence[str] = (), headers: Mapping[str, str] | None = None) -> None:
+        # RFC 9110, 12.5.1: Accept in a 415 response says what request content would have been taken
+        taken = {"Accept": ", ".join(offered)} if offered else {}
+        super().__init__(detail, headers={**taken, **(headers or {})})
+        self.offered = tuple(offered)
+
+    @property
+    def members(self) -> dict[str, str | int | list[str]]:
+        return {"offered": list(self.offered)} if self.offered else {}
+
+
+class MisdirectedRequest(FleetError):
+    status, code, title = 421, "misdirected-request", "The fleet is not known under this authority"
+
+
+class UnprocessableContent(FleetError):
+    """The body is well-formed but breaks a shape: ``report`` is the SHACL report, ``constraint`` where the shape is."""
+
+    status, code, title = 422, "unprocessable-content", "The content breaks a constraint"
+
+    def __init__(
+        self,
+        detail: str,
+        *,
+        report: Sequence[Triple] | None = None,
+        constraint: str | None = None,
+        headers: Mapping[str, str] | None = None,
+    ) -> None:
+        # LDP 4.2.1.6: a constraint failure links to the constraints that it broke
+        link = {"Link": f'<{constraint}>; rel="http://www.w3.org/ns/ldp#constrainedBy"'} if constraint else {}
+        super().__init__(detail, headers={**link, **(headers or {})}, report=report)
+        self.constraint = constraint
+
+    @property
+    def members(self) -> dict[str, str | int | list[str]]:
+        return {"constraint": self.constraint} if self.constraint else {}
+
+
+class Offline(FleetError):
+    status, code, title = 503, "offline", "The robot is offline"
+
+
+class AgentSilent(FleetError):
+    status, code, title = 504, "agent-silent", "The robot's agent did not answer in time"

@@ -1,0 +1,37 @@
+"""Entity tags and preconditions (RFC 9110, 8.8.3, 13.1.1 and 13.1.2)."""
+
+import re
+from base64 import urlsafe_b64encode
+from collections.abc import Collection
+from hashlib import blake2b
+
+_TAG = re.compile(r'(W/)?("[\x21\x23-\x7e\x80-\xff]*")')
+_LIST = re.compile(rf"[ \t,]*(?:{_TAG.pattern}[ \t]*(?:,[ \t,]*|$))*")
+
+
+def etag(body: bytes) -> str:
+    """The strong entity tag of exactly these bytes."""
+    return f'"{urlsafe_b64encode(blake2b(body, digest_size=16).digest()).rstrip(b"=").decode()}"'
+
+
+def not_modified(if_none_match: str | None, etag: str) -> bool:
+    """Whether the client holds this representation already: ``*`` or weak comparison (13.1.2)."""
+    if if_none_match is None:
+        return False
+    opaque = etag.removeprefix("W/")
+    return if_none_match.strip() == "*" or any(tag == opaque for _, tag in _tags(if_none_match))
+
+
+def precondition_holds(if_match: str | None, etags: Collection[str], *, exists: bool = True) -> bool:
+    """Whether a write may go on: ``*`` when anything exists, or strong comparison (13.1.1) with any current tag."""
+    if if_match is None:
+        return True
+    if if_match.strip() == "*":
+        return exists
+    strong = {tag for tag in etags if not tag.startswith("W/")}
+    return exists and any(tag in strong for weak, tag in _tags(if_match) if not weak)
+
+
+def _tags(field: str) -> list[tuple[str, str]]:
+    """The tags of a well-formed list; a malformed one names none, which fails safely in both directions."""
+    return _TAG.findall(field) if _LIST.fullmatch(field) else []

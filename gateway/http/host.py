@@ -1,0 +1,67 @@
+"""Which fleet is meant: no ``Host`` ever decides an IRI, it only picks one of the known public URLs (RFC 9110, 7.4)."""
+
+import re
+from collections.abc import Awaitable, Callable, Mapping, MutableMapping
+from typing import Any
+from urllib.parse import urlsplit
+
+from gateway.errors import BadRequest, FleetError, MisdirectedRequest
+from gateway.http.problem import problem_body
+
+Scope = MutableMapping[str, Any]
+Message = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[Message]]
+Send = Callable[[Message], Awaitable[None]]
+App = Callable[[Scope, Receive, Send], Awaitable[None]]
+
+# RFC 3986, 3.2.2: a bracketed IP literal, or a reg-name, which IPv4 addresses also are
+_HOST = re.compile(r"(\[[0-9A-Fa-f:.]+\]|(?:[\w.~!$&'()*+,;=-]|%[0-9A-Fa-f]{2})+)(?::([0-9]{0,5}))?", re.ASCII)
+_DEFAULT_PORTS = {"http": 80, "ws": 80, "https": 443, "wss": 443}
+
+
+class Authorities:
+    """ASGI middleware: ``scope["state"]["base"]`` is the public URL, without slash, under which the client asks."""
+
+    def __init__(self, app: App, public_urls: tuple[str, ...], prefixes: Mapping[str, str]) -> None:
+        self.app, self.prefixes = app, prefixes
+        self._bases: dict[tuple[str, int], str] = {}
+        for url in public_urls:
+            parts = urlsplit(url)
+            key = ((parts.hostname or "").lower(), parts.port or _DEFAULT_PORTS[parts.scheme])
+            self._bases.setdefault(key, url.rstrip("/"))
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] not in ("http", "websocket"):
+            await self.app(scope, receive, send)
+            return
+        try:
+            base = self._base(scope)
+        except FleetError as error:
+            await self._refuse(error, scope, send)
+            return
+        scope.setdefault("state", {})["base"] = base
+        await self.app(scope, receive, send)
+
+    def _base(self, scope: Scope) -> str:
+        fields = [value.decode("latin-1") for name, value in scope["headers"] if name == b"host"]
+        host = _HOST.fullmatch(fields[0]) if len(fields) == 1 else None
+        if host is None:
+            raise BadRequest("the request needs exactly one Host field, such as Host: fleet.example:8000")
+        # a TLS front may speak plain HTTP to us: the port of any known scheme for this name will do
+        name, ports = host[1].strip("[]").lower(), [int(host[2])] if host[2] else [80, 443]
+        asked = _DEFAULT_PORTS.get(scope.get("scheme", "http"), 80)
+        for port in sorted(ports, key=lambda port: port != asked):
+            if (name, port) in self._bases:
+                return self._bases[name, port]
+        raise MisdirectedRequest(f"this fleet is not known as {fields[0]}, only as {', '.join(self._bases.values())}")
+
+    async def _refuse(self, error: FleetError, scope: Scope, send: Send) -> None:
+        accept = b", ".join(value for name, value in scope["headers"] if name == b"accept").decode("latin-1")
+        body, content_type = problem_body(error, accept or None, None, self.prefixes)
+        if scope["type"] == "websocket" and "websocket.http.response" not in scope.get("extensions", {}):
+            await send({"type": "websocket.close", "code": 1008})  # the server can only answer 403
+            return
+        start = "websocket.http.response" if scope["type"] == "websocket" else "http.response"
+        headers = [(b"content-type", content_type.encode()), (b"content-length", str(len(body)).encode())]
+        await send({"type": f"{start}.start", "status": error.status, "headers": headers})
+        await send({"type": f"{start}.body", "body": body})

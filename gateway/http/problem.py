@@ -1,0 +1,84 @@
+"""Problem details (RFC 9457): JSON unless the client would rather have RDF, with the SHACL report in either."""
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from pyoxigraph import BlankNode, Literal, NamedNode, Triple
+
+from gateway.errors import FleetError
+from gateway.graph.serialise import MEDIA_TYPES, render
+from gateway.http.negotiation import choose, parse_accept, weight
+
+PROBLEM_JSON = "application/problem+json"
+_LF = "https://w3id.org/linked-fleet#"
+_DCTERMS = "http://purl.org/dc/terms/"
+_SH = "http://www.w3.org/ns/shacl#"
+_XSD = "http://www.w3.org/2001/XMLSchema#"
+_TYPE = NamedNode("http://www.w3.org/1999/02/22-rdf-syntax-ns#type")
+_RESULT = NamedNode(_SH + "result")
+# RFC 9457 calls nothing like them; the names are those of the SHACL vocabulary without the word "result"
+_REPORTED = {
+    NamedNode(_SH + term): member
+    for term, member in {
+        "focusNode": "focusNode",
+        "resultPath": "path",
+        "resultMessage": "message",
+        "value": "value",
+        "sourceConstraintComponent": "sourceConstraintComponent",
+    }.items()
+}
+
+
+def problem_body(
+    error: FleetError, accept: str | None, instance: str | None, prefixes: Mapping[str, str]
+) -> tuple[bytes, str]:
+    """Body and content type. A client that accepts none of ours still gets JSON (RFC 9110, 15.5.7)."""
+    media_type = choose(_preferring_json(accept), (PROBLEM_JSON, *MEDIA_TYPES)) or PROBLEM_JSON
+    if media_type == PROBLEM_JSON:
+        return _json(error, instance), PROBLEM_JSON
+    body = render(_triples(error), media_type, prefixes, base=instance or "", title=error.title)
+    return body, f"{media_type}; charset=utf-8" if media_type.startswith("text/") else media_type
+
+
+def _preferring_json(accept: str | None) -> str | None:
+    """``application/json`` is as good as its problem flavour: who asks for it can read that."""
+    ranges = parse_accept(accept)
+    as_json, as_problem = weight(ranges, "application/json"), weight(ranges, PROBLEM_JSON)
+    return f"{accept}, {PROBLEM_JSON};q={as_json:.3f}" if as_json > as_problem else accept
+
+
+def _json(error: FleetError, instance: str | None) -> bytes:
+    members: dict[str, Any] = {
+        "type": error.type,
+        "title": error.title,
+        "status": error.status,
+        "detail": error.detail,
+    }
+    members |= {"instance": instance} if instance else {}
+    members |= error.members
+    members |= {"report": _report(error.report)} if error.report else {}
+    return json.dumps(members, ensure_ascii=False).encode()
+
+
+def _report(triples: Sequence[Triple]) -> list[dict[str, str]]:
+    """The results of a SHACL report in order, one flat object each; blank nodes, which mean nothing here, left out."""
+    results: dict[Any, dict[str, str]] = {t.object: {} for t in triples if t.predicate == _RESULT}
+    for triple in triples:
+        member = _REPORTED.get(triple.predicate)
+        if member and triple.subject in results and isinstance(triple.object, NamedNode | Literal):
+            results[triple.subject].setdefault(member, triple.object.value)
+    return list(results.values())
+
+
+def _triples(error: FleetError) -> list[Triple]:
+    problem = BlankNode()
+    status = Literal(str(error.status), datatype=NamedNode(_XSD + "integer"))
+    return [
+        Triple(problem, _TYPE, NamedNode(_LF + "Problem")),
+        Triple(problem, NamedNode(_DCTERMS + "identifier"), Literal(error.type, datatype=NamedNode(_XSD + "anyURI"))),
+        Triple(problem, NamedNode(_LF + "status"), status),
+        Triple(problem, NamedNode(_DCTERMS + "title"), Literal(error.title)),
+        Triple(problem, NamedNode(_DCTERMS + "description"), Literal(error.detail)),
+        *(error.report or ()),
+    ]
