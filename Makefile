@@ -1,0 +1,59 @@
+# make demo    five simulated robots and the gateway, browsable at one address (PORT=8000)
+# make test    the tests (PYTEST_ARGS="-k wire" for some of them)
+# make check   lint, types, the walls between packages, the base install on its own
+# make clean   remove what make made
+
+PORT ?= 8000
+PYTEST_ARGS ?=
+BIN := .venv/bin
+
+# Pins as variables, not as -c: the environment in which pip builds our own wheel reads them too.
+export PIP_CONSTRAINT := constraints.txt
+export PIP_BUILD_CONSTRAINT := constraints.txt
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+# Sets $$python to the first Python of at least 3.11 that really runs, and makes the environment that is named.
+define make_venv
+python=; for p in python3.11 python3 python3.13 python3.12; do \
+  $$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { python=$$p; break; }; done; \
+[ -n "$$python" ] || { echo "Python 3.11 or newer is needed and not found: apt install python3.11 python3.11-venv"; exit 1; }; \
+$$python -c 'import ensurepip' 2>/dev/null || { echo "$$python has no venv: apt install python3-venv"; exit 1; }; \
+$$python -m venv $(1)
+endef
+
+.PHONY: demo test check clean
+
+demo: .venv/stamp
+	@$(BIN)/python -m demo --port $(PORT)
+
+test: .venv/stamp
+	$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+check: .venv/stamp .venv-bare/stamp
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	.venv-bare/bin/python -Ic "import agents.agent, agents.link, agents.__main__"
+	@! grep -vnE '^(#.*|[A-Za-z0-9._-]+==[A-Za-z0-9.!+]+)$$' constraints.txt || \
+	  { echo "constraints.txt holds exact names and versions only"; exit 1; }
+	@! git grep --untracked -nIE 'index[-]url|find[-]links|(^|[^A-Za-z0-9_.])/(home|root|work)/[A-Za-z]' || \
+	  { echo "no address of a package index and no path of one machine belongs in here"; exit 1; }
+
+# One environment for everything. A later start finds it as it is and asks nobody for packages.
+.venv/stamp: pyproject.toml constraints.txt
+	@echo "Making .venv: the gateway, the simulation and the tools. The first time takes a minute or two."
+	@$(call make_venv,.venv)
+	@$(BIN)/python -m pip install -q -e '.[gateway,sim,dev]'
+	@touch $@
+
+# The base install alone, as on a robot: it must be enough to import the agent.
+.venv-bare/stamp: pyproject.toml constraints.txt $(wildcard agents/*.py agents/wire/*.py agents/robots/*.py)
+	@echo "Making .venv-bare: the base install alone, as on a robot."
+	@$(call make_venv,.venv-bare)
+	@.venv-bare/bin/python -m pip install -q --force-reinstall --no-deps .
+	@.venv-bare/bin/python -m pip install -q .
+	@touch $@
+
+clean:
+	rm -rf .venv .venv-bare build dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis

@@ -1,0 +1,221 @@
+"""``python -m demo``: five simulated robots and a gateway as one process tree, until Ctrl-C.
+
+The demo is a fleet of its own: settings of a real one in the environment do not reach it.
+"""
+
+import argparse
+import ctypes
+import http.client
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+import urllib.request
+from collections.abc import Callable
+from pathlib import Path
+from types import FrameType
+from typing import IO
+
+ROBOTS = ("baxter", "ur5", "panda", "tiago", "go2")
+SWAYING = "ur5:shoulder_pan_joint"
+HOST = "127.0.0.1"
+PATIENCE_S = 30.0  # then the address is printed with what is missing
+GRACE_S = 1.6  # of the two seconds that Ctrl-C may take
+POLL_S = 0.1
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_ONLINE = re.compile(
+    r"^<([^>]+)> <https://w3id\.org/linked-fleet#presence> <https://w3id\.org/linked-fleet#online> \.$", re.M
+)
+_PDEATHSIG = 1  # PR_SET_PDEATHSIG of Linux's prctl
+
+
+class Stopped(BaseException):
+    """The user has asked for the end; raised out of whatever the demo was waiting for."""
+
+
+class Child:
+    """A process of the tree, whose output is passed on line by line under its name."""
+
+    def __init__(self, name: str, arguments: list[str]) -> None:
+        self.name = name
+        self.process = subprocess.Popen(  # noqa: S603 (our own modules, no shell)
+            [sys.executable, "-m", *arguments],
+            env={key: value for key, value in os.environ.items() if not key.startswith("LINKED_FLEET_")},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+            preexec_fn=_end_with_parent(),
+        )
+        assert self.process.stdout is not None
+        self._reader = threading.Thread(target=self._pass_on, args=(self.process.stdout,), daemon=True)
+        self._reader.start()
+
+    def _pass_on(self, lines: IO[str]) -> None:
+        with lines:
+            for line in lines:
+                say(f"{self.name:>7} | {line.rstrip()}")
+
+    def wait(self, deadline: float) -> bool:
+        """Whether the process has ended, and all that it said is passed on, before ``deadline``."""
+        try:
+            self.process.wait(max(0.0, deadline - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            return False
+        self._reader.join(0.2)
+        return True
+
+
+def _end_with_parent() -> Callable[[], None] | None:
+    """What a child runs before its program: it must not outlive a demo that was killed. Linux only."""
+    if sys.platform != "linux":
+        return None
+    prctl, parent = ctypes.CDLL(None).prctl, os.getpid()
+
+    def arrange() -> None:
+        prctl(_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
+        if os.getppid() != parent:
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    return arrange
+
+
+def say(text: str) -> None:
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:  # nobody listens any more; the fleet goes on until it is told to stop
+        sys.stdout = Path(os.devnull).open("w")  # noqa: SIM115
+
+
+def complaint_about(port: int) -> str | None:
+    """Why the demo cannot serve on ``port``, in one line, or None."""
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((HOST, port))
+            probe.listen()
+        except OSError as error:
+            return f"cannot serve on {HOST}:{port}: {error.strerror}; take another with make demo PORT=8123"
+    return None
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind((HOST, 0))
+        return int(probe.getsockname()[1])
+
+
+def robots_online(root: str) -> set[str]:
+    """IRIs of the robots that the fleet's root says are online; OSError while it does not answer."""
+    request = urllib.request.Request(root, headers={"Accept": "application/n-triples"})  # noqa: S310 (http alone)
+    with _OPENER.open(request, timeout=2) as answer:
+        return set(_ONLINE.findall(answer.read().decode()))
+
+
+_OPENER = urllib.request.build_opener(urllib.request.ProxyHandler({}))  # loopback is reached without any proxy
+
+
+def run(root: str, children: list[Child], zenoh: str) -> int:
+    """Start the tree and watch it until a child ends by itself; its exit code is the demo's."""
+    say(f"Starting the gateway and {len(ROBOTS)} simulated robots: {', '.join(ROBOTS)}. Loading their models ...")
+    port = root.rstrip("/").rpartition(":")[2]
+    children.append(Child("gateway", ["gateway", "--host", HOST, "--port", port, "--zenoh-listen", zenoh]))
+    names = [word for robot in ROBOTS for word in ("--robot", robot)]
+    children.append(Child("agents", ["agents", *names, "--connect", zenoh, "--sway", SWAYING]))
+    deadline: float | None = time.monotonic() + PATIENCE_S
+    seen: set[str] = set()
+    while True:
+        for child in children:
+            code = child.process.poll()
+            if code is not None:
+                child.wait(time.monotonic())
+                say(f"The {child.name} process has ended by itself (exit code {code}); so does the demo.")
+                return code if code >= 0 else 128 - code
+        if deadline is not None:
+            seen = _greet(root, seen)
+            if len(seen) == len(ROBOTS) or time.monotonic() > deadline:
+                deadline = None
+                say(_welcome(root, seen))
+        time.sleep(POLL_S)
+
+
+def _greet(root: str, seen: set[str]) -> set[str]:
+    try:
+        online = robots_online(root)
+    except (OSError, http.client.HTTPException, ValueError):
+        return seen
+    for iri in sorted(online - seen):
+        say(f"{iri} is online")
+    return seen | online
+
+
+def _welcome(root: str, seen: set[str]) -> str:
+    missing = len(ROBOTS) - len(seen)
+    return f"""
+The fleet is at {root}{f"  ({missing} of {len(ROBOTS)} robots are not online yet)" if missing > 0 else ""}
+
+Look at it, or open the address in a browser:
+  curl {root}
+Watch a joint that moves:
+  curl {root}ur5/shoulder_pan_joint/rotation
+Turn another to 43.6 degrees, and follow the Location of the answer:
+  curl -i -H 'Content-Type: text/turtle' {root}baxter/right_s1/actions/rotate --data '
+    @prefix maths: <http://vocab.arvida.de/2015/06/maths/vocab#> .
+    @prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> .
+    [] a maths:Scalar ; vom:numericalValue 43.6 ; vom:unit maths:Degree .'
+
+Ctrl-C ends the demo.
+"""
+
+
+def end(children: list[Child]) -> None:
+    _ignore_signals()
+    for child in children:
+        child.process.terminate()
+    deadline = time.monotonic() + GRACE_S
+    for child in children:
+        if not child.wait(deadline):
+            say(f"The {child.name} process did not end in time and is killed.")
+            child.process.kill()
+            child.process.wait()
+
+
+def _stop(_signal: int, _frame: FrameType | None) -> None:
+    _ignore_signals()
+    raise Stopped
+
+
+def _ignore_signals() -> None:
+    for number in _SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m demo", description="Five simulated robots and their gateway.")
+    parser.add_argument("--port", type=int, default=8000, help="port of the gateway on loopback")
+    port = parser.parse_args().port
+    if not 0 < port < 65536:
+        parser.error(f"a port is a number from 1 to 65535, not {port}")
+    complaint = complaint_about(port)
+    if complaint is not None:
+        print(f"demo: {complaint}", file=sys.stderr)
+        return 1
+    children: list[Child] = []
+    for number in _SIGNALS:
+        signal.signal(number, _stop)
+    try:
+        return run(f"http://{HOST}:{port}/", children, f"tcp/{HOST}:{free_port()}")
+    except Stopped:
+        say("\nEnding the demo.")
+        return 0
+    finally:
+        end(children)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
