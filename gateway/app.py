@@ -1,0 +1,29 @@
+"""The composition root: routes, middleware and lifespan of the gateway on one screen."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+from starlette.applications import Starlette
+from starlette.middleware import Middleware
+from starlette.routing import Mount
+
+from gateway.http.endpoint import resources
+from gateway.http.host import Authorities
+from gateway.live import Live
+from gateway.settings import GatewaySettings
+
+
+def create_app(settings: GatewaySettings) -> Starlette:
+    """The ASGI application; entering its lifespan joins the fleet."""
+
+    @asynccontextmanager
+    async def lifespan(app: Starlette) -> AsyncIterator[None]:
+        async with Live(settings) as live:
+            app.state.live = live
+            yield
+
+    return Starlette(
+        routes=[Mount("/", app=resources)],
+        middleware=[Middleware(Authorities, public_urls=settings.public_urls)],
+        lifespan=lifespan,
+    )

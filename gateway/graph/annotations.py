@@ -1,0 +1,51 @@
+"""Free-form Turtle that an agent adds to its description (R1.12), bounded and kept from posing as the gateway."""
+
+import logging
+from functools import lru_cache
+
+from pyoxigraph import BlankNode, NamedNode, Triple
+
+from gateway.graph.build import Graph
+from gateway.graph.serialise import ParseError, parse
+from gateway.graph.vocab import HYBRIT, LDP, LF, ROS, SH, SOSA
+
+log = logging.getLogger(__name__)
+
+# What these namespaces say of a robot is the gateway's to say: an annotation must not add an action or a value.
+_OWN = tuple(namespace.iri for namespace in (HYBRIT, LDP, LF, ROS, SH, SOSA))
+
+
+def annotate(graph: Graph, subject: NamedNode, turtle: str, base: str) -> None:
+    """Add the annotations about ``subject``, with the blank nodes below it; ``base`` is the robot's IRI."""
+    by_subject = _parse(turtle, base)
+    pending: list[NamedNode | BlankNode] = [subject]
+    done: set[NamedNode | BlankNode] = set()
+    while pending:
+        node = pending.pop()
+        done.add(node)
+        for triple in by_subject.get(node, ()):
+            graph.add(triple.subject, triple.predicate, triple.object)  # type: ignore[arg-type]
+            if isinstance(triple.object, BlankNode) and triple.object not in done:
+                pending.append(triple.object)
+
+
+@lru_cache(maxsize=256)
+def _parse(turtle: str, base: str) -> dict[NamedNode | BlankNode, list[Triple]]:
+    try:
+        triples = parse(turtle.encode(), "text/turtle", base)
+    except ParseError as error:
+        log.warning("annotations of %s are left out: %s", base, error)
+        return {}
+    found: dict[NamedNode | BlankNode, list[Triple]] = {}
+    for triple in triples:
+        if triple.predicate.value.startswith(_OWN):
+            log.warning("annotation %s of %s is left out: the gateway alone states it", triple.predicate.value, base)
+            continue
+        renamed = _rename(triple)
+        found.setdefault(renamed.subject, []).append(renamed)  # type: ignore[arg-type]
+    return found
+
+
+def _rename(triple: Triple) -> Triple:
+    """Keep the parser's random blank-node labels apart from the builder's."""
+    return Triple(*(BlankNode("x" + term.value) if isinstance(term, BlankNode) else term for term in triple))  # type: ignore[arg-type]

@@ -1,0 +1,196 @@
+"""Descriptions of fleet, robot, joint, link and property as triples (paper figures 2b and 3, R1.3 to R1.12)."""
+
+from collections.abc import Iterable
+
+from pyoxigraph import Literal, NamedNode
+
+from gateway.fleet.fleet import Fleet
+from gateway.fleet.robot import Robot
+from gateway.fleet.model import Joint, JointKind, Link
+from gateway.graph.annotations import annotate
+from gateway.graph.build import Graph, timestamp
+from gateway.graph.kinds import kind_of
+from gateway.graph.paths import joint_path, link_path, robot_path
+from gateway.graph.properties import Property, joint_properties, link_properties, robot_properties
+from gateway.graph.vocab import DCTERMS, HYBRIT, LDP, LF, RDFS, ROS, XHV
+
+_SECOND_NS = 1_000_000_000
+
+
+class Describer:
+    """Describes things under one base URL (scheme and authority, no slash at the end)."""
+
+    def __init__(self, base: str) -> None:
+        self.base = base
+
+    def iri(self, path: str) -> NamedNode:
+        return NamedNode(self.base + path)
+
+    # -- the things -------------------------------------------------------------------------------------------------
+
+    def fleet(self, fleet: Fleet, graph: Graph) -> None:
+        root = self.iri("/")
+        graph.a(root, HYBRIT.RoboticThing, LF.Fleet, LDP.BasicContainer, LDP.Container)
+        graph.add(root, DCTERMS.title, Literal("Linked Fleet"))
+        self._interface(graph, "/", LF.FleetShape)
+        graph.add(root, LF.vocabulary, self.iri("/vocabulary"))
+        robots = [robot for _, robot in sorted(fleet.robots.items())]
+        graph.add(root, LDP.contains, *(self.iri(robot_path(robot.name)) for robot in robots))
+        for robot in robots:
+            iri = self.iri(robot_path(robot.name))
+            graph.a(iri, HYBRIT.RoboticThing, LF.Robot)
+            graph.add(iri, DCTERMS.title, Literal(robot_title(robot)))
+            self.presence(graph, iri, robot)
+
+    def robot(self, robot: Robot, graph: Graph) -> None:
+        path = robot_path(robot.name)
+        iri = self.iri(path)
+        graph.a(iri, HYBRIT.RoboticThing, LF.Robot)
+        graph.add(iri, DCTERMS.title, Literal(robot_title(robot)))
+        graph.add(iri, DCTERMS.identifier, Literal(robot.name))
+        graph.add(iri, RDFS.seeAlso, self.iri("/"))
+        self.presence(graph, iri, robot)
+        self._last_frame(graph, iri, robot)
+        self._interface(graph, path, LF.RobotShape)
+        self._annotations(graph, iri, robot)
+        if robot.model is None or robot.description is None:
+            return
+        graph.add(iri, LF.baseMobility, Literal(robot.description.base))
+        graph.add(iri, LF.rootLink, self.iri(link_path(robot.name, robot.model, robot.model.root)))
+        graph.add(iri, DCTERMS.hasPart, *(self.iri(part) for part in part_paths(robot)))
+        self._properties(graph, path, self.robot_properties(robot))
+        for joint in robot.model.joints.values():
+            self._introduce_joint(graph, robot, joint)
+        for link in robot.model.links.values():
+            self._introduce_link(graph, robot, link.name)
+
+    def joint(self, robot: Robot, joint: Joint, graph: Graph) -> None:
+        assert robot.model is not None
+        path, kind = joint_path(robot.name, joint.name), kind_of(joint)
+        iri = self.iri(path)
+        self._introduce_joint(graph, robot, joint)
+        self._interface(graph, path, kind.shape)
+        for action in joint_actions(robot, joint):
+            graph.add(iri, HYBRIT.action, self.iri(f"{path}/actions/{action}"))
+        graph.add(iri, RDFS.seeAlso, self.iri(robot_path(robot.name)))
+        graph.add(iri, DCTERMS.isPartOf, self.iri(robot_path(robot.name)))
+        self._presence_if_offline(graph, iri, robot)
+        for predicates, link in (((XHV.prev, ROS.preceedingLink), joint.parent), ((XHV.next, ROS.succeedingLink), joint.child)):
+            target = self.iri(link_path(robot.name, robot.model, link))
+            for predicate in predicates:
+                graph.add(iri, predicate, target)
+        self._annotations(graph, iri, robot)
+        self._properties(graph, path, joint_properties(robot, joint))
+        self._introduce_link(graph, robot, joint.parent)
+        self._introduce_link(graph, robot, joint.child)
+
+    def link(self, robot: Robot, link: Link, graph: Graph) -> None:
+        assert robot.model is not None
+        path = link_path(robot.name, robot.model, link.name)
+        iri = self.iri(path)
+        self._introduce_link(graph, robot, link.name)
+        self._interface(graph, path, LF.LinkShape)
+        graph.add(iri, RDFS.seeAlso, self.iri(robot_path(robot.name)))
+        graph.add(iri, DCTERMS.isPartOf, self.iri(robot_path(robot.name)))
+        self._presence_if_offline(graph, iri, robot)
+        parents = (link.parent_joint,) if link.parent_joint is not None else ()
+        for predicates, names in (((XHV.prev, LF.parentJoint), parents), ((XHV.next, LF.childJoint), link.child_joints)):
+            for name in names:
+                for predicate in predicates:
+                    graph.add(iri, predicate, self.iri(joint_path(robot.name, name)))
+        self._annotations(graph, iri, robot)
+        self._properties(graph, path, link_properties(robot, link))
+        for name in (*parents, *link.child_joints):
+            self._introduce_joint(graph, robot, robot.model.joints[name])
+
+    def property(self, robot: Robot, owner: str, item: Property, graph: Graph) -> None:
+        """A property as its own small document (Figure 3)."""
+        self._property(graph, owner, item)
+        self._presence_if_offline(graph, self.iri(f"{owner.rstrip('/')}/{item.segment}"), robot)
+
+    def subscriptions(self, owner: str, graph: Graph) -> None:
+        iri = self.iri(owner.rstrip("/") + "/subscriptions")
+        graph.a(iri, LDP.BasicContainer, LDP.Container)
+        graph.add(iri, DCTERMS.title, Literal(f"Subscriptions of {owner}"))
+        graph.add(iri, RDFS.seeAlso, self.iri(owner))
+
+    # -- the pieces -------------------------------------------------------------------------------------------------
+
+    def robot_properties(self, robot: Robot) -> list[Property]:
+        return robot_properties(robot, self.iri)
+
+    def presence(self, graph: Graph, iri: NamedNode, robot: Robot) -> None:
+        graph.add(iri, LF.presence, LF.online if robot.online else LF.offline)
+        if not robot.online:
+            seen = robot.last_seen_ns
+            graph.add(iri, LF.lastSeen, LF.unknown if seen is None else timestamp(seen))
+        if robot.fault is not None:
+            graph.add(iri, LF.fault, Literal(robot.fault))
+
+    def _presence_if_offline(self, graph: Graph, iri: NamedNode, robot: Robot) -> None:
+        if not robot.online:
+            self.presence(graph, iri, robot)
+
+    def _last_frame(self, graph: Graph, iri: NamedNode, robot: Robot) -> None:
+        # To the second only: a timestamp that moves a hundred times a second would make every ETag worthless.
+        frame = robot.frame
+        value = LF.unknown if frame is None else timestamp(frame.wall_ns, resolution_ns=_SECOND_NS)
+        graph.add(iri, LF.lastFrame, value)
+
+    def _interface(self, graph: Graph, path: str, shape: NamedNode) -> None:
+        iri, stem = self.iri(path), path.rstrip("/")
+        graph.add(iri, HYBRIT.blueprint, shape, self.iri(stem + "/blueprint"))
+        graph.add(iri, HYBRIT.subscriptions, self.iri(stem + "/subscriptions"))
+
+    def _properties(self, graph: Graph, owner: str, items: Iterable[Property]) -> None:
+        items = list(items)
+        iri, stem = self.iri(owner), owner.rstrip("/")
+        graph.add(iri, HYBRIT.property, *(self.iri(f"{stem}/{item.segment}") for item in items))
+        for item in items:
+            graph.add(iri, item.predicate, self.iri(f"{stem}/{item.segment}"))
+        for item in items:
+            self._property(graph, owner, item)
+
+    def _property(self, graph: Graph, owner: str, item: Property) -> None:
+        iri = self.iri(f"{owner.rstrip('/')}/{item.segment}")
+        graph.a(iri, *item.types, HYBRIT.Property)
+        graph.add(iri, DCTERMS.title, Literal(item.title))
+        graph.add(iri, RDFS.seeAlso, self.iri(owner))
+        graph.add(iri, HYBRIT.blueprint, item.shape, NamedNode(iri.value + "/blueprint"))
+        item.describe(graph, iri)
+
+    def _introduce_joint(self, graph: Graph, robot: Robot, joint: Joint) -> None:
+        iri = self.iri(joint_path(robot.name, joint.name))
+        graph.a(iri, HYBRIT.RoboticThing, kind_of(joint).type, LF.Joint)
+        graph.add(iri, DCTERMS.title, Literal(joint.name))
+
+    def _introduce_link(self, graph: Graph, robot: Robot, link: str) -> None:
+        assert robot.model is not None
+        iri = self.iri(link_path(robot.name, robot.model, link))
+        graph.a(iri, HYBRIT.RoboticThing, ROS.Link)
+        graph.add(iri, DCTERMS.title, Literal(link))
+
+    def _annotations(self, graph: Graph, iri: NamedNode, robot: Robot) -> None:
+        if robot.description is not None:
+            annotate(graph, iri, robot.description.annotations, self.base + robot_path(robot.name))
+
+
+def robot_title(robot: Robot) -> str:
+    return robot.description.title if robot.description and robot.description.title else robot.name
+
+
+def part_paths(robot: Robot) -> list[str]:
+    """Paths of all joints and links, in the order of the URDF."""
+    if robot.model is None:
+        return []
+    joints = [joint_path(robot.name, name) for name in robot.model.joints]
+    return joints + [link_path(robot.name, robot.model, name) for name in robot.model.links]
+
+
+def joint_actions(robot: Robot, joint: Joint) -> list[str]:
+    """Names of the joint's actions: none for a joint that takes no command, or a robot that takes none."""
+    action = kind_of(joint).action
+    able = robot.description is not None and "move" in robot.description.capabilities
+    bounded = joint.kind is JointKind.CONTINUOUS or None not in (joint.limits.lower, joint.limits.upper)
+    return [action] if action is not None and able and bounded and joint.commandable else []
+

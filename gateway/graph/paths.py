@@ -1,0 +1,41 @@
+"""Paths of the resource tree: built from names and resolved to names in one place (ARCHITECTURE.md, "The tree")."""
+
+from agents.wire.names import escape, unescape
+from gateway.fleet.model import RobotModel
+
+RESERVED_AT_ROOT = frozenset(
+    "actions blueprint context health invocations linkset metrics query rules scene subscriptions vocabulary".split()
+)
+RESERVED_IN_ROBOT = frozenset(
+    "actions annotations blueprint invocations jointState lease linkset meshes pose subscriptions title twist".split()
+)
+_LINK_MARK = "~link"  # no escape: "~l" is no hexadecimal digit, so the mark cannot be part of a name
+
+
+def robot_path(robot: str) -> str:
+    return f"/{escape(robot, RESERVED_AT_ROOT)}/"
+
+
+def robot_name(segment: str) -> str:
+    """ValueError when ``segment`` is no robot's."""
+    return unescape(segment, RESERVED_AT_ROOT)
+
+
+def joint_path(robot: str, joint: str) -> str:
+    return robot_path(robot) + escape(joint, RESERVED_IN_ROBOT)
+
+
+def link_path(robot: str, model: RobotModel, link: str) -> str:
+    """A link that shares its name with a joint gets a mark; the joint keeps the plain segment."""
+    return robot_path(robot) + escape(link, RESERVED_IN_ROBOT) + (_LINK_MARK if link in model.joints else "")
+
+
+def part_of(segment: str, model: RobotModel) -> tuple[str | None, str | None]:
+    """(joint, None) or (None, link) that ``segment`` names in ``model``; ValueError when it names neither."""
+    name = unescape(segment.removesuffix(_LINK_MARK), RESERVED_IN_ROBOT)
+    marked = segment.endswith(_LINK_MARK)
+    if name in model.joints and not marked:
+        return name, None
+    if name in model.links and marked == (name in model.joints):
+        return None, name
+    raise ValueError(f"{segment!r} is neither a joint nor a link")

@@ -1,0 +1,283 @@
+"""Properties (paper 5.2): for each kind of thing its properties, and how each is described with its present value."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from agents.wire.messages import Base
+from pyoxigraph import Literal, NamedNode
+
+from gateway.fleet.robot import Robot
+from gateway.fleet.model import Joint, Link, Pose
+from gateway.graph.build import Graph, integer, number
+from gateway.graph.kinds import (
+    EFFORT_RESOLUTION,
+    KILOGRAM,
+    KILOGRAM_SQUARE_METRE,
+    METRE,
+    METRE_PER_SECOND,
+    POSE_RESOLUTION,
+    POSITION_RESOLUTION,
+    RADIAN_PER_SECOND,
+    UNITLESS,
+    VELOCITY_RESOLUTION,
+    Dimension,
+    Unit,
+    kind_of,
+)
+from gateway.graph.paths import joint_path
+from gateway.graph.vocab import DCTERMS, LF, MATHS, ROS, SPATIAL, XSD
+
+FRAME_MEDIA_TYPE = "application/vnd.linked-fleet.frame"
+Describe = Callable[[Graph, NamedNode], None]
+
+
+@dataclass(frozen=True)
+class Property:
+    """One property of one thing; ``describe`` adds what is special to it, with the present value."""
+
+    segment: str
+    predicate: NamedNode
+    types: tuple[NamedNode, ...]
+    shape: NamedNode
+    title: str
+    describe: Describe
+
+
+def scalar(segment: str, predicate: NamedNode, title: str, value: float | None, unit: Unit) -> Property:
+    """A constant of the URDF."""
+
+    def describe(graph: Graph, iri: NamedNode) -> None:
+        graph.scalar(iri, LF.value, value, unit)
+
+    return Property(segment, predicate, (LF.ScalarProperty,), LF.ScalarPropertyShape, title, describe)
+
+
+def measured(
+    robot: Robot, joint: str, segment: str, value: Callable[[], float], predicate: NamedNode, unit: Unit, step: float
+) -> Property:
+    """A measured scalar of a joint, with the time of its frame."""
+
+    def describe(graph: Graph, iri: NamedNode) -> None:
+        seen = robot.observe(f"{joint}/{segment}", (value(),), step)
+        graph.scalar(iri, LF.value, seen.values[0], unit)
+        graph.result_time(iri, seen.wall_ns)
+
+    return Property(
+        segment, predicate, (LF.ScalarProperty,), LF.ScalarPropertyShape, f"{segment} of {joint}", describe
+    )
+
+
+def _reading(row: dict[str, float] | object, joint: str) -> float:
+    return row.get(joint, math.nan)  # type: ignore[attr-defined,no-any-return]
+
+
+def joint_properties(robot: Robot, joint: Joint) -> list[Property]:
+    kind = kind_of(joint)
+    found: list[Property] = []
+    if kind.dimension is not None and kind.predicate is not None and kind.position is not None:
+        dimension = kind.dimension
+        found.append(_rotation(robot, joint) if kind.position == "rotation" else _translation(robot, joint))
+        found += [
+            measured(
+                robot, joint.name, "velocity", lambda: _reading(robot.velocities, joint.name), LF.velocity,
+                dimension.velocity, VELOCITY_RESOLUTION,
+            ),
+            measured(
+                robot, joint.name, "effort", lambda: _reading(robot.efforts, joint.name), LF.effort,
+                dimension.effort, EFFORT_RESOLUTION,
+            ),
+            _limits(joint, dimension),
+            scalar("friction", ROS.friction, f"static friction of {joint.name}", joint.friction, dimension.effort),
+            scalar("damping", LF.damping, f"damping of {joint.name}", joint.damping, dimension.damping),
+        ]  # fmt: skip
+    elif kind.type != LF.FixedJoint:
+        # A floating or planar joint inside the tree has no place in the wire's arrays: its pose is unknown, and said so.
+        found.append(_pose_property("pose", f"pose of {joint.name}", lambda: None, robot, f"{joint.name}/pose"))
+    found.append(_reference_frame(robot, joint))
+    if joint.mimic is not None:
+        found.append(_mimic(robot, joint))
+    return found
+
+
+def link_properties(robot: Robot, link: Link) -> list[Property]:
+    inertial = link.inertial
+
+    def centre(graph: Graph, iri: NamedNode) -> None:
+        graph.vector(iri, LF.position, inertial and inertial.centre_m, METRE)
+
+    def inertia(graph: Graph, iri: NamedNode) -> None:
+        moments = inertial.inertia_kg_m2 if inertial else (None,) * 6
+        for term, value in zip((LF.ixx, LF.ixy, LF.ixz, LF.iyy, LF.iyz, LF.izz), moments, strict=True):
+            graph.scalar(iri, term, value, KILOGRAM_SQUARE_METRE)
+
+    name = link.name
+    return [
+        _pose_property("pose", f"pose of {name}", lambda: robot.link_pose(name), robot, f"{name}~link/pose"),
+        scalar("mass", LF.mass, f"mass of {name}", inertial and inertial.mass_kg, KILOGRAM),
+        Property(
+            "centreOfMass", LF.centreOfMass, (LF.Point,), LF.PointShape, f"centre of mass of {name}, in its frame", centre
+        ),
+        Property(
+            "inertia", LF.inertia, (LF.Inertia,), LF.InertiaShape, f"inertia of {name} about its centre of mass", inertia
+        ),
+    ]  # fmt: skip
+
+
+def robot_properties(robot: Robot, iri_of: Callable[[str], NamedNode]) -> list[Property]:
+    found = [
+        Property(
+            "jointState", LF.jointState, (LF.JointState,), LF.JointStateShape, f"joint state of {robot.name}",
+            lambda graph, iri: _joint_state(graph, iri, robot, iri_of),
+        )
+    ]  # fmt: skip
+    if robot.description is not None and robot.description.base == "floating":
+        found.append(_pose_property("pose", f"pose of the base of {robot.name}", lambda: _base_pose(robot), robot, "pose"))
+        found.append(
+            Property(
+                "twist", LF.twist, (LF.Twist,), LF.TwistShape, f"twist of the base of {robot.name}",
+                lambda graph, iri: _twist(graph, iri, robot),
+            )
+        )  # fmt: skip
+    return found
+
+
+def _rotation(robot: Robot, joint: Joint) -> Property:
+    def describe(graph: Graph, iri: NamedNode) -> None:
+        seen = robot.observe(
+            f"{joint.name}/rotation", (_reading(robot.positions, joint.name),), POSITION_RESOLUTION
+        )
+        dimension = kind_of(joint).dimension
+        assert dimension is not None
+        graph.scalar(iri, SPATIAL.rotationAngle, seen.values[0], dimension.position)
+        graph.vector(iri, SPATIAL.rotationAxis, joint.axis, None)
+        graph.result_time(iri, seen.wall_ns)
+
+    types = (SPATIAL.AxisAngle, SPATIAL.Rotation3D)
+    return Property("rotation", ROS.rotation, types, SPATIAL.AxisAngleShape, f"rotation of {joint.name}", describe)
+
+
+def _translation(robot: Robot, joint: Joint) -> Property:
+    def describe(graph: Graph, iri: NamedNode) -> None:
+        seen = robot.observe(
+            f"{joint.name}/translation", (_reading(robot.positions, joint.name),), POSITION_RESOLUTION
+        )
+        graph.scalar(iri, LF.displacement, seen.values[0], METRE)
+        graph.vector(iri, LF.translationAxis, joint.axis, None)
+        graph.result_time(iri, seen.wall_ns)
+
+    title = f"translation of {joint.name}"
+    return Property("translation", LF.translation, (LF.Translation,), LF.TranslationShape, title, describe)
+
+
+def _limits(joint: Joint, dimension: Dimension) -> Property:
+    limits = joint.limits
+
+    def describe(graph: Graph, iri: NamedNode) -> None:
+        graph.scalar(iri, LF.lowerLimit, limits.lower, dimension.position)
+        graph.scalar(iri, LF.upperLimit, limits.upper, dimension.position)
+        graph.scalar(iri, LF.velocityLimit, limits.velocity, dimension.velocity)
+        graph.scalar(iri, LF.effortLimit, limits.effort, dimension.effort)
+
+    return Property("limits", LF.limits, (LF.Limits,), LF.LimitsShape, f"limits of {joint.name}", describe)
+
+
+def _reference_frame(robot: Robot, joint: Joint) -> Property:
+    def describe(graph: Graph, iri: NamedNode) -> None:
+        graph.vector(iri, LF.origin, joint.origin.position_m, METRE)
+        graph.quaternion(iri, LF.orientation, joint.origin.orientation_xyzw)
+
+    title = f"reference frame of {joint.name}, in the frame of {joint.parent}"
+    return Property(
+        "jointReferenceFrame", ROS.jointReferenceFrame, (MATHS.CoordinateSystem,), MATHS.CoordinateSystemShape, title,
+        describe,
+    )  # fmt: skip
+
+
+def _mimic(robot: Robot, joint: Joint) -> Property:
+    mimic = joint.mimic
+    assert mimic is not None
+    dimension = kind_of(joint).dimension
+
+    def describe(graph: Graph, iri: NamedNode) -> None:
+        base = iri.value[: -len(f"{joint_path(robot.name, joint.name)}/mimic")]
+        graph.add(iri, LF.mimicsJoint, NamedNode(base + joint_path(robot.name, mimic.joint)))
+        graph.scalar(iri, LF.multiplier, mimic.multiplier, UNITLESS)
+        graph.scalar(iri, LF.offset, mimic.offset, dimension.position if dimension else UNITLESS)
+
+    return Property("mimic", LF.mimic, (LF.Mimicry,), LF.MimicryShape, f"what {joint.name} follows", describe)
+
+
+def _pose_property(segment: str, title: str, pose: Callable[[], Pose | None], robot: Robot, key: str) -> Property:
+    def describe(graph: Graph, iri: NamedNode) -> None:
+        present = pose()
+        values: Sequence[float] = (
+            (math.nan,) * 7 if present is None else (*present.position_m, *present.orientation_xyzw)
+        )
+        seen = robot.observe(key, tuple(values), POSE_RESOLUTION)
+        graph.vector(iri, LF.position, seen.values[:3], METRE)
+        graph.quaternion(iri, LF.orientation, seen.values[3:])
+        graph.add(iri, LF.frame, Literal("world" if _floating(robot) else "base"))
+        graph.result_time(iri, seen.wall_ns)
+
+    return Property(segment, LF.pose, (LF.Pose,), LF.PoseShape, title, describe)
+
+
+def _floating(robot: Robot) -> bool:
+    return robot.description is not None and robot.description.base == "floating"
+
+
+def _base(robot: Robot) -> Base | None:
+    return None if robot.frame is None else robot.frame.base
+
+
+def _base_pose(robot: Robot) -> Pose | None:
+    base = _base(robot)
+    return None if base is None else Pose(base.position_m, base.orientation_xyzw)
+
+
+def _twist(graph: Graph, iri: NamedNode, robot: Robot) -> None:
+    base = _base(robot)
+    values = (math.nan,) * 6 if base is None else (*base.linear_m_s, *base.angular_rad_s)
+    seen = robot.observe("twist", values, VELOCITY_RESOLUTION)
+    graph.vector(iri, LF.linear, seen.values[:3], METRE_PER_SECOND)
+    graph.vector(iri, LF.angular, seen.values[3:], RADIAN_PER_SECOND)
+    graph.result_time(iri, seen.wall_ns)
+
+
+def _joint_state(graph: Graph, iri: NamedNode, robot: Robot, iri_of: Callable[[str], NamedNode]) -> None:
+    """Every joint of the wire's arrays with its values, and the layout of the same in one binary frame (D5)."""
+    stamps = []
+    joints = [robot.model.joints[name] for name in robot.description.joints] if robot.model and robot.description else []
+    for joint in joints:
+        dimension = kind_of(joint).dimension
+        if dimension is None:
+            continue
+        sample = graph.blank(LF.JointSample)
+        graph.add(iri, LF.sample, sample)
+        graph.add(sample, LF.ofJoint, iri_of(joint_path(robot.name, joint.name)))
+        for predicate, key, row, step, unit_term, unit in (
+            (LF.position, "position", robot.positions, POSITION_RESOLUTION, LF.positionUnit, dimension.position),
+            (LF.velocity, "velocity", robot.velocities, VELOCITY_RESOLUTION, LF.velocityUnit, dimension.velocity),
+            (LF.effort, "effort", robot.efforts, EFFORT_RESOLUTION, LF.effortUnit, dimension.effort),
+        ):
+            segment = kind_of(joint).position if key == "position" else key
+            seen = robot.observe(f"{joint.name}/{segment}", (_reading(row, joint.name),), step)
+            stamps.append(seen.wall_ns)
+            graph.add(sample, predicate, number(seen.values[0]))
+            graph.add(sample, unit_term, unit.qudt)
+    graph.result_time(iri, max((stamp for stamp in stamps if stamp is not None), default=None))
+    _layout(graph, iri, robot)
+
+
+def _layout(graph: Graph, iri: NamedNode, robot: Robot) -> None:
+    graph.add(iri, DCTERMS.format, Literal(FRAME_MEDIA_TYPE))
+    fields = []
+    for entry in robot.description.layout if robot.description else ():
+        node = graph.blank(LF.FrameField)
+        graph.add(node, LF.fieldName, Literal(entry.name))
+        graph.add(node, LF.fieldType, Literal(entry.type))
+        graph.add(node, LF.byteOffset, integer(entry.offset))
+        graph.add(node, LF.valueCount, Literal(str(entry.count), datatype=XSD.integer))
+        fields.append(node)
+    graph.add(iri, LF.frameLayout, graph.collection(fields))

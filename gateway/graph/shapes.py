@@ -1,0 +1,56 @@
+"""The Turtle of shapes/: vocabulary and blueprints, loaded once from the package that ships them."""
+
+from collections.abc import Iterable
+from functools import cache
+from importlib import resources
+
+from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple
+from pyoxigraph import parse as parse_rdf
+
+from gateway.graph.build import Graph, Node
+from gateway.graph.vocab import DCTERMS, LF, RDFS
+
+
+@cache
+def load(name: str) -> dict[Node, list[Triple]]:
+    """The triples of shapes/NAME by subject, in the order of the file, blank nodes with labels of our own."""
+    text = (resources.files("shapes") / name).read_text(encoding="utf-8")
+    labels: dict[str, BlankNode] = {}
+
+    def rename(term: object) -> object:
+        return labels.setdefault(term.value, BlankNode(f"s{len(labels)}")) if isinstance(term, BlankNode) else term
+
+    found: dict[Node, list[Triple]] = {}
+    for quad in parse_rdf(text, format=RdfFormat.TURTLE):
+        triple = Triple(*map(rename, quad.triple))  # type: ignore[arg-type]
+        found.setdefault(triple.subject, []).append(triple)  # type: ignore[arg-type]
+    return found
+
+
+def closure(graph: Graph, start: NamedNode, name: str = "blueprints.ttl") -> None:
+    """Add ``start`` and all that it refers to in the file: a shape with everything needed to validate with it."""
+    by_subject = load(name)
+    pending: list[Node] = [start]
+    done: set[Node] = set()
+    while pending:
+        node = pending.pop(0)
+        if node in done:
+            continue
+        done.add(node)
+        triples = by_subject.get(node, [])
+        for triple in triples:
+            graph.add(node, triple.predicate, triple.object)  # type: ignore[arg-type]
+        # Blank nodes first, so that a shape stands together before the shapes that it names.
+        objects: list[Node] = [t.object for t in triples if not isinstance(t.object, Literal) and t.object in by_subject]  # type: ignore[misc]
+        pending = [o for o in objects if isinstance(o, BlankNode)] + pending + [o for o in objects if not isinstance(o, BlankNode)]
+
+
+def blueprint(graph: Graph, iri: NamedNode, owner: NamedNode, shapes: Iterable[NamedNode]) -> None:
+    """A blueprint (paper 5.1, R1.11): the SHACL shapes that ``owner`` conforms to, as one document."""
+    shapes = list(shapes)
+    graph.a(iri, LF.Blueprint)
+    graph.add(iri, DCTERMS.title, Literal(f"Blueprint of {owner.value}"))
+    graph.add(iri, RDFS.seeAlso, owner)
+    graph.add(iri, LF.shape, *shapes)
+    for shape in shapes:
+        closure(graph, shape)

@@ -1,0 +1,112 @@
+"""Every IRI of a vocabulary that the gateway emits or understands, spelt here and nowhere else.
+
+The namespaces are closed: a term that is not listed is an AttributeError, so a typo cannot become data.
+Terms of ``ros`` and ``hybrit`` are those of the paper and its authors' implementation; what no vocabulary has is
+``lf`` and described in shapes/vocabulary.ttl.
+"""
+
+from pyoxigraph import NamedNode
+
+
+class Namespace:
+    """A closed set of terms under one IRI; attributes are NamedNodes."""
+
+    def __init__(self, iri: str, terms: str) -> None:
+        self.iri = iri
+        self.terms = {term: NamedNode(iri + term) for term in terms.split()}
+
+    def __getattr__(self, term: str) -> NamedNode:
+        try:
+            return self.terms[term.rstrip("_")]
+        except KeyError:
+            raise AttributeError(f"{self.iri} has no term {term!r} here") from None
+
+
+RDF = Namespace("http://www.w3.org/1999/02/22-rdf-syntax-ns#", "type first rest nil")
+RDFS = Namespace("http://www.w3.org/2000/01/rdf-schema#", "seeAlso comment label")
+XSD = Namespace(
+    "http://www.w3.org/2001/XMLSchema#",
+    "float double decimal integer int long short byte nonNegativeInteger positiveInteger unsignedInt unsignedShort"
+    " boolean string dateTime anyURI",
+)
+DCTERMS = Namespace("http://purl.org/dc/terms/", "title description identifier hasPart isPartOf format created")
+LDP = Namespace("http://www.w3.org/ns/ldp#", "Resource RDFSource NonRDFSource Container BasicContainer contains constrainedBy")
+SH = Namespace(
+    "http://www.w3.org/ns/shacl#",
+    "NodeShape PropertyShape property path targetClass targetNode minCount maxCount datatype nodeKind minInclusive"
+    " maxInclusive maxExclusive in or node class hasValue name description ValidationReport ValidationResult conforms"
+    " result focusNode resultPath value resultMessage sourceConstraintComponent sourceShape resultSeverity detail",
+)
+PROV = Namespace("http://www.w3.org/ns/prov#", "Activity startedAtTime endedAtTime used wasStartedBy")
+SOSA = Namespace("http://www.w3.org/ns/sosa/", "resultTime")
+QUDT = Namespace("http://qudt.org/schema/qudt/", "unit")
+UNIT = Namespace(
+    "http://qudt.org/vocab/unit/",
+    "RAD DEG M MilliM KiloGM N N-M RAD-PER-SEC M-PER-SEC KiloGM-M2 N-M-SEC-PER-RAD N-SEC-PER-M SEC UNITLESS",
+)
+XHV = Namespace("http://www.w3.org/1999/xhtml/vocab#", "prev next")
+HYBRIT = Namespace(
+    "https://hybr-it-projekt.de/ns/hybr-it#",
+    "RoboticThing Property Action AsynchronousAction Subscription property action subscriptions blueprint consumes"
+    " produces binding",
+)
+ROS = Namespace(
+    "http://ros.org/#",
+    "RevoluteJoint RevoluteJointShape Link rotation friction jointReferenceFrame preceedingLink succeedingLink",
+)
+VOM = Namespace("http://vocab.arvida.de/2015/06/vom/vocab#", "numericalValue unit Degree Radian")
+MATHS = Namespace(
+    "http://vocab.arvida.de/2015/06/maths/vocab#",
+    "Scalar Vector3D x y z Radian Degree CoordinateSystem CoordinateSystemShape",
+)
+SPATIAL = Namespace(
+    "http://vocab.arvida.de/2015/06/spatial/vocab#",
+    "AxisAngle Rotation3D rotationAngle rotationAxis AxisAngleShape",
+)
+HTTP = Namespace("http://www.w3.org/2011/http#", "Request Body mthd requestURI body")
+METHODS = Namespace("http://www.w3.org/2011/http-methods#", "GET POST PUT DELETE")
+LF = Namespace(
+    "https://w3id.org/linked-fleet#",
+    # classes
+    "Fleet Robot Joint ContinuousJoint PrismaticJoint FixedJoint FloatingJoint PlanarJoint Invocation Blueprint"
+    " ScalarProperty Translation Limits Pose Twist Point Inertia Mimicry JointState JointSample FrameField Quaternion"
+    " Problem Presence InvocationState Unknown"
+    # shapes
+    " FleetShape RobotShape LinkShape ContinuousJointShape PrismaticJointShape FixedJointShape FloatingJointShape"
+    " PlanarJointShape ScalarPropertyShape TranslationShape LimitsShape PoseShape TwistShape PointShape InertiaShape"
+    " MimicryShape JointStateShape InvocationShape"
+    # individuals
+    " unknown online offline accepted running succeeded failed preempted"
+    # predicates: things
+    " presence lastSeen lastFrame fault rootLink baseMobility parentJoint childJoint shape invocations state reason"
+    " target ofJoint result status vocabulary"
+    # predicates: quantities
+    " value translation displacement translationAxis velocity effort limits lowerLimit upperLimit velocityLimit"
+    " effortLimit damping pose twist mass centreOfMass inertia mimic mimicsJoint multiplier offset jointState sample"
+    " position positionUnit velocityUnit effortUnit orientation origin frame w linear angular"
+    " ixx ixy ixz iyy iyz izz"
+    # predicates: the binary frame (desideratum D5)
+    " frameLayout fieldName fieldType byteOffset valueCount",
+)
+
+PREFIXES: dict[str, str] = {
+    "rdf": RDF.iri,
+    "rdfs": RDFS.iri,
+    "xsd": XSD.iri,
+    "dcterms": DCTERMS.iri,
+    "ldp": LDP.iri,
+    "sh": SH.iri,
+    "prov": PROV.iri,
+    "sosa": SOSA.iri,
+    "qudt": QUDT.iri,
+    "unit": UNIT.iri,
+    "xhv": XHV.iri,
+    "hybrit": HYBRIT.iri,
+    "ros": ROS.iri,
+    "vom": VOM.iri,
+    "maths": MATHS.iri,
+    "spatial": SPATIAL.iri,
+    "http-core": HTTP.iri,
+    "http-methods": METHODS.iri,
+    "lf": LF.iri,
+}

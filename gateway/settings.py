@@ -1,0 +1,73 @@
+"""Settings of the gateway: environment variables, each also a flag, read once (ARCHITECTURE.md, "Settings")."""
+
+import argparse
+import socket
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+
+
+def _setting(env: str, default: str, meaning: str) -> str:
+    return field(default=default, metadata={"env": env, "meaning": meaning})  # type: ignore[no-any-return]
+
+
+@dataclass(frozen=True)
+class GatewaySettings:
+    """Values as strings, exactly as given; the properties below are their parsed forms."""
+
+    host: str = _setting("LINKED_FLEET_HOST", "127.0.0.1", "address on which the gateway listens")
+    port: str = _setting("LINKED_FLEET_PORT", "8000", "port on which the gateway listens")
+    public_url: str = _setting(
+        "LINKED_FLEET_PUBLIC_URL", "", "base URLs under which the fleet is known, comma-separated (default: the address)"
+    )
+    namespace: str = _setting("LINKED_FLEET_NAMESPACE", "fleet", "prefix of every Zenoh key")
+    zenoh_listen: str = _setting(
+        "LINKED_FLEET_ZENOH_LISTEN", "", "Zenoh endpoints to listen on (default: tcp/127.0.0.1:7447 without a router)"
+    )
+    zenoh_connect: str = _setting("LINKED_FLEET_ZENOH_CONNECT", "", "Zenoh endpoints to connect to, comma-separated")
+
+    def __post_init__(self) -> None:
+        if not self.port.isdecimal() or not 0 < int(self.port) < 65536:
+            raise ValueError(f"LINKED_FLEET_PORT is a port number from 1 to 65535, not {self.port!r}")
+
+    @property
+    def port_number(self) -> int:
+        return int(self.port)
+
+    @property
+    def public_urls(self) -> tuple[str, ...]:
+        """Base URLs without a slash at the end; on loopback its usual names as well."""
+        if self.public_url:
+            return tuple(url.rstrip("/") for url in _items(self.public_url))
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        urls = [f"http://{host}:{self.port}"]
+        if self.host in ("127.0.0.1", "::1", "localhost"):
+            urls += [f"http://{name}:{self.port}" for name in ("127.0.0.1", "localhost", "[::1]")]
+        return tuple(dict.fromkeys(urls))
+
+    @property
+    def listen_endpoints(self) -> tuple[str, ...]:
+        if not self.zenoh_listen and not self.zenoh_connect:
+            return ("tcp/127.0.0.1:7447",)
+        return _items(self.zenoh_listen)
+
+    @property
+    def connect_endpoints(self) -> tuple[str, ...]:
+        return _items(self.zenoh_connect)
+
+    @property
+    def gateway_name(self) -> str:
+        """Replicas of a container differ in the host name, gateways on one host in the port."""
+        return f"{socket.gethostname()}-{self.port}"
+
+    @classmethod
+    def read(cls, environment: Mapping[str, str], arguments: Sequence[str]) -> "GatewaySettings":
+        """Flags win over the environment; ValueError for an unusable value, SystemExit for an unknown flag."""
+        parser = argparse.ArgumentParser(prog="python -m gateway", description="Serve the fleet as Linked Data.")
+        for item in fields(cls):
+            flag, env = "--" + item.name.replace("_", "-"), item.metadata["env"]
+            parser.add_argument(flag, default=environment.get(env, item.default), help=f"{item.metadata['meaning']} ({env})")
+        return cls(**vars(parser.parse_args(arguments)))
+
+
+def _items(text: str) -> tuple[str, ...]:
+    return tuple(item.strip() for item in text.split(",") if item.strip())

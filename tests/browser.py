@@ -1,0 +1,85 @@
+"""A client that knows nothing but HTTP and RDF."""
+
+from dataclasses import dataclass
+
+import httpx
+import rdflib
+from rdflib import RDF, URIRef
+
+HYBRIT = rdflib.Namespace("https://hybr-it-projekt.de/ns/hybr-it#")
+ROS = rdflib.Namespace("http://ros.org/#")
+LF = rdflib.Namespace("https://w3id.org/linked-fleet#")
+LDP = rdflib.Namespace("http://www.w3.org/ns/ldp#")
+VOM = rdflib.Namespace("http://vocab.arvida.de/2015/06/vom/vocab#")
+MATHS = rdflib.Namespace("http://vocab.arvida.de/2015/06/maths/vocab#")
+SPATIAL = rdflib.Namespace("http://vocab.arvida.de/2015/06/spatial/vocab#")
+DCTERMS, RDFS, SH, PROV, SOSA = rdflib.DCTERMS, rdflib.RDFS, rdflib.SH, rdflib.PROV, rdflib.SOSA
+
+TURTLE = "text/turtle"
+
+
+@dataclass(frozen=True)
+class Page:
+    """A resource as it was served in Turtle."""
+
+    url: str
+    response: httpx.Response
+    graph: rdflib.Graph
+
+    @property
+    def iri(self) -> URIRef:
+        return URIRef(self.url)
+
+    @property
+    def types(self) -> set[object]:
+        return set(self.graph.objects(self.iri, RDF.type))
+
+    def one(self, predicate: URIRef) -> URIRef:
+        (value,) = self.graph.objects(self.iri, predicate)
+        return URIRef(str(value))
+
+
+class Browser:
+    """Gets resources under one root; every URL it uses was given to it."""
+
+    def __init__(self, root: str) -> None:
+        self.root = root
+        self.http = httpx.Client(timeout=20)
+
+    def page(self, url: str) -> Page:
+        response = self.http.get(url)
+        assert response.status_code == 200, f"{url}: {response.status_code} {response.text[:500]}"
+        graph = rdflib.Graph()
+        if response.headers["content-type"].startswith(TURTLE):
+            graph.parse(data=response.text, format="turtle", publicID=url)
+        return Page(url, response, graph)
+
+    def robot(self, title_or_name: str) -> Page:
+        """The robot with this identifier, found from the root."""
+        for url in self.page(self.root).graph.objects(URIRef(self.root), LDP.contains):
+            page = self.page(str(url))
+            if str(page.graph.value(page.iri, DCTERMS.identifier)) == title_or_name:
+                return page
+        raise AssertionError(f"no robot {title_or_name}")
+
+    def part(self, robot: str, title: str) -> Page:
+        page = self.robot(robot)
+        for url in page.graph.objects(page.iri, DCTERMS.hasPart):
+            if str(page.graph.value(url, DCTERMS.title)) == title:
+                return self.page(str(url))
+        raise AssertionError(f"no part {title} in {robot}")
+
+
+def links(response: httpx.Response, rel: str) -> list[str]:
+    """Targets of the Link header with this relation."""
+    return [str(target) for target, found in _parsed(response) if found == rel]
+
+
+def _parsed(response: httpx.Response) -> list[tuple[str, str]]:
+    found = []
+    for value in response.headers.get_list("link"):
+        for part in value.split(", <"):
+            target, _, parameters = part.lstrip("<").partition(">")
+            rel = parameters.split('rel="')[1].split('"')[0]
+            found.append((target, rel))
+    return found

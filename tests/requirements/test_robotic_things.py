@@ -1,0 +1,120 @@
+"""R0.1 and R0.3 to R0.11 of the paper, each on every resource of the tree."""
+
+import socket
+from urllib.parse import urlsplit
+
+import httpx
+import pytest
+from browser import HYBRIT, LDP, links
+from walk import Walk
+
+pytestmark = pytest.mark.fleet
+
+
+def _raw(root: str, request: bytes) -> bytes:
+    parts = urlsplit(root)
+    with socket.create_connection((parts.hostname, parts.port), timeout=10) as connection:
+        connection.sendall(request)
+        return connection.recv(65536)
+
+
+def test_r0_1_server_is_http_1_1(tree: Walk) -> None:
+    """R0.1: HTTP/1.1, which demands a valid Host header: none or a URL in it is a 400."""
+    assert {page.response.http_version for page in tree} == {"HTTP/1.1"}
+    assert _raw(tree.root, b"GET / HTTP/1.1\r\n\r\n").startswith(b"HTTP/1.1 400")
+    assert _raw(tree.root, b"GET / HTTP/1.1\r\nHost: http://example.org\r\n\r\n").startswith(b"HTTP/1.1 400")
+    assert _raw(tree.root, b"GET / HTTP/1.1\r\nHost: example.org\r\n\r\n").startswith(b"HTTP/1.1 421")
+
+
+def test_r0_3_every_thing_and_sub_resource_has_a_uri(tree: Walk) -> None:
+    """R0.3: whatever a description refers to below the root answers under its own URI."""
+    for thing in tree.things():
+        named = [o for p in (HYBRIT.property, HYBRIT.action, HYBRIT.subscriptions) for o in thing.graph.objects(thing.iri, p)]
+        assert named, thing.url
+        assert all(str(iri) in tree.pages for iri in named), thing.url
+
+
+def test_r0_4_root_answers_get(tree: Walk, http: httpx.Client) -> None:
+    """R0.4: GET on the root."""
+    assert http.get(tree.root).status_code == 200
+
+
+def test_r0_5_get_everywhere_and_writes_where_they_mean_something(tree: Walk, http: httpx.Client) -> None:
+    """R0.5: GET reads everything; POST and PUT are bound to actions and refused with 405 elsewhere."""
+    for page in tree:
+        for method in ("POST", "PUT", "DELETE", "PATCH"):
+            answer = http.request(method, page.url, content=b"", headers={"content-type": "text/turtle"})
+            allowed = page.kind == "action" and method in ("POST", "PUT")
+            assert answer.status_code == (422 if allowed else 405), f"{method} {page.url}: {answer.text[:200]}"
+            assert allowed or "GET" in answer.headers["allow"], page.url
+
+
+def test_r0_6_generic_status_codes(tree: Walk, http: httpx.Client) -> None:
+    """R0.6: 200 for what is there, 400 for what cannot be parsed (500 is held by the endpoint's own test)."""
+    assert all(page.response.status_code == 200 for page in tree)
+    for action in tree.of("action")[:5]:
+        answer = http.post(action.url, content=b"<> <p> .", headers={"content-type": "text/turtle"})
+        assert answer.status_code == 400
+        assert {"line", "column"} <= answer.json().keys()
+
+
+def test_r0_9_link_header_names_sub_resources(tree: Walk) -> None:
+    """R0.9: rel="related" for each associated sub-resource, in the header or in the link set that it names."""
+    for thing in tree.things():
+        header = thing.response.headers["link"]
+        assert len(header) < 4096, thing.url
+        (linkset,) = links(thing.response, "linkset")
+        complete = tree.pages[linkset].response.json()["linkset"][0]["related"]
+        related = {entry["href"] for entry in complete}
+        assert set(links(thing.response, "related")) <= related
+        for predicate in (HYBRIT.property, HYBRIT.action, HYBRIT.subscriptions):
+            assert {str(o) for o in thing.graph.objects(thing.iri, predicate)} <= related, thing.url
+
+
+def test_r0_9_link_header_is_complete_on_small_things(tree: Walk) -> None:
+    """R0.9: a joint, link or property names every sub-resource of its own in the header itself."""
+    for page in tree.of("joint", "link", "property"):
+        related = set(links(page.response, "related"))
+        for predicate in (HYBRIT.property, HYBRIT.action, HYBRIT.subscriptions):
+            assert {str(o) for o in page.graph.objects(page.iri, predicate)} <= related, page.url
+
+
+def test_r0_10_options_and_allow_on_every_resource(tree: Walk, http: httpx.Client) -> None:
+    """R0.10: OPTIONS says exactly which methods are possible, and what a body may be."""
+    for page in tree:
+        answer = http.options(page.url)
+        assert answer.status_code == 204
+        allow = {method.strip() for method in answer.headers["allow"].split(",")}
+        assert allow == {"GET", "HEAD", "OPTIONS"} | ({"POST", "PUT"} if page.kind == "action" else set())
+        assert ("accept-post" in answer.headers) == (page.kind == "action")
+
+
+def test_r0_11_etag_on_every_representation_and_head(tree: Walk, http: httpx.Client) -> None:
+    """R0.11: a strong entity tag on every GET and HEAD; HEAD has the headers of GET and no body."""
+    for page in tree:
+        assert page.response.headers["etag"].startswith('"'), page.url
+        head = http.head(page.url)
+        assert head.status_code == 200
+        assert head.content == b""
+        assert head.headers["etag"].startswith('"')
+        assert head.headers["content-type"] == page.response.headers["content-type"]
+
+
+def test_r0_11_unchanged_resources_answer_304(tree: Walk, http: httpx.Client) -> None:
+    """R0.11: with the current entity tag a constant resource answers 304, without a body."""
+    for page in tree.of("blueprint", "action", "container")[:300]:
+        answer = http.get(page.url, headers={"if-none-match": page.response.headers["etag"]})
+        assert answer.status_code == 304, page.url
+        assert answer.content == b""
+
+
+def test_ldp_types_in_link_header(tree: Walk) -> None:
+    """DESIGN "LDP": rel="type" names ldp:Resource, and the container type of containers; actions are neither."""
+    for page in tree:
+        types = set(links(page.response, "type"))
+        if page.kind == "action":
+            assert not types, page.url
+            continue
+        assert str(LDP.Resource) in types, page.url
+        is_container = (page.iri, None, LDP.BasicContainer) in page.graph
+        assert (str(LDP.BasicContainer) in types) == is_container, page.url

@@ -1,0 +1,93 @@
+"""Starting real processes for tests: free ports, and conditions awaited instead of sleeps."""
+
+import contextlib
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TypeVar
+
+ROOT = Path(__file__).resolve().parents[1]
+PATIENCE_S = 60.0
+T = TypeVar("T")
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def eventually(probe: Callable[[], T | None], what: str) -> T:
+    """The first true value of ``probe``; AssertionError naming ``what`` when it never comes."""
+    deadline = time.monotonic() + PATIENCE_S
+    while True:
+        if value := probe():
+            return value
+        assert time.monotonic() < deadline, f"never happened: {what}"
+        time.sleep(0.01)
+
+
+class Process:
+    """A child process whose output is kept for the test's report."""
+
+    def __init__(self, arguments: Sequence[str]) -> None:
+        self.lines: list[str] = []
+        self._child = subprocess.Popen(
+            [sys.executable, "-u", *arguments],
+            cwd=ROOT,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+        )
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self._child.stdout is not None
+        self.lines.extend(iter(self._child.stdout.readline, ""))
+
+    @property
+    def output(self) -> str:
+        return "".join(self.lines)
+
+    def said(self, text: str) -> None:
+        def probe() -> bool:
+            assert self._child.poll() is None or text in self.output, f"ended early:\n{self.output}"
+            return text in self.output
+
+        eventually(probe, f"{text!r} in the output:\n{self.output}")
+
+    def ended(self) -> int:
+        code = self._child.wait(PATIENCE_S)
+        self._reader.join()
+        return code
+
+    def send(self, number: signal.Signals) -> None:
+        self._child.send_signal(number)
+
+    def stop(self) -> int:
+        if self._child.poll() is None:
+            self._child.terminate()
+        try:
+            return self.ended()
+        finally:
+            if self._child.poll() is None:
+                self._child.kill()
+            assert self._child.stdout is not None
+            self._child.stdout.close()
+
+
+@contextlib.contextmanager
+def process(*arguments: str) -> Iterator[Process]:
+    child = Process(arguments)
+    try:
+        yield child
+    finally:
+        child.stop()
