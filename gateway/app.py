@@ -7,6 +7,7 @@ from starlette.applications import Starlette
 from starlette.middleware import Middleware
 from starlette.routing import Mount
 
+from gateway.graph.vocab import PREFIXES
 from gateway.http.endpoint import resources
 from gateway.http.host import Authorities
 from gateway.live import Live
@@ -24,6 +25,6 @@ def create_app(settings: GatewaySettings) -> Starlette:
 
     return Starlette(
         routes=[Mount("/", app=resources)],
-        middleware=[Middleware(Authorities, public_urls=settings.public_urls)],
+        middleware=[Middleware(Authorities, public_urls=settings.public_urls, prefixes=PREFIXES)],
         lifespan=lifespan,
     )

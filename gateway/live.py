@@ -9,12 +9,11 @@ from types import TracebackType
 
 from agents.wire.keys import Keys
 from agents.wire.messages import WIRE_VERSION, Command, Move, Progress, Refused
-
 from gateway.errors import AgentSilent, Offline, RefusedByAgent
 from gateway.fleet.events import Event
 from gateway.fleet.fleet import Fleet
-from gateway.fleet.robot import Robot
 from gateway.fleet.invocations import Invocation, Invocations, InvocationState
+from gateway.fleet.robot import Robot
 from gateway.link import FleetLink, NoAnswer
 from gateway.settings import GatewaySettings
 

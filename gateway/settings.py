@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 
 
 def _setting(env: str, default: str, meaning: str) -> str:
-    return field(default=default, metadata={"env": env, "meaning": meaning})  # type: ignore[no-any-return]
+    return field(default=default, metadata={"env": env, "meaning": meaning})
 
 
 @dataclass(frozen=True)
@@ -17,7 +17,9 @@ class GatewaySettings:
     host: str = _setting("LINKED_FLEET_HOST", "127.0.0.1", "address on which the gateway listens")
     port: str = _setting("LINKED_FLEET_PORT", "8000", "port on which the gateway listens")
     public_url: str = _setting(
-        "LINKED_FLEET_PUBLIC_URL", "", "base URLs under which the fleet is known, comma-separated (default: the address)"
+        "LINKED_FLEET_PUBLIC_URL",
+        "",
+        "base URLs under which the fleet is known, comma-separated (default: the address)",
     )
     namespace: str = _setting("LINKED_FLEET_NAMESPACE", "fleet", "prefix of every Zenoh key")
     zenoh_listen: str = _setting(
@@ -65,7 +67,9 @@ class GatewaySettings:
         parser = argparse.ArgumentParser(prog="python -m gateway", description="Serve the fleet as Linked Data.")
         for item in fields(cls):
             flag, env = "--" + item.name.replace("_", "-"), item.metadata["env"]
-            parser.add_argument(flag, default=environment.get(env, item.default), help=f"{item.metadata['meaning']} ({env})")
+            parser.add_argument(
+                flag, default=environment.get(env, item.default), help=f"{item.metadata['meaning']} ({env})"
+            )
         return cls(**vars(parser.parse_args(arguments)))
 
 

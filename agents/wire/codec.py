@@ -69,9 +69,7 @@ def encode_state(state: State) -> bytes:
     if count > MAX_JOINTS or any(len(row) != count for row in rows):
         raise WireError(f"rows of {[len(row) for row in rows]} values are not three equal rows of at most {MAX_JOINTS}")
     base = state.base
-    values = (
-        () if base is None else (*base.position_m, *base.orientation_xyzw, *base.linear_m_s, *base.angular_rad_s)
-    )
+    values = () if base is None else (*base.position_m, *base.orientation_xyzw, *base.linear_m_s, *base.angular_rad_s)
     header = _HEADER.pack(
         MAGIC,
         WIRE_VERSION,
@@ -124,7 +122,7 @@ def decode_state(payload: bytes) -> State:
         sequence=header.sequence,
         monotonic_ns=header.monotonic_ns,
         wall_ns=header.wall_ns,
-        base=Base(b[0:3], b[3:7], b[7:10], b[10:13]) if b else None,  # type: ignore[arg-type]
+        base=Base(b[0:3], b[3:7], b[7:10], b[10:13]) if b else None,
         positions=rows[:count],
         velocities=rows[count : 2 * count],
         efforts=rows[2 * count :],
@@ -155,6 +153,7 @@ def decode(payload: bytes, kind: type[_M]) -> _M:
 
 def decode_reply(payload: bytes) -> Reply:
     try:
-        return msgspec.json.decode(payload, type=Reply)
-    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+        reply: Reply = msgspec.json.decode(payload, type=Reply)
+        return reply
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise WireError(str(error)) from error

@@ -1,14 +1,14 @@
-"""Actions (paper 5.4, figures 5a and 5b): the shape that describes what an action consumes is the one that guards it."""
+"""Actions (paper 5.4, figures 5a and 5b): the shape that describes what an action consumes also guards it."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from agents.wire.messages import Move
 from pyoxigraph import Literal, NamedNode
 
-from gateway.fleet.robot import Robot
+from agents.wire.messages import Move
 from gateway.fleet.model import Joint, JointKind
+from gateway.fleet.robot import Robot
 from gateway.graph.build import Graph, Node, integer
 from gateway.graph.kinds import Unit, kind_of
 from gateway.graph.paths import joint_path, robot_path

@@ -42,7 +42,8 @@ class Graph:
         if not items:
             return RDF.nil
         cells = [self.blank() for _ in items]
-        for cell, item, rest in zip(cells, items, [*cells[1:], RDF.nil], strict=True):
+        rests: list[Node] = [*cells[1:], RDF.nil]
+        for cell, item, rest in zip(cells, items, rests, strict=True):
             self.add(cell, RDF.first, item)
             self.add(cell, RDF.rest, rest)
         return cells[0]

@@ -5,8 +5,8 @@ from collections.abc import Iterable
 from pyoxigraph import Literal, NamedNode
 
 from gateway.fleet.fleet import Fleet
-from gateway.fleet.robot import Robot
 from gateway.fleet.model import Joint, JointKind, Link
+from gateway.fleet.robot import Robot
 from gateway.graph.annotations import annotate
 from gateway.graph.build import Graph, timestamp
 from gateway.graph.kinds import kind_of
@@ -75,7 +75,10 @@ class Describer:
         graph.add(iri, RDFS.seeAlso, self.iri(robot_path(robot.name)))
         graph.add(iri, DCTERMS.isPartOf, self.iri(robot_path(robot.name)))
         self._presence_if_offline(graph, iri, robot)
-        for predicates, link in (((XHV.prev, ROS.preceedingLink), joint.parent), ((XHV.next, ROS.succeedingLink), joint.child)):
+        for predicates, link in (
+            ((XHV.prev, ROS.preceedingLink), joint.parent),
+            ((XHV.next, ROS.succeedingLink), joint.child),
+        ):
             target = self.iri(link_path(robot.name, robot.model, link))
             for predicate in predicates:
                 graph.add(iri, predicate, target)
@@ -94,7 +97,10 @@ class Describer:
         graph.add(iri, DCTERMS.isPartOf, self.iri(robot_path(robot.name)))
         self._presence_if_offline(graph, iri, robot)
         parents = (link.parent_joint,) if link.parent_joint is not None else ()
-        for predicates, names in (((XHV.prev, LF.parentJoint), parents), ((XHV.next, LF.childJoint), link.child_joints)):
+        for predicates, names in (
+            ((XHV.prev, LF.parentJoint), parents),
+            ((XHV.next, LF.childJoint), link.child_joints),
+        ):
             for name in names:
                 for predicate in predicates:
                     graph.add(iri, predicate, self.iri(joint_path(robot.name, name)))
@@ -193,4 +199,3 @@ def joint_actions(robot: Robot, joint: Joint) -> list[str]:
     able = robot.description is not None and "move" in robot.description.capabilities
     bounded = joint.kind is JointKind.CONTINUOUS or None not in (joint.limits.lower, joint.limits.upper)
     return [action] if action is not None and able and bounded and joint.commandable else []
-

@@ -33,14 +33,15 @@ class Quantity:
 def admit(body: Sequence[Triple], joint: Joint, request_iri: str) -> Quantity:
     """Return the quantity in ``body``; UnprocessableContent with the validation report when the shape refuses it."""
     focus = _root(body, NamedNode(request_iri))
-    _check_lexical_forms(body)
+    _check_lexical_forms(body, request_iri)
     data = _to_rdflib(_refocus(body, focus))
     conforms, report = _validate(data, _guard(joint))
     if not conforms:
         raise _refusal(data, report, joint, request_iri)
-    value = next(t.object.value for t in body if t.subject == focus and t.predicate == VOM.numericalValue)
-    unit = next(t.object for t in body if t.subject == focus and t.predicate == VOM.unit)
-    return Quantity(float(value), unit)
+    stated = {t.predicate: t.object for t in body if t.subject == focus}
+    value, unit = stated[VOM.numericalValue], stated[VOM.unit]
+    assert isinstance(value, Literal) and isinstance(unit, NamedNode)
+    return Quantity(float(value.value), unit)
 
 
 def _root(body: Sequence[Triple], request: NamedNode) -> Node:
@@ -52,12 +53,14 @@ def _root(body: Sequence[Triple], request: NamedNode) -> Node:
     if len(roots) != 1:
         found = "no triples" if not body else f"{len(roots)} subjects that nobody refers to"
         raise UnprocessableContent(
-            f"The body has {found}; it needs one root: <> (the request URI), or the only subject that is nobody's object."
+            f"The body has {found}; it needs one root: <> (the request URI), or the only subject "
+            "that is nobody's object.",
+            constraint=request.value,
         )
     return roots[0]  # type: ignore[return-value]
 
 
-def _check_lexical_forms(body: Sequence[Triple]) -> None:
+def _check_lexical_forms(body: Sequence[Triple], constraint: str) -> None:
     for triple in body:
         literal = triple.object
         if isinstance(literal, Literal) and literal.datatype in NUMERIC:
@@ -67,7 +70,8 @@ def _check_lexical_forms(body: Sequence[Triple]) -> None:
                 finite = False
             if not finite:
                 raise UnprocessableContent(
-                    f"{literal.value[:80]!r} is no finite number of type {literal.datatype.value}; write e.g. 43.6."
+                    f"{literal.value[:80]!r} is no finite number of type {literal.datatype.value}; write e.g. 43.6.",
+                    constraint=constraint,
                 )
 
 
@@ -119,7 +123,7 @@ def _refusal(data: rdflib.Graph, report: rdflib.Graph, joint: Joint, request_iri
     detail = "The body does not conform to the shape of the action: " + "; ".join(
         message.rpartition(" (")[0].replace(f"<{_FOCUS.value}>", "the body") for message in messages
     )
-    return UnprocessableContent(detail, report=_from_rdflib(report, request_iri))
+    return UnprocessableContent(detail, report=_from_rdflib(report, request_iri), constraint=request_iri)
 
 
 def _messages(report: rdflib.Graph) -> list[str]:

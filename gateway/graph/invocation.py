@@ -2,8 +2,8 @@
 
 from pyoxigraph import Literal, NamedNode
 
-from gateway.fleet.robot import Robot
 from gateway.fleet.invocations import Invocation, InvocationState
+from gateway.fleet.robot import Robot
 from gateway.graph.build import Graph, timestamp
 from gateway.graph.kinds import UNITLESS, kind_of
 from gateway.graph.paths import joint_path

@@ -1,14 +1,14 @@
 """Properties (paper 5.2): for each kind of thing its properties, and how each is described with its present value."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from agents.wire.messages import Base
 from pyoxigraph import Literal, NamedNode
 
-from gateway.fleet.robot import Robot
+from agents.wire.messages import Base
 from gateway.fleet.model import Joint, Link, Pose
+from gateway.fleet.robot import Robot
 from gateway.graph.build import Graph, integer, number
 from gateway.graph.kinds import (
     EFFORT_RESOLUTION,
@@ -63,13 +63,11 @@ def measured(
         graph.scalar(iri, LF.value, seen.values[0], unit)
         graph.result_time(iri, seen.wall_ns)
 
-    return Property(
-        segment, predicate, (LF.ScalarProperty,), LF.ScalarPropertyShape, f"{segment} of {joint}", describe
-    )
+    return Property(segment, predicate, (LF.ScalarProperty,), LF.ScalarPropertyShape, f"{segment} of {joint}", describe)
 
 
-def _reading(row: dict[str, float] | object, joint: str) -> float:
-    return row.get(joint, math.nan)  # type: ignore[attr-defined,no-any-return]
+def _reading(row: Mapping[str, float], joint: str) -> float:
+    return row.get(joint, math.nan)
 
 
 def joint_properties(robot: Robot, joint: Joint) -> list[Property]:
@@ -80,19 +78,29 @@ def joint_properties(robot: Robot, joint: Joint) -> list[Property]:
         found.append(_rotation(robot, joint) if kind.position == "rotation" else _translation(robot, joint))
         found += [
             measured(
-                robot, joint.name, "velocity", lambda: _reading(robot.velocities, joint.name), LF.velocity,
-                dimension.velocity, VELOCITY_RESOLUTION,
+                robot,
+                joint.name,
+                "velocity",
+                lambda: _reading(robot.velocities, joint.name),
+                LF.velocity,
+                dimension.velocity,
+                VELOCITY_RESOLUTION,
             ),
             measured(
-                robot, joint.name, "effort", lambda: _reading(robot.efforts, joint.name), LF.effort,
-                dimension.effort, EFFORT_RESOLUTION,
+                robot,
+                joint.name,
+                "effort",
+                lambda: _reading(robot.efforts, joint.name),
+                LF.effort,
+                dimension.effort,
+                EFFORT_RESOLUTION,
             ),
             _limits(joint, dimension),
             scalar("friction", ROS.friction, f"static friction of {joint.name}", joint.friction, dimension.effort),
             scalar("damping", LF.damping, f"damping of {joint.name}", joint.damping, dimension.damping),
-        ]  # fmt: skip
+        ]
     elif kind.type != LF.FixedJoint:
-        # A floating or planar joint inside the tree has no place in the wire's arrays: its pose is unknown, and said so.
+        # A floating or planar joint inside the tree has no place in the wire's arrays: its pose is unknown.
         found.append(_pose_property("pose", f"pose of {joint.name}", lambda: None, robot, f"{joint.name}/pose"))
     found.append(_reference_frame(robot, joint))
     if joint.mimic is not None:
@@ -104,7 +112,7 @@ def link_properties(robot: Robot, link: Link) -> list[Property]:
     inertial = link.inertial
 
     def centre(graph: Graph, iri: NamedNode) -> None:
-        graph.vector(iri, LF.position, inertial and inertial.centre_m, METRE)
+        graph.vector(iri, LF.position, inertial.centre_m if inertial else None, METRE)
 
     def inertia(graph: Graph, iri: NamedNode) -> None:
         moments = inertial.inertia_kg_m2 if inertial else (None,) * 6
@@ -114,39 +122,57 @@ def link_properties(robot: Robot, link: Link) -> list[Property]:
     name = link.name
     return [
         _pose_property("pose", f"pose of {name}", lambda: robot.link_pose(name), robot, f"{name}~link/pose"),
-        scalar("mass", LF.mass, f"mass of {name}", inertial and inertial.mass_kg, KILOGRAM),
+        scalar("mass", LF.mass, f"mass of {name}", inertial.mass_kg if inertial else None, KILOGRAM),
         Property(
-            "centreOfMass", LF.centreOfMass, (LF.Point,), LF.PointShape, f"centre of mass of {name}, in its frame", centre
+            "centreOfMass",
+            LF.centreOfMass,
+            (LF.Point,),
+            LF.PointShape,
+            f"centre of mass of {name}, in its frame",
+            centre,
         ),
         Property(
-            "inertia", LF.inertia, (LF.Inertia,), LF.InertiaShape, f"inertia of {name} about its centre of mass", inertia
+            "inertia",
+            LF.inertia,
+            (LF.Inertia,),
+            LF.InertiaShape,
+            f"inertia of {name} about its centre of mass",
+            inertia,
         ),
-    ]  # fmt: skip
+    ]
 
 
 def robot_properties(robot: Robot, iri_of: Callable[[str], NamedNode]) -> list[Property]:
     found = [
         Property(
-            "jointState", LF.jointState, (LF.JointState,), LF.JointStateShape, f"joint state of {robot.name}",
+            "jointState",
+            LF.jointState,
+            (LF.JointState,),
+            LF.JointStateShape,
+            f"joint state of {robot.name}",
             lambda graph, iri: _joint_state(graph, iri, robot, iri_of),
         )
-    ]  # fmt: skip
+    ]
     if robot.description is not None and robot.description.base == "floating":
-        found.append(_pose_property("pose", f"pose of the base of {robot.name}", lambda: _base_pose(robot), robot, "pose"))
+        found.append(
+            _pose_property("pose", f"pose of the base of {robot.name}", lambda: _base_pose(robot), robot, "pose")
+        )
         found.append(
             Property(
-                "twist", LF.twist, (LF.Twist,), LF.TwistShape, f"twist of the base of {robot.name}",
+                "twist",
+                LF.twist,
+                (LF.Twist,),
+                LF.TwistShape,
+                f"twist of the base of {robot.name}",
                 lambda graph, iri: _twist(graph, iri, robot),
             )
-        )  # fmt: skip
+        )
     return found
 
 
 def _rotation(robot: Robot, joint: Joint) -> Property:
     def describe(graph: Graph, iri: NamedNode) -> None:
-        seen = robot.observe(
-            f"{joint.name}/rotation", (_reading(robot.positions, joint.name),), POSITION_RESOLUTION
-        )
+        seen = robot.observe(f"{joint.name}/rotation", (_reading(robot.positions, joint.name),), POSITION_RESOLUTION)
         dimension = kind_of(joint).dimension
         assert dimension is not None
         graph.scalar(iri, SPATIAL.rotationAngle, seen.values[0], dimension.position)
@@ -159,9 +185,7 @@ def _rotation(robot: Robot, joint: Joint) -> Property:
 
 def _translation(robot: Robot, joint: Joint) -> Property:
     def describe(graph: Graph, iri: NamedNode) -> None:
-        seen = robot.observe(
-            f"{joint.name}/translation", (_reading(robot.positions, joint.name),), POSITION_RESOLUTION
-        )
+        seen = robot.observe(f"{joint.name}/translation", (_reading(robot.positions, joint.name),), POSITION_RESOLUTION)
         graph.scalar(iri, LF.displacement, seen.values[0], METRE)
         graph.vector(iri, LF.translationAxis, joint.axis, None)
         graph.result_time(iri, seen.wall_ns)
@@ -189,9 +213,13 @@ def _reference_frame(robot: Robot, joint: Joint) -> Property:
 
     title = f"reference frame of {joint.name}, in the frame of {joint.parent}"
     return Property(
-        "jointReferenceFrame", ROS.jointReferenceFrame, (MATHS.CoordinateSystem,), MATHS.CoordinateSystemShape, title,
+        "jointReferenceFrame",
+        ROS.jointReferenceFrame,
+        (MATHS.CoordinateSystem,),
+        MATHS.CoordinateSystemShape,
+        title,
         describe,
-    )  # fmt: skip
+    )
 
 
 def _mimic(robot: Robot, joint: Joint) -> Property:
@@ -248,7 +276,9 @@ def _twist(graph: Graph, iri: NamedNode, robot: Robot) -> None:
 def _joint_state(graph: Graph, iri: NamedNode, robot: Robot, iri_of: Callable[[str], NamedNode]) -> None:
     """Every joint of the wire's arrays with its values, and the layout of the same in one binary frame (D5)."""
     stamps = []
-    joints = [robot.model.joints[name] for name in robot.description.joints] if robot.model and robot.description else []
+    joints = (
+        [robot.model.joints[name] for name in robot.description.joints] if robot.model and robot.description else []
+    )
     for joint in joints:
         dimension = kind_of(joint).dimension
         if dimension is None:

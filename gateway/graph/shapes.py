@@ -41,8 +41,14 @@ def closure(graph: Graph, start: NamedNode, name: str = "blueprints.ttl") -> Non
         for triple in triples:
             graph.add(node, triple.predicate, triple.object)  # type: ignore[arg-type]
         # Blank nodes first, so that a shape stands together before the shapes that it names.
-        objects: list[Node] = [t.object for t in triples if not isinstance(t.object, Literal) and t.object in by_subject]  # type: ignore[misc]
-        pending = [o for o in objects if isinstance(o, BlankNode)] + pending + [o for o in objects if not isinstance(o, BlankNode)]
+        objects: list[Node] = [
+            t.object for t in triples if isinstance(t.object, NamedNode | BlankNode) and t.object in by_subject
+        ]
+        pending = (
+            [o for o in objects if isinstance(o, BlankNode)]
+            + pending
+            + [o for o in objects if not isinstance(o, BlankNode)]
+        )
 
 
 def blueprint(graph: Graph, iri: NamedNode, owner: NamedNode, shapes: Iterable[NamedNode]) -> None:

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from pyoxigraph import NamedNode
 
 from gateway.fleet.fleet import Fleet
-from gateway.fleet.robot import Robot
 from gateway.fleet.invocations import Invocations
 from gateway.fleet.model import Joint, Link
+from gateway.fleet.robot import Robot
 from gateway.graph.actions import JointMotion
 from gateway.graph.build import Graph
 from gateway.graph.describe import Describer, joint_actions, part_paths
@@ -155,8 +155,12 @@ class Tree:
         assert robot.model is not None
         path, properties = link_path(robot.name, robot.model, link.name), link_properties(robot, link)
         thing = Resource(
-            path, link.name, lambda graph: self._say.link(robot, link, graph), own=_own(path, properties), has_linkset=True
-        )  # fmt: skip
+            path,
+            link.name,
+            lambda graph: self._say.link(robot, link, graph),
+            own=_own(path, properties),
+            has_linkset=True,
+        )
         if not rest:
             return thing
         return self._of_thing(thing, rest, (LF.LinkShape,)) or self._property(robot, path, properties, rest)

@@ -30,7 +30,9 @@ XSD = Namespace(
     " boolean string dateTime anyURI",
 )
 DCTERMS = Namespace("http://purl.org/dc/terms/", "title description identifier hasPart isPartOf format created")
-LDP = Namespace("http://www.w3.org/ns/ldp#", "Resource RDFSource NonRDFSource Container BasicContainer contains constrainedBy")
+LDP = Namespace(
+    "http://www.w3.org/ns/ldp#", "Resource RDFSource NonRDFSource Container BasicContainer contains constrainedBy"
+)
 SH = Namespace(
     "http://www.w3.org/ns/shacl#",
     "NodeShape PropertyShape property path targetClass targetNode minCount maxCount datatype nodeKind minInclusive"

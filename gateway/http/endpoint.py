@@ -9,21 +9,20 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
-from gateway.errors import FleetError, InternalError, MethodNotAllowed, NotAcceptable, NotFound, PreconditionFailed
+from gateway.errors import FleetError, MethodNotAllowed, NotAcceptable, NotFound, PreconditionFailed
 from gateway.graph.build import Graph
 from gateway.graph.serialise import MEDIA_TYPES, render
 from gateway.graph.tree import Redirect, Resource, Tree
-from gateway.graph.vocab import LDP, PREFIXES
+from gateway.graph.vocab import PREFIXES
 from gateway.http.conditional import etag, not_modified, precondition_holds
-from gateway.http.invoke import BODY_TYPES, invoke
-from gateway.http.links import Link, link_header, linkset_json, linkset_text
+from gateway.http.invoke import BODY_TYPES, field, invoke
+from gateway.http.links import LINKSET_TYPES, Link, link_header, linkset_json, linkset_text
 from gateway.http.negotiation import choose
 from gateway.http.problem import problem_body
 from gateway.live import Live
 
 log = logging.getLogger(__name__)
 
-LINKSET_TYPES = ("application/linkset+json", "application/linkset")
 _READ = ("GET", "HEAD", "OPTIONS")
 
 
@@ -57,7 +56,7 @@ async def _respond(request: Request) -> Response:
     except Exception:
         # The boundary: what nobody foresaw is logged whole and answered without a trace of the stack.
         log.exception("unforeseen error at %s %s", request.method, request.url.path)
-        return problem_response(request, InternalError("The gateway failed to answer; its log has the reason."))
+        return problem_response(request, FleetError("The gateway failed to answer; its log has the reason."))
 
 
 async def _answer(request: Request, base: str) -> Response:
@@ -82,19 +81,15 @@ async def _answer(request: Request, base: str) -> Response:
 def problem_response(request: Request, error: FleetError) -> Response:
     """Problem details for ``error`` in the form that Accept asks for."""
     instance = request.state.base + request.url.path
-    body, media_type = problem_body(error, request.headers.get("accept"), instance, PREFIXES)
+    body, media_type = problem_body(error, field(request, "accept"), instance, PREFIXES)
     headers = {"content-type": media_type, "vary": "Accept", "cache-control": "no-store", **error.headers}
-    if isinstance(error, MethodNotAllowed):
-        headers["allow"] = ", ".join(error.allow)
-    if error.report:
-        headers["link"] = f'<{instance}>; rel="{LDP.constrainedBy.value}"'
     return Response(b"" if request.method == "HEAD" else body, error.status, headers)
 
 
 def negotiated(request: Request, resource: Resource, base: str) -> Representation:
     """The representation that Accept prefers; NotAcceptable with the list of what there is."""
     offered = _offered(resource)
-    media_type = choose(request.headers.get("accept"), offered)
+    media_type = choose(field(request, "accept"), offered)
     if media_type is None:
         raise NotAcceptable(f"Available here: {', '.join(offered)}.", offered=offered)
     return represent(resource, media_type, base)
@@ -107,13 +102,20 @@ def represent(resource: Resource, media_type: str, base: str) -> Representation:
         return Representation(write(anchor, links), media_type)
     if media_type in resource.documents:
         return Representation(resource.documents[media_type](), media_type)
-    return Representation(render(_triples(resource), media_type, PREFIXES, base=base + resource.path, title=resource.title), media_type)
+    return Representation(
+        render(_triples(resource), media_type, PREFIXES, base=base + resource.path, title=resource.title), media_type
+    )
 
 
 def _read(request: Request, resource: Resource, base: str) -> Response:
     representation = negotiated(request, resource, base)
-    headers = {"etag": representation.etag, "vary": "Accept", "cache-control": "no-cache", "link": _link(resource, base)}
-    if not_modified(request.headers.get("if-none-match"), representation.etag):
+    headers = {
+        "etag": representation.etag,
+        "vary": "Accept",
+        "cache-control": "no-cache",
+        "link": _link(resource, base),
+    }
+    if not_modified(field(request, "if-none-match"), representation.etag):
         return Response(status_code=304, headers=headers)
     text = representation.media_type.startswith("text/")
     headers["content-type"] = representation.media_type + ("; charset=utf-8" if text else "")
@@ -123,7 +125,7 @@ def _read(request: Request, resource: Resource, base: str) -> Response:
 
 
 def _check_if_match(request: Request, resource: Resource, base: str) -> None:
-    header = request.headers.get("if-match")
+    header = field(request, "if-match")
     if header is None:
         return
     # The current ETag of any representation will do: the client may have read JSON-LD and write Turtle.
@@ -165,4 +167,4 @@ def _link(resource: Resource, base: str) -> str:
     types = [Link(iri.value, "type") for iri in resource.interaction]
     own = types + [Link(base + path, "related") for path in resource.own]
     parts = [Link(base + path, "related") for path in resource.parts]
-    return link_header(own, parts, base + resource.linkset if resource.has_linkset else "")
+    return link_header(own, parts, base + resource.linkset if resource.has_linkset else None)

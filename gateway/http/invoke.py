@@ -43,9 +43,14 @@ async def invoke(
     except ParseError as error:
         raise BadRequest(f"The body is no {media_type}: {error}", line=error.line, column=error.column) from error
     quantity = admit(triples, action.joint, iri)
-    prefer = parse_prefer(", ".join(request.headers.getlist("prefer")))
+    prefer = parse_prefer(field(request, "prefer"))
     invocation = await live.invoke(action.robot, action.path, action.motion(quantity.value, quantity.unit))
     return await _answer(live, invocation, prefer, base, representation)
+
+
+def field(request: Request, name: str) -> str | None:
+    """All lines of a list-valued field as one value (RFC 9110, 5.3); None when there is none."""
+    return ", ".join(request.headers.getlist(name)) or None
 
 
 async def read_body(request: Request) -> bytes:
@@ -62,7 +67,11 @@ async def read_body(request: Request) -> bytes:
 
 
 async def _answer(
-    live: Live, invocation: Invocation, prefer: Prefer, base: str, representation: "Callable[[Resource], Representation]"
+    live: Live,
+    invocation: Invocation,
+    prefer: Prefer,
+    base: str,
+    representation: "Callable[[Resource], Representation]",
 ) -> Response:
     headers = {"location": base + invocation_path(invocation), "cache-control": "no-store", "vary": "Accept, Prefer"}
     applied, status = [], 204

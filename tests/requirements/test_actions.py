@@ -194,7 +194,9 @@ def test_other_bad_bodies(browser: Browser) -> None:
     broken = _put(browser, url, "<> <a> .\n")
     assert (broken.status_code, broken.json()["line"]) == (400, 1)
     assert _put(browser, url, "# " + "x" * 65_536).status_code == 413
-    unsupported = browser.http.put(url, content="value=1", headers={"content-type": "application/x-www-form-urlencoded"})
+    unsupported = browser.http.put(
+        url, content="value=1", headers={"content-type": "application/x-www-form-urlencoded"}
+    )
     assert (unsupported.status_code, "text/turtle" in unsupported.text) == (415, True)
     two_roots = "[] vom:numericalValue 1 ; vom:unit vom:Degree . [] vom:numericalValue 2 ; vom:unit vom:Degree ."
     assert _put(browser, url, _PREFIXES + two_roots).status_code == 422
@@ -215,7 +217,14 @@ def test_validation_report_as_rdf(browser: Browser) -> None:
 def test_paths_methods_and_types_that_are_not_there(browser: Browser) -> None:
     """404, 405 with Allow, 406 with what there is, 308 for the other spelling."""
     root, get = browser.root, browser.http.get
-    for path in ("nobody/", "baxter/nothing", "baxter/right_s1/nothing", "baxter/right_s1/actions/fly", "%00", "baxter//"):
+    for path in (
+        "nobody/",
+        "baxter/nothing",
+        "baxter/right_s1/nothing",
+        "baxter/right_s1/actions/fly",
+        "%00",
+        "baxter//",
+    ):
         assert get(root + path).status_code == 404, path
     assert get(root + "baxter").headers["location"] == root + "baxter/"
     refused = browser.http.delete(root)

@@ -67,7 +67,9 @@ def test_r1_4_things_have_several_types(tree: Walk) -> None:
 
 def test_r1_5_terms_are_standard_or_described(tree: Walk) -> None:
     """R1.5: every predicate and type is from a known vocabulary, or described in ours, which the fleet links."""
-    described = rdflib.Graph().parse(data=(importlib.resources.files("shapes") / "vocabulary.ttl").read_text(), format="turtle")
+    described = rdflib.Graph().parse(
+        data=(importlib.resources.files("shapes") / "vocabulary.ttl").read_text(), format="turtle"
+    )
     known = set(described.subjects())
     for page in tree:
         used = set(page.graph.predicates()) | set(page.graph.objects(None, RDF.type))

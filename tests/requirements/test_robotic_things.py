@@ -29,7 +29,9 @@ def test_r0_1_server_is_http_1_1(tree: Walk) -> None:
 def test_r0_3_every_thing_and_sub_resource_has_a_uri(tree: Walk) -> None:
     """R0.3: whatever a description refers to below the root answers under its own URI."""
     for thing in tree.things():
-        named = [o for p in (HYBRIT.property, HYBRIT.action, HYBRIT.subscriptions) for o in thing.graph.objects(thing.iri, p)]
+        named = [
+            o for p in (HYBRIT.property, HYBRIT.action, HYBRIT.subscriptions) for o in thing.graph.objects(thing.iri, p)
+        ]
         assert named, thing.url
         assert all(str(iri) in tree.pages for iri in named), thing.url
 
