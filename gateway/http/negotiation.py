@@ -40,7 +40,7 @@ def parse_accept(header: str | None) -> list[MediaRange]:
 
 
 def _media_range(member: str) -> MediaRange | None:
-    kind, *rest = split(member, ";")
+    kind, *rest = split(member, ";") or [""]
     main, slash, sub = kind.lower().partition("/")
     if not (slash and TOKEN.fullmatch(main) and TOKEN.fullmatch(sub)) or (main == "*" and sub != "*"):
         return None

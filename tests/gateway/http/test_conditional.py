@@ -1,0 +1,64 @@
+"""RFC 9110, 13.1."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gateway.http.conditional import etag, not_modified, precondition_holds
+
+TAG = etag(b"body")
+
+
+@given(st.binary(), st.binary())
+def test_etags_tell_bodies_apart(one: bytes, other: bytes) -> None:
+    """Equal bodies have equal tags and only those."""
+    assert (etag(one) == etag(other)) == (one == other) and not_modified(etag(one), etag(one))
+
+
+@pytest.mark.parametrize(
+    ("header", "expected"),
+    [
+        (None, False),
+        (TAG, True),
+        ("W/" + TAG, True),
+        ("*", True),
+        (f'"a,b", {TAG}', True),
+        (f'W/"x" , W/{TAG}', True),
+        ('"x"', False),
+        ("", False),
+        (TAG.strip('"'), False),
+        (f"{TAG} {TAG}", False),
+        (f"x, {TAG}", False),
+    ],
+)
+def test_not_modified(header: str | None, expected: bool) -> None:
+    """Weak comparison over the list; a malformed list gives the full answer."""
+    assert not_modified(header, TAG) is expected
+
+
+@pytest.mark.parametrize(
+    ("header", "expected"),
+    [
+        (None, True),
+        ("*", True),
+        (TAG, True),
+        (f'"x", {TAG}', True),
+        ("W/" + TAG, False),
+        ('"x"', False),
+        ("", False),
+        ("oops", False),
+    ],
+)
+def test_precondition(header: str | None, expected: bool) -> None:
+    """Strong comparison with the tag of any representation; a malformed list holds for nothing."""
+    assert precondition_holds(header, [etag(b"other"), TAG]) is expected
+
+
+def test_precondition_without_resource() -> None:
+    """``*`` means that something is there."""
+    assert not precondition_holds("*", [], exists=False)
+
+
+def test_long_hostile_list_is_quick() -> None:
+    """A list of thousands of half tags costs one pass."""
+    assert not not_modified('"a" ' * 20000 + "x", TAG)

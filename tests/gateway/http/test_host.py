@@ -1,0 +1,72 @@
+"""RFC 9110, 7.2 and 7.4: who is asked."""
+
+import asyncio
+import json
+
+import pytest
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse
+from starlette.routing import Route
+
+from gateway.http.host import Authorities, Message, Scope
+
+URLS = ("http://127.0.0.1:8000", "https://Fleet.example/", "http://[::1]:8000")
+
+
+async def base(request: Request) -> PlainTextResponse:
+    return PlainTextResponse(request.state.base)
+
+
+def ask(*hosts: str, kind: str = "http", **extra: object) -> list[Message]:
+    """What the application sends for a request with these Host fields."""
+    sent: list[Message] = []
+
+    async def receive() -> Message:
+        return {"type": "http.request", "body": b"", "more_body": False}
+
+    async def send(message: Message) -> None:
+        sent.append(message)
+
+    headers = [(b"host", host.encode("latin-1")) for host in hosts]
+    scope: Scope = {"type": kind, "method": "GET", "path": "/", "headers": headers, "query_string": b"", **extra}
+    app = Authorities(Starlette(routes=[Route("/", base)]), URLS, {})
+    asyncio.run(app(scope, receive, send))
+    return sent
+
+
+@pytest.mark.parametrize(
+    ("host", "expected"),
+    [
+        ("127.0.0.1:8000", "http://127.0.0.1:8000"),
+        ("fleet.example", "https://Fleet.example"),
+        ("FLEET.example:443", "https://Fleet.example"),
+        ("fleet.example:", "https://Fleet.example"),
+        ("[::1]:8000", "http://[::1]:8000"),
+    ],
+)
+def test_known_authority(host: str, expected: str) -> None:
+    """Case and default ports do not matter; the base is the public URL, never the header."""
+    assert ask(host)[1]["body"].decode() == expected
+
+
+@pytest.mark.parametrize(
+    "hosts", [(), ("http://example.org",), ("a", "a"), ("",), ("a b",), ("a/b",), ("u@a",), ("é",), ("a:x",)]
+)
+def test_malformed(hosts: tuple[str, ...]) -> None:
+    """No Host, two of them or something else than an authority: 400."""
+    start, body = ask(*hosts)
+    assert start["status"] == 400 and json.loads(body["body"])["status"] == 400
+
+
+@pytest.mark.parametrize("host", ["evil.example", "127.0.0.1", "fleet.example:80", "127.0.0.1:99999"])
+def test_unknown_authority(host: str) -> None:
+    """421 that names the authorities that there are."""
+    start, body = ask(host)
+    assert start["status"] == 421 and "http://127.0.0.1:8000" in json.loads(body["body"])["detail"]
+
+
+def test_websocket() -> None:
+    """A handshake is refused in the same way where the server can, else closed."""
+    assert ask("evil.example", kind="websocket", extensions={"websocket.http.response": {}})[0]["status"] == 421
+    assert ask("evil.example", kind="websocket") == [{"type": "websocket.close", "code": 1008}]

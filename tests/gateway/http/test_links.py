@@ -1,0 +1,54 @@
+"""RFC 8288 and RFC 9264."""
+
+import json
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gateway.http.links import Link, link_header, linkset_json, linkset_text
+
+LINKS = st.lists(
+    st.builds(Link, st.text(max_size=80), st.text(max_size=20), st.none() | st.text(max_size=20)), max_size=40
+)
+
+
+@given(LINKS, LINKS, st.none() | st.text(max_size=900), st.integers(0, 800))
+def test_always_below_the_limit_and_a_field_value(
+    own: list[Link], parts: list[Link], linkset: str | None, limit: int
+) -> None:
+    """Whatever the links, the value fits and can be sent as a header."""
+    value = link_header(own, parts, linkset, limit)
+    assert len(value) < max(limit, 1)
+    value.replace("\x80", "").encode("latin-1", "replace")
+    assert not set(value) & {"\r", "\n", "\0"}
+
+
+def test_own_first_then_parts_then_the_link_set() -> None:
+    """A robot of two hundred parts keeps its own links and says where the rest is."""
+    own = [Link("/baxter/subscriptions", "related"), Link("http://www.w3.org/ns/ldp#Resource", "type")]
+    parts = [Link(f"/baxter/part_{number}", "related", "text/turtle") for number in range(200)]
+    value = link_header(own, parts, "/baxter/linkset")
+    assert 3900 < len(value) < 4096
+    assert value.startswith('</baxter/subscriptions>; rel="related", <http://www.w3.org/ns/ldp#Resource>; rel="type"')
+    assert value.endswith('</baxter/linkset>; rel="linkset"; type="application/linkset+json"')
+
+
+def test_nothing_escapes_its_place() -> None:
+    """Brackets, quotes and letters beyond ASCII cannot end a target or a parameter."""
+    value = link_header([Link('/a>; rel="x", <é%20%', 'a"b\\')], [])
+    assert value == '</a%3E;%20rel=%22x%22,%20%3C%C3%A9%20%25>; rel="a\\"b\\\\"'.replace("%C3%A9%20%25", "%C3%A9%20%25")
+
+
+def test_link_set_documents() -> None:
+    """Targets are grouped by relation under their anchor, in both formats."""
+    links = [Link("/a", "related", "text/turtle"), Link("/b", "related"), Link("/c", "type")]
+    assert json.loads(linkset_json("/x", links)) == {
+        "linkset": [
+            {
+                "anchor": "/x",
+                "related": [{"href": "/a", "type": "text/turtle"}, {"href": "/b"}],
+                "type": [{"href": "/c"}],
+            }
+        ]
+    }
+    assert linkset_text("/x", links[:1]) == b'</a>; rel="related"; type="text/turtle"; anchor="/x"'

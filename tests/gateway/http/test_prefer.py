@@ -1,0 +1,40 @@
+"""RFC 7240."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gateway.http.prefer import Prefer, parse_prefer, preference_applied
+
+
+@pytest.mark.parametrize(
+    ("header", "expected"),
+    [
+        (None, Prefer()),
+        ("return=minimal", Prefer("minimal")),
+        ('Return = "representation"; foo="a,b"', Prefer("representation")),
+        ("respond-async, wait=10", Prefer(None, True, 10.0)),
+        ("wait=100000", Prefer(wait_s=60.0)),
+        ("wait=" + "9" * 5000, Prefer(wait_s=60.0)),
+        ("wait=-1, return=everything, respond-async=no, ;;,=", Prefer()),
+        ("return=minimal, return=representation", Prefer("minimal")),
+        ("lenient, handling=strict", Prefer()),
+    ],
+)
+def test_parse(header: str | None, expected: Prefer) -> None:
+    """Known preferences count, the first of repeated ones; what is malformed or unknown is ignored."""
+    assert parse_prefer(header) == expected
+
+
+@given(st.text() | st.text('return=minimal;,"\\ wait1'))
+def test_any_header_is_survived(header: str) -> None:
+    """No header makes it fail, and nobody keeps us waiting for more than a minute."""
+    wait_s = parse_prefer(header).wait_s
+    assert wait_s is None or 0 <= wait_s <= 60
+
+
+def test_applied() -> None:
+    """What was honoured is said, and nothing when nothing was."""
+    assert preference_applied() is None
+    assert preference_applied(respond_async=True, wait_s=10.0) == "respond-async, wait=10"
+    assert preference_applied(return_="representation") == "return=representation"

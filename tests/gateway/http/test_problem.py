@@ -1,0 +1,92 @@
+"""RFC 9457, in JSON and in RDF."""
+
+import json
+
+import pytest
+from pyoxigraph import BlankNode, Literal, NamedNode, Triple
+
+from gateway import errors
+from gateway.graph.parsing import parse
+from gateway.http.problem import problem_body
+
+SH = "http://www.w3.org/ns/shacl#"
+PREFIXES = {"sh": SH, "lf": "https://w3id.org/linked-fleet#", "dcterms": "http://purl.org/dc/terms/"}
+BASE = "http://127.0.0.1:8000/baxter/right_s1/actions/rotate"
+BROWSER = "text/html,application/xhtml+xml,application/xml;q=0.9,*/*;q=0.8"
+REPORT = [
+    Triple(BlankNode("r"), NamedNode(SH + "result"), BlankNode("v")),
+    Triple(BlankNode("v"), NamedNode(SH + "resultPath"), NamedNode("http://ros.org/#p")),
+    Triple(BlankNode("v"), NamedNode(SH + "resultMessage"), Literal("too far")),
+    Triple(BlankNode("v"), NamedNode(SH + "value"), Literal("400")),
+]
+
+
+def test_json_has_all_members() -> None:
+    """Type, title, status, detail, instance, what would have been right, and the report."""
+    error = errors.UnprocessableContent("out of limits", report=REPORT, constraint=BASE + "#shape")
+    body, content_type = problem_body(error, "*/*", BASE, PREFIXES)
+    assert content_type == "application/problem+json"
+    assert json.loads(body) == {
+        "type": "https://w3id.org/linked-fleet/problems#unprocessable-content",
+        "title": "The content breaks a constraint",
+        "status": 422,
+        "detail": "out of limits",
+        "instance": BASE,
+        "constraint": BASE + "#shape",
+        "report": [{"path": "http://ros.org/#p", "message": "too far", "value": "400"}],
+    }
+    assert error.headers["Link"] == f'<{BASE}#shape>; rel="http://www.w3.org/ns/ldp#constrainedBy"'
+
+
+@pytest.mark.parametrize(
+    ("accept", "expected"),
+    [
+        (None, "application/problem+json"),
+        ("*/*", "application/problem+json"),
+        ("application/json", "application/problem+json"),
+        ("application/json, text/html;q=0.9", "application/problem+json"),
+        ("image/png", "application/problem+json"),
+        ("text/event-stream", "application/problem+json"),
+        ("text/html, */*", "application/problem+json"),
+        (BROWSER, "text/html; charset=utf-8"),
+        ("text/turtle", "text/turtle; charset=utf-8"),
+        ("text/turtle, */*;q=0.1", "text/turtle; charset=utf-8"),
+        ("application/ld+json", "application/ld+json"),
+    ],
+)
+def test_negotiation(accept: str | None, expected: str) -> None:
+    """JSON unless something else is clearly preferred; also when nothing suits."""
+    assert problem_body(errors.NotFound("no robot of this name"), accept, BASE, PREFIXES)[1] == expected
+
+
+@pytest.mark.parametrize(
+    "accept", ["text/turtle", "application/ld+json", "application/n-triples", "application/rdf+xml"]
+)
+def test_rdf_carries_the_report(accept: str) -> None:
+    """Problem and SHACL report in one graph."""
+    body, content_type = problem_body(errors.UnprocessableContent("no", report=REPORT), accept, None, PREFIXES)
+    triples = parse(body, content_type.partition(";")[0], BASE)
+    assert Literal("too far") in [t.object for t in triples]
+    assert NamedNode("https://w3id.org/linked-fleet#Problem") in [t.object for t in triples]
+
+
+def test_extension_members() -> None:
+    """Each error says in fields what would have been right."""
+    assert errors.MethodNotAllowed("no", allow=["GET", "HEAD"]).headers == {"Allow": "GET, HEAD"}
+    assert errors.NotAcceptable("no", offered=["text/turtle"]).members == {"offered": ["text/turtle"]}
+    assert errors.BadRequest("no", line=2, column=3).members == {"line": 2, "column": 3}
+    assert (
+        str(errors.Offline("baxter was last seen at noon")) == "503 The robot is offline: baxter was last seen at noon"
+    )
+
+
+def test_printed_tree_is_the_tree() -> None:
+    """The tree on top of the module lists every error with its status and code."""
+
+    def below(kind: type[errors.FleetError]) -> set[type[errors.FleetError]]:
+        return {kind}.union(*(below(child) for child in kind.__subclasses__()))
+
+    lines = [line.split() for line in (errors.__doc__ or "").splitlines() if line.strip()[-1:].isalpha()]
+    printed = {tuple(words[-3:]) for words in lines if len(words) > 2 and words[-2].isdigit()}
+    found = below(errors.FleetError) - {errors.FleetError}
+    assert printed == {(kind.__name__, str(kind.status), kind.code) for kind in found}
