@@ -9,7 +9,7 @@ from agents.wire.names import escape, unescape
 Kind = Literal["description", "state", "command", "progress", "presence"]
 
 _NAMESPACE = re.compile(r"[A-Za-z0-9_.-]+(/[A-Za-z0-9_.-]+)*")
-_ROBOT_KEY = re.compile(r"robot/([^/*$?#]+)/(description|state|command|progress|presence)(?:/([0-9]{1,20}))?")
+_ROBOT_KEY = re.compile(r"robot/([^/*$?#]+)/(description|state|command|progress|presence)(?:/(0|[1-9][0-9]{0,18}))?")
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ WIRE_VERSION = 1
 MIN_WIRE_VERSION = 1
 
 Name = Annotated[str, Meta(min_length=1, max_length=128)]
-Identifier = Annotated[str, Meta(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9-]+$")]
-Unsigned = Annotated[int, Meta(ge=0, lt=2**63)]
+Identifier = Annotated[str, Meta(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9-]+\Z")]
+Unsigned = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 Text = Annotated[str, Meta(max_length=65_536)]
 
 
@@ -31,11 +31,11 @@ class Description(Struct, frozen=True, kw_only=True):
     title: Annotated[str, Meta(max_length=256)]
     urdf: Annotated[str, Meta(max_length=8_000_000)]
     base: Literal["fixed", "floating"] = "fixed"
-    joints: tuple[Name, ...]
+    joints: Annotated[tuple[Name, ...], Meta(max_length=1024)]
     rate_hz: Annotated[float, Meta(gt=0, le=10_000)]
     capabilities: tuple[Literal["move"], ...] = ()
     annotations: Text = ""
-    layout: tuple[Field, ...]
+    layout: Annotated[tuple[Field, ...], Meta(max_length=64)]
 
 
 class Base(Struct, frozen=True):

@@ -1,0 +1,104 @@
+"""PROTOCOL.md says what the code does: its examples decode and come out again, its tables are those of the code."""
+
+import json
+import math
+import re
+from pathlib import Path
+from typing import Any, get_args
+
+import pytest
+
+from agents.wire import codec, keys, messages
+from agents.wire.keys import Keys, RobotKey
+from agents.wire.names import escape, unescape
+
+PAGE = (Path(codec.__file__).parent / "PROTOCOL.md").read_text()
+KINDS: dict[str, Any] = {"description": messages.Description, "command": messages.Command, "progress": messages.Progress}
+
+
+def examples(language: str) -> list[tuple[str, str]]:
+    return re.findall(rf"^```{language} (\w+)\n(.*?)^```$", PAGE, re.M | re.S)
+
+
+def table(*header: str) -> list[list[str]]:
+    """The rows of the one table with this header."""
+    [body] = re.findall(rf"^\| {re.escape(' | '.join(header))} \|\n\|[-|]+\n((?:\|.*\n)+)", PAGE, re.M)
+    return [[cell.strip().strip("`") for cell in line.strip("| \n").split(" | ")] for line in body.splitlines()]
+
+
+def decoded(kind: str, text: str) -> Any:
+    if kind == "reply":
+        return codec.decode_reply(text.encode())
+    return codec.decode(text.encode(), KINDS[kind])
+
+
+def test_every_kind_of_message_has_an_example() -> None:
+    assert {kind for kind, _ in examples("json")} == {*KINDS, "reply", "state"}
+    assert {json.loads(text)["type"] for kind, text in examples("json") if kind == "reply"} == {"accepted", "refused"}
+
+
+@pytest.mark.parametrize(("kind", "text"), [item for item in examples("json") if item[0] != "state"])
+def test_an_example_comes_out_as_it_went_in(kind: str, text: str) -> None:
+    assert json.loads(codec.encode(decoded(kind, text))) == json.loads(text)
+
+
+def test_the_frame_in_hex_is_the_state_beside_it() -> None:
+    [(_, dump)] = examples("hex")
+    [said] = [json.loads(text) for kind, text in examples("json") if kind == "state"]
+    state = codec.decode_state(bytes.fromhex(dump))
+    assert codec.encode_state(state) == bytes.fromhex(dump)
+    for name, value in said.items():
+        found = getattr(state, name)
+        if isinstance(found, tuple):
+            assert [None if math.isnan(item) else item for item in found] == value
+        else:
+            assert found == value
+    assert said.keys() == set(messages.State.__struct_fields__)
+
+
+def test_the_description_describes_the_frame() -> None:
+    [description] = [decoded(kind, text) for kind, text in examples("json") if kind == "description"]
+    assert description.layout == codec.layout(len(description.joints), description.base == "floating")
+
+
+@pytest.mark.parametrize("floating", [False, True])
+@pytest.mark.parametrize("joints", [0, 1, 7])
+def test_the_field_table_is_the_layout(joints: int, floating: bool) -> None:
+    values = {"n": joints, "b": 13 if floating else 0}
+    fields = [
+        messages.Field(name, kind, eval(offset, values), eval(count, values))  # type: ignore[arg-type]
+        for name, kind, offset, count in table("field", "type", "offset", "count")
+        if name != "base" or floating
+    ]
+    assert tuple(fields) == codec.layout(joints, floating)
+
+
+def test_the_refusal_codes_are_those_of_the_code() -> None:
+    assert {code for code, _ in table("code", "the command")} == set(get_args(messages.RefusalCode))
+
+
+def test_the_key_table_is_what_keys_are_built_from() -> None:
+    documented = {row[0] for row in table("key", "kind", "who declares or publishes", "who reads")}
+    built = {Keys().robot("ROBOT", kind) for kind in ("description", "state", "command", "progress")}
+    built |= {Keys().presence("ROBOT", 1).replace("/1", "/{incarnation}"), Keys().gateway("GATEWAY")}
+    assert documented == {key.replace("ROBOT", "{robot}").replace("GATEWAY", "{gateway}") for key in built}
+    for key in documented - {"fleet/gateway/{gateway}"}:
+        parsed = Keys().parse(key.replace("{robot}", "r").replace("{incarnation}", "1"))
+        assert isinstance(parsed, RobotKey)
+        assert parsed.kind in get_args(keys.Kind)
+
+
+def test_the_examples_of_the_escape_are_true() -> None:
+    for name, chunk in table("name", "chunk"):
+        assert escape(name) == chunk
+        assert unescape(chunk) == name
+
+
+def test_the_page_is_of_the_version_that_is_spoken() -> None:
+    assert f"\nVersion {messages.WIRE_VERSION}. " in PAGE
+
+
+def test_the_bounds_are_those_of_the_code() -> None:
+    bounds = PAGE[PAGE.rindex("Bounds:") :].replace("\n", " ")
+    for number in (128, codec.MAX_JOINTS, 256, 8_000_000, 65_536, 1024):
+        assert f"{number}" in bounds or f"{number:,}" in bounds
