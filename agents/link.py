@@ -1,0 +1,213 @@
+"""Zenoh ↔ agents; the only module of the agent that imports zenoh. Its callbacks only hand over to the event loop."""
+
+import asyncio
+import json
+import logging
+from collections.abc import AsyncIterator, Callable
+from contextlib import ExitStack, asynccontextmanager
+from types import TracebackType
+from typing import Any, Self
+
+import zenoh
+
+from agents.wire.keys import Keys
+
+_log = logging.getLogger(__name__)
+
+_OPEN_TIMEOUT_MS = 1_000
+_RETRY_S = 0.3
+_LOOK_TIMEOUT_S = 1.0
+
+
+class DuplicateNameError(Exception):
+    """Another agent with the same robot name is alive; the message says which run of it."""
+
+
+def configuration(connect: tuple[str, ...], listen: tuple[str, ...], lease_ms: int) -> zenoh.Config:
+    """A client of the endpoints in ``connect``; a peer when it listens itself. Multicast scouting is off."""
+    config = zenoh.Config()
+    values: dict[str, object] = {
+        # Clients see each other through one router or peer, so a second agent of the same name is noticed.
+        "mode": "peer" if listen else "client",
+        "connect/endpoints": list(connect),
+        "connect/timeout_ms": _OPEN_TIMEOUT_MS,
+        "connect/exit_on_failure": not listen,
+        "listen/endpoints": list(listen),
+        "scouting/multicast/enabled": False,
+        "transport/link/tx/lease": lease_ms,
+    }
+    for key, value in values.items():
+        config.insert_json5(key, json.dumps(value))
+    return config
+
+
+@asynccontextmanager
+async def open_session(
+    connect: tuple[str, ...], listen: tuple[str, ...] = (), lease_ms: int = 2_000
+) -> AsyncIterator[zenoh.Session]:
+    """A session that several links may share. Waits until an endpoint answers, however long that takes.
+
+    Afterwards zenoh itself reconnects and declares everything again. A wrong endpoint syntax is a zenoh.ZError.
+    """
+    config = configuration(connect, listen, lease_ms)
+    session, waiting = None, False
+    while session is None:
+        try:
+            # A fresh thread per try: opening blocks for at most _OPEN_TIMEOUT_MS and cannot be cancelled.
+            session = await asyncio.to_thread(zenoh.open, config)
+        except zenoh.ZError as error:
+            if not waiting:
+                _log.warning("nothing answers at %s yet (%s); trying on", ", ".join(connect) or "no endpoint", error)
+            waiting = True
+            await asyncio.sleep(_RETRY_S)
+    _log.info("connected to %s", ", ".join(connect) or "peers")
+    try:
+        yield session
+    finally:
+        await asyncio.to_thread(session.close)
+
+
+class ZenohLink:
+    """One robot on a shared session: ``async with ZenohLink(...) as link`` declares it, leaving undeclares it.
+
+    ``on_command`` is called on the event loop with the payload of a command and returns the payload of the reply.
+    Entering raises DuplicateNameError when the name is taken for longer than ``lease_ms``: a token that outlives its
+    killed agent is gone by then.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        keys: Keys,
+        *,
+        robot: str,
+        incarnation: int,
+        description: bytes,
+        on_command: Callable[[bytes], bytes],
+        lease_ms: int = 2_000,
+    ) -> None:
+        self._session, self._keys = session, keys
+        self._robot, self._incarnation, self._lease_ms = robot, incarnation, lease_ms
+        self._description, self._on_command = description, on_command
+        self._gateways: set[str] = set()
+        self._dropping = False
+        self._declared = ExitStack()
+
+    @property
+    def gateway_present(self) -> bool:
+        return bool(self._gateways)
+
+    async def __aenter__(self) -> Self:
+        await self._wait_for_name()
+        try:
+            self._declare(asyncio.get_running_loop())
+            # Two that started in the same instant saw nobody: the elder run keeps the name.
+            elder = [other for other in await self._others() if other < self._incarnation]
+            if elder:
+                raise self._duplicate(elder[0])
+        except BaseException:
+            self._declared.close()
+            raise
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._declared.close()
+
+    def publish_state(self, payload: bytes) -> None:
+        self._put(self._states, payload)
+
+    def publish_progress(self, payload: bytes) -> None:
+        self._put(self._progress, payload)
+
+    def _put(self, publisher: Any, payload: bytes) -> None:
+        try:
+            publisher.put(payload)
+            self._dropping = False
+        except zenoh.ZError as error:
+            if not self._dropping:
+                _log.warning("%s: publications are dropped: %s", self._robot, error)
+            self._dropping = True
+
+    def _declare(self, loop: asyncio.AbstractEventLoop) -> None:
+        declare, session, keys, robot = self._declared.enter_context, self._session, self._keys, self._robot
+        # A frame is worth nothing once the next one is there: drop rather than wait. A result must arrive.
+        self._states = declare(
+            session.declare_publisher(
+                keys.robot(robot, "state"),
+                congestion_control=zenoh.CongestionControl.DROP,
+                priority=zenoh.Priority.DATA,
+                express=False,
+            )
+        )
+        self._progress = declare(
+            session.declare_publisher(
+                keys.robot(robot, "progress"), congestion_control=zenoh.CongestionControl.BLOCK, express=True
+            )
+        )
+
+        def hand_over(handler: Callable[[Any], None]) -> Callable[[Any], None]:
+            def callback(item: Any) -> None:
+                if not loop.is_closed():
+                    loop.call_soon_threadsafe(handler, item)
+
+            return callback
+
+        declare(
+            session.declare_queryable(
+                keys.robot(robot, "description"), hand_over(self._answer_description), complete=True
+            )
+        )
+        declare(session.declare_queryable(keys.robot(robot, "command"), hand_over(self._answer_command), complete=True))
+        declare(session.liveliness().declare_subscriber(keys.all_gateways, hand_over(self._note_gateway), history=True))
+        # Last: whoever sees the robot can ask it.
+        declare(session.liveliness().declare_token(keys.presence(robot, self._incarnation)))
+
+    def _note_gateway(self, sample: zenoh.Sample) -> None:
+        gateway = str(sample.key_expr)
+        if sample.kind == zenoh.SampleKind.PUT:
+            self._gateways.add(gateway)
+        else:
+            self._gateways.discard(gateway)
+
+    def _answer_description(self, query: zenoh.Query) -> None:
+        self._reply(query, self._keys.robot(self._robot, "description"), self._description)
+
+    def _answer_command(self, query: zenoh.Query) -> None:
+        payload = b"" if query.payload is None else query.payload.to_bytes()
+        self._reply(query, self._keys.robot(self._robot, "command"), self._on_command(payload))
+
+    def _reply(self, query: zenoh.Query, key: str, payload: bytes) -> None:
+        try:
+            with query:  # dropping the query ends it for the asker
+                query.reply(key, payload)
+        except zenoh.ZError as error:
+            _log.warning("%s: a reply on %s could not be sent: %s", self._robot, key, error)
+
+    async def _wait_for_name(self) -> None:
+        if not await self._others():
+            return
+        _log.warning(
+            "%s: an agent of this name is known; waiting %d ms whether it is alive", self._robot, self._lease_ms
+        )
+        await asyncio.sleep(1.2 * self._lease_ms / 1000.0)
+        others = await self._others()
+        if others:
+            raise self._duplicate(others[0])
+
+    async def _others(self) -> list[int]:
+        """The other incarnations of this robot that are alive now, the eldest first."""
+
+        def look() -> list[str]:
+            replies = self._session.liveliness().get(self._keys.presence_of(self._robot), timeout=_LOOK_TIMEOUT_S)
+            return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+
+        found = [self._keys.parse(key).incarnation for key in await asyncio.to_thread(look)]
+        return sorted(incarnation for incarnation in found if incarnation not in (None, self._incarnation))
+
+    def _duplicate(self, incarnation: int) -> DuplicateNameError:
+        return DuplicateNameError(
+            f"the robot name {self._robot!r} is taken: another agent (run {incarnation}) is alive; "
+            "stop it or choose another name"
+        )

@@ -1,0 +1,142 @@
+"""The robots that can be had by name, and any URDF file by its path. Does not import MuJoCo before it is asked to."""
+
+import sysconfig
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from agents.robot import Facts, Robot
+from agents.urdf import UrdfError, joints_of
+
+_ROBOTS = Path("cmeel.prefix", "share", "example-robot-data", "robots")
+
+
+class UnavailableError(Exception):
+    """A robot that cannot be loaded here; the message says what is missing and how to get it."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """A demonstration robot: its file in example-robot-data, its title, its pose at the start (rad or m; others 0)."""
+
+    file: str
+    title: str
+    comment: str
+    home: Mapping[str, float] = field(default_factory=dict)
+    floating: bool = False
+    home_height_m: float = 0.0
+
+
+def _legs(hip_rad: float, thigh_rad: float, calf_rad: float) -> dict[str, float]:
+    pose: dict[str, float] = {}
+    for leg, side in (("FL", 1), ("FR", -1), ("RL", 1), ("RR", -1)):
+        pose |= {f"{leg}_hip_joint": side * hip_rad, f"{leg}_thigh_joint": thigh_rad, f"{leg}_calf_joint": calf_rad}
+    return pose
+
+
+MODELS: Mapping[str, Model] = {
+    "baxter": Model(
+        "baxter_description/urdf/baxter.urdf",
+        "Baxter, a two-armed robot",
+        "Two arms of seven joints with parallel grippers, and a head that pans.",
+        {
+            f"{arm}_{joint}": value
+            for arm in ("left", "right")
+            for joint, value in (("s1", -0.55), ("e1", 0.75), ("w1", 1.26))
+        },
+    ),
+    "ur5": Model(
+        "ur_description/urdf/ur5_robot.urdf",
+        "UR5, a six-axis arm",
+        "A light industrial arm of six revolute joints.",
+        {"shoulder_lift_joint": -1.5708, "elbow_joint": 1.5708, "wrist_1_joint": -1.5708, "wrist_2_joint": -1.5708},
+    ),
+    "panda": Model(
+        "panda_description/urdf/panda.urdf",
+        "Panda, a seven-axis arm with a gripper",
+        "A seven-axis arm; the second finger of its gripper mimics the first.",
+        {
+            "panda_joint2": -0.785398,
+            "panda_joint4": -2.35619,
+            "panda_joint6": 1.5707,
+            "panda_joint7": 0.785398,
+            "panda_finger_joint1": 0.001,
+            "panda_finger_joint2": 0.001,
+        },
+    ),
+    "tiago": Model(
+        "tiago_description/robots/tiago.urdf",
+        "TIAGo, a mobile manipulator",
+        "A wheeled base, a torso that lifts, one arm and a five-fingered hand.",
+        {"torso_lift_joint": 0.15, "arm_1_joint": 0.5, "arm_2_joint": -0.6, "arm_4_joint": 1.2},
+    ),
+    "go2": Model(
+        "go2_description/urdf/go2.urdf",
+        "Go2, a walking robot with four legs",
+        "A quadruped of twelve joints that stands on the ground.",
+        _legs(0.068, 0.785, -1.44),
+        floating=True,
+        home_height_m=0.335,
+    ),
+}
+
+
+def load(name: str, source: str, floating: bool = False) -> Robot:
+    """Make the robot ``name`` from ``source``: a catalogue name or the path of a URDF file.
+
+    ``floating`` frees the base of a file. Raises UnavailableError when the file, the package or MuJoCo is missing or
+    the file cannot be simulated.
+    """
+    model = MODELS.get(source)
+    if model is not None:
+        return _simulate(name, model, data_folder() / model.file)
+    path = Path(source)
+    if path.suffix != ".urdf" and not path.exists():
+        raise UnavailableError(f"{source!r} is neither one of {', '.join(MODELS)} nor a .urdf file")
+    return _simulate(
+        name, Model(source, name, f"Described by {path.name}.", floating=floating, home_height_m=0.5), path
+    )
+
+
+def data_folder() -> Path:
+    """Where the package example-robot-data keeps its robots; UnavailableError when it is not installed."""
+    for scheme in ("purelib", "platlib"):
+        folder = Path(sysconfig.get_path(scheme)) / _ROBOTS
+        if folder.is_dir():
+            return folder
+    raise UnavailableError("the package example-robot-data is missing: pip install 'linked-fleet[sim]'")
+
+
+def facts_of(model: Model, urdf: str) -> Facts:
+    """The facts of a model with the text of its file; UrdfError when that is no URDF."""
+    return Facts(model.title, urdf, joints_of(urdf), model.floating, _annotations(model))
+
+
+def _simulate(name: str, model: Model, path: Path) -> Robot:
+    try:
+        from agents.robots.mujoco_robot import MujocoRobot
+    except ImportError as error:
+        raise UnavailableError(f"simulated robots need MuJoCo ({error}): pip install 'linked-fleet[sim]'") from error
+    try:
+        facts = facts_of(model, path.read_text(encoding="utf-8"))
+        return MujocoRobot(name, facts, model.home, model.home_height_m, path)
+    except OSError as error:
+        raise UnavailableError(f"{name}: {path} cannot be read: {error.strerror}") from error
+    except (UrdfError, UnicodeDecodeError) as error:
+        raise UnavailableError(f"{name}: {path} is no URDF: {error}") from error
+    except ValueError as error:
+        raise UnavailableError(str(error)) from error
+
+
+def _annotations(model: Model) -> str:
+    """Turtle whose relative IRI <> is the robot (R1.12)."""
+    return (
+        "@prefix dcterms: <http://purl.org/dc/terms/> .\n"
+        "@prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> .\n"
+        f"<> rdfs:comment {_literal(model.comment)}@en ;\n   dcterms:source {_literal(Path(model.file).name)} .\n"
+    )
+
+
+def _literal(text: str) -> str:
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n").replace("\r", "\\r")
+    return f'"{escaped}"'
