@@ -1,0 +1,29 @@
+"""What agents answer, judged: a message, or a sentence that says why it is none."""
+
+from agents.wire.codec import WireError, decode, decode_reply
+from agents.wire.messages import Description, Reply
+
+
+def read_reply(answer: bytes | str, id: str) -> tuple[Reply | None, str]:
+    if isinstance(answer, str):
+        return None, answer
+    try:
+        reply = decode_reply(answer)
+    except WireError as error:
+        return None, f"the answer is no reply: {error}"
+    return (reply, "") if reply.id == id else (None, f"the answer is to command {reply.id[:64]!r}")
+
+
+def read_description(answer: bytes | str, robot: str, incarnation: int) -> tuple[Description | None, str]:
+    if isinstance(answer, str):
+        return None, answer
+    try:
+        said = decode(answer, Description)
+    except WireError as error:
+        return None, str(error)
+    if (said.robot, said.incarnation) == (robot, incarnation):
+        return said, ""
+    return None, (
+        f"the description is of robot {said.robot!r} in run {said.incarnation}, "
+        f"but the presence token is of {robot!r} in run {incarnation}"
+    )

@@ -1,0 +1,67 @@
+"""The hand-over between the threads of the transport and the event loop."""
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+MAX_KEYS = 20_000
+MAX_PROGRESS = 10_000
+
+Payload = bytes | int  # of a payload that is too large only its size is kept
+
+
+@dataclass
+class Batch:
+    """What came since the last batch: presence by key (True: there), the latest state by key, progress in order."""
+
+    presence: dict[str, bool] = field(default_factory=dict)
+    states: dict[str, Payload] = field(default_factory=dict)
+    progress: deque[tuple[str, Payload]] = field(default_factory=lambda: deque(maxlen=MAX_PROGRESS))
+
+
+class Inbox:
+    """Filled by any thread, emptied by one reader, who is woken once per batch.
+
+    Overflow policy: one presence and one state per key, the latest wins, new keys beyond ``MAX_KEYS`` are refused;
+    of progress the oldest are dropped beyond ``MAX_PROGRESS``.
+    """
+
+    def __init__(self, wake: Callable[[], object]) -> None:
+        self._lock = threading.Lock()
+        self._wake: Callable[[], object] | None = wake
+        self._batch = Batch()
+        self._woken = False
+
+    def put_presence(self, key: str, present: bool) -> None:
+        with self._lock:
+            self._batch.presence.pop(key, None)  # so that the order is that of the latest change
+            if len(self._batch.presence) < MAX_KEYS:
+                self._batch.presence[key] = present
+            self._ring()
+
+    def put_state(self, key: str, payload: Payload) -> None:
+        with self._lock:
+            if len(self._batch.states) < MAX_KEYS or key in self._batch.states:
+                self._batch.states[key] = payload
+            self._ring()
+
+    def put_progress(self, key: str, payload: Payload) -> None:
+        with self._lock:
+            self._batch.progress.append((key, payload))
+            self._ring()
+
+    def take(self) -> Batch:
+        with self._lock:
+            batch, self._batch, self._woken = self._batch, Batch(), False
+            return batch
+
+    def close(self) -> None:
+        """Nobody is woken from here on."""
+        with self._lock:
+            self._wake = None
+
+    def _ring(self) -> None:
+        if not self._woken and self._wake is not None:
+            self._woken = True
+            self._wake()

@@ -1,0 +1,330 @@
+"""The gateway's end of Zenoh: presence, frames and progress come in, commands and questions go out.
+
+The only module of the gateway that imports zenoh. Zenoh calls back on threads of its own; such a callback only puts a
+payload into the inbox. Everything else happens in the event loop, and calls that may block on a full connection happen
+in a small thread pool.
+"""
+
+import asyncio
+import contextlib
+import json
+import logging
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, Self, TypeVar
+
+import zenoh
+
+from agents.wire.codec import WireError, decode, encode
+from agents.wire.keys import Keys, RobotKey
+from agents.wire.messages import Command, Description, Progress, Refused, Reply
+from gateway.fleet.answers import read_description, read_reply
+from gateway.fleet.complaints import Complaints
+from gateway.fleet.events import Appeared, Described, Event, Framed, Undescribed, Vanished
+from gateway.fleet.inbox import Inbox, Payload
+
+_log = logging.getLogger(__name__)
+_T = TypeVar("_T")
+
+MAX_DESCRIPTION_BYTES = 9_000_000
+MAX_STATE_BYTES = MAX_PROGRESS_BYTES = MAX_REPLY_BYTES = 65_536
+MAX_REPLIES = 8  # to one question: a robot and, for a moment, the run of its agent before
+LEASE_MS = 2_500
+DESCRIPTION_TIMEOUT_S = 2.0
+DESCRIPTION_BACKOFF_S = (0.1, 0.2, 0.5, 1.0, 2.0)  # the last one for ever
+SILENT_ATTEMPTS = 3  # before a robot that describes nothing is called faulty
+BIND_PATIENCE_S = 2.0
+
+
+class LinkError(Exception):
+    """The link cannot be opened: a port that is taken or an endpoint that means nothing. One line for a human."""
+
+
+class NoAnswer(Exception):  # noqa: N818 -- it is an outcome, not a defect
+    """No usable answer to a command came; whether it was executed is unknown. ``reason`` is a sentence."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(reason)
+        self.reason = reason
+
+
+def _bounded(payload: zenoh.ZBytes, limit: int) -> Payload:
+    """The payload, or its length when that is above the limit: such a payload is never copied."""
+    size = len(payload)
+    return payload.to_bytes() if size <= limit else size
+
+
+class FleetLink:
+    """An open link, as an async context manager. Raises LinkError on entry.
+
+    ``on_events`` and ``on_progress`` are called in the event loop, one batch after another.
+    """
+
+    def __init__(
+        self,
+        keys: Keys,
+        gateway_name: str,
+        listen: tuple[str, ...],
+        connect: tuple[str, ...],
+        on_events: Callable[[list[Event]], None],
+        on_progress: Callable[[str, Progress], None],
+    ) -> None:
+        self._keys = keys
+        self._gateway_name = gateway_name
+        self._listen = listen
+        self._connect = connect
+        self._on_events = on_events
+        self._tell_progress = on_progress
+        self._complaints = Complaints(_log)
+        self._fetches: dict[RobotKey, asyncio.Task[None]] = {}
+
+    @property
+    def malformed(self) -> dict[str, int]:
+        """How many messages were refused here, by robot or, where the key names none, by key."""
+        return dict(self._complaints.counts)
+
+    async def __aenter__(self) -> Self:
+        self._loop = asyncio.get_running_loop()
+        self._threads = ThreadPoolExecutor(max_workers=8, thread_name_prefix="link")
+        self._inbox = Inbox(lambda: self._loop.call_soon_threadsafe(self._drain))
+        try:
+            self._session = await self._open()
+            await self._in_thread(self._declare)
+        except BaseException:
+            self._inbox.close()
+            self._threads.shutdown(wait=False)
+            raise
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self._inbox.close()
+        fetches = list(self._fetches.values())
+        for fetch in fetches:
+            fetch.cancel()
+        await asyncio.gather(*fetches, return_exceptions=True)
+        try:
+            await self._in_thread(self._session.close)
+        except zenoh.ZError as error:
+            _log.warning("the Zenoh session did not close cleanly: %s", error)
+        self._threads.shutdown(wait=False)
+
+    async def command(self, robot: str, command: Command, timeout_s: float) -> Reply:
+        """Send a command and return the agent's reply. Raises NoAnswer when none comes within ``timeout_s``."""
+        refusals: list[Reply] = []
+        reasons = [f"no agent takes commands for robot {robot!r}"]
+
+        def judge(answer: bytes | str) -> Reply | None:
+            reply, reason = read_reply(answer, command.id)
+            if isinstance(reply, Refused) and reply.code == "incarnation":
+                refusals.append(reply)  # of another run; the one that is meant may answer as well
+                return None
+            reasons.append(reason)
+            return reply
+
+        reply: Reply | None = None
+        try:
+            key = self._keys.robot(robot, "command")
+            reply = await self._ask(key, timeout_s, MAX_REPLY_BYTES, encode(command), judge)
+        except TimeoutError:
+            reasons.append(f"robot {robot!r} did not answer within {timeout_s} s")
+        if reply is not None:
+            return reply
+        if refusals:
+            return refusals[0]
+        raise NoAnswer(reasons[-1])
+
+    async def _open(self) -> zenoh.Session:
+        config = _config(self._listen, self._connect)
+        patience = self._loop.time() + BIND_PATIENCE_S
+        while True:
+            try:
+                return await self._in_thread(zenoh.open, config)
+            except zenoh.ZError as error:
+                # A gateway that was just replaced may hold the port for a moment longer.
+                if "os error 98" not in str(error) or self._loop.time() > patience:
+                    raise LinkError(_open_failure(error, self._listen)) from error
+            await asyncio.sleep(0.1)
+
+    def _declare(self) -> None:
+        """The order leaves no gap: whoever sees this gateway, or is seen by it, is already being listened to."""
+        keys, session = self._keys, self._session
+        liveliness = session.liveliness()
+        self._declared = (
+            session.declare_subscriber(keys.all_states, self._on_state),
+            session.declare_subscriber(keys.all_progress, self._on_progress),
+            liveliness.declare_subscriber(keys.all_presence, self._on_presence, history=True),
+            liveliness.declare_token(keys.gateway(self._gateway_name)),
+        )
+
+    def _on_state(self, sample: zenoh.Sample) -> None:
+        self._inbox.put_state(str(sample.key_expr), _bounded(sample.payload, MAX_STATE_BYTES))
+
+    def _on_progress(self, sample: zenoh.Sample) -> None:
+        self._inbox.put_progress(str(sample.key_expr), _bounded(sample.payload, MAX_PROGRESS_BYTES))
+
+    def _on_presence(self, sample: zenoh.Sample) -> None:
+        self._inbox.put_presence(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
+
+    async def _in_thread(self, call: Callable[..., _T], *arguments: object) -> _T:
+        return await self._loop.run_in_executor(self._threads, call, *arguments)
+
+    def _drain(self) -> None:
+        batch = self._inbox.take()
+        events: list[Event] = []
+        for key, present in batch.presence.items():
+            robot = self._parse(key)
+            if robot is not None and robot.incarnation is not None:
+                events.append(self._presence(robot, robot.incarnation, present))
+        for key, payload in batch.states.items():
+            robot = self._parse(key)
+            if robot is not None and self._fits(robot.robot, payload):
+                events.append(Framed(robot.robot, payload))  # type: ignore[arg-type]
+        if events:
+            self._on_events(events)
+        for key, payload in batch.progress:
+            self._progressed(key, payload)
+
+    def _parse(self, key: str) -> RobotKey | None:
+        try:
+            return self._keys.parse(key)
+        except ValueError as error:
+            self._complaints.add(key, error)
+            return None
+
+    def _fits(self, sender: str, payload: Payload) -> bool:
+        if isinstance(payload, int):
+            self._complaints.add(sender, f"a payload of {payload} bytes, which is too large")
+        return isinstance(payload, bytes)
+
+    def _progressed(self, key: str, payload: Payload) -> None:
+        robot = self._parse(key)
+        if robot is None or not self._fits(robot.robot, payload):
+            return
+        try:
+            progress = decode(payload, Progress)  # type: ignore[arg-type]
+        except WireError as error:
+            self._complaints.add(robot.robot, error)
+            return
+        self._tell_progress(robot.robot, progress)
+
+    def _presence(self, key: RobotKey, incarnation: int, present: bool) -> Event:
+        fetch = self._fetches.pop(key, None)
+        if fetch is not None:
+            fetch.cancel()
+        if not present:
+            return Vanished(key.robot, incarnation)
+        fetch = self._fetches[key] = self._loop.create_task(self._fetch(key.robot, incarnation))
+        fetch.add_done_callback(_report)
+        return Appeared(key.robot, incarnation)
+
+    async def _fetch(self, robot: str, incarnation: int) -> None:
+        """Ask for the description until a usable one comes; the task is cancelled when the token goes."""
+        told = ""
+        attempt = 0
+        while True:
+            said, reason = await self._describe(robot, incarnation)
+            if said is not None:
+                self._on_events([Described(said)])
+                return
+            attempt += 1
+            # Silence may be that of an agent under load; what was said wrongly is worth telling at once.
+            if (reason and reason != told) or (attempt == SILENT_ATTEMPTS and not told):
+                told = reason or "the agent is present but does not answer when asked for its description"
+                self._on_events([Undescribed(robot, incarnation, told)])
+            await asyncio.sleep(DESCRIPTION_BACKOFF_S[min(attempt, len(DESCRIPTION_BACKOFF_S)) - 1])
+
+    async def _describe(self, robot: str, incarnation: int) -> tuple[Description | None, str]:
+        """One round of asking: the description, or why what came was none ("" when nothing came)."""
+        reasons = [""]
+
+        def judge(answer: bytes | str) -> Description | None:
+            description, reason = read_description(answer, robot, incarnation)
+            reasons.append(reason)
+            return description
+
+        key = self._keys.robot(robot, "description")
+        try:
+            return await self._ask(key, DESCRIPTION_TIMEOUT_S, MAX_DESCRIPTION_BYTES, None, judge), reasons[-1]
+        except TimeoutError:
+            return None, reasons[-1]
+
+    async def _ask(
+        self, key: str, timeout_s: float, limit: int, payload: bytes | None, judge: Callable[[bytes | str], _T | None]
+    ) -> _T | None:
+        """Ask, and return the first answer that ``judge`` makes something of; None when there are no more.
+
+        An answer is a payload, or a sentence why it has none. Raises TimeoutError after ``timeout_s``.
+        """
+        answers: asyncio.Queue[bytes | str | None] = asyncio.Queue(MAX_REPLIES + 1)
+
+        def put(answer: bytes | str | None) -> None:
+            if answer is None and answers.full():
+                answers.get_nowait()
+            if not answers.full():  # what comes beyond is nobody's honest answer
+                answers.put_nowait(answer)
+
+        def hand_over(answer: bytes | str | None) -> None:
+            with contextlib.suppress(RuntimeError):  # the loop was closed while the question was under way
+                self._loop.call_soon_threadsafe(put, answer)
+
+        def get() -> None:
+            handler: Any = zenoh.handlers.Callback(
+                lambda reply: hand_over(_payload(reply, limit)), drop=lambda: hand_over(None), indirect=False
+            )
+            self._session.get(
+                key,
+                handler,
+                target=zenoh.QueryTarget.ALL,
+                consolidation=zenoh.ConsolidationMode.NONE,  # two runs of an agent answer under one key
+                timeout=timeout_s,
+                payload=payload,
+                express=True,
+            )
+
+        async with asyncio.timeout(timeout_s):
+            await self._in_thread(get)
+            while (answer := await answers.get()) is not None:
+                judged = judge(answer)
+                if judged is not None:
+                    return judged
+        return None
+
+
+def _payload(reply: zenoh.Reply, limit: int) -> bytes | str:
+    if reply.ok is None:
+        return "the agent answered with an error"
+    payload = _bounded(reply.ok.payload, limit)
+    return payload if isinstance(payload, bytes) else f"the answer has {payload} bytes; {limit} are the most"
+
+
+def _config(listen: tuple[str, ...], connect: tuple[str, ...]) -> zenoh.Config:
+    """Router mode, because a peer hears no other peer through a router and a client cannot open without one."""
+    settings: dict[str, object] = {
+        "mode": "router",
+        "listen/endpoints": list(listen),
+        "listen/exit_on_failure": True,
+        "connect/endpoints": list(connect),
+        "connect/timeout_ms": -1,
+        "connect/exit_on_failure": False,
+        "connect/retry": {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 1.5},
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "transport/link/tx/lease": LEASE_MS,
+    }
+    config = zenoh.Config()
+    for name, value in settings.items():
+        config.insert_json5(name, json.dumps(value))
+    return config
+
+
+def _open_failure(error: Exception, listen: tuple[str, ...]) -> str:
+    text = str(error).splitlines()[0].partition(" at /")[0]
+    if "os error 98" in text:
+        return f"a port of {', '.join(listen)} is taken by another process"
+    return f"Zenoh does not open: {text}"
+
+
+def _report(task: asyncio.Task[None]) -> None:
+    """A fetch that fails for an unforeseen reason must be seen."""
+    if not task.cancelled() and (error := task.exception()) is not None:
+        _log.error("fetching a description failed", exc_info=error)
