@@ -30,6 +30,7 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _ONLINE = re.compile(
     r"^<([^>]+)> <https://w3id\.org/linked-fleet#presence> <https://w3id\.org/linked-fleet#online> \.$", re.M
 )
+_CHATTER = re.compile(r"\S+ \S+ (DEBUG|INFO) ")  # log lines that a demonstration can do without
 _PDEATHSIG = 1  # PR_SET_PDEATHSIG of Linux's prctl
 
 
@@ -38,10 +39,11 @@ class Stopped(BaseException):
 
 
 class Child:
-    """A process of the tree, whose output is passed on line by line under its name."""
+    """A process of the tree, whose output, from warnings upward, is passed on line by line under its name."""
 
     def __init__(self, name: str, arguments: list[str]) -> None:
         self.name = name
+        self.told_to_end = False  # from then on its exit code alone is worth a line
         self.process = subprocess.Popen(  # noqa: S603 (our own modules, no shell)
             [sys.executable, "-m", *arguments],
             env={key: value for key, value in os.environ.items() if not key.startswith("LINKED_FLEET_")},
@@ -50,7 +52,7 @@ class Child:
             stderr=subprocess.STDOUT,
             text=True,
             errors="replace",
-            preexec_fn=_end_with_parent(),
+            preexec_fn=_preparation(),
         )
         assert self.process.stdout is not None
         self._reader = threading.Thread(target=self._pass_on, args=(self.process.stdout,), daemon=True)
@@ -59,7 +61,12 @@ class Child:
     def _pass_on(self, lines: IO[str]) -> None:
         with lines:
             for line in lines:
-                say(f"{self.name:>7} | {line.rstrip()}")
+                if not (self.told_to_end or _CHATTER.match(line)):
+                    say(f"{self.name:>7} | {line.rstrip()}")
+
+    def end(self) -> None:
+        self.told_to_end = True
+        self.process.terminate()
 
     def wait(self, deadline: float) -> bool:
         """Whether the process has ended, and all that it said is passed on, before ``deadline``."""
@@ -71,24 +78,27 @@ class Child:
         return True
 
 
-def _end_with_parent() -> Callable[[], None] | None:
-    """What a child runs before its program: it must not outlive a demo that was killed. Linux only."""
-    if sys.platform != "linux":
-        return None
-    prctl, parent = ctypes.CDLL(None).prctl, os.getpid()
+def _preparation() -> Callable[[], None]:
+    """What a child runs before its program. The functions are looked up here, where it is safe to do so."""
+    prctl = ctypes.CDLL(None).prctl if sys.platform == "linux" else None
+    parent = os.getpid()
 
-    def arrange() -> None:
-        prctl(_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
-        if os.getppid() != parent:
-            os.kill(os.getpid(), signal.SIGTERM)
+    def prepare() -> None:
+        # Ctrl-C reaches the whole process group; while a child still loads it would end in a traceback.
+        # The demo hears it and passes it on as SIGTERM.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        if prctl is not None:  # a child must not outlive a demo that was killed
+            prctl(_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
+            if os.getppid() != parent:
+                os.kill(os.getpid(), signal.SIGTERM)
 
-    return arrange
+    return prepare
 
 
 def say(text: str) -> None:
     try:
         print(text, flush=True)
-    except BrokenPipeError:  # nobody listens any more; the fleet goes on until it is told to stop
+    except OSError:  # nobody listens any more, the terminal is gone; the fleet goes on until it is told to stop
         sys.stdout = Path(os.devnull).open("w")  # noqa: SIM115
 
 
@@ -175,11 +185,15 @@ Ctrl-C ends the demo.
 
 def end(children: list[Child]) -> None:
     _ignore_signals()
-    for child in children:
-        child.process.terminate()
+    running = [child for child in children if child.process.poll() is None]
+    for child in running:
+        child.end()
     deadline = time.monotonic() + GRACE_S
-    for child in children:
-        if not child.wait(deadline):
+    for child in running:
+        if child.wait(deadline):
+            if child.process.returncode not in (0, -signal.SIGTERM):
+                say(f"The {child.name} process ended with exit code {child.process.returncode}.")
+        else:
             say(f"The {child.name} process did not end in time and is killed.")
             child.process.kill()
             child.process.wait()
