@@ -20,7 +20,8 @@ SERVO_RAD_S = 50.0
 # stands on its legs.
 FRICTION_ERROR = 1e-3
 STANDING_STIFFNESS_NM_RAD = 4000.0
-ARMATURE_KG_M2 = 0.01
+# Added to every link, like the rotor behind a gear.
+ARMATURE_KG_M2, ARMATURE_KG = 0.01, 0.1
 _FASTEST_SERVO_RAD_S = 200.0
 _FOOT_RADIUS_M = 0.02
 
@@ -99,14 +100,14 @@ def _size_servos(
     inertias = _carried_inertias(model, home)
     for index, joint in enumerate(joints):
         dof = model.joint(joint.name).dofadr[0]
-        stiffness = max(inertias[dof] * SERVO_RAD_S**2, model.dof_frictionloss[dof] / FRICTION_ERROR)
+        inertia = inertias[dof] + (ARMATURE_KG if joint.linear else ARMATURE_KG_M2)
+        stiffness = max(inertia * SERVO_RAD_S**2, model.dof_frictionloss[dof] / FRICTION_ERROR)
         if floating and not joint.linear:
             stiffness = max(stiffness, STANDING_STIFFNESS_NM_RAD)
-        # Like the rotor behind a gear: keeps a stiff servo on a light link within what the timestep resolves.
-        smallest = 0.0 if joint.linear else ARMATURE_KG_M2
-        armature = max(smallest, stiffness / _FASTEST_SERVO_RAD_S**2 - inertias[dof])
-        model.dof_armature[dof] += armature
-        damping = 2.0 * np.sqrt(stiffness * (inertias[dof] + armature))
+        # A stiff servo on a light link must stay within what the timestep resolves.
+        inertia = max(inertia, stiffness / _FASTEST_SERVO_RAD_S**2)
+        model.dof_armature[dof] += inertia - inertias[dof]
+        damping = 2.0 * np.sqrt(stiffness * inertia)
         model.actuator_gainprm[index, 0] = stiffness
         model.actuator_biasprm[index, 1:3] = -stiffness, -damping
     mujoco.mj_setConst(model, mujoco.MjData(model))

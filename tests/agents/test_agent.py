@@ -1,0 +1,317 @@
+"""An agent with a simulated robot on one zenoh session, a gateway on another, both on loopback."""
+
+import asyncio
+import json
+import math
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass, field
+
+import pytest
+import zenoh
+
+from agents.agent import Agent
+from agents.link import DuplicateNameError, ZenohLink, open_session
+from agents.motion import Sway
+from agents.robot import Facts, JointFacts, Reading, RobotFaultError
+from agents.robots.catalogue import load
+from agents.wire import codec
+from agents.wire.keys import Keys
+from agents.wire.messages import WIRE_VERSION, Accepted, Command, Description, Move, Progress, Refused, Reply, State
+
+KEYS = Keys("test")
+LEASE_MS = 500
+PATIENCE_S = 30.0
+
+
+async def eventually(condition: Callable[[], bool], what: str) -> None:
+    """Await a condition; the patience only bounds a failing test."""
+    try:
+        async with asyncio.timeout(PATIENCE_S):
+            while not condition():  # noqa: ASYNC110 - conditions are plain values set by zenoh threads
+                await asyncio.sleep(0.005)
+    except TimeoutError:
+        pytest.fail(f"{what} did not come true")
+
+
+def free_endpoint() -> str:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+@dataclass
+class Gateway:
+    """The other side: collects frames and progress, asks and commands."""
+
+    endpoint: str
+    mode: str = "peer"
+    frames: list[State] = field(default_factory=list)
+    progress: list[Progress] = field(default_factory=list)
+
+    def __enter__(self) -> "Gateway":
+        config = zenoh.Config()
+        for key, value in (
+            ("mode", self.mode),
+            ("listen/endpoints", [self.endpoint]),
+            ("scouting/multicast/enabled", False),
+        ):
+            config.insert_json5(key, json.dumps(value))
+        self.session = zenoh.open(config)
+        self._held = (
+            self.session.declare_subscriber(
+                KEYS.all_states, lambda s: self.frames.append(codec.decode_state(s.payload.to_bytes()))
+            ),
+            self.session.declare_subscriber(
+                KEYS.all_progress, lambda s: self.progress.append(codec.decode(s.payload.to_bytes(), Progress))
+            ),
+            self.session.liveliness().declare_token(KEYS.gateway("g")),
+        )
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.session.close()
+
+    async def ask(self, key: str, payload: bytes | None = None) -> bytes:
+        def get() -> list[bytes]:
+            return [r.ok.payload.to_bytes() for r in self.session.get(key, payload=payload, timeout=5.0) if r.ok]
+
+        [answer] = await asyncio.to_thread(get)
+        return answer
+
+    async def command(self, robot: str, targets: Mapping[str, float], command_id: str, late_ns: int = 0) -> Reply:
+        frame = self.frames[-1]
+        command = Command(
+            version=WIRE_VERSION,
+            id=command_id,
+            incarnation=frame.incarnation,
+            seen_ns=frame.monotonic_ns - late_ns,
+            time_to_live_ns=5_000_000_000,
+            motion=Move(dict(targets)),
+        )
+        return codec.decode_reply(await self.ask(KEYS.robot(robot, "command"), codec.encode(command)))
+
+    def states_of(self, command_id: str) -> list[str]:
+        return [progress.state for progress in self.progress if progress.id == command_id]
+
+
+@asynccontextmanager
+async def serving(agent: Agent, endpoint: str) -> AsyncIterator[ZenohLink]:
+    async with open_session((endpoint,), lease_ms=LEASE_MS) as session, _link(session, agent) as link:
+        running = asyncio.create_task(agent.run(link))
+        try:
+            yield link
+        finally:
+            running.cancel()
+            with suppress(asyncio.CancelledError):
+                await running
+
+
+def _link(session: zenoh.Session, agent: Agent) -> ZenohLink:
+    return ZenohLink(
+        session,
+        KEYS,
+        robot=agent.name,
+        incarnation=agent.incarnation,
+        description=agent.description,
+        on_command=agent.handle,
+        lease_ms=LEASE_MS,
+    )
+
+
+def run(scenario: Callable[[Gateway, Agent], Awaitable[None]], mode: str = "peer", sway: str | None = None) -> None:
+    """Run a scenario with one UR5 whose gateway is there."""
+
+    async def together() -> None:
+        agent = Agent("ur5", load("ur5", "ur5"), sways=[Sway(sway)] if sway else [])
+        with Gateway(free_endpoint(), mode) as gateway:
+            async with serving(agent, gateway.endpoint) as link:
+                await eventually(lambda: link.gateway_present and len(gateway.frames) > 2, "frames and a gateway")
+                await scenario(gateway, agent)
+
+    asyncio.run(together())
+
+
+@pytest.mark.parametrize("mode", ["peer", "router"])
+def test_a_move_is_described_accepted_reached_and_reported_below_the_velocity_limit(mode: str) -> None:
+    """The description decodes the frames; the joints arrive and none was faster than its URDF says."""
+
+    async def scenario(gateway: Gateway, agent: Agent) -> None:
+        description = codec.decode(await gateway.ask(KEYS.robot("ur5", "description")), Description)
+        assert (description.robot, description.incarnation) == ("ur5", agent.incarnation)
+        assert len(gateway.frames[-1].positions) == len(description.joints)
+        limits = {joint.name: joint.limits for joint in load("ur5", "ur5").describe().joints}
+        assert await gateway.command("ur5", {"elbow_joint": 0.9, "wrist_3_joint": 0.5}, "m") == Accepted("m")
+        await eventually(lambda: gateway.states_of("m")[-1:] == ["succeeded"], "success")
+        assert gateway.states_of("m") == ["running", "succeeded"]
+        assert gateway.progress[-1].positions == pytest.approx({"elbow_joint": 0.9, "wrist_3_joint": 0.5}, abs=2e-3)
+        for index, joint in enumerate(description.joints):
+            limit = limits[joint].velocity
+            assert limit is not None
+            assert max(abs(frame.velocities[index]) for frame in gateway.frames) <= limit
+        numbers = [frame.sequence for frame in gateway.frames]
+        assert numbers == sorted(set(numbers))
+
+    run(scenario, mode)
+
+
+def test_what_must_not_run_is_refused() -> None:
+    """Stale, out of limits, repeated and malformed, each with its code."""
+
+    async def scenario(gateway: Gateway, agent: Agent) -> None:
+        async def code(targets: dict[str, float], command_id: str, late_ns: int = 0) -> str:
+            reply = await gateway.command("ur5", targets, command_id, late_ns)
+            return reply.code if isinstance(reply, Refused) else "accepted"
+
+        assert await code({"elbow_joint": 1.5}, "a", late_ns=5_000_000_000) == "stale"
+        assert await code({"elbow_joint": 4.0}, "a") == "limits"
+        assert await code({"elbow_joint": 1.5}, "a") == "accepted"
+        assert await code({"elbow_joint": 1.5}, "a") == "repeated"
+        for payload, wanted in ((b"{", "malformed"), (b'{"version": 999}', "version")):
+            reply = codec.decode_reply(await gateway.ask(KEYS.robot("ur5", "command"), payload))
+            assert isinstance(reply, Refused)
+            assert reply.code == wanted
+
+    run(scenario)
+
+
+def test_the_robot_holds_when_the_last_gateway_goes_and_serves_the_next() -> None:
+    """A motion fails as "gateway lost", the sway stops; a restarted gateway finds everything declared again."""
+
+    async def scenario(gateway: Gateway, agent: Agent) -> None:
+        joints = codec.decode(await gateway.ask(KEYS.robot("ur5", "description")), Description).joints
+        elbow = joints.index("elbow_joint")
+        assert await gateway.command("ur5", {"elbow_joint": -3.0}, "m") == Accepted("m")
+        await eventually(lambda: gateway.states_of("m") == ["running"], "running")
+        gateway.session.close()
+        with Gateway(gateway.endpoint) as second:
+            await eventually(lambda: len(second.frames) > 200, "frames at the second gateway")
+            assert second.frames[-1].positions[elbow] == pytest.approx(second.frames[-50].positions[elbow], abs=1e-3)
+            assert second.frames[-1].positions[elbow] > -2.0
+            alive = await asyncio.to_thread(
+                lambda: [str(r.ok.key_expr) for r in second.session.liveliness().get(KEYS.all_presence) if r.ok]
+            )
+            assert alive == [KEYS.presence("ur5", agent.incarnation)]
+            assert await second.command("ur5", {"elbow_joint": 0.5}, "n") == Accepted("n")
+            await eventually(lambda: second.states_of("n")[-1:] == ["succeeded"], "success")
+
+    run(scenario, sway="shoulder_pan_joint")
+
+
+def test_a_second_agent_of_the_same_name_is_refused_and_the_first_goes_on() -> None:
+    """After one lease it gives up, saying who has the name."""
+
+    async def scenario(gateway: Gateway, agent: Agent) -> None:
+        async with open_session((gateway.endpoint,), lease_ms=LEASE_MS) as session:
+            with pytest.raises(DuplicateNameError, match=str(agent.incarnation)):
+                async with _link(session, Agent("ur5", load("ur5", "ur5"))):
+                    pass
+        assert await gateway.command("ur5", {"elbow_joint": 1.5}, "m") == Accepted("m")
+
+    run(scenario)
+
+
+def test_an_agent_waits_for_its_gateway() -> None:
+    """Started first, it connects once somebody listens."""
+
+    async def scenario() -> None:
+        endpoint, agent = free_endpoint(), Agent("ur5", load("ur5", "ur5"))
+        ready = asyncio.Event()
+
+        async def serve() -> None:
+            async with serving(agent, endpoint):
+                ready.set()
+                await asyncio.Event().wait()
+
+        early = asyncio.create_task(serve())
+        await asyncio.sleep(0)
+        with Gateway(endpoint) as gateway:
+            await eventually(lambda: ready.is_set() and len(gateway.frames) > 2, "frames")
+            early.cancel()
+            with suppress(asyncio.CancelledError):
+                await early
+
+    asyncio.run(scenario())
+
+
+class Memory:
+    """A link without a network, for what needs no network to be shown."""
+
+    gateway_present = True
+
+    def __init__(self) -> None:
+        self.states: list[State] = []
+        self.progress: list[Progress] = []
+
+    def publish_state(self, payload: bytes) -> None:
+        self.states.append(codec.decode_state(payload))
+
+    def publish_progress(self, payload: bytes) -> None:
+        self.progress.append(codec.decode(payload, Progress))
+
+
+class Brittle:
+    """A robot of one joint that can be broken."""
+
+    broken = False
+
+    def describe(self) -> Facts:
+        return Facts("brittle", "<robot/>", (JointFacts("arm"),))
+
+    def read(self, now_s: float) -> Reading:
+        if self.broken:
+            raise RobotFaultError("cable out")
+        return Reading((0.0,), (0.0,), (0.0,))
+
+    def apply(self, setpoints: Mapping[str, float]) -> Mapping[str, float]:
+        return setpoints
+
+    def stop(self) -> None:
+        if self.broken:
+            raise RobotFaultError("cable out")
+
+    def close(self) -> None:
+        pass
+
+
+def test_a_driver_fault_is_survived_and_nothing_is_invented(caplog: pytest.LogCaptureFixture) -> None:
+    """Values become NaN, the motion fails, commands are refused with the fault; afterwards all is well again."""
+    robot, link = Brittle(), Memory()
+    agent = Agent("b", robot)
+
+    def command(command_id: str) -> Reply:
+        last = link.states[-1]
+        asked = Command(
+            version=1,
+            id=command_id,
+            incarnation=last.incarnation,
+            seen_ns=last.monotonic_ns,
+            time_to_live_ns=60_000_000_000,
+            motion=Move({"arm": 1.0}),
+        )
+        return codec.decode_reply(agent.handle(codec.encode(asked)))
+
+    agent.tick(link)
+    assert command("a") == Accepted("a")
+    robot.broken = True
+    agent.tick(link)
+    assert math.isnan(link.states[-1].positions[0])
+    assert [(p.id, p.state) for p in link.progress] == [("a", "running"), ("a", "failed")]
+    refused = command("b")
+    assert isinstance(refused, Refused)
+    assert (refused.code, "cable out" in refused.reason) == ("fault", True)
+    assert "cable out" in caplog.text
+    robot.broken = False
+    agent.tick(link)
+    assert command("c") == Accepted("c")
+
+
+@pytest.mark.parametrize("module", ["agents.agent", "agents.link", "agents.__main__"])
+def test_the_agent_is_light(module: str) -> None:
+    """Importing it brings neither MuJoCo nor NumPy."""
+    code = f"import sys, {module}; sys.exit(bool({{'mujoco', 'numpy'}} & sys.modules.keys()))"
+    subprocess.run([sys.executable, "-c", code], check=True, env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)})

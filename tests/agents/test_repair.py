@@ -1,0 +1,95 @@
+"""What real URDF files get wrong is repaired for the simulation, and said."""
+
+import logging
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agents.robots.catalogue import UnavailableError, load
+from agents.robots.repair import physical
+from agents.urdf import UrdfError, joints_of
+
+SOUND = '<mass value="1"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>'
+INDEFINITE = SOUND.replace('ixy="0"', 'ixy="0.5"')
+NO_TRIANGLE = SOUND.replace('izz="0.1"', 'izz="0.9"')
+
+
+def _link(name: str, inertial: str = SOUND) -> str:
+    return f'<link name="{name}">{f"<inertial>{inertial}</inertial>" if inertial else ""}</link>'
+
+
+def _joint(name: str, kind: str, child: str, more: str = "", parent: str = "world") -> str:
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="10"/>{more}</joint>'
+    )
+
+
+URDF = (
+    '<robot name="all"><link name="world"/>'
+    + _link("a", INDEFINITE)
+    + _link("b", "")
+    + _link("c", NO_TRIANGLE)
+    + "".join(map(_link, "defg"))
+    + _joint("turn", "revolute", "a")
+    + _joint("spin", "continuous", "b")
+    + _joint("slide", "prismatic", "c")
+    + _joint("follow", "revolute", "d", '<mimic joint="turn" multiplier="-0.5" offset="0.1"/>')
+    + _joint("weld", "fixed", "e")
+    + _joint("free", "floating", "f")
+    + _joint("plane", "planar", "g")
+    + "</robot>"
+)
+
+
+def test_every_kind_of_joint_is_simulated_and_every_repair_is_logged(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Indefinite, impossible and missing inertias are repaired; mimic joints follow; the text stays the original."""
+    file = tmp_path / "all.urdf"
+    file.write_text(URDF)
+    with caplog.at_level(logging.INFO):
+        robot = load("odd", str(file))
+    facts = robot.describe()
+    assert facts.urdf == URDF
+    assert [joint.name for joint in facts.joints] == ["turn", "spin", "slide", "follow"]
+    for named in ("link a:", "link b ", "link c:", "joint free", "joint plane"):
+        assert any("odd: " in message and named in message for message in caplog.messages), named
+    robot.read(0.0)
+    robot.apply({"turn": 0.4, "spin": 7.0, "slide": 0.3})
+    positions = [robot.read(step * 0.01).positions for step in range(400)][-1]
+    assert positions == pytest.approx((0.4, 7.0, 0.3, -0.1), abs=5e-3)
+    with pytest.raises(KeyError):
+        robot.apply({"follow": 0.0})
+
+
+def test_limits_of_a_continuous_joint_are_open() -> None:
+    """Whatever its file says, a continuous joint has no ends."""
+    turn, spin, *_ = joints_of(URDF)
+    assert (turn.limits.lower, turn.limits.upper) == (-1.0, 1.0)
+    assert (spin.limits.lower, spin.limits.upper, spin.limits.velocity) == (None, None, 1.0)
+
+
+@given(st.lists(st.floats(-10, 10), min_size=6, max_size=6))
+def test_a_repaired_inertia_is_physical(values: list[float]) -> None:
+    """All principal moments are positive and no one exceeds the sum of the others."""
+    xx, yy, zz, xy, xz, yz = values
+    a, b, c = np.linalg.eigvalsh(physical(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])))
+    assert a > 0.0
+    assert a + b >= c * (1.0 - 1e-9)
+
+
+@pytest.mark.parametrize("text", ["", "<html/>", "<robot><joint type='revolute'/></robot>"])
+def test_what_is_no_urdf_is_refused_with_a_reason(text: str) -> None:
+    """The error is one of ours."""
+    with pytest.raises(UrdfError):
+        joints_of(text)
+
+
+def test_an_unknown_robot_is_refused_naming_the_known() -> None:
+    """The message lists what there is."""
+    with pytest.raises(UnavailableError, match="baxter"):
+        load("x", "x")

@@ -1,0 +1,77 @@
+"""The contract of a robot, for each robot of the catalogue."""
+
+import math
+
+import pytest
+
+from agents.robot import Robot
+from agents.robots.catalogue import MODELS, load
+
+PERIOD_S = 0.01
+
+
+@pytest.fixture(params=sorted(MODELS))
+def robot(request: pytest.FixtureRequest) -> Robot:
+    return load(request.param, request.param)
+
+
+def _run(robot: Robot, begin_s: float, seconds: float) -> list[float]:
+    """Advance and return the last positions."""
+    positions: tuple[float, ...] = ()
+    for step in range(round(seconds / PERIOD_S) + 1):
+        positions = robot.read(begin_s + step * PERIOD_S).positions
+    return list(positions)
+
+
+def test_describe_matches_what_is_read(robot: Robot) -> None:
+    """Every row has one value per joint, and a base is measured exactly where one floats."""
+    facts, reading = robot.describe(), robot.read(0.0)
+    rows = (reading.positions, reading.velocities, reading.efforts)
+    assert {len(row) for row in rows} == {len(facts.joints)}
+    assert (reading.base is not None) == facts.floating
+    assert all(
+        joint.limits.clamp(p) == pytest.approx(p) for joint, p in zip(facts.joints, reading.positions, strict=True)
+    )
+
+
+def test_holds_its_pose_against_gravity(robot: Robot) -> None:
+    """Two seconds after the start no joint is off by more than 5 mrad or 5 mm."""
+    start = _run(robot, 0.0, 0.0)
+    assert _run(robot, 0.0, 2.0) == pytest.approx(start, abs=5e-3)
+
+
+def test_apply_reaches_its_target_and_stop_holds(robot: Robot) -> None:
+    """A small step is reached, says what was applied, and stop keeps it."""
+    facts, start = robot.describe(), _run(robot, 0.0, 0.0)
+    index = next(i for i, joint in enumerate(facts.joints) if joint.mimics is None and not joint.linear)
+    joint = facts.joints[index]
+    target = joint.limits.clamp(start[index] + 0.05)
+    assert robot.apply({joint.name: target}) == {joint.name: target}
+    assert _run(robot, 0.0, 2.0)[index] == pytest.approx(target, abs=5e-3)
+    robot.stop()
+    robot.stop()
+    assert _run(robot, 2.0, 1.0)[index] == pytest.approx(target, abs=5e-3)
+
+
+def test_apply_says_what_the_limits_left(robot: Robot) -> None:
+    """A setpoint beyond the limit is clamped by the driver as well; one that is no number is refused."""
+    joint = next(j for j in robot.describe().joints if j.mimics is None and j.limits.upper is not None)
+    assert robot.apply({joint.name: 1e9}) == {joint.name: joint.limits.upper}
+    with pytest.raises(ValueError, match=joint.name):
+        robot.apply({joint.name: math.nan})
+
+
+def test_a_stall_is_forgiven(robot: Robot) -> None:
+    """A read an hour late advances by a bounded time and later reads go on."""
+    start = _run(robot, 0.0, 0.5)
+    assert _run(robot, 3600.0, 0.5) == pytest.approx(start, abs=5e-3)
+
+
+def test_a_standing_robot_stands() -> None:
+    """Go2 is upright at about the height of its standing pose."""
+    robot = load("dog", "go2")
+    _run(robot, 0.0, 2.0)
+    base = robot.read(2.01).base
+    assert base is not None
+    assert base.position_m[2] == pytest.approx(0.335, abs=0.01)
+    assert base.orientation_xyzw[3] == pytest.approx(1.0, abs=1e-3)
