@@ -1,0 +1,245 @@
+"""What the fleet makes of events: presence, runs, descriptions, frames, and the policy of change."""
+
+import math
+
+import msgspec
+import pytest
+
+from agents.wire.codec import encode_state, layout
+from agents.wire.messages import WIRE_VERSION, Base, Description, State
+from gateway.fleet.fleet import Appeared, Change, Described, Event, Fleet, Framed, Robot, Undescribed, Vanished
+from gateway.fleet.observation import Observation, rounded
+
+URDF = """<robot name='r'><link name='a'/><link name='b'/><link name='c'/>
+<joint name='turn' type='continuous'><parent link='a'/><child link='b'/><origin xyz='0 0 1'/><axis xyz='0 0 1'/></joint>
+<joint name='slide' type='prismatic'><parent link='b'/><child link='c'/><origin xyz='1 0 0'/>
+<limit lower='0' upper='1' effort='1' velocity='1'/></joint></robot>"""
+JOINTS = ("turn", "slide")
+
+
+def said(incarnation: int = 5, **changed: object) -> Description:
+    base = Description(
+        version=WIRE_VERSION,
+        robot="r",
+        incarnation=incarnation,
+        title="R",
+        urdf=URDF,
+        joints=JOINTS,
+        rate_hz=50,
+        layout=layout(2, False),
+    )
+    return msgspec.structs.replace(base, **changed)
+
+
+def framed(sequence: int, turn: float = 0.0, slide: float = 0.5, *, run: int = 5, base: Base | None = None) -> Framed:
+    return Framed(
+        "r",
+        encode_state(
+            State(
+                incarnation=run,
+                sequence=sequence,
+                monotonic_ns=sequence,
+                wall_ns=1000 + sequence,
+                base=base,
+                positions=(turn, slide),
+                velocities=(0.0, 0.0),
+                efforts=(math.nan, math.nan),
+            )
+        ),
+    )
+
+
+def fleet_after(*events: Event) -> tuple[Fleet, Robot]:
+    fleet = Fleet()
+    for now, event in enumerate(events):
+        fleet.apply(event, now)
+    return fleet, fleet.robots["r"]
+
+
+def kinds(changes: list[Change]) -> list[str]:
+    return [change.what for change in changes]
+
+
+UP = (Appeared("r", 5), Described(said()))
+
+
+def test_a_robot_comes_goes_and_stays_readable() -> None:
+    fleet = Fleet()
+    assert fleet.apply(Appeared("r", 5), 1) == [Change("r", "appeared")]
+    assert fleet.apply(Described(said()), 2) == [Change("r", "described")]
+    assert fleet.apply(framed(1, 0.25), 3) == [Change("r", "frame")]
+    assert fleet.apply(Vanished("r", 5), 4) == [Change("r", "vanished")]
+    robot = fleet.robots["r"]
+    assert (robot.online, robot.last_seen_ns, robot.positions["turn"]) == (False, 3, 0.25)
+    assert kinds(fleet.apply(Appeared("r", 5), 5)) == ["appeared"]
+    assert robot.positions["turn"] == 0.25
+
+
+def test_news_that_is_none_changes_nothing() -> None:
+    fleet, _ = fleet_after(*UP, framed(1))
+    for event in (*UP, framed(1), Vanished("r", 4), Vanished("x", 1), Undescribed("x", 1, "?"), Framed("x", b"")):
+        assert fleet.apply(event, 9) == []
+
+
+def test_robots_are_in_the_order_of_their_names() -> None:
+    fleet = Fleet()
+    for name in ("c", "a", "b"):
+        fleet.apply(Appeared(name, 1), 1)
+    assert list(fleet.robots) == ["a", "b", "c"]
+
+
+def test_before_the_first_frame_every_value_is_unknown() -> None:
+    _, robot = fleet_after(*UP)
+    assert robot.frame is robot.header is robot.sequence is None
+    assert robot.positions.keys() == set(JOINTS)
+    assert all(map(math.isnan, robot.positions.values()))
+    assert robot.link_pose("c") is None
+
+
+def test_a_frame_gives_values_and_poses() -> None:
+    _, robot = fleet_after(*UP, framed(1, math.pi, 0.5))
+    pose = robot.link_pose("c")
+    assert pose is not None
+    assert pose.position_m == pytest.approx((-1.5, 0, 1))
+    assert math.isnan(robot.efforts["turn"])
+    assert robot.velocities["turn"] == 0
+    assert robot.frame is robot.frame
+
+
+def test_a_frame_that_came_before_the_description_counts_after_it() -> None:
+    fleet, robot = fleet_after(Appeared("r", 5), framed(1, 0.25))
+    assert robot.frame is None
+    assert kinds(fleet.apply(Described(said()), 9)) == ["described", "frame"]
+    assert robot.positions["turn"] == 0.25
+
+
+def test_an_early_frame_that_does_not_fit_is_malformed() -> None:
+    fleet, robot = fleet_after(Appeared("r", 5), framed(1))
+    assert kinds(fleet.apply(Described(said(joints=("turn",), layout=layout(1, False))), 9)) == ["described"]
+    assert robot.frame is None
+    assert fleet.malformed["r"] == 1
+
+
+def test_frames_that_are_late_or_of_another_run_are_dropped() -> None:
+    fleet, robot = fleet_after(*UP, framed(7))
+    for late in (framed(7), framed(6), framed(8, run=4)):
+        assert fleet.apply(late, 9) == []
+    assert robot.sequence == 7
+    assert fleet.dropped["r"] == 3
+    assert not fleet.malformed
+
+
+@pytest.mark.parametrize(
+    "event",
+    [
+        Framed("r", b"rubbish"),
+        Framed("r", framed(2).payload[:-1]),
+        framed(2, base=Base((0, 0, 0), (0, 0, 0, 1), (0, 0, 0), (0, 0, 0))),
+        Framed(
+            "r",
+            encode_state(
+                State(incarnation=5, sequence=2, monotonic_ns=0, wall_ns=0, positions=(), velocities=(), efforts=())
+            ),
+        ),
+    ],
+)
+def test_frames_that_do_not_fit_are_malformed_and_harmless(event: Framed) -> None:
+    fleet, robot = fleet_after(*UP, framed(1))
+    assert fleet.apply(event, 9) == []
+    assert fleet.malformed["r"] == 1
+    assert robot.sequence == 1
+
+
+def test_a_frame_with_an_infinite_value_has_no_values() -> None:
+    fleet, robot = fleet_after(*UP, framed(1, math.inf))
+    assert robot.frame is None
+    assert math.isnan(robot.positions["turn"])
+    assert fleet.malformed["r"] == 1
+
+
+def test_a_restart_forgets_what_was_measured_and_keeps_the_tree() -> None:
+    fleet, robot = fleet_after(*UP, framed(9), Vanished("r", 5))
+    assert kinds(fleet.apply(Appeared("r", 6), 9)) == ["appeared"]
+    assert (robot.incarnation, robot.frame) == (6, None)
+    assert robot.model is not None
+    assert kinds(fleet.apply(Described(said(6)), 9)) == ["described"]
+    assert kinds(fleet.apply(framed(1, run=6), 9)) == ["frame"]
+
+
+def test_the_end_of_an_old_run_does_not_take_the_new_one_offline() -> None:
+    for order in ((5, 6), (6, 5)):
+        fleet, robot = fleet_after(*(Appeared("r", run) for run in order), Described(said(5)), Described(said(6)))
+        assert robot.incarnation == 6
+        assert fleet.apply(Vanished("r", 5), 9) == []
+        assert robot.online
+
+
+def test_when_the_newer_of_two_runs_ends_the_older_is_the_present_one() -> None:
+    fleet, robot = fleet_after(Appeared("r", 5), Appeared("r", 6), Described(said(5)), Described(said(6)))
+    assert kinds(fleet.apply(Vanished("r", 6), 9)) == ["appeared", "described"]
+    assert (robot.incarnation, robot.description) == (5, said(5))
+
+
+@pytest.mark.parametrize(
+    ("changed", "reason"),
+    [
+        ({"urdf": "<robot"}, "no well-formed XML"),
+        ({"joints": ("turn", "elbow")}, "'elbow'"),
+        ({"joints": ("turn", "turn")}, "twice"),
+        ({"layout": ()}, "layout"),
+        ({"base": "floating"}, "layout"),
+    ],
+)
+def test_a_description_that_contradicts_itself_makes_the_robot_faulty(changed: dict[str, object], reason: str) -> None:
+    fleet, robot = fleet_after(Appeared("r", 5))
+    assert kinds(fleet.apply(Described(said(**changed)), 9)) == ["faulty"]
+    assert robot.fault is not None
+    assert reason in robot.fault
+    assert fleet.apply(framed(1), 9) == []
+    assert robot.frame is None
+    assert kinds(fleet.apply(Described(said()), 9)) == ["described", "frame"]
+    assert robot.fault is None
+
+
+def test_a_robot_that_cannot_be_understood_is_visible_with_the_reason() -> None:
+    fleet, robot = fleet_after(Appeared("r", 5))
+    assert kinds(fleet.apply(Undescribed("r", 5, "wire version 9"), 9)) == ["faulty"]
+    assert fleet.apply(Undescribed("r", 5, "wire version 9"), 9) == []
+    assert (robot.online, robot.fault, robot.description, robot.model) == (True, "wire version 9", None, None)
+
+
+def test_a_robot_whose_kinematics_fail_keeps_its_values() -> None:
+    urdf = URDF.replace("<limit lower='0' upper='1' effort='1' velocity='1'/>", "")
+    fleet, robot = fleet_after(Appeared("r", 5), Described(said(urdf=urdf)), framed(1, 0.25))
+    assert robot.link_pose("c") is None
+    assert robot.fault is not None
+    assert "Pinocchio" in robot.fault
+    assert kinds(fleet.apply(framed(2, 0.5), 9)) == ["frame"]
+    assert robot.positions["turn"] == 0.5
+
+
+def test_a_value_changes_when_it_moves_by_the_resolution() -> None:
+    fleet, robot = fleet_after(*UP, framed(1))
+    assert robot.observe("x", (0.1234, math.nan), 0.01) == Observation(
+        (0.12, pytest.approx(math.nan, nan_ok=True)), 1001
+    )
+    fleet.apply(framed(2), 9)
+    held = robot.observe("x", (0.1299, math.nan), 0.01)
+    assert (held.values[0], held.wall_ns) == (0.12, 1001)
+    assert robot.observe("x", (0.13, math.nan), 0.01).wall_ns == 1002
+    assert robot.observe("x", (0.13, 0.0), 0.01).values == (0.13, 0.0)
+
+
+def test_a_restart_resets_what_was_observed() -> None:
+    fleet, robot = fleet_after(*UP, framed(1))
+    robot.observe("x", (1.0,), 0.1)
+    fleet.apply(Appeared("r", 6), 9)
+    assert robot.observe("x", (1.04,), 0.1) == Observation((1.0,), None)
+
+
+@pytest.mark.parametrize(
+    ("value", "resolution", "expected"),
+    [(0.1 + 0.2, 1e-9, 0.3), (1.23456, 0.005, 1.235), (-1e-9, 1e-3, 0.0), (1e300, 1e-6, 1e300), (17.0, 10.0, 20.0)],
+)
+def test_values_are_rounded_to_decimals_that_print_short(value: float, resolution: float, expected: float) -> None:
+    assert repr(rounded(value, resolution)) == repr(expected)

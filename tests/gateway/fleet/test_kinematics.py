@@ -1,0 +1,123 @@
+"""Link poses of five real robots, against MuJoCo's reading of the same files, and what is unknown."""
+
+import math
+import site
+from pathlib import Path
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+import pytest
+
+from agents.wire.messages import Base
+from gateway.fleet.kinematics import Kinematics
+from gateway.fleet.model import ModelError, Pose, RobotModel
+
+ROBOTS = Path(site.getsitepackages()[0]) / "cmeel.prefix/share/example-robot-data/robots"
+FILES = [
+    "baxter_description/urdf/baxter.urdf",
+    "ur_description/urdf/ur5_robot.urdf",
+    "panda_description/urdf/panda.urdf",
+    "tiago_description/robots/tiago.urdf",
+    "go2_description/urdf/go2.urdf",
+]
+CHAIN = """<robot name='r'><link name='a'/><link name='b'/><link name='c'/>
+<joint name='turn' type='continuous'><parent link='a'/><child link='b'/><origin xyz='0 0 1'/><axis xyz='0 0 1'/></joint>
+<joint name='slide' type='prismatic'><parent link='b'/><child link='c'/><origin xyz='1 0 0'/><axis xyz='0 2 0'/>
+<limit lower='0' upper='1' effort='1' velocity='1'/></joint></robot>"""
+
+
+def bare(text: str) -> str:
+    """The tree alone: no shapes (whose meshes MuJoCo would load), no inertia (which it judges), no limits."""
+    root = ElementTree.fromstring(text)
+    for element in list(root):
+        if element.tag not in ("link", "joint"):
+            root.remove(element)
+    for link in root.iter("link"):
+        for child in list(link):
+            link.remove(child)
+        inertial = ElementTree.SubElement(link, "inertial")
+        ElementTree.SubElement(inertial, "mass", value="1")
+        ElementTree.SubElement(inertial, "inertia", ixx="1", iyy="1", izz="1", ixy="0", ixz="0", iyz="0")
+    options = ElementTree.SubElement(ElementTree.SubElement(root, "mujoco"), "compiler")
+    options.set("fusestatic", "false")
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+@pytest.mark.parametrize("path", FILES)
+def test_link_poses_are_those_of_mujoco(path: str) -> None:
+    text = (ROBOTS / path).read_text()
+    robot = RobotModel.parse(text)
+    model = mujoco.MjModel.from_xml_string(bare(text))
+    data = mujoco.MjData(model)
+    random = np.random.default_rng(7)
+    positions = {name: float(random.uniform(-1, 1)) for name, joint in robot.joints.items() if joint.movable}
+    for name, position in positions.items():
+        data.joint(name).qpos = position
+    mujoco.mj_kinematics(model, data)
+    poses = Kinematics(text, floating=False).link_poses(positions, None)
+    assert set(poses) == set(robot.links)
+    for name, pose in poses.items():
+        assert pose is not None
+        if name != robot.root:  # the root is MuJoCo's nameless world
+            assert pose.position_m == pytest.approx(data.body(name).xpos, abs=1e-9)
+            x, y, z, w = pose.orientation_xyzw
+            assert abs(np.dot(data.body(name).xquat, (w, x, y, z))) == pytest.approx(1, abs=1e-9)
+
+
+def test_a_chain_computed_by_hand() -> None:
+    pose = Kinematics(CHAIN, floating=False).link_poses({"turn": math.pi / 2, "slide": 0.5}, None)["c"]
+    assert pose is not None
+    assert pose.position_m == pytest.approx((-0.5, 1, 1))
+    assert pose.orientation_xyzw == pytest.approx((0, 0, math.sqrt(0.5), math.sqrt(0.5)))
+
+
+def test_only_links_behind_an_unknown_joint_are_unknown() -> None:
+    kinematics = Kinematics(CHAIN, floating=False)
+    for positions in ({"turn": 0.0}, {"turn": 0.0, "slide": math.nan}):
+        poses = kinematics.link_poses(positions, None)
+        assert poses["c"] is None
+        assert poses["b"] == Pose((0, 0, 1), (0, 0, 0, 1))
+    assert kinematics.link_poses({"slide": 0.5}, None)["c"] is None
+
+
+def base(orientation: tuple[float, float, float, float]) -> Base:
+    return Base((1, 2, 3), orientation, (0, 0, 0), (0, 0, 0))
+
+
+def test_a_floating_base_carries_the_robot() -> None:
+    kinematics = Kinematics(CHAIN, floating=True)
+    poses = kinematics.link_poses({"turn": 0.0, "slide": 0.5}, base((0, 0, 2, 2)))
+    assert poses["a"] is not None
+    assert poses["a"].position_m == (1, 2, 3)
+    assert poses["c"] is not None
+    assert poses["c"].position_m == pytest.approx((0.5, 3, 4))
+
+
+@pytest.mark.parametrize("unknown", [None, base((0, 0, 0, 0)), base((math.nan, 0, 0, 1))])
+def test_without_a_known_base_a_floating_robot_is_nowhere(unknown: Base | None) -> None:
+    poses = Kinematics(CHAIN, floating=True).link_poses({"turn": 0.0, "slide": 0.5}, unknown)
+    assert set(poses.values()) == {None}
+
+
+def test_positions_that_overflow_are_unknown() -> None:
+    far = base((0, 0, 0, 1))
+    far = Base((0, 1.7e308, 0), far.orientation_xyzw, far.linear_m_s, far.angular_rad_s)
+    poses = Kinematics(CHAIN, floating=True).link_poses({"turn": 0.0, "slide": 1.7e308}, far)
+    assert poses["b"] is not None
+    assert poses["c"] is None
+
+
+def test_a_robot_of_absurdly_many_joints_is_refused_before_it_takes_memory() -> None:
+    links = "".join(f"<link name='l{i}'/>" for i in range(601))
+    joints = "".join(
+        f"<joint name='j{i}' type='continuous'><parent link='l{i}'/><child link='l{i + 1}'/></joint>"
+        for i in range(600)
+    )
+    with pytest.raises(ModelError, match="600 degrees of freedom are too many"):
+        Kinematics(f"<robot name='r'>{links}{joints}</robot>", floating=False)
+
+
+def test_what_pinocchio_refuses_is_a_model_error() -> None:
+    with pytest.raises(ModelError, match="Pinocchio refuses"):
+        Kinematics("<robot name='r'/>", floating=False)
