@@ -1,0 +1,73 @@
+"""ARCHITECTURE.md is true: what it names exists, and its settings are those of the code."""
+
+import dataclasses
+import re
+from pathlib import Path
+
+import pytest
+
+from agents.settings import SETTINGS
+from gateway.graph import kinds
+from gateway.settings import GatewaySettings
+
+ROOT = Path(__file__).parents[1]
+PAGE = (ROOT / "ARCHITECTURE.md").read_text()
+PAGES = ("README.md", "ARCHITECTURE.md", "CHANGELOG.md", "agents/wire/PROTOCOL.md")
+FOLDERS = {path.name for path in ROOT.iterdir() if path.is_dir()}
+
+
+def settings_table() -> set[tuple[str, str, str, str]]:
+    """(process, variable, flag, default) of each row."""
+    rows = re.findall(r"^\| (gateway|agents) \| (.*) \| (.*) \| (.*?) ?\| .* \|$", PAGE, re.M)
+    return {(process, *(cell.strip("`") for cell in cells)) for process, *cells in rows}  # type: ignore[misc]
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_path_that_a_page_names_exists(page: str) -> None:
+    text = (ROOT / page).read_text()
+    named = {path for path in re.findall(r"`([\w.-]+(?:/[\w.-]+)+)`", text) if path.partition("/")[0] in FOLDERS}
+    links = {path for path in re.findall(r"\]\(([^)#:]+)\)", text)}
+    assert [path for path in sorted(named) if not (ROOT / path).exists()] == []
+    assert [path for path in sorted(links) if not (ROOT / page).parent.joinpath(path).exists()] == []
+
+
+def test_architecture_names_many_paths() -> None:
+    """Guards the test above: a change of notation must not leave it with nothing to look at."""
+    assert len(set(re.findall(r"`(?:agents|gateway)/[\w./]+`", PAGE))) > 15
+
+
+def test_the_settings_table_is_complete_and_has_the_real_defaults() -> None:
+    gateway = {
+        ("gateway", item.metadata["env"], "--" + item.name.replace("_", "-"), item.default)
+        for item in dataclasses.fields(GatewaySettings)
+    }
+    agents = {("agents", setting.variable, setting.flag, setting.default) for setting in SETTINGS}
+    assert settings_table() == gateway | agents
+
+
+def test_the_table_of_kinds_is_that_of_the_code() -> None:
+    rows = re.findall(r"^\| ([\w, ]+) \| (`.*`) \| (.*) \| .* \| (.*) \|$", PAGE, re.M)
+    documented = {}
+    for names, classes, position, action in rows:
+        for name, type_ in zip(names.split(", "), classes.split(", "), strict=True):
+            documented[name] = (type_.strip("`").partition(":")[2], re.findall(r"`(\w+)`", position), action)
+    for joint, kind in kinds.KINDS.items():
+        type_, position, action = documented[joint.value]
+        assert kind.type.value.partition("#")[2] == type_
+        assert ([kind.position] if kind.position else []) == [one for one in position if one != "pose"]
+        assert (f"`{kind.action}`" if kind.action else "–") == action.partition(" ")[0]
+
+
+def test_the_resolutions_are_those_of_the_code() -> None:
+    digits = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
+    said = dict(re.findall(r"(position|velocity|effort|pose) 10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)", PAGE.replace("\n", " ")))
+    assert {name: float(f"1e{power.translate(digits)}") for name, power in said.items()} == {
+        "position": kinds.POSITION_RESOLUTION,
+        "velocity": kinds.VELOCITY_RESOLUTION,
+        "effort": kinds.EFFORT_RESOLUTION,
+        "pose": kinds.POSE_RESOLUTION,
+    }
+
+
+def test_architecture_stays_short() -> None:
+    assert len(PAGE.splitlines()) <= 160
