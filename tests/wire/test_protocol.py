@@ -13,7 +13,11 @@ from agents.wire.keys import Keys, RobotKey
 from agents.wire.names import escape, unescape
 
 PAGE = (Path(codec.__file__).parent / "PROTOCOL.md").read_text()
-KINDS: dict[str, Any] = {"description": messages.Description, "command": messages.Command, "progress": messages.Progress}
+KINDS: dict[str, Any] = {
+    "description": messages.Description,
+    "command": messages.Command,
+    "progress": messages.Progress,
+}
 
 
 def examples(language: str) -> list[tuple[str, str]]:
