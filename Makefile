@@ -12,13 +12,15 @@ export PIP_CONSTRAINT := constraints.txt
 export PIP_BUILD_CONSTRAINT := constraints.txt
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-# Sets $$python to the first Python of at least 3.11 that really runs, and makes the environment that is named.
+# Makes the environment that is named, with the first Python of at least 3.11 that really runs. One that works is kept:
+# another Python laid over it would leave a mixture.
 define make_venv
+$(1)/bin/python -c 'import pip, ssl' 2>/dev/null && exit; \
 python=; for p in python3.11 python3 python3.13 python3.12; do \
   $$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { python=$$p; break; }; done; \
 [ -n "$$python" ] || { echo "Python 3.11 or newer is needed and not found: apt install python3.11 python3.11-venv"; exit 1; }; \
 $$python -c 'import ensurepip' 2>/dev/null || { echo "$$python has no venv: apt install python3-venv"; exit 1; }; \
-$$python -m venv $(1)
+$$python -m venv --clear $(1)
 endef
 
 .PHONY: demo test check clean

@@ -46,6 +46,9 @@ class Browser:
         self.root = root
         self.http = httpx.Client(timeout=20)
 
+    def close(self) -> None:
+        self.http.close()
+
     def page(self, url: str) -> Page:
         response = self.http.get(url)
         assert response.status_code == 200, f"{url}: {response.status_code} {response.text[:500]}"
@@ -54,10 +57,13 @@ class Browser:
             graph.parse(data=response.text, format="turtle", publicID=url)
         return Page(url, response, graph)
 
+    def robots(self) -> list[Page]:
+        members = self.page(self.root).graph.objects(URIRef(self.root), LDP.contains)
+        return [self.page(str(url)) for url in members]
+
     def robot(self, title_or_name: str) -> Page:
         """The robot with this identifier, found from the root."""
-        for url in self.page(self.root).graph.objects(URIRef(self.root), LDP.contains):
-            page = self.page(str(url))
+        for page in self.robots():
             if str(page.graph.value(page.iri, DCTERMS.identifier)) == title_or_name:
                 return page
         raise AssertionError(f"no robot {title_or_name}")
@@ -68,6 +74,16 @@ class Browser:
             if str(page.graph.value(url, DCTERMS.title)) == title:
                 return self.page(str(url))
         raise AssertionError(f"no part {title} in {robot}")
+
+
+def all_live(browser: Browser, count: int) -> bool:
+    """Whether ``count`` robots are there, described, and have sent a frame."""
+    try:
+        pages = browser.robots()
+    except httpx.TransportError:
+        return False
+    described = [page for page in pages if (page.iri, LF.rootLink, None) in page.graph]
+    return len([page for page in described if page.one(LF.lastFrame) != LF.unknown]) == count
 
 
 def links(response: httpx.Response, rel: str) -> list[str]:

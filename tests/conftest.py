@@ -1,12 +1,11 @@
 """The real fleet: five simulated robots and a gateway, as their own processes on free loopback ports."""
 
+import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import httpx
 import pytest
-from browser import LF, Browser
-from rdflib import URIRef
+from browser import Browser, all_live
 from running import Process, eventually, free_port, process
 
 ROBOTS = ("baxter", "go2", "panda", "tiago", "ur5")
@@ -19,9 +18,6 @@ class RunningFleet:
     gateway: Process
     agents: Process
 
-    def browser(self) -> Browser:
-        return Browser(self.root)
-
 
 @pytest.fixture(scope="session")
 def fleet() -> Iterator[RunningFleet]:
@@ -32,28 +28,12 @@ def fleet() -> Iterator[RunningFleet]:
     ):
         gateway.said("serving")
         running = RunningFleet(f"http://127.0.0.1:{port}/", zenoh, gateway, agents)
-        eventually(lambda: _all_moving(running), f"five live robots\n{gateway.output}\n{agents.output}")
+        with contextlib.closing(Browser(running.root)) as browser:
+            eventually(lambda: all_live(browser, len(ROBOTS)), "five live robots")
         yield running
 
 
 @pytest.fixture(scope="session")
-def browser(fleet: RunningFleet) -> Browser:
-    return fleet.browser()
-
-
-def _all_moving(running: RunningFleet) -> bool:
-    browser = running.browser()
-    try:
-        pages = [browser.page(str(url)) for url in _robots(browser)]
-    except httpx.TransportError:
-        return False
-    return len(pages) == len(ROBOTS) and all(
-        page.graph.value(page.iri, LF.lastFrame) not in (None, LF.unknown) and page.graph.value(page.iri, LF.rootLink)
-        for page in pages
-    )
-
-
-def _robots(browser: Browser) -> list[object]:
-    from browser import LDP
-
-    return list(browser.page(browser.root).graph.objects(URIRef(browser.root), LDP.contains))
+def browser(fleet: RunningFleet) -> Iterator[Browser]:
+    with contextlib.closing(Browser(fleet.root)) as browser:
+        yield browser

@@ -23,6 +23,8 @@ from gateway.live import Live
 
 log = logging.getLogger(__name__)
 
+# The whole header block stays under 4 KiB, and Link is not alone in it.
+_LINK_BYTES = 3584
 _READ = ("GET", "HEAD", "OPTIONS")
 
 
@@ -167,4 +169,5 @@ def _link(resource: Resource, base: str) -> str:
     types = [Link(iri.value, "type") for iri in resource.interaction]
     own = types + [Link(base + path, "related") for path in resource.own]
     parts = [Link(base + path, "related") for path in resource.parts]
-    return link_header(own, parts, base + resource.linkset if resource.has_linkset else None)
+    linkset = base + resource.linkset if resource.has_linkset else None
+    return link_header(own, parts, linkset, limit=_LINK_BYTES)
