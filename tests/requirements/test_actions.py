@@ -176,7 +176,7 @@ _BAD = {
 def test_bad_values_are_refused_with_the_reason(browser: Browser, case: str) -> None:
     """Each is a 422 problem that names what was wrong and where the shape is; the joint is not commanded."""
     value, unit, named = _BAD[case]
-    url = _action(browser, "baxter", "right_e1")
+    url = _action(browser, "baxter", "right_s1")
     before = browser.page(str(browser.page(url).one(LF.invocations))).response.text
     answer = _put(browser, url, _PREFIXES + f"<> vom:numericalValue {value} ; vom:unit {unit} .")
     assert answer.status_code == 422, answer.text
@@ -187,7 +187,7 @@ def test_bad_values_are_refused_with_the_reason(browser: Browser, case: str) -> 
 
 def test_other_bad_bodies(browser: Browser) -> None:
     """Empty, unparsable, unsupported, oversize, missing parts: each its own answer."""
-    url = _action(browser, "baxter", "right_e1")
+    url = _action(browser, "baxter", "right_s1")
     assert _put(browser, url, "").status_code == 422
     assert _put(browser, url, _PREFIXES + "<> vom:unit vom:Degree .").status_code == 422
     assert _put(browser, url, _PREFIXES + "<> vom:numericalValue 1 .").status_code == 422
@@ -204,7 +204,7 @@ def test_other_bad_bodies(browser: Browser) -> None:
 
 def test_validation_report_as_rdf(browser: Browser) -> None:
     """By Accept the problem is RDF and carries the SHACL report; Link names the constraint."""
-    url = _action(browser, "baxter", "right_e1")
+    url = _action(browser, "baxter", "right_s1")
     body = _PREFIXES + "<> vom:numericalValue 500 ; vom:unit vom:Degree ."
     answer = _put(browser, url, body, accept="text/turtle")
     assert answer.status_code == 422

@@ -48,10 +48,11 @@ def test_r1_2_all_rdf_types_say_the_same(tree: Walk, http: httpx.Client) -> None
         "application/rdf+xml": RdfFormat.RDF_XML,
     }
     for page in tree.of("action", "blueprint")[::40]:
+        turtle = rdflib.Graph().parse(data=page.response.text, format="turtle", publicID=page.url)
         for media_type, form in formats.items():
             body = http.get(page.url, headers={"accept": media_type}).content
             lines = "\n".join(f"{quad.triple} ." for quad in parse(body, format=form, base_iri=page.url))
-            assert isomorphic(rdflib.Graph().parse(data=lines, format="nt"), page.graph), (page.url, media_type)
+            assert isomorphic(rdflib.Graph().parse(data=lines, format="nt"), turtle), (page.url, media_type)
 
 
 def test_r1_3_explicit_type_on_every_subject_of_its_own(tree: Walk) -> None:
