@@ -16,7 +16,6 @@ from gateway.app import create_app
 from gateway.link import LinkError
 from gateway.settings import GatewaySettings
 
-
 _FAREWELL_S = 1
 
 
