@@ -1,0 +1,119 @@
+"""``python -m demo`` as a user has it: it starts, answers, and Ctrl-C leaves nothing behind."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from running import PATIENCE_S, ROOT, eventually, free_port
+
+ENDS_WITHIN_S = 2.0
+ONLINE = b"<https://w3id.org/linked-fleet#presence> <https://w3id.org/linked-fleet#online>"
+
+
+class Demo:
+    """The demo in a session of its own, so that it can be signalled as a terminal does and its processes be counted."""
+
+    def __init__(self, log: Path) -> None:
+        self.port = free_port()
+        self._log = log
+        with log.open("wb") as output:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "demo", "--port", str(self.port)],
+                cwd=ROOT,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+
+    @property
+    def output(self) -> str:
+        return self._log.read_text(errors="replace")
+
+    def robots_online(self) -> int:
+        assert self.process.poll() is None, self.output
+        request = urllib.request.Request(f"http://127.0.0.1:{self.port}/", headers={"Accept": "application/n-triples"})
+        try:
+            with urllib.request.urlopen(request, timeout=2) as answer:
+                return int(answer.read().count(ONLINE))
+        except OSError:
+            return 0
+
+    def members(self) -> list[int]:
+        """Processes of the session that are alive (a zombie is not)."""
+        found = []
+        for stat in Path("/proc").glob("[0-9]*/stat"):
+            try:
+                text = stat.read_text()
+            except OSError:  # it has just ended
+                continue
+            state, _parent, _group, session = text.rpartition(")")[2].split()[:4]
+            if int(session) == self.process.pid and state not in "ZX":
+                found.append(int(stat.parent.name))
+        return found
+
+    def interrupt(self) -> int:
+        """Ctrl-C: every process of the group gets the signal."""
+        os.killpg(self.process.pid, signal.SIGINT)
+        return self.process.wait(PATIENCE_S)
+
+
+@pytest.fixture
+def demo(tmp_path: Path) -> Iterator[Demo]:
+    demo = Demo(tmp_path / "output")
+    try:
+        yield demo
+    finally:
+        for pid in demo.members():
+            os.kill(pid, signal.SIGKILL)
+        demo.process.wait()
+
+
+pytestmark = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="counts processes in /proc")
+
+
+def test_it_starts_answers_and_ctrl_c_ends_it_whole(demo: Demo) -> None:
+    eventually(lambda: demo.robots_online() == 5, "five robots online")
+    eventually(lambda: f"The fleet is at http://127.0.0.1:{demo.port}/" in demo.output, "the root's address is printed")
+    assert len(demo.members()) == 3  # the demo, the gateway, the agents
+    began = time.monotonic()
+    assert demo.interrupt() in (0, 130)
+    assert time.monotonic() - began < ENDS_WITHIN_S
+    assert demo.members() == []
+    assert "Traceback" not in demo.output
+    assert "killed" not in demo.output
+
+
+def test_ctrl_c_while_it_loads_leaves_nothing_behind(demo: Demo) -> None:
+    eventually(lambda: "Starting the gateway" in demo.output, "the demo says what it does")
+    assert demo.interrupt() in (0, 130)
+    assert demo.members() == []
+    assert "Traceback" not in demo.output
+
+
+def test_a_killed_demo_leaves_no_orphans(demo: Demo) -> None:
+    eventually(lambda: len(demo.members()) == 3, "the demo, the gateway, the agents")
+    demo.process.kill()
+    demo.process.wait()
+    eventually(lambda: not demo.members(), "every child has ended")
+
+
+def test_a_taken_port_is_one_line(tmp_path: Path) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        answer = subprocess.run(
+            [sys.executable, "-m", "demo", "--port", str(port)], cwd=ROOT, capture_output=True, text=True, check=False
+        )
+    assert answer.returncode == 1
+    assert answer.stdout == ""
+    assert len(answer.stderr.splitlines()) == 1
+    assert f"127.0.0.1:{port}" in answer.stderr
