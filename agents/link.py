@@ -57,7 +57,9 @@ async def open_session(
             session = await asyncio.to_thread(zenoh.open, config)
         except zenoh.ZError as error:
             if not waiting:
-                _log.warning("nothing answers at %s yet (%s); trying on", ", ".join(connect) or "no endpoint", error)
+                # An agent may well be there before its gateway; zenoh's text ends in a path of its own sources.
+                reason = str(error).partition(" at /")[0]
+                _log.info("nothing answers at %s yet (%s); trying on", ", ".join(connect) or "no endpoint", reason)
             waiting = True
             await asyncio.sleep(_RETRY_S)
     _log.info("connected to %s", ", ".join(connect) or "peers")
@@ -203,7 +205,7 @@ class ZenohLink:
             replies = self._session.liveliness().get(self._keys.presence_of(self._robot), timeout=_LOOK_TIMEOUT_S)
             return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
 
-        found = [self._keys.parse(key).incarnation for key in await asyncio.to_thread(look)]
+        found = [_incarnation(self._keys, key) for key in await asyncio.to_thread(look)]
         return sorted(incarnation for incarnation in found if incarnation not in (None, self._incarnation))
 
     def _duplicate(self, incarnation: int) -> DuplicateNameError:
@@ -211,3 +213,11 @@ class ZenohLink:
             f"the robot name {self._robot!r} is taken: another agent (run {incarnation}) is alive; "
             "stop it or choose another name"
         )
+
+
+def _incarnation(keys: Keys, key: str) -> int | None:
+    """The run whose token this is; None for a token that is none of the protocol, which is nobody's."""
+    try:
+        return keys.parse(key).incarnation
+    except ValueError:
+        return None

@@ -17,6 +17,7 @@ from gateway.link import LinkError
 from gateway.settings import GatewaySettings
 
 _FAREWELL_S = 1
+_BACKLOG = 2048  # uvicorn's
 
 
 class _Server(uvicorn.Server):
@@ -61,13 +62,15 @@ async def _serve(settings: GatewaySettings, listener: socket.socket) -> int:
 
 
 def _listen(host: str, port: int) -> socket.socket:
-    """A bound socket; OSError with one clear sentence when the address is taken or not ours."""
+    """A listening socket; OSError with one clear sentence when the address is taken or not ours."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     # Spelt out, or asyncio does not know it for TCP and leaves Nagle's algorithm on: 40 ms an answer.
     listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listener.bind((host, port))
+        # At once: a bound port is not taken yet, and whoever reads "serving" may connect.
+        listener.listen(_BACKLOG)
     except OSError as error:
         listener.close()
         raise OSError(f"cannot listen on {host}:{port}: {error.strerror}; choose another with --port") from None

@@ -1,0 +1,125 @@
+"""Robots played by the test itself: a real Zenoh session that says whatever the test wants to the gateway."""
+
+import contextlib
+import itertools
+import json
+import math
+import time
+from collections.abc import Iterator, Sequence
+
+import zenoh
+
+from agents.wire.codec import encode, encode_state, layout
+from agents.wire.keys import Keys
+from agents.wire.messages import WIRE_VERSION, Description, State
+
+KEYS = Keys()
+_runs = itertools.count(1)
+
+
+def link(name: str, inertial: bool = True) -> str:
+    inner = (
+        '<inertial><mass value="2"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+        if inertial
+        else ""
+    )
+    return f'<link name="{name}">{inner}</link>'
+
+
+def joint(name: str, kind: str, parent: str, child: str, more: str = "") -> str:
+    limit = '<limit lower="-1" upper="1" velocity="2" effort="3"/>' if kind in ("revolute", "prismatic") else ""
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="0 0 1"/><axis xyz="0 0 1"/>{limit}{more}</joint>'
+    )
+
+
+def robot(*parts: str) -> str:
+    return f'<robot name="synthetic">{"".join(parts)}</robot>'
+
+
+SIMPLE = robot(link("base"), link("tip"), joint("elbow", "revolute", "base", "tip"))
+
+
+class Actor:
+    """One run of the agent of one robot; nothing is said before it is told to."""
+
+    def __init__(self, session: zenoh.Session, name: str) -> None:
+        self.session, self.name = session, name
+        self.incarnation = next(_runs)
+        self._sequence = itertools.count()
+        self._kept: list[object] = []
+
+    def description(
+        self,
+        urdf: str = SIMPLE,
+        joints: tuple[str, ...] = ("elbow",),
+        annotations: str = "",
+        floating: bool = False,
+        version: int = WIRE_VERSION,
+    ) -> bytes:
+        return encode(
+            Description(
+                version=version,
+                robot=self.name,
+                incarnation=self.incarnation,
+                title=f"The {self.name}",
+                urdf=urdf,
+                base="floating" if floating else "fixed",
+                joints=joints,
+                rate_hz=100,
+                capabilities=("move",),
+                annotations=annotations,
+                layout=layout(len(joints), floating),
+            )
+        )
+
+    def appear(self, description: bytes | None = None) -> "Actor":
+        key, said = KEYS.robot(self.name, "description"), description or self.description()
+        self._kept.append(self.session.declare_queryable(key, lambda query: query.reply(key, said)))
+        token = KEYS.presence(self.name, self.incarnation)
+        self._kept.append(self.session.liveliness().declare_token(token))
+        return self
+
+    def frame(self, positions: Sequence[float], incarnation: int | None = None) -> bytes:
+        unknown = (math.nan,) * len(positions)
+        return encode_state(
+            State(
+                incarnation=self.incarnation if incarnation is None else incarnation,
+                sequence=next(self._sequence),
+                monotonic_ns=time.monotonic_ns(),
+                wall_ns=time.time_ns(),
+                positions=tuple(positions),
+                velocities=unknown,
+                efforts=unknown,
+            )
+        )
+
+    def stand(self, *positions: float) -> "Actor":
+        self.put("state", self.frame(positions))
+        return self
+
+    def put(self, kind: str, payload: bytes) -> None:
+        self.session.put(f"{KEYS.namespace}/robot/{KEYS.robot(self.name, 'state').split('/')[-2]}/{kind}", payload)
+
+    def keep(self, declaration: object) -> None:
+        self._kept.append(declaration)
+
+
+@contextlib.contextmanager
+def stage(endpoint: str) -> Iterator[zenoh.Session]:
+    """A client session that waits until something listens at ``endpoint``."""
+    config = zenoh.Config()
+    for name, value in {
+        "mode": "client",
+        "connect/endpoints": [endpoint],
+        "connect/timeout_ms": -1,
+        "connect/retry": {"period_init_ms": 20, "period_max_ms": 100, "period_increase_factor": 1.5},
+        "scouting/multicast/enabled": False,
+    }.items():
+        config.insert_json5(name, json.dumps(value))
+    session = zenoh.open(config)
+    try:
+        yield session
+    finally:
+        session.close()
