@@ -133,7 +133,7 @@ def _repair_tensor(inertial: ElementTree.Element, robot: str, link: str) -> None
     sound = physical(given)
     if np.allclose(given, sound, rtol=1e-9, atol=_CONSTANT_INERTIA):
         return
-    _log.warning("%s: link %s: the inertia %s is not physical; repaired", robot, link, given.tolist())
+    _log.info("%s: link %s: the inertia is not physical; repaired from %s", robot, link, given.tolist())
     for row, keys in enumerate(_AXES):
         for column, key in enumerate(keys):
             tensor.set(key, repr(float(sound[row, column])))
