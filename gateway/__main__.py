@@ -17,6 +17,7 @@ from gateway.link import LinkError
 from gateway.settings import GatewaySettings
 
 _FAREWELL_S = 1
+_ORDINARY = ("Unsupported upgrade request.", "No supported WebSocket library detected.")
 _BACKLOG = 2048  # uvicorn's
 
 
@@ -30,6 +31,7 @@ class _Server(uvicorn.Server):
 
 def main() -> int:
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
+    logging.getLogger("uvicorn.error").addFilter(_is_news)
     try:
         settings = GatewaySettings.read(os.environ, sys.argv[1:])
         listener = _listen(settings.host, settings.port_number)
@@ -45,12 +47,20 @@ def main() -> int:
         listener.close()
 
 
+def _is_news(record: logging.LogRecord) -> bool:
+    """Whether a message of uvicorn is worth a line: an Upgrade that is ignored is not."""
+    return not record.getMessage().startswith(_ORDINARY)
+
+
 async def _serve(settings: GatewaySettings, listener: socket.socket) -> int:
     app = create_app(settings)
     # The lifespan is entered here, not by the server: its errors stay exceptions, and the address is printed when true.
     config = uvicorn.Config(
         app, lifespan="off", log_config=None, access_log=False, ws="none", server_header=False,
         timeout_graceful_shutdown=_FAREWELL_S,
+        # Not httptools: it loses the body of a request whose Upgrade is ignored (uvicorn issue 2722), and the authority
+        # of an absolute request target, and makes a 400 of every method that it does not know.
+        http="h11",
     )  # fmt: skip
     server = _Server(config)
     for number in (signal.SIGINT, signal.SIGTERM):

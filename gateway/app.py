@@ -5,7 +5,6 @@ from contextlib import asynccontextmanager
 
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
-from starlette.routing import Mount
 
 from gateway.graph.vocab import PREFIXES
 from gateway.http.endpoint import resources
@@ -23,8 +22,9 @@ def create_app(settings: GatewaySettings) -> Starlette:
             app.state.live = live
             yield
 
-    return Starlette(
-        routes=[Mount("/", app=resources)],
+    app = Starlette(
         middleware=[Middleware(Authorities, public_urls=settings.public_urls, prefixes=PREFIXES)],
         lifespan=lifespan,
     )
+    app.router.default = resources  # no route of its own has ever to know the tree, nor `OPTIONS *`
+    return app

@@ -17,7 +17,8 @@ from gateway.graph.vocab import DCTERMS, HTTP, HYBRIT, LF, MATHS, METHODS, RDFS,
 
 NUMERIC = (
     XSD.float, XSD.double, XSD.decimal, XSD.integer, XSD.int, XSD.long, XSD.short, XSD.byte,
-    XSD.nonNegativeInteger, XSD.positiveInteger, XSD.unsignedInt, XSD.unsignedShort,
+    XSD.nonNegativeInteger, XSD.positiveInteger, XSD.nonPositiveInteger, XSD.negativeInteger,
+    XSD.unsignedLong, XSD.unsignedInt, XSD.unsignedShort, XSD.unsignedByte,
 )  # fmt: skip
 _DIGITS = 6  # limits are rounded inwards to a millionth of the unit, so what the shape admits the robot admits
 

@@ -2,6 +2,8 @@
 
 import logging
 import math
+import re
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -14,11 +16,17 @@ from gateway.errors import UnprocessableContent
 from gateway.fleet.model import Joint
 from gateway.graph.actions import NUMERIC, branch, consumes, units
 from gateway.graph.build import Graph, Node
-from gateway.graph.vocab import SH, VOM
+from gateway.graph.vocab import SH, VOM, XSD
 
 # rdflib logs the conversion traceback of every ill-typed literal; such literals are answered below, in words.
 logging.getLogger("rdflib.term").setLevel(logging.ERROR)
 
+# XML Schema 2, 3.2 and 3.3, with the white space around that it collapses; Python's float takes more, such as 1_0.
+_INTEGER = re.compile(r"[ \t\r\n]*[+-]?[0-9]+[ \t\r\n]*")
+_DECIMAL = re.compile(r"[ \t\r\n]*[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)[ \t\r\n]*")
+_FLOAT = re.compile(r"[ \t\r\n]*[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?[ \t\r\n]*")
+_LEXICAL = {XSD.decimal: _DECIMAL, XSD.float: _FLOAT, XSD.double: _FLOAT}
+_NO_BRANCH = re.compile(r"Node .*\(OrConstraintComponent\)", re.DOTALL)
 _FOCUS = NamedNode("urn:linked-fleet:body")
 
 
@@ -33,6 +41,10 @@ class Quantity:
 def admit(body: Sequence[Triple], joint: Joint, request_iri: str) -> Quantity:
     """Return the quantity in ``body``; UnprocessableContent with the validation report when the shape refuses it."""
     focus = _root(body, NamedNode(request_iri))
+    # What else a body says is nobody's business: not the shape's, nor rdflib's, which converts every literal. And two
+    # values break a maxCount as well as a thousand, which would keep pySHACL busy for seconds.
+    about = dict.fromkeys(t for t in body if t.subject == focus)
+    body = [t for p in (VOM.numericalValue, VOM.unit) for t in [t for t in about if t.predicate == p][:2]]
     _check_lexical_forms(body, request_iri)
     data = _to_rdflib(_refocus(body, focus))
     conforms, report = _validate(data, _guard(joint))
@@ -49,7 +61,8 @@ def _root(body: Sequence[Triple], request: NamedNode) -> Node:
     subjects = dict.fromkeys(t.subject for t in body)
     if request in subjects:
         return request
-    roots = [s for s in subjects if all(t.object != s for t in body)]
+    objects = {t.object for t in body}
+    roots = [s for s in subjects if s not in objects]
     if len(roots) != 1:
         found = "no triples" if not body else f"{len(roots)} subjects that nobody refers to"
         raise UnprocessableContent(
@@ -64,11 +77,8 @@ def _check_lexical_forms(body: Sequence[Triple], constraint: str) -> None:
     for triple in body:
         literal = triple.object
         if isinstance(literal, Literal) and literal.datatype in NUMERIC:
-            try:
-                finite = math.isfinite(float(literal.value.strip())) and "_" not in literal.value
-            except ValueError:
-                finite = False
-            if not finite:
+            lexical = _LEXICAL.get(literal.datatype, _INTEGER).fullmatch(literal.value)
+            if not lexical or not math.isfinite(float(literal.value)):
                 raise UnprocessableContent(
                     f"{literal.value[:80]!r} is no finite number of type {literal.datatype.value}; write e.g. 43.6.",
                     constraint=constraint,
@@ -84,7 +94,8 @@ def _refocus(body: Sequence[Triple], focus: Node) -> list[Triple]:
 
 def _to_rdflib(triples: Sequence[Triple]) -> rdflib.Graph:
     text = serialize(triples, format=RdfFormat.N_TRIPLES)
-    return rdflib.Graph().parse(data=text, format="nt")
+    with warnings.catch_warnings(action="ignore"):  # of odd booleans and the like, which the shape refuses in words
+        return rdflib.Graph().parse(data=text, format="nt")
 
 
 def _targeted(graph: Graph, shape: Node) -> rdflib.Graph:
@@ -114,14 +125,16 @@ def _validate(data: rdflib.Graph, shapes: rdflib.Graph) -> tuple[bool, rdflib.Gr
 def _refusal(data: rdflib.Graph, report: rdflib.Graph, joint: Joint, request_iri: str) -> UnprocessableContent:
     """Name the constraint that failed: inside ``sh:or`` that of the branch of the unit that the body states."""
     messages = _messages(report)
+    # Of the sh:or over the branches pySHACL says only that none holds; whatever else it says is more to the point.
+    telling = [message for message in messages if not _NO_BRANCH.fullmatch(message)]
     stated = {str(o) for o in data.objects(rdflib.URIRef(_FOCUS.value), rdflib.URIRef(VOM.unit.value))}
     for index, unit in enumerate(units(joint)):
-        if len(messages) == 1 and "OrConstraintComponent" in messages[0] and stated & {i.value for i in unit.accepted}:
+        if not telling and stated & {i.value for i in unit.accepted}:
             conforms, inner = _validate(data, _branch(joint, index))
             if not conforms:
                 report, messages = inner, _messages(inner)
     detail = "The body does not conform to the shape of the action: " + "; ".join(
-        message.rpartition(" (")[0].replace(f"<{_FOCUS.value}>", "the body") for message in messages
+        message.rpartition(" (")[0].replace(f"<{_FOCUS.value}>", "the body") for message in telling or messages
     )
     return UnprocessableContent(detail, report=_from_rdflib(report, request_iri), constraint=request_iri)
 

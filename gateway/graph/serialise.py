@@ -13,7 +13,7 @@ from gateway.graph import jsonld, page, turtle
 from gateway.graph.outline import TYPE, Outline, Term
 from gateway.graph.parsing import ParseError, parse
 
-__all__ = ["MEDIA_TYPES", "ParseError", "parse", "render"]
+__all__ = ["MEDIA_TYPES", "ParseError", "WriteError", "parse", "render"]
 
 MEDIA_TYPES = ("text/turtle", "application/ld+json", "application/n-triples", "application/rdf+xml", "text/html")
 
@@ -23,6 +23,10 @@ _T = TypeVar("_T", bound=Term)
 _XML_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]*$")
 # XML 1.0, 2.2 has no way to write these characters, not even as references.
 _NO_XML = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]")
+
+
+class WriteError(ValueError):
+    """The syntax cannot say these triples; another one can."""
 
 
 def render(
@@ -61,14 +65,14 @@ def _relabelled(triples: Sequence[Triple]) -> list[Triple]:
 def _rdf_xml(triples: Sequence[Triple], prefixes: Mapping[str, str]) -> bytes:
     """RDF/XML with the prefixes of its predicates; characters that XML cannot hold become U+FFFD.
 
-    ValueError for a predicate or type that has no XML name: the syntax cannot say it.
+    WriteError for a predicate or type that has no XML name: the syntax cannot say it.
     """
     names = turtle.Names({prefix: namespace for prefix, namespace in prefixes.items() if prefix != "rdf"})
     for triple in triples:
         names.prefixed(triple.predicate.value)
         for name in (triple.predicate, triple.object if triple.predicate == TYPE else triple.predicate):
             if isinstance(name, NamedNode) and not _XML_NAME.search(name.value):
-                raise ValueError(f"RDF/XML cannot name {name.value}")
+                raise WriteError(f"RDF/XML cannot name {name.value}")
     writable = [Triple(t.subject, t.predicate, _xml_safe(t.object)) for t in _relabelled(triples)]
     return _oxigraph(writable, RdfFormat.RDF_XML, dict(sorted(names.used.items())))
 

@@ -66,8 +66,8 @@ class Tree:
         if path == "/":
             return self._fleet_resource()
         head, *rest = path[1:].split("/")
-        if not rest and (found := self._at_root(head)) is not None:
-            return found
+        if (found := self._at_root(head)) is not None and rest in ([], [""]):
+            return Redirect(found.path) if rest else found
         try:
             robot = self._fleet.robots.get(robot_name(head))
         except ValueError:
@@ -77,7 +77,9 @@ class Tree:
         if not rest:
             return Redirect(robot_path(robot.name))
         if rest[-1] == "" and rest != [""]:
-            other = path.rstrip("/")
+            other = path[:-1]
+            if other.endswith("/"):
+                return None
             return Redirect(other) if isinstance(self.resolve(other), Resource) else None
         return self._in_robot(robot, rest)
 

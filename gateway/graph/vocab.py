@@ -26,7 +26,8 @@ RDF = Namespace("http://www.w3.org/1999/02/22-rdf-syntax-ns#", "type first rest 
 RDFS = Namespace("http://www.w3.org/2000/01/rdf-schema#", "seeAlso comment label")
 XSD = Namespace(
     "http://www.w3.org/2001/XMLSchema#",
-    "float double decimal integer int long short byte nonNegativeInteger positiveInteger unsignedInt unsignedShort"
+    "float double decimal integer int long short byte nonNegativeInteger positiveInteger "
+    "nonPositiveInteger negativeInteger unsignedLong unsignedInt unsignedShort unsignedByte"
     " boolean string dateTime anyURI",
 )
 DCTERMS = Namespace("http://purl.org/dc/terms/", "title description identifier hasPart isPartOf format created")

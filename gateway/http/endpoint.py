@@ -2,23 +2,25 @@
 
 import logging
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
+from urllib.parse import quote as percent
 
 from pyoxigraph import Triple
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
-from gateway.errors import FleetError, MethodNotAllowed, NotAcceptable, NotFound, PreconditionFailed
+from gateway.errors import BadRequest, FleetError, MethodNotAllowed, NotAcceptable, NotFound, PreconditionFailed
 from gateway.graph.build import Graph
-from gateway.graph.serialise import MEDIA_TYPES, render
+from gateway.graph.serialise import MEDIA_TYPES, WriteError, render
 from gateway.graph.tree import Redirect, Resource, Tree
 from gateway.graph.vocab import PREFIXES
 from gateway.http.conditional import etag, not_modified, precondition_holds
 from gateway.http.invoke import BODY_TYPES, field, invoke
 from gateway.http.links import LINKSET_TYPES, Link, link_header, linkset_json, linkset_text
 from gateway.http.negotiation import choose
-from gateway.http.problem import problem_body
+from gateway.http.problem import problem
 from gateway.live import Live
 
 log = logging.getLogger(__name__)
@@ -26,6 +28,8 @@ log = logging.getLogger(__name__)
 # The whole header block stays under 4 KiB, and Link is not alone in it.
 _LINK_BYTES = 3584
 _READ = ("GET", "HEAD", "OPTIONS")
+_WRITE = ("POST", "PUT")
+_LONGEST_NAMED = 200
 
 
 @dataclass(frozen=True)
@@ -38,6 +42,10 @@ class Representation:
     @property
     def etag(self) -> str:
         return etag(self.body)
+
+    @property
+    def content_type(self) -> str:
+        return self.media_type + ("; charset=utf-8" if self.media_type.startswith("text/") else "")
 
 
 async def resources(scope: Scope, receive: Receive, send: Send) -> None:
@@ -63,9 +71,16 @@ async def _respond(request: Request) -> Response:
 
 async def _answer(request: Request, base: str) -> Response:
     live: Live = request.app.state.live
-    found = Tree(live.fleet, live.invocations, base).resolve(request.scope["path"])
+    path: str = request.scope["path"]
+    if path == "*" and request.method == "OPTIONS":
+        return Response(status_code=204, headers={"allow": ", ".join((*_READ, *_WRITE))})
+    if not path.startswith("/"):
+        raise BadRequest(f"The request target is no path, such as /, and no URL below {base}/.")
+    # An encoded slash separates nothing (RFC 3986, 2.2), and no name in the tree has one.
+    encoded_slash = b"%2f" in request.scope["raw_path"].lower()
+    found = None if encoded_slash else Tree(live.fleet, live.invocations, base).resolve(path)
     if found is None:
-        raise NotFound(f"There is no resource at {request.url.path}; browse from {base}/.")
+        raise NotFound(f"There is no resource at {path[:_LONGEST_NAMED]}; browse from {base}/.")
     if isinstance(found, Redirect):
         query = f"?{request.url.query}" if request.url.query else ""
         return Response(status_code=308, headers={"location": base + found.path + query})
@@ -74,27 +89,30 @@ async def _answer(request: Request, base: str) -> Response:
         raise MethodNotAllowed(f"{request.method} is not possible here; {', '.join(allow)} are.", allow=allow)
     if request.method == "OPTIONS":
         return Response(status_code=204, headers=_options(found, allow))
+    _check_preconditions(request, found, base)
     if request.method in ("GET", "HEAD"):
         return _read(request, found, base)
-    _check_if_match(request, found, base)
     return await invoke(request, found, live, lambda resource: negotiated(request, resource, base))
 
 
 def problem_response(request: Request, error: FleetError) -> Response:
     """Problem details for ``error`` in the form that Accept asks for."""
-    instance = request.state.base + request.url.path
-    body, media_type = problem_body(error, field(request, "accept"), instance, PREFIXES)
-    headers = {"content-type": media_type, "vary": "Accept", "cache-control": "no-store", **error.headers}
-    return Response(b"" if request.method == "HEAD" else body, error.status, headers)
+    path = percent(request.scope["path"], safe="/~")
+    instance = request.state.base + path if len(path) <= _LONGEST_NAMED else None
+    body, headers = problem(error, field(request, "accept"), instance, PREFIXES)
+    # HEAD has the headers of GET, its Content-Length too; the server itself leaves the body out.
+    return Response(body, error.status, headers)
 
 
 def negotiated(request: Request, resource: Resource, base: str) -> Representation:
     """The representation that Accept prefers; NotAcceptable with the list of what there is."""
     offered = _offered(resource)
-    media_type = choose(field(request, "accept"), offered)
-    if media_type is None:
-        raise NotAcceptable(f"Available here: {', '.join(offered)}.", offered=offered)
-    return represent(resource, media_type, base)
+    while media_type := choose(field(request, "accept"), offered):
+        try:
+            return represent(resource, media_type, base)
+        except WriteError:
+            offered = tuple(each for each in offered if each != media_type)
+    raise NotAcceptable(f"Available here: {', '.join(offered)}.", offered=offered)
 
 
 def represent(resource: Resource, media_type: str, base: str) -> Representation:
@@ -119,25 +137,36 @@ def _read(request: Request, resource: Resource, base: str) -> Response:
     }
     if not_modified(field(request, "if-none-match"), representation.etag):
         return Response(status_code=304, headers=headers)
-    text = representation.media_type.startswith("text/")
-    headers["content-type"] = representation.media_type + ("; charset=utf-8" if text else "")
+    headers["content-type"] = representation.content_type
     headers |= _options(resource, _allow(resource))
     # Starlette computes Content-Length from the body; the server itself leaves the body of a HEAD out.
     return Response(representation.body, headers=headers)
 
 
-def _check_if_match(request: Request, resource: Resource, base: str) -> None:
-    header = field(request, "if-match")
-    if header is None:
+def _check_preconditions(request: Request, resource: Resource, base: str) -> None:
+    """If-Match, and for writes If-None-Match (RFC 9110, 13.1.1 and 13.1.2)."""
+    wanted = field(request, "if-match")
+    unwanted = None if request.method in _READ else field(request, "if-none-match")
+    if wanted is None and unwanted is None:
         return
-    # The current ETag of any representation will do: the client may have read JSON-LD and write Turtle.
-    etags = {represent(resource, media_type, base).etag for media_type in _offered(resource)}
-    if not precondition_holds(header, etags):
+    etags = _etags(resource, base)
+    if not precondition_holds(wanted, etags):
         raise PreconditionFailed("The resource has changed since; none of the entity tags in If-Match is current.")
+    if any(not_modified(unwanted, tag) for tag in etags):
+        raise PreconditionFailed("If-None-Match names the present state of the resource.")
+
+
+def _etags(resource: Resource, base: str) -> set[str]:
+    """Of every representation: the client may have read JSON-LD and write Turtle."""
+    found = set()
+    for media_type in _offered(resource):
+        with suppress(WriteError):
+            found.add(represent(resource, media_type, base).etag)
+    return found
 
 
 def _allow(resource: Resource) -> tuple[str, ...]:
-    return (*_READ, "POST", "PUT") if resource.action else _READ
+    return (*_READ, *_WRITE) if resource.action else _READ
 
 
 def _options(resource: Resource, allow: tuple[str, ...]) -> dict[str, str]:

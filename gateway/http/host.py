@@ -3,10 +3,10 @@
 import re
 from collections.abc import Awaitable, Callable, Mapping, MutableMapping
 from typing import Any
-from urllib.parse import urlsplit
+from urllib.parse import unquote, urlsplit
 
 from gateway.errors import BadRequest, FleetError, MisdirectedRequest
-from gateway.http.problem import problem_body
+from gateway.http.problem import problem
 
 Scope = MutableMapping[str, Any]
 Message = MutableMapping[str, Any]
@@ -16,6 +16,8 @@ App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 # RFC 3986, 3.2.2: a bracketed IP literal, or a reg-name, which IPv4 addresses also are
 _HOST = re.compile(r"(\[[0-9A-Fa-f:.]+\]|(?:[\w.~!$&'()*+,;=-]|%[0-9A-Fa-f]{2})+)(?::([0-9]{0,5}))?", re.ASCII)
+# RFC 9112, 3.2.2: the request target may be a whole URL
+_ABSOLUTE = re.compile(r"https?://([^/]*)(/.*)?", re.IGNORECASE | re.DOTALL)
 _DEFAULT_PORTS = {"http": 80, "ws": 80, "https": 443, "wss": 443}
 
 
@@ -34,16 +36,20 @@ class Authorities:
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
+        hosts = [value.decode("latin-1") for name, value in scope["headers"] if name == b"host"]
+        absolute = _ABSOLUTE.fullmatch(scope.get("raw_path", b"").decode("latin-1"))
+        if absolute and len(hosts) == 1:
+            hosts, path = [absolute[1]], absolute[2] or "/"
+            scope = {**scope, "path": unquote(path), "raw_path": path.encode("latin-1")}
         try:
-            base = self._base(scope)
+            base = self._base(scope, hosts)
         except FleetError as error:
             await self._refuse(error, scope, send)
             return
         scope.setdefault("state", {})["base"] = base
         await self.app(scope, receive, send)
 
-    def _base(self, scope: Scope) -> str:
-        fields = [value.decode("latin-1") for name, value in scope["headers"] if name == b"host"]
+    def _base(self, scope: Scope, fields: list[str]) -> str:
         host = _HOST.fullmatch(fields[0]) if len(fields) == 1 else None
         if host is None:
             raise BadRequest("the request needs exactly one Host field, such as Host: fleet.example:8000")
@@ -57,11 +63,12 @@ class Authorities:
 
     async def _refuse(self, error: FleetError, scope: Scope, send: Send) -> None:
         accept = b", ".join(value for name, value in scope["headers"] if name == b"accept").decode("latin-1")
-        body, content_type = problem_body(error, accept or None, None, self.prefixes)
+        body, fields = problem(error, accept or None, None, self.prefixes)
         if scope["type"] == "websocket" and "websocket.http.response" not in scope.get("extensions", {}):
             await send({"type": "websocket.close", "code": 1008})  # the server can only answer 403
             return
         start = "websocket.http.response" if scope["type"] == "websocket" else "http.response"
-        headers = [(b"content-type", content_type.encode()), (b"content-length", str(len(body)).encode())]
+        fields["content-length"] = str(len(body))
+        headers = [(name.encode(), value.encode()) for name, value in fields.items()]
         await send({"type": f"{start}.start", "status": error.status, "headers": headers})
         await send({"type": f"{start}.body", "body": body})

@@ -32,9 +32,11 @@ async def invoke(
     action = resource.action
     assert action is not None
     base: str = request.state.base
-    media_type, _ = parse_content_type(request.headers.get("content-type"))
-    if media_type not in BODY_TYPES:
-        raise UnsupportedMediaType(f"{media_type} is not understood; {', '.join(BODY_TYPES)} are.", offered=BODY_TYPES)
+    media_type, _ = parse_content_type(field(request, "content-type"), BODY_TYPES)
+    _check_whole(request)
+    prefer = parse_prefer(field(request, "prefer"))
+    if prefer.return_ == "representation":
+        representation(resource)  # as negotiable as the invocation will be: a 406 comes before the motion or never
     body = await read_body(request)
     iri = base + action.path
     context = {"@context": PREFIXES}
@@ -43,9 +45,19 @@ async def invoke(
     except ParseError as error:
         raise BadRequest(f"The body is no {media_type}: {error}", line=error.line, column=error.column) from error
     quantity = admit(triples, action.joint, iri)
-    prefer = parse_prefer(field(request, "prefer"))
     invocation = await live.invoke(action.robot, action.path, action.motion(quantity.value, quantity.unit))
     return await _answer(live, invocation, prefer, base, representation)
+
+
+def _check_whole(request: Request) -> None:
+    """The content itself, neither compressed (RFC 9110, 8.4 and 15.5.16) nor a part of it (14.5)."""
+    coding = (field(request, "content-encoding") or "identity").strip().lower()
+    if coding != "identity":
+        raise UnsupportedMediaType(
+            f"Content-Encoding {coding} is not taken; send the body as it is.", headers={"Accept-Encoding": "identity"}
+        )
+    if "content-range" in request.headers:
+        raise BadRequest("Content-Range is not taken; send the whole body.")
 
 
 def field(request: Request, name: str) -> str | None:
@@ -88,7 +100,7 @@ async def _answer(
         found = Tree(live.fleet, live.invocations, base).resolve(invocation_path(invocation))
         assert isinstance(found, Resource)
         shown = representation(found)
-        body, headers["content-type"] = shown.body, shown.media_type
+        body, headers["content-type"] = shown.body, shown.content_type
         headers["content-location"] = headers["location"]
         status = 201 if status == 204 else status
     if applied:

@@ -28,8 +28,9 @@ class MediaRange:
     def matches(self, media_type: str) -> bool:
         kind, offered = _media_type(media_type) or ("", {})
         main, _, sub = kind.partition("/")
-        # all that we write is UTF-8, so that asking for it excludes nothing
-        asked = [(n, v) for n, v in self.parameters if not (n == "charset" and v.lower() in ("utf-8", "utf8"))]
+        # all that we write is UTF-8, so that asking for it excludes nothing; a profile (RFC 6906, 3) never does
+        ours = {("charset", "utf-8"), ("charset", "utf8")}
+        asked = [(n, v) for n, v in self.parameters if n != "profile" and (n, v.lower()) not in ours]
         return self.type in ("*", main) and self.subtype in ("*", sub) and all(offered.get(n) == v for n, v in asked)
 
 

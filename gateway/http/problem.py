@@ -30,6 +30,15 @@ _REPORTED = {
 }
 
 
+def problem(
+    error: FleetError, accept: str | None, instance: str | None, prefixes: Mapping[str, str]
+) -> tuple[bytes, dict[str, str]]:
+    """Body and header fields, those that the error itself brings included."""
+    body, content_type = problem_body(error, accept, instance, prefixes)
+    own = {name.lower(): value for name, value in error.headers.items()}
+    return body, {"content-type": content_type, "vary": "Accept", "cache-control": "no-store"} | own
+
+
 def problem_body(
     error: FleetError, accept: str | None, instance: str | None, prefixes: Mapping[str, str]
 ) -> tuple[bytes, str]:
