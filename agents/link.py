@@ -32,6 +32,8 @@ def configuration(connect: tuple[str, ...], listen: tuple[str, ...], lease_ms: i
         "connect/endpoints": list(connect),
         "connect/timeout_ms": _OPEN_TIMEOUT_MS,
         "connect/exit_on_failure": not listen,
+        # A gateway that was away for long is to find its robots within two seconds as well; zenoh's own is 4 s.
+        "connect/retry": {"period_init_ms": 200, "period_max_ms": 1_000, "period_increase_factor": 1.5},
         "listen/endpoints": list(listen),
         "scouting/multicast/enabled": False,
         "transport/link/tx/lease": lease_ms,

@@ -4,6 +4,7 @@ import contextlib
 import itertools
 import json
 import math
+import threading
 import time
 from collections.abc import Iterator, Sequence
 
@@ -49,6 +50,7 @@ class Actor:
         self.incarnation = next(_runs)
         self._sequence = itertools.count()
         self._kept: list[object] = []
+        self._paused = threading.Event()
 
     def description(
         self,
@@ -96,7 +98,15 @@ class Actor:
         )
 
     def stand(self, *positions: float) -> "Actor":
-        self.put("state", self.frame(positions))
+        """Send frames of these positions until the session closes: one may come before its run is known."""
+
+        def publish() -> None:
+            with contextlib.suppress(zenoh.ZError):
+                while not self.session.is_closed():
+                    self.put("state", self.frame(positions))
+                    self._paused.wait(0.05)
+
+        threading.Thread(target=publish, daemon=True).start()
         return self
 
     def put(self, kind: str, payload: bytes) -> None:

@@ -144,6 +144,8 @@ class Robot:
             self._fault = str(error)
         else:
             self._fault = _mismatch(description, self.model)
+            if self._fault:
+                self.model = None  # the frames cannot be read by this tree, so it is not shown as if they could
         self._observations.clear()
         self._derived = _Derived()
 

@@ -7,12 +7,13 @@ from pyoxigraph import BlankNode, NamedNode, Triple
 
 from gateway.graph.build import Graph
 from gateway.graph.serialise import ParseError, parse
-from gateway.graph.vocab import HYBRIT, LDP, LF, ROS, SH, SOSA
+from gateway.graph.vocab import DCTERMS, HYBRIT, LDP, LF, RDF, ROS, SH, SOSA, XHV
 
 log = logging.getLogger(__name__)
 
 # What these namespaces say of a robot is the gateway's to say: an annotation must not add an action or a value.
-_OWN = tuple(namespace.iri for namespace in (HYBRIT, LDP, LF, ROS, SH, SOSA))
+_OWN = tuple(namespace.iri for namespace in (HYBRIT, LDP, LF, ROS, SH, SOSA, XHV))
+_OWN_TERMS = frozenset({DCTERMS.title, DCTERMS.identifier, DCTERMS.hasPart})
 
 
 def annotate(graph: Graph, subject: NamedNode, turtle: str, base: str) -> None:
@@ -38,12 +39,20 @@ def _parse(turtle: str, base: str) -> dict[NamedNode | BlankNode, list[Triple]]:
         return {}
     found: dict[NamedNode | BlankNode, list[Triple]] = {}
     for triple in triples:
-        if triple.predicate.value.startswith(_OWN):
+        if _is_own(triple):
             log.warning("annotation %s of %s is left out: the gateway alone states it", triple.predicate.value, base)
             continue
         renamed = _rename(triple)
         found.setdefault(renamed.subject, []).append(renamed)  # type: ignore[arg-type]
     return found
+
+
+def _is_own(triple: Triple) -> bool:
+    """A statement with a term of the gateway, a type of its vocabularies, or a second name for what it has named."""
+    if triple.predicate == RDF.type:
+        return isinstance(triple.object, NamedNode) and triple.object.value.startswith(_OWN)
+    named = isinstance(triple.subject, NamedNode)  # a blank node may have a title
+    return triple.predicate.value.startswith(_OWN) or (named and triple.predicate in _OWN_TERMS)
 
 
 def _rename(triple: Triple) -> Triple:
