@@ -1,5 +1,7 @@
 """Paths of the resource tree: built from names and resolved to names in one place (ARCHITECTURE.md, "The tree")."""
 
+from functools import lru_cache
+
 from agents.wire.names import escape, unescape
 from gateway.fleet.model import RobotModel
 
@@ -13,9 +15,12 @@ RESERVED_IN_ROBOT = frozenset(
 )
 _LINK_MARK = "~link"  # no escape: "~l" is no hexadecimal digit, so the mark cannot be part of a name
 
+# A robot has over a hundred parts, each named in every description of it.
+_segment = lru_cache(maxsize=4096)(escape)
+
 
 def robot_path(robot: str) -> str:
-    return f"/{escape(robot, RESERVED_AT_ROOT)}/"
+    return f"/{_segment(robot, RESERVED_AT_ROOT)}/"
 
 
 def robot_name(segment: str) -> str:
@@ -24,12 +29,12 @@ def robot_name(segment: str) -> str:
 
 
 def joint_path(robot: str, joint: str) -> str:
-    return robot_path(robot) + escape(joint, RESERVED_IN_ROBOT)
+    return robot_path(robot) + _segment(joint, RESERVED_IN_ROBOT)
 
 
 def link_path(robot: str, model: RobotModel, link: str) -> str:
     """A link that shares its name with a joint gets a mark; the joint keeps the plain segment."""
-    return robot_path(robot) + escape(link, RESERVED_IN_ROBOT) + (_LINK_MARK if link in model.joints else "")
+    return robot_path(robot) + _segment(link, RESERVED_IN_ROBOT) + (_LINK_MARK if link in model.joints else "")
 
 
 def part_of(segment: str, model: RobotModel) -> tuple[str | None, str | None]:

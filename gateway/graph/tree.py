@@ -15,7 +15,7 @@ from gateway.graph.build import Graph
 from gateway.graph.describe import Describer, joint_actions, part_paths
 from gateway.graph.invocation import describe_invocation, describe_invocations, invocation_path
 from gateway.graph.kinds import kind_of
-from gateway.graph.paths import joint_path, link_path, part_of, robot_name, robot_path
+from gateway.graph.paths import RESERVED_IN_ROBOT, joint_path, link_path, part_of, robot_name, robot_path
 from gateway.graph.properties import FRAME_MEDIA_TYPE, Property, joint_properties, link_properties
 from gateway.graph.shapes import blueprint, load
 from gateway.graph.vocab import LDP, LF, PREFIXES
@@ -109,13 +109,13 @@ class Tree:
     # -- robot and its parts ----------------------------------------------------------------------------------------
 
     def _in_robot(self, robot: Robot, rest: list[str]) -> Found:
-        thing = self._robot_resource(robot)
-        if rest == [""]:
-            return thing
-        if (found := self._of_thing(thing, rest, (LF.RobotShape,))) is not None:
-            return found
-        if (found := self._property(robot, thing.path, self._say.robot_properties(robot), rest)) is not None:
-            return found
+        # No part has a reserved segment, and the robot itself has a hundred links: only those who ask wait for them.
+        if rest == [""] or rest[0] in RESERVED_IN_ROBOT:
+            thing = self._robot_resource(robot)
+            if rest == [""]:
+                return thing
+            own = self._property(robot, thing.path, self._say.robot_properties(robot), rest)
+            return own or self._of_thing(thing, rest, (LF.RobotShape,))
         if robot.model is None:
             return None
         try:

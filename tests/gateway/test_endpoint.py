@@ -12,9 +12,15 @@ import pytest
 import rdflib
 from browser import HYBRIT, LF, Browser
 from conftest import RunningFleet
+from pyoxigraph import NamedNode
 from rdflib import RDF, URIRef
+from starlette.requests import Request
 
 from gateway.app import create_app
+from gateway.errors import NotAcceptable
+from gateway.graph.build import Graph
+from gateway.graph.tree import Resource
+from gateway.http.endpoint import negotiated
 from gateway.settings import GatewaySettings
 
 fleet_test = pytest.mark.fleet
@@ -198,11 +204,24 @@ def test_frame_is_decodable_by_its_own_description(browser: Browser) -> None:
     state = browser.page(str(robot.one(LF.jointState)))
     answer = browser.http.get(state.url, headers={"accept": "application/vnd.linked-fleet.frame"})
     assert answer.headers["content-type"] == "application/vnd.linked-fleet.frame"
-    numbers = np.frombuffer(answer.content, dtype="<f8")
-    positions = [float(str(o)) for s, o in state.graph.subject_objects(LF.position)]
-    assert len(positions) == 6
-    for position in positions:
-        assert np.isclose(numbers, position, atol=1e-3).any()
+    fields = list(state.graph.items(state.graph.value(state.iri, LF.frameLayout)))
+
+    def said(field: object, predicate: URIRef) -> str:
+        return str(state.graph.value(field, predicate))
+
+    layout = {said(field, LF.fieldName): field for field in fields}
+    names = {"float64": "<f8", "uint64": "<u8", "uint16": "<u2", "int64": "<i8", "char2": "S2"}
+    values = {
+        name: np.frombuffer(
+            answer.content,
+            dtype=names[said(field, LF.fieldType)],
+            offset=int(said(field, LF.byteOffset)),
+            count=int(said(field, LF.valueCount)),
+        )
+        for name, field in layout.items()
+    }
+    positions = [float(str(o)) for o in state.graph.objects(None, LF.position)]
+    assert sorted(values["positions"]) == pytest.approx(sorted(positions), abs=1e-3)
 
 
 # -- bodies ---------------------------------------------------------------------------------------------------------
@@ -316,6 +335,22 @@ def _units_beside(graph: rdflib.Graph, limit: object) -> set[str]:
 
 
 # -- without a fleet ------------------------------------------------------------------------------------------------
+
+
+def test_syntax_that_cannot_say_a_graph_gives_way() -> None:
+    """RDF/XML has no name for <urn:1>, as in annotations: the next acceptable type, else a 406."""
+
+    def describe(graph: Graph) -> None:
+        graph.add(NamedNode("urn:s"), NamedNode("urn:1"), NamedNode("urn:o"))
+
+    def ask(accept: str) -> str:
+        request = Request({"type": "http", "headers": [(b"accept", accept.encode())]})
+        return negotiated(request, Resource("/", "", describe), "http://127.0.0.1").media_type
+
+    assert ask("application/rdf+xml, text/turtle;q=0.1") == "text/turtle"
+    with pytest.raises(NotAcceptable) as refused:
+        ask("application/rdf+xml")
+    assert refused.value.offered == ("text/turtle", "application/ld+json", "application/n-triples", "text/html")
 
 
 def test_r0_6_unforeseen_errors(caplog: pytest.LogCaptureFixture) -> None:
