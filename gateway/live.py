@@ -120,6 +120,8 @@ class Live:
             for change in self.fleet.apply(event, now_ns):
                 if change.what != "frame":
                     log.info("robot %s: %s", change.robot, change.what)
+                if change.what == "vanished":
+                    self.invocations.lose(change.robot)
 
     def _on_progress(self, robot: str, progress: Progress) -> None:
         invocation = self.invocations.apply(robot, progress)

@@ -10,7 +10,7 @@ MAX_TERMINAL = 1000
 
 
 class InvocationState(StrEnum):
-    """UNKNOWN: the command was sent and nobody answered; progress or the deadline will tell."""
+    """UNKNOWN: nobody answered the command, or the agent is gone; progress or the deadline will tell."""
 
     ACCEPTED = "accepted"
     RUNNING = "running"
@@ -87,6 +87,15 @@ class Invocations:
         if invocation.state.terminal:
             invocation.ended_ns = progress.wall_ns
         return invocation
+
+    def lose(self, robot: str) -> list[Invocation]:
+        """Nobody knows any more what became of the open ones of a robot whose agent is gone; return them."""
+        known = (InvocationState.ACCEPTED, InvocationState.RUNNING)
+        lost = [one for one in self.of_robot(robot) if one.state in known]
+        for one in lost:
+            one.reason = f"the agent is gone; the last known state was {one.state}"
+            one.state = InvocationState.UNKNOWN
+        return lost
 
     def expire(self, now_ns: int) -> list[Invocation]:
         """Fail what is still open after its deadline and return it."""

@@ -46,6 +46,24 @@ def test_killed_agent_stays_readable_and_comes_back() -> None:
             assert angle == pytest.approx(0.2, abs=0.01)
 
 
+def test_motion_of_a_killed_agent_is_unknown() -> None:
+    """SIGKILL in the middle of a motion: nobody can tell its end, and the invocation says so."""
+    place = Place()
+    with place.gateway() as (_, browser):
+        with place.ur5() as agent:
+            live(browser, "ur5")
+            action = str(browser.part("ur5", _JOINT).one(HYBRIT.action))
+            answer = move(browser, action, 6.0)
+            assert answer.status_code == 204, answer.text
+            invocation = answer.headers["location"]
+            eventually(lambda: browser.page(invocation).one(LF.state) == LF.running, "the motion")
+            agent.send(signal.SIGKILL)
+            offline(browser, "ur5")
+        page = browser.page(invocation)
+        assert page.one(LF.state) == LF.unknown
+        assert "gone" in str(page.graph.value(page.iri, LF.reason))
+
+
 def test_terminated_agent_and_gateway_end_cleanly() -> None:
     """SIGTERM: the robot goes offline, agent and gateway end with 0 and without a traceback."""
     place = Place()

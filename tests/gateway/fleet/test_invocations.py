@@ -49,6 +49,19 @@ def test_progress_of_others_and_after_the_end_is_nothing() -> None:
     assert invocations.apply("r", progress("running")) is None
 
 
+@pytest.mark.parametrize("state", [InvocationState.ACCEPTED, InvocationState.RUNNING])
+def test_when_the_agent_is_gone_what_was_open_is_unknown_until_news(state: InvocationState) -> None:
+    invocations = with_one(state)
+    assert invocations.lose("x") == []
+    (lost,) = invocations.lose("r")
+    assert (lost.state, lost.ended_ns) == (InvocationState.UNKNOWN, None)
+    assert state.value in lost.reason
+    assert invocations.lose("r") == []
+    assert invocations.apply("r", progress("failed")) is lost
+    assert invocations.lose("r") == []
+    assert (lost.state, lost.reason) == (InvocationState.FAILED, "why")
+
+
 @pytest.mark.parametrize("state", [InvocationState.ACCEPTED, InvocationState.RUNNING, InvocationState.UNKNOWN])
 def test_what_is_open_after_its_deadline_failed(state: InvocationState) -> None:
     invocations = with_one(state)
