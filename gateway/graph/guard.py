@@ -27,6 +27,8 @@ _DECIMAL = re.compile(r"[ \t\r\n]*[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)[ \t\r\n]
 _FLOAT = re.compile(r"[ \t\r\n]*[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?[ \t\r\n]*")
 _LEXICAL = {XSD.decimal: _DECIMAL, XSD.float: _FLOAT, XSD.double: _FLOAT}
 _NO_BRANCH = re.compile(r"Node .*\(OrConstraintComponent\)", re.DOTALL)
+# pySHACL writes Literal("59.98", datatype=xsd:decimal) in its messages; a person reads 59.98.
+_LITERAL = re.compile(r'Literal\("([^"]*)"[^)]*\)')
 _FOCUS = NamedNode("urn:linked-fleet:body")
 
 
@@ -134,7 +136,8 @@ def _refusal(data: rdflib.Graph, report: rdflib.Graph, joint: Joint, request_iri
             if not conforms:
                 report, messages = inner, _messages(inner)
     detail = "The body does not conform to the shape of the action: " + "; ".join(
-        message.rpartition(" (")[0].replace(f"<{_FOCUS.value}>", "the body") for message in telling or messages
+        _LITERAL.sub(r"\1", message.rpartition(" (")[0]).replace(f"<{_FOCUS.value}>", "the body")
+        for message in telling or messages
     )
     return UnprocessableContent(detail, report=_from_rdflib(report, request_iri), constraint=request_iri)
 

@@ -1,26 +1,21 @@
 """The one place that every resource passes through: methods, negotiation, ETag, Link, errors (DESIGN "HTTP")."""
 
 import logging
-from collections.abc import Callable
-from contextlib import suppress
-from dataclasses import dataclass
 from urllib.parse import quote as percent
 
-from pyoxigraph import Triple
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
-from gateway.errors import BadRequest, FleetError, MethodNotAllowed, NotAcceptable, NotFound, PreconditionFailed
-from gateway.graph.build import Graph
-from gateway.graph.serialise import MEDIA_TYPES, WriteError, render
+from gateway.errors import BadRequest, FleetError, MethodNotAllowed, NotFound, PreconditionFailed
 from gateway.graph.tree import Redirect, Resource, Tree
 from gateway.graph.vocab import PREFIXES
-from gateway.http.conditional import etag, not_modified, precondition_holds
-from gateway.http.invoke import BODY_TYPES, field, invoke
-from gateway.http.links import LINKSET_TYPES, Link, link_header, linkset_json, linkset_text
-from gateway.http.negotiation import choose
+from gateway.http.conditional import not_modified, precondition_holds
+from gateway.http.fields import field
+from gateway.http.invoke import BODY_TYPES, invoke
+from gateway.http.links import Link, link_header
 from gateway.http.problem import problem
+from gateway.http.representation import etags, negotiated
 from gateway.live import Live
 
 log = logging.getLogger(__name__)
@@ -30,22 +25,6 @@ _LINK_BYTES = 3584
 _READ = ("GET", "HEAD", "OPTIONS")
 _WRITE = ("POST", "PUT")
 _LONGEST_NAMED = 200
-
-
-@dataclass(frozen=True)
-class Representation:
-    """A rendered representation with what identifies it."""
-
-    body: bytes
-    media_type: str
-
-    @property
-    def etag(self) -> str:
-        return etag(self.body)
-
-    @property
-    def content_type(self) -> str:
-        return self.media_type + ("; charset=utf-8" if self.media_type.startswith("text/") else "")
 
 
 async def resources(scope: Scope, receive: Receive, send: Send) -> None:
@@ -90,9 +69,9 @@ async def _answer(request: Request, base: str) -> Response:
     if request.method == "OPTIONS":
         return Response(status_code=204, headers=_options(found, allow))
     _check_preconditions(request, found, base)
-    if request.method in ("GET", "HEAD"):
-        return _read(request, found, base)
-    return await invoke(request, found, live, lambda resource: negotiated(request, resource, base))
+    if found.action is not None and request.method in _WRITE:
+        return await invoke(request, found.action, live, base)
+    return _read(request, found, base)
 
 
 def problem_response(request: Request, error: FleetError) -> Response:
@@ -104,31 +83,8 @@ def problem_response(request: Request, error: FleetError) -> Response:
     return Response(body, error.status, headers)
 
 
-def negotiated(request: Request, resource: Resource, base: str) -> Representation:
-    """The representation that Accept prefers; NotAcceptable with the list of what there is."""
-    offered = _offered(resource)
-    while media_type := choose(field(request, "accept"), offered):
-        try:
-            return represent(resource, media_type, base)
-        except WriteError:
-            offered = tuple(each for each in offered if each != media_type)
-    raise NotAcceptable(f"Available here: {', '.join(offered)}.", offered=offered)
-
-
-def represent(resource: Resource, media_type: str, base: str) -> Representation:
-    if resource.linkset_of is not None:
-        anchor, links = base + resource.linkset_of.path, _links(resource.linkset_of, base)
-        write: Callable[..., bytes] = linkset_json if media_type == LINKSET_TYPES[0] else linkset_text
-        return Representation(write(anchor, links), media_type)
-    if media_type in resource.documents:
-        return Representation(resource.documents[media_type](), media_type)
-    return Representation(
-        render(_triples(resource), media_type, PREFIXES, base=base + resource.path, title=resource.title), media_type
-    )
-
-
 def _read(request: Request, resource: Resource, base: str) -> Response:
-    representation = negotiated(request, resource, base)
+    representation = negotiated(field(request, "accept"), resource, base)
     headers = {
         "etag": representation.etag,
         "vary": "Accept",
@@ -149,20 +105,11 @@ def _check_preconditions(request: Request, resource: Resource, base: str) -> Non
     unwanted = None if request.method in _READ else field(request, "if-none-match")
     if wanted is None and unwanted is None:
         return
-    etags = _etags(resource, base)
-    if not precondition_holds(wanted, etags):
+    present = etags(resource, base)
+    if not precondition_holds(wanted, present):
         raise PreconditionFailed("The resource has changed since; none of the entity tags in If-Match is current.")
-    if any(not_modified(unwanted, tag) for tag in etags):
+    if any(not_modified(unwanted, tag) for tag in present):
         raise PreconditionFailed("If-None-Match names the present state of the resource.")
-
-
-def _etags(resource: Resource, base: str) -> set[str]:
-    """Of every representation: the client may have read JSON-LD and write Turtle."""
-    found = set()
-    for media_type in _offered(resource):
-        with suppress(WriteError):
-            found.add(represent(resource, media_type, base).etag)
-    return found
 
 
 def _allow(resource: Resource) -> tuple[str, ...]:
@@ -174,24 +121,6 @@ def _options(resource: Resource, allow: tuple[str, ...]) -> dict[str, str]:
     if resource.action is not None:
         headers |= {"accept-post": ", ".join(BODY_TYPES), "accept-put": ", ".join(BODY_TYPES)}
     return headers
-
-
-def _offered(resource: Resource) -> tuple[str, ...]:
-    if resource.linkset_of is not None:
-        return LINKSET_TYPES
-    rdf = MEDIA_TYPES if resource.describe is not None else ()
-    return (*rdf, *resource.documents)
-
-
-def _triples(resource: Resource) -> list[Triple]:
-    graph = Graph()
-    if resource.describe is not None:
-        resource.describe(graph)
-    return graph.triples
-
-
-def _links(resource: Resource, base: str) -> list[Link]:
-    return [Link(base + path, "related") for path in (*resource.own, *resource.parts)]
 
 
 def _link(resource: Resource, base: str) -> str:

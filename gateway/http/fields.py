@@ -3,6 +3,8 @@
 import re
 from collections.abc import Iterator
 
+from starlette.requests import HTTPConnection
+
 TOKEN = re.compile(r"[!#$%&'*+.^_`|~0-9A-Za-z-]+")
 # A quoted string is swallowed whole, closed or not, so that hostile fields cost one pass.
 _PIECE = re.compile(r'"(?:[^"\\]++|\\.)*+"?|[,;]|[^",;]+', re.DOTALL)
@@ -41,3 +43,8 @@ def quote(text: str) -> str:
     """A quoted string; control characters, which no field can hold, become spaces."""
     printable = re.sub(r"[\x00-\x1f\x7f]", " ", text)
     return '"' + printable.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def field(request: HTTPConnection, name: str) -> str | None:
+    """All lines of a list-valued field as one value (RFC 9110, 5.3); None when there is none."""
+    return ", ".join(request.headers.getlist(name)) or None

@@ -14,13 +14,12 @@ from browser import HYBRIT, LF, Browser
 from conftest import RunningFleet
 from pyoxigraph import NamedNode
 from rdflib import RDF, URIRef
-from starlette.requests import Request
 
 from gateway.app import create_app
 from gateway.errors import NotAcceptable
 from gateway.graph.build import Graph
 from gateway.graph.tree import Resource
-from gateway.http.endpoint import negotiated
+from gateway.http.representation import negotiated
 from gateway.settings import GatewaySettings
 
 fleet_test = pytest.mark.fleet
@@ -344,8 +343,7 @@ def test_syntax_that_cannot_say_a_graph_gives_way() -> None:
         graph.add(NamedNode("urn:s"), NamedNode("urn:1"), NamedNode("urn:o"))
 
     def ask(accept: str) -> str:
-        request = Request({"type": "http", "headers": [(b"accept", accept.encode())]})
-        return negotiated(request, Resource("/", "", describe), "http://127.0.0.1").media_type
+        return negotiated(accept, Resource("/", "", describe), "http://127.0.0.1").media_type
 
     assert ask("application/rdf+xml, text/turtle;q=0.1") == "text/turtle"
     with pytest.raises(NotAcceptable) as refused:

@@ -1,0 +1,76 @@
+"""Representations of a resource: which there are, which one the client prefers, its bytes and its entity tag."""
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+
+from gateway.errors import NotAcceptable
+from gateway.graph.build import Graph
+from gateway.graph.serialise import MEDIA_TYPES, WriteError, render
+from gateway.graph.tree import Resource
+from gateway.graph.vocab import PREFIXES
+from gateway.http.conditional import etag
+from gateway.http.links import LINKSET_TYPES, Link, linkset_json, linkset_text
+from gateway.http.negotiation import choose
+
+
+@dataclass(frozen=True)
+class Representation:
+    """A rendered representation with what identifies it."""
+
+    body: bytes
+    media_type: str
+
+    @property
+    def etag(self) -> str:
+        return etag(self.body)
+
+    @property
+    def content_type(self) -> str:
+        return self.media_type + ("; charset=utf-8" if self.media_type.startswith("text/") else "")
+
+
+def negotiated(accept: str | None, resource: Resource, base: str) -> Representation:
+    """The representation that Accept prefers; NotAcceptable with the list of what there is."""
+    offered = _offered(resource)
+    while media_type := choose(accept, offered):
+        try:
+            return _represent(resource, media_type, base)
+        except WriteError:
+            offered = tuple(each for each in offered if each != media_type)
+    raise NotAcceptable(f"Available here: {', '.join(offered)}.", offered=offered)
+
+
+def etags(resource: Resource, base: str) -> set[str]:
+    """Of every representation: the client may have read JSON-LD and write Turtle."""
+    found = set()
+    for media_type in _offered(resource):
+        with suppress(WriteError):
+            found.add(_represent(resource, media_type, base).etag)
+    return found
+
+
+def related(resource: Resource, base: str) -> list[Link]:
+    """A link to each associated sub-resource (R0.9)."""
+    return [Link(base + path, "related") for path in (*resource.own, *resource.parts)]
+
+
+def _represent(resource: Resource, media_type: str, base: str) -> Representation:
+    if resource.linkset_of is not None:
+        anchor, links = base + resource.linkset_of.path, related(resource.linkset_of, base)
+        write: Callable[..., bytes] = linkset_json if media_type == LINKSET_TYPES[0] else linkset_text
+        return Representation(write(anchor, links), media_type)
+    if media_type in resource.documents:
+        return Representation(resource.documents[media_type](), media_type)
+    graph = Graph()
+    if resource.describe is not None:
+        resource.describe(graph)
+    body = render(graph.triples, media_type, PREFIXES, base=base + resource.path, title=resource.title)
+    return Representation(body, media_type)
+
+
+def _offered(resource: Resource) -> tuple[str, ...]:
+    if resource.linkset_of is not None:
+        return LINKSET_TYPES
+    rdf = MEDIA_TYPES if resource.describe is not None else ()
+    return (*rdf, *resource.documents)
