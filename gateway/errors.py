@@ -25,6 +25,8 @@ from typing import ClassVar
 
 from pyoxigraph import Triple
 
+from gateway.graph.vocab import LDP
+
 PROBLEMS = "https://w3id.org/linked-fleet/problems#"
 
 
@@ -162,7 +164,7 @@ class UnprocessableContent(FleetError):
         headers: Mapping[str, str] | None = None,
     ) -> None:
         # LDP 4.2.1.6: a constraint failure links to the constraints that it broke
-        link = {"Link": f'<{constraint}>; rel="http://www.w3.org/ns/ldp#constrainedBy"'} if constraint else {}
+        link = {"Link": f'<{constraint}>; rel="{LDP.constrainedBy.value}"'} if constraint else {}
         super().__init__(detail, headers={**link, **(headers or {})}, report=report)
         self.constraint = constraint
 

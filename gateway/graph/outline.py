@@ -7,8 +7,9 @@ from collections.abc import Sequence
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
-TYPE, FIRST, REST, NIL = (NamedNode(RDF + name) for name in ("type", "first", "rest", "nil"))
+from gateway.graph.vocab import RDF
+
+TYPE, FIRST, REST, NIL = RDF.type, RDF.first, RDF.rest, RDF.nil
 MAX_NESTING = 32
 
 Subject = NamedNode | BlankNode

@@ -8,9 +8,10 @@ from collections.abc import Mapping, Sequence
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
+from gateway.graph import vocab
 from gateway.graph.outline import TYPE, Outline, Properties, Subject, Term
 
-XSD = "http://www.w3.org/2001/XMLSchema#"
+XSD = vocab.XSD.iri
 # Narrower than PN_LOCAL: what it leaves out (escapes, ':', letters beyond ASCII) stays a full IRI, always right.
 _LOCAL_NAME = re.compile(r"(?:[A-Za-z0-9_](?:[A-Za-z0-9_.-]*[A-Za-z0-9_-])?)?")
 _BARE = {

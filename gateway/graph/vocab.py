@@ -23,7 +23,7 @@ class Namespace:
 
 
 RDF = Namespace("http://www.w3.org/1999/02/22-rdf-syntax-ns#", "type first rest nil")
-RDFS = Namespace("http://www.w3.org/2000/01/rdf-schema#", "seeAlso comment label")
+RDFS = Namespace("http://www.w3.org/2000/01/rdf-schema#", "seeAlso comment")
 XSD = Namespace(
     "http://www.w3.org/2001/XMLSchema#",
     "float double decimal integer int long short byte nonNegativeInteger positiveInteger "
@@ -31,27 +31,24 @@ XSD = Namespace(
     " boolean string dateTime anyURI",
 )
 DCTERMS = Namespace("http://purl.org/dc/terms/", "title description identifier hasPart isPartOf format created")
-LDP = Namespace(
-    "http://www.w3.org/ns/ldp#", "Resource RDFSource NonRDFSource Container BasicContainer contains constrainedBy"
-)
+LDP = Namespace("http://www.w3.org/ns/ldp#", "Resource RDFSource Container BasicContainer contains constrainedBy")
 SH = Namespace(
     "http://www.w3.org/ns/shacl#",
-    "NodeShape PropertyShape property path targetClass targetNode minCount maxCount datatype nodeKind minInclusive"
-    " maxInclusive maxExclusive in or node class hasValue name description ValidationReport ValidationResult conforms"
-    " result focusNode resultPath value resultMessage sourceConstraintComponent sourceShape resultSeverity detail",
+    "NodeShape property path targetClass targetNode minCount maxCount datatype minInclusive"
+    " maxInclusive maxExclusive in or node name description"
+    " result focusNode resultPath value resultMessage sourceConstraintComponent",
 )
-PROV = Namespace("http://www.w3.org/ns/prov#", "Activity startedAtTime endedAtTime used wasStartedBy")
+PROV = Namespace("http://www.w3.org/ns/prov#", "Activity startedAtTime endedAtTime")
 SOSA = Namespace("http://www.w3.org/ns/sosa/", "resultTime")
 QUDT = Namespace("http://qudt.org/schema/qudt/", "unit")
 UNIT = Namespace(
     "http://qudt.org/vocab/unit/",
-    "RAD DEG M MilliM KiloGM N N-M RAD-PER-SEC M-PER-SEC KiloGM-M2 N-M-SEC-PER-RAD N-SEC-PER-M SEC UNITLESS",
+    "RAD DEG M MilliM KiloGM N N-M RAD-PER-SEC M-PER-SEC KiloGM-M2 N-M-SEC-PER-RAD N-SEC-PER-M UNITLESS",
 )
 XHV = Namespace("http://www.w3.org/1999/xhtml/vocab#", "prev next")
 HYBRIT = Namespace(
     "https://hybr-it-projekt.de/ns/hybr-it#",
-    "RoboticThing Property Action AsynchronousAction Subscription property action subscriptions blueprint consumes"
-    " produces binding",
+    "RoboticThing Property Action AsynchronousAction property action subscriptions blueprint consumes produces binding",
 )
 ROS = Namespace(
     "http://ros.org/#",
@@ -67,13 +64,13 @@ SPATIAL = Namespace(
     "AxisAngle Rotation3D rotationAngle rotationAxis AxisAngleShape",
 )
 HTTP = Namespace("http://www.w3.org/2011/http#", "Request Body mthd requestURI body")
-METHODS = Namespace("http://www.w3.org/2011/http-methods#", "GET POST PUT DELETE")
+METHODS = Namespace("http://www.w3.org/2011/http-methods#", "POST PUT")
 LF = Namespace(
     "https://w3id.org/linked-fleet#",
     # classes
     "Fleet Robot Joint ContinuousJoint PrismaticJoint FixedJoint FloatingJoint PlanarJoint Invocation Blueprint"
     " ScalarProperty Translation Limits Pose Twist Point Inertia Mimicry JointState JointSample FrameField Quaternion"
-    " Problem Presence InvocationState Unknown"
+    " Problem"
     # shapes
     " FleetShape RobotShape LinkShape ContinuousJointShape PrismaticJointShape FixedJointShape FloatingJointShape"
     " PlanarJointShape ScalarPropertyShape TranslationShape LimitsShape PoseShape TwistShape PointShape InertiaShape"

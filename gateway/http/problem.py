@@ -8,25 +8,17 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from gateway.errors import FleetError
 from gateway.graph.serialise import MEDIA_TYPES, render
+from gateway.graph.vocab import DCTERMS, LF, RDF, SH, XSD
 from gateway.http.negotiation import choose, parse_accept, weight
 
 PROBLEM_JSON = "application/problem+json"
-_LF = "https://w3id.org/linked-fleet#"
-_DCTERMS = "http://purl.org/dc/terms/"
-_SH = "http://www.w3.org/ns/shacl#"
-_XSD = "http://www.w3.org/2001/XMLSchema#"
-_TYPE = NamedNode("http://www.w3.org/1999/02/22-rdf-syntax-ns#type")
-_RESULT = NamedNode(_SH + "result")
 # RFC 9457 calls nothing like them; the names are those of the SHACL vocabulary without the word "result"
 _REPORTED = {
-    NamedNode(_SH + term): member
-    for term, member in {
-        "focusNode": "focusNode",
-        "resultPath": "path",
-        "resultMessage": "message",
-        "value": "value",
-        "sourceConstraintComponent": "sourceConstraintComponent",
-    }.items()
+    SH.focusNode: "focusNode",
+    SH.resultPath: "path",
+    SH.resultMessage: "message",
+    SH.value: "value",
+    SH.sourceConstraintComponent: "sourceConstraintComponent",
 }
 
 
@@ -72,7 +64,7 @@ def _json(error: FleetError, instance: str | None) -> bytes:
 
 def _report(triples: Sequence[Triple]) -> list[dict[str, str]]:
     """The results of a SHACL report in order, one flat object each; blank nodes, which mean nothing here, left out."""
-    results: dict[Any, dict[str, str]] = {t.object: {} for t in triples if t.predicate == _RESULT}
+    results: dict[Any, dict[str, str]] = {t.object: {} for t in triples if t.predicate == SH.result}
     for triple in triples:
         member = _REPORTED.get(triple.predicate)
         if member and triple.subject in results and isinstance(triple.object, NamedNode | Literal):
@@ -82,12 +74,12 @@ def _report(triples: Sequence[Triple]) -> list[dict[str, str]]:
 
 def _triples(error: FleetError) -> list[Triple]:
     problem = BlankNode()
-    status = Literal(str(error.status), datatype=NamedNode(_XSD + "integer"))
+    status = Literal(str(error.status), datatype=XSD.integer)
     return [
-        Triple(problem, _TYPE, NamedNode(_LF + "Problem")),
-        Triple(problem, NamedNode(_DCTERMS + "identifier"), Literal(error.type, datatype=NamedNode(_XSD + "anyURI"))),
-        Triple(problem, NamedNode(_LF + "status"), status),
-        Triple(problem, NamedNode(_DCTERMS + "title"), Literal(error.title)),
-        Triple(problem, NamedNode(_DCTERMS + "description"), Literal(error.detail)),
+        Triple(problem, RDF.type, LF.Problem),
+        Triple(problem, DCTERMS.identifier, Literal(error.type, datatype=XSD.anyURI)),
+        Triple(problem, LF.status, status),
+        Triple(problem, DCTERMS.title, Literal(error.title)),
+        Triple(problem, DCTERMS.description, Literal(error.detail)),
         *(error.report or ()),
     ]
