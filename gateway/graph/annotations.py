@@ -42,8 +42,7 @@ def _parse(turtle: str, base: str) -> dict[NamedNode | BlankNode, list[Triple]]:
         if _is_own(triple):
             log.warning("annotation %s of %s is left out: the gateway alone states it", triple.predicate.value, base)
             continue
-        renamed = _rename(triple)
-        found.setdefault(renamed.subject, []).append(renamed)  # type: ignore[arg-type]
+        found.setdefault(triple.subject, []).append(triple)  # type: ignore[arg-type]
     return found
 
 
@@ -53,8 +52,3 @@ def _is_own(triple: Triple) -> bool:
         return isinstance(triple.object, NamedNode) and triple.object.value.startswith(_OWN)
     named = isinstance(triple.subject, NamedNode)  # a blank node may have a title
     return triple.predicate.value.startswith(_OWN) or (named and triple.predicate in _OWN_TERMS)
-
-
-def _rename(triple: Triple) -> Triple:
-    """Keep the parser's random blank-node labels apart from the builder's."""
-    return Triple(*(BlankNode("x" + term.value) if isinstance(term, BlankNode) else term for term in triple))  # type: ignore[arg-type]

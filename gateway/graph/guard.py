@@ -48,11 +48,11 @@ def admit(body: Sequence[Triple], joint: Joint, request_iri: str) -> Quantity:
     about = dict.fromkeys(t for t in body if t.subject == focus)
     body = [t for p in (VOM.numericalValue, VOM.unit) for t in [t for t in about if t.predicate == p][:2]]
     _check_lexical_forms(body, request_iri)
-    data = _to_rdflib(_refocus(body, focus))
+    data = _to_rdflib([Triple(_FOCUS, t.predicate, t.object) for t in body])
     conforms, report = _validate(data, _guard(joint))
     if not conforms:
         raise _refusal(data, report, joint, request_iri)
-    stated = {t.predicate: t.object for t in body if t.subject == focus}
+    stated = {t.predicate: t.object for t in body}
     value, unit = stated[VOM.numericalValue], stated[VOM.unit]
     assert isinstance(value, Literal) and isinstance(unit, NamedNode)
     return Quantity(float(value.value), unit)
@@ -85,13 +85,6 @@ def _check_lexical_forms(body: Sequence[Triple], constraint: str) -> None:
                     f"{literal.value[:80]!r} is no finite number of type {literal.datatype.value}; write e.g. 43.6.",
                     constraint=constraint,
                 )
-
-
-def _refocus(body: Sequence[Triple], focus: Node) -> list[Triple]:
-    def swap(term: object) -> object:
-        return _FOCUS if term == focus else term
-
-    return [Triple(swap(t.subject), t.predicate, swap(t.object)) for t in body]  # type: ignore[arg-type]
 
 
 def _to_rdflib(triples: Sequence[Triple]) -> rdflib.Graph:

@@ -1,13 +1,14 @@
 """Properties (paper 5.2): for each kind of thing its properties, and how each is described with its present value."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from pyoxigraph import Literal, NamedNode
 
 from agents.wire.messages import Base
 from gateway.fleet.model import Joint, Link, Pose
+from gateway.fleet.observation import Observation
 from gateway.fleet.robot import Robot
 from gateway.graph.build import Graph, integer, number
 from gateway.graph.kinds import (
@@ -18,6 +19,7 @@ from gateway.graph.kinds import (
     METRE_PER_SECOND,
     POSE_RESOLUTION,
     POSITION_RESOLUTION,
+    RADIAN,
     RADIAN_PER_SECOND,
     UNITLESS,
     VELOCITY_RESOLUTION,
@@ -26,7 +28,7 @@ from gateway.graph.kinds import (
     kind_of,
 )
 from gateway.graph.paths import joint_path
-from gateway.graph.vocab import DCTERMS, LF, MATHS, ROS, SPATIAL, XSD
+from gateway.graph.vocab import DCTERMS, LF, MATHS, ROS, SPATIAL
 
 FRAME_MEDIA_TYPE = "application/vnd.linked-fleet.frame"
 Describe = Callable[[Graph, NamedNode], None]
@@ -53,48 +55,44 @@ def scalar(segment: str, predicate: NamedNode, title: str, value: float | None, 
     return Property(segment, predicate, (LF.ScalarProperty,), LF.ScalarPropertyShape, title, describe)
 
 
-def measured(
-    robot: Robot, joint: str, segment: str, value: Callable[[], float], predicate: NamedNode, unit: Unit, step: float
+def _measured(
+    segment: str, predicate: NamedNode, joint: Joint, look: Callable[[], Observation], unit: Unit
 ) -> Property:
     """A measured scalar of a joint, with the time of its frame."""
 
     def describe(graph: Graph, iri: NamedNode) -> None:
-        seen = robot.observe(f"{joint}/{segment}", (value(),), step)
+        seen = look()
         graph.scalar(iri, LF.value, seen.values[0], unit)
         graph.result_time(iri, seen.wall_ns)
 
-    return Property(segment, predicate, (LF.ScalarProperty,), LF.ScalarPropertyShape, f"{segment} of {joint}", describe)
+    title = f"{segment} of {joint.name}"
+    return Property(segment, predicate, (LF.ScalarProperty,), LF.ScalarPropertyShape, title, describe)
 
 
-def _reading(row: Mapping[str, float], joint: str) -> float:
-    return row.get(joint, math.nan)
+# The three measured values of a joint: every document that shows one shows the same observation.
+
+
+def _position(robot: Robot, joint: str) -> Observation:
+    return robot.observe(f"{joint}/position", (robot.positions.get(joint, math.nan),), POSITION_RESOLUTION)
+
+
+def _velocity(robot: Robot, joint: str) -> Observation:
+    return robot.observe(f"{joint}/velocity", (robot.velocities.get(joint, math.nan),), VELOCITY_RESOLUTION)
+
+
+def _effort(robot: Robot, joint: str) -> Observation:
+    return robot.observe(f"{joint}/effort", (robot.efforts.get(joint, math.nan),), EFFORT_RESOLUTION)
 
 
 def joint_properties(robot: Robot, joint: Joint) -> list[Property]:
-    kind = kind_of(joint)
+    kind, name = kind_of(joint), joint.name
     found: list[Property] = []
-    if kind.dimension is not None and kind.predicate is not None and kind.position is not None:
+    if kind.dimension is not None:
         dimension = kind.dimension
-        found.append(_rotation(robot, joint) if kind.position == "rotation" else _translation(robot, joint))
         found += [
-            measured(
-                robot,
-                joint.name,
-                "velocity",
-                lambda: _reading(robot.velocities, joint.name),
-                LF.velocity,
-                dimension.velocity,
-                VELOCITY_RESOLUTION,
-            ),
-            measured(
-                robot,
-                joint.name,
-                "effort",
-                lambda: _reading(robot.efforts, joint.name),
-                LF.effort,
-                dimension.effort,
-                EFFORT_RESOLUTION,
-            ),
+            _rotation(robot, joint) if kind.position == "rotation" else _translation(robot, joint),
+            _measured("velocity", LF.velocity, joint, lambda: _velocity(robot, name), dimension.velocity),
+            _measured("effort", LF.effort, joint, lambda: _effort(robot, name), dimension.effort),
             _limits(joint, dimension),
             scalar("friction", ROS.friction, f"static friction of {joint.name}", joint.friction, dimension.effort),
             scalar("damping", LF.damping, f"damping of {joint.name}", joint.damping, dimension.damping),
@@ -172,10 +170,8 @@ def robot_properties(robot: Robot, iri_of: Callable[[str], NamedNode]) -> list[P
 
 def _rotation(robot: Robot, joint: Joint) -> Property:
     def describe(graph: Graph, iri: NamedNode) -> None:
-        seen = robot.observe(f"{joint.name}/rotation", (_reading(robot.positions, joint.name),), POSITION_RESOLUTION)
-        dimension = kind_of(joint).dimension
-        assert dimension is not None
-        graph.scalar(iri, SPATIAL.rotationAngle, seen.values[0], dimension.position)
+        seen = _position(robot, joint.name)
+        graph.scalar(iri, SPATIAL.rotationAngle, seen.values[0], RADIAN)
         graph.vector(iri, SPATIAL.rotationAxis, joint.axis, None)
         graph.result_time(iri, seen.wall_ns)
 
@@ -185,7 +181,7 @@ def _rotation(robot: Robot, joint: Joint) -> Property:
 
 def _translation(robot: Robot, joint: Joint) -> Property:
     def describe(graph: Graph, iri: NamedNode) -> None:
-        seen = robot.observe(f"{joint.name}/translation", (_reading(robot.positions, joint.name),), POSITION_RESOLUTION)
+        seen = _position(robot, joint.name)
         graph.scalar(iri, LF.displacement, seen.values[0], METRE)
         graph.vector(iri, LF.translationAxis, joint.axis, None)
         graph.result_time(iri, seen.wall_ns)
@@ -286,13 +282,11 @@ def _joint_state(graph: Graph, iri: NamedNode, robot: Robot, iri_of: Callable[[s
         sample = graph.blank(LF.JointSample)
         graph.add(iri, LF.sample, sample)
         graph.add(sample, LF.ofJoint, iri_of(joint_path(robot.name, joint.name)))
-        for predicate, key, row, step, unit_term, unit in (
-            (LF.position, "position", robot.positions, POSITION_RESOLUTION, LF.positionUnit, dimension.position),
-            (LF.velocity, "velocity", robot.velocities, VELOCITY_RESOLUTION, LF.velocityUnit, dimension.velocity),
-            (LF.effort, "effort", robot.efforts, EFFORT_RESOLUTION, LF.effortUnit, dimension.effort),
+        for predicate, seen, unit_term, unit in (
+            (LF.position, _position(robot, joint.name), LF.positionUnit, dimension.position),
+            (LF.velocity, _velocity(robot, joint.name), LF.velocityUnit, dimension.velocity),
+            (LF.effort, _effort(robot, joint.name), LF.effortUnit, dimension.effort),
         ):
-            segment = kind_of(joint).position if key == "position" else key
-            seen = robot.observe(f"{joint.name}/{segment}", (_reading(row, joint.name),), step)
             stamps.append(seen.wall_ns)
             graph.add(sample, predicate, number(seen.values[0]))
             graph.add(sample, unit_term, unit.qudt)
@@ -308,6 +302,6 @@ def _layout(graph: Graph, iri: NamedNode, robot: Robot) -> None:
         graph.add(node, LF.fieldName, Literal(entry.name))
         graph.add(node, LF.fieldType, Literal(entry.type))
         graph.add(node, LF.byteOffset, integer(entry.offset))
-        graph.add(node, LF.valueCount, Literal(str(entry.count), datatype=XSD.integer))
+        graph.add(node, LF.valueCount, integer(entry.count))
         fields.append(node)
     graph.add(iri, LF.frameLayout, graph.collection(fields))

@@ -66,7 +66,8 @@ class Tree:
         if path == "/":
             return self._fleet_resource()
         head, *rest = path[1:].split("/")
-        if (found := self._at_root(head)) is not None and rest in ([], [""]):
+        # Only such paths can name what the fleet itself owns; the links of all robots are made for nobody else.
+        if rest in ([], [""]) and (found := self._at_root(head)) is not None:
             return Redirect(found.path) if rest else found
         try:
             robot = self._fleet.robots.get(robot_name(head))

@@ -2,12 +2,12 @@
 
 import asyncio
 import contextlib
-import json
 import socket
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 
 import pytest
 import zenoh
+from actor import stage
 
 from agents.wire.codec import encode, encode_state, layout
 from agents.wire.keys import Keys
@@ -91,20 +91,8 @@ class Agent:
 
 @contextlib.contextmanager
 def session(endpoint: str) -> Iterator[Agent]:
-    config = zenoh.Config()
-    for name, value in {
-        "mode": "client",
-        "connect/endpoints": [endpoint],
-        "connect/timeout_ms": -1,
-        "connect/retry": {"period_init_ms": 50, "period_max_ms": 200, "period_increase_factor": 1.5},
-        "scouting/multicast/enabled": False,
-    }.items():
-        config.insert_json5(name, json.dumps(value))
-    opened = zenoh.open(config)
-    try:
+    with stage(endpoint) as opened:
         yield Agent(opened)
-    finally:
-        opened.close()
 
 
 def description(robot: str = "r", incarnation: int = 1) -> Description:
