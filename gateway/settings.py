@@ -4,6 +4,8 @@ import argparse
 import socket
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from ipaddress import IPv4Network, IPv6Network, ip_network
+from pathlib import Path
 
 
 def _setting(env: str, default: str, meaning: str) -> str:
@@ -26,10 +28,32 @@ class GatewaySettings:
         "LINKED_FLEET_ZENOH_LISTEN", "", "Zenoh endpoints to listen on (default: tcp/127.0.0.1:7447 without a router)"
     )
     zenoh_connect: str = _setting("LINKED_FLEET_ZENOH_CONNECT", "", "Zenoh endpoints to connect to, comma-separated")
+    redis_url: str = _setting("REDIS_URL", "", "Redis or Valkey that remembers subscriptions (default: embedded)")
+    state_dir: str = _setting(
+        "LINKED_FLEET_STATE_DIR", "", "folder of the embedded server's data (default: $XDG_STATE_HOME/linked-fleet)"
+    )
+    callback_allow: str = _setting(
+        "LINKED_FLEET_CALLBACK_ALLOW", "", "networks (CIDR) that callbacks may reach although private, comma-separated"
+    )
+    callback_consent: str = _setting(
+        "LINKED_FLEET_CALLBACK_CONSENT", "on", "whether a receiver is asked before its first delivery: on or off"
+    )
+    subscriptions_per_client: str = _setting(
+        "LINKED_FLEET_SUBSCRIPTIONS_PER_CLIENT", "1000", "subscriptions that one client address may have at once"
+    )
 
     def __post_init__(self) -> None:
         if not self.port.isdecimal() or not 0 < int(self.port) < 65536:
             raise ValueError(f"LINKED_FLEET_PORT is a port number from 1 to 65535, not {self.port!r}")
+        if self.callback_consent not in ("on", "off"):
+            raise ValueError(f"LINKED_FLEET_CALLBACK_CONSENT is on or off, not {self.callback_consent!r}")
+        if not self.subscriptions_per_client.isdecimal():
+            raise ValueError(f"LINKED_FLEET_SUBSCRIPTIONS_PER_CLIENT is a number, not {self.subscriptions_per_client!r}")
+        for network in _items(self.callback_allow):
+            try:
+                ip_network(network)
+            except ValueError as error:
+                raise ValueError(f"LINKED_FLEET_CALLBACK_ALLOW is of networks such as 10.0.0.0/8: {error}") from None
 
     @property
     def port_number(self) -> int:
@@ -57,6 +81,15 @@ class GatewaySettings:
         return _items(self.zenoh_connect)
 
     @property
+    def state_path(self) -> Path:
+        """Where the embedded server keeps its data."""
+        return Path(self.state_dir or Path.home() / ".local" / "state" / "linked-fleet").absolute()
+
+    @property
+    def callback_networks(self) -> tuple[IPv4Network | IPv6Network, ...]:
+        return tuple(ip_network(network) for network in _items(self.callback_allow))
+
+    @property
     def gateway_name(self) -> str:
         """Replicas of a container differ in the host name, gateways on one host in the port."""
         return f"{socket.gethostname()}-{self.port}"
@@ -65,11 +98,13 @@ class GatewaySettings:
     def read(cls, environment: Mapping[str, str], arguments: Sequence[str]) -> "GatewaySettings":
         """Flags win over the environment; ValueError for an unusable value, SystemExit for an unknown flag."""
         parser = argparse.ArgumentParser(prog="python -m gateway", description="Serve the fleet as Linked Data.")
+        # XDG Base Directory Specification
+        home = environment.get("XDG_STATE_HOME", "")
+        state_dir = str(Path(home) / "linked-fleet") if Path(home).is_absolute() else ""
         for item in fields(cls):
             flag, env = "--" + item.name.replace("_", "-"), item.metadata["env"]
-            parser.add_argument(
-                flag, default=environment.get(env, item.default), help=f"{item.metadata['meaning']} ({env})"
-            )
+            default = environment.get(env) or (state_dir if item.name == "state_dir" else item.default)
+            parser.add_argument(flag, default=default, help=f"{item.metadata['meaning']} ({env})")
         return cls(**vars(parser.parse_args(arguments)))
 
 
