@@ -1,0 +1,54 @@
+"""What is sent, and where it goes: a message is rendered once, framed once per channel, and shared by all subscribers."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Protocol
+
+
+@dataclass(frozen=True)
+class Message:
+    """A complete representation of one resource at one version of it."""
+
+    path: str
+    version: str
+    """Of the resource; also the ``id`` of an event, and what a stream is resumed by."""
+    media_type: str
+    body: bytes
+    _frames: dict[Callable[["Message"], bytes], bytes] = field(default_factory=dict, compare=False, repr=False)
+
+    def framed(self, framing: Callable[["Message"], bytes]) -> bytes:
+        """The bytes that ``framing`` makes of this message, made once for all who get it."""
+        frame = self._frames.get(framing)
+        if frame is None:
+            frame = self._frames[framing] = framing(self)
+        return frame
+
+
+class Ending(Enum):
+    """Why no more messages will come."""
+
+    CANCELLED = "the subscription was deleted"
+    GONE = "the resource does not exist any more"
+    REPLACED = "the subscription was opened on another connection"
+    SHUTDOWN = "the gateway is shutting down"
+
+
+class Outlet(Protocol):
+    """The last step of a channel. It never blocks and never keeps more than a bounded number of bytes."""
+
+    def writable(self) -> bool:
+        """Whether a message would leave without much waiting; while it would not, values are conflated."""
+
+    def write(self, message: Message) -> None:
+        """Send one message. Called only while ``writable()``; a message of any size is taken whole."""
+
+    def end(self, ending: Ending) -> None:
+        """Close the channel; nothing is written after it."""
+
+
+class Feed(Protocol):
+    """What an outlet has of the fan-out."""
+
+    def ready(self) -> None:
+        """To be called when the outlet can take messages, at first and whenever it has become writable again."""
