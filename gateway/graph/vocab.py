@@ -48,7 +48,8 @@ UNIT = Namespace(
 XHV = Namespace("http://www.w3.org/1999/xhtml/vocab#", "prev next")
 HYBRIT = Namespace(
     "https://hybr-it-projekt.de/ns/hybr-it#",
-    "RoboticThing Property Action AsynchronousAction property action subscriptions blueprint consumes produces binding",
+    "RoboticThing Property Action AsynchronousAction property action subscriptions blueprint consumes produces binding"
+    " Subscription WebCallback onResource callbackURL callbackUrl mediaType",
 )
 ROS = Namespace(
     "http://ros.org/#",
@@ -70,16 +71,20 @@ LF = Namespace(
     # classes
     "Fleet Robot Joint ContinuousJoint PrismaticJoint FixedJoint FloatingJoint PlanarJoint Invocation Blueprint"
     " ScalarProperty Translation Limits Pose Twist Point Inertia Mimicry JointState JointSample FrameField Quaternion"
-    " Problem"
+    " Problem Stream WebSocketStream EventStream"
     # shapes
     " FleetShape RobotShape LinkShape ContinuousJointShape PrismaticJointShape FixedJointShape FloatingJointShape"
     " PlanarJointShape ScalarPropertyShape TranslationShape LimitsShape PoseShape TwistShape PointShape InertiaShape"
-    " MimicryShape JointStateShape InvocationShape"
+    " MimicryShape JointStateShape InvocationShape SubscriptionShape"
     # individuals
-    " unknown online offline accepted running succeeded failed preempted"
+    " unknown online offline accepted running succeeded failed preempted thisAlone withProperties wholeSubtree active"
+    " waiting awaitingConsent failing suspended"
     # predicates: things
     " presence lastSeen lastFrame fault rootLink baseMobility parentJoint childJoint shape invocations state reason"
     " target ofJoint result status vocabulary"
+    # predicates: subscriptions and their messages
+    " depth minimumInterval deadband secret signed deliveryState lastDelivery lastStatus failures"
+    " version previousVersion"
     # predicates: quantities
     " value translation displacement translationAxis velocity effort limits lowerLimit upperLimit velocityLimit"
     " effortLimit damping pose twist mass centreOfMass inertia mimic mimicsJoint multiplier offset jointState sample"
