@@ -1,0 +1,39 @@
+"""Signed deliveries by the Standard Webhooks specification 1.0.0, symmetric scheme ``v1``; pure."""
+
+import base64
+import binascii
+import hashlib
+import hmac
+
+PREFIX = "whsec_"
+LEAST_BYTES, MOST_BYTES = 24, 64
+"""Of a secret: 192 to 512 bits."""
+
+
+def headers(secret: str, id: str, timestamp_s: int, body: bytes) -> dict[str, str]:
+    """The headers that identify a delivery, and prove where it comes from if there is a secret.
+
+    ``id`` stays the same in every attempt, ``timestamp_s`` (Unix) is that of the attempt. Both are the gateway's own:
+    whoever could choose an id with a full stop in it could shift bytes between id, time and body. Raises as ``key``.
+    """
+    identity = {"webhook-id": id, "webhook-timestamp": str(timestamp_s)}
+    if not secret:
+        return identity
+    signed = f"{id}.{timestamp_s}.".encode() + body
+    digest = hmac.new(key(secret), signed, hashlib.sha256).digest()
+    return {**identity, "webhook-signature": f"v1,{base64.b64encode(digest).decode()}"}
+
+
+def key(secret: str) -> bytes:
+    """What a secret such as ``whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw`` stands for; ValueError says how to write one."""
+    # the message never repeats the secret: errors end up in logs and in answers
+    right = f"a secret is {PREFIX} and the base64 of {LEAST_BYTES} to {MOST_BYTES} random bytes"
+    if not secret.startswith(PREFIX):
+        raise ValueError(f"The secret does not begin with {PREFIX}; {right}.")
+    try:
+        decoded = base64.b64decode(secret.removeprefix(PREFIX), validate=True)
+    except (binascii.Error, ValueError) as error:
+        raise ValueError(f"The secret is not in base64; {right}.") from error
+    if not LEAST_BYTES <= len(decoded) <= MOST_BYTES:
+        raise ValueError(f"The secret has {len(decoded)} bytes; {right}.")
+    return decoded

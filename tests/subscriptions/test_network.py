@@ -1,0 +1,217 @@
+"""Which addresses callbacks may reach, however the URL spells them."""
+
+import asyncio
+import ipaddress
+import threading
+from contextlib import closing
+from ipaddress import IPv4Network, IPv6Network
+
+import httpx
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gateway.subscriptions.network import Address, Forbidden, Lookup, Network, Unresolvable, callback_url, is_public
+
+LOOPBACK = (IPv4Network("127.0.0.0/8"), IPv6Network("::1/128"))
+INSIDE = [
+    *("0.0.0.0", "0.1.2.3", "10.0.0.1", "100.64.0.1", "100.100.100.200", "127.0.0.1", "127.255.255.254"),
+    *("168.63.129.16", "169.254.169.254", "169.254.170.2", "172.16.0.1", "172.31.255.255", "192.0.0.8", "192.0.0.9"),
+    *("192.0.0.192", "192.0.2.1", "192.88.99.1", "192.168.1.1", "198.18.0.1", "198.51.100.1", "203.0.113.1"),
+    *("224.0.0.1", "239.255.255.255", "240.0.0.1", "255.255.255.255"),
+    *("::", "::1", "::127.0.0.1", "::8.8.8.8", "::ffff:127.0.0.1", "::ffff:169.254.169.254", "::ffff:10.0.0.1"),
+    *("::ffff:0:127.0.0.1", "64:ff9b::127.0.0.1", "64:ff9b::8.8.8.8", "64:ff9b:1::1", "100::1", "2001::1"),
+    *("2001:10::1", "2001:db8::1", "2002:7f00:1::", "2002:808:808::1", "3fff::1", "4000::1", "5f00::1"),
+    *("fc00::1", "fd00:ec2::254", "fd20:ce::254", "fe80::1", "fe80::1%1", "fec0::1", "ff02::1", "ff0e::1"),
+    *("2606:4700::1111%1", "::1%1"),
+]
+PUBLIC = ["1.1.1.1", "8.8.8.8", "193.99.144.80", "2001:4860:4860::8888", "2606:4700::1111", "2a02:2e0:3fe::1"]
+
+
+def answering(*addresses: str) -> Lookup:
+    return lambda host, port: addresses
+
+
+def resolve(network: Network, host: str = "receiver.example") -> list[Address]:
+    with closing(network):
+        return asyncio.run(network.resolve(host, 80))
+
+
+@pytest.mark.parametrize("address", INSIDE)
+def test_what_is_not_public_is_forbidden(address: str) -> None:
+    with pytest.raises(Forbidden) as refused:
+        resolve(Network(lookup=answering(address)))
+    assert address not in str(refused.value)
+
+
+@pytest.mark.parametrize("address", INSIDE)
+def test_an_address_in_the_url_is_judged_like_that_of_a_name(address: str) -> None:
+    with pytest.raises(Forbidden):
+        resolve(Network(), host=address)
+
+
+@pytest.mark.parametrize("address", PUBLIC)
+def test_public_addresses_are_permitted(address: str) -> None:
+    assert resolve(Network(lookup=answering(address))) == [Address(address, allowed=False)]
+
+
+def test_a_mapped_address_is_the_ipv4_address_that_it_leads_to() -> None:
+    mapped = answering("::ffff:8.8.8.8", "8.8.8.8", "::ffff:127.0.0.1")
+    assert resolve(Network(LOOPBACK, lookup=mapped)) == [Address("8.8.8.8", False), Address("127.0.0.1", True)]
+
+
+def test_only_the_permitted_addresses_of_a_name_are_given() -> None:
+    mixed = answering("10.0.0.1", "127.0.0.1", "8.8.8.8", "::1", "fe80::1%2")
+    expected = [Address("127.0.0.1", True), Address("8.8.8.8", False), Address("::1", True)]
+    assert resolve(Network(LOOPBACK, lookup=mixed)) == expected
+
+
+@given(st.ip_addresses())
+def test_nothing_private_is_ever_public(ip: ipaddress.IPv4Address | ipaddress.IPv6Address) -> None:
+    if is_public(ip):
+        assert not (ip.is_private or ip.is_loopback or ip.is_link_local or ip.is_multicast or ip.is_reserved)
+
+
+@given(st.ip_addresses(v=4))
+def test_no_ipv6_address_with_an_ipv4_address_in_it_is_public(inner: ipaddress.IPv4Address) -> None:
+    prefixes = ("::", "::ffff:0:0", "::ffff:0:0:0", "64:ff9b::", "64:ff9b:1::", "2001::")
+    wrapped = [ipaddress.IPv6Address(int(ipaddress.IPv6Address(prefix)) + int(inner)) for prefix in prefixes]
+    six_to_four = ipaddress.IPv6Address((0x2002 << 112) + (int(inner) << 80))
+    assert not any(is_public(ip) for ip in [*wrapped, six_to_four])
+
+
+@pytest.mark.parametrize("host", ["2130706433", "0x7f.1", "0x7f000001", "0177.0.0.1", "127.1", "0", "localhost"])
+def test_the_system_resolver_sees_through_numeric_tricks_and_loopback_stays_forbidden(host: str) -> None:
+    with pytest.raises(Forbidden):
+        resolve(Network(), host=host)
+
+
+@pytest.mark.parametrize("host", ["localhost.", "127.0.0.1."])
+def test_a_trailing_dot_opens_nothing(host: str) -> None:
+    with pytest.raises((Forbidden, Unresolvable)):  # which of the two is up to the system's resolver
+        resolve(Network(), host=host)
+
+
+def test_the_system_resolver_finds_loopback_where_it_is_allowed() -> None:
+    assert Address("127.0.0.1", True) in resolve(Network(LOOPBACK), host="localhost")
+
+
+@pytest.mark.parametrize("host", ["", "a..b", "x" * 64 + ".example", "nul\0.example", "bücher.example"])
+def test_a_host_without_addresses_is_unresolvable(host: str) -> None:
+    with pytest.raises(Unresolvable):
+        resolve(Network(), host=host)
+
+
+def test_no_answer_and_nonsense_permit_nothing() -> None:
+    with pytest.raises(Unresolvable):
+        resolve(Network(lookup=answering()))
+    with pytest.raises(Forbidden):
+        resolve(Network(lookup=answering("receiver.example")))
+
+
+def test_a_dead_resolver_ends_in_time_and_holds_up_no_addresses() -> None:
+    dead = threading.Event()
+
+    def stalled(host: str, port: int) -> list[str]:
+        dead.wait()
+        return ["8.8.8.8"]
+
+    async def run() -> None:
+        network = Network(LOOPBACK, lookup=stalled, timeout_s=0.02)
+        many = [network.resolve(f"r{n}.example", 80) for n in range(30)]
+        outcomes = await asyncio.gather(*many, return_exceptions=True)
+        assert all(isinstance(outcome, Unresolvable) for outcome in outcomes)
+        assert await network.resolve("127.0.0.1", 80) == [Address("127.0.0.1", True)]
+        dead.set()
+        network.close()
+
+    try:
+        asyncio.run(run())
+    finally:
+        dead.set()
+
+
+URLS = [
+    *("http://receiver.example", "HTTPS://Receiver.example/", "http://receiver.example:8080/a/b?c=d&e=%20f"),
+    *("http://127.0.0.1:9/", "http://[::1]:9/x", "http://[::ffff:127.0.0.1]/", "http://2130706433/", "http://0x7f.1/"),
+    *(
+        "http://localhost./",
+        "https://xn--bcher-kva.example/",
+        "http://my_host/",
+        "http://a.b.c.d:65535?x",
+        "http://h/?/:@!",
+    ),
+    *("http://h/" + "x" * (2048 - 9),),
+]
+REFUSED = [
+    ("", "absolute"),
+    ("receiver.example/x", "absolute"),
+    ("/callback", "absolute"),
+    ("//receiver.example/", "absolute"),
+    ("ftp://receiver.example/", "absolute"),
+    ("file:///etc/passwd", "absolute"),
+    ("gopher://127.0.0.1:6379/_x", "absolute"),
+    ("http:receiver.example", "absolute"),
+    ("http:///path", "no valid host"),
+    ("http://:80/", "no valid host"),
+    ("http://.example/", "no valid host"),
+    ("http://a..b/", "no valid host"),
+    ("http://-a.example/", "no valid host"),
+    ("http://%31%32%37.0.0.1/", "no valid host"),
+    ("http://0177.0.0.1/", "no valid host"),
+    ("http://256.0.0.1/", "no valid host"),
+    ("http://[127.0.0.1]/", "no valid host"),
+    ("http://[fe80::1%25eth0]/", "no valid host"),
+    ("http://[::1/", "no valid host"),
+    ("http://::1/", "no valid host"),
+    ("http://[::1]x/", "no valid host"),
+    ("http://" + "x" * 64 + ".example/", "no valid host"),
+    ("http://" + "x." * 127 + "xx/", "no valid host"),
+    ("http://user@receiver.example/", "user name"),
+    ("http://receiver.example@127.0.0.1/", "user name"),
+    ("http://u:p@receiver.example/", "user name"),
+    ("http://receiver.example/#x", "fragment"),
+    ("http://receiver.example/#", "fragment"),
+    ("http://receiver.example:/", "1 to 65535"),
+    ("http://receiver.example:0/", "1 to 65535"),
+    ("http://receiver.example:65536/", "1 to 65535"),
+    ("http://receiver.example:-1/", "1 to 65535"),
+    ("http://receiver.example:80:80/", "1 to 65535"),
+    ("http://receiver.example:" + "9" * 1000, "1 to 65535"),
+    ("http://receiver.example/" + "x" * 2048, "at most 2048"),
+    (" http://receiver.example/", "position 1"),
+    ("http://receiver.example/a b", "hexadecimal"),
+    ("http://receiver.example/\r\nX: y", "hexadecimal"),
+    ("http://receiver.example/\t", "hexadecimal"),
+    ("http://receiver.example/\x00", "hexadecimal"),
+    ("http://receiver.example\\@127.0.0.1/", "hexadecimal"),
+    ("http://receiver.example/%zz", "hexadecimal"),
+    ("http://bücher.example/", "Punycode"),
+    ("http://127。0。0。1/", "Punycode"),
+    ("http://receiver.example/ü", "Punycode"),
+]
+
+
+@pytest.mark.parametrize("url", URLS)
+def test_a_usable_callback_url_stays_as_it_is(url: str) -> None:
+    assert callback_url(url) == url
+
+
+@pytest.mark.parametrize(("url", "right"), REFUSED)
+def test_another_is_refused_with_what_would_have_been_right(url: str, right: str) -> None:
+    with pytest.raises(ValueError, match=right):
+        callback_url(url)
+
+
+@given(st.sampled_from(["http://", "https://"]), st.text(st.sampled_from("aZ09._-:[]@%/?#\\f2\t é"), max_size=30))
+def test_what_is_accepted_means_the_same_to_the_http_client(scheme: str, rest: str) -> None:
+    try:
+        url = callback_url(scheme + rest)
+    except ValueError:
+        return
+    parsed = httpx.URL(url)
+    authority = rest.lower().partition("/")[0].partition("?")[0]
+    host = authority[1:].partition("]")[0] if authority.startswith("[") else authority.partition(":")[0]
+    assert parsed.raw_host.decode() == host
+    assert not parsed.userinfo
+    assert not parsed.fragment
