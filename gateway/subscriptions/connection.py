@@ -1,0 +1,139 @@
+"""The connection to Redis or Valkey, one server or a cluster; the only module that imports redis."""
+
+import asyncio
+import logging
+import time
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
+from typing import Any
+from urllib.parse import unquote, urlsplit
+
+import redis.asyncio
+from redis import exceptions
+from redis.asyncio.cluster import ClusterNode
+from redis.asyncio.retry import Retry
+from redis.backoff import NoBackoff
+
+_log = logging.getLogger(__name__)
+
+_CONNECT_S, _COMMAND_S = 1.0, 2.0
+_PATIENCE_S = 3.0  # for one command in all, waiting for its turn and finding the nodes of a cluster included
+_TURNS = 64  # commands at once; redis-py refuses more than its 100 connections
+_BLOCK_MS = 1_000  # of a read of the news; below the timeout of a command
+_UNREACHABLE = (
+    exceptions.ConnectionError, exceptions.TimeoutError, exceptions.ClusterError, exceptions.RedisClusterException,
+    exceptions.ReadOnlyError, exceptions.OutOfMemoryError, exceptions.TryAgainError, exceptions.AskError,
+    OSError, TimeoutError,
+)  # fmt: skip
+_NOT_NOW = ("MISCONF", "NOREPLICAS", "BUSY ", "LOADING", "CLUSTERDOWN", "MASTERDOWN")  # errors without a class
+_DURABLE = {"appendonly": "yes", "appendfsync": "always"}
+
+
+class StoreUnavailable(Exception):  # noqa: N818 -- a state of the world, not a defect
+    """Redis does not serve: unreachable, loading, read-only or without memory. Whether the command ran is unknown."""
+
+
+class Connection:
+    """Commands one by one or many at once, each in bounded time; connects when it must, and again after an outage.
+
+    Nothing is sent twice: what to repeat is for those to say who know what may be repeated. ``stream`` is followed
+    from where it was at the first contact. ValueError for a URL that means nothing.
+    """
+
+    def __init__(self, url: str, stream: str) -> None:
+        self._client = _client(url)  # Any: redis-py leaves raw commands untyped
+        self._stream = stream
+        self._position: str | None = None
+        self._turns = asyncio.Semaphore(_TURNS)
+        self._failed_s = float("-inf")
+
+    @property
+    def served_s(self) -> float:
+        """Time since the last outage; endless without any."""
+        return time.monotonic() - self._failed_s
+
+    async def close(self) -> None:
+        await self._client.aclose()
+
+    async def one(self, *command: str | bytes | int) -> Any:
+        """The answer to one command; StoreUnavailable."""
+        async with self._contact(), self._turns:
+            return await self._client.execute_command(*command)
+
+    async def all(self, commands: Sequence[tuple[str | bytes | int, ...]]) -> list[Any]:
+        """The answers to commands of any slots, sent at once; in order only those to one slot. StoreUnavailable."""
+        if not commands:
+            return []
+        async with self._contact(), self._turns:
+            pipeline = self._client.pipeline(transaction=False)
+            for command in commands:
+                pipeline.execute_command(*command)
+            return list(await pipeline.execute())
+
+    async def run(self, script: str, keys: tuple[str, ...], *arguments: str | bytes | int) -> Any:
+        """The answer of a script, whose keys are of one slot; StoreUnavailable."""
+        return await self.one("EVAL", script, len(keys), *keys, *arguments)
+
+    async def follow(self) -> list[dict[bytes, bytes]]:
+        """What came to the stream since the last call, if anything does within a second; StoreUnavailable."""
+        async with self._contact():  # takes no turn: it waits most of the time
+            command = ("XREAD", "COUNT", 100, "BLOCK", _BLOCK_MS, "STREAMS", self._stream, self._position)
+            answer = await self._client.execute_command(*command)
+        entries = answer[0][1] if answer else []
+        if entries:
+            self._position = entries[-1][0].decode()
+        return [fields for _, fields in entries]
+
+    @asynccontextmanager
+    async def _contact(self) -> AsyncIterator[None]:
+        """Bounds the time and gives errors one name; the first contact notes where the stream is."""
+        try:
+            async with asyncio.timeout(_PATIENCE_S):
+                if self._position is None:
+                    await self._greet()
+                yield
+        except _UNREACHABLE as error:
+            self._failed_s = time.monotonic()
+            raise StoreUnavailable(f"{type(error).__name__}: {error}") from error
+        except exceptions.ResponseError as error:
+            if not str(error).startswith(_NOT_NOW):
+                raise
+            self._failed_s = time.monotonic()
+            raise StoreUnavailable(str(error)) from error
+
+    async def _greet(self) -> None:
+        last = await self._client.execute_command("XREVRANGE", self._stream, "+", "-", "COUNT", 1)
+        if self._position is not None:  # another command has had the first contact meanwhile
+            return
+        self._position = last[0][0].decode() if last else "0-0"
+        try:
+            found = await self._client.config_get("append*")
+        except exceptions.ResponseError:  # many hosted servers forbid the question
+            return
+        wrong = [f"{name} {found[name]}" for name, value in _DURABLE.items() if found.get(name, value) != value]
+        if wrong:
+            _log.warning("Redis may lose subscriptions that were accepted, its settings are %s", " and ".join(wrong))
+
+
+def _client(url: str) -> Any:
+    scheme, _, rest = url.partition("://")
+    once = Retry(NoBackoff(), 0)
+    # RESP 2, so that answers look the same with every server.
+    options: dict[str, Any] = {"socket_connect_timeout": _CONNECT_S, "socket_timeout": _COMMAND_S, "protocol": 2}
+    if scheme in ("redis", "rediss", "unix"):
+        return redis.asyncio.Redis.from_url(url, retry=once, **options)
+    if scheme not in ("redis+cluster", "rediss+cluster"):
+        raise ValueError(f"{scheme!r} is no scheme of Redis: redis, rediss, unix, redis+cluster or rediss+cluster")
+    user, _, hosts = rest.rstrip("/").rpartition("@")
+    nodes = [urlsplit(f"//{host.strip()}") for host in hosts.split(",")]
+    if not all(node.hostname for node in nodes):
+        raise ValueError("a cluster is written as redis+cluster://host:port,host:port")
+    name, _, password = user.partition(":")
+    return redis.asyncio.RedisCluster(
+        startup_nodes=[ClusterNode(node.hostname or "", node.port or 6379) for node in nodes],
+        username=unquote(name) or None,
+        password=unquote(password) or None,
+        ssl=scheme == "rediss+cluster",
+        retry=once,
+        **options,
+    )

@@ -1,0 +1,116 @@
+"""The atomic steps of the store, as Lua that Redis runs. Each touches the keys of one slot only.
+
+They are sent whole each time: they are short, and a server that restarted knows no script by its digest.
+"""
+
+# KEYS: client; ARGV: id, limit. Whether the client may have the subscription, which is then counted.
+COUNT = """
+if redis.call('SISMEMBER', KEYS[1], ARGV[1]) == 1 then return 1 end
+if redis.call('SCARD', KEYS[1]) >= tonumber(ARGV[2]) then return 0 end
+return redis.call('SADD', KEYS[1], ARGV[1])
+"""
+
+# KEYS: record, queue, gone; ARGV: run, group or nothing, fields of the record.
+# 0 when others clear the subscription away since its run began to list it, or have done so: it must be listed again.
+COMMIT = """
+local clearing = redis.call('GET', KEYS[3])
+if clearing then
+  if tonumber(clearing) <= 0 then redis.call('DEL', KEYS[3]) end
+  return 0
+end
+local holder = redis.call('HGET', KEYS[1], 'holder')
+if holder and holder ~= ARGV[1] then return 1 end
+redis.call('HSET', KEYS[1], 'holder', ARGV[1], unpack(ARGV, 3))
+if ARGV[2] ~= '' and redis.call('EXISTS', KEYS[2]) == 0 then
+  redis.call('XGROUP', 'CREATE', KEYS[2], ARGV[2], '0', 'MKSTREAM')
+end
+return 1
+"""
+
+# KEYS: record, queue, sent, gone; ARGV: run, milliseconds to clear away what another run holds. The record as it was.
+REMOVE = """
+local fields = redis.call('HGETALL', KEYS[1])
+local holder = redis.call('HGET', KEYS[1], 'holder')
+redis.call('DEL', KEYS[1], KEYS[2], KEYS[3])
+if holder and holder ~= ARGV[1] then
+  redis.call('INCR', KEYS[4])
+  redis.call('PEXPIRE', KEYS[4], ARGV[2])
+end
+return fields
+"""
+
+# KEYS: record, gone; ARGV: milliseconds to clear away. Whether there is no record.
+RECLAIM = """
+if redis.call('EXISTS', KEYS[1]) == 1 then return 0 end
+redis.call('INCR', KEYS[2])
+redis.call('PEXPIRE', KEYS[2], ARGV[1])
+return 1
+"""
+
+# KEYS: gone. One has finished to clear away.
+CLEARED = """
+if redis.call('EXISTS', KEYS[1]) == 1 then redis.call('DECR', KEYS[1]) end
+return 1
+"""
+
+# KEYS: record; ARGV: holder as read, run. The holder after that: only one of several runs can win.
+TAKE = """
+if redis.call('HGET', KEYS[1], 'holder') == ARGV[1] then redis.call('HSET', KEYS[1], 'holder', ARGV[2]) end
+return redis.call('HGET', KEYS[1], 'holder')
+"""
+
+# KEYS: runs, held, lease; ARGV: run. A run that may come back, or holds something, is not forgotten.
+RETIRE = """
+if redis.call('EXISTS', KEYS[2], KEYS[3]) == 0 then redis.call('SREM', KEYS[1], ARGV[1]) end
+return 1
+"""
+
+# KEYS: record. The record, active again, or nothing.
+WAKE = """
+if redis.call('EXISTS', KEYS[1]) == 0 then return {} end
+redis.call('HSET', KEYS[1], 'state', 'active', 'failures', '0', 'reason', '')
+return redis.call('HGETALL', KEYS[1])
+"""
+
+# KEYS: record; ARGV: run, fields of the delivery.
+NOTE = """
+if redis.call('HGET', KEYS[1], 'holder') ~= ARGV[1] then return 0 end
+redis.call('HSET', KEYS[1], unpack(ARGV, 2))
+return 1
+"""
+
+# KEYS: record, queue, sent; ARGV: run, group. Nothing for another's subscription, else entries and what was sent.
+# Consumers of earlier runs are forgotten once nothing is pending with them.
+BACKLOG = """
+if redis.call('HGET', KEYS[1], 'holder') ~= ARGV[1] then return false end
+local cursor = '0-0'
+repeat
+  cursor = redis.call('XAUTOCLAIM', KEYS[2], ARGV[2], ARGV[1], 0, cursor, 'COUNT', 100, 'JUSTID')[1]
+until cursor == '0-0'
+redis.call('XREADGROUP', 'GROUP', ARGV[2], ARGV[1], 'STREAMS', KEYS[2], '>')
+for _, consumer in ipairs(redis.call('XINFO', 'CONSUMERS', KEYS[2], ARGV[2])) do
+  if consumer[2] ~= ARGV[1] then redis.call('XGROUP', 'DELCONSUMER', KEYS[2], ARGV[2], consumer[2]) end
+end
+return {redis.call('XRANGE', KEYS[2], '-', '+'), redis.call('HGETALL', KEYS[3])}
+"""
+
+# KEYS: record, queue, sent; ARGV: run, group, entry that is done or nothing, number of delivery fields, these, and
+# perhaps path, version, media type and body of what goes out. Nothing for another's subscription, else the new entry
+# and its number if there is one. The fields come first: without memory for them nothing at all is done.
+ADVANCE = """
+if redis.call('HGET', KEYS[1], 'holder') ~= ARGV[1] then return false end
+local fields = tonumber(ARGV[4])
+redis.call('HSET', KEYS[1], unpack(ARGV, 5, 4 + fields))
+if ARGV[3] ~= '' then
+  redis.call('XACK', KEYS[2], ARGV[2], ARGV[3])
+  redis.call('XDEL', KEYS[2], ARGV[3])
+end
+if #ARGV == 4 + fields then return {} end
+local path, version, media_type, body = unpack(ARGV, 5 + fields)
+local number = redis.call('HINCRBY', KEYS[1], 'number', 1)
+local entry = redis.call('XADD', KEYS[2], '*', 'number', number, 'path', path, 'version', version,
+  'media_type', media_type, 'body', body)
+redis.call('HSET', KEYS[3], path, version)
+redis.call('XREADGROUP', 'GROUP', ARGV[2], ARGV[1], 'COUNT', 1, 'STREAMS', KEYS[2], '>')
+return {entry, number}
+"""

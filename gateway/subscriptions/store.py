@@ -1,0 +1,275 @@
+"""Subscriptions in Redis: who holds which, and what is still to be delivered.
+
+A write happens in an order that leaves nothing visible which was not accepted: first the holder's list, then the
+client's count and the owner's index, at last the record, which is the acceptance. What a crash leaves behind is found
+through the list of the run that crashed.
+
+"Accepted" means on disk if the server says ``appendonly yes`` and ``appendfsync always`` (otherwise a warning is
+logged). Replicas are not waited for: a failover of a cluster can lose what was accepted in its last moment.
+"""
+
+import asyncio
+import logging
+from collections.abc import AsyncIterator, Iterable, Mapping
+from dataclasses import replace
+from typing import Literal, Self
+
+from gateway.subscriptions import scripts
+from gateway.subscriptions.connection import Connection, StoreUnavailable
+from gateway.subscriptions.keys import Keys
+from gateway.subscriptions.records import (
+    Backlog,
+    Entry,
+    Held,
+    News,
+    Outgoing,
+    read_entry,
+    read_news,
+    read_pairs,
+    read_record,
+    write_delivery,
+    write_news,
+    write_spec,
+)
+from gateway.subscriptions.runs import Runs
+from gateway.subscriptions.subscription import Delivery, Record, Subscription
+
+__all__ = ["LEASE_S", "Backlog", "Entry", "Lost", "News", "Outgoing", "Store", "StoreUnavailable", "TooMany"]
+_log = logging.getLogger(__name__)
+
+LEASE_S = 3.0  # after that long without a word a run counts as dead
+_GONE_MS = 30_000  # longer than it takes to clear a subscription away
+_ATTEMPTS, _CLEARING_S = 20, 0.05  # to add what others are clearing away
+_NEWS = 1_000  # are kept, about
+_BACKOFF_S = 0.2  # of the reader of the news during an outage
+_GROUP = "callback"
+
+
+class TooMany(Exception):  # noqa: N818
+    """The client has as many subscriptions as it may have; nothing was stored."""
+
+
+class Lost(Exception):  # noqa: N818
+    """The subscription is gone, or another run of a gateway holds it now."""
+
+
+class Store:
+    """One run of a gateway at the store, as an async context manager; ``run`` is unique to it.
+
+    Opens without contact and heals by itself: while Redis is away every method but ``news`` raises StoreUnavailable.
+    ValueError for a URL or namespace that means nothing.
+    """
+
+    def __init__(self, url: str, namespace: str, run: str, lease_s: float = LEASE_S) -> None:
+        self._keys = Keys(namespace)
+        self._run = run
+        self._redis = Connection(url, self._keys.news)
+        self._runs = Runs(self._redis, self._keys, run, lease_s)
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self._redis.close()
+
+    # Runs
+
+    async def renew(self) -> None:
+        """Say that this run is alive, for the time of the lease."""
+        await self._runs.renew()
+
+    async def leave(self) -> None:
+        """Say that this run ends; others may adopt what it holds at once."""
+        await self._runs.leave()
+
+    async def dead_runs(self) -> list[str]:
+        """Other runs without a lease; none for half a lease after an outage, in which the living could not renew."""
+        return await self._runs.dead()
+
+    async def adopt(self, dead_run: str) -> list[Record]:
+        """Take over the callbacks of a dead run and clear its streams away; the callbacks that this run won.
+
+        Several gateways may do so at once, and die meanwhile.
+        """
+        if await self._runs.living([dead_run]):
+            return []
+        held = await self._runs.held(dead_run)
+        records = await self._records(held)
+        living = await self._runs.living({record.holder for record in records.values() if record is not None})
+        won = []
+        for id, record in records.items():
+            if record is None:
+                await self._reclaim(id, held[id], dead_run)
+                continue
+            if record.holder not in living and record.subscription.kind.streams:
+                await self._remove(id)
+            elif record.holder not in living and await self._take(record, held[id]):
+                won.append(replace(record, holder=self._run))
+            await self._runs.drop(id, dead_run)
+        await self._runs.retire(dead_run)
+        return won
+
+    async def held(self) -> list[Record]:
+        """What this run holds now; what it wrote or removed by halves is cleared away."""
+        held = await self._runs.held(self._run)
+        records = await self._records(held)
+        for id in (id for id, record in records.items() if record is None):
+            await self._reclaim(id, held[id], self._run)
+        return [record for record in records.values() if record is not None and record.holder == self._run]
+
+    # Subscriptions
+
+    async def add(self, subscription: Subscription, delivery: Delivery, limit: int) -> None:
+        """Accept a subscription and hold it; TooMany when its client has ``limit`` already.
+
+        May be repeated, after an outage or a StoreUnavailable. Once this returns, a callback is on disk.
+        """
+        id, group = subscription.id, "" if subscription.kind.streams else _GROUP
+        keys = (self._keys.record(id), self._keys.queue(id), self._keys.gone(id))
+        fields = (*write_spec(subscription), *write_delivery(delivery))
+        for _ in range(_ATTEMPTS):
+            await self._list(subscription, limit)
+            if await self._redis.run(scripts.COMMIT, keys, self._run, group, *fields):
+                return
+            await asyncio.sleep(_CLEARING_S)  # others thought this run dead
+        raise StoreUnavailable(f"other gateways are clearing subscription {id} away")
+
+    async def record(self, id: str) -> Record | None:
+        return (await self._records([id])).get(id)
+
+    async def of(self, owner: str) -> list[Record]:
+        """What the container of ``owner`` lists, oldest first; streams only while the lease of their holder lasts."""
+        ids = [id.decode() for id in await self._redis.one("SMEMBERS", self._keys.owner(owner))]
+        records = [record for record in (await self._records(ids)).values() if record is not None]
+        living = await self._runs.living({record.holder for record in records if record.subscription.kind.streams})
+        shown = [one for one in records if not one.subscription.kind.streams or one.holder in living]
+        return sorted(shown, key=lambda record: (record.subscription.created_ns, record.subscription.id))
+
+    async def remove(self, id: str) -> Record | None:
+        """Remove a subscription, whoever holds it, and tell a holder that is not this run; None if there is none."""
+        record = await self._remove(id)
+        if record is not None and record.holder != self._run:
+            await self._tell("removed", record)
+        return record
+
+    async def wake(self, id: str) -> Record | None:
+        """Have deliveries of a callback tried again at once, and tell its holder; a stream stays as it is."""
+        record = await self.record(id)
+        if record is None or record.subscription.kind.streams:
+            return record
+        woken = read_record(read_pairs(await self._redis.run(scripts.WAKE, (self._keys.record(id),))))
+        if woken is not None:
+            await self._tell("woken", woken)
+        return woken
+
+    async def note(self, id: str, delivery: Delivery) -> None:
+        """Write what became of the messages; nothing happens to another's subscription or one that is gone."""
+        await self.note_all({id: delivery})
+
+    async def note_all(self, deliveries: Mapping[str, Delivery]) -> None:
+        """``note`` for many at once."""
+        await self._redis.all(
+            [
+                ("EVAL", scripts.NOTE, 1, self._keys.record(id), self._run, *write_delivery(delivery))
+                for id, delivery in deliveries.items()
+            ]
+        )
+
+    # Deliveries of a callback
+
+    async def backlog(self, id: str) -> Backlog:
+        """What is still to be delivered, by whomever it was begun; Lost when this run does not hold it."""
+        found = await self._redis.run(scripts.BACKLOG, self._queue(id), self._run, _GROUP)
+        if found is None:
+            raise Lost(id)
+        entries, sent = found
+        versions = {path.decode(): version.decode() for path, version in read_pairs(sent).items()}
+        return Backlog([read_entry(entry_id, pairs) for entry_id, pairs in entries], versions)
+
+    async def advance(self, id: str, done: Entry | None, outgoing: Outgoing | None, delivery: Delivery) -> Entry | None:
+        """In one step: ``done`` is done, ``delivery`` is what became of it, ``outgoing`` is queued and returned.
+
+        Lost when this run does not hold the subscription. After StoreUnavailable ask for the backlog: the step may
+        have been taken.
+        """
+        fields = write_delivery(delivery)
+        parts = () if outgoing is None else (outgoing.path, outgoing.version, outgoing.media_type, outgoing.body)
+        arguments = (self._run, _GROUP, "" if done is None else done.entry_id, len(fields), *fields, *parts)
+        queued = await self._redis.run(scripts.ADVANCE, self._queue(id), *arguments)
+        if queued is None:
+            raise Lost(id)
+        if outgoing is None:
+            return None
+        entry_id, number = queued
+        return Entry(entry_id.decode(), number, outgoing.path, outgoing.version, outgoing.media_type, outgoing.body)
+
+    # News
+
+    async def news(self) -> AsyncIterator[News]:
+        """What gateways did since the first contact, for ever; outages are waited out and nothing is missed."""
+        while True:
+            try:
+                told = await self._redis.follow()
+            except StoreUnavailable:  # not worth a line: whoever renews the lease meets the same outage
+                await asyncio.sleep(_BACKOFF_S)
+                continue
+            for fields in told:
+                yield read_news(fields)
+
+    async def _tell(self, what: Literal["removed", "woken"], record: Record) -> None:
+        fields = write_news(News(what, record.subscription.id, record.holder))
+        await self._redis.one("XADD", self._keys.news, "MAXLEN", "~", _NEWS, "*", *fields)
+
+    # Steps
+
+    def _queue(self, id: str) -> tuple[str, str, str]:
+        return self._keys.record(id), self._keys.queue(id), self._keys.sent(id)
+
+    async def _records(self, ids: Iterable[str]) -> dict[str, Record | None]:
+        """What the ids stand for; without those that another version has written and this one cannot read."""
+        asked = list(ids)
+        answers = await self._redis.all([("HGETALL", self._keys.record(id)) for id in asked])
+        records: dict[str, Record | None] = {}
+        for id, fields in zip(asked, answers, strict=True):
+            try:
+                records[id] = read_record(fields)
+            except (ValueError, KeyError) as error:
+                _log.warning("subscription %s is left alone, it cannot be read: %r", id, error)
+        return records
+
+    async def _list(self, subscription: Subscription, limit: int) -> None:
+        id, client = subscription.id, subscription.client
+        await self._runs.hold(id, Held(subscription.owner, client))
+        if not await self._redis.run(scripts.COUNT, (self._keys.client(client),), id, limit):
+            await self._runs.drop(id, self._run)
+            raise TooMany(f"{client} has {limit} subscriptions already")
+        await self._redis.one("SADD", self._keys.owner(subscription.owner), id)
+
+    async def _unlist(self, id: str, owner: str, client: str, run: str) -> None:
+        await self._redis.all([("SREM", self._keys.owner(owner), id), ("SREM", self._keys.client(client), id)])
+        await self._runs.drop(id, run)  # last: it is the way to the two others
+
+    async def _take(self, record: Record, held: Held) -> bool:
+        """Whether this run, and no other that tries, has become the holder in place of the one in ``record``."""
+        id = record.subscription.id
+        await self._runs.hold(id, held)
+        holder = await self._redis.run(scripts.TAKE, (self._keys.record(id),), record.holder, self._run)
+        if holder is None or holder.decode() != self._run:
+            await self._runs.drop(id, self._run)
+            return False
+        return True
+
+    async def _remove(self, id: str) -> Record | None:
+        keys = (*self._queue(id), self._keys.gone(id))
+        record = read_record(read_pairs(await self._redis.run(scripts.REMOVE, keys, self._run, _GONE_MS)))
+        if record is not None:
+            await self._unlist(id, record.subscription.owner, record.subscription.client, record.holder)
+            if record.holder != self._run:
+                await self._redis.run(scripts.CLEARED, (self._keys.gone(id),))
+        return record
+
+    async def _reclaim(self, id: str, held: Held, run: str) -> None:
+        """Clear away what was listed and never accepted, or removed by halves."""
+        if await self._redis.run(scripts.RECLAIM, (self._keys.record(id), self._keys.gone(id)), _GONE_MS):
+            await self._unlist(id, held.owner, held.client, run)
+            await self._redis.run(scripts.CLEARED, (self._keys.gone(id),))
