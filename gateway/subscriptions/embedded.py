@@ -122,10 +122,9 @@ class Embedded:
         if self._child is None:
             return
         self._child.terminate()
-        deadline = time.monotonic() + _FAREWELL_S
-        while self._child.poll() is None and time.monotonic() < deadline:
-            await asyncio.sleep(_POLL_S)
-        if self._child.poll() is None:
+        try:
+            await asyncio.to_thread(self._child.wait, _FAREWELL_S)
+        except subprocess.TimeoutExpired:
             _log.warning("the embedded server does not end and is killed")
             self._child.kill()
             self._child.wait()
