@@ -1,10 +1,11 @@
 """A real HTTP receiver of callbacks on loopback: it logs every request, and behaves as a test tells it to."""
 
 import contextlib
+import itertools
 import socket
 import ssl
 import threading
-from collections import defaultdict, deque
+from collections import Counter, defaultdict, deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -65,7 +66,10 @@ class CallbackReceiver:
     def __init__(self, host: str = "127.0.0.1", port: int = 0, ssl_context: ssl.SSLContext | None = None) -> None:
         self.default = Answer()
         self.consent = Answer(405)
+        self.endless_bytes = 0
+        """Of endless bodies, as far as they were taken."""
         self._log: list[Seen] = []
+        self._counts: Counter[tuple[str | None, str | None]] = Counter()
         self._scripts: defaultdict[str, deque[Answer]] = defaultdict(deque)
         self._changed = threading.Condition()
         self._released = threading.Event()
@@ -99,8 +103,8 @@ class CallbackReceiver:
     def wait(self, count: int, path: str | None = None, method: str | None = None) -> list[Seen]:
         """The log once it has so many entries."""
         with self._changed:
-            arrived = self._changed.wait_for(lambda: len(self.log(path, method)) >= count, PATIENCE_S)
-            assert arrived, f"{len(self.log(path, method))} of {count} requests arrived"
+            arrived = self._changed.wait_for(lambda: self._counts[path, method] >= count, PATIENCE_S)
+            assert arrived, f"{self._counts[path, method]} of {count} requests arrived"
             return self.log(path, method)
 
     def release(self) -> None:
@@ -117,6 +121,7 @@ class CallbackReceiver:
         """For the server: log a request and choose its answer."""
         with self._changed:
             self._log.append(seen)
+            self._counts.update(itertools.product((seen.path, None), (seen.method, None)))
             self._changed.notify_all()
             scripted = self._scripts[seen.path]
             if scripted:
@@ -172,6 +177,7 @@ class _Handler(BaseHTTPRequestHandler):
             receiver.stall()
         while answer.endless:
             self.wfile.write(_CHUNK)
+            receiver.endless_bytes += len(_CHUNK)
 
     def log_message(self, format: str, *args: Any) -> None:
         """The log is ours."""

@@ -183,7 +183,7 @@ def _check_authority(authority: str) -> None:
             "0 to 255 without leading zeros, or an IPv6 address in brackets without zone."
         )
     port = parts["port"]
-    if port is not None and not (port.isdigit() and len(port) <= 5 and 1 <= int(port) <= 65535):
+    if port is not None and not (port.isdigit() and 1 <= int(port) <= 65535):
         raise ValueError("The callback URL has no valid port: it is 1 to 65535, or left out together with the colon.")
 
 

@@ -10,7 +10,6 @@ SUSPEND_AFTER = 12
 LONGEST_WAIT_S = 3600.0
 """However far away a receiver's Retry-After is."""
 _LONGEST_FIELD = 64
-_LONGEST_NUMBER = 10
 
 
 def delay_s(failures: int, draw: float) -> float:
@@ -30,7 +29,7 @@ def retry_after_s(field: str | None, now_s: float) -> float | None:
         return None
     text = field.strip()
     if text.isdigit():
-        return LONGEST_WAIT_S if len(text) > _LONGEST_NUMBER else min(float(text), LONGEST_WAIT_S)
+        return min(float(text), LONGEST_WAIT_S)
     moment_s = _http_date_s(text)
     return None if moment_s is None else min(max(moment_s - now_s, 0.0), LONGEST_WAIT_S)
 
@@ -42,5 +41,5 @@ def _http_date_s(text: str) -> float | None:
     try:
         moment = parsedate_to_datetime(text)
         return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
-    except (ValueError, TypeError, IndexError, OverflowError):
+    except (ValueError, OverflowError):
         return None
