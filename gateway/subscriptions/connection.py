@@ -45,6 +45,8 @@ class Connection:
         self._stream = stream
         self._position: str | None = None
         self._turns = asyncio.Semaphore(_TURNS)
+        self._open = False
+        self._opening = asyncio.Lock()
         self._failed_s = float("-inf")
 
     @property
@@ -54,6 +56,13 @@ class Connection:
 
     async def close(self) -> None:
         await self._client.aclose()
+        await _disconnect(self._client)
+
+    async def _failed(self, error: Exception) -> StoreUnavailable:
+        self._failed_s = time.monotonic()
+        self._open = False
+        await _disconnect(self._client)
+        return StoreUnavailable(f"{type(error).__name__}: {error}")
 
     async def one(self, *command: str | bytes | int) -> Any:
         """The answer to one command; StoreUnavailable."""
@@ -89,21 +98,21 @@ class Connection:
         """Bounds the time and gives errors one name; the first contact notes where the stream is."""
         try:
             async with asyncio.timeout(_PATIENCE_S):
-                if self._position is None:
-                    await self._greet()
+                async with self._opening:  # many commands at once are too much for redis-py before it knows the nodes
+                    if not self._open:
+                        await self._greet()
+                        self._open = True
                 yield
         except _UNREACHABLE as error:
-            self._failed_s = time.monotonic()
-            raise StoreUnavailable(f"{type(error).__name__}: {error}") from error
+            raise await self._failed(error) from error
         except exceptions.ResponseError as error:
             if not str(error).startswith(_NOT_NOW):
                 raise
-            self._failed_s = time.monotonic()
-            raise StoreUnavailable(str(error)) from error
+            raise await self._failed(error) from error
 
     async def _greet(self) -> None:
         last = await self._client.execute_command("XREVRANGE", self._stream, "+", "-", "COUNT", 1)
-        if self._position is not None:  # another command has had the first contact meanwhile
+        if self._position is not None:  # not the first contact
             return
         self._position = last[0][0].decode() if last else "0-0"
         try:
@@ -137,3 +146,15 @@ def _client(url: str) -> Any:
         retry=once,
         **options,
     )
+
+
+async def _disconnect(client: Any) -> None:
+    """Have all nodes of a cluster connected anew.
+
+    redis-py tells a dead connection before it uses it with one server, but not with a cluster, and closes a cluster's
+    connections only when the last command succeeded.
+    """
+    if isinstance(client, redis.asyncio.RedisCluster):
+        manager = client.nodes_manager
+        for node in {*manager.startup_nodes.values(), *manager.nodes_cache.values()}:
+            await node.disconnect_free_connections()

@@ -28,10 +28,9 @@ class Runs:
 
     async def dead(self) -> list[str]:
         """None for half a lease after an outage, in which the living could not renew theirs."""
-        if self._redis.served_s < self._lease_s / 2:
-            return []
         runs = {run.decode() for run in await self._redis.one("SMEMBERS", self._keys.runs)} - {self._run}
-        return sorted(runs - await self.living(runs))
+        dead = runs - await self.living(runs)
+        return sorted(dead) if self._redis.served_s > self._lease_s / 2 else []
 
     async def living(self, runs: Iterable[str]) -> set[str]:
         """Those of ``runs`` that have a lease."""

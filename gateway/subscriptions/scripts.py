@@ -53,10 +53,13 @@ if redis.call('EXISTS', KEYS[1]) == 1 then redis.call('DECR', KEYS[1]) end
 return 1
 """
 
-# KEYS: record; ARGV: holder as read, run. The holder after that: only one of several runs can win.
+# KEYS: record; ARGV: holder as read, run. Whether this made the run the holder, and the holder after that: only one of
+# several runs can win.
 TAKE = """
-if redis.call('HGET', KEYS[1], 'holder') == ARGV[1] then redis.call('HSET', KEYS[1], 'holder', ARGV[2]) end
-return redis.call('HGET', KEYS[1], 'holder')
+local holder = redis.call('HGET', KEYS[1], 'holder')
+if holder ~= ARGV[1] then return {0, holder} end
+redis.call('HSET', KEYS[1], 'holder', ARGV[2])
+return {1, ARGV[2]}
 """
 
 # KEYS: runs, held, lease; ARGV: run. A run that may come back, or holds something, is not forgotten.

@@ -89,13 +89,14 @@ class Store:
     async def adopt(self, dead_run: str) -> list[Record]:
         """Take over the callbacks of a dead run and clear its streams away; the callbacks that this run won.
 
-        Several gateways may do so at once, and die meanwhile.
+        Several gateways may do so at once, and die meanwhile. After StoreUnavailable ``held`` tells what was won.
         """
         if await self._runs.living([dead_run]):
             return []
         held = await self._runs.held(dead_run)
         records = await self._records(held)
-        living = await self._runs.living({record.holder for record in records.values() if record is not None})
+        holders = {record.holder for record in records.values() if record is not None}
+        living = await self._runs.living(holders) | {self._run}
         won = []
         for id, record in records.items():
             if record is None:
@@ -253,11 +254,10 @@ class Store:
         """Whether this run, and no other that tries, has become the holder in place of the one in ``record``."""
         id = record.subscription.id
         await self._runs.hold(id, held)
-        holder = await self._redis.run(scripts.TAKE, (self._keys.record(id),), record.holder, self._run)
+        won, holder = await self._redis.run(scripts.TAKE, (self._keys.record(id),), record.holder, self._run)
         if holder is None or holder.decode() != self._run:
             await self._runs.drop(id, self._run)
-            return False
-        return True
+        return bool(won)
 
     async def _remove(self, id: str) -> Record | None:
         keys = (*self._queue(id), self._keys.gone(id))
