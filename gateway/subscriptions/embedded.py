@@ -29,8 +29,7 @@ _PATIENCE_S = 30.0  # for another gateway's start, an ending server's data and t
 _FAREWELL_S = 5.0
 _ANSWER_S = 1.0
 _POLL_S = 0.01
-_PAUSE_S = 0.1  # between a server's end and the look for another
-_RETRY_S = 2.0  # after a start that failed
+_PAUSES_S = (0.1, 0.2, 0.5, 1.0, 2.0)  # between a server's end and the look for another; longer after each failure
 _SOCKET_BYTES = 100  # of the path; the least limit of an operating system is 103
 _PDEATHSIG = 1  # PR_SET_PDEATHSIG of Linux's prctl
 
@@ -73,18 +72,17 @@ class Embedded:
         await self._end()
 
     async def _supervise(self) -> None:
-        complaint = ""
+        failures = 0
         while True:
             await _ended(self._socket)
-            await asyncio.sleep(_PAUSE_S)
+            await asyncio.sleep(_PAUSES_S[min(failures, len(_PAUSES_S) - 1)])
             try:
                 await self._ensure()
-                complaint = ""
+                failures = 0
             except EmbeddedError as error:
-                if str(error) != complaint:  # once, not with every attempt
-                    complaint = str(error)
-                    _log.error("subscriptions are not stored: %s", complaint)
-                await asyncio.sleep(_RETRY_S)
+                if failures == 0:  # not with every attempt
+                    _log.error("subscriptions are not stored: %s", error)
+                failures += 1
 
     async def _ensure(self) -> None:
         """Find a server that answers, or start one."""
@@ -113,6 +111,8 @@ class Embedded:
 
     async def _start(self) -> None:
         async with _locked(self._dir / "server.lock", "the server before has not ended") as lock:
+            if self._child is not None:
+                self._child.wait()  # the lock says that it has ended
             self._socket.unlink(missing_ok=True)
             self._child = _spawn([_program(), *_configuration(self._dir, self._socket)], lock)
         _log.info("started the embedded server, its data is in %s", self._dir)
@@ -251,5 +251,5 @@ async def _ended(socket: Path) -> None:
 
 
 def _last_line(log: Path) -> str:
-    lines = log.read_text(errors="replace").splitlines() if log.exists() else []
-    return lines[-1] if lines else "it said nothing"
+    text = log.read_text(errors="replace").strip() if log.exists() else ""
+    return text.rpartition("\n")[2] or "it said nothing"

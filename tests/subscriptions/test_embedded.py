@@ -1,0 +1,238 @@
+"""The embedded server: one for a state folder whoever comes and goes, and its data stay."""
+
+import asyncio
+import logging
+import os
+import platform
+import signal
+import subprocess
+import textwrap
+import time
+from collections.abc import Callable
+from pathlib import Path
+from urllib.parse import unquote
+
+import pytest
+import redis
+from redis.backoff import NoBackoff
+from redis.retry import Retry
+from running import PATIENCE_S, process
+
+from gateway.subscriptions import embedded
+from gateway.subscriptions.embedded import Embedded, EmbeddedError
+from gateway.subscriptions.store import Store
+
+GATEWAY = textwrap.dedent("""
+    import asyncio, sys
+    from pathlib import Path
+    from gateway.subscriptions.embedded import Embedded
+
+    async def main():
+        async with Embedded(Path(sys.argv[1])):
+            print("open", flush=True)
+            await asyncio.Event().wait()
+
+    asyncio.run(main())
+""")
+
+
+def client(server: Embedded) -> redis.Redis:
+    path = unquote(server.url.removeprefix("unix://"))
+    return redis.Redis(unix_socket_path=path, socket_timeout=2, retry=Retry(NoBackoff(), 0))
+
+
+def write(server: Embedded, value: str) -> None:
+    with client(server) as connection:
+        connection.set("value", value)
+
+
+def read(server: Embedded) -> str:
+    with client(server) as connection:
+        return connection.get("value").decode()
+
+
+def pid(server: Embedded) -> int:
+    """The process that answers; 0 if none does."""
+    try:
+        with client(server) as connection:
+            return int(connection.info()["process_id"])
+    except redis.ConnectionError:
+        return 0
+
+
+def alive(number: int) -> bool:
+    try:
+        return "\nState:\tZ" not in Path(f"/proc/{number}/status").read_text()
+    except OSError:
+        return False
+
+
+async def until(probe: Callable[[], object], what: str) -> float:
+    """The seconds that it took."""
+    started = time.monotonic()
+    while not probe():
+        assert time.monotonic() - started < PATIENCE_S, f"never happened: {what}"
+        await asyncio.sleep(0.01)
+    return time.monotonic() - started
+
+
+def test_it_serves_a_store_and_its_data_survive_it(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    state_dir = tmp_path / "a folder" / "of ours #1"
+
+    async def run() -> None:
+        async with Embedded(state_dir) as server, Store(server.url, "fleet", "a") as store:
+            await store.renew()
+            write(server, "kept")
+            number = pid(server)
+            assert os.getsid(number) != os.getsid(0), "Ctrl-C would end it before us"
+        assert not alive(number)
+        async with Embedded(state_dir) as server:
+            assert read(server) == "kept"
+
+    with caplog.at_level(logging.WARNING):
+        asyncio.run(run())
+    assert caplog.records == []
+    assert state_dir.stat().st_mode & 0o777 == 0o700
+    assert all(path.stat().st_mode & 0o077 == 0 for path in state_dir.rglob("*"))
+
+
+def test_gateways_that_start_together_share_one_server(tmp_path: Path) -> None:
+    async def run() -> None:
+        async with asyncio.TaskGroup() as group:
+            servers = [Embedded(tmp_path) for _ in range(8)]
+            for server in servers:
+                group.create_task(server.__aenter__())
+        assert len({pid(server) for server in servers}) == 1
+        for server in servers:
+            await server.__aexit__()
+
+    asyncio.run(run())
+
+
+def test_when_the_gateway_that_started_it_ends_another_starts_it_again(tmp_path: Path) -> None:
+    async def run() -> None:
+        async with Embedded(tmp_path) as first, Embedded(tmp_path) as second:
+            write(first, "kept")
+            number = pid(second)
+            await first.__aexit__()
+            assert not alive(number)
+            assert await until(lambda: pid(second), "the second's own server") < 2
+            assert pid(second) != number
+            assert read(second) == "kept"
+            await first.__aenter__()
+            assert pid(first) == pid(second)
+
+    asyncio.run(run())
+
+
+def test_a_server_goes_with_a_gateway_that_is_killed_and_is_replaced(tmp_path: Path) -> None:
+    async def run() -> None:
+        with process("-c", GATEWAY, str(tmp_path)) as gateway:
+            gateway.said("open")
+            async with Embedded(tmp_path) as server:
+                write(server, "kept")
+                number = pid(server)
+                gateway.send(signal.SIGKILL)
+                await until(lambda: pid(server) not in (0, number), "another server")
+                assert not alive(number)
+                assert read(server) == "kept"
+
+    asyncio.run(run())
+
+
+def test_an_orphan_is_found_and_used_and_left_to_itself(tmp_path: Path) -> None:
+    server = Embedded(tmp_path)
+    orphan = subprocess.Popen([embedded._program(), *embedded._configuration(tmp_path, tmp_path / "valkey.sock")])
+
+    async def run() -> None:
+        await until(lambda: pid(server), "the orphan answers")
+        async with server:
+            assert pid(server) == orphan.pid
+        assert pid(server) == orphan.pid
+        async with server:
+            write(server, "kept")
+            orphan.terminate()
+            await until(lambda: orphan.poll() is not None and pid(server), "our own server")
+            assert read(server) == "kept"
+
+    try:
+        asyncio.run(run())
+    finally:
+        orphan.kill()
+        orphan.wait()
+
+
+def test_a_killed_server_is_replaced_with_nothing_lost_and_few_words(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def run() -> None:
+        async with Embedded(tmp_path) as server:
+            for round_ in range(3):
+                number = pid(server)
+                write(server, str(round_))
+                os.kill(number, signal.SIGKILL)
+                assert await until(lambda number=number: pid(server) not in (0, number), "another server") < 2
+                assert read(server) == str(round_)
+
+    with caplog.at_level(logging.INFO, logger=embedded.__name__):
+        asyncio.run(run())
+    assert 4 <= len(caplog.records) <= 8
+
+
+def test_a_deep_folder_has_its_socket_elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))
+    deep = tmp_path / ("d" * 60) / ("e" * 60)
+
+    async def run() -> None:
+        async with Embedded(deep) as server, Embedded(deep) as other:
+            assert server.url.startswith(f"unix://{tmp_path / 'run'}/linked-fleet-")
+            assert pid(server) == pid(other) != 0
+            assert Embedded(deep / "f").url != server.url
+
+    asyncio.run(run())
+
+
+def test_a_stale_socket_is_no_obstacle(tmp_path: Path) -> None:
+    (tmp_path / "valkey.sock").touch()
+
+    async def run() -> None:
+        async with Embedded(tmp_path) as server:
+            assert pid(server)
+
+    asyncio.run(run())
+
+
+def enter(state_dir: Path) -> None:
+    async def run() -> None:
+        async with Embedded(state_dir):
+            raise AssertionError("it must not open")
+
+    asyncio.run(run())
+
+
+def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(EmbeddedError, match=r"^cannot keep data in .*/file/state: Not a directory; .* --state-dir$"):
+        enter(tmp_path / "file" / "state")
+
+
+def test_a_machine_without_a_binary_is_told_to_set_redis_url(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(platform, "machine", lambda: "riscv64")
+    with pytest.raises(EmbeddedError, match=r"^no embedded server for this machine, set REDIS_URL instead: .*riscv64"):
+        enter(tmp_path)
+
+
+def test_a_binary_that_cannot_run_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(embedded, "_program", lambda: str(tmp_path / "absent"))
+    with pytest.raises(
+        EmbeddedError, match=r"^cannot run .*/absent: No such file or directory; set REDIS_URL instead$"
+    ):
+        enter(tmp_path)
+
+
+def test_data_that_cannot_be_read_are_reported_in_the_servers_words(tmp_path: Path) -> None:
+    data = tmp_path / "appendonlydir"
+    data.mkdir()
+    (data / "appendonly.aof.manifest").write_text("nonsense\n")
+    with pytest.raises(EmbeddedError, match=r"^the embedded server ended by itself: .+$"):
+        enter(tmp_path)
