@@ -1,7 +1,7 @@
 """The composition root: routes, middleware and lifespan of the gateway on one screen."""
 
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager, closing
 
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
@@ -11,6 +11,10 @@ from gateway.http.endpoint import resources
 from gateway.http.host import Authorities
 from gateway.live import Live
 from gateway.settings import GatewaySettings
+from gateway.subscriptions.embedded import Embedded
+from gateway.subscriptions.network import Network
+from gateway.subscriptions.service import Subscriptions, new_run
+from gateway.subscriptions.store import Store
 
 
 def create_app(settings: GatewaySettings) -> Starlette:
@@ -18,8 +22,17 @@ def create_app(settings: GatewaySettings) -> Starlette:
 
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
-        async with Live(settings) as live:
-            app.state.live = live
+        async with AsyncExitStack() as stack:
+            live = await stack.enter_async_context(Live(settings))
+            url = settings.redis_url or (await stack.enter_async_context(Embedded(settings.state_path))).url
+            run = new_run()
+            store = await stack.enter_async_context(Store(url, settings.namespace, run))
+            network = stack.enter_context(closing(Network(settings.callback_networks)))
+            subscriptions = Subscriptions(
+                store, run, live.fan_out, network,
+                consent=settings.callback_consent == "on", limit=int(settings.subscriptions_per_client),
+            )  # fmt: skip
+            app.state.live, app.state.subscriptions = live, await stack.enter_async_context(subscriptions)
             yield
 
     app = Starlette(

@@ -12,7 +12,9 @@
     ├── UnsupportedMediaType        415     unsupported-media-type
     ├── MisdirectedRequest          421     misdirected-request
     ├── UnprocessableContent        422     unprocessable-content
+    ├── TooManySubscriptions        429     too-many-subscriptions
     ├── Offline                     503     offline
+    ├── StoreAway                   503     store-away
     └── AgentSilent                 504     agent-silent
 
 The problem type (RFC 9457, 3.1.1) of each is ``PROBLEMS`` followed by its code; ``gateway.http.problem`` renders them.
@@ -173,8 +175,23 @@ class UnprocessableContent(FleetError):
         return {"constraint": self.constraint} if self.constraint else {}
 
 
+class TooManySubscriptions(FleetError):
+    """RFC 6585, 4; delete some, or wait until streams have ended."""
+
+    status, code, title = 429, "too-many-subscriptions", "The client has too many subscriptions"
+
+
 class Offline(FleetError):
     status, code, title = 503, "offline", "The robot is offline"
+
+
+class StoreAway(FleetError):
+    """The server that remembers subscriptions cannot be reached; what is not in it is not accepted."""
+
+    status, code, title = 503, "store-away", "Subscriptions cannot be read or kept at present"
+
+    def __init__(self, detail: str) -> None:
+        super().__init__(detail, headers={"Retry-After": "2"})
 
 
 class AgentSilent(FleetError):

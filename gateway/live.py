@@ -14,8 +14,11 @@ from gateway.fleet.events import Event
 from gateway.fleet.fleet import Fleet
 from gateway.fleet.invocations import Invocation, Invocations, InvocationState
 from gateway.fleet.robot import Robot
+from gateway.graph.invocation import invocation_path, invocations_path
+from gateway.graph.tree import EMPTY, Shelf, Tree
 from gateway.link import FleetLink, NoAnswer
 from gateway.settings import GatewaySettings
+from gateway.subscriptions.fan_out import FanOut
 
 log = logging.getLogger(__name__)
 
@@ -33,6 +36,7 @@ class Live:
     def __init__(self, settings: GatewaySettings) -> None:
         self.fleet = Fleet()
         self.invocations = Invocations()
+        self.fan_out = FanOut(self.tree)
         self._link = FleetLink(
             Keys(settings.namespace),
             settings.gateway_name,
@@ -55,6 +59,10 @@ class Live:
         if self._expiry is not None:
             self._expiry.cancel()
         await self._link.__aexit__(kind, error, trace)
+
+    def tree(self, base: str, shelf: Shelf = EMPTY) -> Tree:
+        """The resource tree as it is now, under one base URL; ``shelf`` are the subscriptions that it can show."""
+        return Tree(self.fleet, self.invocations, base, shelf)
 
     async def invoke(self, robot: Robot, action: str, move: Move) -> Invocation:
         """Send the motion and return its invocation once the agent accepted it.
@@ -84,6 +92,7 @@ class Live:
             motion=move,
         )
         self.invocations.add(invocation)
+        self._tell(invocation)
         self._ended[invocation.id] = asyncio.Event()
         try:
             reply = await self._link.command(robot.name, command, _ANSWER_TIMEOUT_S)
@@ -91,6 +100,7 @@ class Live:
             if invocation.state is InvocationState.ACCEPTED:
                 invocation.state = InvocationState.UNKNOWN
                 invocation.reason = "the agent gave no answer; progress or the deadline will settle it"
+                self._tell(invocation)
             raise AgentSilent(
                 f"The agent of {robot.name} gave no answer: {error}. The invocation stays until that is settled.",
                 headers={"location": f"{action}/invocations/{invocation.id}"},
@@ -118,17 +128,31 @@ class Live:
         now_ns = time.time_ns()
         for event in events:
             for change in self.fleet.apply(event, now_ns):
-                if change.what != "frame":
-                    log.info("robot %s: %s", change.robot, change.what)
+                if change.what == "frame":
+                    self.fan_out.moved(change.robot)
+                    continue
+                log.info("robot %s: %s", change.robot, change.what)
+                self.fan_out.changed(change.robot)
                 if change.what == "vanished":
-                    self.invocations.lose(change.robot)
+                    for invocation in self.invocations.lose(change.robot):
+                        self._tell(invocation)
 
     def _on_progress(self, robot: str, progress: Progress) -> None:
         invocation = self.invocations.apply(robot, progress)
-        if invocation is not None and invocation.state.terminal:
+        if invocation is None:
+            return
+        if invocation.state.terminal:
             self._settle(invocation)
+        else:
+            self._tell(invocation)
+
+    def _tell(self, invocation: Invocation) -> None:
+        """Its resource, and the container that lists it, are different now."""
+        self.fan_out.touched(invocation_path(invocation))
+        self.fan_out.touched(invocations_path(invocation.action))
 
     def _settle(self, invocation: Invocation) -> None:
+        self._tell(invocation)
         event = self._ended.pop(invocation.id, None)
         if event is not None:
             event.set()

@@ -48,7 +48,9 @@ class GatewaySettings:
         if self.callback_consent not in ("on", "off"):
             raise ValueError(f"LINKED_FLEET_CALLBACK_CONSENT is on or off, not {self.callback_consent!r}")
         if not self.subscriptions_per_client.isdecimal():
-            raise ValueError(f"LINKED_FLEET_SUBSCRIPTIONS_PER_CLIENT is a number, not {self.subscriptions_per_client!r}")
+            raise ValueError(
+                f"LINKED_FLEET_SUBSCRIPTIONS_PER_CLIENT is a number, not {self.subscriptions_per_client!r}"
+            )
         for network in _items(self.callback_allow):
             try:
                 ip_network(network)

@@ -20,10 +20,11 @@ class RunningFleet:
 
 
 @pytest.fixture(scope="session")
-def fleet() -> Iterator[RunningFleet]:
+def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningFleet]:
     port, zenoh = free_port(), f"tcp/127.0.0.1:{free_port()}"
+    state = ("--state-dir", str(tmp_path_factory.mktemp("state")), "--callback-allow", "127.0.0.0/8")
     with (
-        process("-m", "gateway", "--port", str(port), "--zenoh-listen", zenoh) as gateway,
+        process("-m", "gateway", "--port", str(port), "--zenoh-listen", zenoh, *state) as gateway,
         process("-m", "agents", *(f"--robot={name}" for name in ROBOTS), "--connect", zenoh) as agents,
     ):
         gateway.said("serving")

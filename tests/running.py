@@ -1,11 +1,15 @@
 """Starting real processes for tests: free ports, and conditions awaited instead of sleeps."""
 
+import atexit
 import contextlib
+import functools
 import os
+import shutil
 import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -33,6 +37,14 @@ def eventually(probe: Callable[[], T | None], what: str) -> T:
         time.sleep(0.01)
 
 
+@functools.cache
+def _state_home() -> str:
+    """Where processes keep what they are not told to keep elsewhere: never in the user's own folders."""
+    home = tempfile.mkdtemp(prefix="linked-fleet-")
+    atexit.register(shutil.rmtree, home, ignore_errors=True)
+    return home
+
+
 class Process:
     """A child process whose output is kept for the test's report."""
 
@@ -44,7 +56,7 @@ class Process:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            env={**os.environ, "PYTHONPATH": str(ROOT), "XDG_STATE_HOME": _state_home()},
         )
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()

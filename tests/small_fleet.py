@@ -3,6 +3,7 @@
 import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import httpx
 import pyshacl
@@ -18,8 +19,9 @@ _BODY = "@prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> . @prefix unit
 
 @dataclass
 class Place:
-    """The ports of one gateway: it may be started there again and again."""
+    """The ports and the state of one gateway: it may be started there again and again."""
 
+    state: Path
     port: int = field(default_factory=free_port)
     zenoh: str = field(default_factory=lambda: f"tcp/127.0.0.1:{free_port()}")
 
@@ -28,7 +30,8 @@ class Place:
         return f"http://127.0.0.1:{self.port}/"
 
     def command(self) -> tuple[str, ...]:
-        return ("-m", "gateway", "--port", str(self.port), "--zenoh-listen", self.zenoh)
+        state = ("--state-dir", str(self.state), "--callback-allow", "127.0.0.0/8")
+        return ("-m", "gateway", "--port", str(self.port), "--zenoh-listen", self.zenoh, *state)
 
     @contextlib.contextmanager
     def gateway(self) -> Iterator[tuple[Process, Browser]]:

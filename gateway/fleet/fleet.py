@@ -100,7 +100,7 @@ class Fleet:
         del entry.runs[event.incarnation]
         if entry.runs:
             return self._elect(entry)
-        entry.robot.online = False
+        entry.robot.appear(False)
         return [Change(event.robot, "vanished")]
 
     def _elect(self, entry: _Entry) -> list[Change]:
@@ -108,10 +108,12 @@ class Fleet:
         robot, incarnation = entry.robot, max(entry.runs)
         if robot.online and robot.incarnation == incarnation:
             return []
-        robot.online = True
         changes = [Change(robot.name, "appeared")]
-        if robot.incarnation != incarnation:
+        new = robot.incarnation != incarnation
+        if new:
             robot.run(incarnation)
+        robot.appear(True)
+        if new:
             changes += self._tell(entry)
         return changes
 

@@ -9,10 +9,11 @@ MAX_HELD = 16_384  # several times what the largest robot has to observe
 
 
 class Observation(NamedTuple):
-    """Values rounded to the resolution and the agent's wall time (ns) of the frame in which they last changed."""
+    """Values rounded to the resolution, and the frame in which they last changed: agent's wall time (ns), sequence."""
 
     values: tuple[float, ...]
     wall_ns: int | None
+    sequence: int | None = None
 
 
 class Observations:
@@ -21,13 +22,15 @@ class Observations:
     def __init__(self) -> None:
         self._held: dict[str, Observation] = {}
 
-    def observe(self, key: str, values: tuple[float, ...], resolution: float, wall_ns: int | None) -> Observation:
+    def observe(
+        self, key: str, values: tuple[float, ...], resolution: float, wall_ns: int | None, sequence: int | None = None
+    ) -> Observation:
         held = self._held.get(key)
         if held is not None and not _moved(held.values, values, resolution):
             return held
         if held is None and len(self._held) >= MAX_HELD:
             del self._held[next(iter(self._held))]
-        fresh = Observation(tuple(rounded(value, resolution) for value in values), wall_ns)
+        fresh = Observation(tuple(rounded(value, resolution) for value in values), wall_ns, sequence)
         self._held[key] = fresh
         return fresh
 

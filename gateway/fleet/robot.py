@@ -44,6 +44,8 @@ class Robot:
         self.description: Description | None = None
         self.model: RobotModel | None = None
         self.last_seen_ns: int | None = None
+        self.news = (0, 0)
+        """The last change that no frame brought: how many frames there had been, and which such change after that."""
         self._complain = complain
         self._fault: str | None = None
         self._kinematics: Kinematics | None = None
@@ -119,20 +121,28 @@ class Robot:
         The stamp is the agent's wall time of the frame that moved it. A new incarnation or description starts anew.
         """
         header = self.header
-        return self._observations.observe(key, values, resolution, None if header is None else header.wall_ns)
+        if header is None:
+            return self._observations.observe(key, values, resolution, None)
+        return self._observations.observe(key, values, resolution, header.wall_ns, header.sequence)
 
     # What follows is for Fleet alone.
 
     def run(self, incarnation: int) -> None:
         """Begin another run of the agent: nothing measured by the run before is true any more."""
         self.incarnation = incarnation
+        self.news = (0, 0)
         self._fault = None
         self._frame = None
         self._observations.clear()
         self._derived = _Derived()
 
+    def appear(self, online: bool) -> None:
+        self.online = online
+        self._tell_news()
+
     def describe(self, description: Description) -> None:
         """Take a description; ``fault`` says afterwards whether it can be used."""
+        self._tell_news()
         old = self.description
         same_tree = old is not None and (old.urdf, old.base) == (description.urdf, description.base)
         if not same_tree or self.model is None:
@@ -151,6 +161,7 @@ class Robot:
 
     def undescribe(self, reason: str) -> None:
         """Stay visible, as faulty: what the agent says of its robot cannot be used."""
+        self._tell_news()
         self.description = self.model = self._kinematics = self._kinematics_fault = None
         self._fault = reason
         self._observations.clear()
@@ -186,6 +197,10 @@ class Robot:
         self._frame = None
         self._derived = _Derived()
 
+    def _tell_news(self) -> None:
+        frames, count = self.last_sequence() + 1, self.news[1]
+        self.news = (frames, count + 1 if frames == self.news[0] else 1)
+
     def _usable_frame(self) -> _Frame | None:
         return self._frame if self.described else None
 
@@ -205,6 +220,7 @@ class Robot:
                 self._kinematics = Kinematics(self.description.urdf, self.description.base == "floating")
             except ModelError as error:
                 self._kinematics_fault = str(error)
+                self._tell_news()
                 _log.warning("robot %r has no link poses: %s", self.name, error)
         return self._kinematics
 

@@ -114,12 +114,6 @@ class Describer:
         self._property(graph, owner, item)
         self._presence_if_offline(graph, self.iri(f"{owner.rstrip('/')}/{item.segment}"), robot)
 
-    def subscriptions(self, owner: str, graph: Graph) -> None:
-        iri = self.iri(owner.rstrip("/") + "/subscriptions")
-        graph.a(iri, LDP.BasicContainer, LDP.Container)
-        graph.add(iri, DCTERMS.title, Literal(f"Subscriptions of {owner}"))
-        graph.add(iri, RDFS.seeAlso, self.iri(owner))
-
     # -- the pieces -------------------------------------------------------------------------------------------------
 
     def robot_properties(self, robot: Robot) -> list[Property]:

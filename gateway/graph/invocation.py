@@ -55,5 +55,9 @@ def describe_invocations(graph: Graph, base: str, action: str, invocations: list
         graph.add(member, LF.state, _STATES[invocation.state])
 
 
+def invocations_path(action: str) -> str:
+    return f"{action}/invocations"
+
+
 def invocation_path(invocation: Invocation) -> str:
-    return f"{invocation.action}/invocations/{invocation.id}"
+    return f"{invocations_path(invocation.action)}/{invocation.id}"

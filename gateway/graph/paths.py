@@ -37,6 +37,14 @@ def link_path(robot: str, model: RobotModel, link: str) -> str:
     return robot_path(robot) + _segment(link, RESERVED_IN_ROBOT) + (_LINK_MARK if link in model.joints else "")
 
 
+def owner_path(path: str) -> str:
+    """The fleet, robot, joint or link that owns the resource at ``path``, which exists: the nearest at or above it."""
+    robot, *rest = path[1:].split("/")
+    if not rest or robot in RESERVED_AT_ROOT:
+        return "/"
+    return f"/{robot}/" if rest[0] == "" or rest[0] in RESERVED_IN_ROBOT else f"/{robot}/{rest[0]}"
+
+
 def part_of(segment: str, model: RobotModel) -> tuple[str | None, str | None]:
     """(joint, None) or (None, link) that ``segment`` names in ``model``; ValueError when it names neither."""
     name = unescape(segment.removesuffix(_LINK_MARK), RESERVED_IN_ROBOT)

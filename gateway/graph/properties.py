@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 from pyoxigraph import Literal, NamedNode
 
@@ -32,11 +33,15 @@ from gateway.graph.vocab import DCTERMS, LF, MATHS, ROS, SPATIAL
 
 FRAME_MEDIA_TYPE = "application/vnd.linked-fleet.frame"
 Describe = Callable[[Graph, NamedNode], None]
+Look = Callable[[], tuple[Observation, ...]]
 
 
 @dataclass(frozen=True)
 class Property:
-    """One property of one thing; ``describe`` adds what is special to it, with the present value."""
+    """One property of one thing; ``describe`` adds what is special to it, with the present value.
+
+    ``look`` gives the measured values that ``describe`` shows: they alone make a new frame news.
+    """
 
     segment: str
     predicate: NamedNode
@@ -44,6 +49,11 @@ class Property:
     shape: NamedNode
     title: str
     describe: Describe
+    look: Look = tuple
+
+    @property
+    def measured(self) -> bool:
+        return self.look is not tuple
 
 
 def scalar(segment: str, predicate: NamedNode, title: str, value: float | None, unit: Unit) -> Property:
@@ -65,8 +75,8 @@ def _measured(
         graph.scalar(iri, LF.value, seen.values[0], unit)
         graph.result_time(iri, seen.wall_ns)
 
-    title = f"{segment} of {joint.name}"
-    return Property(segment, predicate, (LF.ScalarProperty,), LF.ScalarPropertyShape, title, describe)
+    title, shape = f"{segment} of {joint.name}", LF.ScalarPropertyShape
+    return Property(segment, predicate, (LF.ScalarProperty,), shape, title, describe, lambda: (look(),))
 
 
 # The three measured values of a joint: every document that shows one shows the same observation.
@@ -149,6 +159,7 @@ def robot_properties(robot: Robot, iri_of: Callable[[str], NamedNode]) -> list[P
             LF.JointStateShape,
             f"joint state of {robot.name}",
             lambda graph, iri: _joint_state(graph, iri, robot, iri_of),
+            lambda: tuple(chain.from_iterable(_joint_values(robot, joint) for joint in _movable(robot))),
         )
     ]
     if robot.description is not None and robot.description.base == "floating":
@@ -163,6 +174,7 @@ def robot_properties(robot: Robot, iri_of: Callable[[str], NamedNode]) -> list[P
                 LF.TwistShape,
                 f"twist of the base of {robot.name}",
                 lambda graph, iri: _twist(graph, iri, robot),
+                lambda: (_base_twist(robot),),
             )
         )
     return found
@@ -175,8 +187,9 @@ def _rotation(robot: Robot, joint: Joint) -> Property:
         graph.vector(iri, SPATIAL.rotationAxis, joint.axis, None)
         graph.result_time(iri, seen.wall_ns)
 
-    types = (SPATIAL.AxisAngle, SPATIAL.Rotation3D)
-    return Property("rotation", ROS.rotation, types, SPATIAL.AxisAngleShape, f"rotation of {joint.name}", describe)
+    types, title = (SPATIAL.AxisAngle, SPATIAL.Rotation3D), f"rotation of {joint.name}"
+    shape, look = SPATIAL.AxisAngleShape, lambda: (_position(robot, joint.name),)
+    return Property("rotation", ROS.rotation, types, shape, title, describe, look)
 
 
 def _translation(robot: Robot, joint: Joint) -> Property:
@@ -186,8 +199,8 @@ def _translation(robot: Robot, joint: Joint) -> Property:
         graph.vector(iri, LF.translationAxis, joint.axis, None)
         graph.result_time(iri, seen.wall_ns)
 
-    title = f"translation of {joint.name}"
-    return Property("translation", LF.translation, (LF.Translation,), LF.TranslationShape, title, describe)
+    title, look = f"translation of {joint.name}", lambda: (_position(robot, joint.name),)
+    return Property("translation", LF.translation, (LF.Translation,), LF.TranslationShape, title, describe, look)
 
 
 def _limits(joint: Joint, dimension: Dimension) -> Property:
@@ -233,18 +246,21 @@ def _mimic(robot: Robot, joint: Joint) -> Property:
 
 
 def _pose_property(segment: str, title: str, pose: Callable[[], Pose | None], robot: Robot, key: str) -> Property:
-    def describe(graph: Graph, iri: NamedNode) -> None:
+    def observe() -> Observation:
         present = pose()
         values: Sequence[float] = (
             (math.nan,) * 7 if present is None else (*present.position_m, *present.orientation_xyzw)
         )
-        seen = robot.observe(key, tuple(values), POSE_RESOLUTION)
+        return robot.observe(key, tuple(values), POSE_RESOLUTION)
+
+    def describe(graph: Graph, iri: NamedNode) -> None:
+        seen = observe()
         graph.vector(iri, LF.position, seen.values[:3], METRE)
         graph.quaternion(iri, LF.orientation, seen.values[3:])
         graph.add(iri, LF.frame, Literal("world" if _floating(robot) else "base"))
         graph.result_time(iri, seen.wall_ns)
 
-    return Property(segment, LF.pose, (LF.Pose,), LF.PoseShape, title, describe)
+    return Property(segment, LF.pose, (LF.Pose,), LF.PoseShape, title, describe, lambda: (observe(),))
 
 
 def _floating(robot: Robot) -> bool:
@@ -260,32 +276,45 @@ def _base_pose(robot: Robot) -> Pose | None:
     return None if base is None else Pose(base.position_m, base.orientation_xyzw)
 
 
-def _twist(graph: Graph, iri: NamedNode, robot: Robot) -> None:
+def _base_twist(robot: Robot) -> Observation:
     base = _base(robot)
     values = (math.nan,) * 6 if base is None else (*base.linear_m_s, *base.angular_rad_s)
-    seen = robot.observe("twist", values, VELOCITY_RESOLUTION)
+    return robot.observe("twist", values, VELOCITY_RESOLUTION)
+
+
+def _twist(graph: Graph, iri: NamedNode, robot: Robot) -> None:
+    seen = _base_twist(robot)
     graph.vector(iri, LF.linear, seen.values[:3], METRE_PER_SECOND)
     graph.vector(iri, LF.angular, seen.values[3:], RADIAN_PER_SECOND)
     graph.result_time(iri, seen.wall_ns)
 
 
+def _movable(robot: Robot) -> list[Joint]:
+    """The joints of the wire's arrays, in its order."""
+    if robot.model is None or robot.description is None:
+        return []
+    joints = [robot.model.joints[name] for name in robot.description.joints]
+    return [joint for joint in joints if kind_of(joint).dimension is not None]
+
+
+def _joint_values(robot: Robot, joint: Joint) -> tuple[Observation, Observation, Observation]:
+    return _position(robot, joint.name), _velocity(robot, joint.name), _effort(robot, joint.name)
+
+
 def _joint_state(graph: Graph, iri: NamedNode, robot: Robot, iri_of: Callable[[str], NamedNode]) -> None:
     """Every joint of the wire's arrays with its values, and the layout of the same in one binary frame (D5)."""
     stamps = []
-    joints = (
-        [robot.model.joints[name] for name in robot.description.joints] if robot.model and robot.description else []
-    )
-    for joint in joints:
+    for joint in _movable(robot):
         dimension = kind_of(joint).dimension
-        if dimension is None:
-            continue
+        assert dimension is not None
+        position, velocity, effort = _joint_values(robot, joint)
         sample = graph.blank(LF.JointSample)
         graph.add(iri, LF.sample, sample)
         graph.add(sample, LF.ofJoint, iri_of(joint_path(robot.name, joint.name)))
         for predicate, seen, unit_term, unit in (
-            (LF.position, _position(robot, joint.name), LF.positionUnit, dimension.position),
-            (LF.velocity, _velocity(robot, joint.name), LF.velocityUnit, dimension.velocity),
-            (LF.effort, _effort(robot, joint.name), LF.effortUnit, dimension.effort),
+            (LF.position, position, LF.positionUnit, dimension.position),
+            (LF.velocity, velocity, LF.velocityUnit, dimension.velocity),
+            (LF.effort, effort, LF.effortUnit, dimension.effort),
         ):
             stamps.append(seen.wall_ns)
             graph.add(sample, predicate, number(seen.values[0]))

@@ -1,8 +1,9 @@
-"""The resource tree: a path is resolved to a resource here, and nowhere else (DESIGN "The resource tree")."""
+"""The resource tree: a path is resolved to a resource here, and nowhere else (ARCHITECTURE.md, "The tree")."""
 
 import json
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import chain
+from types import MappingProxyType
 
 from pyoxigraph import NamedNode
 
@@ -12,52 +13,40 @@ from gateway.fleet.model import Joint, Link
 from gateway.fleet.robot import Robot
 from gateway.graph.actions import JointMotion
 from gateway.graph.build import Graph
-from gateway.graph.describe import Describer, joint_actions, part_paths
+from gateway.graph.describe import Describer, joint_actions, part_paths, robot_title
 from gateway.graph.invocation import describe_invocation, describe_invocations, invocation_path
 from gateway.graph.kinds import kind_of
 from gateway.graph.paths import RESERVED_IN_ROBOT, joint_path, link_path, part_of, robot_name, robot_path
 from gateway.graph.properties import FRAME_MEDIA_TYPE, Property, joint_properties, link_properties
+from gateway.graph.reading import Source, presence
+from gateway.graph.resource import Redirect, Resource
 from gateway.graph.shapes import blueprint, load
+from gateway.graph.subscription import (
+    describe_request_shape,
+    describe_resume,
+    describe_subscription,
+    describe_subscriptions,
+    resumable,
+    resume_path,
+    subscription_path,
+)
 from gateway.graph.vocab import LDP, LF, PREFIXES
-
-
-@dataclass(frozen=True)
-class Resource:
-    """One resource; ``describe`` adds its triples, ``documents`` are its other representations by media type."""
-
-    path: str
-    title: str
-    describe: Callable[[Graph], None] | None
-    interaction: tuple[NamedNode, ...] = (LDP.Resource, LDP.RDFSource)
-    own: tuple[str, ...] = ()
-    parts: tuple[str, ...] = ()
-    action: JointMotion | None = None
-    documents: Mapping[str, Callable[[], bytes]] = field(default_factory=dict)
-    linkset_of: "Resource | None" = None
-    has_linkset: bool = False
-
-    @property
-    def linkset(self) -> str:
-        return self.path.rstrip("/") + "/linkset"
-
-
-@dataclass(frozen=True)
-class Redirect:
-    """The one spelling of a path that has another (with or without the slash at its end)."""
-
-    path: str
-
+from gateway.subscriptions.subscription import Record
 
 _CONTAINER = (LDP.Resource, LDP.BasicContainer)
 Found = Resource | Redirect | None
+Shelf = Mapping[str, Sequence[Record]]
+"""Subscriptions by the path of their owner, as far as somebody has fetched them."""
+EMPTY: Shelf = MappingProxyType({})
 
 
 class Tree:
     """Resolves paths against the live fleet, for descriptions under one base URL."""
 
-    def __init__(self, fleet: Fleet, invocations: Invocations, base: str) -> None:
+    def __init__(self, fleet: Fleet, invocations: Invocations, base: str, shelf: Shelf = EMPTY) -> None:
         self._fleet = fleet
         self._invocations = invocations
+        self._shelf = shelf
         self._say = Describer(base)
         self._base = base
 
@@ -69,6 +58,8 @@ class Tree:
         # Only such paths can name what the fleet itself owns; the links of all robots are made for nobody else.
         if rest in ([], [""]) and (found := self._at_root(head)) is not None:
             return Redirect(found.path) if rest else found
+        if head == "subscriptions":
+            return self._of_thing(self._fleet_resource(), [head, *rest], ())
         try:
             robot = self._fleet.robots.get(robot_name(head))
         except ValueError:
@@ -93,10 +84,15 @@ class Tree:
             "Linked Fleet",
             lambda graph: self._say.fleet(self._fleet, graph),
             _CONTAINER,
+            # When a robot was last seen is what each gateway saw for itself.
+            Source(self._robots, digest=lambda: [(*named, here, fault) for *named, (here, _, fault) in self._robots()]),
             own=("/subscriptions", "/blueprint", "/vocabulary", "/context"),
             parts=robots,
             has_linkset=True,
         )
+
+    def _robots(self) -> list[tuple[str, str, tuple[bool, int | None, str | None]]]:
+        return [(name, robot_title(robot), presence(robot)) for name, robot in self._fleet.robots.items()]
 
     def _at_root(self, segment: str) -> Resource | None:
         if segment == "vocabulary":
@@ -135,6 +131,7 @@ class Tree:
             path,
             robot.name,
             lambda graph: self._say.robot(robot, graph),
+            source=_thing(robot, properties),
             own=_own(path, properties),
             parts=tuple(part_paths(robot)),
             has_linkset=True,
@@ -143,9 +140,13 @@ class Tree:
     def _in_joint(self, robot: Robot, joint: Joint, rest: list[str]) -> Found:
         path, properties = joint_path(robot.name, joint.name), joint_properties(robot, joint)
         actions = {name: JointMotion(robot, joint, name) for name in joint_actions(robot, joint)}
-        own = _own(path, properties, tuple(action.path for action in actions.values()))
         thing = Resource(
-            path, joint.name, lambda graph: self._say.joint(robot, joint, graph), own=own, has_linkset=True
+            path,
+            joint.name,
+            lambda graph: self._say.joint(robot, joint, graph),
+            source=_thing(robot, properties),
+            own=_own(path, properties, tuple(action.path for action in actions.values())),
+            has_linkset=True,
         )
         if not rest:
             return thing
@@ -161,6 +162,7 @@ class Tree:
             path,
             link.name,
             lambda graph: self._say.link(robot, link, graph),
+            source=_thing(robot, properties),
             own=_own(path, properties),
             has_linkset=True,
         )
@@ -172,22 +174,52 @@ class Tree:
 
     def _of_thing(self, thing: Resource, rest: list[str], shapes: tuple[NamedNode, ...]) -> Resource | None:
         path = f"{thing.path.rstrip('/')}/{rest[0]}"
-        if rest == ["subscriptions"]:
-            title = f"Subscriptions of {thing.title}"
-            return Resource(path, title, lambda graph: self._say.subscriptions(thing.path, graph), _CONTAINER)
+        if rest[0] == "subscriptions":
+            return self._subscriptions(thing, path, rest[1:])
         if rest == ["blueprint"]:
-            return self._blueprint(path, thing.path, shapes)
+            return self._blueprint(path, thing.path, shapes, thing.source)
         if rest == ["linkset"]:
             return Resource(path, f"Links of {thing.title}", None, (LDP.Resource,), linkset_of=thing)
         return None
+
+    def _subscriptions(self, thing: Resource, path: str, rest: list[str]) -> Resource | None:
+        records = self._shelf.get(thing.path, ())
+        if not rest:
+            return Resource(
+                path,
+                f"Subscriptions of {thing.title}",
+                lambda graph: describe_subscriptions(graph, self._base, thing.path, records),
+                _CONTAINER,
+                own=tuple(subscription_path(each.subscription) for each in records),
+                subscriptions_of=thing.path,
+            )
+        record = next((each for each in records if each.subscription.id == rest[0]), None)
+        if record is None:
+            return None
+        path, resume = subscription_path(record.subscription), resume_path(record.subscription)
+        title = f"Subscription {record.subscription.id}"
+        if rest[1:] == ["actions", "resume"] and resumable(record):
+            title = f"Resume {title}"
+            return Resource(resume, title, lambda graph: describe_resume(graph, self._base, record), (), resumes=record)
+        if rest[1:]:
+            return None
+        return Resource(
+            path,
+            title,
+            lambda graph: describe_subscription(graph, self._base, record),
+            own=(resume,) if resumable(record) else (),
+            subscription=record,
+        )
 
     def _property(self, robot: Robot, owner: str, properties: list[Property], rest: list[str]) -> Resource | None:
         item = next((each for each in properties if each.segment == rest[0]), None)
         if item is None or len(rest) > 2 or rest[1:] not in ([], ["blueprint"]):
             return None
         path = f"{owner.rstrip('/')}/{item.segment}"
+        # What a new description leaves as it was is no news to a value: its constants are those of the model.
+        source = Source(lambda: (presence(robot), robot.model), item.look, robot)
         if rest[1:]:
-            return self._blueprint(path + "/blueprint", path, (item.shape,))
+            return self._blueprint(path + "/blueprint", path, (item.shape,), source)
         documents: dict[str, Callable[[], bytes]] = {}
         if item.predicate == LF.jointState and robot.payload is not None:
             documents[FRAME_MEDIA_TYPE] = lambda: robot.payload or b""
@@ -195,25 +227,30 @@ class Tree:
             path,
             item.title,
             lambda graph: self._say.property(robot, owner, item, graph),
+            source=source,
             own=(path + "/blueprint",),
             documents=documents,
         )
 
-    def _blueprint(self, path: str, owner: str, shapes: tuple[NamedNode, ...]) -> Resource:
+    def _blueprint(self, path: str, owner: str, shapes: tuple[NamedNode, ...], of: Source) -> Resource:
         iri, target = self._say.iri(path), self._say.iri(owner)
-        return Resource(path, f"Blueprint of {owner}", lambda graph: blueprint(graph, iri, target, shapes))
+        source = Source() if of.robot is None else _about(of.robot)
+        title = f"Blueprint of {owner}"
+        return Resource(path, title, lambda graph: blueprint(graph, iri, target, shapes), source=source)
 
     def _in_action(self, robot: Robot, action: JointMotion, rest: list[str]) -> Resource | None:
-        path = action.path
+        path, source = action.path, _about(robot)
         if not rest:
             own = (path + "/produceshape", path + "/invocations")
             # Neither an LDP resource nor a container: its PUT does not replace state, its POST creates no member.
             return Resource(
-                path, action.title, lambda graph: action.describe(graph, self._base), (), own=own, action=action
+                path, action.title, lambda graph: action.describe(graph, self._base), (), source, own, action=action
             )
         if rest == ["produceshape"]:
             title = f"Shape of what {action.name} produces"
-            return Resource(path + "/produceshape", title, lambda graph: action.describe_result(graph, self._base))
+            return Resource(
+                path + "/produceshape", title, lambda graph: action.describe_result(graph, self._base), source=source
+            )
         if rest[0] != "invocations":
             return None
         if len(rest) == 1:
@@ -223,19 +260,75 @@ class Tree:
                 f"Invocations of {action.title}",
                 lambda graph: describe_invocations(graph, self._base, path, members),
                 _CONTAINER,
+                Source(lambda: [(each.id, each.state.value) for each in members]),
                 own=tuple(invocation_path(each) for each in members),
             )
         invocation = self._invocations.get(rest[1])
         if len(rest) > 2 or invocation is None or invocation.action != path:
             return None
-        title = f"Invocation {invocation.id}"
         return Resource(
-            invocation_path(invocation), title, lambda graph: describe_invocation(graph, self._base, robot, invocation)
+            invocation_path(invocation),
+            f"Invocation {invocation.id}",
+            lambda graph: describe_invocation(graph, self._base, robot, invocation),
+            source=Source(lambda: (invocation.state.value, invocation.reason, list(invocation.result.items()))),
         )
+
+    # -- all that is below ------------------------------------------------------------------------------------------
+
+    def below(self, path: str) -> Iterator[tuple[str, bool]]:
+        """Paths of what a subtree subscription to ``path`` covers, and whether values count as change of each.
+
+        Every value once: of things their own statements, then each property. The joint state, which repeats the
+        values of the joints, is left out. Invocations are there until they have ended.
+        """
+        found = self.resolve(path)
+        if not isinstance(found, Resource):
+            return
+        if path == "/":
+            yield path, False
+            for name in self._fleet.robots:
+                yield from self.below(robot_path(name))
+            return
+        if found.owner != path:
+            yield path, True
+            return
+        head, *rest = path[1:].split("/")
+        robot = self._fleet.robots[robot_name(head)]
+        for part in [path, *(part_paths(robot) if rest == [""] else ())]:
+            yield part, False
+            for item in self._measured(robot, part):
+                yield f"{part.rstrip('/')}/{item.segment}", True
+        for invocation in self._invocations.of_robot(robot.name):
+            if not invocation.state.terminal and invocation.action.startswith(path):
+                yield invocation_path(invocation), True
+
+    def _measured(self, robot: Robot, part: str) -> Sequence[Property]:
+        segment = part.removeprefix(robot_path(robot.name))
+        if robot.model is None:
+            return ()
+        if not segment:
+            return [each for each in self._say.robot_properties(robot) if each.predicate != LF.jointState]
+        joint, link = part_of(segment, robot.model)
+        if joint is not None:
+            return joint_properties(robot, robot.model.joints[joint])
+        assert link is not None
+        return link_properties(robot, robot.model.links[link])
+
+
+def _thing(robot: Robot, properties: Sequence[Property]) -> Source:
+    """A thing shows its properties: their values are news of it, and so is all that its robot says of itself."""
+    looks = [each.look for each in properties if each.measured]
+    look = (lambda: tuple(chain.from_iterable(look() for look in looks))) if looks else tuple
+    return Source(lambda: (presence(robot), robot.description), look, robot)
+
+
+def _about(robot: Robot) -> Source:
+    """What follows from the description alone."""
+    return Source(lambda: robot.description, robot=robot)
 
 
 def _own(path: str, properties: list[Property], actions: tuple[str, ...] = ()) -> tuple[str, ...]:
-    """Sub-resources in the order of DESIGN's Link row: subscriptions, blueprint, actions, properties."""
+    """Sub-resources in the order of the Link field: subscriptions, blueprint, actions, properties."""
     stem = path.rstrip("/")
     return (stem + "/subscriptions", stem + "/blueprint", *actions, *(f"{stem}/{each.segment}" for each in properties))
 
@@ -244,3 +337,4 @@ def _vocabulary(graph: Graph) -> None:
     for triples in load("vocabulary.ttl").values():
         for triple in triples:
             graph.add(triple.subject, triple.predicate, triple.object)  # type: ignore[arg-type]
+    describe_request_shape(graph)

@@ -1,22 +1,31 @@
 """The one place that every resource passes through: methods, negotiation, ETag, Link, errors (DESIGN "HTTP")."""
 
 import logging
+import uuid
 from urllib.parse import quote as percent
 
-from starlette.requests import ClientDisconnect, Request
+from starlette.requests import ClientDisconnect, HTTPConnection, Request
 from starlette.responses import Response
-from starlette.types import Receive, Scope, Send
+from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.websockets import WebSocket
 
 from gateway.errors import BadRequest, FleetError, MethodNotAllowed, NotFound, PreconditionFailed
-from gateway.graph.tree import Redirect, Resource, Tree
+from gateway.graph.paths import owner_path
+from gateway.graph.resource import Redirect, Resource
+from gateway.graph.subscription import container_path
+from gateway.graph.tree import EMPTY, Found, Shelf
 from gateway.graph.vocab import PREFIXES
+from gateway.http.body import BODY_TYPES
 from gateway.http.conditional import not_modified, precondition_holds
 from gateway.http.fields import field
-from gateway.http.invoke import BODY_TYPES, invoke
+from gateway.http.invoke import invoke
 from gateway.http.links import Link, link_header
 from gateway.http.problem import problem
 from gateway.http.representation import etags, negotiated
+from gateway.http.streams import EventStream, is_over, open_websocket, wants_events
+from gateway.http.subscribe import cancel, post_subscription, refusals, resume, subscribe_callback, wants_callback
 from gateway.live import Live
+from gateway.subscriptions.service import Subscriptions
 
 log = logging.getLogger(__name__)
 
@@ -24,17 +33,34 @@ log = logging.getLogger(__name__)
 _LINK_BYTES = 3584
 _READ = ("GET", "HEAD", "OPTIONS")
 _WRITE = ("POST", "PUT")
+_METHODS = (*_READ, *_WRITE, "DELETE")
 _LONGEST_NAMED = 200
 
 
 async def resources(scope: Scope, receive: Receive, send: Send) -> None:
     """The ASGI application for every path and every method (R0.10: a 405 carries the Allow of its own resource)."""
+    if scope["type"] == "websocket":
+        await _upgrade(WebSocket(scope, receive, send))
+        return
     request = Request(scope, receive)
     response = await _respond(request)
     await response(scope, receive, send)
 
 
-async def _respond(request: Request) -> Response:
+async def _upgrade(websocket: WebSocket) -> None:
+    """A WebSocket on a resource; what speaks against it is answered in HTTP, before any handshake."""
+    base: str = websocket.state.base
+    try:
+        found = await _find(websocket, base)
+        if isinstance(found, Resource):
+            await open_websocket(websocket, found, base)
+        else:
+            await websocket.send_denial_response(_moved(websocket, found, base))
+    except FleetError as error:
+        await websocket.send_denial_response(problem_response(websocket, error))
+
+
+async def _respond(request: Request) -> ASGIApp:
     base: str = request.state.base
     try:
         return await _answer(request, base)
@@ -48,33 +74,86 @@ async def _respond(request: Request) -> Response:
         return problem_response(request, FleetError("The gateway failed to answer; its log has the reason."))
 
 
-async def _answer(request: Request, base: str) -> Response:
-    live: Live = request.app.state.live
-    path: str = request.scope["path"]
-    if path == "*" and request.method == "OPTIONS":
-        return Response(status_code=204, headers={"allow": ", ".join((*_READ, *_WRITE))})
-    if not path.startswith("/"):
-        raise BadRequest(f"The request target is no path, such as /, and no URL below {base}/.")
-    # An encoded slash separates nothing (RFC 3986, 2.2), and no name in the tree has one.
-    encoded_slash = b"%2f" in request.scope["raw_path"].lower()
-    found = None if encoded_slash else Tree(live.fleet, live.invocations, base).resolve(path)
-    if found is None:
-        raise NotFound(f"There is no resource at {path[:_LONGEST_NAMED]}; browse from {base}/.")
+async def _answer(request: Request, base: str) -> ASGIApp:
+    if request.scope["path"] == "*" and request.method == "OPTIONS":
+        return Response(status_code=204, headers={"allow": ", ".join(_METHODS)})
+    if is_over(request):
+        return Response(status_code=204)
+    found = await _find(request, base)
     if isinstance(found, Redirect):
-        query = f"?{request.url.query}" if request.url.query else ""
-        return Response(status_code=308, headers={"location": base + found.path + query})
+        return _moved(request, found, base)
     allow = _allow(found)
     if request.method not in allow:
         raise MethodNotAllowed(f"{request.method} is not possible here; {', '.join(allow)} are.", allow=allow)
     if request.method == "OPTIONS":
         return Response(status_code=204, headers=_options(found, allow))
     _check_preconditions(request, found, base)
-    if found.action is not None and request.method in _WRITE:
-        return await invoke(request, found.action, live, base)
+    if request.method not in _READ:
+        return await _write(request, found, base)
+    if found.observable and wants_callback(request):
+        return await subscribe_callback(request, found, base)
+    if (found.observable or found.subscription is not None) and wants_events(request):
+        stream = EventStream(request, found, base)
+        await stream.register()
+        return stream
     return _read(request, found, base)
 
 
-def problem_response(request: Request, error: FleetError) -> Response:
+async def _find(connection: HTTPConnection, base: str) -> Resource | Redirect:
+    """What the request is about; NotFound, BadRequest, StoreAway."""
+    live: Live = connection.app.state.live
+    path: str = connection.scope["path"]
+    if not path.startswith("/"):
+        raise BadRequest(f"The request target is no path, such as /, and no URL below {base}/.")
+    # An encoded slash separates nothing (RFC 3986, 2.2), and no name in the tree has one.
+    encoded_slash = b"%2f" in connection.scope["raw_path"].lower()
+    found: Found = None if encoded_slash else live.tree(base, await _shelf(connection, path)).resolve(path)
+    if found is None:
+        raise NotFound(f"There is no resource at {path[:_LONGEST_NAMED]}; browse from {base}/.")
+    return found
+
+
+async def _shelf(connection: HTTPConnection, path: str) -> Shelf:
+    """The subscriptions that the resource at ``path`` is about, if it is about any."""
+    owner = owner_path(path)
+    head, _, rest = path.removeprefix(container_path(owner)).partition("/")
+    if head or not path.startswith(container_path(owner)):
+        return EMPTY
+    subscriptions: Subscriptions = connection.app.state.subscriptions
+    async with refusals():
+        if not rest:
+            return {owner: await subscriptions.of(owner)}
+        id = _uuid(rest.partition("/")[0])
+        record = None if id is None else await subscriptions.record(id)
+        return {owner: [record]} if record is not None and record.subscription.owner == owner else EMPTY
+
+
+def _uuid(text: str) -> str | None:
+    """The text, if it is a UUID as we write it: nothing else ever becomes part of a key of the store."""
+    try:
+        return text if str(uuid.UUID(text)) == text else None
+    except ValueError:
+        return None
+
+
+def _moved(connection: HTTPConnection, to: Redirect, base: str) -> Response:
+    query = f"?{connection.url.query}" if connection.url.query else ""
+    return Response(status_code=308, headers={"location": base + to.path + query})
+
+
+async def _write(request: Request, resource: Resource, base: str) -> Response:
+    """What ``_allow`` allows."""
+    if resource.action is not None:
+        return await invoke(request, resource.action, request.app.state.live, base)
+    if resource.subscription is not None:
+        return await cancel(request, resource.subscription)
+    if resource.resumes is not None:
+        return await resume(request, resource.resumes)
+    assert resource.subscriptions_of is not None
+    return await post_subscription(request, resource.subscriptions_of, base)
+
+
+def problem_response(request: HTTPConnection, error: FleetError) -> Response:
     """Problem details for ``error`` in the form that Accept asks for."""
     path = percent(request.scope["path"], safe="/~")
     instance = request.state.base + path if len(path) <= _LONGEST_NAMED else None
@@ -113,13 +192,19 @@ def _check_preconditions(request: Request, resource: Resource, base: str) -> Non
 
 
 def _allow(resource: Resource) -> tuple[str, ...]:
-    return (*_READ, *_WRITE) if resource.action else _READ
+    if resource.action is not None:
+        return (*_READ, *_WRITE)
+    if resource.subscriptions_of is not None or resource.resumes is not None:
+        return (*_READ, "POST")
+    return (*_READ, "DELETE") if resource.subscription is not None else _READ
 
 
 def _options(resource: Resource, allow: tuple[str, ...]) -> dict[str, str]:
     headers = {"allow": ", ".join(allow)}
+    if resource.action is not None or resource.subscriptions_of is not None:
+        headers |= {"accept-post": ", ".join(BODY_TYPES)}
     if resource.action is not None:
-        headers |= {"accept-post": ", ".join(BODY_TYPES), "accept-put": ", ".join(BODY_TYPES)}
+        headers |= {"accept-put": ", ".join(BODY_TYPES)}
     return headers
 
 

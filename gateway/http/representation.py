@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from gateway.errors import NotAcceptable
 from gateway.graph.build import Graph
+from gateway.graph.resource import Resource
 from gateway.graph.serialise import MEDIA_TYPES, WriteError, render
-from gateway.graph.tree import Resource
 from gateway.graph.vocab import PREFIXES
 from gateway.http.conditional import etag
 from gateway.http.links import LINKSET_TYPES, Link, linkset_json, linkset_text

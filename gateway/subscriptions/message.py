@@ -1,4 +1,4 @@
-"""What is sent, and where it goes: a message is rendered once, framed once per channel, and shared by all subscribers."""
+"""What is sent, and where it goes: a message is rendered once, framed once per channel, and shared by all."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -4,6 +4,7 @@ import json
 import signal
 import socket
 import time
+from pathlib import Path
 
 import pytest
 from actor import KEYS, stage
@@ -15,9 +16,9 @@ pytestmark = pytest.mark.fleet
 _JOINT = "wrist_3_joint"
 
 
-def test_killed_agent_stays_readable_and_comes_back() -> None:
+def test_killed_agent_stays_readable_and_comes_back(tmp_path: Path) -> None:
     """SIGKILL: offline with the time on robot, joint, link and property; values stay; actions 503; then live again."""
-    place = Place()
+    place = Place(tmp_path)
     with place.gateway() as (_, browser):
         with place.ur5() as agent:
             live(browser, "ur5")
@@ -46,9 +47,9 @@ def test_killed_agent_stays_readable_and_comes_back() -> None:
             assert angle == pytest.approx(0.2, abs=0.01)
 
 
-def test_motion_of_a_killed_agent_is_unknown() -> None:
+def test_motion_of_a_killed_agent_is_unknown(tmp_path: Path) -> None:
     """SIGKILL in the middle of a motion: nobody can tell its end, and the invocation says so."""
-    place = Place()
+    place = Place(tmp_path)
     with place.gateway() as (_, browser):
         with place.ur5() as agent:
             live(browser, "ur5")
@@ -64,9 +65,9 @@ def test_motion_of_a_killed_agent_is_unknown() -> None:
         assert "gone" in str(page.graph.value(page.iri, LF.reason))
 
 
-def test_terminated_agent_and_gateway_end_cleanly() -> None:
+def test_terminated_agent_and_gateway_end_cleanly(tmp_path: Path) -> None:
     """SIGTERM: the robot goes offline, agent and gateway end with 0 and without a traceback."""
-    place = Place()
+    place = Place(tmp_path)
     with place.gateway() as (gateway, browser):
         with place.ur5() as agent:
             live(browser, "ur5")
@@ -78,9 +79,9 @@ def test_terminated_agent_and_gateway_end_cleanly() -> None:
         assert "Traceback" not in agent.output + gateway.output
 
 
-def test_gateway_killed_in_a_motion(capsys: pytest.CaptureFixture[str]) -> None:
+def test_gateway_killed_in_a_motion(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The agent fails the motion and holds; the gateway, started again on its ports, finds the robot at that place."""
-    place, observers = Place(), Place()
+    place, observers = Place(tmp_path / "a"), Place(tmp_path / "b")
     told: list[dict[str, object]] = []
     with place.ur5("--listen", observers.zenoh), stage(observers.zenoh) as observer:
         progress = observer.declare_subscriber(
@@ -119,9 +120,9 @@ def test_gateway_killed_in_a_motion(capsys: pytest.CaptureFixture[str]) -> None:
         progress.undeclare()
 
 
-def test_second_agent_of_a_name_refuses_to_start() -> None:
+def test_second_agent_of_a_name_refuses_to_start(tmp_path: Path) -> None:
     """It says why and ends with an error; the first keeps its run and goes on."""
-    place = Place()
+    place = Place(tmp_path)
     with place.gateway() as (gateway, browser), place.ur5() as first:
         live(browser, "ur5")
         with place.ur5("--lease-ms", "300") as second:
@@ -136,9 +137,9 @@ def test_second_agent_of_a_name_refuses_to_start() -> None:
         assert "Traceback" not in first.output
 
 
-def test_foreign_token_does_not_keep_an_agent_from_starting() -> None:
+def test_foreign_token_does_not_keep_an_agent_from_starting(tmp_path: Path) -> None:
     """A presence token that is none of the protocol is nobody's run."""
-    place = Place()
+    place = Place(tmp_path)
     with place.gateway() as (_, browser), stage(place.zenoh) as session:
         token = session.liveliness().declare_token("fleet/robot/ur5/presence/whoever")
         with place.ur5():
@@ -147,9 +148,9 @@ def test_foreign_token_does_not_keep_an_agent_from_starting() -> None:
 
 
 @pytest.mark.parametrize("taken", ["http", "zenoh"])
-def test_taken_port_is_one_line(taken: str) -> None:
+def test_taken_port_is_one_line(tmp_path: Path, taken: str) -> None:
     """Whichever port it is: one line that names it, exit code 1."""
-    place = Place()
+    place = Place(tmp_path)
     number = place.port if taken == "http" else int(place.zenoh.rpartition(":")[2])
     with socket.create_server(("127.0.0.1", number)), process(*place.command()) as gateway:
         assert gateway.ended() == 1
@@ -158,9 +159,9 @@ def test_taken_port_is_one_line(taken: str) -> None:
     assert str(number) in line
 
 
-def test_two_gateways_started_at_once() -> None:
+def test_two_gateways_started_at_once(tmp_path: Path) -> None:
     """Of two gateways on one HTTP port exactly one serves, however close their starts are."""
-    place, other = Place(), Place()
+    place, other = Place(tmp_path / "a"), Place(tmp_path / "b")
     other.port = place.port
     with process(*place.command()) as one, process(*other.command()) as two:
         refused = eventually(

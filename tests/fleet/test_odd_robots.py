@@ -5,6 +5,7 @@ import random
 import re
 from collections.abc import Iterator
 from contextlib import ExitStack
+from pathlib import Path
 
 import pytest
 import zenoh
@@ -18,9 +19,9 @@ pytestmark = pytest.mark.fleet
 
 
 @pytest.fixture
-def theatre() -> Iterator[tuple[Process, Browser, zenoh.Session]]:
+def theatre(tmp_path: Path) -> Iterator[tuple[Process, Browser, zenoh.Session]]:
     """A gateway with nobody but the actors of the test."""
-    place = Place()
+    place = Place(tmp_path)
     with ExitStack() as stack:
         gateway, browser = stack.enter_context(place.gateway())
         yield gateway, browser, stack.enter_context(stage(place.zenoh))

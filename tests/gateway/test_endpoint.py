@@ -18,7 +18,7 @@ from rdflib import RDF, URIRef
 from gateway.app import create_app
 from gateway.errors import NotAcceptable
 from gateway.graph.build import Graph
-from gateway.graph.tree import Resource
+from gateway.graph.resource import Resource
 from gateway.http.representation import negotiated
 from gateway.settings import GatewaySettings
 

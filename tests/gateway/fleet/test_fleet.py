@@ -221,7 +221,7 @@ def test_a_robot_whose_kinematics_fail_keeps_its_values() -> None:
 def test_a_value_changes_when_it_moves_by_the_resolution() -> None:
     fleet, robot = fleet_after(*UP, framed(1))
     assert robot.observe("x", (0.1234, math.nan), 0.01) == Observation(
-        (0.12, pytest.approx(math.nan, nan_ok=True)), 1001
+        (0.12, pytest.approx(math.nan, nan_ok=True)), 1001, 1
     )
     fleet.apply(framed(2), 9)
     held = robot.observe("x", (0.1299, math.nan), 0.01)

@@ -1,0 +1,96 @@
+"""What counts as change of a resource, and the number that the change has (ARCHITECTURE.md, "What counts as change").
+
+The version of what belongs to a robot is made of the robot's incarnation and the frame that brought the change, counted
+from 1, so that it is the same at every gateway and ordered. What no frame brings (presence, a description) counts on
+from the frame before. The version of anything else is a digest of its facts: the same at every gateway, without order.
+"""
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from hashlib import blake2b
+from typing import Any
+
+from gateway.fleet.observation import Observation
+from gateway.fleet.robot import Robot
+
+_VERSION = re.compile(r"([0-9]{1,20})-([0-9]{1,20})(?:\.([0-9]{1,20}))?")
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A resource at a moment: ``facts`` are compared whole, ``observations`` value by value."""
+
+    facts: Any
+    observations: tuple[Observation, ...] = ()
+    version: str = field(default="", compare=False)
+
+    def same(self, other: "Reading") -> bool:
+        """Whether nothing changed; a timestamp alone is no change."""
+        return self.facts == other.facts and not self.moved(other, 0.0)
+
+    def moved(self, other: "Reading", deadband: float) -> bool:
+        """Whether some value differs by more than nothing and by at least ``deadband`` (SI units)."""
+        if len(self.observations) != len(other.observations):
+            return True
+        pairs = zip(self.observations, other.observations, strict=True)
+        return any(ours is not theirs and _apart(ours.values, theirs.values, deadband) for ours, theirs in pairs)
+
+
+def _apart(ours: tuple[float, ...], theirs: tuple[float, ...], deadband: float) -> bool:
+    if len(ours) != len(theirs):
+        return True
+    for a, b in zip(ours, theirs, strict=True):
+        if math.isnan(a) or math.isnan(b):
+            if math.isnan(a) != math.isnan(b):
+                return True
+        elif a != b and abs(a - b) >= deadband:
+            return True
+    return False
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where the readings of a resource come from. ``robot``: whose it is; None for what belongs to no single robot."""
+
+    facts: Callable[[], Any] = tuple
+    look: Callable[[], tuple[Observation, ...]] = tuple
+    robot: Robot | None = None
+    digest: Callable[[], Any] | None = None
+    """The facts that every gateway sees alike, where these are not all."""
+
+    def read(self, values: bool = True) -> Reading:
+        """The present reading; without ``values`` of the facts alone."""
+        facts, observations = self.facts(), self.look() if values else ()
+        if self.robot is not None:
+            return Reading(facts, observations, _version(self.robot, observations))
+        known = facts if self.digest is None else self.digest()
+        return Reading(facts, (), blake2b(repr(known).encode(), digest_size=8).hexdigest())
+
+    @property
+    def measured(self) -> bool:
+        """Whether a frame can be news."""
+        return self.look is not tuple
+
+
+def presence(robot: Robot) -> tuple[bool, int | None, str | None]:
+    """What descriptions say of the presence of a robot."""
+    return robot.online, None if robot.online else robot.last_seen_ns, robot.fault
+
+
+def _version(robot: Robot, observations: tuple[Observation, ...]) -> str:
+    frames = [(seen.sequence + 1, 0) for seen in observations if seen.sequence is not None]
+    sequence, count = max([robot.news, *frames])
+    return f"{robot.incarnation or 0}-{sequence}" + (f".{count}" if count else "")
+
+
+def covers(seen: str, present: str) -> bool:
+    """Whether who has seen version ``seen`` of a resource knows the ``present`` one already."""
+    ours, theirs = _parsed(present), _parsed(seen)
+    return seen == present or (ours is not None and theirs is not None and theirs >= ours)
+
+
+def _parsed(version: str) -> tuple[int, int, int] | None:
+    match = _VERSION.fullmatch(version)
+    return None if match is None else (int(match[1]), int(match[2]), int(match[3] or 0))

@@ -1,0 +1,55 @@
+"""The RDF in the body of a request: whole, bounded, and parsed with the request's own resource as base."""
+
+from pyoxigraph import Triple
+from starlette.requests import Request
+
+from gateway.errors import BadRequest, PayloadTooLarge, UnsupportedMediaType
+from gateway.graph.serialise import ParseError, parse
+from gateway.graph.vocab import PREFIXES
+from gateway.http.fields import field
+from gateway.http.negotiation import parse_content_type
+
+BODY_TYPES = ("text/turtle", "application/ld+json", "application/n-triples", "application/rdf+xml")
+MAX_BODY_BYTES = 64 * 1024
+_CONTEXT = "https://w3id.org/linked-fleet/context"
+
+
+def body_type(request: Request) -> str:
+    """The media type of the body, known before the body is read; 415 or 400 for what is not taken."""
+    media_type, _ = parse_content_type(field(request, "content-type"), BODY_TYPES)
+    _check_whole(request)
+    return media_type
+
+
+async def read_triples(request: Request, media_type: str, iri: str, base: str) -> list[Triple]:
+    """The triples of the body, relative IRIs resolved against ``iri``; BadRequest, PayloadTooLarge."""
+    body = await read_body(request)
+    context = {"@context": PREFIXES}
+    try:
+        return parse(body, media_type, iri, contexts={_CONTEXT: context, f"{base}/context": context})
+    except ParseError as error:
+        raise BadRequest(f"The body is no {media_type}: {error}", line=error.line, column=error.column) from error
+
+
+def _check_whole(request: Request) -> None:
+    """The content itself, neither compressed (RFC 9110, 8.4 and 15.5.16) nor a part of it (14.5)."""
+    coding = (field(request, "content-encoding") or "identity").strip().lower()
+    if coding != "identity":
+        raise UnsupportedMediaType(
+            f"Content-Encoding {coding} is not taken; send the body as it is.", headers={"Accept-Encoding": "identity"}
+        )
+    if "content-range" in request.headers:
+        raise BadRequest("Content-Range is not taken; send the whole body.")
+
+
+async def read_body(request: Request) -> bytes:
+    """The body, at most 64 KiB: PayloadTooLarge as soon as it is known to be more."""
+    length = request.headers.get("content-length", "0")
+    if length.isdecimal() and int(length) > MAX_BODY_BYTES:
+        raise PayloadTooLarge(f"The body has {length} bytes; at most {MAX_BODY_BYTES} are read.")
+    body = bytearray()
+    async for chunk in request.stream():
+        body += chunk
+        if len(body) > MAX_BODY_BYTES:
+            raise PayloadTooLarge(f"The body has more than {MAX_BODY_BYTES} bytes.")
+    return bytes(body)

@@ -1,0 +1,191 @@
+"""The server's two protocol classes: as uvicorn has them, and what a channel to a slow reader needs besides."""
+
+from asyncio.transports import BaseTransport, Transport
+from collections.abc import Callable
+from typing import Any, cast
+
+from uvicorn.protocols.http.h11_impl import H11Protocol
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+from websockets.frames import CloseCode, Frame
+from websockets.http11 import Request
+from websockets.protocol import State
+
+from gateway.http.slow import HIGH_WATER_BYTES, STALL_S, StallWatch
+from gateway.subscriptions.message import Ending
+
+HTTP, WEBSOCKET = "linked-fleet.http", "linked-fleet.websocket"
+"""Where in ``scope["extensions"]`` an application finds the protocol that serves it."""
+
+GRACE_S = 10.0
+"""For the rest of a conversation that one side has ended."""
+_FAREWELL_S = 0.5  # less than the server waits for its connections when it shuts down
+
+
+class HttpProtocol(H11Protocol):
+    """HTTP/1.1 that an application can get hold of: ASGI alone neither aborts a connection nor tells of a shutdown."""
+
+    stall_s = STALL_S
+    on_shutdown: Callable[[], None] | None = None
+    watch: StallWatch
+
+    def connection_made(self, transport: Transport) -> None:  # type: ignore[override]  # as uvicorn has it
+        super().connection_made(transport)
+        self.watch = StallWatch(transport, self.stall_s)
+
+    def handle_events(self) -> None:
+        super().handle_events()
+        if self.scope is not None:  # the task of a new request has not run yet
+            cast(dict[str, Any], self.scope).setdefault("extensions", {})[HTTP] = self
+
+    def _should_upgrade(self) -> bool:
+        """RFC 6455, 4.1. Any other Upgrade is ignored (RFC 9110, 7.8); some uvicorn would never answer."""
+        fields = dict(self.headers)
+        content = b"transfer-encoding" in fields or fields.get(b"content-length", b"").strip(b"0")
+        opening = self.scope["method"] == "GET" and self.scope["http_version"] == "1.1" and not content
+        return opening and b"sec-websocket-key" in fields and super()._should_upgrade()
+
+    def pause_writing(self) -> None:
+        super().pause_writing()
+        self.watch.arm()
+
+    def shutdown(self) -> None:
+        super().shutdown()
+        if self.on_shutdown is not None:
+            self.on_shutdown()
+            self.loop.call_later(_FAREWELL_S, self.transport.abort)  # its reader may have stalled
+
+
+class WebSocketProtocol(WebSocketsSansIOProtocol):
+    """A WebSocket that only sends, in frames made elsewhere, and that no peer can keep open by doing nothing.
+
+    Frames of a server are not masked (RFC 6455, 5.1), so one framed buffer serves every connection. They pass by the
+    state machine of ``conn``, which has nothing to remember about an unfragmented data frame; all else goes through it.
+    """
+
+    stall_s = STALL_S
+    grace_s = GRACE_S
+    on_drained: Callable[[], None] | None = None
+    """Called when what waited has nearly all been taken."""
+    watch: StallWatch
+    _failed = False
+
+    @property
+    def open(self) -> bool:
+        return self.conn.state is State.OPEN and not self.transport.is_closing()
+
+    @property
+    def buffered(self) -> int:
+        return self.transport.get_write_buffer_size()
+
+    def write_frame(self, data: bytes) -> None:
+        """Send a framed message as it is; nothing, once the closing handshake has begun (RFC 6455, 5.5.1)."""
+        if self.open:
+            self.transport.write(data)
+            self.watch.wrote(len(data))
+
+    def close(self, code: int, reason: str) -> None:
+        """Start the closing handshake (RFC 6455, 7.1.2)."""
+        if self.open:
+            self.conn.send_close(code, reason)
+            self._leave(code, reason)
+
+    def abort(self) -> None:
+        self.transport.abort()
+
+    # What uvicorn calls
+
+    def connection_made(self, transport: BaseTransport) -> None:
+        super().connection_made(transport)
+        # Paused from the byte on at which an outlet takes no more, or nobody would tell it of the room again.
+        self.transport.set_write_buffer_limits(high=HIGH_WATER_BYTES - 1, low=HIGH_WATER_BYTES // 4)
+        self.watch = StallWatch(self.transport, self.stall_s)
+
+    def handle_connect(self, event: Request) -> None:
+        super().handle_connect(event)
+        if not self.close_sent:  # the task has not run yet
+            cast(dict[str, Any], self.scope)["extensions"][WEBSOCKET] = self
+
+    def resume_writing(self) -> None:
+        super().resume_writing()
+        if self.on_drained is not None:
+            self.on_drained()
+
+    def data_received(self, data: bytes) -> None:
+        self.conn.receive_data(data)
+        unread = self.conn.handshake_exc is not None and not self.handshake_initiated
+        if self.conn.parser_exc is not None or unread:
+            self.handle_parser_exception()
+        else:
+            self.handle_events()
+
+    def handle_text(self, event: Frame) -> None:
+        try:
+            bytes(event.data).decode() if event.fin else ""
+        except UnicodeDecodeError:
+            self._refuse(CloseCode.INVALID_DATA, "a text message must be UTF-8")
+        else:
+            self._refuse(CloseCode.UNSUPPORTED_DATA, "this channel only sends")
+
+    def handle_bytes(self, event: Frame) -> None:
+        self._refuse(CloseCode.UNSUPPORTED_DATA, "this channel only sends")
+
+    def handle_cont(self, event: Frame) -> None:
+        """Of a message that was refused with its first frame."""
+
+    def handle_close(self, event: Frame) -> None:
+        super().handle_close(event)
+        self._abort_later()  # a transport that is closed waits for its reader, for ever if need be
+
+    def handle_parser_exception(self) -> None:
+        """Fail the connection (RFC 6455, 7.1.7); called again for each piece of what the peer still sends."""
+        if self._failed:
+            return
+        self._failed = True
+        if not self.handshake_complete and self.handshake_initiated:
+            self.transport.abort()  # frames before our answer to the handshake
+            return
+        self.handshake_complete = True
+        self._leave(CloseCode.ABNORMAL_CLOSURE, "")
+        # Only our half: unread bytes would make a reset of a close, and our close frame be lost with it.
+        if self.transport.can_write_eof():
+            self.transport.write_eof()
+
+    def eof_received(self) -> None:
+        self.queue.put_nowait({"type": "websocket.disconnect", "code": CloseCode.ABNORMAL_CLOSURE})
+        self._abort_later()
+
+    def keepalive_timeout(self) -> None:
+        if self.buffered:  # the ping may wait among the rest: whether the peer still reads, the watch will see
+            self.stop_keepalive()
+            self.watch.arm()
+            self.schedule_ping()
+            return
+        super().keepalive_timeout()
+        self._abort_later()
+
+    def shutdown(self) -> None:
+        if not self.handshake_complete:
+            super().shutdown()
+            return
+        self.grace_s = min(self.grace_s, _FAREWELL_S)
+        self.close(CloseCode.SERVICE_RESTART, Ending.SHUTDOWN.value)
+        self._abort_later()
+
+    def _refuse(self, code: int, reason: str) -> None:
+        """At once and here: while messages lie unread uvicorn reads nothing, so pings would go unanswered."""
+        if self.conn.state is State.OPEN:
+            self.conn.fail(code, reason)
+        self.handle_parser_exception()
+
+    def _leave(self, code: int, reason: str) -> None:
+        self.queue.put_nowait({"type": "websocket.disconnect", "code": code, "reason": reason})
+        self.stop_keepalive()
+        self.transport.write(b"".join(self.conn.data_to_send()))
+        self.close_sent = True
+        self._abort_later()
+
+    def _abort_later(self) -> None:
+        if self.close_timer is not None:
+            self.close_timer.cancel()
+        if not self.disconnected:
+            self.close_timer = self.loop.call_later(self.grace_s, self.transport.abort)

@@ -1,0 +1,165 @@
+"""Subscriptions that live on a connection: which is asked for, in which media type, and its life in the registry."""
+
+from collections.abc import Awaitable, Callable
+from dataclasses import replace
+
+from starlette.requests import HTTPConnection, Request
+from starlette.types import Receive, Scope, Send
+from starlette.websockets import WebSocket
+
+from gateway.errors import Conflict, NotAcceptable
+from gateway.graph.message import message_types
+from gateway.graph.properties import FRAME_MEDIA_TYPE
+from gateway.graph.resource import Resource
+from gateway.http.event_stream import CANCELLED_ID, serve_event_stream
+from gateway.http.fields import field
+from gateway.http.negotiation import choose, parse_accept, weight
+from gateway.http.subscribe import new_subscription, options, refusals, seen, subscription_link
+from gateway.http.websocket import serve_websocket
+from gateway.subscriptions.message import Feed, Outlet
+from gateway.subscriptions.service import Subscriptions
+from gateway.subscriptions.subscription import Kind, Subscription
+from gateway.subscriptions.watcher import Watcher
+
+EVENT_STREAM = "text/event-stream"
+SUBPROTOCOLS = {
+    "lf.turtle": "text/turtle",
+    "lf.jsonld": "application/ld+json",
+    "lf.ntriples": "application/n-triples",
+    "lf.rdfxml": "application/rdf+xml",
+    "lf.frame": FRAME_MEDIA_TYPE,
+}
+"""Browsers cannot set Accept on a WebSocket, but they can name subprotocols."""
+_Start = Callable[[Outlet], Awaitable[Feed]]
+
+
+def wants_events(request: Request) -> bool:
+    """Whether Accept names event streams, and likes no type of ours better."""
+    ranges = parse_accept(field(request, "accept"))
+    named = [each.q for each in ranges if (each.type, each.subtype) == ("text", "event-stream")]
+    return bool(named) and max(named) > 0 and request.method in ("GET", "HEAD")
+
+
+def is_over(request: Request) -> bool:
+    """Whether an EventSource comes back to a stream that was cancelled; 204 makes it stop (WHATWG HTML, 9.2.2)."""
+    return wants_events(request) and field(request, "last-event-id") == CANCELLED_ID
+
+
+class EventStream:
+    """The answer to a GET that wants events; entered like any other response."""
+
+    def __init__(self, request: Request, resource: Resource, base: str) -> None:
+        self._subscriptions: Subscriptions = request.app.state.subscriptions
+        self._seen = seen(request)
+        self._posted = resource.subscription
+        if self._posted is not None:
+            self._subscription = _opened(resource, Kind.EVENT_STREAM)
+        else:
+            media_type = _type_in_events(request, resource)
+            self._subscription = new_subscription(
+                request, resource, Kind.EVENT_STREAM, media_type, base, options(request)
+            )
+        self._head = request.method == "HEAD"
+
+    async def register(self) -> None:
+        """To be awaited before anything is sent: TooManySubscriptions."""
+        if not self._head:
+            async with refusals():
+                await self._subscriptions.register(self._subscription)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        headers = [(b"link", subscription_link(self._subscription).encode("latin-1")), (b"vary", b"Accept")]
+        if self._head:  # creates nothing: no link either
+            headers = [(b"content-type", EVENT_STREAM.encode()), (b"cache-control", b"no-store"), headers[1]]
+            await send({"type": "http.response.start", "status": 200, "headers": headers})
+            await send({"type": "http.response.body", "body": b""})
+            return
+
+        async def serve(start: _Start) -> None:
+            await serve_event_stream(scope, receive, send, headers, start)
+
+        await _live(self._subscriptions, self._subscription, self._seen, self._posted is not None, serve)
+
+
+async def open_websocket(websocket: WebSocket, resource: Resource, base: str) -> None:
+    """Serve a WebSocket on the resource (R0.15); refusals come before the handshake."""
+    subscriptions: Subscriptions = websocket.app.state.subscriptions
+    if resource.subscription is not None:
+        subscription = _opened(resource, Kind.WEBSOCKET)
+        names = [name for name in _offered(websocket) if SUBPROTOCOLS.get(name) == subscription.media_type]
+        subprotocol = next(iter(names), None)
+    else:
+        media_type, subprotocol = _type_of_frames(websocket, resource)
+        subscription = new_subscription(websocket, resource, Kind.WEBSOCKET, media_type, base, options(websocket))
+    async with refusals():
+        await subscriptions.register(subscription)
+    headers = [(b"link", subscription_link(subscription).encode("latin-1"))]
+
+    async def serve(start: _Start) -> None:
+        await serve_websocket(websocket, subprotocol, headers, start)
+
+    await _live(subscriptions, subscription, seen(websocket), resource.subscription is not None, serve)
+
+
+async def _live(
+    subscriptions: Subscriptions,
+    subscription: Subscription,
+    last: str | None,
+    posted: bool,
+    serve: Callable[[_Start], Awaitable[None]],
+) -> None:
+    """From the registration to the end of the connection, however it ends."""
+    watcher: Watcher | None = None
+
+    async def start(outlet: Outlet) -> Feed:
+        nonlocal watcher
+        watcher = subscriptions.open(subscription, outlet, last)
+        return watcher
+
+    try:
+        await serve(start)
+    finally:
+        subscriptions.close(subscription, watcher, reopenable=posted)
+
+
+def _opened(resource: Resource, kind: Kind) -> Subscription:
+    """The subscription that was made by POST, on the connection that now opens it."""
+    assert resource.subscription is not None
+    subscription = resource.subscription.subscription
+    if not subscription.kind.streams:
+        raise Conflict("This is a callback subscription: its messages go to its receiver alone.")
+    return replace(subscription, kind=kind)
+
+
+def _type_in_events(request: Request, resource: Resource) -> str:
+    """The RDF type that Accept likes best beside event streams; Turtle when it names none."""
+    offered = _observable(resource, binary=False)
+    accept = field(request, "accept")
+    ranges = [each for each in parse_accept(accept) if (each.type, each.subtype) != ("text", "event-stream")]
+    if not any(weight(ranges, media_type) for media_type in offered):
+        return offered[0]
+    return choose(accept, offered) or offered[0]
+
+
+def _type_of_frames(websocket: WebSocket, resource: Resource) -> tuple[str, str | None]:
+    """Media type of the messages, and the subprotocol that chose it if one did."""
+    offered, names = _observable(resource, binary=True), _offered(websocket)
+    for name in names:
+        if SUBPROTOCOLS.get(name) in offered:
+            return SUBPROTOCOLS[name], name
+    media_type = choose(field(websocket, "accept"), offered)
+    if media_type is None or any(name.startswith("lf.") for name in names):
+        tokens = ", ".join(name for name, each in SUBPROTOCOLS.items() if each in offered)
+        raise NotAcceptable(f"Messages are to be had as {tokens}, or in {', '.join(offered)}.", offered=offered)
+    return media_type, None
+
+
+def _observable(resource: Resource, *, binary: bool) -> tuple[str, ...]:
+    offered = message_types(resource)
+    if not offered:
+        raise Conflict("This resource cannot be subscribed to; it says by its ETag whether it has changed.")
+    return tuple(each for each in offered if binary or each != FRAME_MEDIA_TYPE)
+
+
+def _offered(connection: HTTPConnection) -> list[str]:
+    return list(connection.scope.get("subprotocols", []))

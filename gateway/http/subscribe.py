@@ -1,0 +1,224 @@
+"""Making, opening and ending subscriptions over HTTP (paper 5.3, R0.12 to R0.17; flow "fan-out")."""
+
+import math
+import time
+import uuid
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, replace
+from urllib.parse import unquote
+
+from starlette.requests import HTTPConnection, Request
+from starlette.responses import Response
+
+from gateway.errors import (
+    BadRequest,
+    NotAcceptable,
+    NotFound,
+    StoreAway,
+    TooManySubscriptions,
+    UnprocessableContent,
+)
+from gateway.graph.message import message_types
+from gateway.graph.resource import Resource
+from gateway.graph.serialise import MEDIA_TYPES
+from gateway.graph.subscription import Request as Wanted
+from gateway.graph.subscription import container_path, requested, subscription_path
+from gateway.http.body import body_type, read_triples
+from gateway.http.fields import field
+from gateway.http.links import Link, link_header
+from gateway.http.negotiation import choose
+from gateway.http.representation import negotiated
+from gateway.live import Live
+from gateway.subscriptions.network import Forbidden, callback_url
+from gateway.subscriptions.service import Subscriptions
+from gateway.subscriptions.store import StoreUnavailable, TooMany
+from gateway.subscriptions.subscription import Delivery, DeliveryState, Depth, Kind, Record, Subscription
+
+MAX_INTERVAL_S = 86_400.0
+
+
+@dataclass(frozen=True)
+class Options:
+    """What may be asked for beyond a resource and a media type."""
+
+    depth: Depth = Depth.PROPERTIES
+    interval_s: float = 0.0
+    deadband: float = 0.0
+
+
+def options(connection: HTTPConnection) -> Options:
+    """The options in the query: ``depth``, ``interval`` (s), ``deadband`` (SI unit of the value); BadRequest."""
+    query = connection.query_params
+    try:
+        depth = Depth(query.get("depth", Depth.PROPERTIES))
+    except ValueError:
+        raise BadRequest(f"depth is one of {', '.join(Depth)}.") from None
+    return Options(depth, _number(query.get("interval"), "interval", MAX_INTERVAL_S), _number(query.get("deadband")))
+
+
+def _number(text: str | None, name: str = "deadband", most: float = math.inf) -> float:
+    try:
+        value = float(text or 0.0)
+    except ValueError:
+        value = math.nan
+    if not 0 <= value <= most or math.isinf(value):
+        raise BadRequest(f"{name} is a number from 0" + ("." if math.isinf(most) else f" to {most:g}."))
+    return value
+
+
+def wants_callback(request: Request) -> bool:
+    """``Upgrade: callback`` with the connection option that makes it count (RFC 9110, 7.8)."""
+    connection = (field(request, "connection") or "").lower().split(",")
+    protocols = (field(request, "upgrade") or "").lower().split(",")
+    return (
+        request.method == "GET"
+        and "upgrade" in [option.strip() for option in connection]
+        and "callback" in [protocol.strip() for protocol in protocols]
+    )
+
+
+async def subscribe_callback(request: Request, resource: Resource, base: str) -> Response:
+    """GET with ``Upgrade: callback``: 201 and the description of the new subscription (R0.16)."""
+    callbacks = request.headers.getlist("callback")
+    if len(callbacks) != 1:
+        raise BadRequest("A callback subscription needs one Callback field with the URL of its receiver.")
+    try:
+        url = callback_url(callbacks[0].strip().removeprefix("<").removesuffix(">"))
+    except ValueError as error:
+        raise BadRequest(str(error)) from error
+    media_type = _negotiated_type(request, message_types(resource))
+    subscription = new_subscription(request, resource, Kind.CALLBACK, media_type, base, options(request))
+    subscription = replace(subscription, callback=url)
+    return await _create(request, subscription, base, media_type if media_type in MEDIA_TYPES else None)
+
+
+async def post_subscription(request: Request, owner: str, base: str) -> Response:
+    """POST to a Subscriptions container: a callback, or a stream that is opened at its Location."""
+    live: Live = request.app.state.live
+    media_type = body_type(request)
+    accept = field(request, "accept")
+    if choose(accept, MEDIA_TYPES) is None:
+        raise NotAcceptable(f"Available here: {', '.join(MEDIA_TYPES)}.", offered=MEDIA_TYPES)
+    iri = base + container_path(owner)
+    wanted = requested(await read_triples(request, media_type, iri, base), iri, base)
+    resource = live.tree(base).resolve(unquote(wanted.resource[len(base) :]))
+    if not isinstance(resource, Resource) or not resource.observable:
+        raise _unprocessable(f"{wanted.resource} is no resource that can be subscribed to.", iri)
+    if resource.owner != owner:
+        right = base + container_path(resource.owner)
+        raise _unprocessable(f"Subscriptions to {wanted.resource} are made at {right}.", iri)
+    return await _create(request, _from_body(request, wanted, resource, base, iri), base, None)
+
+
+def _from_body(request: Request, wanted: Wanted, resource: Resource, base: str, iri: str) -> Subscription:
+    offered = message_types(resource)
+    media_type = wanted.media_type or offered[0]
+    if media_type not in offered:
+        raise _unprocessable(f"Messages are to be had in {', '.join(offered)}, not in {media_type[:100]}.", iri)
+    asked = Options(wanted.depth, wanted.interval_s, wanted.deadband)
+    kind = Kind.CALLBACK if wanted.callback else Kind.STREAM
+    subscription = new_subscription(request, resource, kind, media_type, base, asked)
+    if not wanted.callback:
+        return subscription
+    try:
+        return replace(subscription, callback=callback_url(wanted.callback), secret=wanted.secret)
+    except ValueError as error:
+        raise _unprocessable(str(error), iri) from error
+
+
+async def _create(request: Request, subscription: Subscription, base: str, media_type: str | None) -> Response:
+    """201 with Location and description; ``media_type`` of the description where not Accept alone decides."""
+    live: Live = request.app.state.live
+    subscriptions: Subscriptions = request.app.state.subscriptions
+    iri = base + container_path(subscription.owner)
+    async with refusals():
+        try:
+            if subscription.kind is Kind.CALLBACK:
+                record = await subscriptions.accept(subscription)
+            else:
+                record = Record(subscription, Delivery(DeliveryState.WAITING), "")
+                await subscriptions.offer(subscription)
+        except Forbidden as error:
+            raise _unprocessable(str(error), iri) from error
+    path = subscription_path(subscription)
+    shown = live.tree(base, {subscription.owner: [record]}).resolve(path)
+    assert isinstance(shown, Resource)
+    representation = negotiated(media_type or field(request, "accept"), shown, base)
+    headers = {
+        "location": base + path,
+        "content-location": base + path,
+        "content-type": representation.content_type,
+        "etag": representation.etag,
+        "cache-control": "no-store",
+        "vary": "Accept",
+    }
+    return Response(representation.body, 201, headers)
+
+
+async def cancel(request: Request, record: Record) -> Response:
+    subscriptions: Subscriptions = request.app.state.subscriptions
+    async with refusals():
+        if not await subscriptions.cancel(record.subscription.id):
+            raise NotFound("The subscription has ended meanwhile.")
+    return Response(status_code=204)
+
+
+async def resume(request: Request, record: Record) -> Response:
+    subscriptions: Subscriptions = request.app.state.subscriptions
+    async with refusals():
+        if not await subscriptions.resume(record.subscription.id):
+            raise NotFound("The subscription has ended meanwhile.")
+    return Response(status_code=204)
+
+
+def new_subscription(
+    connection: HTTPConnection, resource: Resource, kind: Kind, media_type: str, base: str, asked: Options
+) -> Subscription:
+    return Subscription(
+        id=str(uuid.uuid4()),
+        owner=resource.owner,
+        resource=resource.path,
+        kind=kind,
+        media_type=media_type,
+        base=base,
+        client=connection.client.host if connection.client else "",
+        created_ns=time.time_ns(),
+        depth=asked.depth,
+        interval_s=asked.interval_s,
+        deadband=asked.deadband,
+    )
+
+
+def subscription_link(subscription: Subscription) -> str:
+    """The Link field of a stream: where its description is, and what to delete to end it."""
+    return link_header([Link(subscription.base + subscription_path(subscription), "related")], [])
+
+
+def seen(connection: HTTPConnection) -> str | None:
+    """The version that a client saw last: ``Last-Event-ID``, or ``last-event-id`` in the query for WebSockets."""
+    return field(connection, "last-event-id") or connection.query_params.get("last-event-id")
+
+
+@asynccontextmanager
+async def refusals() -> AsyncIterator[None]:
+    """What the store refuses, as problems."""
+    try:
+        yield
+    except TooMany as error:
+        raise TooManySubscriptions(f"{error}. Delete some of them, or wait until streams have ended.") from error
+    except StoreUnavailable as error:
+        raise StoreAway("The server that remembers subscriptions is away; try again in a moment.") from error
+
+
+def _negotiated_type(request: Request, offered: tuple[str, ...]) -> str:
+    if not offered:
+        raise BadRequest("This resource cannot be subscribed to.")
+    media_type = choose(field(request, "accept"), offered)
+    if media_type is None:
+        raise NotAcceptable(f"Messages are to be had in {', '.join(offered)}.", offered=offered)
+    return media_type
+
+
+def _unprocessable(detail: str, iri: str) -> UnprocessableContent:
+    return UnprocessableContent(detail, constraint=iri)

@@ -1,0 +1,60 @@
+"""A subscription over WebSocket (RFC 6455; paper R0.15): frames go straight to the transport of each subscriber."""
+
+from collections.abc import Awaitable, Callable
+
+from starlette.websockets import WebSocket
+from websockets.frames import CloseCode, Frame, Opcode
+
+from gateway.http.protocol import WEBSOCKET, WebSocketProtocol
+from gateway.http.slow import HIGH_WATER_BYTES
+from gateway.subscriptions.message import Ending, Feed, Message, Outlet
+
+BINARY_TYPES = frozenset({"application/vnd.linked-fleet.frame"})
+
+# RFC 6455, 7.4: 1012 asks to come back, 4000 to 4999 are for private use.
+_CODES = {Ending.CANCELLED: 1000, Ending.GONE: 4404, Ending.REPLACED: 4409, Ending.SHUTDOWN: 1012}
+
+
+def framed(message: Message) -> bytes:
+    """One unmasked frame that is the whole message (RFC 6455, 5.2); RDF is text, the frames of agents are not."""
+    opcode = Opcode.BINARY if message.media_type in BINARY_TYPES else Opcode.TEXT
+    return Frame(opcode, message.body).serialize(mask=False)
+
+
+class WebSocketOutlet:
+    """The end of a channel at one connection."""
+
+    def __init__(self, protocol: WebSocketProtocol) -> None:
+        self._protocol = protocol
+
+    def writable(self) -> bool:
+        return self._protocol.open and self._protocol.buffered < HIGH_WATER_BYTES
+
+    def write(self, message: Message) -> None:
+        self._protocol.write_frame(message.framed(framed))
+
+    def end(self, ending: Ending) -> None:
+        self._protocol.close(_CODES[ending], ending.value)
+
+
+async def serve_websocket(
+    websocket: WebSocket,
+    subprotocol: str | None,
+    headers: list[tuple[bytes, bytes]],
+    start: Callable[[Outlet], Awaitable[Feed]],
+) -> None:
+    """Open the connection and feed it until it is closed by either side; what is left to do is the caller's."""
+    protocol: WebSocketProtocol = websocket.scope["extensions"][WEBSOCKET]
+    try:
+        await websocket.accept(subprotocol, headers)
+    except OSError:  # gone already
+        return
+    try:
+        feed = await start(WebSocketOutlet(protocol))
+        protocol.on_drained = feed.ready
+        feed.ready()
+        while (await websocket.receive())["type"] != "websocket.disconnect":
+            pass
+    finally:
+        protocol.on_drained = None
+        protocol.close(CloseCode.INTERNAL_ERROR, "the gateway failed")  # unless it is closing, as it should be

@@ -1,0 +1,235 @@
+"""Brings the messages of one callback subscription to its receiver: one at a time, in order, at least once.
+
+A message is in the store's queue before it is sent, and leaves it when the receiver has taken it. What changes in the
+meantime is conflated by the watcher; the present state goes out next.
+"""
+
+import asyncio
+import logging
+import random
+import time
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from dataclasses import replace
+from typing import TypeVar
+from urllib.parse import urlsplit
+
+from gateway.graph.subscription import subscription_path
+from gateway.subscriptions import signature
+from gateway.subscriptions.fan_out import FanOut
+from gateway.subscriptions.message import Ending, Message
+from gateway.subscriptions.network import Forbidden, Unresolvable
+from gateway.subscriptions.receiver import NoConsent, Outcome, Receiver, Verdict
+from gateway.subscriptions.retry import SUSPEND_AFTER, delay_s
+from gateway.subscriptions.store import Entry, Lost, Outgoing, Store, StoreUnavailable
+from gateway.subscriptions.subscription import DeliveryState, Record
+
+log = logging.getLogger(__name__)
+_T = TypeVar("_T")
+_STORE_PAUSE_S = 0.25
+
+
+class Courier:
+    """Serves one callback subscription that this run holds, from ``start`` until ``stop`` or until it is lost."""
+
+    def __init__(self, record: Record, store: Store, fan_out: FanOut, receiver: Receiver, *, consent: bool) -> None:
+        self.subscription = record.subscription
+        self.delivery = record.delivery
+        self._store, self._fan_out, self._receiver = store, fan_out, receiver
+        self._consent_needed = consent
+        self._message: Message | None = None
+        self._idle = False
+        self._news = asyncio.Event()
+        self._woken = asyncio.Event()
+        self._not_before_s = 0.0
+        self._task: asyncio.Task[None] | None = None
+
+    def start(self) -> None:
+        name = f"callback {self.subscription.id}"
+        self._task = asyncio.create_task(self._run(), name=name)
+
+    @property
+    def running(self) -> bool:
+        return self._task is not None and not self._task.done()
+
+    def wake(self) -> None:
+        """Somebody resumed the subscription: try at once."""
+        self.delivery = replace(self.delivery, state=DeliveryState.ACTIVE, failures=0, reason="")
+        self._woken.set()
+
+    async def stop(self) -> None:
+        if self._task is not None:
+            self._task.cancel()
+            with suppress(asyncio.CancelledError):
+                await self._task
+        await self._receiver.aclose()
+
+    # -- as an outlet of the fan-out ----------------------------------------------------------------------------------
+
+    def writable(self) -> bool:
+        return self._idle and self._message is None
+
+    def write(self, message: Message) -> None:
+        self._message = message
+        self._news.set()
+
+    def end(self, ending: Ending) -> None:
+        """A callback outlives its resource and its gateway: what ends it is ``stop``."""
+
+    # -- the work -----------------------------------------------------------------------------------------------------
+
+    async def _run(self) -> None:
+        try:
+            await self._serve()
+        except Lost:
+            log.info("callback %s is served by another gateway now, or deleted", self.subscription.id)
+        except Exception:
+            # The boundary of the task: nobody else would ever see it, and the subscription would be silent.
+            log.exception("callback %s stopped for an unforeseen reason", self.subscription.id)
+
+    async def _serve(self) -> None:
+        id = self.subscription.id
+        if self.delivery.state is DeliveryState.SUSPENDED:
+            await self._sleep(None)
+        backlog = await self._insist(lambda: self._store.backlog(id))
+        for entry in backlog.entries:
+            await self._bring(entry)
+            await self._done(entry)
+        await self._agreed()  # before there is anything to say: what is said then is the present state
+        watcher = self._fan_out.watch(self.subscription, self, backlog.sent, patient=True)
+        try:
+            while True:
+                self._idle = True
+                watcher.ready()
+                await self._news.wait()
+                await self._relay()
+        finally:
+            watcher.close()
+
+    async def _relay(self) -> None:
+        """Queue the message at hand and bring it; while the store is away the message waits and is not lost."""
+        message, self._message, self._idle = self._message, None, False
+        self._news.clear()
+        assert message is not None
+        outgoing = Outgoing(message.path, message.version, message.media_type, message.body)
+        entry = await self._queue(outgoing)
+        await self._bring(entry)
+        await self._done(entry)
+
+    async def _queue(self, outgoing: Outgoing) -> Entry:
+        """The entry of a message in the queue; after an outage nobody knows whether it is there already."""
+        while True:
+            try:
+                entry = await self._store.advance(self.subscription.id, None, outgoing, self.delivery)
+                assert entry is not None
+                return entry
+            except StoreUnavailable:
+                await asyncio.sleep(_STORE_PAUSE_S)
+                backlog = await self._insist(lambda: self._store.backlog(self.subscription.id))
+                if backlog.entries:
+                    return backlog.entries[-1]
+
+    async def _done(self, entry: Entry) -> None:
+        id = self.subscription.id
+        await self._insist(lambda: self._store.advance(id, entry, None, self.delivery))
+
+    async def _bring(self, entry: Entry) -> None:
+        """Send an entry until the receiver has taken it."""
+        while True:
+            pause_s = self._not_before_s - time.monotonic()
+            if pause_s > 0:
+                await asyncio.sleep(pause_s)
+            try:
+                outcome = await self._attempt(entry)
+            except NoConsent:
+                continue  # its address changed since; ask again
+            if outcome.verdict is Verdict.DELIVERED:
+                self._not_before_s = time.monotonic() + self.delivery.allowed_interval_s
+                self._became(DeliveryState.ACTIVE, outcome.status)
+                return
+            await self._failed(DeliveryState.FAILING, outcome)
+
+    async def _attempt(self, entry: Entry) -> Outcome:
+        trusted = await self._agreed()
+        content_type = entry.media_type + ("; charset=utf-8" if entry.media_type.startswith("text/") else "")
+        return await self._receiver.deliver(entry.body, content_type, self._headers(entry), allowed_only=trusted)
+
+    async def _agreed(self) -> bool:
+        """Wait until deliveries are welcome; whether only those addresses may be used that need no consent."""
+        while self._consent_needed and not self.delivery.consented:
+            status = None
+            try:
+                if await self._receiver.trusted():
+                    return True
+                consent = await self._receiver.consent(self._origin)
+                if consent.granted:
+                    self.delivery = replace(
+                        self.delivery, consented=True, allowed_interval_s=consent.interval_s, failures=0
+                    )
+                    self._became(DeliveryState.ACTIVE, self.delivery.last_status)
+                    await self._note()
+                    return False
+                status, reason = consent.status, consent.reason
+            except (Forbidden, Unresolvable) as error:
+                reason = str(error)
+            await self._failed(DeliveryState.AWAITING_CONSENT, Outcome(Verdict.RETRY, status, None, reason))
+        return False
+
+    def _headers(self, entry: Entry) -> dict[str, str]:
+        """Of a delivery: its stable id, the version, what it is about, and whether it is really from us."""
+        subscription = self.subscription
+        resource, own = subscription.base + entry.path, subscription.base + subscription_path(subscription)
+        identity = signature.headers(
+            subscription.secret, f"{subscription.id}.{entry.number}", int(time.time()), entry.body
+        )
+        consent = {"WebHook-Request-Origin": self._origin} if self.delivery.consented else {}
+        return {
+            **identity,
+            **consent,
+            "Link": f'<{resource}>; rel="self", <{own}>; rel="related"; title="subscription"',
+            "Linked-Fleet-Delivery": str(entry.number),
+            "Linked-Fleet-Version": entry.version,
+        }
+
+    @property
+    def _origin(self) -> str:
+        return urlsplit(self.subscription.base).hostname or ""
+
+    # -- what became of it --------------------------------------------------------------------------------------------
+
+    def _became(self, state: DeliveryState, status: int | None, failures: int = 0, reason: str = "") -> None:
+        self.delivery = replace(
+            self.delivery, state=state, last_ns=time.time_ns(), last_status=status, failures=failures, reason=reason
+        )
+
+    async def _failed(self, state: DeliveryState, outcome: Outcome) -> None:
+        """Note a failure and wait as long as it takes: a while, or until somebody resumes the subscription."""
+        failures = self.delivery.failures + 1
+        over = outcome.verdict is Verdict.GONE or failures >= SUSPEND_AFTER
+        self._became(DeliveryState.SUSPENDED if over else state, outcome.status, failures, outcome.reason)
+        self._woken.clear()
+        await self._note()
+        if over:
+            log.info("callback %s is suspended: %s", self.subscription.id, outcome.reason)
+            await self._sleep(None)
+        else:
+            pause_s = delay_s(failures, random.random())  # noqa: S311 (jitter is no secret)
+            await self._sleep(max(pause_s, outcome.retry_after_s or 0.0))
+
+    async def _sleep(self, pause_s: float | None) -> None:
+        """Until the pause is over, or somebody wakes us."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(pause_s):
+                await self._woken.wait()
+        self._woken.clear()
+
+    async def _note(self) -> None:
+        await self._insist(lambda: self._store.note(self.subscription.id, self.delivery))
+
+    async def _insist(self, call: Callable[[], Awaitable[_T]]) -> _T:
+        """Do it as soon as the store is there."""
+        while True:
+            try:
+                return await call()
+            except StoreUnavailable:
+                await asyncio.sleep(_STORE_PAUSE_S)

@@ -1,0 +1,62 @@
+"""One watched resource: its present reading, the version before, and each message about it, rendered once."""
+
+from typing import TYPE_CHECKING, Protocol
+
+from gateway.graph.message import message_body
+from gateway.graph.reading import Reading
+from gateway.graph.resource import Redirect, Resource
+from gateway.subscriptions.message import Message
+
+if TYPE_CHECKING:
+    from gateway.subscriptions.watcher import Watcher
+
+
+class Resolver(Protocol):
+    """``Tree`` as the fan-out needs it."""
+
+    def resolve(self, path: str) -> Resource | Redirect | None: ...
+
+
+class Topic:
+    """A resource that at least one subscriber watches. ``values``: whether measured values count as its change."""
+
+    def __init__(self, path: str, values: bool, resource: Resource) -> None:
+        self.path, self.values = path, values
+        self.watchers: dict[Watcher, None] = {}
+        self.previous: str | None = None
+        self._resource = resource
+        self._resources: dict[str, Resource] = {}
+        self._messages: dict[tuple[str, str], Message] = {}
+        self.reading: Reading = resource.source.read(values)
+
+    @property
+    def measured(self) -> bool:
+        """Whether a frame can be news."""
+        return self.values and self._resource.source.measured
+
+    def replace(self, resource: Resource) -> None:
+        """Take the resource as it is after its robot was described anew."""
+        self._resource = resource
+        self._resources.clear()
+
+    def refresh(self) -> bool:
+        """Read the resource again; whether that was news."""
+        reading = self._resource.source.read(self.values)
+        if reading.same(self.reading):
+            return False
+        self.previous, self.reading = self.reading.version, reading
+        self._messages.clear()
+        return True
+
+    def message(self, media_type: str, base: str, resolver: Resolver) -> Message:
+        """The message about the present reading; WriteError when the syntax cannot say it."""
+        message = self._messages.get((media_type, base))
+        if message is None:
+            resource = self._resources.get(base)
+            # A document is there or not from one frame to the next.
+            if resource is None or resource.documents:
+                found = resolver.resolve(self.path)
+                resource = self._resources[base] = found if isinstance(found, Resource) else self._resource
+            body = message_body(resource, media_type, base, self.reading.version, self.previous)
+            message = self._messages[media_type, base] = Message(self.path, self.reading.version, media_type, body)
+        return message

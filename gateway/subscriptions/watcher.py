@@ -1,0 +1,143 @@
+"""One subscriber's view of the fan-out: what is news to it, what waits, and when the next message may go."""
+
+import logging
+from collections.abc import Callable
+from typing import Protocol
+
+from gateway.graph.reading import Reading, covers
+from gateway.graph.serialise import WriteError
+from gateway.subscriptions.message import Ending, Message, Outlet
+from gateway.subscriptions.subscription import Depth, Subscription
+from gateway.subscriptions.topic import Topic
+
+_log = logging.getLogger(__name__)
+
+
+class Timer(Protocol):
+    def cancel(self) -> None: ...
+
+
+class Schedule(Protocol):
+    """What a watcher needs of the fan-out."""
+
+    def now_s(self) -> float:
+        """Monotonic."""
+
+    def wall_ns(self) -> int: ...
+
+    def run(self, watcher: "Watcher") -> None:
+        """Let the watcher ``step`` when it is its turn."""
+
+    def later(self, delay_s: float, call: Callable[[], None]) -> Timer: ...
+
+    def message(self, topic: Topic, subscription: Subscription) -> Message: ...
+
+    def forget(self, watcher: "Watcher") -> None: ...
+
+
+class Watcher:
+    """Keeps which resources have news, never the news: memory is bounded by the number of resources watched.
+
+    The policy (ARCHITECTURE.md, "Fan-out"): between two messages about a resource its values are conflated, the last
+    one always goes out. ``sent`` are the versions, by path, that the subscriber is known to have.
+    """
+
+    def __init__(
+        self, schedule: Schedule, subscription: Subscription, outlet: Outlet, sent: dict[str, str], patient: bool
+    ) -> None:
+        self.subscription = subscription
+        self.patient = patient
+        self.last_ns: int | None = None
+        self.topics: dict[str, Topic] = {}
+        self.running = False
+        self._schedule, self._outlet = schedule, outlet
+        self._known = sent
+        self._sent: dict[str, Reading] = {}
+        self._pending: dict[str, None] = {}
+        self._next_s = 0.0
+        self._timer: Timer | None = None
+
+    @property
+    def subtree(self) -> bool:
+        return self.subscription.depth is Depth.SUBTREE
+
+    def join(self, topic: Topic) -> None:
+        """Watch one more resource; its present state is news unless the subscriber has it."""
+        self.topics[topic.path] = topic
+        topic.watchers[self] = None
+        known = self._known.pop(topic.path, None)
+        if known is not None and covers(known, topic.reading.version):
+            self._sent[topic.path] = topic.reading
+        else:
+            self._pending[topic.path] = None
+
+    def leave(self, path: str) -> Topic:
+        topic = self.topics.pop(path)
+        del topic.watchers[self]
+        self._pending.pop(path, None)
+        self._sent.pop(path, None)
+        return topic
+
+    def waits(self, path: str) -> bool:
+        """Whether a message about the resource is still to be sent."""
+        return path in self._pending
+
+    def news(self, topic: Topic) -> None:
+        """A resource has changed; if that is news to this subscriber, it goes out as soon as it may."""
+        if self._is_news(topic):
+            self._pending[topic.path] = None
+            self.ready()
+
+    def ready(self) -> None:
+        """The outlet can take messages, or there is something for it."""
+        if self._pending and self._timer is None:
+            self._schedule.run(self)
+
+    def step(self) -> bool:
+        """Send one message; whether there is more that may go at once."""
+        if not self._pending or self._timer is not None or not self._outlet.writable():
+            return False
+        wait_s = self._next_s - self._schedule.now_s()
+        if wait_s > 0:
+            self._timer = self._schedule.later(wait_s, self._due)
+            return False
+        path = next(iter(self._pending))
+        del self._pending[path]
+        topic = self.topics[path]
+        if self._is_news(topic):  # it may have moved back since
+            self._send(topic)
+        if not self._pending and self.subscription.interval_s > 0:
+            self._next_s = self._schedule.now_s() + self.subscription.interval_s
+        return bool(self._pending)
+
+    def end(self, ending: Ending) -> None:
+        self.close()
+        self._outlet.end(ending)
+
+    def close(self) -> None:
+        """Stop watching; the outlet is closed already or will be."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        self._schedule.forget(self)
+        self._pending.clear()
+
+    def _send(self, topic: Topic) -> None:
+        try:
+            message = self._schedule.message(topic, self.subscription)
+        except WriteError as error:
+            _log.warning("subscription %s gets no message: %s", self.subscription.id, error)
+            return
+        self._sent[topic.path] = topic.reading
+        self.last_ns = self._schedule.wall_ns()
+        self._outlet.write(message)
+
+    def _is_news(self, topic: Topic) -> bool:
+        sent, reading = self._sent.get(topic.path), topic.reading
+        if sent is None:
+            return True
+        return reading is not sent and (reading.facts != sent.facts or reading.moved(sent, self.subscription.deadband))
+
+    def _due(self) -> None:
+        self._timer = None
+        self.ready()

@@ -1,0 +1,316 @@
+"""WHATWG HTML, 9.2: the stream as an EventSource reads it, and readers that read slowly, never, or no longer."""
+
+import asyncio
+import socket
+import struct
+from collections.abc import AsyncIterator
+
+import httpx
+import pytest
+from serving import Channel, connect, run, serving, until
+from starlette.types import Receive, Scope, Send
+
+from gateway.http.event_stream import framed, serve_event_stream
+from gateway.http.protocol import HTTP, HttpProtocol
+from gateway.http.slow import HIGH_WATER_BYTES
+from gateway.subscriptions.message import Ending, Message
+
+TURTLE = Message("/a", "7-1", "text/turtle", '<> <urn:p> "ü" .\n\n<> <urn:q> 1 .\n'.encode())
+GET = b"GET /a HTTP/1.1\r\nHost: x\r\n\r\n"
+LARGE = 20_000
+
+
+class EventSource:
+    """9.2.6, interpreting an event stream, written from the standard and not from our writer."""
+
+    def __init__(self) -> None:
+        self.events: list[tuple[str, str]] = []
+        self.last_event_id = ""
+        self.retry = 0
+        self.comments = 0
+        self._rest = self._data = self._id = ""
+
+    def feed(self, text: str) -> None:
+        *lines, self._rest = (self._rest + text).replace("\r\n", "\n").replace("\r", "\n").split("\n")
+        for line in lines:
+            name, _, value = line.partition(":")
+            value = value.removeprefix(" ")
+            if not line:
+                self._dispatch()
+            elif not name:
+                self.comments += 1
+            elif name == "data":
+                self._data += value + "\n"
+            elif name == "id" and "\0" not in value:
+                self._id = value
+            elif name == "retry" and value.isdecimal():
+                self.retry = int(value)
+
+    def _dispatch(self) -> None:
+        self.last_event_id = self._id
+        if self._data:
+            self.events.append((self.last_event_id, self._data.removesuffix("\n")))
+        self._data = ""
+
+
+class App(Channel):
+    def __init__(self, *first: Message, heartbeat_s: float = 60.0) -> None:
+        super().__init__(*first)
+        self.heartbeat_s = heartbeat_s
+        self.returned = 0
+        self.https: list[HttpProtocol] = []
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["path"] == "/plain":
+            await send({"type": "http.response.start", "status": 200, "headers": [(b"content-length", b"5")]})
+            await send({"type": "http.response.body", "body": b"plain"})
+            return
+        self.https.append(scope["extensions"][HTTP])
+        fields = [(b"link", b"<x>; rel=y")]
+        try:
+            await serve_event_stream(scope, receive, send, fields, self.start, heartbeat_s=self.heartbeat_s)
+        finally:
+            self.returned += 1
+
+
+async def reading(port: int, source: EventSource) -> AsyncIterator[httpx.Response]:
+    """Yields after the head and after each chunk."""
+    async with httpx.AsyncClient() as http, http.stream("GET", f"http://127.0.0.1:{port}/a") as response:
+        yield response
+        async for text in response.aiter_text():
+            source.feed(text)
+            yield response
+
+
+def messages(count: int) -> list[Message]:
+    return [Message("/a", str(number), "text/turtle", b"%09d\n" % number + b"x" * LARGE) for number in range(count)]
+
+
+@pytest.mark.parametrize(
+    ("body", "data"),
+    [
+        (b"one", "one"),
+        (b"", ""),
+        (b"a\nb\n", "a\nb\n"),
+        (b"a\r\nb\rc\n\nd", "a\nb\nc\n\nd"),
+        (b"\r\n", "\n"),
+        (b" indented", " indented"),
+        (b"a\n\nid: forged\ndata: forged\r\rdata: forged", "a\n\nid: forged\ndata: forged\n\ndata: forged"),
+        (b": no comment", ": no comment"),
+        ("Zeile\u2028Zeile\u0085\x0b\x0c".encode(), "Zeile\u2028Zeile\u0085\x0b\x0c"),
+    ],
+)
+def test_framing(body: bytes, data: str) -> None:
+    """9.2.5: nothing in a body breaks out of its event; its line ends come back as line feeds."""
+    source = EventSource()
+    message = Message("/a", "7", "text/turtle", body)
+    source.feed(message.framed(framed).decode())
+    assert source.events == [("7", data)]
+    assert source.last_event_id == "7"
+    assert message.framed(framed) is message.framed(framed)
+
+
+def test_stream_as_an_event_source_reads_it() -> None:
+    async def test() -> None:
+        app, source = App(TURTLE), EventSource()
+        async with serving(app) as (_, port):
+            chunks = reading(port, source)
+            response = await anext(chunks)
+            assert response.status_code == 200
+            assert response.headers["content-type"] == "text/event-stream"
+            assert response.headers["cache-control"] == "no-store"
+            assert response.headers["link"] == "<x>; rel=y"
+            while not source.events:
+                await anext(chunks)
+            assert source.retry == 2000
+            for number in range(3):
+                app.publish(Message("/a", f"7-{number}", "text/turtle", b"%d" % number))
+            while len(source.events) < 4:
+                await anext(chunks)
+            assert source.events == [
+                ("7-1", TURTLE.body.decode()), ("7-0", "0"), ("7-1", "1"), ("7-2", "2"),
+            ]  # fmt: skip
+            await chunks.aclose()
+            await until(lambda: app.returned)
+            assert not app.outlets[0].writable()
+
+    run(test)
+
+
+@pytest.mark.parametrize(
+    ("ending", "last"),
+    [
+        (Ending.CANCELLED, "cancelled"),
+        (Ending.GONE, "cancelled"),
+        (Ending.REPLACED, "cancelled"),
+        (Ending.SHUTDOWN, "7-1"),
+    ],
+)
+def test_endings(ending: Ending, last: str) -> None:
+    """What the client presents when it comes back tells whether it shall; what waits is still sent."""
+
+    async def test() -> None:
+        app, source = App(TURTLE), EventSource()
+        async with serving(app) as (_, port):
+            chunks = reading(port, source)
+            await anext(chunks)
+            await until(lambda: app.outlets)
+            app.outlets[0].end(ending)
+            app.outlets[0].end(Ending.CANCELLED)
+            app.outlets[0].write(TURTLE)
+            async for _ in chunks:
+                pass
+            assert source.events == [("7-1", TURTLE.body.decode())]
+            assert source.last_event_id == last
+            await until(lambda: app.returned)
+
+    run(test)
+
+
+def test_connection_is_kept_after_the_end() -> None:
+    async def test() -> None:
+        app = App(TURTLE)
+        async with serving(app) as (_, port):
+            reader, writer = await connect(port, GET + GET.replace(b"/a", b"/plain"))
+            await until(lambda: app.outlets)
+            app.outlets[0].end(Ending.CANCELLED)
+            assert b"id: cancelled\n\n" in await reader.readuntil(b"\r\n0\r\n\r\n")
+            assert (await reader.readuntil(b"plain")).startswith(b"HTTP/1.1 200")
+            writer.transport.abort()
+
+    run(test)
+
+
+def test_heartbeat_leaves_the_last_event_id_alone() -> None:
+    async def test() -> None:
+        app, source = App(heartbeat_s=0.01), EventSource()
+        source.last_event_id = "from an earlier connection"
+        async with serving(app) as (_, port):
+            chunks = reading(port, source)
+            while source.comments < 5:
+                await anext(chunks)
+            assert (source.last_event_id, source.events) == ("from an earlier connection", [])
+            app.publish(TURTLE)
+            while not source.events:
+                await anext(chunks)
+            assert source.events == [("7-1", TURTLE.body.decode())]
+            await chunks.aclose()
+
+    run(test)
+
+
+@pytest.mark.parametrize("reset", [True, False])
+def test_disconnect(reset: bool) -> None:
+    async def test() -> None:
+        app = App(TURTLE)
+        async with serving(app) as (server, port):
+            _, writer = await connect(port, GET)
+            await until(lambda: app.outlets)
+            if reset:
+                sock = writer.get_extra_info("socket")
+                sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            writer.transport.abort()
+            await until(lambda: app.returned and not server.server_state.connections)
+            app.outlets[0].write(TURTLE)
+            app.outlets[0].end(Ending.CANCELLED)
+
+    run(test)
+
+
+def test_a_stalled_reader_holds_up_nobody_and_has_the_latest_in_the_end() -> None:
+    async def test() -> None:
+        app, source = App(), EventSource()
+        async with serving(app) as (_, port):
+            slow_reader, slow_writer = await connect(port, GET, receive_buffer=8192)
+            await until(lambda: app.outlets)
+            (slow,), (http,) = app.outlets, app.https
+            chunks = reading(port, source)
+            await anext(chunks)
+            await until(lambda: len(app.outlets) == 2)
+            for message in messages(60):
+                app.publish(message)
+                while len(source.events) <= int(message.version):
+                    await anext(chunks)
+                assert http.transport.get_write_buffer_size() < HIGH_WATER_BYTES + LARGE + 100
+            assert not slow.writable()
+            readies = app.readies[slow]
+            behind = asyncio.create_task(_read_until(slow_reader, b"latest\n\n\r\n"))
+            await until(lambda: app.readies[slow] > readies)
+            assert slow.writable()
+            slow.write(Message("/a", "61", "text/turtle", b"latest"))
+            await behind
+            slow_writer.transport.abort()
+            await chunks.aclose()
+
+    run(test)
+
+
+async def _read_until(reader: asyncio.StreamReader, end: bytes) -> None:
+    while not (await reader.read(65536)).endswith(end):
+        pass
+
+
+class Impatient(HttpProtocol):
+    stall_s = 0.1
+
+
+async def _stalled(app: App, port: int) -> asyncio.StreamWriter:
+    _, writer = await connect(port, GET, receive_buffer=8192)
+    await until(lambda: app.outlets)
+    for message in messages(60):
+        app.publish(message)
+        await asyncio.sleep(0)
+    await until(lambda: not app.outlets[0].writable())
+    return writer
+
+
+@pytest.mark.parametrize("half_closed", [False, True])
+def test_who_never_reads_again_is_dropped(half_closed: bool) -> None:
+    async def test() -> None:
+        app = App(heartbeat_s=0.01)
+        async with serving(app, http=Impatient) as (server, port):
+            writer = await _stalled(app, port)
+            if half_closed:
+                writer.write_eof()
+            await until(lambda: app.returned and not server.server_state.connections)
+            writer.transport.abort()
+
+    run(test)
+
+
+def test_a_plain_answer_that_nobody_reads_is_dropped_too() -> None:
+    async def app(scope: Scope, receive: Receive, send: Send) -> None:
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+        for _ in range(100):
+            await send({"type": "http.response.body", "body": bytes(LARGE), "more_body": True})
+        await send({"type": "http.response.body", "body": b""})
+
+    async def test() -> None:
+        async with serving(app, http=Impatient) as (server, port):
+            _, writer = await connect(port, GET, receive_buffer=8192)
+            await until(lambda: server.server_state.tasks)
+            await until(lambda: not server.server_state.connections)
+            writer.transport.abort()
+
+    run(test)
+
+
+def test_shutdown_ends_streams_and_waits_for_nobody(caplog: pytest.LogCaptureFixture) -> None:
+    """Without an id of its own, so that an EventSource comes back; and without a complaint in the log."""
+
+    async def test() -> None:
+        app, source = App(TURTLE), EventSource()
+        async with serving(app) as (server, port):
+            stalled = await _stalled(app, port)
+            chunks = reading(port, source)
+            await anext(chunks)
+            await until(lambda: len(app.outlets) == 2)
+            server.should_exit = True
+            async for _ in chunks:
+                pass
+            assert source.last_event_id == "7-1"
+            await until(lambda: app.returned == 2)
+            stalled.transport.abort()
+
+    run(test)
+    assert not [record for record in caplog.records if record.levelname == "ERROR"]

@@ -1,0 +1,102 @@
+"""A real server on loopback with the gateway's protocol classes, around an application of the test's own."""
+
+import asyncio
+import socket
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from typing import Any
+
+import uvicorn
+import uvloop
+from starlette.types import ASGIApp
+
+from gateway.http.protocol import HttpProtocol, WebSocketProtocol
+from gateway.subscriptions.message import Message, Outlet
+
+
+def run(test: Callable[[], Awaitable[None]]) -> None:
+    """On the event loop that the gateway runs on."""
+
+    async def main() -> None:
+        async with asyncio.timeout(30):
+            await test()
+
+    uvloop.run(main())
+
+
+async def until(condition: Callable[[], Any]) -> None:
+    while not condition():  # noqa: ASYNC110 - of many kinds, few of which could set an event
+        await asyncio.sleep(0.002)
+
+
+@asynccontextmanager
+async def serving(
+    app: ASGIApp,
+    http: type[HttpProtocol] = HttpProtocol,
+    ws: type[WebSocketProtocol] = WebSocketProtocol,
+    **options: Any,
+) -> AsyncIterator[tuple[uvicorn.Server, int]]:
+    """Yields the server and its port. What is sent waits in the process soon: the kernel takes little of it."""
+    options = {"ws_ping_interval": None, "ws_max_size": 4096, **options}
+    config = uvicorn.Config(
+        app, lifespan="off", log_config=None, access_log=False, http=http, ws=ws,
+        ws_per_message_deflate=False, timeout_graceful_shutdown=2, **options,
+    )  # fmt: skip
+    server = uvicorn.Server(config)
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP) as listener:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 8192)
+        listener.bind(("127.0.0.1", 0))
+        listener.listen()
+        task = asyncio.create_task(server._serve([listener]))  # without its signal handlers
+        await until(lambda: server.started)
+        try:
+            yield server, listener.getsockname()[1]
+        finally:
+            server.should_exit = True
+            await task
+
+
+async def connect(
+    port: int, request: bytes, receive_buffer: int = 0
+) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+    """A connection by hand, on which the request has been sent."""
+    sock = socket.socket()
+    if receive_buffer:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
+    sock.connect(("127.0.0.1", port))
+    reader, writer = await asyncio.open_connection(sock=sock, limit=4096)
+    writer.write(request)
+    return reader, writer
+
+
+class Channel:
+    """What a subscription would be: it starts outlets, and sends what it is told to those that are writable."""
+
+    def __init__(self, *first: Message) -> None:
+        self.first = first
+        self.outlets: list[Outlet] = []
+        self.readies: dict[Outlet, int] = {}
+        self.over: list[Outlet] = []
+
+    async def start(self, outlet: Outlet) -> "_Feed":
+        self.outlets.append(outlet)
+        self.readies[outlet] = 0
+        return _Feed(self, outlet)
+
+    def publish(self, message: Message) -> list[Outlet]:
+        """The outlets that took it."""
+        takers = [outlet for outlet in self.outlets if outlet.writable()]
+        for outlet in takers:
+            outlet.write(message)
+        return takers
+
+
+class _Feed:
+    def __init__(self, channel: Channel, outlet: Outlet) -> None:
+        self.channel, self.outlet = channel, outlet
+
+    def ready(self) -> None:
+        self.channel.readies[self.outlet] += 1
+        if self.channel.readies[self.outlet] == 1:
+            for message in self.channel.first:
+                self.outlet.write(message)
