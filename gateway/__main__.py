@@ -13,11 +13,17 @@ import uvicorn
 import uvloop
 
 from gateway.app import create_app
+from gateway.http.protocol import HttpProtocol, WebSocketProtocol
 from gateway.link import LinkError
 from gateway.settings import GatewaySettings
 
 _FAREWELL_S = 1
-_ORDINARY = ("Unsupported upgrade request.", "No supported WebSocket library detected.")
+# An Upgrade that is ignored, and each WebSocket that comes and goes.
+_ORDINARY = ("Unsupported upgrade request.", '%s - "WebSocket %s"', "connection open", "connection closed",
+             "connection rejected", "HTTP response sent")  # fmt: skip
+_WEBSOCKET_BYTES = 4096
+_PING_S = 20
+_UNSENT_BYTES = 16 * 1024
 _BACKLOG = 2048  # uvicorn's
 
 
@@ -48,19 +54,22 @@ def main() -> int:
 
 
 def _is_news(record: logging.LogRecord) -> bool:
-    """Whether a message of uvicorn is worth a line: an Upgrade that is ignored is not."""
-    return not record.getMessage().startswith(_ORDINARY)
+    """Whether a message of uvicorn is worth a line."""
+    return not str(record.msg).startswith(_ORDINARY)
 
 
 async def _serve(settings: GatewaySettings, listener: socket.socket) -> int:
     app = create_app(settings)
     # The lifespan is entered here, not by the server: its errors stay exceptions, and the address is printed when true.
     config = uvicorn.Config(
-        app, lifespan="off", log_config=None, access_log=False, ws="none", server_header=False,
+        app, lifespan="off", log_config=None, access_log=False, server_header=False,
         timeout_graceful_shutdown=_FAREWELL_S,
-        # Not httptools: it loses the body of a request whose Upgrade is ignored (uvicorn issue 2722), and the authority
+        # On h11. httptools loses the body of a request whose Upgrade is ignored (uvicorn issue 2722), and the authority
         # of an absolute request target, and makes a 400 of every method that it does not know.
-        http="h11",
+        http=HttpProtocol,
+        # One framed buffer serves all subscribers, so there is no compression; and clients have nothing to say.
+        ws=WebSocketProtocol, ws_per_message_deflate=False, ws_max_size=_WEBSOCKET_BYTES,
+        ws_ping_interval=_PING_S, ws_ping_timeout=_PING_S,
     )  # fmt: skip
     server = _Server(config)
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -77,6 +86,10 @@ def _listen(host: str, port: int) -> socket.socket:
     # Spelt out, or asyncio does not know it for TCP and leaves Nagle's algorithm on: 40 ms an answer.
     listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    if hasattr(socket, "TCP_NOTSENT_LOWAT"):
+        # Inherited by each connection: what is not on its way yet shall wait here, where a newer value replaces it,
+        # and not as megabytes of old values in the kernel.
+        listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, _UNSENT_BYTES)
     try:
         listener.bind((host, port))
         # At once: a bound port is not taken yet, and whoever reads "serving" may connect.

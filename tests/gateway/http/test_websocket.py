@@ -395,7 +395,7 @@ def test_failure_of_the_subscription_is_said() -> None:
     ("request_", "answer"),
     [
         (handshake(**{"X": "y" * 9000}), b"431"),
-        (handshake(**{"Sec-WebSocket-Version": "12"}), b"426"),
+        (handshake(**{"Sec-WebSocket-Version": "12"}), b"400"),
         (handshake(**{"Sec-WebSocket-Key": "short"}), b"400"),
         (handshake().replace(b"GET", b"POST"), b"200"),
         (handshake().replace(b"HTTP/1.1", b"HTTP/1.0"), b"200"),
