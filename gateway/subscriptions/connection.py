@@ -156,5 +156,8 @@ async def _disconnect(client: Any) -> None:
     """
     if isinstance(client, redis.asyncio.RedisCluster):
         manager = client.nodes_manager
-        for node in {*manager.startup_nodes.values(), *manager.nodes_cache.values()}:
+        for node in (
+            *manager.startup_nodes.values(),
+            *manager.nodes_cache.values(),
+        ):  # they may differ and yet be equal
             await node.disconnect_free_connections()
