@@ -141,9 +141,11 @@ def run(root: str, children: list[Child], zenoh: str) -> int:
     port = root.rstrip("/").rpartition(":")[2]
     names = [word for robot in ROBOTS for word in ("--robot", robot)]
     for name, arguments in (
-        ("gateway", ["--host", HOST, "--port", port, "--zenoh-listen", zenoh]),
-        ("agents", [*names, "--connect", zenoh, "--sway", SWAYING]),
-    ):
+        # Two demos on one machine are two fleets, and a receiver on this machine is what a first callback goes to.
+        ("gateway", ["--host", HOST, "--port", port, "--zenoh-listen", zenoh,
+                     "--namespace", f"demo-{port}", "--callback-allow", "127.0.0.0/8,::1/128"]),
+        ("agents", [*names, "--connect", zenoh, "--namespace", f"demo-{port}", "--sway", SWAYING]),
+    ):  # fmt: skip
         with _signals_held_back():  # none may come between a child's start and our knowing of it
             children.append(Child(name, [name, *arguments]))
     deadline: float | None = time.monotonic() + PATIENCE_S
@@ -182,6 +184,8 @@ Look at it, or open the address in a browser:
   curl {root}
 Watch a joint that moves:
   curl {root}ur5/shoulder_pan_joint/rotation
+Be told of every change (Ctrl-C ends it):
+  curl -N -H 'Accept: text/event-stream' {root}ur5/shoulder_pan_joint/rotation
 Turn another to 43.6 degrees, and follow the Location of the answer:
   curl -i -H 'Content-Type: text/turtle' {root}baxter/right_s1/actions/rotate --data '
     @prefix maths: <http://vocab.arvida.de/2015/06/maths/vocab#> .

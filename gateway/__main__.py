@@ -16,6 +16,7 @@ from gateway.app import create_app
 from gateway.http.protocol import HttpProtocol, WebSocketProtocol
 from gateway.link import LinkError
 from gateway.settings import GatewaySettings
+from gateway.subscriptions.embedded import EmbeddedError
 
 _FAREWELL_S = 1
 # An Upgrade that is ignored, and each WebSocket that comes and goes.
@@ -46,7 +47,7 @@ def main() -> int:
         return 1
     try:
         return uvloop.run(_serve(settings, listener))
-    except LinkError as error:
+    except (LinkError, EmbeddedError) as error:
         print(f"gateway: {error}", file=sys.stderr)
         return 1
     finally:

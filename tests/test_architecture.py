@@ -1,6 +1,7 @@
 """ARCHITECTURE.md is true: what it names exists, and its settings are those of the code."""
 
 import dataclasses
+import importlib
 import re
 from pathlib import Path
 
@@ -8,11 +9,13 @@ import pytest
 
 from agents.settings import SETTINGS
 from gateway.graph import kinds
+from gateway.graph.serialise import parse
+from gateway.graph.subscription import requested
 from gateway.settings import GatewaySettings
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "ARCHITECTURE.md").read_text()
-PAGES = ("README.md", "ARCHITECTURE.md", "CHANGELOG.md", "agents/wire/PROTOCOL.md")
+PAGES = ("README.md", "ARCHITECTURE.md", "CHANGELOG.md", "agents/wire/PROTOCOL.md", "gateway/subscriptions/PROTOCOL.md")
 FOLDERS = {path.name for path in ROOT.iterdir() if path.is_dir()}
 
 
@@ -69,5 +72,22 @@ def test_the_resolutions_are_those_of_the_code() -> None:
     }
 
 
+def test_the_numbers_of_subscriptions_are_those_of_the_code() -> None:
+    text = (ROOT / "gateway/subscriptions/PROTOCOL.md").read_text()
+    rows = re.findall(r"^\| .* \| ([\d.]+) \| `([\w/]+)\.py` `(\w+)` \|$", text, re.M)
+    assert len(rows) > 5
+    for value, module, constant in rows:
+        assert getattr(importlib.import_module(module.replace("/", ".")), constant) == float(value)
+
+
+def test_the_description_in_the_page_is_one_that_is_taken() -> None:
+    text = (ROOT / "gateway/subscriptions/PROTOCOL.md").read_text()
+    (example,) = re.findall(r"```turtle\n(.*?)```", text, re.S)
+    container = "http://fleet.example/baxter/right_s1/subscriptions"
+    wanted = requested(parse(example.encode(), "text/turtle", container), container, "http://fleet.example")
+    assert wanted.resource == "http://fleet.example/baxter/right_s1/rotation"
+    assert (wanted.interval_s, wanted.deadband) == (0.5, 0.01)
+
+
 def test_architecture_stays_short() -> None:
-    assert len(PAGE.splitlines()) <= 160
+    assert len(PAGE.splitlines()) <= 170

@@ -13,6 +13,7 @@ from gateway.subscriptions.message import Ending, Feed, Message, Outlet
 CANCELLED_ID = "cancelled"
 """The last event id of a stream that is over: presented as ``Last-Event-ID`` it is to be answered with 204."""
 
+HEARTBEAT_S = 15.0
 _LINE_ENDS = re.compile(rb"\r\n|\n|\r")
 # Of a comment the line alone: the blank line of a block would set the client's last event id to what this connection
 # has sent, nothing yet if the client resumed with the present version (9.2.6).
@@ -99,7 +100,7 @@ async def serve_event_stream(
     headers: list[tuple[bytes, bytes]],
     start: Callable[[Outlet], Awaitable[Feed]],
     *,
-    heartbeat_s: float = 15.0,
+    heartbeat_s: float = HEARTBEAT_S,
 ) -> None:
     """Answer with the stream until it ends or the client is gone; what is left to do is the caller's."""
     outlet = EventStreamOutlet()

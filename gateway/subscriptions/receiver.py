@@ -20,6 +20,7 @@ import httpx
 from gateway.subscriptions.network import Address, Forbidden, Network, Unresolvable, callback_url
 from gateway.subscriptions.retry import retry_after_s
 
+TIMEOUT_S = 10.0
 MOST_READ_BYTES = 4096
 """Of an answer's body. Its content is never used; one that ends within this leaves the connection usable."""
 MOST_ADDRESSES = 4
@@ -74,7 +75,7 @@ class Receiver:
         url: str,
         *,
         ssl_context: ssl.SSLContext,
-        timeout_s: float = 10.0,
+        timeout_s: float = TIMEOUT_S,
         connect_timeout_s: float = 3.0,
     ) -> None:
         self._network = network
