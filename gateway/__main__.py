@@ -16,6 +16,7 @@ from gateway.app import create_app
 from gateway.http.protocol import HttpProtocol, WebSocketProtocol
 from gateway.link import LinkError
 from gateway.settings import GatewaySettings
+from gateway.subscriptions.connection import BadUrl
 from gateway.subscriptions.embedded import EmbeddedError
 
 _FAREWELL_S = 1
@@ -47,7 +48,7 @@ def main() -> int:
         return 1
     try:
         return uvloop.run(_serve(settings, listener))
-    except (LinkError, EmbeddedError) as error:
+    except (LinkError, EmbeddedError, BadUrl) as error:
         print(f"gateway: {error}", file=sys.stderr)
         return 1
     finally:

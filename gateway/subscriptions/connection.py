@@ -33,15 +33,22 @@ class StoreUnavailable(Exception):  # noqa: N818 -- a state of the world, not a 
     """Redis does not serve: unreachable, loading, read-only or without memory. Whether the command ran is unknown."""
 
 
+class BadUrl(ValueError):
+    """The URL of the server means nothing. One line for a human."""
+
+
 class Connection:
     """Commands one by one or many at once, each in bounded time; connects when it must, and again after an outage.
 
     Nothing is sent twice: what to repeat is for those to say who know what may be repeated. ``stream`` is followed
-    from where it was at the first contact. ValueError for a URL that means nothing.
+    from where it was at the first contact. BadUrl for a URL that means nothing.
     """
 
     def __init__(self, url: str, stream: str) -> None:
-        self._client = _client(url)  # Any: redis-py leaves raw commands untyped
+        try:
+            self._client = _client(url)  # Any: redis-py leaves raw commands untyped
+        except ValueError as error:
+            raise BadUrl(f"REDIS_URL: {error}") from error
         self._stream = stream
         self._position: str | None = None
         self._turns = asyncio.Semaphore(_TURNS)
