@@ -107,7 +107,7 @@ class FanOut:
             self._take_turn_soon()
 
     def message(self, topic: Topic, subscription: Subscription) -> Message:
-        return topic.message(subscription.media_type, subscription.base, self._tree(subscription.base))
+        return topic.message(subscription.media_type, subscription.base, self._tree)
 
     def forget(self, watcher: Watcher) -> None:
         self._subtrees.pop(watcher, None)

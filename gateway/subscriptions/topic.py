@@ -1,5 +1,6 @@
 """One watched resource: its present reading, the version before, and each message about it, rendered once."""
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol
 
 from gateway.graph.message import message_body
@@ -28,6 +29,7 @@ class Topic:
         self._resources: dict[str, Resource] = {}
         self._messages: dict[tuple[str, str], Message] = {}
         self.reading: Reading = resource.source.read(values)
+        self._compared: tuple[Reading | None, bool] = (None, True)
 
     @property
     def measured(self) -> bool:
@@ -44,18 +46,25 @@ class Topic:
         reading = self._resource.source.read(self.values)
         if reading.same(self.reading):
             return False
+        self._compared = (self.reading, True)
         self.previous, self.reading = self.reading.version, reading
         self._messages.clear()
         return True
 
-    def message(self, media_type: str, base: str, resolver: Resolver) -> Message:
+    def differs(self, sent: Reading | None) -> bool:
+        """Whether the present reading is news to who was sent that one; mostly it is the same one for all."""
+        if sent is not self._compared[0]:
+            self._compared = (sent, sent is None or not self.reading.same(sent))
+        return self._compared[1]
+
+    def message(self, media_type: str, base: str, tree: Callable[[str], Resolver]) -> Message:
         """The message about the present reading; WriteError when the syntax cannot say it."""
         message = self._messages.get((media_type, base))
         if message is None:
             resource = self._resources.get(base)
             # A document is there or not from one frame to the next.
             if resource is None or resource.documents:
-                found = resolver.resolve(self.path)
+                found = tree(base).resolve(self.path)
                 resource = self._resources[base] = found if isinstance(found, Resource) else self._resource
             body = message_body(resource, media_type, base, self.reading.version, self.previous)
             message = self._messages[media_type, base] = Message(self.path, self.reading.version, media_type, body)

@@ -84,7 +84,7 @@ class Watcher:
 
     def news(self, topic: Topic) -> None:
         """A resource has changed; if that is news to this subscriber, it goes out as soon as it may."""
-        if self._is_news(topic):
+        if self.subscription.deadband <= 0 or self._is_news(topic):
             self._pending[topic.path] = None
             self.ready()
 
@@ -97,8 +97,7 @@ class Watcher:
         """Send one message; whether there is more that may go at once."""
         if not self._pending or self._timer is not None or not self._outlet.writable():
             return False
-        wait_s = self._next_s - self._schedule.now_s()
-        if wait_s > 0:
+        if self._next_s and (wait_s := self._next_s - self._schedule.now_s()) > 0:
             self._timer = self._schedule.later(wait_s, self._due)
             return False
         path = next(iter(self._pending))
@@ -133,10 +132,10 @@ class Watcher:
         self._outlet.write(message)
 
     def _is_news(self, topic: Topic) -> bool:
-        sent, reading = self._sent.get(topic.path), topic.reading
-        if sent is None:
-            return True
-        return reading is not sent and (reading.facts != sent.facts or reading.moved(sent, self.subscription.deadband))
+        sent, reading, deadband = self._sent.get(topic.path), topic.reading, self.subscription.deadband
+        if sent is None or deadband <= 0:
+            return topic.differs(sent)
+        return reading is not sent and (reading.facts != sent.facts or reading.moved(sent, deadband))
 
     def _due(self) -> None:
         self._timer = None
