@@ -11,6 +11,7 @@ from gateway.errors import Conflict, NotAcceptable
 from gateway.graph.message import message_types
 from gateway.graph.properties import FRAME_MEDIA_TYPE
 from gateway.graph.resource import Resource
+from gateway.graph.serialise import MEDIA_TYPES
 from gateway.http.event_stream import CANCELLED_ID, serve_event_stream
 from gateway.http.fields import field
 from gateway.http.negotiation import choose, parse_accept, weight
@@ -37,7 +38,8 @@ def wants_events(request: Request) -> bool:
     """Whether Accept names event streams, and likes no type of ours better."""
     ranges = parse_accept(field(request, "accept"))
     named = [each.q for each in ranges if (each.type, each.subtype) == ("text", "event-stream")]
-    return bool(named) and max(named) > 0 and request.method in ("GET", "HEAD")
+    best = max(weight(ranges, media_type) for media_type in (*MEDIA_TYPES, FRAME_MEDIA_TYPE))
+    return bool(named) and max(named) > 0 and max(named) >= best and request.method in ("GET", "HEAD")
 
 
 def is_over(request: Request) -> bool:

@@ -90,7 +90,8 @@ async def subscribe_callback(request: Request, resource: Resource, base: str) ->
     media_type = _negotiated_type(request, message_types(resource))
     subscription = new_subscription(request, resource, Kind.CALLBACK, media_type, base, options(request))
     subscription = replace(subscription, callback=url)
-    return await _create(request, subscription, base, media_type if media_type in MEDIA_TYPES else None)
+    # Frames describe nothing: who wants nothing else gets the description in Turtle.
+    return await _create(request, subscription, base, media_type if media_type in MEDIA_TYPES else MEDIA_TYPES[0])
 
 
 async def post_subscription(request: Request, owner: str, base: str) -> Response:

@@ -1,0 +1,445 @@
+"""R0.12, R0.14, R0.15 and R0.17 of the paper by WebSocket and event stream; clients follow links from the root."""
+
+import itertools
+import json
+from collections.abc import Iterator
+from urllib.parse import urlsplit
+
+import pytest
+import rdflib
+from browser import DCTERMS, HYBRIT, LF, ROS, Browser
+from conftest import RunningFleet
+from rdflib import URIRef
+from rdflib.compare import isomorphic
+from running import eventually
+from small_fleet import Place, move
+from subscribers import (
+    ARM,
+    EVENTS,
+    FORMATS,
+    Said,
+    Socket,
+    Theatre,
+    angle_in,
+    emptied,
+    events,
+    graph_of,
+    members,
+    refused,
+    theatre,
+)
+
+from agents.wire.codec import decode_state
+
+FRAME = "application/vnd.linked-fleet.frame"
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Theatre]:
+    with theatre(Place(tmp_path_factory.mktemp("streams"))) as opened:
+        yield opened
+
+
+def _same(message: Said, browser: Browser, url: str) -> None:
+    """A message is what a GET says, with its version."""
+    assert message.iri == URIRef(url)
+    assert isomorphic(message.state, browser.page(url).graph), f"{message.body.decode()}\n{url}"
+
+
+# -- WebSocket ------------------------------------------------------------------------------------------------------
+
+
+def test_r0_12_and_r0_15_websocket_on_rotation_joint_robot_and_fleet(scene: Theatre) -> None:
+    """R0.12, R0.15: on each, the first message is the present state, and a change is followed by what a GET says."""
+    with scene.toy(0.25) as toy:
+        rotation, joint, robot, fleet = toy.rotation(), toy.part().url, toy.page.url, scene.root
+        with Socket(rotation) as one, Socket(joint) as two, Socket(robot) as three, Socket(fleet) as four:
+            for socket in (one, two, three, four):
+                _same(socket.next(), scene.browser, socket.url)
+            toy.pose(0.5)
+            for socket in (one, two, three):
+                _same(socket.next(), scene.browser, socket.url)
+            assert angle_in(scene.browser.page(rotation).graph, URIRef(rotation)) == 0.5
+            with scene.toy() as other:  # to the fleet values are no news, robots are
+                appeared = other.page
+                news = four.next()
+                while (appeared.iri, LF.presence, LF.online) not in news.graph:
+                    news = four.next()
+            while (appeared.iri, LF.presence, LF.offline) not in news.graph:
+                news = four.next()
+            _same(news, scene.browser, fleet)
+
+
+@pytest.mark.fleet
+def test_r0_15_websocket_follows_a_motion_to_its_end(browser: Browser) -> None:
+    """R0.15: messages follow a real motion, their versions grow, and the last one has the final value."""
+    joint = browser.part("panda", "panda_joint2")
+    rotation, container = str(joint.one(ROS.rotation)), str(joint.one(HYBRIT.subscriptions))
+    with Socket(rotation) as socket:
+        first = socket.next()
+        assert first.iri == URIRef(rotation)
+        goal = first.angle + (0.4 if first.angle < 0.5 else -0.4)
+        answer = move(browser, str(joint.one(HYBRIT.action)), goal)
+        assert answer.status_code == 204
+        messages = [first]
+        while abs(messages[-1].angle - goal) > 0.02:
+            messages.append(socket.next())
+        assert len({message.version for message in messages}) == len(messages) > 3
+        url = answer.headers["location"]
+        eventually(lambda: browser.page(url).one(LF.state) == LF.succeeded, "the end of the motion")
+
+        def settled() -> bool:
+            final = browser.page(rotation).graph
+            while not isomorphic(messages[-1].state, final) and angle_in(final, URIRef(rotation)) != messages[-1].angle:
+                messages.append(socket.next())
+            return isomorphic(messages[-1].state, browser.page(rotation).graph)
+
+        eventually(settled, "the final value")
+    emptied(browser, container)
+
+
+@pytest.mark.fleet
+def test_r0_15_websocket_on_an_invocation(browser: Browser) -> None:
+    """R0.15: an invocation can be watched until it has succeeded."""
+    joint = browser.part("panda", "panda_joint4")
+    rotation = str(joint.one(ROS.rotation))
+    present = angle_in(browser.page(rotation).graph, URIRef(rotation))
+    answer = move(browser, str(joint.one(HYBRIT.action)), present + (0.5 if present < -1.5 else -0.5))
+    url = answer.headers["location"]
+    with Socket(url) as socket:
+        states = [socket.next()]
+        while (states[-1].iri, LF.state, LF.succeeded) not in states[-1].graph:
+            states.append(socket.next())
+        assert states[0].graph.value(URIRef(url), LF.state) in (LF.accepted, LF.running)
+        _same(states[-1], browser, url)
+        assert len({state.version for state in states}) == len(states) > 1
+    emptied(browser, str(joint.one(HYBRIT.subscriptions)))
+
+
+def test_r0_12_refusals_come_before_the_handshake(scene: Theatre) -> None:
+    """R0.12: what does not exist is 404, what cannot be observed 409, and neither is a subscription."""
+    with scene.toy() as toy:
+        assert refused(toy.part().url + "/nothing").status_code == 404
+        container = toy.subscriptions()
+        answer = refused(container.url)
+        assert answer.status_code == 409
+        assert "cannot be subscribed to" in json.loads(answer.body)["detail"]
+        assert not members(toy.subscriptions())
+
+
+def test_r0_12_a_resource_that_ceases_closes_its_stream(scene: Theatre) -> None:
+    """R0.12: when a new run of the robot has no such joint any more, its watchers are told by close code 4404."""
+    with scene.toy() as toy, Socket(toy.rotation()) as socket, events(toy.rotation()) as stream:
+        socket.next(), stream.next()
+        toy.actor.incarnation += 1
+        toy.actor.appear(toy.actor.description(ARM.replace("elbow", "wrist"), ("shoulder", "wrist")))
+        assert socket.until_closed() == (4404, "the resource does not exist any more")
+        while not stream.ended():  # that the run before is over came first
+            pass
+        assert stream.last_event_id == "cancelled"
+
+
+# -- Upgrade --------------------------------------------------------------------------------------------------------
+
+
+def test_r0_14_upgrade_counts_only_as_a_connection_option(scene: Theatre) -> None:
+    """R0.14: without ``Connection: Upgrade``, and for unknown protocols, Upgrade is ignored; nothing is created."""
+    with scene.toy() as toy:
+        url = toy.rotation()
+        ignored = (
+            {"upgrade": "websocket"},
+            {"upgrade": "callback", "callback": "http://127.0.0.1:9/"},
+            {"upgrade": "callback", "callback": "http://127.0.0.1:9/", "connection": "keep-alive"},
+            {"upgrade": "h2c, rosbridge/2", "connection": "upgrade"},
+        )
+        plain = scene.browser.page(url)
+        for fields in ignored:
+            answer = scene.browser.http.get(url, headers=fields)
+            assert (answer.status_code, answer.headers["content-type"]) == (200, "text/turtle; charset=utf-8"), fields
+            assert isomorphic(graph_of(answer.content, "text/turtle", url), plain.graph)
+        assert not members(toy.subscriptions())
+
+
+def test_r0_14_head_creates_nothing(scene: Theatre) -> None:
+    """R0.14: HEAD with any way to subscribe is answered like a HEAD, and the container stays empty."""
+    with scene.toy() as toy:
+        key = {"sec-websocket-key": "dGhlIHNhbXBsZSBub25jZQ==", "sec-websocket-version": "13"}
+        for fields in (
+            {"upgrade": "callback", "connection": "upgrade", "callback": "http://127.0.0.1:9/"},
+            {"upgrade": "websocket", "connection": "upgrade", **key},
+            {"accept": EVENTS},
+        ):
+            answer = scene.browser.http.head(toy.rotation(), headers=fields)
+            assert (answer.status_code, answer.content) == (200, b""), fields
+            assert "location" not in answer.headers
+        assert not members(toy.subscriptions())
+
+
+# -- media types ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("media_type", FORMATS)
+def test_r0_17_accept_decides_the_type_of_every_message(scene: Theatre, media_type: str) -> None:
+    """R0.17: each message of a WebSocket and of an event stream is of the type that was asked for."""
+    with scene.toy() as toy:
+        url = toy.rotation()
+        accept = f"{media_type};q=0.9, text/turtle;q=0.1, image/png"
+        with Socket(url, accept) as socket, events(url, f"{EVENTS}, {accept}") as stream:
+            for angle in (0.0, 0.5):
+                toy.pose(angle)
+                for message in (socket.next(media_type), stream.next(media_type)):
+                    assert message.angle == angle
+                    _same(message, scene.browser, url)
+            for channel in (socket, stream):
+                shown = scene.browser.page(channel.description)
+                assert str(shown.graph.value(shown.iri, HYBRIT.mediaType)) == media_type
+
+
+def test_r0_17_turtle_by_default(scene: Theatre) -> None:
+    """R0.17: Turtle for a WebSocket that cannot say Accept, as in a browser, and for an EventSource."""
+    with scene.toy() as toy, Socket(toy.rotation()) as socket, events(toy.rotation()) as stream:
+        assert socket.connection.subprotocol is None
+        for message in (socket.next(), stream.next()):
+            assert message.body.startswith(b"@base ")
+            _same(message, scene.browser, toy.rotation())
+
+
+def test_r0_17_event_stream_is_chosen_by_preference(scene: Theatre) -> None:
+    """R0.17: who likes a plain type better than an event stream gets that; nothing is created."""
+    with scene.toy() as toy:
+        for accept in ("text/turtle, text/event-stream;q=0.5", "text/event-stream;q=0, */*"):
+            answer = scene.browser.http.get(toy.rotation(), headers={"accept": accept})
+            assert answer.headers["content-type"] == "text/turtle; charset=utf-8", accept
+        assert not members(toy.subscriptions())
+
+
+@pytest.mark.parametrize(
+    ("name", "media_type"),
+    [
+        ("lf.turtle", "text/turtle"),
+        ("lf.jsonld", "application/ld+json"),
+        ("lf.ntriples", "application/n-triples"),
+        ("lf.rdfxml", "application/rdf+xml"),
+    ],
+)
+def test_r0_17_subprotocols_are_for_browsers(scene: Theatre, name: str, media_type: str) -> None:
+    """R0.17: the subprotocol names the type of every message, and is confirmed."""
+    with scene.toy() as toy, Socket(toy.rotation(), subprotocol=name) as socket:
+        assert socket.connection.subprotocol == name
+        for angle in (0.0, 0.5):
+            toy.pose(angle)
+            assert socket.next(media_type).angle == angle
+
+
+def test_r0_17_binary_frames(scene: Theatre) -> None:
+    """R0.17: the joint state comes as the agent's own frames, by subprotocol or Accept, in binary messages."""
+    with scene.toy(0.25) as toy:
+        state = str(toy.page.one(LF.jointState))
+        with Socket(state, subprotocol="lf.frame") as one, Socket(state, accept=FRAME) as two:
+            for angle in (0.25, 0.5):
+                toy.pose(angle, 0.125)
+                for socket in (one, two):
+                    body = socket.raw()
+                    while isinstance(body, bytes) and decode_state(body).positions != (0.125, angle):
+                        body = socket.raw()  # the state before the frame
+                    assert isinstance(body, bytes)
+        answer = refused(toy.rotation(), subprotocol="lf.frame")
+        assert answer.status_code == 406
+        assert "lf.frame" not in json.loads(answer.body)["detail"]
+
+
+def test_r0_17_unacceptable_types_are_406_with_what_there_is(scene: Theatre) -> None:
+    """R0.17: 406 names the types that there are, and for a WebSocket the subprotocols as well."""
+    with scene.toy() as toy:
+        url = toy.rotation()
+        callback = {"upgrade": "callback", "connection": "upgrade", "callback": "http://127.0.0.1:9/"}
+        answer = scene.browser.http.get(url, headers={"accept": "image/png", **callback})
+        assert answer.status_code == 406
+        details = [answer.json()["detail"]]
+        for refusal in (refused(url, accept="image/png"), refused(url, subprotocol="lf.yaml")):
+            assert refusal.status_code == 406
+            details.append(json.loads(refusal.body)["detail"])
+            assert all(name in details[-1] for name in ("lf.turtle", "lf.jsonld", "lf.ntriples", "lf.rdfxml"))
+        assert all(media_type in detail for detail in details for media_type in FORMATS)
+        assert not members(toy.subscriptions())
+
+
+# -- what is news ---------------------------------------------------------------------------------------------------
+
+
+def test_change_means_change(scene: Theatre) -> None:
+    """Frames that repeat a value, or move it by less than its resolution, are no message; the next move is the next."""
+    with scene.toy(0.25) as toy, Socket(toy.rotation()) as socket, events(toy.rotation()) as stream:
+        first = socket.next()
+        assert stream.next().version == first.version
+        for angle in (0.25, 0.25, 0.250004, 0.249996, 0.25):
+            toy.pose(angle)
+        toy.pose(0.5)
+        for message in (socket.next(), stream.next()):
+            assert (message.angle, message.previous) == (0.5, first.version)
+
+
+def test_presence_is_news_of_all_that_a_robot_has(scene: Theatre) -> None:
+    """When a robot goes, its own watchers, those of its parts and properties, and the fleet's are told."""
+    with scene.toy() as toy:
+        robot, urls = toy.page.url, [toy.page.url, toy.part().url, toy.rotation(), toy.part("tip").url]
+        sockets = [Socket(url) for url in [*urls, scene.root, urls[0] + "?depth=this", urls[1] + "?depth=this"]]
+        for socket in sockets:
+            socket.next()
+    for socket in sockets:
+        with socket:
+            message = socket.next()
+            assert (URIRef(robot), LF.presence, LF.offline) in message.graph or message.iri not in (
+                URIRef(robot),
+                URIRef(scene.root),
+            )
+            _same(message, scene.browser, socket.url.partition("?")[0])
+
+
+def test_depth_this_is_without_values(scene: Theatre) -> None:
+    """``depth=this``: values that move are no news of a joint, presence is; the description says what was asked for."""
+    with scene.toy() as toy:
+        url = toy.part().url
+        this = Socket(url + "?depth=this")
+        first = this.next()
+        with Socket(url) as both:
+            both.next()
+            for angle in (0.25, 0.5):
+                toy.pose(angle)
+                assert angle_in(both.next().graph, URIRef(toy.rotation())) == angle
+        assert scene.browser.page(this.description).one(LF.depth) == LF.thisAlone
+    with this:
+        message = this.next()
+        assert message.previous == first.version
+        _same(message, scene.browser, url)
+
+
+def test_subtree_watches_a_robot_on_one_connection(scene: Theatre) -> None:
+    """``depth=subtree``: all below the robot, each once; then each message is one resource that changed."""
+    with scene.toy() as toy, Socket(toy.page.url + "?depth=subtree") as socket:
+        parts = [scene.browser.page(str(part)) for part in toy.page.graph.objects(toy.page.iri, DCTERMS.hasPart)]
+        covered = {page.url for page in (toy.page, *parts)}
+        covered |= {str(each) for page in parts for each in page.graph.objects(page.iri, HYBRIT.property)}
+        first = [socket.next() for _ in covered]
+        assert {str(message.iri) for message in first} == covered
+        for message in first:
+            _same(message, scene.browser, str(message.iri))
+        toy.pose(0.5)
+        moved = {toy.rotation(), str(toy.part("tip").one(LF.pose))}
+        news = [socket.next() for _ in moved]
+        assert {str(message.iri) for message in news} == moved
+        for message in news:
+            _same(message, scene.browser, str(message.iri))
+        assert {message.previous for message in news} <= {message.version for message in first}
+
+
+def test_deadband_and_interval(scene: Theatre) -> None:
+    """What moves less than the deadband is no news; within an interval values are conflated and the last one comes."""
+    with scene.toy() as toy:
+        url = toy.rotation()
+        with Socket(url) as all_, Socket(url + "?deadband=0.2") as rough, events(url + "?interval=1") as rare:
+            every, rough_first = [all_.next()], rough.next()
+            seen = [rare.next()]
+            for angle in (0.05, 0.15, 0.19, 0.3, 0.45):
+                toy.pose(angle)
+                every.append(all_.next())
+                assert every[-1].angle == angle
+            coarse = rough.next()
+            assert (coarse.angle, coarse.previous == rough_first.version) == (0.3, False)
+            while seen[-1].angle != 0.45:
+                seen.append(rare.next())
+            versions = [message.version for message in every]
+            assert [message.previous for message in every] == [None, *versions[:-1]]
+            for before, message in itertools.pairwise(seen):
+                place = versions.index(message.version)
+                nothing_between = versions.index(before.version) == place - 1
+                assert (message.previous == before.version) == nothing_between
+        bad = [f"{url}?{query}" for query in ("deadband=-1", "deadband=nan", "interval=1e9", "interval=x", "depth=all")]
+        assert [refused(each).status_code for each in bad] == [400] * len(bad)
+        for each in bad:
+            assert scene.browser.http.get(each, headers={"accept": EVENTS}).status_code == 400
+
+
+# -- resuming -------------------------------------------------------------------------------------------------------
+
+
+def test_resuming_with_the_present_version(scene: Theatre) -> None:
+    """Who comes back with the present version gets nothing before a change: by header, by query, by event stream."""
+    with scene.toy(0.25) as toy:
+        url = toy.rotation()
+        with events(url) as before:
+            first = before.next()
+            assert before.last_event_id == first.version
+            assert before.comments, "an event stream begins with a comment"
+        query = f"{url}?last-event-id={first.version}"
+        with (
+            Socket(url, last=first.version) as one,
+            Socket(query) as two,
+            events(url, last=first.version) as three,
+        ):
+            assert {one.description, two.description, three.description} <= members(toy.subscriptions())
+            toy.pose(0.25)
+            toy.pose(0.5)
+            for channel in (one, two, three):
+                message = channel.next()
+                assert (message.angle, message.previous) == (0.5, first.version)
+            assert three.last_event_id == message.version
+
+
+def test_resuming_after_a_change_that_was_missed(scene: Theatre) -> None:
+    """Who missed something gets the fresh state at once; so does who names a version that never was."""
+    with scene.toy(0.25) as toy:
+        url = toy.rotation()
+        with Socket(url) as before:
+            first = before.next()
+        toy.pose(0.5)
+        eventually(lambda: angle_in(scene.browser.page(url).graph, URIRef(url)) == 0.5, "the frame")
+        for last in (first.version, "0-1", "nonsense"):
+            with (
+                Socket(url, last=last) as one,
+                Socket(f"{url}?last-event-id={last}") as two,
+                events(url, last=last) as three,
+            ):
+                for channel in (one, two, three):
+                    message = channel.next()
+                    assert (message.angle, message.version != last, message.previous != last) == (0.5, True, True)
+
+
+def test_resuming_a_subtree_brings_all_of_it(scene: Theatre) -> None:
+    """The version of one resource says nothing about the others: a subtree is brought whole, its root too."""
+    with scene.toy() as toy:
+        url = toy.part().url + "?depth=subtree"
+        joint = toy.part()
+        covered = {joint.url} | {str(each) for each in joint.graph.objects(joint.iri, HYBRIT.property)}
+        with events(url) as before:
+            first = [before.next() for _ in covered]
+        newest = max(first, key=lambda message: [int(n) for n in message.version.replace(".", "-").split("-")])
+        with events(url, last=newest.version) as stream, Socket(url, last=newest.version) as socket:
+            assert {str(stream.next().iri) for _ in covered} == covered
+            assert {str(socket.next().iri) for _ in covered} == covered
+
+
+def test_versions_are_the_same_for_all(scene: Theatre) -> None:
+    """The number of a message is that of the resource: whoever watches, however, and whenever they began."""
+    with scene.toy() as toy:
+        url = toy.rotation()
+        with Socket(url, "application/ld+json") as one, events(url) as two:
+            one.next("application/ld+json"), two.next()
+            toy.pose(0.5)
+            known = {one.next("application/ld+json").version, two.next().version}
+            with Socket(url) as late:
+                known.add(late.next().version)
+        assert len(known) == 1
+
+
+@pytest.mark.fleet
+def test_r0_12_streams_under_every_name_of_the_gateway(fleet: RunningFleet, browser: Browser) -> None:
+    """R0.12: who asks under another public name of the gateway is answered in that name's IRIs."""
+    joint = browser.part("baxter", "right_w0")
+    path, port = urlsplit(str(joint.one(ROS.rotation))).path, urlsplit(fleet.root).port
+    with Socket(f"http://localhost:{port}{path}") as socket:
+        message = socket.next()
+        assert str(message.iri) == f"http://localhost:{port}{path}"
+        assert socket.description.startswith(f"http://localhost:{port}/")
+        assert isinstance(message.graph, rdflib.Graph)
+    emptied(browser, str(joint.one(HYBRIT.subscriptions)))

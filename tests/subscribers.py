@@ -1,0 +1,285 @@
+"""Subscribers that know nothing but the standards, and a robot played by the test that they can watch."""
+
+import contextlib
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from types import TracebackType
+
+import httpx
+import rdflib
+from actor import Actor, joint, link, robot, stage
+from browser import DCTERMS, HYBRIT, LDP, LF, ROS, SPATIAL, VOM, Browser, Page
+from pyoxigraph import RdfFormat, parse
+from rdflib import URIRef
+from running import eventually, process
+from small_fleet import Place, presence
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.http11 import Response
+from websockets.sync.client import connect
+
+PATIENCE_S = 15.0
+EVENTS = "text/event-stream"
+FORMATS = {
+    "text/turtle": RdfFormat.TURTLE,
+    "application/ld+json": RdfFormat.JSON_LD,
+    "application/n-triples": RdfFormat.N_TRIPLES,
+    "application/rdf+xml": RdfFormat.RDF_XML,
+}
+ARM = robot(
+    link("base"), link("upper"), link("tip"),
+    joint("shoulder", "revolute", "base", "upper"), joint("elbow", "revolute", "upper", "tip"),
+)  # fmt: skip
+_robots = itertools.count(1)
+
+
+def graph_of(body: bytes, media_type: str, base: str) -> rdflib.Graph:
+    """What ``body`` says, read strictly as ``media_type``."""
+    quads = parse(body, format=FORMATS[media_type], base_iri=base)
+    return rdflib.Graph().parse(data="\n".join(f"{quad.triple} ." for quad in quads), format="nt")
+
+
+@dataclass(frozen=True)
+class Said:
+    """A message in RDF."""
+
+    body: bytes
+    graph: rdflib.Graph
+
+    @property
+    def iri(self) -> URIRef:
+        """The resource that it is about."""
+        (subject,) = self.graph.subjects(LF.version)
+        return URIRef(str(subject))
+
+    @property
+    def version(self) -> str:
+        return str(self.graph.value(self.iri, LF.version))
+
+    @property
+    def previous(self) -> str | None:
+        found = self.graph.value(self.iri, LF.previousVersion)
+        return None if found is None else str(found)
+
+    @property
+    def state(self) -> rdflib.Graph:
+        """What a GET would say."""
+        return without_versions(self.graph)
+
+    @property
+    def angle(self) -> float:
+        """Of a rotation."""
+        return angle_in(self.graph, self.iri)
+
+
+def without_versions(graph: rdflib.Graph) -> rdflib.Graph:
+    found = rdflib.Graph()
+    found += [t for t in graph if t[1] not in (LF.version, LF.previousVersion)]
+    return found
+
+
+def angle_in(graph: rdflib.Graph, iri: URIRef) -> float:
+    return float(str(graph.value(graph.value(iri, SPATIAL.rotationAngle), VOM.numericalValue)))
+
+
+def said(body: bytes | str, media_type: str, base: str) -> Said:
+    content = body.encode() if isinstance(body, str) else body
+    return Said(content, graph_of(content, media_type, base))
+
+
+class Socket:
+    """A WebSocket on a resource; ``subprotocol`` as a browser would name it, ``accept`` as others would."""
+
+    def __init__(self, url: str, accept: str | None = None, subprotocol: str | None = None, last: str | None = None):
+        self.url = url
+        fields = {"Accept": accept, "Last-Event-ID": last}
+        opening = connect(
+            "ws" + url.removeprefix("http"),
+            additional_headers={name: value for name, value in fields.items() if value is not None},
+            subprotocols=None if subprotocol is None else [subprotocol],  # type: ignore[list-item]
+            compression=None,
+            proxy=None,
+            max_size=None,
+            open_timeout=PATIENCE_S,
+        )
+        self._open = contextlib.ExitStack()
+        self.connection = self._open.enter_context(opening)
+
+    def __enter__(self) -> "Socket":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        self._open.close()
+
+    @property
+    def description(self) -> str:
+        """Where the subscription is described."""
+        return self.connection.response.headers["link"].partition(">")[0].removeprefix("<")
+
+    def raw(self) -> bytes | str:
+        return self.connection.recv(timeout=PATIENCE_S)
+
+    def next(self, media_type: str = "text/turtle") -> Said:
+        body = self.raw()
+        assert isinstance(body, str)  # RDF comes in text frames
+        return said(body, media_type, self.url)
+
+    def until_closed(self) -> tuple[int, str]:
+        """Code and reason, after all that was still to be read."""
+        try:
+            while True:
+                self.raw()
+        except ConnectionClosed as end:
+            assert end.rcvd is not None
+            return end.rcvd.code, end.rcvd.reason
+
+
+def refused(url: str, accept: str | None = None, subprotocol: str | None = None) -> Response:
+    """The answer to a WebSocket handshake that is not accepted."""
+    try:
+        Socket(url, accept, subprotocol).close()
+    except InvalidStatus as error:
+        return error.response
+    raise AssertionError(f"{url} was opened")
+
+
+class Events:
+    """Reads an event stream by the standard (WHATWG HTML, 9.2.6), as an EventSource does."""
+
+    def __init__(self, response: httpx.Response) -> None:
+        self.response = response
+        self.url = str(response.url)
+        self.last_event_id = ""
+        self.comments: list[str] = []
+        self._pieces = response.iter_raw()
+        self._waiting: list[str] = []
+        self._rest = self._data = self._id = ""
+
+    @property
+    def description(self) -> str:
+        return self.response.headers["link"].partition(">")[0].removeprefix("<")
+
+    def next(self, media_type: str = "text/turtle") -> Said:
+        data = self._event()
+        assert data is not None, "the stream has ended"
+        return said(data, media_type, self.url)
+
+    def ended(self) -> bool:
+        """Whether the stream ends without another event."""
+        return self._event() is None
+
+    def _event(self) -> str | None:
+        while not self._waiting:
+            piece = next(self._pieces, None)
+            if piece is None:
+                return None
+            self._feed(piece.decode())
+        return self._waiting.pop(0)
+
+    def _feed(self, text: str) -> None:
+        *lines, self._rest = (self._rest + text).split("\n")
+        for line in lines:
+            name, _, value = line.partition(":")
+            value = value.removeprefix(" ")
+            if not line:
+                self.last_event_id = self._id
+                self._waiting += [self._data.removesuffix("\n")] if self._data else []
+                self._data = ""
+            elif not name:
+                self.comments.append(value)
+            elif name == "data":
+                self._data += value + "\n"
+            elif name == "id":
+                self._id = value
+
+
+@contextlib.contextmanager
+def events(url: str, accept: str = EVENTS, last: str | None = None) -> Iterator[Events]:
+    """An open event stream on a connection of its own."""
+    fields = {"accept": accept} | ({} if last is None else {"last-event-id": last})
+    with httpx.Client(timeout=PATIENCE_S) as http, http.stream("GET", url, headers=fields) as response:
+        assert response.status_code == 200, response.read()
+        assert response.headers["content-type"] == EVENTS
+        yield Events(response)
+
+
+class Toy:
+    """A robot with two joints that does what the test says, and nothing else ever."""
+
+    def __init__(self, actor: Actor, browser: Browser) -> None:
+        self.actor, self.browser = actor, browser
+
+    @property
+    def page(self) -> Page:
+        return self.browser.robot(self.actor.name)
+
+    def part(self, title: str = "elbow") -> Page:
+        return self.browser.part(self.actor.name, title)
+
+    def rotation(self, joint: str = "elbow") -> str:
+        return str(self.part(joint).one(ROS.rotation))
+
+    def pose(self, elbow: float, shoulder: float = 0.0) -> None:
+        """Send one frame."""
+        self.actor.put("state", self.actor.frame((shoulder, elbow)))
+
+    def subscriptions(self, thing: str = "elbow") -> Page:
+        """The container of a part."""
+        return self.browser.page(str(self.part(thing).one(HYBRIT.subscriptions)))
+
+
+@dataclass(frozen=True)
+class Theatre:
+    """A gateway of the test's own, with robots that the test plays."""
+
+    place: Place
+    browser: Browser
+
+    @property
+    def root(self) -> str:
+        return self.browser.root
+
+    @contextlib.contextmanager
+    def toy(self, elbow: float = 0.0, shoulder: float = 0.0) -> Iterator[Toy]:
+        """A robot that is online, described and has sent one frame; at the end its agent goes in good order."""
+        name = f"toy{next(_robots)}"
+        with stage(self.place.zenoh) as session:
+            actor = Actor(session, name)
+            actor.appear(actor.description(ARM, ("shoulder", "elbow")))
+            toy = Toy(actor, self.browser)
+            self._has(name, lambda page: (page.iri, LF.rootLink, None) in page.graph)
+            toy.pose(elbow, shoulder)
+            self._has(name, lambda page: page.one(LF.lastFrame) != LF.unknown)
+            yield toy
+
+    def _has(self, name: str, condition: object) -> None:
+        def probe() -> bool:
+            page = presence(self.browser, name)
+            return page is not None and bool(condition(page))  # type: ignore[operator]
+
+        eventually(probe, f"{name} as it should be")
+
+
+@contextlib.contextmanager
+def theatre(place: Place, *flags: str) -> Iterator[Theatre]:
+    with process(*place.command(), *flags) as gateway, contextlib.closing(Browser(place.root)) as browser:
+        gateway.said("serving")
+        yield Theatre(place, browser)
+
+
+def members(container: Page) -> set[str]:
+    return {str(member) for member in container.graph.objects(container.iri, LDP.contains)}
+
+
+def emptied(browser: Browser, container: str) -> None:
+    """Wait until a container lists nothing: connections are noticed to be gone a moment later."""
+    eventually(lambda: not members(browser.page(container)), f"{container} empty")
+
+
+def identifier(page: Page) -> str:
+    return str(page.graph.value(page.iri, DCTERMS.identifier))
