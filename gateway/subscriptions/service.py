@@ -19,7 +19,7 @@ from gateway.subscriptions.message import Ending, Outlet
 from gateway.subscriptions.network import Network, Unresolvable
 from gateway.subscriptions.receiver import Receiver
 from gateway.subscriptions.store import Store, StoreUnavailable, TooMany
-from gateway.subscriptions.subscription import Delivery, DeliveryState, Kind, Record, Subscription
+from gateway.subscriptions.subscription import Delivery, DeliveryState, Depth, Kind, Record, Subscription
 from gateway.subscriptions.watcher import Watcher
 
 log = logging.getLogger(__name__)
@@ -89,9 +89,10 @@ class Subscriptions:
     def open(self, subscription: Subscription, outlet: Outlet, seen: str | None) -> Watcher:
         """Begin a registered stream; ``seen`` is the version that the subscriber saw last.
 
-        LookupError when there is no such resource any more.
+        LookupError when there is no such resource any more. Of a subtree, ``seen`` is the version of any one resource
+        in it and says nothing about the others: all of them are sent again.
         """
-        sent = {subscription.resource: seen} if seen else {}
+        sent = {subscription.resource: seen} if seen and subscription.depth is not Depth.SUBTREE else {}
         watcher = self._fan_out.watch(subscription, outlet, sent)
         if (other := self._streams.get(subscription.id)) is not None:
             other.end(Ending.REPLACED)
