@@ -42,6 +42,7 @@ class Courier:
         self._news = asyncio.Event()
         self._woken = asyncio.Event()
         self._not_before_s = 0.0
+        self._number: int | None = None
         self._task: asyncio.Task[None] | None = None
 
     def start(self) -> None:
@@ -60,8 +61,7 @@ class Courier:
     async def stop(self) -> None:
         if self._task is not None:
             self._task.cancel()
-            with suppress(asyncio.CancelledError):
-                await self._task
+            await asyncio.wait([self._task])  # which, unlike its own end, the end of our caller interrupts
         await self._receiver.aclose()
 
     # -- as an outlet of the fan-out ----------------------------------------------------------------------------------
@@ -90,11 +90,12 @@ class Courier:
     async def _serve(self) -> None:
         id = self.subscription.id
         if self.delivery.state is DeliveryState.SUSPENDED:
-            await self._sleep(None)
+            record = await self._insist(lambda: self._store.record(id))
+            # Whoever resumed it while it changed hands told the gateway that held it before.
+            if record is not None and record.delivery.state is DeliveryState.SUSPENDED:
+                await self._sleep(None)
         backlog = await self._insist(lambda: self._store.backlog(id))
-        for entry in backlog.entries:
-            await self._bring(entry)
-            await self._done(entry)
+        await self._bring_all(backlog.entries)
         await self._agreed()  # before there is anything to say: what is said then is the present state
         watcher = self._fan_out.watch(self.subscription, self, backlog.sent, patient=True)
         try:
@@ -112,26 +113,33 @@ class Courier:
         self._news.clear()
         assert message is not None
         outgoing = Outgoing(message.path, message.version, message.media_type, message.body)
-        entry = await self._queue(outgoing)
-        await self._bring(entry)
-        await self._done(entry)
+        await self._bring_all(await self._queue(outgoing))
 
-    async def _queue(self, outgoing: Outgoing) -> Entry:
-        """The entry of a message in the queue; after an outage nobody knows whether it is there already."""
+    async def _queue(self, outgoing: Outgoing) -> list[Entry]:
+        """What is in the queue with a message; after an outage nobody knows whether it is there already."""
+        id = self.subscription.id
         while True:
             try:
-                entry = await self._store.advance(self.subscription.id, None, outgoing, self.delivery)
+                entry = await self._store.advance(id, None, outgoing, self.delivery)
                 assert entry is not None
-                return entry
+                if self._number is None or entry.number == self._number + 1:
+                    return [entry]
             except StoreUnavailable:
                 await asyncio.sleep(_STORE_PAUSE_S)
-                backlog = await self._insist(lambda: self._store.backlog(self.subscription.id))
-                if backlog.entries:
-                    return backlog.entries[-1]
+            # Also for a number that is left out: then it was queued before, by a command that was thought lost.
+            backlog = await self._insist(lambda: self._store.backlog(id))
+            if backlog.entries:
+                return backlog.entries
+
+    async def _bring_all(self, entries: list[Entry]) -> None:
+        for entry in entries:
+            await self._bring(entry)
+            await self._done(entry)
 
     async def _done(self, entry: Entry) -> None:
         id = self.subscription.id
         await self._insist(lambda: self._store.advance(id, entry, None, self.delivery))
+        self._number = entry.number
 
     async def _bring(self, entry: Entry) -> None:
         """Send an entry until the receiver has taken it."""
@@ -141,8 +149,9 @@ class Courier:
                 await asyncio.sleep(pause_s)
             try:
                 outcome = await self._attempt(entry)
-            except NoConsent:
-                continue  # its address changed since; ask again
+            except NoConsent as error:  # its address changed since it was trusted
+                await self._failed(DeliveryState.AWAITING_CONSENT, Outcome(Verdict.RETRY, None, None, str(error)))
+                continue
             if outcome.verdict is Verdict.DELIVERED:
                 self._not_before_s = time.monotonic() + self.delivery.allowed_interval_s
                 self._became(DeliveryState.ACTIVE, outcome.status)

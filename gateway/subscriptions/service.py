@@ -10,6 +10,7 @@ import ssl
 import time
 import uuid
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from dataclasses import replace
 from types import TracebackType
 
@@ -18,7 +19,7 @@ from gateway.subscriptions.fan_out import FanOut
 from gateway.subscriptions.message import Ending, Outlet
 from gateway.subscriptions.network import Network, Unresolvable
 from gateway.subscriptions.receiver import Receiver
-from gateway.subscriptions.store import Store, StoreUnavailable, TooMany
+from gateway.subscriptions.store import News, Store, StoreUnavailable, TooMany
 from gateway.subscriptions.subscription import Delivery, DeliveryState, Depth, Kind, Record, Subscription
 from gateway.subscriptions.watcher import Watcher
 
@@ -51,6 +52,7 @@ class Subscriptions:
 
     async def __aenter__(self) -> "Subscriptions":
         self._tasks = [
+            asyncio.create_task(self._live(), name="renew the lease"),
             asyncio.create_task(self._keep(), name="keep subscriptions"),
             asyncio.create_task(self._hear(), name="hear of subscriptions"),
         ]
@@ -166,7 +168,11 @@ class Subscriptions:
             await receiver.aclose()
         state = DeliveryState.ACTIVE if trusted else DeliveryState.AWAITING_CONSENT
         delivery = Delivery(state)
-        await self._store.add(subscription, delivery, self._limit)
+        try:
+            await self._store.add(subscription, delivery, self._limit)
+        except StoreUnavailable:
+            self._ended.add(subscription.id)  # it may be there, although its client is told that it is not
+            raise
         record = Record(subscription, delivery, self._run)
         self._serve(record)
         return record
@@ -184,10 +190,7 @@ class Subscriptions:
 
     async def resume(self, id: str) -> bool:
         """Have a callback tried again at once, by whichever gateway holds it; False when there is none."""
-        record = await self._store.wake(id)
-        if record is not None and (courier := self._couriers.get(id)) is not None:
-            courier.wake()
-        return record is not None
+        return await self._store.wake(id) is not None
 
     # -- of any kind --------------------------------------------------------------------------------------------------
 
@@ -225,19 +228,32 @@ class Subscriptions:
     # -- with the other gateways --------------------------------------------------------------------------------------
 
     async def _hear(self) -> None:
-        async for news in self._store.news():
-            if news.holder != self._run:
-                continue
-            if news.what == "removed":
-                await self._drop(news.id, Ending.CANCELLED)
-            elif (courier := self._couriers.get(news.id)) is not None:
-                courier.wake()
+        while True:
+            try:
+                async for news in self._store.news():
+                    if news.holder == self._run:
+                        await self._heed(news)
+            except Exception:
+                log.exception("hearing of subscriptions failed; it is tried again")
+            await asyncio.sleep(KEEP_S)
+
+    async def _heed(self, news: News) -> None:
+        if news.what == "removed":
+            await self._drop(news.id, Ending.CANCELLED)
+        elif (courier := self._couriers.get(news.id)) is not None:
+            courier.wake()
+
+    async def _live(self) -> None:
+        """Renew the lease, also while a thousand callbacks are taken over; outages are told of elsewhere."""
+        while True:
+            with suppress(StoreUnavailable):
+                await self._store.renew()
+            await asyncio.sleep(KEEP_S)
 
     async def _keep(self) -> None:
         away, due_s = False, 0.0
         while True:
             try:
-                await self._store.renew()
                 await self._catch_up()
                 for run in await self._store.dead_runs():
                     await self._take_over(run)
@@ -264,6 +280,9 @@ class Subscriptions:
                     await self._store.add(watcher.subscription, Delivery(last_ns=watcher.last_ns), self._limit)
                 except TooMany:
                     await self._drop(id, Ending.CANCELLED)
+                else:
+                    if id not in self._streams and id not in self._expiries:  # closed meanwhile
+                        self._ended.add(id)
             self._unlisted.discard(id)
         moved = {
             id: each.last_ns
@@ -278,6 +297,8 @@ class Subscriptions:
         if records:
             log.info("took %d callbacks over from gateway run %s", len(records), run)
         for record in records:
+            # We may have served it before we were thought dead; what is known from then is out of date.
+            await self._drop(record.subscription.id, Ending.REPLACED)
             self._serve(record)
 
     async def _reconcile(self) -> None:
@@ -288,8 +309,10 @@ class Subscriptions:
             if record.subscription.kind is Kind.CALLBACK and (courier is None or not courier.running):
                 await self._drop(id, Ending.CANCELLED)
                 self._serve(record)
-        for id in [id for id, courier in self._couriers.items() if id not in held and not courier.running]:
-            await self._drop(id, Ending.CANCELLED)
+        for id in [id for id in self._couriers if id not in held]:
+            found = await self._store.record(id)  # it may be newer than the answer above
+            if found is None or found.holder != self._run:
+                await self._drop(id, Ending.REPLACED)
         missing = {id for id in self._streams if id not in held and id not in self._unlisted}
         for id in missing & self._missed:  # the second time: news of its end would have come by now
             found = await self._store.record(id)

@@ -1,0 +1,155 @@
+"""What was accepted outlives the gateway and the server that remembers it (real processes, killed and stopped)."""
+
+import contextlib
+import signal
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from pathlib import Path
+
+import pytest
+from browser import HYBRIT, LF
+from receivers import receiving
+from redis_servers import Server, Servers, cluster, single
+from running import eventually, free_port
+from several import arrived, deliveries, gateway, gateways, hub
+from subscribers import Socket
+
+pytestmark = pytest.mark.fleet
+
+
+def serving(state: Path) -> set[int]:
+    """Processes that have a file of the embedded server's folder open."""
+    found = set()
+    for process in Path("/proc").iterdir():
+        with contextlib.suppress(OSError):
+            if process.name.isdecimal() and "valkey" in (process / "cmdline").read_text():
+                held = [str(each.readlink()) for each in (process / "fd").iterdir()]
+                if any(file.startswith(f"{state}/") for file in held):
+                    found.add(int(process.name))
+    return found
+
+
+def test_a_gateway_that_was_killed_serves_its_callbacks_again(tmp_path: Path) -> None:
+    """With the embedded server: one process for a state folder whoever was killed, none after the last gateway."""
+    port, count = free_port(), 5
+    with hub() as stage, receiving() as receiver:
+        paths = [f"/{index}" for index in range(count)]
+        with gateway(stage, port=port, state=tmp_path) as first:
+            made = [first.subscribed(receiver.url(path)) for path in paths]
+            for path in paths:
+                stage.step()
+                arrived(receiver, path, stage.angle)
+            for _ in range(50):
+                stage.step()
+            first.process.send(signal.SIGKILL)
+            first.process.ended()
+        for _ in range(10):
+            stage.step()
+        with gateway(stage, port=port, state=tmp_path) as second:
+            for path in paths:
+                arrived(receiver, path, stage.angle)
+            for _ in range(10):
+                stage.step()
+            for path in paths:
+                arrived(receiver, path, stage.angle)
+                deliveries(receiver.log(path))
+            assert second.listed() == {second.get(iri).url.path for iri in made}
+            eventually(lambda: len(serving(tmp_path)) == 1, "one server")
+            for iri in made:
+                assert second.in_state(iri, LF.active).one(LF.failures).toPython() == "0"
+        assert serving(tmp_path) == set()
+        with gateway(stage, port=port, state=tmp_path) as third:
+            stage.step()
+            for path in paths:
+                arrived(receiver, path, stage.angle)
+                deliveries(receiver.log(path))
+            assert len(third.listed()) == count
+        assert serving(tmp_path) == set()
+
+
+def terminate(server: Server) -> None:
+    """As an operator does; it may say goodbye."""
+    server.ask("SHUTDOWN")
+    server.kill()
+
+
+@pytest.mark.parametrize(("servers", "end"), [(single, terminate), (single, Server.kill), (cluster, Server.kill)])
+def test_the_memory_goes_away_and_comes_back_under_load(
+    servers: Callable[[Path], AbstractContextManager[Servers]], end: Callable[[Server], None], tmp_path: Path
+) -> None:
+    """Streams go on; what is not on disk is not accepted, and what is, is delivered when the server is back."""
+    with (
+        hub() as stage,
+        receiving() as receiver,
+        servers(tmp_path / "redis") as memory,
+        gateways(stage, memory.url) as (one, other),
+    ):
+        paths = [f"/{index}" for index in range(10)]
+        made = [each.subscribed(receiver.url(path)) for path, each in zip(paths, 5 * [one, other], strict=True)]
+        receiver.wait(10)
+        with Socket(one.rotation) as watching, contextlib.ExitStack() as later:
+            assert watching.next().angle == stage.angle
+
+            readers = [watching]
+
+            def drive(steps: int) -> None:
+                """Each seen by the WebSockets, so that it was a change."""
+                for _ in range(steps):
+                    stage.step()
+                    assert {reader.next().angle for reader in readers} == {stage.angle}
+
+            drive(100)
+            for node in memory.nodes:
+                end(node)
+            drive(100)
+            refused = one.subscribe(receiver.url("/refused"))
+            assert refused.status_code == 503
+            assert int(refused.headers["retry-after"]) > 0
+            assert refused.headers["content-type"] == "application/problem+json"
+            upgrade = {"connection": "Upgrade", "upgrade": "callback", "callback": receiver.url("/refused")}
+            for each in (one, other):
+                assert each.get(each.container).status_code == 503
+                assert each.get(each.rotation).status_code == 200
+                assert each.get(each.joint).status_code == 200
+                assert each.browser.http.get(each.rotation, headers=upgrade).status_code == 503
+                assert each.browser.http.delete(each.here(made[0])).status_code == 503
+            opened = later.enter_context(Socket(other.rotation))
+            assert opened.next().angle == stage.angle
+            readers.append(opened)
+            drive(100)
+            memory.start()
+            drive(100)
+            for path in paths:
+                arrived(receiver, path, stage.angle)
+                deliveries(receiver.log(path, "POST"))
+            streams = {one.get(each.here(stream.description)).url.path
+                       for each, stream in ((one, watching), (other, opened))}  # fmt: skip
+            expected = {one.get(one.here(iri)).url.path for iri in made} | streams
+            for each in (one, other):
+                eventually(lambda each=each: each.listed() == expected, "every subscription listed")
+            drive(10)
+            for path in paths:
+                arrived(receiver, path, stage.angle)
+                deliveries(receiver.log(path, "POST"))
+        assert receiver.log("/refused") == []
+        eventually(lambda: len(one.listed()) == len(paths), "closed streams listed no more")
+        assert one.listed() == other.listed()
+
+
+def test_a_stream_that_ends_while_the_memory_is_away_is_forgotten(tmp_path: Path) -> None:
+    with hub() as stage, single(tmp_path / "redis") as memory, gateways(stage, memory.url, 1) as (one,):
+        with Socket(one.rotation) as early:
+            early.next()
+            assert len(one.listed()) == 1
+            memory.kill()
+            with Socket(one.rotation) as late:
+                late.next()
+        assert one.get(one.container).status_code == 503
+        memory.start()
+        eventually(lambda: one.get(one.container).status_code == 200, "the container again")
+        eventually(lambda: one.listed() == set(), "an empty container")
+        with Socket(one.rotation) as again:
+            again.next()
+            assert len(one.listed()) == 1
+            (page,) = [one.description(f"{one.browser.root.rstrip('/')}{path}") for path in one.listed()]
+            assert HYBRIT.WebSocket in page.types or LF.WebSocketStream in page.types

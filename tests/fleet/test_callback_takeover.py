@@ -1,0 +1,124 @@
+"""A gateway that is killed or held up loses no callback: another goes on where it was (several real processes)."""
+
+import signal
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import httpx
+import pytest
+from browser import HYBRIT, LF
+from receivers import Answer, CallbackReceiver, receiving
+from redis_servers import Servers, cluster, single
+from running import eventually
+from several import Gateway, Hub, arrived, deliveries, gateways, hub, number
+
+pytestmark = pytest.mark.fleet
+CHANGES = 1000
+
+
+@pytest.fixture
+def server(tmp_path: Path) -> Iterator[Servers]:
+    with single(tmp_path / "redis") as servers:
+        yield servers
+
+
+@pytest.fixture(params=[single, cluster])
+def memory(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Servers]:
+    with request.param(tmp_path / "redis") as servers:
+        yield servers
+
+
+def paths(first: int, end: int) -> list[str]:
+    return [f"/{index}" for index in range(first, end)]
+
+
+def subscribe(gateway: Gateway, receiver: CallbackReceiver, paths: Sequence[str]) -> list[str]:
+    return [gateway.subscribed(receiver.url(path)) for path in paths]
+
+
+def drive(hub: Hub, receiver: CallbackReceiver, end: int, at_once: int) -> None:
+    """Move up to position ``end``: each time when ``at_once`` deliveries came, so that every position is a change."""
+    while hub.steps < end:
+        count = len(receiver.log(method="POST"))
+        hub.step()
+        receiver.wait(count + at_once, method="POST")
+
+
+def test_a_gateway_killed_among_a_thousand_changes_loses_nothing(memory: Servers) -> None:
+    """20 callbacks, half of them the victim's: each gets the final value, no delivery is missing, repeats are equal."""
+    with hub() as stage, receiving() as receiver, gateways(stage, memory.url) as (victim, survivor):
+        theirs, ours = paths(0, 10), paths(10, 20)
+        made = subscribe(victim, receiver, theirs) + subscribe(survivor, receiver, ours)
+        receiver.wait(20, method="POST")
+        drive(stage, receiver, CHANGES // 2, 4)
+        victim.process.send(signal.SIGKILL)
+        victim.process.ended()
+        before = {path: len(receiver.log(path, "POST")) for path in theirs}
+        drive(stage, receiver, CHANGES - 100, 4)
+        for path in theirs:
+            receiver.wait(before[path] + 1, path, "POST")
+        drive(stage, receiver, CHANGES, 10)
+        assert stage.steps == CHANGES
+        for path in theirs + ours:
+            arrived(receiver, path, stage.angle)
+            deliveries(receiver.log(path, "POST"))
+        assert survivor.listed() == {survivor.get(survivor.here(iri)).url.path for iri in made}
+        assert len(survivor.listed()) == 20
+        for iri in made:
+            eventually(lambda iri=iri: survivor.description(iri).one(LF.deliveryState) == LF.active, "all served")
+
+
+def test_what_a_killed_gateway_left_undone_is_taken_up(server: Servers) -> None:
+    """A delivery under way is repeated with the same id; what was suspended stays so, and is resumed elsewhere."""
+    with hub() as stage, receiving() as receiver, gateways(stage, server.url) as (victim, survivor):
+        victim.subscribed(receiver.url("/slow"))
+        receiver.wait(1, "/slow")
+        receiver.script(Answer(410), Answer(410), path="/gone")
+        suspended, resumed = (victim.subscribed(receiver.url("/gone")) for _ in range(2))
+        for iri in (suspended, resumed):
+            victim.in_state(iri, LF.suspended)
+        receiver.script(Answer(stalls=True), path="/slow")
+        stage.step()
+        receiver.wait(2, "/slow")
+        for _ in range(10):
+            stage.step()
+        resume = survivor.here(str(survivor.description(resumed).one(HYBRIT.action)))
+        victim.process.send(signal.SIGKILL)
+        # Perhaps before anybody serves it, and its death is known.
+        assert survivor.browser.http.post(resume).status_code == 204
+        for path in ("/slow", "/gone"):
+            arrived(receiver, path, stage.angle)
+        slow, gone = receiver.log("/slow"), receiver.log("/gone")
+        assert [number(seen) for seen in slow] == [1, 2, 2, 3]
+        deliveries(slow)
+        assert [number(seen) for seen in gone] == [1, 1, 1, 2]
+        assert gone[2].headers["webhook-id"] == f"{httpx.URL(resumed).path.rpartition('/')[2]}.1"
+        assert len(survivor.listed()) == 3
+        assert survivor.description(suspended).one(LF.deliveryState) == LF.suspended
+
+
+def test_a_gateway_that_was_thought_dead_disturbs_nobody(server: Servers) -> None:
+    """Held up for longer than its lease, in the middle of a delivery: it finds that another serves the callback."""
+    with hub() as stage, receiving() as receiver, gateways(stage, server.url) as (slow, quick):
+        iri = slow.subscribed(receiver.url())
+        receiver.wait(1)
+        receiver.script(Answer(500))
+        stage.step()
+        receiver.wait(2)
+        slow.process.send(signal.SIGSTOP)
+        stage.step()
+        arrived(receiver, "/callback", stage.angle)
+        slow.process.send(signal.SIGCONT)
+        eventually(lambda: slow.get(slow.container).status_code == 200, "the slow one's answer")
+        for _ in range(20):
+            count = len(deliveries(receiver.log()))
+            stage.step()
+            eventually(lambda count=count: len(deliveries(receiver.log())) > count, "another delivery")
+        arrived(receiver, "/callback", stage.angle)
+        deliveries(receiver.log())
+        assert quick.listed() == slow.listed() == {quick.get(quick.here(iri)).url.path}
+        # and back: what it remembers of the time before is of no use now
+        quick.process.send(signal.SIGKILL)
+        stage.step()
+        arrived(receiver, "/callback", stage.angle)
+        deliveries(receiver.log())

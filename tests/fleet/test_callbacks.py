@@ -1,0 +1,217 @@
+"""Callbacks at two gateways with one memory: listed, deleted, failing, suspended and resumed through either of them."""
+
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from browser import DCTERMS, HYBRIT, LF, Page
+from rdflib import URIRef
+from receivers import Answer, CallbackReceiver, receiving, redirect, retry_after
+from redis_servers import Servers, cluster, single
+from running import eventually
+from several import Gateway, Hub, angle, arrived, deliveries, gateway, gateways, hub, number, present
+from subscribers import Socket, events
+
+pytestmark = pytest.mark.fleet
+
+
+@pytest.fixture(scope="module")
+def stage() -> Iterator[Hub]:
+    with hub() as stage:
+        yield stage
+
+
+@pytest.fixture(scope="module", params=[single, cluster])
+def memory(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Servers]:
+    with request.param(tmp_path_factory.mktemp("redis")) as servers:
+        yield servers
+
+
+@pytest.fixture(scope="module")
+def pair(stage: Hub, memory: Servers) -> Iterator[tuple[Gateway, Gateway]]:
+    with gateways(stage, memory.url) as (one, other):
+        yield one, other
+
+
+@pytest.fixture
+def receiver() -> Iterator[CallbackReceiver]:
+    with receiving() as receiver:
+        yield receiver
+
+
+def path(gateway: Gateway, iri: str) -> str:
+    return gateway.here(iri).removeprefix(gateway.browser.root.rstrip("/"))
+
+
+def literal(page: Page, predicate: URIRef) -> str | None:
+    found = page.graph.value(page.iri, predicate)
+    return None if found is None else str(found)
+
+
+def test_what_is_deleted_through_another_gateway_ends(
+    stage: Hub, pair: tuple[Gateway, Gateway], receiver: CallbackReceiver
+) -> None:
+    """A callback gets no more, a WebSocket is closed with 1000, an event stream ends; both containers say so."""
+    one, other = pair
+    kept = one.subscribed(receiver.url("/kept"))
+    callback = one.subscribed(receiver.url("/deleted"))
+    with Socket(one.rotation) as socket, events(one.rotation) as stream:
+        assert socket.next().angle == stream.next().angle == stage.angle
+        iris = {kept, callback, socket.description, stream.description}
+        for each in pair:
+            assert each.listed() == {path(one, iri) for iri in iris}
+        receiver.wait(2)
+        for iri in (callback, socket.description, stream.description):
+            assert other.browser.http.delete(other.here(iri)).status_code == 204
+            assert other.browser.http.delete(other.here(iri)).status_code == 404
+        assert socket.until_closed()[0] == 1000
+        assert stream.ended()
+        assert stream.last_event_id == "cancelled"
+        for each in pair:
+            assert each.listed() == {path(one, kept)}
+        eventually(lambda: one.get(callback).status_code == 404, "its end")
+        said = len(receiver.log("/deleted"))
+        for _ in range(10):
+            stage.step()
+            arrived(receiver, "/kept", stage.angle)
+        # One that was under way when it was deleted may have arrived after that.
+        assert len(receiver.log("/deleted")) <= said + 1
+        assert angle(receiver.log("/deleted")[-1]) < stage.angle
+    assert other.browser.http.delete(other.here(kept)).status_code == 204
+    assert one.listed() == other.listed() == set()
+
+
+def test_the_streams_of_a_killed_gateway_vanish(stage: Hub, memory: Servers, pair: tuple[Gateway, Gateway]) -> None:
+    with gateways(stage, memory.url, 1) as (victim,), Socket(victim.rotation) as socket, events(victim.rotation) as sse:
+        assert socket.next().angle == sse.next().angle == stage.angle
+        gone = {path(victim, iri) for iri in (socket.description, sse.description)}
+        for each in pair:
+            assert each.listed() == gone
+        victim.process.send(signal.SIGKILL)
+        for each in pair:
+            eventually(lambda each=each: each.listed() == set(), "an empty container")
+            for iri in gone:
+                here = each.here(each.browser.root + iri[1:])
+                eventually(lambda each=each, here=here: each.get(here).status_code == 404, "nothing left of it")
+
+
+def test_a_failed_delivery_is_tried_again_and_then_the_latest_value_comes(
+    stage: Hub, pair: tuple[Gateway, Gateway], receiver: CallbackReceiver
+) -> None:
+    one, other = pair
+    receiver.script(Answer(500), retry_after(1), Answer(hangs_up=True))
+    iri = one.subscribed(receiver.url())
+    first = stage.angle
+    page = other.in_state(iri, LF.failing)
+    assert literal(page, LF.failures) in ("1", "2", "3")
+    assert literal(page, LF.reason)
+    for _ in range(50):
+        stage.step()
+    arrived(receiver, "/callback", stage.angle)
+    log = receiver.log()
+    assert [number(seen) for seen in log] == [1, 1, 1, 1, 2]
+    assert angle(log[0]) == first  # as it was queued; the values in between are conflated
+    deliveries(log)
+    page = other.in_state(iri, LF.active)
+    assert (literal(page, LF.failures), literal(page, LF.lastStatus), literal(page, LF.reason)) == ("0", "204", None)
+    assert page.graph.value(page.iri, LF.lastDelivery) != LF.unknown
+    assert other.browser.http.delete(other.here(iri)).status_code == 204
+
+
+def test_retry_after_is_waited_for(stage: Hub, pair: tuple[Gateway, Gateway], receiver: CallbackReceiver) -> None:
+    """One who asked for patience is not tried again while another fails over and over, on its shorter way."""
+    one, _ = pair
+    receiver.script(retry_after(600), path="/patient")
+    receiver.script(Answer(500), Answer(500), Answer(500), path="/failing")
+    patient = one.subscribed(receiver.url("/patient"))
+    failing = one.subscribed(receiver.url("/failing"))
+    stage.step()
+    arrived(receiver, "/failing", stage.angle)
+    assert len(receiver.log("/patient")) == 1
+    page = one.in_state(patient, LF.failing)
+    assert literal(page, LF.lastStatus) == "503"
+    # whoever does not want to wait resumes it
+    assert one.browser.http.post(str(page.one(HYBRIT.action))).status_code == 204
+    arrived(receiver, "/patient", stage.angle)
+    deliveries(receiver.log("/patient"))
+    for iri in (patient, failing):
+        assert one.browser.http.delete(iri).status_code == 204
+
+
+def test_a_receiver_that_is_gone_suspends_and_any_gateway_resumes(
+    stage: Hub, pair: tuple[Gateway, Gateway], receiver: CallbackReceiver
+) -> None:
+    one, other = pair
+    receiver.default = Answer(410)
+    iri = one.subscribed(receiver.url())
+    page = other.in_state(iri, LF.suspended)
+    assert (literal(page, LF.failures), literal(page, LF.lastStatus)) == ("1", "410")
+    assert "410" in (literal(page, LF.reason) or "")
+    action = other.browser.page(str(page.one(HYBRIT.action)))
+    assert HYBRIT.Action in action.types
+    assert literal(action, DCTERMS.title)
+    for _ in range(20):
+        stage.step()
+    # resumed too early: it is suspended again after one attempt
+    assert other.browser.http.post(action.url).status_code == 204
+    receiver.wait(2)
+    other.in_state(iri, LF.suspended)
+    receiver.default = Answer()
+    assert other.browser.http.post(action.url).status_code == 204
+    arrived(receiver, "/callback", stage.angle)
+    assert [number(seen) for seen in receiver.log()] == [1, 1, 1, 2]
+    page = other.in_state(iri, LF.active)
+    assert (page.iri, HYBRIT.action, None) not in page.graph
+    assert present(other) == stage.angle
+    assert one.browser.http.delete(iri).status_code == 204
+
+
+def test_redirects_are_not_followed(stage: Hub, pair: tuple[Gateway, Gateway], receiver: CallbackReceiver) -> None:
+    one, other = pair
+    receiver.script(redirect(receiver.url("/elsewhere")), redirect(receiver.url("/elsewhere"), 301))
+    iri = one.subscribed(receiver.url())
+    receiver.wait(3, "/callback")
+    stage.step()
+    arrived(receiver, "/callback", stage.angle)
+    assert receiver.log("/elsewhere") == []
+    assert [seen.method for seen in receiver.log()] == 4 * ["POST"]
+    assert other.browser.http.delete(other.here(iri)).status_code == 204
+
+
+def test_a_receiver_that_stalls_or_is_not_there_delays_nobody(
+    stage: Hub, pair: tuple[Gateway, Gateway], receiver: CallbackReceiver
+) -> None:
+    one, other = pair
+    with receiving() as closed:
+        nobody = closed.url()
+    receiver.script(*20 * [Answer(stalls=True)], path="/stalls")
+    made = [one.subscribed(url) for url in 5 * [receiver.url("/stalls"), nobody] + [receiver.url("/quick")]]
+    receiver.wait(5, "/stalls")
+    for _ in range(100):
+        stage.step()
+        arrived(receiver, "/quick", stage.angle)
+    assert len(deliveries(receiver.log("/quick"))) >= 101
+    assert {number(seen) for seen in receiver.log("/stalls")} == {1}
+    receiver.release()
+    page = other.in_state(made[1], LF.failing)
+    assert literal(page, LF.lastStatus) is None
+    assert "No connection" in (literal(page, LF.reason) or "")
+    for iri in made:
+        assert one.browser.http.delete(iri).status_code == 204
+
+
+def test_without_permission_no_callback_reaches_loopback(
+    stage: Hub, tmp_path: Path, receiver: CallbackReceiver
+) -> None:
+    with gateway(stage, state=tmp_path, allow="") as careful:
+        for url in (receiver.url(), receiver.url(host="localhost"), receiver.url(host="2130706433")):
+            answer = careful.subscribe(url)
+            assert (answer.status_code, answer.headers["content-type"]) == (422, "application/problem+json"), url
+            upgrade = {"connection": "Upgrade", "upgrade": "callback", "callback": url}
+            assert careful.browser.http.get(careful.rotation, headers=upgrade).status_code == 422
+        assert careful.listed() == set()
+        stage.step()
+        with Socket(careful.rotation) as socket:
+            assert socket.next().angle == stage.angle
+    assert receiver.connections == 0
