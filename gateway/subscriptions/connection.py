@@ -19,21 +19,27 @@ _log = logging.getLogger(__name__)
 _CONNECT_S, _COMMAND_S = 1.0, 2.0
 _PATIENCE_S = 3.0  # for one command in all, waiting for its turn and finding the nodes of a cluster included
 _TURNS = 64  # commands at once; redis-py refuses more than its 100 connections
+_WAITS = 16  # for replicas at once, beside the turns: a replica that hangs must not keep the leases from being renewed
+_REPLICA_MS = 1_000  # for a replica to confirm; below the timeout of a command
 _BLOCK_MS = 1_000  # of a read of the news; below the timeout of a command
 _UNREACHABLE = (
     exceptions.ConnectionError, exceptions.TimeoutError, exceptions.ClusterError, exceptions.RedisClusterException,
     exceptions.ReadOnlyError, exceptions.OutOfMemoryError, exceptions.TryAgainError, exceptions.AskError,
     OSError, TimeoutError,
 )  # fmt: skip
-_NOT_NOW = ("MISCONF", "NOREPLICAS", "BUSY ", "LOADING", "CLUSTERDOWN", "MASTERDOWN")  # errors without a class
+# Errors without a class; the last two are those of a server that is no longer master.
+_NOT_NOW = ("MISCONF", "NOREPLICAS", "BUSY ", "LOADING", "CLUSTERDOWN", "MASTERDOWN", "UNBLOCKED", "WAIT cannot")
 _DURABLE = {"appendonly": "yes", "appendfsync": "always"}
 
 
 class StoreUnavailable(Exception):  # noqa: N818 -- a state of the world, not a defect
-    """Redis does not serve: unreachable, loading, read-only or without memory. Whether the command ran is unknown."""
+    """Redis does not serve: unreachable, loading, read-only, or without memory or a replica that should answer.
+
+    Whether the command ran is unknown.
+    """
 
 
-class BadUrl(ValueError):
+class BadUrl(ValueError):  # noqa: N818 -- it reads as what it is, like the one above
     """The URL of the server means nothing. One line for a human."""
 
 
@@ -52,6 +58,7 @@ class Connection:
         self._stream = stream
         self._position: str | None = None
         self._turns = asyncio.Semaphore(_TURNS)
+        self._waits = asyncio.Semaphore(_WAITS)
         self._open = False
         self._opening = asyncio.Lock()
         self._failed_s = float("-inf")
@@ -84,11 +91,28 @@ class Connection:
             pipeline = self._client.pipeline(transaction=False)
             for command in commands:
                 pipeline.execute_command(*command)
-            return list(await pipeline.execute())
+            return _checked(await pipeline.execute(raise_on_error=False))
 
     async def run(self, script: str, keys: tuple[str, ...], *arguments: str | bytes | int) -> Any:
         """The answer of a script, whose keys are of one slot; StoreUnavailable."""
         return await self.one("EVAL", script, len(keys), *keys, *arguments)
+
+    async def replicated(self, script: str, key: str) -> tuple[Any, bool]:
+        """The answer of a script that writes to ``key``, and whether a replica has that and all written before.
+
+        Both are asked in one go over one connection, to the server that is master of the key: WAIT knows the writes of
+        its own connection only. A server that is no longer master is not followed to the new one. StoreUnavailable.
+        """
+        async with self._contact(), self._waits:
+            target, once = {}, {}
+            if isinstance(self._client, redis.asyncio.RedisCluster):
+                await self._client.initialize()
+                target, once = {"target_nodes": self._client.get_node_from_key(key)}, {"allow_redirections": False}
+            pipeline = self._client.pipeline(transaction=False)
+            pipeline.execute_command("EVAL", script, 1, key, **target)
+            pipeline.execute_command("WAIT", 1, _REPLICA_MS, **target)
+            answer, replicas = _checked(await pipeline.execute(raise_on_error=False, **once))
+            return answer, replicas > 0
 
     async def follow(self) -> list[dict[bytes, bytes]]:
         """What came to the stream since the last call, if anything does within a second; StoreUnavailable."""
@@ -129,6 +153,14 @@ class Connection:
         wrong = [f"{name} {found[name]}" for name, value in _DURABLE.items() if found.get(name, value) != value]
         if wrong:
             _log.warning("Redis may lose subscriptions that were accepted, its settings are %s", " and ".join(wrong))
+
+
+def _checked(answers: list[Any]) -> list[Any]:
+    """Raises the first error as the server said it; redis-py would put words before it by which it is not known."""
+    for answer in answers:
+        if isinstance(answer, Exception):
+            raise answer
+    return answers
 
 
 def _client(url: str) -> Any:

@@ -3,6 +3,8 @@
 They are sent whole each time: they are short, and a server that restarted knows no script by its digest.
 """
 
+TO_BE_CONFIRMED = 2  # what COMMIT answers when replicas are to be waited for
+
 # KEYS: client; ARGV: id, limit. Whether the client may have the subscription, which is then counted.
 COUNT = """
 if redis.call('SISMEMBER', KEYS[1], ARGV[1]) == 1 then return 1 end
@@ -11,7 +13,8 @@ return redis.call('SADD', KEYS[1], ARGV[1])
 """
 
 # KEYS: record, queue, gone; ARGV: run, group or nothing, fields of the record.
-# 0 when others clear the subscription away since its run began to list it, or have done so: it must be listed again.
+# 0 when others clear the subscription away since its run began to list it, or have done so: it must be listed again;
+# TO_BE_CONFIRMED when the server has replicas that are to confirm a callback, as far as it lets itself be asked.
 COMMIT = """
 local clearing = redis.call('GET', KEYS[3])
 if clearing then
@@ -19,11 +22,23 @@ if clearing then
   return 0
 end
 local holder = redis.call('HGET', KEYS[1], 'holder')
-if holder and holder ~= ARGV[1] then return 1 end
-redis.call('HSET', KEYS[1], 'holder', ARGV[1], unpack(ARGV, 3))
-if ARGV[2] ~= '' and redis.call('EXISTS', KEYS[2]) == 0 then
-  redis.call('XGROUP', 'CREATE', KEYS[2], ARGV[2], '0', 'MKSTREAM')
+if not holder or holder == ARGV[1] then
+  redis.call('HSET', KEYS[1], 'holder', ARGV[1], unpack(ARGV, 3))
+  if ARGV[2] ~= '' and redis.call('EXISTS', KEYS[2]) == 0 then
+    redis.call('XGROUP', 'CREATE', KEYS[2], ARGV[2], '0', 'MKSTREAM')
+  end
 end
+if ARGV[2] == '' then return 1 end
+local info = redis.pcall('INFO', 'replication')
+if type(info) == 'string' and info:find('state=online', 1, true) then return 2 end
+return 1
+"""
+
+# KEYS: record. Whether there is one; what is written changes nothing, but a WAIT after it waits for the record too.
+CONFIRM = """
+local holder = redis.call('HGET', KEYS[1], 'holder')
+if not holder then return 0 end
+redis.call('HSET', KEYS[1], 'holder', holder)
 return 1
 """
 

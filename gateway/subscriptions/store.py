@@ -5,12 +5,14 @@ client's count and the owner's index, at last the record, which is the acceptanc
 through the list of the run that crashed.
 
 "Accepted" means on disk if the server says ``appendonly yes`` and ``appendfsync always`` (otherwise a warning is
-logged). Replicas are not waited for: a failover of a cluster can lose what was accepted in its last moment.
+logged), and in the memory of one replica if the master of the record has any that is in step. Nothing else waits for
+replicas: a failover can lose the last moment of the lists and counts that other masters hold, and of deliveries.
 """
 
 import asyncio
 import logging
 from collections.abc import AsyncIterator, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from typing import Literal, Self
 
@@ -123,14 +125,18 @@ class Store:
     async def add(self, subscription: Subscription, delivery: Delivery, limit: int) -> None:
         """Accept a subscription and hold it; TooMany when its client has ``limit`` already.
 
-        May be repeated, after an outage or a StoreUnavailable. Once this returns, a callback is on disk.
+        May be repeated, after an outage or a StoreUnavailable. Once this returns, a callback is on disk and, where
+        there are replicas, with one of them; one that no replica confirms in time is removed again: StoreUnavailable.
         """
         id, group = subscription.id, "" if subscription.kind.streams else _GROUP
         keys = (self._keys.record(id), self._keys.queue(id), self._keys.gone(id))
         fields = (*write_spec(subscription), *write_delivery(delivery))
         for _ in range(_ATTEMPTS):
             await self._list(subscription, limit)
-            if await self._redis.run(scripts.COMMIT, keys, self._run, group, *fields):
+            committed = await self._redis.run(scripts.COMMIT, keys, self._run, group, *fields)
+            if committed == scripts.TO_BE_CONFIRMED:
+                await self._confirm(id)
+            if committed:
                 return
             await asyncio.sleep(_CLEARING_S)  # others thought this run dead
         raise StoreUnavailable(f"other gateways are clearing subscription {id} away")
@@ -245,6 +251,18 @@ class Store:
             await self._runs.drop(id, self._run)
             raise TooMany(f"{client} has {limit} subscriptions already")
         await self._redis.one("SADD", self._keys.owner(subscription.owner), id)
+
+    async def _confirm(self, id: str) -> None:
+        try:
+            found, confirmed = await self._redis.replicated(scripts.CONFIRM, self._keys.record(id))
+            if not found:  # a failover lost it, or someone has removed it already
+                raise StoreUnavailable(f"subscription {id} was gone before a replica had it")
+            if not confirmed:
+                raise StoreUnavailable(f"no replica of Redis confirmed subscription {id} in time")
+        except StoreUnavailable:
+            with suppress(StoreUnavailable):
+                await self.remove(id)
+            raise
 
     async def _unlist(self, id: str, owner: str, client: str, run: str) -> None:
         await self._redis.all([("SREM", self._keys.owner(owner), id), ("SREM", self._keys.client(client), id)])
