@@ -1,0 +1,106 @@
+"""Many subscribers in one light process, which counts messages and does nothing else with them.
+
+``python readers.py PORT ws|sse COUNT PATH``: says ``ready`` when each has its first message; to each line on its
+standard input it answers with one line of JSON: what has come since the last one.
+"""
+
+import json
+import re
+import resource
+import selectors
+import socket
+import sys
+import time
+from dataclasses import dataclass, field
+from typing import Any
+
+MESSAGE = b"lf:version"  # once in each message, whatever frames it
+_VALUE = re.compile(rb'numericalValue "([^"]+)"')
+SAMPLED = 20
+"""Of all subscribers, spread evenly, the latency is looked at."""
+KEY = b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n"
+ASKS = {
+    "ws": b"Connection: Upgrade\r\nUpgrade: websocket\r\n" + KEY,
+    "sse": b"Accept: text/event-stream\r\n",
+}
+
+
+@dataclass
+class Reader:
+    sock: socket.socket
+    sampled: bool
+    messages: int = 0
+    rest: bytes = b""
+    seen: list[tuple[int, float]] = field(default_factory=list)
+    """When (CLOCK_MONOTONIC, ns) which values came."""
+
+    def read(self, view: memoryview) -> int:
+        size = self.sock.recv_into(view)
+        if not size:
+            raise ConnectionError("the gateway closed a connection")
+        data = self.rest + bytes(view[:size])
+        self.messages += data.count(MESSAGE)
+        self.rest = data[1 - len(MESSAGE) :]  # shorter than what is counted
+        if self.sampled:
+            now_ns = time.monotonic_ns()
+            self.seen += [(now_ns, float(value)) for value in _VALUE.findall(data)]
+        return size
+
+
+def opened(port: int, ask: bytes, path: str, sampled: bool) -> Reader:
+    sock = socket.create_connection(("127.0.0.1", port))
+    sock.sendall(b"GET %b HTTP/1.1\r\nHost: 127.0.0.1:%d\r\n%b\r\n" % (path.encode(), port, ask))
+    return Reader(sock, sampled)
+
+
+class Crowd:
+    def __init__(self, port: int, how: str, count: int, path: str) -> None:
+        every = max(1, count // SAMPLED)
+        self.readers = [opened(port, ASKS[how], path, number % every == 0) for number in range(count)]
+        self.bytes = 0
+        self._view = memoryview(bytearray(1 << 18))
+        self._selector = selectors.EpollSelector()
+        for reader in self.readers:
+            self._selector.register(reader.sock, selectors.EVENT_READ, reader)
+        self._selector.register(sys.stdin, selectors.EVENT_READ)
+
+    def turn(self) -> bool:
+        """Read what has come; whether there is a question on standard input."""
+        asked = False
+        for key, _ in self._selector.select():
+            if key.data is None:
+                asked = True
+            else:
+                self.bytes += key.data.read(self._view)
+        return asked
+
+    def answer(self) -> dict[str, Any]:
+        usage = resource.getrusage(resource.RUSAGE_SELF)
+        found = {
+            "at_ns": time.monotonic_ns(),
+            "messages": sum(reader.messages for reader in self.readers),
+            "bytes": self.bytes,
+            "cpu_s": usage.ru_utime + usage.ru_stime,
+            "seen": [reader.seen for reader in self.readers if reader.sampled],
+        }
+        self.bytes = 0
+        for reader in self.readers:
+            reader.messages, reader.seen = 0, []
+        return found
+
+
+def main() -> None:
+    port, how, count, path = int(sys.argv[1]), sys.argv[2], int(sys.argv[3]), sys.argv[4]
+    crowd = Crowd(port, how, count, path)
+    while not all(reader.messages for reader in crowd.readers):
+        crowd.turn()
+    print("ready", flush=True)
+    while True:
+        if crowd.turn():
+            if not sys.stdin.readline():
+                return
+            print(json.dumps(crowd.answer()), flush=True)
+
+
+if __name__ == "__main__":
+    main()

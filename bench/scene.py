@@ -1,0 +1,138 @@
+"""What the benchmarks share: a gateway process of their own, robots they play, and what /proc says of a process."""
+
+import contextlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import zenoh
+from actor import Actor, stage
+from running import Process, eventually, process
+from small_fleet import Place, live
+
+READERS = Path(__file__).with_name("readers.py")
+_TICK_S = 1 / os.sysconf("SC_CLK_TCK")
+
+
+def cpu_s(pid: int) -> float:
+    """Processor time that a process has had, in user and kernel, of all its threads."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) * _TICK_S
+
+
+def rss_kib(pid: int) -> int:
+    status = Path(f"/proc/{pid}/status").read_text()
+    return int(status.partition("VmRSS:")[2].split()[0])
+
+
+def pid_of(child: Process) -> int:
+    return child._child.pid
+
+
+@dataclass(frozen=True)
+class Scene:
+    place: Place
+    session: zenoh.Session
+    pid: int
+
+    @contextlib.contextmanager
+    def robot(self, name: str, rate_hz: float) -> Iterator["Mover"]:
+        mover = Mover(Actor(self.session, name).appear(), rate_hz)
+        with mover.moving():
+            with contextlib.closing(_browser(self.place)) as browser:
+                live(browser, name)
+            yield mover
+
+
+def _browser(place: Place) -> Any:
+    from browser import Browser
+
+    return Browser(place.root)
+
+
+@contextlib.contextmanager
+def scene(*flags: str) -> Iterator[Scene]:
+    """A gateway with nobody in it."""
+    with tempfile.TemporaryDirectory() as state:
+        place = Place(Path(state))
+        with process(*place.command(), *flags) as gateway:
+            gateway.said("serving")
+            with stage(place.zenoh) as session:
+                yield Scene(place, session, pid_of(gateway))
+
+
+class Mover:
+    """A robot with one joint, whose position is the number of the frame in steps of ``STEP``."""
+
+    STEP = 0.001
+
+    def __init__(self, actor: Actor, rate_hz: float) -> None:
+        self.actor, self.rate_hz = actor, rate_hz
+        self.sent_ns: list[int] = []
+        """When frame number ``i`` left, by CLOCK_MONOTONIC."""
+        self._stop = threading.Event()
+
+    @contextlib.contextmanager
+    def moving(self) -> Iterator[None]:
+        thread = threading.Thread(target=self._run)
+        thread.start()
+        try:
+            yield
+        finally:
+            self._stop.set()
+            thread.join()
+
+    def _run(self) -> None:
+        begin = time.monotonic()
+        while not self._stop.is_set():
+            number = len(self.sent_ns)
+            pause = begin + number / self.rate_hz - time.monotonic()
+            if pause > 0:
+                time.sleep(pause)
+            self.sent_ns.append(time.monotonic_ns())
+            self.actor.put("state", self.actor.frame((number * self.STEP,)))
+
+    def latencies_ms(self, seen: Sequence[Sequence[tuple[int, float]]]) -> list[float]:
+        """From the sending of a frame to the arrival of the message with its value."""
+        return [(at_ns - self.sent_ns[round(value / self.STEP)]) / 1e6 for reader in seen for at_ns, value in reader]
+
+
+class Readers:
+    """A child process with many subscribers."""
+
+    def __init__(self, port: int, how: str, count: int, path: str) -> None:
+        command = [sys.executable, str(READERS), str(port), how, str(count), path]
+        self._child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)  # noqa: S603
+        assert self._child.stdin is not None and self._child.stdout is not None
+        self._in, self._out = self._child.stdin, self._child.stdout
+        assert self._out.readline() == "ready\n", "the readers did not get their first messages"
+
+    def counted(self) -> dict[str, Any]:
+        self._in.write("\n")
+        self._in.flush()
+        answer: dict[str, Any] = json.loads(self._out.readline())
+        return answer
+
+    def close(self) -> None:
+        self._in.close()
+        self._child.wait()
+        self._out.close()
+
+
+def settle(pid: int) -> None:
+    """Wait until a process has nothing to do any more."""
+
+    def idle() -> bool:
+        before = cpu_s(pid)
+        time.sleep(0.5)
+        return cpu_s(pid) - before < 0.05
+
+    eventually(idle, f"process {pid} idle")
