@@ -1,4 +1,4 @@
-"""R1.1 to R1.7 and R1.9 to R1.12 of the paper, each on every Linked Robotic Thing of the tree."""
+"""R1.1 to R1.12 of the paper, each on every Linked Robotic Thing of the tree."""
 
 import importlib.resources
 
@@ -97,10 +97,14 @@ def test_r1_7_no_inference_needed(tree: Walk) -> None:
 
 
 def test_r1_8_every_thing_has_its_subscriptions_container(tree: Walk) -> None:
-    """R1.8 (its place; subscriptions themselves come later): an empty LDP container on every LRT."""
+    """R1.8: an LDP container on every LRT, which leads to the shape of what it takes."""
     for page in tree.things():
-        (container,) = page.graph.objects(page.iri, HYBRIT.subscriptions)
-        assert tree.pages[str(container)].kind == "container"
+        (iri,) = page.graph.objects(page.iri, HYBRIT.subscriptions)
+        container = tree.pages[str(iri)]
+        assert container.kind == "container"
+        (shape,) = container.graph.objects(container.iri, URIRef("http://www.w3.org/ns/ldp#constrainedBy"))
+        (vocabulary,) = container.graph.objects(container.iri, LF.vocabulary)
+        assert (shape, RDF.type, rdflib.SH.NodeShape) in tree.pages[str(vocabulary)].graph
 
 
 def test_r1_9_things_expose_properties(tree: Walk) -> None:

@@ -5,8 +5,9 @@ from urllib.parse import urlsplit
 
 import httpx
 import pytest
-from browser import HYBRIT, LDP, links
-from walk import Walk
+from browser import HYBRIT, LDP, RDFS, links
+from rdflib import URIRef
+from walk import Visited, Walk
 
 pytestmark = pytest.mark.fleet
 
@@ -16,6 +17,19 @@ def _raw(root: str, request: bytes) -> bytes:
     with socket.create_connection((parts.hostname, parts.port), timeout=10) as connection:
         connection.sendall(request)
         return connection.recv(65536)
+
+
+def _writes(tree: Walk, page: Visited) -> set[str]:
+    """Methods that change something: what subscriptions take beside these is shown with them."""
+    if page.kind == "action":
+        return {"POST", "PUT"}
+    lists = any((thing, HYBRIT.subscriptions, page.iri) in tree.pages[str(thing)].graph for thing in _about(page))
+    return {"POST"} if lists else set()
+
+
+def _about(page: Visited) -> list[URIRef]:
+    """The thing that a container belongs to, by its own word."""
+    return [URIRef(str(iri)) for iri in page.graph.objects(page.iri, RDFS.seeAlso)] if page.kind == "container" else []
 
 
 def test_r0_1_server_is_http_1_1(tree: Walk) -> None:
@@ -42,11 +56,11 @@ def test_r0_4_root_answers_get(tree: Walk, http: httpx.Client) -> None:
 
 
 def test_r0_5_get_everywhere_and_writes_where_they_mean_something(tree: Walk, http: httpx.Client) -> None:
-    """R0.5: GET reads everything; POST and PUT are bound to actions and refused with 405 elsewhere."""
+    """R0.5: GET reads everything; actions take POST and PUT, Subscriptions containers POST; elsewhere it is 405."""
     for page in tree:
         for method in ("POST", "PUT", "DELETE", "PATCH"):
             answer = http.request(method, page.url, content=b"", headers={"content-type": "text/turtle"})
-            allowed = page.kind == "action" and method in ("POST", "PUT")
+            allowed = method in _writes(tree, page)
             assert answer.status_code == (422 if allowed else 405), f"{method} {page.url}: {answer.text[:200]}"
             assert allowed or "GET" in answer.headers["allow"], page.url
 
@@ -87,8 +101,9 @@ def test_r0_10_options_and_allow_on_every_resource(tree: Walk, http: httpx.Clien
         answer = http.options(page.url)
         assert answer.status_code == 204
         allow = {method.strip() for method in answer.headers["allow"].split(",")}
-        assert allow == {"GET", "HEAD", "OPTIONS"} | ({"POST", "PUT"} if page.kind == "action" else set())
-        assert ("accept-post" in answer.headers) == (page.kind == "action")
+        assert allow == {"GET", "HEAD", "OPTIONS"} | _writes(tree, page)
+        assert ("accept-post" in answer.headers) == ("POST" in allow)
+        assert ("accept-put" in answer.headers) == ("PUT" in allow)
 
 
 def test_r0_11_etag_on_every_representation_and_head(tree: Walk, http: httpx.Client) -> None:
