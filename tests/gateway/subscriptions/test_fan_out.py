@@ -1,0 +1,396 @@
+"""The policy of the fan-out, on a real fleet and tree: what is news to whom, what is conflated, and what comes last."""
+
+import asyncio
+import heapq
+import itertools
+import math
+from collections.abc import Callable
+
+import msgspec
+import pytest
+from actor import joint, link, robot
+
+from agents.wire.codec import encode_state, layout
+from agents.wire.messages import WIRE_VERSION, Description, State
+from gateway.fleet.events import Appeared, Described, Event, Framed, Vanished
+from gateway.fleet.fleet import Fleet
+from gateway.fleet.invocations import Invocation, Invocations, InvocationState
+from gateway.graph.tree import Tree
+from gateway.subscriptions.fan_out import FanOut
+from gateway.subscriptions.message import Ending, Message
+from gateway.subscriptions.subscription import Depth, Kind, Subscription
+from gateway.subscriptions.watcher import Timer
+
+_BASE = "http://fleet.example"
+_URDF = robot(link("base"), link("tip"), joint("elbow", "revolute", "base", "tip"))
+_ROTATION, _JOINT, _ROBOT = "/r/elbow/rotation", "/r/elbow", "/r/"
+_ids = itertools.count()
+
+
+class _Alarm:
+    def __init__(self, call: Callable[[], None]) -> None:
+        self.call: Callable[[], None] | None = call
+
+    def cancel(self) -> None:
+        self.call = None
+
+
+class Clocked(FanOut):
+    """A fan-out whose clock the test advances."""
+
+    present_s = 100.0
+
+    def __init__(self, tree: Callable[[str], Tree]) -> None:
+        super().__init__(tree)
+        self._alarms: list[tuple[float, int, _Alarm]] = []
+
+    def now_s(self) -> float:
+        return self.present_s
+
+    def later(self, delay_s: float, call: Callable[[], None]) -> Timer:
+        alarm = _Alarm(call)
+        heapq.heappush(self._alarms, (self.present_s + delay_s, next(_ids), alarm))
+        return alarm
+
+    def advance(self, seconds: float) -> None:
+        self.present_s += seconds
+        while self._alarms and self._alarms[0][0] <= self.present_s:
+            alarm = heapq.heappop(self._alarms)[2]
+            if alarm.call is not None:
+                alarm.call()
+
+    @property
+    def idle(self) -> bool:
+        return not (self._dirty or self._runnable)
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing is kept of what was watched."""
+        return not (self._topics or self._of_robot or self._subtrees or self._absent or self._dirty)
+
+
+class Outlet:
+    def __init__(self) -> None:
+        self.messages: list[Message] = []
+        self.room = True
+        self.ending: Ending | None = None
+
+    def writable(self) -> bool:
+        return self.room
+
+    def write(self, message: Message) -> None:
+        assert self.room and self.ending is None
+        self.messages.append(message)
+
+    def end(self, ending: Ending) -> None:
+        self.ending = ending
+
+    @property
+    def versions(self) -> list[str]:
+        return [message.version for message in self.messages]
+
+    @property
+    def previous(self) -> list[str | None]:
+        """What each message says came before it."""
+        found = [
+            message.body.decode().partition('previousVersion> "')[2].partition('"')[0] for message in self.messages
+        ]
+        return [version or None for version in found]
+
+    def take(self) -> list[str]:
+        """Paths of the messages so far, which are forgotten."""
+        paths = [message.path for message in self.messages]
+        self.messages.clear()
+        return paths
+
+
+class World:
+    """One fleet with one robot; every step waits until the fan-out has nothing left to do."""
+
+    def __init__(self) -> None:
+        self.fleet, self.invocations = Fleet(), Invocations()
+        self.fan_out = Clocked(lambda base: Tree(self.fleet, self.invocations, base))
+        self._sequence = itertools.count()
+
+    async def apply(self, *events: Event) -> None:
+        for event in events:
+            for change in self.fleet.apply(event, 1):
+                (self.fan_out.moved if change.what == "frame" else self.fan_out.changed)(change.robot)
+        await self.settle()
+
+    async def settle(self) -> None:
+        while not self.fan_out.idle:  # noqa: ASYNC110 - a turn is a callback of the loop
+            await asyncio.sleep(0)
+
+    async def up(self) -> "World":
+        await self.apply(Appeared("r", 1), Described(described()), self.frame(0.0))
+        return self
+
+    def frame(self, elbow: float) -> Framed:
+        nan, sequence = (math.nan,), next(self._sequence)
+        state = State(
+            incarnation=1, sequence=sequence, monotonic_ns=sequence, wall_ns=1000 + sequence,
+            positions=(elbow,), velocities=nan, efforts=nan,
+        )  # fmt: skip
+        return Framed("r", encode_state(state))
+
+    async def move(self, *elbow: float) -> None:
+        for angle in elbow:
+            await self.apply(self.frame(angle))
+
+    async def advance(self, seconds: float) -> None:
+        self.fan_out.advance(seconds)
+        await self.settle()
+
+
+def described(incarnation: int = 1, **changed: object) -> Description:
+    base = Description(
+        version=WIRE_VERSION, robot="r", incarnation=incarnation, title="R", urdf=_URDF, joints=("elbow",),
+        rate_hz=50, layout=layout(1, False), capabilities=("move",),
+    )  # fmt: skip
+    return msgspec.structs.replace(base, **changed)
+
+
+def to(path: str, **more: object) -> Subscription:
+    values: dict[str, object] = {
+        "id": str(next(_ids)), "owner": "/", "resource": path, "kind": Kind.WEBSOCKET,
+        "media_type": "application/n-triples", "base": _BASE, "client": "", "created_ns": 0,
+    }  # fmt: skip
+    return Subscription(**(values | more))  # type: ignore[arg-type]
+
+
+def run(test: Callable[[World], object]) -> None:
+    async def main() -> None:
+        async with asyncio.timeout(20):
+            await test(await World().up())  # type: ignore[misc]
+
+    asyncio.run(main())
+
+
+def watch(world: World, path: str, sent: dict[str, str] | None = None, patient: bool = False, **more: object) -> Outlet:
+    outlet = Outlet()
+    outlet.watcher = world.fan_out.watch(to(path, **more), outlet, sent, patient=patient)  # type: ignore[attr-defined]
+    return outlet
+
+
+def test_every_change_is_a_message_when_there_is_room() -> None:
+    """First the present state; each version is the one before of the next; the same value again is no message."""
+
+    async def test(world: World) -> None:
+        outlet = watch(world, _ROTATION)
+        assert not outlet.messages, "nothing is written before somebody is ready"
+        outlet.watcher.ready()
+        await world.settle()
+        await world.move(0.0, 0.1, 0.1, 0.100004, 0.2)
+        assert outlet.versions[1:] == ["1-3", "1-6"]
+        assert outlet.previous == [None, *outlet.versions[:-1]]
+
+    run(test)
+
+
+def test_a_full_outlet_gets_the_latest_and_sees_the_gap() -> None:
+    """Values are conflated while there is no room, nobody else waits, and the last one goes out."""
+
+    async def test(world: World) -> None:
+        slow, fast = watch(world, _ROTATION), watch(world, _ROTATION)
+        slow.watcher.ready(), fast.watcher.ready()
+        await world.settle()
+        slow.room = False
+        await world.move(0.1, 0.2, 0.3)
+        assert (len(slow.messages), len(fast.messages)) == (1, 4)
+        slow.room = True
+        slow.watcher.ready()
+        await world.settle()
+        assert slow.messages[-1] is fast.messages[-1], "rendered once"
+        assert len(slow.messages) == 2
+        assert slow.previous[-1] == fast.versions[-2] != slow.versions[0]
+
+    run(test)
+
+
+def test_who_missed_a_move_to_and_fro_missed_nothing() -> None:
+    async def test(world: World) -> None:
+        outlet = watch(world, _ROTATION)
+        outlet.watcher.ready()
+        await world.settle()
+        outlet.room = False
+        await world.move(0.1, 0.0)
+        outlet.room = True
+        outlet.watcher.ready()
+        await world.settle()
+        assert len(outlet.messages) == 1
+        await world.move(0.3)
+        assert len(outlet.messages) == 2
+
+    run(test)
+
+
+def test_a_burst_of_frames_is_read_once() -> None:
+    """Frames that come in one go are not queued: the latest is read, and the gap is shown."""
+
+    async def test(world: World) -> None:
+        outlet = watch(world, _ROTATION)
+        outlet.watcher.ready()
+        await world.settle()
+        await world.apply(*(world.frame(angle) for angle in (0.1, 0.2, 0.3)))
+        assert len(outlet.messages) == 2
+        assert b"0.3" in outlet.messages[-1].body
+
+    run(test)
+
+
+def test_deadband_counts_from_what_was_sent() -> None:
+    """A slow drift is news as soon as it adds up; who has no deadband sees each step."""
+
+    async def test(world: World) -> None:
+        rough, fine = watch(world, _ROTATION, deadband=0.25), watch(world, _ROTATION)
+        rough.watcher.ready(), fine.watcher.ready()
+        await world.settle()
+        await world.move(0.125, 0.1875, 0.25, 0.375, 0.0)
+        assert len(fine.messages) == 6
+        assert rough.versions == [fine.versions[index] for index in (0, 3, 5)]
+        await world.apply(Vanished("r", 1))  # presence is no value
+        assert len(rough.messages) == 4
+
+    run(test)
+
+
+def test_interval_has_a_trailing_edge() -> None:
+    """At once after a pause; then nothing before the interval has passed, and then the last value."""
+
+    async def test(world: World) -> None:
+        outlet = watch(world, _ROTATION, interval_s=2.0)
+        outlet.watcher.ready()
+        await world.settle()
+        await world.move(0.1, 0.2)
+        await world.advance(1.9)
+        assert len(outlet.messages) == 1
+        await world.advance(0.2)
+        assert len(outlet.messages) == 2
+        assert b"0.2" in outlet.messages[-1].body
+        await world.advance(10)
+        assert len(outlet.messages) == 2
+        await world.move(0.3, 0.4)
+        assert len(outlet.messages) == 3
+        outlet.watcher.close()
+        await world.advance(10)
+        assert len(outlet.messages) == 3
+        assert world.fan_out.empty
+
+    run(test)
+
+
+def test_resuming() -> None:
+    """The present version or a later one: nothing before a change. An older one: the present state at once."""
+
+    async def test(world: World) -> None:
+        before = watch(world, _ROTATION)
+        before.watcher.ready()
+        await world.settle()
+        (version,) = before.versions
+        before.watcher.close()
+        same, later = watch(world, _ROTATION, {_ROTATION: version}), watch(world, _ROTATION, {_ROTATION: "1-1000"})
+        old, foreign = watch(world, _ROTATION, {_ROTATION: "0-9"}), watch(world, _ROTATION, {_ROTATION: "cancelled"})
+        for each in (same, later, old, foreign):
+            each.watcher.ready()
+        await world.settle()
+        assert [len(each.messages) for each in (same, later, old, foreign)] == [0, 0, 1, 1]
+        await world.move(0.1)
+        assert [len(each.messages) for each in (same, later, old, foreign)] == [1, 1, 2, 2]
+        assert same.previous == [version]
+
+    run(test)
+
+
+def test_depths_of_a_joint() -> None:
+    """This: presence. Properties: values in one message. Subtree: each property on its own."""
+
+    async def test(world: World) -> None:
+        this, properties = (watch(world, _JOINT, depth=depth) for depth in (Depth.THIS, Depth.PROPERTIES))
+        subtree = watch(world, _JOINT, depth=Depth.SUBTREE)
+        for each in (this, properties, subtree):
+            each.watcher.ready()
+        await world.settle()
+        assert (this.take(), properties.take()) == ([_JOINT], [_JOINT])
+        first = subtree.take()
+        assert len(first) == len(set(first)) > 3
+        assert {_JOINT, _ROTATION} <= set(first)
+        await world.move(0.1)
+        assert (this.take(), properties.take(), subtree.take()) == ([], [_JOINT], [_ROTATION])
+        await world.apply(Vanished("r", 1))
+        assert (this.take(), properties.take()) == ([_JOINT], [_JOINT])
+        assert set(subtree.take()) == set(first)
+
+    run(test)
+
+
+def test_a_subtree_follows_its_members() -> None:
+    """A robot described anew, robots that join, invocations: what comes to be is covered, with its last state."""
+
+    async def test(world: World) -> None:
+        outlet = watch(world, "/", depth=Depth.SUBTREE)
+        outlet.watcher.ready()
+        await world.settle()
+        assert "/" in outlet.take()
+        await world.apply(Appeared("s", 1))
+        assert set(outlet.take()) == {"/", "/s/"}
+        joints = {"urdf": _URDF.replace("elbow", "wrist"), "joints": ("wrist",)}
+        await world.apply(Described(described(**joints)))
+        paths = outlet.take()
+        assert "/r/wrist/rotation" in paths
+        assert not [path for path in paths if "elbow" in path]
+        invocation = Invocation("i1", "r", "/r/wrist/actions/rotate", {"wrist": 1.0}, 0, 10**18)
+        path = f"{invocation.action}/invocations/i1"
+        world.invocations.add(invocation)
+        for state in (InvocationState.ACCEPTED, InvocationState.RUNNING, InvocationState.SUCCEEDED):
+            invocation.state = state
+            world.fan_out.touched(path)
+            await world.settle()
+            (message,) = outlet.messages
+            assert state.value in message.body.decode()
+            assert outlet.take() == [path]
+        await world.apply(Vanished("s", 1))
+        assert path not in outlet.take()
+
+    run(test)
+
+
+def test_what_ceases_ends_its_watchers_but_patient_ones_wait() -> None:
+    """GONE without a resource; a patient watcher, such as a callback, goes on when it is back."""
+
+    async def test(world: World) -> None:
+        stream, callback = watch(world, _ROTATION), watch(world, _ROTATION, patient=True)
+        stream.watcher.ready(), callback.watcher.ready()
+        await world.settle()
+        await world.apply(Described(described(urdf=_URDF.replace("elbow", "wrist"), joints=("wrist",))))
+        assert (stream.ending, callback.ending) == (Ending.GONE, None)
+        with pytest.raises(LookupError):
+            watch(world, _ROTATION)
+        early = watch(world, _ROTATION, patient=True)
+        early.watcher.ready()
+        await world.apply(Described(described()), world.frame(0.5))
+        assert b"0.5" in callback.messages[-1].body
+        assert b"0.5" in early.messages[-1].body
+        callback.watcher.close(), early.watcher.close()
+        assert world.fan_out.empty
+
+    run(test)
+
+
+def test_unwatched_resources_cost_nothing() -> None:
+    """When the last watcher has left nothing is kept, and frames cause no turn."""
+
+    async def test(world: World) -> None:
+        outlets = [watch(world, path) for path in (_ROTATION, _JOINT, _ROBOT, "/")]
+        outlets.append(watch(world, _ROBOT, depth=Depth.SUBTREE))
+        for outlet in outlets:
+            outlet.watcher.ready()
+        await world.settle()
+        for outlet in outlets:
+            outlet.watcher.close()
+        assert world.fan_out.empty
+        for change in world.fleet.apply(world.frame(0.7), 1):
+            world.fan_out.moved(change.robot)
+        assert world.fan_out.idle
+
+    run(test)
