@@ -27,6 +27,7 @@ from gateway.subscriptions.subscription import DeliveryState, Record
 log = logging.getLogger(__name__)
 _T = TypeVar("_T")
 _STORE_PAUSE_S = 0.25
+_STOP_PAUSE_S = 0.1
 
 
 class Courier:
@@ -59,9 +60,12 @@ class Courier:
         self._woken.set()
 
     async def stop(self) -> None:
-        if self._task is not None:
+        while self.running:
+            assert self._task is not None
+            # Again and again: a request that ends just then can swallow it.
             self._task.cancel()
-            await asyncio.wait([self._task])  # which, unlike its own end, the end of our caller interrupts
+            # Unlike the task itself this is interrupted when our caller is cancelled.
+            await asyncio.wait([self._task], timeout=_STOP_PAUSE_S)
         await self._receiver.aclose()
 
     # -- as an outlet of the fan-out ----------------------------------------------------------------------------------

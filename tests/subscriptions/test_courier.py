@@ -1,0 +1,400 @@
+"""A courier between a real store and real receivers: when it gives up, asks for consent, and keeps its numbers."""
+
+import asyncio
+import itertools
+import ssl
+import time
+import uuid
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
+from contextlib import asynccontextmanager, closing
+from dataclasses import dataclass, replace
+from ipaddress import IPv4Network
+from typing import Any
+
+import pytest
+from receivers import Answer, CallbackReceiver, Seen, consents, receiving, retry_after
+from redis_servers import single
+from running import PATIENCE_S
+
+from gateway.graph.reading import Source
+from gateway.graph.resource import Resource
+from gateway.subscriptions import courier as courier_module
+from gateway.subscriptions.courier import Courier
+from gateway.subscriptions.fan_out import FanOut
+from gateway.subscriptions.network import Address, Network
+from gateway.subscriptions.receiver import Receiver
+from gateway.subscriptions.retry import SUSPEND_AFTER
+from gateway.subscriptions.store import Outgoing, Store
+from gateway.subscriptions.subscription import Delivery, DeliveryState, Kind, Record, Subscription
+
+PATH = "/toy/elbow/rotation"
+PLAIN = ssl.create_default_context()
+LOOPBACK = (IPv4Network("127.0.0.0/8"),)
+
+
+class Outside(Network):
+    """Loopback, as if it were out on the Internet: it may be reached, and its receivers must consent."""
+
+    def _judge(self, text: str) -> Address | None:
+        return Address(text, allowed=False)
+
+
+class Toy:
+    """A tree with one resource, whose only fact the test changes."""
+
+    def __init__(self) -> None:
+        self.fact = 0
+        self.fan_out = FanOut(lambda base: self)
+
+    def resolve(self, path: str) -> Resource | None:
+        facts = Source(facts=lambda: self.fact)
+        return Resource(PATH, "a toy", lambda graph: None, source=facts) if path == PATH else None
+
+    def below(self, path: str) -> list[tuple[str, bool]]:
+        return [(PATH, True)]
+
+    def become(self, fact: int) -> None:
+        self.fact = fact
+        self.fan_out.touched(PATH)
+
+    @property
+    def version(self) -> str:
+        return Source(facts=lambda: self.fact).read().version
+
+
+@dataclass
+class Work:
+    """A courier at work and what is around it."""
+
+    toy: Toy
+    courier: Courier
+    store: Store
+    receiver: CallbackReceiver
+    id: str
+
+    async def requests(self, count: int, method: str | None = None) -> list[Seen]:
+        """Once so many have arrived."""
+        return await asyncio.to_thread(self.receiver.wait, count, None, method)
+
+    async def until(self, probe: Callable[[Record], bool], what: str) -> Record:
+        """The record, when it is as it should be."""
+        deadline = time.monotonic() + PATIENCE_S
+        while True:
+            record = await self.store.record(self.id)
+            assert record is not None
+            if probe(record):
+                return record
+            assert time.monotonic() < deadline, f"never happened: {what}, but {record.delivery}"
+            await asyncio.sleep(0.01)
+
+    async def in_state(self, state: DeliveryState) -> Delivery:
+        record = await self.until(lambda record: record.delivery.state is state, state)
+        return record.delivery
+
+
+@pytest.fixture(scope="module")
+def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    with single(tmp_path_factory.mktemp("redis")) as servers:
+        yield servers.url
+
+
+@pytest.fixture
+def there() -> Iterator[CallbackReceiver]:
+    with receiving() as receiver:
+        yield receiver
+
+
+@pytest.fixture
+def at_once(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Repetitions follow at once; the list is of the failures before each."""
+    asked: list[int] = []
+
+    def delay_s(failures: int, draw: float) -> float:
+        asked.append(failures)
+        return 0.0
+
+    monkeypatch.setattr(courier_module, "delay_s", delay_s)
+    return asked
+
+
+def run(test: Coroutine[Any, Any, None]) -> None:
+    async def bounded() -> None:
+        async with asyncio.timeout(PATIENCE_S):
+            await test
+
+    asyncio.run(bounded())
+
+
+@asynccontextmanager
+async def work(
+    url: str, receiver: CallbackReceiver, delivery: Delivery | None = None, network: Network | None = None
+) -> AsyncIterator[Work]:
+    """A courier that has just taken a subscription up."""
+    subscription = Subscription(
+        id=str(uuid.uuid4()),
+        owner="/toy/elbow",
+        resource=PATH,
+        kind=Kind.CALLBACK,
+        media_type="text/turtle",
+        base="http://fleet.example:8000",
+        client="192.0.2.7",
+        created_ns=time.time_ns(),
+        callback=receiver.url(host="receiver.example"),
+    )
+    toy, delivery = Toy(), delivery or Delivery()
+    network = network or Network(LOOPBACK, lookup=lambda *_: ["127.0.0.1"])
+    async with Store(url, uuid.uuid4().hex, "a") as store:
+        await store.add(subscription, delivery, 10)
+        with closing(network):
+            sender = Receiver(network, subscription.callback, ssl_context=PLAIN)
+            courier = Courier(Record(subscription, delivery, "a"), store, toy.fan_out, sender, consent=True)
+            courier.start()
+            try:
+                yield Work(toy, courier, store, receiver, subscription.id)
+                assert courier.running
+            finally:
+                await courier.stop()
+
+
+def numbers(log: list[Seen]) -> list[int]:
+    return [int(seen.headers["linked-fleet-delivery"]) for seen in log]
+
+
+# When it gives up
+
+
+def test_after_so_many_failures_it_is_suspended_until_somebody_resumes_it(
+    url: str, there: CallbackReceiver, at_once: list[int]
+) -> None:
+    async def test() -> None:
+        there.default = Answer(500)
+        async with work(url, there) as at:
+            delivery = await at.in_state(DeliveryState.SUSPENDED)
+            assert (delivery.failures, delivery.last_status) == (SUSPEND_AFTER, 500)
+            assert "500" in delivery.reason
+            assert at_once == list(range(1, SUSPEND_AFTER))
+            log = there.log()
+            assert len(log) == SUSPEND_AFTER
+            assert len({(seen.headers["webhook-id"], seen.body) for seen in log}) == 1
+            at.toy.become(1)
+            at.toy.become(2)
+            at.courier.wake()
+            await at.requests(2 * SUSPEND_AFTER)
+            await at.in_state(DeliveryState.SUSPENDED)
+            assert at_once == 2 * list(range(1, SUSPEND_AFTER))
+            there.default = Answer()
+            at.courier.wake()
+            log = (await at.requests(2 * SUSPEND_AFTER + 2))[2 * SUSPEND_AFTER :]
+            assert numbers(log) == [1, 2]
+            assert log[1].headers["linked-fleet-version"] == at.toy.version
+            delivery = (await at.until(lambda record: not record.delivery.failures, "success")).delivery
+            assert (delivery.state, delivery.last_status, delivery.reason) == (DeliveryState.ACTIVE, 204, "")
+
+    run(test())
+
+
+def test_failures_count_on_with_another_gateway(url: str, there: CallbackReceiver) -> None:
+    async def test() -> None:
+        there.default = Answer(500)
+        async with work(url, there, Delivery(DeliveryState.FAILING, failures=SUSPEND_AFTER - 2)) as at:
+            record = await at.until(lambda record: record.delivery.failures == SUSPEND_AFTER - 1, "one more")
+            assert record.delivery.state is DeliveryState.FAILING
+        async with work(url, there, Delivery(DeliveryState.FAILING, failures=SUSPEND_AFTER - 1)) as at:
+            assert (await at.in_state(DeliveryState.SUSPENDED)).failures == SUSPEND_AFTER
+
+    run(test())
+
+
+def test_what_is_suspended_is_not_tried_by_who_takes_it_over(url: str, there: CallbackReceiver) -> None:
+    async def test() -> None:
+        async with work(url, there, Delivery(DeliveryState.SUSPENDED, failures=SUSPEND_AFTER)) as at:
+            at.toy.become(1)
+            # resumed at the store alone: for a courier that begins later, as when a gateway takes over
+            late = Courier(
+                Record(at.courier.subscription, at.courier.delivery, "a"), at.store, at.toy.fan_out,
+                Receiver(Network(LOOPBACK, lookup=lambda *_: ["127.0.0.1"]), there.url(), ssl_context=PLAIN),
+                consent=True,
+            )  # fmt: skip
+            assert there.log() == []
+            await at.store.wake(at.id)
+            late.start()
+            await at.requests(1)
+            await late.stop()
+
+    run(test())
+
+
+def test_retry_after_counts_when_it_is_longer_than_the_backoff(
+    url: str, there: CallbackReceiver, at_once: list[int]
+) -> None:
+    async def test() -> None:
+        there.script(retry_after(0), retry_after(3600))
+        async with work(url, there) as at:
+            record = await at.until(lambda record: record.delivery.failures == 2, "the second failure")
+            assert record.delivery.last_status == 503
+            assert len(there.log()) == 2
+            at.courier.wake()  # nothing else makes it come back
+            assert numbers(await at.requests(3)) == [1, 1, 1]
+
+    run(test())
+
+
+# Consent
+
+
+def test_nothing_is_delivered_before_the_receiver_consents(
+    url: str, there: CallbackReceiver, at_once: list[int]
+) -> None:
+    async def test() -> None:
+        there.script(Answer(500), Answer(204), consents("elsewhere.example"))
+        refusing = Delivery(DeliveryState.AWAITING_CONSENT)
+        async with work(url, there, refusing, Outside(lookup=lambda *_: ["127.0.0.1"])) as at:
+            # 405 to OPTIONS after what is scripted
+            delivery = await at.in_state(DeliveryState.SUSPENDED)
+            assert delivery.failures == SUSPEND_AFTER
+            assert "405" in delivery.reason
+            assert not delivery.consented
+            at.toy.become(1)
+            at.toy.become(2)
+            assert {seen.method for seen in there.log()} == {"OPTIONS"}
+            assert all(seen.headers["webhook-request-origin"] == "fleet.example" for seen in there.log())
+            there.consent = consents("fleet.example")
+            at.courier.wake()
+            (first,) = await at.requests(1, "POST")
+            assert first.headers["linked-fleet-version"] == at.toy.version  # not what was true when it was asked for
+            assert first.headers["webhook-request-origin"] == "fleet.example"
+            at.toy.become(3)
+            assert numbers(await at.requests(2, "POST")) == [1, 2]
+            assert [seen.method for seen in there.log()] == (SUSPEND_AFTER + 1) * ["OPTIONS"] + 2 * ["POST"]
+            record = await at.until(lambda record: record.delivery.last_status == 204, "success")
+            assert (record.delivery.state, record.delivery.consented) == (DeliveryState.ACTIVE, True)
+
+    run(test())
+
+
+def test_while_consent_is_awaited_the_subscription_says_so(url: str, there: CallbackReceiver) -> None:
+    async def test() -> None:
+        there.script(Answer(stalls=True))
+        waiting = Delivery(DeliveryState.AWAITING_CONSENT)
+        async with work(url, there, waiting, Outside(lookup=lambda *_: ["127.0.0.1"])) as at:
+            await at.requests(1, "OPTIONS")
+            await at.in_state(DeliveryState.AWAITING_CONSENT)
+            there.release()
+            delivery = (await at.until(lambda record: bool(record.delivery.failures), "a refusal")).delivery
+            assert delivery.state is DeliveryState.AWAITING_CONSENT
+            assert "WebHook-Allowed-Origin" in delivery.reason
+            assert there.log(method="POST") == []
+
+    run(test())
+
+
+def test_the_rate_that_is_allowed_becomes_an_interval(url: str, there: CallbackReceiver) -> None:
+    async def test() -> None:
+        there.consent = consents("*", "120")
+        async with work(url, there, network=Outside(lookup=lambda *_: ["127.0.0.1"])) as at:
+            await at.requests(1, "POST")
+            record = await at.until(lambda record: record.delivery.last_status == 204, "the first delivery")
+            assert record.delivery.allowed_interval_s == 0.5
+            assert record.delivery.consented
+            for fact in range(1, 50):
+                at.toy.become(fact)
+                await at.store.record(at.id)  # time enough for a courier that is not to wait
+            log = await at.requests(3, "POST")
+            assert numbers(log) == [1, 2, 3]  # the second waits meanwhile, the third is what is true after that
+            assert log[-1].headers["linked-fleet-version"] == at.toy.version
+
+    run(test())
+
+
+def test_an_address_that_changes_between_look_and_delivery_is_asked_again(url: str, there: CallbackReceiver) -> None:
+    """A receiver that was trusted moved to where consent is needed: nothing goes there, and it does not spin."""
+
+    async def test() -> None:
+        looks = itertools.count(1)
+        network = Network(LOOPBACK, lookup=lambda *_: ["8.8.8.8"] if next(looks) == 3 else ["127.0.0.1"])
+        async with work(url, there, network=network) as at:
+            delivery = await at.in_state(DeliveryState.AWAITING_CONSENT)
+            assert delivery.failures == 1
+            assert numbers(await at.requests(1)) == [1]
+            await at.in_state(DeliveryState.ACTIVE)
+
+    run(test())
+
+
+# Its numbers
+
+
+def test_what_a_late_command_queued_is_delivered_before_what_follows(url: str, there: CallbackReceiver) -> None:
+    """A command of ours that was thought lost in an outage, and was not: its number must not be left out."""
+
+    async def test() -> None:
+        async with work(url, there) as at:
+            await at.requests(1)
+            await at.until(lambda record: record.delivery.last_status == 204, "delivered")
+            await at.store.advance(at.id, None, Outgoing(PATH, "late", "text/turtle", b"late"), at.courier.delivery)
+            at.toy.become(1)
+            log = await at.requests(3)
+            assert numbers(log) == [1, 2, 3]
+            assert log[1].body == b"late"
+            assert log[2].headers["linked-fleet-version"] == at.toy.version
+            await at.until(lambda record: record.delivery.last_status == 204, "delivered")
+
+    run(test())
+
+
+def test_another_courier_goes_on_where_one_stopped(url: str, there: CallbackReceiver) -> None:
+    async def test() -> None:
+        there.script(Answer(), Answer(stalls=True))
+        async with work(url, there) as at:
+            await at.requests(1)
+            at.toy.become(1)
+            await at.requests(2)
+            at.toy.become(2)
+            record = await at.store.record(at.id)
+            assert record is not None
+            sender = Receiver(Network(LOOPBACK, lookup=lambda *_: ["127.0.0.1"]), there.url(), ssl_context=PLAIN)
+            next_one = Courier(record, at.store, at.toy.fan_out, sender, consent=True)
+            next_one.start()
+            log = await at.requests(4)
+            assert numbers(log) == [1, 2, 2, 3]
+            assert log[1].body == log[2].body
+            assert log[3].headers["linked-fleet-version"] == at.toy.version
+            await next_one.stop()
+
+    run(test())
+
+
+def test_a_courier_that_has_lost_its_subscription_ends(url: str, there: CallbackReceiver) -> None:
+    async def test() -> None:
+        async with work(url, there) as at:
+            await at.requests(1)
+            await at.until(lambda record: record.delivery.last_status == 204, "delivered")
+            subscription = replace(at.courier.subscription, id=str(uuid.uuid4()))
+            sender = Receiver(Network(LOOPBACK, lookup=lambda *_: ["127.0.0.1"]), there.url(), ssl_context=PLAIN)
+            stray = Courier(Record(subscription, Delivery(), "a"), at.store, at.toy.fan_out, sender, consent=True)
+            stray.start()
+            assert stray._task is not None
+            await stray._task  # by itself
+            await stray.stop()
+            assert len(there.log()) == 1
+
+    run(test())
+
+
+def test_who_is_cancelled_while_a_courier_stops_is_cancelled(url: str, there: CallbackReceiver) -> None:
+    """Or a gateway that ends just when a subscription is deleted would never end."""
+
+    async def test() -> None:
+        async with work(url, there) as at:
+            record = Record(at.courier.subscription, Delivery(DeliveryState.SUSPENDED), "a")
+            sender = Receiver(Network(LOOPBACK, lookup=lambda *_: ["127.0.0.1"]), there.url(), ssl_context=PLAIN)
+            courier = Courier(record, at.store, at.toy.fan_out, sender, consent=True)
+            courier.start()
+            stopping = asyncio.create_task(courier.stop())
+            await asyncio.sleep(0)
+            stopping.cancel()
+            await asyncio.wait([stopping])
+            assert stopping.cancelled()
+            await courier.stop()
+
+    run(test())
