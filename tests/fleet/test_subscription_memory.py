@@ -1,0 +1,156 @@
+"""R1.8 in the long run: subscriptions that come and go leave nothing behind, neither in the gateway nor in Redis."""
+
+import asyncio
+import itertools
+import re
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+import redis
+from actor import Actor, stage
+from browser import HYBRIT, LDP, ROS, Browser
+from running import eventually
+from small_fleet import Place, live
+from websockets.frames import Frame, Opcode
+
+pytestmark = pytest.mark.fleet
+
+WARM_UP, CYCLES = 1000, 10_000
+AT_ONCE = 20
+GROWTH_KIB = 24 * 1024
+"""2 KiB for each connection of the last ``STALL_S``, which the timer of its watch keeps that long, and 4 MiB of the
+allocator's own comings and goings."""
+
+Cycle = Callable[[], Awaitable[None]]
+
+
+class Client:
+    """Subscribes and unsubscribes in every way, each time on a new connection."""
+
+    def __init__(self, url: str) -> None:
+        parts = urlsplit(url)
+        self.authority, self.path = parts.netloc, parts.path
+        self.callbacks = 0
+        self._numbers = itertools.count()
+        self._arrived: dict[str, asyncio.Event] = {}
+
+    @asynccontextmanager
+    async def asked(
+        self, method: str, path: str, *fields: str
+    ) -> AsyncIterator[tuple[asyncio.StreamReader, asyncio.StreamWriter, str]]:
+        """A connection with the head of its answer; it is cut at the end, unless that happened before."""
+        host, port = self.authority.split(":")
+        reader, writer = await asyncio.open_connection(host, int(port))
+        try:
+            writer.write(
+                "\r\n".join([f"{method} {path} HTTP/1.1", f"Host: {self.authority}", *fields, "", ""]).encode()
+            )
+            yield reader, writer, (await reader.readuntil(b"\r\n\r\n")).decode()
+        finally:
+            writer.transport.abort()
+
+    async def websocket(self) -> None:
+        """Every other one says good-bye."""
+        key = ("Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==", "Sec-WebSocket-Version: 13")
+        asked = self.asked("GET", self.path, "Connection: Upgrade", "Upgrade: websocket", *key)
+        async with asked as (reader, writer, head):
+            assert " 101 " in head, head
+            await reader.readuntil(b"lf:version")
+            if next(self._numbers) % 2:
+                writer.write(Frame(Opcode.CLOSE, b"\x03\xe8").serialize(mask=True))
+                await reader.read()
+
+    async def events(self) -> None:
+        async with self.asked("GET", self.path, "Accept: text/event-stream") as (reader, _, head):
+            assert " 200 " in head, head
+            await reader.readuntil(b"lf:version")
+
+    async def callback(self) -> None:
+        """Every other one is deleted at once, the rest after the first delivery."""
+        path = f"/{next(self._numbers)}"
+        arrived = self._arrived[path] = asyncio.Event()
+        callback = f"Callback: http://127.0.0.1:{self.callbacks}{path}"
+        async with self.asked("GET", self.path, "Connection: Upgrade", "Upgrade: callback", callback) as (_, _, head):
+            assert " 201 " in head, head
+        if next(self._numbers) % 4 < 2:
+            await arrived.wait()
+        found = re.search(r"^location: (.*?)\r$", head, re.M | re.I)
+        assert found is not None, head
+        async with self.asked("DELETE", urlsplit(found[1]).path, "Connection: close") as (_, _, head):
+            assert " 204 " in head, head
+        del self._arrived[path]
+
+    async def receive(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """A receiver of callbacks, for one connection."""
+        try:
+            while True:
+                head = (await reader.readuntil(b"\r\n\r\n")).decode()
+                length = re.search(r"^content-length: (\d+)", head, re.M | re.I)
+                await reader.readexactly(int(length[1]) if length else 0)
+                if (arrived := self._arrived.get(head.split()[1])) is not None:
+                    arrived.set()
+                writer.write(b"HTTP/1.1 204 No Content\r\n\r\n")
+        except (asyncio.IncompleteReadError, ConnectionError):
+            writer.close()
+
+    async def run(self, count: int, way: str = "all") -> None:
+        """So many cycles, some at once: in one way, or one in ten by callback and the others as streams."""
+        mixed = [*[self.websocket, self.events] * 4, self.websocket, self.callback]
+        ways: Iterator[Cycle] = itertools.cycle(mixed if way == "all" else [getattr(self, way)])
+        cycles = iter([next(ways) for _ in range(count)])
+
+        async def work() -> None:
+            for cycle in cycles:
+                await cycle()
+
+        async with await asyncio.start_server(self.receive, "127.0.0.1", 0) as server:
+            self.callbacks = server.sockets[0].getsockname()[1]
+            async with asyncio.TaskGroup() as group:
+                for _ in range(AT_ONCE):
+                    group.create_task(work())
+
+
+def _rss_kib(pid: int) -> int:
+    status = Path(f"/proc/{pid}/status").read_text()
+    return int(status.partition("VmRSS:")[2].split()[0])
+
+
+def _files(pid: int) -> int:
+    return sum(1 for _ in Path(f"/proc/{pid}/fd").iterdir())
+
+
+def _lasting_keys(state: Path) -> set[str]:
+    """What does not go by itself, except what each run has."""
+    with redis.Redis(unix_socket_path=str(state / "valkey.sock"), decode_responses=True) as client:
+        return {key for key in client.scan_iter() if client.ttl(key) == -1}
+
+
+def test_r1_8_ten_thousand_subscriptions_leave_nothing_behind(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """By WebSocket, event stream and callback: memory is flat, containers and Redis are empty, connections closed."""
+    place = Place(tmp_path_factory.mktemp("m"))
+    with place.gateway() as (gateway, browser), stage(place.zenoh) as session:
+        pid = gateway._child.pid
+        Actor(session, "toy").appear().stand(0.25)
+        live(browser, "toy")
+        part = browser.part("toy", "elbow")
+        rotation, container = str(part.one(ROS.rotation)), str(part.one(HYBRIT.subscriptions))
+        keys = _lasting_keys(place.state)
+        client = Client(rotation)
+
+        asyncio.run(client.run(WARM_UP))
+        emptied(browser, container)
+        files, before = _files(pid), _rss_kib(pid)
+
+        asyncio.run(client.run(CYCLES - WARM_UP))
+        emptied(browser, container)
+        assert _rss_kib(pid) - before < GROWTH_KIB
+        eventually(lambda: _files(pid) <= files, "connections closed")
+        eventually(lambda: _lasting_keys(place.state) <= keys | {"fleet:news"}, "nothing left in Redis")
+        assert "Traceback" not in gateway.output, gateway.output
+
+
+def emptied(browser: Browser, container: str) -> None:
+    eventually(lambda: not list(browser.page(container).graph.objects(None, LDP.contains)), "an empty container")
