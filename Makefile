@@ -1,6 +1,7 @@
 # make demo    five simulated robots and the gateway, browsable at one address (PORT=8000)
 # make test    the tests (PYTEST_ARGS="-k wire" for some of them)
 # make check   lint, types, the walls between packages, the base install on its own
+# make bench   what many subscribers cost, measured here (bench/README.md)
 # make clean   remove what make made
 
 PORT ?= 8000
@@ -23,7 +24,7 @@ $$python -c 'import ensurepip' 2>/dev/null || { echo "$$python has no venv: apt 
 $$python -m venv --clear $(1)
 endef
 
-.PHONY: demo test check clean
+.PHONY: demo test check bench clean
 
 demo: .venv/stamp
 	@$(BIN)/python -m demo --port $(PORT)
@@ -41,6 +42,12 @@ check: .venv/stamp .venv-bare/stamp
 	  { echo "constraints.txt holds exact names and versions only"; exit 1; }
 	@! git grep --untracked -nIE 'index[-]url|find[-]links|(^|[^A-Za-z0-9_.])/(home|root|work)/[A-Za-z]' || \
 	  { echo "no address of a package index and no path of one machine belongs in here"; exit 1; }
+
+# Tests lend their robots, gateways and clients. On loopback alone, in less than three minutes.
+bench: export PYTHONPATH := .:tests:tests/requirements
+bench: .venv/stamp
+	$(BIN)/python -m bench.fan_out
+	$(BIN)/python -m bench.memory --cycles 5000
 
 # One environment for everything. A later start finds it as it is and asks nobody for packages.
 .venv/stamp: pyproject.toml constraints.txt

@@ -2,16 +2,29 @@
 
 import argparse
 import contextlib
+import os
 import time
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from running import process
 from small_fleet import live
 
-from bench.scene import Mover, Readers, Scene, _browser, cpu_s, scene
+from bench.scene import Mover, Readers, Scene, browsing, cpu_s, scene
 
-HEAD = ("subscribers", "frames/s", "messages/s", "MB/s", "CPU %", "readers %", "p50 ms", "p99 ms", "of frames")
+HEAD = (
+    "subscribers",
+    "frames/s",
+    "messages/s",
+    "MB/s",
+    "CPU %",
+    "us/message",
+    "readers %",
+    "p50 ms",
+    "p99 ms",
+    "of frames",
+)
 
 
 def main() -> None:
@@ -19,6 +32,9 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=5.0, help="of each measurement")
     parser.add_argument("--only", default="", help="rows with this in their name")
     seconds, only = (args := parser.parse_args()).seconds, args.only
+    print(
+        f"{Path('/proc/loadavg').read_text().split()[0]} processes were running before, on {os.cpu_count()} processors"
+    )
     row(*HEAD)
     for name, how, count, rate_hz in (
         ("1 WebSocket, 100 Hz", "ws", 1, 100),
@@ -75,13 +91,14 @@ def figures(frames: int, found: dict[str, Any], cpu: float) -> Sequence[object]:
         f"{found['messages'] / seconds:.0f}",
         f"{found['bytes'] / seconds / 1e6:.1f}",
         f"{cpu:.0%}",
+        f"{cpu * seconds / max(1, found['messages']) * 1e6:.1f}",
         f"{found['cpu_s'] / seconds:.0%}",
     )
 
 
 def subtree(place: Scene, count: int, seconds: float) -> Sequence[object]:
     flags = ("--robot=baxter", "--sway=baxter:left_s0", f"--connect={place.place.zenoh}")
-    with process("-m", "agents", *flags), contextlib.closing(_browser(place.place)) as browser:
+    with process("-m", "agents", *flags), browsing(place.place) as browser:
         path = live(browser, "baxter").url.removeprefix(place.place.root.rstrip("/"))
         with contextlib.closing(Readers(place.place.port, "ws", count, f"{path}?depth=subtree")) as readers:
             time.sleep(1)

@@ -15,7 +15,8 @@ from typing import Any
 
 import zenoh
 from actor import Actor, stage
-from running import Process, eventually, process
+from browser import Browser
+from running import Process, process
 from small_fleet import Place, live
 
 READERS = Path(__file__).with_name("readers.py")
@@ -47,15 +48,13 @@ class Scene:
     def robot(self, name: str, rate_hz: float) -> Iterator["Mover"]:
         mover = Mover(Actor(self.session, name).appear(), rate_hz)
         with mover.moving():
-            with contextlib.closing(_browser(self.place)) as browser:
+            with browsing(self.place) as browser:
                 live(browser, name)
             yield mover
 
 
-def _browser(place: Place) -> Any:
-    from browser import Browser
-
-    return Browser(place.root)
+def browsing(place: Place) -> contextlib.AbstractContextManager[Browser]:
+    return contextlib.closing(Browser(place.root))
 
 
 @contextlib.contextmanager
@@ -125,14 +124,3 @@ class Readers:
         self._in.close()
         self._child.wait()
         self._out.close()
-
-
-def settle(pid: int) -> None:
-    """Wait until a process has nothing to do any more."""
-
-    def idle() -> bool:
-        before = cpu_s(pid)
-        time.sleep(0.5)
-        return cpu_s(pid) - before < 0.05
-
-    eventually(idle, f"process {pid} idle")
