@@ -92,6 +92,7 @@ class Live:
             motion=move,
         )
         self.invocations.add(invocation)
+        self.fan_out.appeared(invocation_path(invocation))
         self._tell(invocation)
         self._ended[invocation.id] = asyncio.Event()
         try:

@@ -45,6 +45,11 @@ def owner_path(path: str) -> str:
     return f"/{robot}/" if rest[0] == "" or rest[0] in RESERVED_IN_ROBOT else f"/{robot}/{rest[0]}"
 
 
+def is_below(path: str, root: str) -> bool:
+    """Whether the resource at ``path`` is the one at ``root`` or below it."""
+    return path == root or path.startswith(root.rstrip("/") + "/")
+
+
 def part_of(segment: str, model: RobotModel) -> tuple[str | None, str | None]:
     """(joint, None) or (None, link) that ``segment`` names in ``model``; ValueError when it names neither."""
     name = unescape(segment.removesuffix(_LINK_MARK), RESERVED_IN_ROBOT)

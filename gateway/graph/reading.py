@@ -1,12 +1,12 @@
 """What counts as change of a resource, and the number that the change has (ARCHITECTURE.md, "What counts as change").
 
-The version of what belongs to a robot is made of the robot's incarnation and the frame that brought the change, counted
-from 1, so that it is the same at every gateway and ordered. What no frame brings (presence, a description) counts on
-from the frame before. The version of anything else is a digest of its facts: the same at every gateway, without order.
+The version of what belongs to a robot names the robot's incarnation and the frame that brought the change, counted
+from 1. What no frame brings (presence, a description) counts on from the frame before. The version of anything else
+is a digest of its facts. A gateway that begins to look later names a later frame for the same value, so versions are
+compared for being the same and for nothing else.
 """
 
 import math
-import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from hashlib import blake2b
@@ -14,8 +14,6 @@ from typing import Any
 
 from gateway.fleet.observation import Observation
 from gateway.fleet.robot import Robot
-
-_VERSION = re.compile(r"([0-9]{1,20})-([0-9]{1,20})(?:\.([0-9]{1,20}))?")
 
 
 @dataclass(frozen=True)
@@ -59,6 +57,8 @@ class Source:
     robot: Robot | None = None
     digest: Callable[[], Any] | None = None
     """The facts that every gateway sees alike, where these are not all."""
+    ended: Callable[[], bool] = bool
+    """Whether it will never change again."""
 
     def read(self, values: bool = True) -> Reading:
         """The present reading; without ``values`` of the facts alone."""
@@ -83,14 +83,3 @@ def _version(robot: Robot, observations: tuple[Observation, ...]) -> str:
     frames = [(seen.sequence + 1, 0) for seen in observations if seen.sequence is not None]
     sequence, count = max([robot.news, *frames])
     return f"{robot.incarnation or 0}-{sequence}" + (f".{count}" if count else "")
-
-
-def covers(seen: str, present: str) -> bool:
-    """Whether who has seen version ``seen`` of a resource knows the ``present`` one already."""
-    ours, theirs = _parsed(present), _parsed(seen)
-    return seen == present or (ours is not None and theirs is not None and theirs >= ours)
-
-
-def _parsed(version: str) -> tuple[int, int, int] | None:
-    match = _VERSION.fullmatch(version)
-    return None if match is None else (int(match[1]), int(match[2]), int(match[3] or 0))

@@ -12,6 +12,8 @@ from gateway.graph.reading import Source
 from gateway.graph.vocab import LDP
 from gateway.subscriptions.subscription import Record
 
+CONTAINER = (LDP.Resource, LDP.BasicContainer)
+
 
 @dataclass(frozen=True)
 class Resource:

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from pyoxigraph import NamedNode
 
 from gateway.fleet.fleet import Fleet
-from gateway.fleet.invocations import Invocations
+from gateway.fleet.invocations import Invocation, Invocations
 from gateway.fleet.model import Joint, Link
 from gateway.fleet.robot import Robot
 from gateway.graph.actions import JointMotion
@@ -16,24 +16,16 @@ from gateway.graph.build import Graph
 from gateway.graph.describe import Describer, joint_actions, part_paths, robot_title
 from gateway.graph.invocation import describe_invocation, describe_invocations, invocation_path
 from gateway.graph.kinds import kind_of
-from gateway.graph.paths import RESERVED_IN_ROBOT, joint_path, link_path, part_of, robot_name, robot_path
+from gateway.graph.paths import RESERVED_IN_ROBOT, is_below, joint_path, link_path, part_of, robot_name, robot_path
 from gateway.graph.properties import FRAME_MEDIA_TYPE, Property, joint_properties, link_properties
 from gateway.graph.reading import Source, presence
-from gateway.graph.resource import Redirect, Resource
+from gateway.graph.resource import CONTAINER, Redirect, Resource
 from gateway.graph.shapes import blueprint, load
-from gateway.graph.subscription import (
-    describe_request_shape,
-    describe_resume,
-    describe_subscription,
-    describe_subscriptions,
-    resumable,
-    resume_path,
-    subscription_path,
-)
+from gateway.graph.subscription import describe_request_shape
+from gateway.graph.subscription_tree import in_subscriptions
 from gateway.graph.vocab import LDP, LF, PREFIXES
 from gateway.subscriptions.subscription import Record
 
-_CONTAINER = (LDP.Resource, LDP.BasicContainer)
 Found = Resource | Redirect | None
 Shelf = Mapping[str, Sequence[Record]]
 """Subscriptions by the path of their owner, as far as somebody has fetched them."""
@@ -83,7 +75,7 @@ class Tree:
             "/",
             "Linked Fleet",
             lambda graph: self._say.fleet(self._fleet, graph),
-            _CONTAINER,
+            CONTAINER,
             # When a robot was last seen is what each gateway saw for itself.
             Source(self._robots, digest=lambda: [(*named, here, fault) for *named, (here, _, fault) in self._robots()]),
             own=("/subscriptions", "/blueprint", "/vocabulary", "/context"),
@@ -138,27 +130,37 @@ class Tree:
         )
 
     def _in_joint(self, robot: Robot, joint: Joint, rest: list[str]) -> Found:
+        thing = self._joint(robot, joint)
+        if not rest:
+            return thing
+        if rest[0] == "actions" and len(rest) > 1 and rest[1] in joint_actions(robot, joint):
+            return self._in_action(robot, JointMotion(robot, joint, rest[1]), rest[2:])
+        shape, properties = kind_of(joint).shape, joint_properties(robot, joint)
+        return self._of_thing(thing, rest, (shape,)) or self._property(robot, thing.path, properties, rest)
+
+    def _joint(self, robot: Robot, joint: Joint) -> Resource:
         path, properties = joint_path(robot.name, joint.name), joint_properties(robot, joint)
-        actions = {name: JointMotion(robot, joint, name) for name in joint_actions(robot, joint)}
-        thing = Resource(
+        actions = tuple(JointMotion(robot, joint, name).path for name in joint_actions(robot, joint))
+        return Resource(
             path,
             joint.name,
             lambda graph: self._say.joint(robot, joint, graph),
             source=_thing(robot, properties),
-            own=_own(path, properties, tuple(action.path for action in actions.values())),
+            own=_own(path, properties, actions),
             has_linkset=True,
         )
-        if not rest:
-            return thing
-        if rest[0] == "actions" and len(rest) > 1 and rest[1] in actions:
-            return self._in_action(robot, actions[rest[1]], rest[2:])
-        shape = kind_of(joint).shape
-        return self._of_thing(thing, rest, (shape,)) or self._property(robot, path, properties, rest)
 
     def _in_link(self, robot: Robot, link: Link, rest: list[str]) -> Found:
+        thing = self._link(robot, link)
+        if not rest:
+            return thing
+        properties = link_properties(robot, link)
+        return self._of_thing(thing, rest, (LF.LinkShape,)) or self._property(robot, thing.path, properties, rest)
+
+    def _link(self, robot: Robot, link: Link) -> Resource:
         assert robot.model is not None
         path, properties = link_path(robot.name, robot.model, link.name), link_properties(robot, link)
-        thing = Resource(
+        return Resource(
             path,
             link.name,
             lambda graph: self._say.link(robot, link, graph),
@@ -166,60 +168,32 @@ class Tree:
             own=_own(path, properties),
             has_linkset=True,
         )
-        if not rest:
-            return thing
-        return self._of_thing(thing, rest, (LF.LinkShape,)) or self._property(robot, path, properties, rest)
 
     # -- what things own --------------------------------------------------------------------------------------------
 
     def _of_thing(self, thing: Resource, rest: list[str], shapes: tuple[NamedNode, ...]) -> Resource | None:
         path = f"{thing.path.rstrip('/')}/{rest[0]}"
         if rest[0] == "subscriptions":
-            return self._subscriptions(thing, path, rest[1:])
+            return in_subscriptions(thing, rest[1:], self._shelf.get(thing.path, ()), self._base)
         if rest == ["blueprint"]:
             return self._blueprint(path, thing.path, shapes, thing.source)
         if rest == ["linkset"]:
             return Resource(path, f"Links of {thing.title}", None, (LDP.Resource,), linkset_of=thing)
         return None
 
-    def _subscriptions(self, thing: Resource, path: str, rest: list[str]) -> Resource | None:
-        records = self._shelf.get(thing.path, ())
-        if not rest:
-            return Resource(
-                path,
-                f"Subscriptions of {thing.title}",
-                lambda graph: describe_subscriptions(graph, self._base, thing.path, records),
-                _CONTAINER,
-                own=tuple(subscription_path(each.subscription) for each in records),
-                subscriptions_of=thing.path,
-            )
-        record = next((each for each in records if each.subscription.id == rest[0]), None)
-        if record is None:
-            return None
-        path, resume = subscription_path(record.subscription), resume_path(record.subscription)
-        title = f"Subscription {record.subscription.id}"
-        if rest[1:] == ["actions", "resume"] and resumable(record):
-            title = f"Resume {title}"
-            return Resource(resume, title, lambda graph: describe_resume(graph, self._base, record), (), resumes=record)
-        if rest[1:]:
-            return None
-        return Resource(
-            path,
-            title,
-            lambda graph: describe_subscription(graph, self._base, record),
-            own=(resume,) if resumable(record) else (),
-            subscription=record,
-        )
-
     def _property(self, robot: Robot, owner: str, properties: list[Property], rest: list[str]) -> Resource | None:
         item = next((each for each in properties if each.segment == rest[0]), None)
         if item is None or len(rest) > 2 or rest[1:] not in ([], ["blueprint"]):
             return None
+        resource = self._measurement(robot, owner, item)
+        if rest[1:]:
+            return self._blueprint(resource.path + "/blueprint", resource.path, (item.shape,), resource.source)
+        return resource
+
+    def _measurement(self, robot: Robot, owner: str, item: Property) -> Resource:
         path = f"{owner.rstrip('/')}/{item.segment}"
         # What a new description leaves as it was is no news to a value: its constants are those of the model.
         source = Source(lambda: (presence(robot), robot.model), item.look, robot)
-        if rest[1:]:
-            return self._blueprint(path + "/blueprint", path, (item.shape,), source)
         documents: dict[str, Callable[[], bytes]] = {}
         if item.predicate == LF.jointState and robot.payload is not None:
             documents[FRAME_MEDIA_TYPE] = lambda: robot.payload or b""
@@ -259,60 +233,80 @@ class Tree:
                 path + "/invocations",
                 f"Invocations of {action.title}",
                 lambda graph: describe_invocations(graph, self._base, path, members),
-                _CONTAINER,
+                CONTAINER,
                 Source(lambda: [(each.id, each.state.value) for each in members]),
                 own=tuple(invocation_path(each) for each in members),
             )
         invocation = self._invocations.get(rest[1])
         if len(rest) > 2 or invocation is None or invocation.action != path:
             return None
+        return self._invocation(robot, invocation)
+
+    def _invocation(self, robot: Robot, invocation: Invocation) -> Resource:
         return Resource(
             invocation_path(invocation),
             f"Invocation {invocation.id}",
             lambda graph: describe_invocation(graph, self._base, robot, invocation),
-            source=Source(lambda: (invocation.state.value, invocation.reason, list(invocation.result.items()))),
+            source=Source(
+                lambda: (invocation.state.value, invocation.reason, list(invocation.result.items())),
+                ended=lambda: invocation.state.terminal,
+            ),
         )
 
     # -- all that is below ------------------------------------------------------------------------------------------
 
-    def below(self, path: str) -> Iterator[tuple[str, bool]]:
-        """Paths of what a subtree subscription to ``path`` covers, and whether values count as change of each.
+    def below(self, path: str) -> Iterator[tuple[Resource, bool]]:
+        """What a subtree subscription to ``path`` covers, and whether values count as change of each.
 
         Every value once: of things their own statements, then each property. The joint state, which repeats the
         values of the joints, is left out. Invocations are there until they have ended.
         """
-        found = self.resolve(path)
-        if not isinstance(found, Resource):
+        root = self.resolve(path)
+        if not isinstance(root, Resource):
             return
+        yield root, path != root.owner
         if path == "/":
-            yield path, False
             for name in self._fleet.robots:
                 yield from self.below(robot_path(name))
-            return
-        if found.owner != path:
-            yield path, True
-            return
-        head, *rest = path[1:].split("/")
-        robot = self._fleet.robots[robot_name(head)]
-        for part in [path, *(part_paths(robot) if rest == [""] else ())]:
-            yield part, False
-            for item in self._measured(robot, part):
-                yield f"{part.rstrip('/')}/{item.segment}", True
-        for invocation in self._invocations.of_robot(robot.name):
-            if not invocation.state.terminal and invocation.action.startswith(path):
-                yield invocation_path(invocation), True
+        elif path == root.owner:
+            yield from self._below_thing(root)
 
-    def _measured(self, robot: Robot, part: str) -> Sequence[Property]:
-        segment = part.removeprefix(robot_path(robot.name))
-        if robot.model is None:
-            return ()
-        if not segment:
-            return [each for each in self._say.robot_properties(robot) if each.predicate != LF.jointState]
-        joint, link = part_of(segment, robot.model)
-        if joint is not None:
-            return joint_properties(robot, robot.model.joints[joint])
-        assert link is not None
-        return link_properties(robot, robot.model.links[link])
+    def _below_thing(self, root: Resource) -> Iterator[tuple[Resource, bool]]:
+        head, part = root.path[1:].split("/")
+        robot = self._fleet.robots[robot_name(head)]
+        if robot.model is not None:
+            joint, link = (None, None) if not part else part_of(part, robot.model)
+            for thing, properties in self._things(robot, joint, link):
+                if thing.path != root.path:
+                    yield thing, False
+                for item in properties:
+                    yield self._measurement(robot, thing.path, item), True
+        for invocation in self._invocations.of_robot(robot.name):
+            if not invocation.state.terminal and is_below(invocation.action, root.path):
+                yield self._invocation(robot, invocation), True
+
+    def _things(
+        self, robot: Robot, joint: str | None, link: str | None
+    ) -> Iterator[tuple[Resource, Sequence[Property]]]:
+        """One joint or link with its properties, or the robot and all of its parts."""
+        assert robot.model is not None
+        if joint is None and link is None:
+            own = [each for each in self._say.robot_properties(robot) if each.predicate != LF.jointState]
+            yield self._robot_resource(robot), own
+        for each in robot.model.joints.values():
+            if link is None and joint in (None, each.name):
+                yield self._joint(robot, each), joint_properties(robot, each)
+        for one in robot.model.links.values():
+            if joint is None and link in (None, one.name):
+                yield self._link(robot, one), link_properties(robot, one)
+
+    def may_come(self, path: str) -> bool:
+        """Whether there may be a resource at ``path`` as soon as its robot has said what it is."""
+        try:
+            robot = self._fleet.robots.get(robot_name(path[1:].partition("/")[0]))
+        except ValueError:
+            return False
+        return robot is not None and robot.model is None
 
 
 def _thing(robot: Robot, properties: Sequence[Property]) -> Source:

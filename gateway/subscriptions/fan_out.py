@@ -7,10 +7,10 @@ a turn is under way are not queued: a resource is only marked, and read when its
 import asyncio
 import time
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Protocol
 
-from gateway.graph.paths import robot_name
+from gateway.graph.paths import is_below, robot_name
 from gateway.graph.resource import Redirect, Resource
 from gateway.subscriptions.message import Ending, Message, Outlet
 from gateway.subscriptions.subscription import Depth, Subscription
@@ -18,6 +18,7 @@ from gateway.subscriptions.topic import Topic
 from gateway.subscriptions.watcher import Timer, Watcher
 
 TURN_S = 0.004
+_DONE = object()
 
 
 class Tree(Protocol):
@@ -25,7 +26,9 @@ class Tree(Protocol):
 
     def resolve(self, path: str) -> Resource | Redirect | None: ...
 
-    def below(self, path: str) -> Iterable[tuple[str, bool]]: ...
+    def below(self, path: str) -> Iterable[tuple[Resource, bool]]: ...
+
+    def may_come(self, path: str) -> bool: ...
 
 
 class FanOut:
@@ -37,7 +40,10 @@ class FanOut:
         self._of_robot: dict[str | None, dict[Topic, None]] = {}
         self._subtrees: dict[Watcher, None] = {}
         self._absent: dict[Watcher, None] = {}
-        self._dirty: dict[Topic, None] = {}
+        self._scans: dict[Watcher, Iterator[None]] = {}
+        self._scan_again: set[Watcher] = set()
+        # What is to be read again; True: and to be resolved again, because more than its values can be different.
+        self._dirty: dict[Topic, bool] = {}
         self._runnable: deque[Watcher] = deque()
         self._turn_due = False
 
@@ -49,15 +55,14 @@ class FanOut:
         ``sent``: versions, by path, that the subscriber has already (what it resumes from). LookupError when there is
         no such resource, unless ``patient``: such a watcher waits for the resource, and again when it is gone.
         """
+        if not patient and self._resolve(subscription.resource, subscription.base) is None:
+            raise LookupError(subscription.resource)
         watcher = Watcher(self, subscription, outlet, dict(sent or {}), patient)
         if subscription.depth is Depth.SUBTREE:
             self._subtrees[watcher] = None
-            self._rescan(watcher)
+            self._scan_soon(watcher)
         else:
             self._find(watcher)
-        if not watcher.topics and not patient:
-            watcher.close()
-            raise LookupError(subscription.resource)
         return watcher
 
     # -- what happened ----------------------------------------------------------------------------------------------
@@ -66,28 +71,40 @@ class FanOut:
         """A frame came: look at what can have changed by it, when there is time."""
         topics = self._of_robot.get(robot)
         if topics:
-            self._mark(topic for topic in topics if topic.measured)
+            for topic in topics:
+                if topic.measured:
+                    self._dirty.setdefault(topic, False)
+            self._take_turn_soon()
 
     def changed(self, robot: str) -> None:
         """Something else became different about a robot: presence, description, fault."""
         for watcher in list(self._absent):
-            self._find(watcher)
-        for watcher in list(self._subtrees):
-            self._rescan(watcher)
+            if _robot(watcher.subscription.resource) in (robot, None):
+                self._find(watcher)
+        for watcher in self._subtrees:
+            if _robot(watcher.subscription.resource) in (robot, None):
+                self._scan_soon(watcher)
         for name in (robot, None):
-            for topic in list(self._of_robot.get(name, ())):
-                self._renew(topic)
+            self._dirty.update(dict.fromkeys(self._of_robot.get(name, ()), True))
+        self._take_turn_soon()
 
     def touched(self, path: str) -> None:
-        """One resource became different, or came to be."""
+        """One resource became different."""
         for watcher in [each for each in self._absent if each.subscription.resource == path]:
             self._find(watcher)
         for values in (True, False):
             if (topic := self._topics.get((path, values))) is not None:
-                self._renew(topic)
-        for watcher in list(self._subtrees):
-            if path.startswith(watcher.subscription.resource):
-                self._rescan(watcher)
+                self._dirty[topic] = True
+                self._take_turn_soon()
+
+    def appeared(self, path: str) -> None:
+        """There is a resource that was not there before, and that subtrees above it cover."""
+        for watcher in self._subtrees:
+            subscription = watcher.subscription
+            if is_below(path, subscription.resource) and path not in watcher.topics:
+                resource = self._resolve(path, subscription.base)
+                if resource is not None:
+                    self._join(watcher, resource, values=True)
 
     # -- for watchers -----------------------------------------------------------------------------------------------
 
@@ -109,11 +126,27 @@ class FanOut:
     def message(self, topic: Topic, subscription: Subscription) -> Message:
         return topic.message(subscription.media_type, subscription.base, self._tree)
 
+    def freshen(self, topic: Topic) -> None:
+        if topic in self._dirty:
+            self._read(topic)
+
+    def drop(self, watcher: Watcher, path: str) -> None:
+        topic = watcher.leave(path)
+        if not topic.watchers:
+            del self._topics[topic.path, topic.values]
+            self._dirty.pop(topic, None)
+            group = self._of_robot[_robot(topic.path)]
+            del group[topic]
+            if not group:
+                del self._of_robot[_robot(topic.path)]
+
     def forget(self, watcher: Watcher) -> None:
         self._subtrees.pop(watcher, None)
         self._absent.pop(watcher, None)
+        self._scans.pop(watcher, None)
+        self._scan_again.discard(watcher)
         for path in list(watcher.topics):
-            self._drop(watcher, path)
+            self.drop(watcher, path)
 
     # -- turns ------------------------------------------------------------------------------------------------------
 
@@ -123,27 +156,41 @@ class FanOut:
             asyncio.get_running_loop().call_soon(self._turn)
 
     def _turn(self) -> None:
+        """A third of the time each, at least: reading what is different, finding what is covered, sending."""
         self._turn_due = False
         begin = time.perf_counter()
-        while self._dirty and time.perf_counter() - begin < TURN_S / 2:
-            topic = next(iter(self._dirty))
-            del self._dirty[topic]
-            if topic.refresh():
-                for watcher in list(topic.watchers):
-                    watcher.news(topic)
+        while self._dirty and time.perf_counter() - begin < TURN_S / 3:
+            self._read(next(iter(self._dirty)))
+        while self._scans and time.perf_counter() - begin < TURN_S * 2 / 3:
+            self._scan_on(next(iter(self._scans)))
         while self._runnable and time.perf_counter() - begin < TURN_S:
             watcher = self._runnable.popleft()
             watcher.running = False
             if watcher.step():
                 self.run(watcher)
-        if self._dirty or self._runnable:
+        if self._dirty or self._scans or self._runnable:
             self._take_turn_soon()
 
-    def _mark(self, topics: Iterable[Topic]) -> None:
-        for topic in topics:
-            self._dirty[topic] = None
-        if self._dirty:
-            self._take_turn_soon()
+    def _read(self, topic: Topic) -> None:
+        """Read a resource that is marked; if that is news, its watchers hear of it."""
+        if self._dirty.pop(topic) and not self._renew(topic):
+            return
+        if topic.refresh():
+            for watcher in list(topic.watchers):
+                watcher.news(topic)
+
+    def _renew(self, topic: Topic) -> bool:
+        """Resolve a resource again: its constants, its members or its very existence may be different."""
+        watcher = next(iter(topic.watchers))
+        resource = self._resolve(topic.path, watcher.subscription.base)
+        if resource is not None:
+            topic.replace(resource)
+            return True
+        for watcher in list(topic.watchers):
+            self.drop(watcher, topic.path)
+            if topic.path == watcher.subscription.resource:
+                self._lose(watcher)
+        return False
 
     # -- topics -----------------------------------------------------------------------------------------------------
 
@@ -161,58 +208,61 @@ class FanOut:
                 watcher.news(topic)
         return topic
 
-    def _drop(self, watcher: Watcher, path: str) -> None:
-        topic = watcher.leave(path)
-        if not topic.watchers:
-            del self._topics[topic.path, topic.values]
-            self._dirty.pop(topic, None)
-            group = self._of_robot[_robot(topic.path)]
-            del group[topic]
-            if not group:
-                del self._of_robot[_robot(topic.path)]
-
-    def _renew(self, topic: Topic) -> None:
-        """Resolve the resource again: its constants, its members or its very existence may have changed."""
-        watcher = next(iter(topic.watchers), None)
-        if watcher is None:
-            return
-        resource = self._resolve(topic.path, watcher.subscription.base)
-        if resource is not None:
-            topic.replace(resource)
-            self._mark([topic])
-            return
-        for watcher in list(topic.watchers):
-            if not watcher.subtree and not watcher.patient:
-                watcher.end(Ending.GONE)
-                continue
-            self._drop(watcher, topic.path)
-            if not watcher.subtree:
-                self._absent[watcher] = None
+    def _join(self, watcher: Watcher, resource: Resource, values: bool) -> None:
+        watcher.join(self._topic(resource.path, values, resource))
+        watcher.ready()
 
     def _find(self, watcher: Watcher) -> None:
         """Join the one resource that the watcher is about, or wait for it."""
         subscription = watcher.subscription
         resource = self._resolve(subscription.resource, subscription.base)
         if resource is None:
-            self._absent[watcher] = None
+            self._lose(watcher)
             return
         self._absent.pop(watcher, None)
         values = subscription.depth is Depth.PROPERTIES or resource.owner != resource.path
-        watcher.join(self._topic(resource.path, values, resource))
-        watcher.ready()
+        self._join(watcher, resource, values)
 
-    def _rescan(self, watcher: Watcher) -> None:
-        """Bring the resources that a subtree covers up to date."""
-        root, base = watcher.subscription.resource, watcher.subscription.base
-        covered = dict(self._tree(base).below(root))
+    def _lose(self, watcher: Watcher) -> None:
+        """What the watcher is about is not there: wait for it if it may come, or end."""
+        subscription = watcher.subscription
+        if not watcher.patient and not self._tree(subscription.base).may_come(subscription.resource):
+            watcher.end(Ending.GONE)
+        elif not watcher.subtree:  # those look again by themselves
+            self._absent[watcher] = None
+
+    # -- subtrees ---------------------------------------------------------------------------------------------------
+
+    def _scan_soon(self, watcher: Watcher) -> None:
+        """Bring what a subtree covers up to date; a scan under way is not disturbed, and repeated."""
+        if watcher in self._scans:
+            self._scan_again.add(watcher)
+        else:
+            self._scans[watcher] = self._scan(watcher)
+        self._take_turn_soon()
+
+    def _scan_on(self, watcher: Watcher) -> None:
+        if next(self._scans[watcher], _DONE) is not _DONE or watcher not in self._scans:
+            return
+        del self._scans[watcher]
+        if watcher in self._scan_again:
+            self._scan_again.discard(watcher)
+            self._scan_soon(watcher)
+
+    def _scan(self, watcher: Watcher) -> Iterator[None]:
+        """One resource at a time."""
+        covered = set()
+        for resource, values in self._tree(watcher.subscription.base).below(watcher.subscription.resource):
+            covered.add(resource.path)
+            if resource.path not in watcher.topics:
+                self._join(watcher, resource, values)
+            yield
         for path, topic in list(watcher.topics.items()):
-            # What has ended, such as an invocation, stays until its last state is sent.
+            # What has ended stays until its last state is sent.
             if path not in covered and topic not in self._dirty and not watcher.waits(path):
-                self._drop(watcher, path)
-        for path, values in covered.items():
-            if path not in watcher.topics and (resource := self._resolve(path, base)) is not None:
-                watcher.join(self._topic(path, values, resource))
-        watcher.ready()
+                self.drop(watcher, path)
+        if watcher.subscription.resource not in covered:
+            self._lose(watcher)
 
 
 def _robot(path: str) -> str | None:

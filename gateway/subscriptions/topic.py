@@ -36,6 +36,11 @@ class Topic:
         """Whether a frame can be news."""
         return self.values and self._resource.source.measured
 
+    @property
+    def ended(self) -> bool:
+        """Whether there will be no more news of it."""
+        return self._resource.source.ended()
+
     def replace(self, resource: Resource) -> None:
         """Take the resource as it is after its robot was described anew."""
         self._resource = resource

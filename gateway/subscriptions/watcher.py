@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable
 from typing import Protocol
 
-from gateway.graph.reading import Reading, covers
+from gateway.graph.reading import Reading
 from gateway.graph.serialise import WriteError
 from gateway.subscriptions.message import Ending, Message, Outlet
 from gateway.subscriptions.subscription import Depth, Subscription
@@ -32,6 +32,12 @@ class Schedule(Protocol):
 
     def message(self, topic: Topic, subscription: Subscription) -> Message: ...
 
+    def freshen(self, topic: Topic) -> None:
+        """Read the resource, if something has happened to it since."""
+
+    def drop(self, watcher: "Watcher", path: str) -> None:
+        """Let the watcher no longer watch one of its resources."""
+
     def forget(self, watcher: "Watcher") -> None: ...
 
 
@@ -54,6 +60,7 @@ class Watcher:
         self._known = sent
         self._sent: dict[str, Reading] = {}
         self._pending: dict[str, None] = {}
+        self._round: dict[str, None] = {}
         self._next_s = 0.0
         self._timer: Timer | None = None
 
@@ -66,7 +73,7 @@ class Watcher:
         self.topics[topic.path] = topic
         topic.watchers[self] = None
         known = self._known.pop(topic.path, None)
-        if known is not None and covers(known, topic.reading.version):
+        if known == topic.reading.version:
             self._sent[topic.path] = topic.reading
         else:
             self._pending[topic.path] = None
@@ -75,39 +82,50 @@ class Watcher:
         topic = self.topics.pop(path)
         del topic.watchers[self]
         self._pending.pop(path, None)
+        self._round.pop(path, None)
         self._sent.pop(path, None)
         return topic
 
     def waits(self, path: str) -> bool:
         """Whether a message about the resource is still to be sent."""
-        return path in self._pending
+        return path in self._pending or path in self._round
 
     def news(self, topic: Topic) -> None:
         """A resource has changed; if that is news to this subscriber, it goes out as soon as it may."""
-        if self.subscription.deadband <= 0 or self._is_news(topic):
+        if topic.path not in self._round and (self.subscription.deadband <= 0 or self._is_news(topic)):
             self._pending[topic.path] = None
             self.ready()
 
     def ready(self) -> None:
         """The outlet can take messages, or there is something for it."""
-        if self._pending and self._timer is None:
+        if (self._round or self._pending) and self._timer is None:
             self._schedule.run(self)
 
     def step(self) -> bool:
-        """Send one message; whether there is more that may go at once."""
-        if not self._pending or self._timer is not None or not self._outlet.writable():
+        """Send one message; whether there is more that may go at once.
+
+        Messages go in rounds: what has news when a round begins is in it once, and the interval lies between rounds.
+        """
+        if self._timer is not None or not self._outlet.writable() or not (self._round or self._begin_round()):
+            return False
+        path = next(iter(self._round))
+        topic = self.topics[path]
+        self._schedule.freshen(topic)
+        del self._round[path]
+        if self._is_news(topic):  # it may have moved back since
+            self._send(topic)
+        if not self._round and self.subscription.interval_s > 0:
+            self._next_s = self._schedule.now_s() + self.subscription.interval_s
+        return bool(self._round or self._pending)
+
+    def _begin_round(self) -> bool:
+        if not self._pending:
             return False
         if self._next_s and (wait_s := self._next_s - self._schedule.now_s()) > 0:
             self._timer = self._schedule.later(wait_s, self._due)
             return False
-        path = next(iter(self._pending))
-        del self._pending[path]
-        topic = self.topics[path]
-        if self._is_news(topic):  # it may have moved back since
-            self._send(topic)
-        if not self._pending and self.subscription.interval_s > 0:
-            self._next_s = self._schedule.now_s() + self.subscription.interval_s
-        return bool(self._pending)
+        self._round, self._pending = self._pending, {}
+        return True
 
     def end(self, ending: Ending) -> None:
         self.close()
@@ -119,7 +137,6 @@ class Watcher:
             self._timer.cancel()
             self._timer = None
         self._schedule.forget(self)
-        self._pending.clear()
 
     def _send(self, topic: Topic) -> None:
         try:
@@ -130,6 +147,8 @@ class Watcher:
         self._sent[topic.path] = topic.reading
         self.last_ns = self._schedule.wall_ns()
         self._outlet.write(message)
+        if self.subtree and topic.ended:
+            self._schedule.drop(self, topic.path)
 
     def _is_news(self, topic: Topic) -> bool:
         sent, reading, deadband = self._sent.get(topic.path), topic.reading, self.subscription.deadband

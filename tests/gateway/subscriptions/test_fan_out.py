@@ -12,7 +12,7 @@ from actor import joint, link, robot
 
 from agents.wire.codec import encode_state, layout
 from agents.wire.messages import WIRE_VERSION, Description, State
-from gateway.fleet.events import Appeared, Described, Event, Framed, Vanished
+from gateway.fleet.events import Appeared, Described, Event, Framed, Undescribed, Vanished
 from gateway.fleet.fleet import Fleet
 from gateway.fleet.invocations import Invocation, Invocations, InvocationState
 from gateway.graph.tree import Tree
@@ -61,12 +61,12 @@ class Clocked(FanOut):
 
     @property
     def idle(self) -> bool:
-        return not (self._dirty or self._runnable)
+        return not (self._dirty or self._scans or self._runnable)
 
     @property
     def empty(self) -> bool:
         """Whether nothing is kept of what was watched."""
-        return not (self._topics or self._of_robot or self._subtrees or self._absent or self._dirty)
+        return not (self._topics or self._of_robot or self._subtrees or self._absent or self._dirty or self._scans)
 
 
 class Outlet:
@@ -281,7 +281,7 @@ def test_interval_has_a_trailing_edge() -> None:
 
 
 def test_resuming() -> None:
-    """The present version or a later one: nothing before a change. An older one: the present state at once."""
+    """The present version: nothing before a change. Any other, whatever its order: the present state at once."""
 
     async def test(world: World) -> None:
         before = watch(world, _ROTATION)
@@ -294,9 +294,9 @@ def test_resuming() -> None:
         for each in (same, later, old, foreign):
             each.watcher.ready()
         await world.settle()
-        assert [len(each.messages) for each in (same, later, old, foreign)] == [0, 0, 1, 1]
+        assert [len(each.messages) for each in (same, later, old, foreign)] == [0, 1, 1, 1]
         await world.move(0.1)
-        assert [len(each.messages) for each in (same, later, old, foreign)] == [1, 1, 2, 2]
+        assert [len(each.messages) for each in (same, later, old, foreign)] == [1, 2, 2, 2]
         assert same.previous == [version]
 
     run(test)
@@ -342,6 +342,7 @@ def test_a_subtree_follows_its_members() -> None:
         invocation = Invocation("i1", "r", "/r/wrist/actions/rotate", {"wrist": 1.0}, 0, 10**18)
         path = f"{invocation.action}/invocations/i1"
         world.invocations.add(invocation)
+        world.fan_out.appeared(path)
         for state in (InvocationState.ACCEPTED, InvocationState.RUNNING, InvocationState.SUCCEEDED):
             invocation.state = state
             world.fan_out.touched(path)
@@ -349,6 +350,7 @@ def test_a_subtree_follows_its_members() -> None:
             (message,) = outlet.messages
             assert state.value in message.body.decode()
             assert outlet.take() == [path]
+        assert path not in outlet.watcher.topics  # it has ended, and its end is known
         await world.apply(Vanished("s", 1))
         assert path not in outlet.take()
 
@@ -373,6 +375,81 @@ def test_what_ceases_ends_its_watchers_but_patient_ones_wait() -> None:
         assert b"0.5" in early.messages[-1].body
         callback.watcher.close(), early.watcher.close()
         assert world.fan_out.empty
+
+    run(test)
+
+
+def test_a_subtree_ends_with_its_root() -> None:
+    async def test(world: World) -> None:
+        outlet = watch(world, _JOINT, depth=Depth.SUBTREE)
+        outlet.watcher.ready()
+        await world.settle()
+        await world.apply(Described(described(urdf=_URDF.replace("elbow", "wrist"), joints=("wrist",))))
+        assert outlet.ending is Ending.GONE
+        assert world.fan_out.empty
+
+    run(test)
+
+
+def test_a_robot_that_says_nothing_usable_for_a_while_ends_nobody() -> None:
+    """Its joints are not there as long as it is faulty; whoever watches them is told when they are back."""
+
+    async def test(world: World) -> None:
+        outlets = [watch(world, _ROTATION), watch(world, _JOINT, depth=Depth.SUBTREE)]
+        for outlet in outlets:
+            outlet.watcher.ready()
+        await world.settle()
+        await world.apply(Undescribed("r", 1, "it does not answer"))
+        assert [outlet.ending for outlet in outlets] == [None, None]
+        await world.apply(Described(described()), world.frame(0.5))
+        for outlet in outlets:
+            assert any(b"0.5" in message.body for message in outlet.messages)
+
+    run(test)
+
+
+def test_a_message_shows_the_state_of_its_version() -> None:
+    """A frame that comes before a message is rendered is read first: no body is newer than what is known of it."""
+
+    async def test(world: World) -> None:
+        outlet = watch(world, _ROTATION)
+        outlet.watcher.ready()
+        await world.settle()
+        outlet.room = False
+        await world.move(1.5)
+        for change in world.fleet.apply(world.frame(2.0), 1):
+            world.fan_out.moved(change.robot)
+        outlet.room = True
+        outlet.watcher.step()  # its turn comes before the frame is read
+        await world.move(1.5)
+        assert [b'"1.5"' in message.body for message in outlet.messages[-2:]] == [False, True]
+
+    run(test)
+
+
+def test_the_interval_lies_between_rounds_of_a_subtree() -> None:
+    """News that comes while a round goes out waits for the next one."""
+
+    async def test(world: World) -> None:
+        outlet = watch(world, _ROBOT, depth=Depth.SUBTREE, interval_s=8.0)
+        outlet.watcher.ready()
+        await world.settle()
+        outlet.take()
+        await world.move(0.1)
+        assert outlet.take() == []
+        outlet.room = False
+        await world.advance(8.0)
+        outlet.room = True
+        outlet.watcher.step()  # the first of the round: more than one resource has news of the move
+        outlet.room = False
+        await world.move(0.2)
+        outlet.room = True
+        outlet.watcher.ready()
+        await world.settle()
+        paths = outlet.take()
+        assert len(paths) == len(set(paths)) > 1
+        await world.advance(8.0)
+        assert b'"0.2"' in b"".join(message.body for message in outlet.messages)
 
     run(test)
 

@@ -1,0 +1,46 @@
+"""The part of the tree below a Subscriptions container (R1.8)."""
+
+from collections.abc import Sequence
+
+from gateway.graph.resource import CONTAINER, Resource
+from gateway.graph.subscription import (
+    container_path,
+    describe_resume,
+    describe_subscription,
+    describe_subscriptions,
+    resumable,
+    resume_path,
+    subscription_path,
+)
+from gateway.subscriptions.subscription import Record
+
+
+def in_subscriptions(thing: Resource, rest: list[str], records: Sequence[Record], base: str) -> Resource | None:
+    """The container of ``thing``, a subscription of it, or the action of one; ``records`` are those to be found."""
+    if not rest:
+        return Resource(
+            container_path(thing.path),
+            f"Subscriptions of {thing.title}",
+            lambda graph: describe_subscriptions(graph, base, thing.path, records),
+            CONTAINER,
+            own=tuple(subscription_path(each.subscription) for each in records),
+            subscriptions_of=thing.path,
+        )
+    record = next((each for each in records if each.subscription.id == rest[0]), None)
+    if record is None:
+        return None
+    path, resume = subscription_path(record.subscription), resume_path(record.subscription)
+    title = f"Subscription {record.subscription.id}"
+    if rest[1:] == ["actions", "resume"] and resumable(record):
+        return Resource(
+            resume, f"Resume {title}", lambda graph: describe_resume(graph, base, record), (), resumes=record
+        )
+    if rest[1:]:
+        return None
+    return Resource(
+        path,
+        title,
+        lambda graph: describe_subscription(graph, base, record),
+        own=(resume,) if resumable(record) else (),
+        subscription=record,
+    )
