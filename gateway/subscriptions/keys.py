@@ -7,6 +7,7 @@ together. One tag holds who is alive and what each run holds; each subscription 
 import re
 from dataclasses import dataclass
 from typing import Literal
+from urllib.parse import quote, unquote
 
 Kind = Literal["runs", "lease", "held", "record", "queue", "sent", "gone", "owner", "client", "news"]
 
@@ -14,7 +15,7 @@ _NAMESPACE = re.compile(r"[A-Za-z0-9_./-]+")
 _KEY = re.compile(
     r"(?P<news>news)|\{(?P<runs>runs)\}|\{runs\}:(?P<run_kind>lease|held):(?P<run>.+)"
     r"|subscription:\{(?P<id>[^{}]+)\}(?::(?P<part>queue|sent|gone))?"
-    r"|(?P<index>owner|client):(?P<member>.+)",
+    r"|owner:(?P<owner>.+)|client:(?P<client>[^{}]*)",
     re.S,
 )
 
@@ -71,8 +72,8 @@ class Keys:
         return f"{self.namespace}:owner:{path}"
 
     def client(self, address: str) -> str:
-        """Set of ids that one client address has asked for."""
-        return f"{self.namespace}:client:{address}"
+        """Set of ids that one client address has asked for; any text, since proxies are believed what they say."""
+        return f"{self.namespace}:client:{quote(address, safe=':', errors='surrogatepass')}"
 
     @property
     def news(self) -> str:
@@ -86,5 +87,8 @@ class Keys:
             raise ValueError(f"{key!r} is no key of subscriptions in namespace {self.namespace!r}")
         if match["id"]:
             return Key(match["part"] or "record", match["id"])  # type: ignore[arg-type]
-        kind = match["news"] or match["runs"] or match["run_kind"] or match["index"]
-        return Key(kind, match["run"] or match["member"] or "")  # type: ignore[arg-type]
+        if match["owner"]:
+            return Key("owner", match["owner"])
+        if match["client"] is not None:
+            return Key("client", unquote(match["client"], errors="surrogatepass"))
+        return Key(match["news"] or match["runs"] or match["run_kind"], match["run"] or "")  # type: ignore[arg-type]

@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import re
 import time
 import uuid
 from collections.abc import Awaitable, Callable, Iterator
@@ -114,6 +115,33 @@ def test_every_key_is_parsed_as_it_was_built() -> None:
     for foreign in ("fleet:news", "site/hall-2", "site/hall-2:", "site/hall-2:subscription:{}", "site/hall-2:news:x"):
         with pytest.raises(ValueError, match="is no key of subscriptions"):
             keys.parse(foreign)
+
+
+@pytest.mark.parametrize(
+    "client",
+    [
+        "2001:db8::1",
+        "fe80::1%eth0",
+        "",
+        "unknown",
+        "192.0.2.1, 10.0.0.1",
+        "{runs}",
+        "}{",
+        "%7Bruns%7D",
+        "7}:queue",
+        "x\r\nDEL fleet:news\r\n",
+        "\0\x1b[2J",
+        "später",
+        "*?[a]",
+        "\udcff",
+        "a" * 9000,
+    ],
+)
+def test_whatever_a_client_is_called_its_key_is_plain_and_its_own(client: str) -> None:
+    keys = Keys("fleet")
+    key = keys.client(client)
+    assert keys.parse(key) == Key("client", client)
+    assert re.fullmatch(r"fleet:client:[A-Za-z0-9%:._~-]*", key)
 
 
 @pytest.mark.parametrize("namespace", ["", "a:b", "{a}", "a b"])
