@@ -112,9 +112,10 @@ end
 return {redis.call('XRANGE', KEYS[2], '-', '+'), redis.call('HGETALL', KEYS[3])}
 """
 
-# KEYS: record, queue, sent; ARGV: run, group, entry that is done or nothing, number of delivery fields, these, and
-# perhaps path, version, media type and body of what goes out. Nothing for another's subscription, else the new entry
-# and its number if there is one. The fields come first: without memory for them nothing at all is done.
+# KEYS: record, queue, sent; ARGV: run, group, entry that is done or nothing, number of delivery fields, these, number
+# of paths to forget, these, and perhaps path, version, media type and body of what goes out. Nothing for another's
+# subscription, else the new entry and its number if there is one. The fields come first: without memory for them
+# nothing at all is done. What is to be forgotten comes last: it may be what goes out, for the last time.
 ADVANCE = """
 if redis.call('HGET', KEYS[1], 'holder') ~= ARGV[1] then return false end
 local fields = tonumber(ARGV[4])
@@ -123,12 +124,21 @@ if ARGV[3] ~= '' then
   redis.call('XACK', KEYS[2], ARGV[2], ARGV[3])
   redis.call('XDEL', KEYS[2], ARGV[3])
 end
-if #ARGV == 4 + fields then return {} end
-local path, version, media_type, body = unpack(ARGV, 5 + fields)
+local first = 6 + fields
+local last = first + tonumber(ARGV[first - 1]) - 1
+local function forget()
+  for index = first, last do redis.call('HDEL', KEYS[3], ARGV[index]) end
+end
+if #ARGV == last then
+  forget()
+  return {}
+end
+local path, version, media_type, body = unpack(ARGV, last + 1)
 local number = redis.call('HINCRBY', KEYS[1], 'number', 1)
 local entry = redis.call('XADD', KEYS[2], '*', 'number', number, 'path', path, 'version', version,
   'media_type', media_type, 'body', body)
 redis.call('HSET', KEYS[3], path, version)
+forget()
 redis.call('XREADGROUP', 'GROUP', ARGV[2], ARGV[1], 'COUNT', 1, 'STREAMS', KEYS[2], '>')
 return {entry, number}
 """

@@ -11,7 +11,7 @@ replicas: a failover can lose the last moment of the lists and counts that other
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator, Iterable, Mapping
+from collections.abc import AsyncIterator, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Literal, Self
@@ -193,15 +193,19 @@ class Store:
         versions = {path.decode(): version.decode() for path, version in read_pairs(sent).items()}
         return Backlog([read_entry(entry_id, pairs) for entry_id, pairs in entries], versions)
 
-    async def advance(self, id: str, done: Entry | None, outgoing: Outgoing | None, delivery: Delivery) -> Entry | None:
+    async def advance(
+        self, id: str, done: Entry | None, outgoing: Outgoing | None, delivery: Delivery, forget: Sequence[str] = ()
+    ) -> Entry | None:
         """In one step: ``done`` is done, ``delivery`` is what became of it, ``outgoing`` is queued and returned.
 
+        ``forget``: paths of resources that are no more, without which the backlog would grow with each invocation.
         Lost when this run does not hold the subscription. After StoreUnavailable ask for the backlog: the step may
         have been taken.
         """
         fields = write_delivery(delivery)
         parts = () if outgoing is None else (outgoing.path, outgoing.version, outgoing.media_type, outgoing.body)
-        arguments = (self._run, _GROUP, "" if done is None else done.entry_id, len(fields), *fields, *parts)
+        entry = "" if done is None else done.entry_id
+        arguments = (self._run, _GROUP, entry, len(fields), *fields, len(forget), *forget, *parts)
         queued = await self._redis.run(scripts.ADVANCE, self._queue(id), *arguments)
         if queued is None:
             raise Lost(id)

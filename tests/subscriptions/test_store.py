@@ -320,6 +320,22 @@ def test_deliveries_are_numbered_without_gaps_and_kept_in_order(store: Callable[
     asyncio.run(run())
 
 
+def test_what_was_sent_is_remembered_until_its_resource_is_no_more(store: Callable[..., Store]) -> None:
+    async def run() -> None:
+        async with store("a") as a:
+            one = a_subscription()
+            await a.add(one, Delivery(), LIMIT)
+            entries = [await a.advance(one.id, None, replace(OUTGOING, path=f"/{n}"), Delivery()) for n in range(4)]
+            assert await a.advance(one.id, entries[0], None, Delivery(), ["/1", "/none"]) is None
+            assert await a.backlog(one.id) == Backlog(entries[1:], {"/0": "v1", "/2": "v1", "/3": "v1"})
+            last = await a.advance(one.id, entries[1], replace(OUTGOING, path="/2"), Delivery(), ["/2", "/3"])
+            assert await a.backlog(one.id) == Backlog([*entries[2:], last], {"/0": "v1"})
+            await a.advance(one.id, last, None, Delivery(), [f"/{n}" for n in range(10_000)])
+            assert await a.backlog(one.id) == Backlog(entries[2:], {})
+
+    asyncio.run(run())
+
+
 def test_the_backlog_of_a_dead_gateway_is_delivered_by_another_which_alone_may(store: Callable[..., Store]) -> None:
     async def run() -> None:
         async with store("a") as a, store("b") as b:
