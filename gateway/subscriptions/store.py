@@ -170,17 +170,19 @@ class Store:
         return woken
 
     async def note(self, id: str, delivery: Delivery) -> None:
-        """Write what became of the messages; nothing happens to another's subscription or one that is gone."""
-        await self.note_all({id: delivery})
+        """Write what became of the messages; Lost when this run does not hold the subscription."""
+        if await self.note_all({id: delivery}):
+            raise Lost(id)
 
-    async def note_all(self, deliveries: Mapping[str, Delivery]) -> None:
-        """``note`` for many at once."""
-        await self._redis.all(
+    async def note_all(self, deliveries: Mapping[str, Delivery]) -> set[str]:
+        """``note`` for many at once; the ids of those that this run does not hold, to which nothing happens."""
+        answers = await self._redis.all(
             [
                 ("EVAL", scripts.NOTE, 1, self._keys.record(id), self._run, *write_delivery(delivery))
                 for id, delivery in deliveries.items()
             ]
         )
+        return {id for id, noted in zip(deliveries, answers, strict=True) if not noted}
 
     # Deliveries of a callback
 

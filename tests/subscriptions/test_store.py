@@ -349,7 +349,8 @@ def test_the_backlog_of_a_dead_gateway_is_delivered_by_another_which_alone_may(s
                 await a.advance(one.id, begun[0], OUTGOING, Delivery())
             with pytest.raises(Lost):
                 await a.backlog(one.id)
-            await a.note(one.id, Delivery(failures=9))
+            with pytest.raises(Lost):
+                await a.note(one.id, Delivery(failures=9))
             assert await b.backlog(one.id) == Backlog(begun, {OUTGOING.path: "v2"})
             fourth = await b.advance(one.id, begun[0], OUTGOING, Delivery())
             assert fourth is not None
@@ -359,6 +360,20 @@ def test_the_backlog_of_a_dead_gateway_is_delivered_by_another_which_alone_may(s
             assert record is not None
             assert (record.holder, record.delivery) == ("b", Delivery())
             assert await a.held() == []
+
+    asyncio.run(run())
+
+
+def test_what_is_noted_of_many_says_which_are_lost(store: Callable[..., Store]) -> None:
+    async def run() -> None:
+        async with store("a") as a, store("b") as b:
+            mine, others, gone = [a_subscription(created_ns=number) for number in range(3)]
+            await a.add(mine, Delivery(), LIMIT)
+            await b.add(others, Delivery(), LIMIT)
+            noted = {one.id: Delivery(last_ns=7) for one in (gone, mine, others)}
+            assert await a.note_all(noted) == {gone.id, others.id}
+            assert await a.note_all({}) == set()
+            assert [record.delivery.last_ns for record in await a.of(mine.owner)] == [7, None]
 
     asyncio.run(run())
 
@@ -374,8 +389,9 @@ def test_nothing_written_late_brings_a_removed_subscription_back(
             assert removed is not None
             assert removed.subscription == one
             assert await a.remove(one.id) is None
-            await a.note(one.id, Delivery())
-            await a.note_all({one.id: Delivery(), "other": Delivery()})
+            with pytest.raises(Lost):
+                await a.note(one.id, Delivery())
+            assert await a.note_all({one.id: Delivery(), "other": Delivery()}) == {one.id, "other"}
             assert await a.wake(one.id) is None
             with pytest.raises(Lost):
                 await a.advance(one.id, None, OUTGOING, Delivery())
