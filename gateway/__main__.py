@@ -65,6 +65,7 @@ async def _serve(settings: GatewaySettings, listener: socket.socket) -> int:
     # The lifespan is entered here, not by the server: its errors stay exceptions, and the address is printed when true.
     config = uvicorn.Config(
         app, lifespan="off", log_config=None, access_log=False, server_header=False,
+        proxy_headers=False,  # whoever is on loopback could say to be anybody
         timeout_graceful_shutdown=_FAREWELL_S,
         # On h11. httptools loses the body of a request whose Upgrade is ignored (uvicorn issue 2722), and the authority
         # of an absolute request target, and makes a 400 of every method that it does not know.

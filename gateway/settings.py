@@ -7,6 +7,9 @@ from dataclasses import dataclass, field, fields
 from ipaddress import IPv4Network, IPv6Network, ip_network
 from pathlib import Path
 
+from agents.wire.keys import Keys as ZenohKeys
+from gateway.subscriptions.keys import Keys
+
 
 def _setting(env: str, default: str, meaning: str) -> str:
     return field(default=default, metadata={"env": env, "meaning": meaning})
@@ -23,7 +26,7 @@ class GatewaySettings:
         "",
         "base URLs under which the fleet is known, comma-separated (default: the address)",
     )
-    namespace: str = _setting("LINKED_FLEET_NAMESPACE", "fleet", "prefix of every Zenoh key")
+    namespace: str = _setting("LINKED_FLEET_NAMESPACE", "fleet", "prefix of every Zenoh and Redis key")
     zenoh_listen: str = _setting(
         "LINKED_FLEET_ZENOH_LISTEN", "", "Zenoh endpoints to listen on (default: tcp/127.0.0.1:7447 without a router)"
     )
@@ -51,6 +54,7 @@ class GatewaySettings:
             raise ValueError(
                 f"LINKED_FLEET_SUBSCRIPTIONS_PER_CLIENT is a number, not {self.subscriptions_per_client!r}"
             )
+        ZenohKeys(self.namespace), Keys(self.namespace)  # ValueError
         for network in _items(self.callback_allow):
             try:
                 ip_network(network)

@@ -90,7 +90,7 @@ async def _answer(request: Request, base: str) -> ASGIApp:
     _check_preconditions(request, found, base)
     if request.method not in _READ:
         return await _write(request, found, base)
-    if found.observable and wants_callback(request):
+    if wants_callback(request):
         return await subscribe_callback(request, found, base)
     if (found.observable or found.subscription is not None) and wants_events(request):
         stream = EventStream(request, found, base)

@@ -32,6 +32,10 @@ class HttpProtocol(H11Protocol):
         super().connection_made(transport)
         self.watch = StallWatch(transport, self.stall_s)
 
+    def connection_lost(self, exc: Exception | None) -> None:
+        super().connection_lost(exc)
+        self.watch.stop()
+
     def handle_events(self) -> None:
         super().handle_events()
         if self.scope is not None:  # the task of a new request has not run yet
@@ -99,6 +103,10 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
         # Paused from the byte on at which an outlet takes no more, or nobody would tell it of the room again.
         self.transport.set_write_buffer_limits(high=HIGH_WATER_BYTES - 1, low=HIGH_WATER_BYTES // 4)
         self.watch = StallWatch(self.transport, self.stall_s)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        super().connection_lost(exc)
+        self.watch.stop()
 
     def handle_connect(self, event: Request) -> None:
         super().handle_connect(event)

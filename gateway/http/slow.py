@@ -28,6 +28,12 @@ class StallWatch:
             self._mark = self._written - self._transport.get_write_buffer_size()
             self._timer = asyncio.get_running_loop().call_later(self._stall_s, self._look)
 
+    def stop(self) -> None:
+        """The connection is gone; a timer would keep it in memory."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
     def _look(self) -> None:
         self._timer = None
         waiting = self._transport.get_write_buffer_size()

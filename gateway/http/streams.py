@@ -3,19 +3,18 @@
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
 
-from starlette.requests import HTTPConnection, Request
+from starlette.requests import Request
 from starlette.types import Receive, Scope, Send
 from starlette.websockets import WebSocket
 
 from gateway.errors import Conflict, NotAcceptable
-from gateway.graph.message import message_types
 from gateway.graph.properties import FRAME_MEDIA_TYPE
 from gateway.graph.resource import Resource
 from gateway.graph.serialise import MEDIA_TYPES
 from gateway.http.event_stream import CANCELLED_ID, serve_event_stream
 from gateway.http.fields import field
 from gateway.http.negotiation import choose, parse_accept, weight
-from gateway.http.subscribe import new_subscription, options, refusals, seen, subscription_link
+from gateway.http.subscribe import new_subscription, observable_types, options, refusals, seen, subscription_link
 from gateway.http.websocket import serve_websocket
 from gateway.subscriptions.message import Feed, Outlet
 from gateway.subscriptions.service import Subscriptions
@@ -88,10 +87,9 @@ async def open_websocket(websocket: WebSocket, resource: Resource, base: str) ->
     subscriptions: Subscriptions = websocket.app.state.subscriptions
     if resource.subscription is not None:
         subscription = _opened(resource, Kind.WEBSOCKET)
-        names = [name for name in _offered(websocket) if SUBPROTOCOLS.get(name) == subscription.media_type]
-        subprotocol = next(iter(names), None)
+        _, subprotocol = _type_of_frames(websocket, (subscription.media_type,))
     else:
-        media_type, subprotocol = _type_of_frames(websocket, resource)
+        media_type, subprotocol = _type_of_frames(websocket, observable_types(resource))
         subscription = new_subscription(websocket, resource, Kind.WEBSOCKET, media_type, base, options(websocket))
     async with refusals():
         await subscriptions.register(subscription)
@@ -130,12 +128,14 @@ def _opened(resource: Resource, kind: Kind) -> Subscription:
     subscription = resource.subscription.subscription
     if not subscription.kind.streams:
         raise Conflict("This is a callback subscription: its messages go to its receiver alone.")
+    if kind is Kind.EVENT_STREAM and subscription.media_type == FRAME_MEDIA_TYPE:
+        raise NotAcceptable("Binary frames cannot be sent as events; open a WebSocket.", offered=())
     return replace(subscription, kind=kind)
 
 
 def _type_in_events(request: Request, resource: Resource) -> str:
     """The RDF type that Accept likes best beside event streams; Turtle when it names none."""
-    offered = _observable(resource, binary=False)
+    offered = tuple(each for each in observable_types(resource) if each != FRAME_MEDIA_TYPE)
     accept = field(request, "accept")
     ranges = [each for each in parse_accept(accept) if (each.type, each.subtype) != ("text", "event-stream")]
     if not any(weight(ranges, media_type) for media_type in offered):
@@ -143,9 +143,9 @@ def _type_in_events(request: Request, resource: Resource) -> str:
     return choose(accept, offered) or offered[0]
 
 
-def _type_of_frames(websocket: WebSocket, resource: Resource) -> tuple[str, str | None]:
+def _type_of_frames(websocket: WebSocket, offered: tuple[str, ...]) -> tuple[str, str | None]:
     """Media type of the messages, and the subprotocol that chose it if one did."""
-    offered, names = _observable(resource, binary=True), _offered(websocket)
+    names: list[str] = websocket.scope["subprotocols"]
     for name in names:
         if SUBPROTOCOLS.get(name) in offered:
             return SUBPROTOCOLS[name], name
@@ -154,14 +154,3 @@ def _type_of_frames(websocket: WebSocket, resource: Resource) -> tuple[str, str 
         tokens = ", ".join(name for name, each in SUBPROTOCOLS.items() if each in offered)
         raise NotAcceptable(f"Messages are to be had as {tokens}, or in {', '.join(offered)}.", offered=offered)
     return media_type, None
-
-
-def _observable(resource: Resource, *, binary: bool) -> tuple[str, ...]:
-    offered = message_types(resource)
-    if not offered:
-        raise Conflict("This resource cannot be subscribed to; it says by its ETag whether it has changed.")
-    return tuple(each for each in offered if binary or each != FRAME_MEDIA_TYPE)
-
-
-def _offered(connection: HTTPConnection) -> list[str]:
-    return list(connection.scope.get("subprotocols", []))

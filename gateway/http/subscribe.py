@@ -1,6 +1,6 @@
 """Making, opening and ending subscriptions over HTTP (paper 5.3, R0.12 to R0.17; flow "fan-out")."""
 
-import math
+import re
 import time
 import uuid
 from collections.abc import AsyncIterator
@@ -13,6 +13,7 @@ from starlette.responses import Response
 
 from gateway.errors import (
     BadRequest,
+    Conflict,
     NotAcceptable,
     NotFound,
     StoreAway,
@@ -36,6 +37,8 @@ from gateway.subscriptions.store import StoreUnavailable, TooMany
 from gateway.subscriptions.subscription import Delivery, DeliveryState, Depth, Kind, Record, Subscription
 
 MAX_INTERVAL_S = 86_400.0
+MAX_DEADBAND = 1e9
+_DECIMAL = re.compile(r"[0-9]{1,10}(?:\.[0-9]{0,9})?|\.[0-9]{1,9}", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -54,16 +57,16 @@ def options(connection: HTTPConnection) -> Options:
         depth = Depth(query.get("depth", Depth.PROPERTIES))
     except ValueError:
         raise BadRequest(f"depth is one of {', '.join(Depth)}.") from None
-    return Options(depth, _number(query.get("interval"), "interval", MAX_INTERVAL_S), _number(query.get("deadband")))
+    interval_s = _number(query.get("interval"), "interval", MAX_INTERVAL_S)
+    return Options(depth, interval_s, _number(query.get("deadband"), "deadband", MAX_DEADBAND))
 
 
-def _number(text: str | None, name: str = "deadband", most: float = math.inf) -> float:
-    try:
-        value = float(text or 0.0)
-    except ValueError:
-        value = math.nan
-    if not 0 <= value <= most or math.isinf(value):
-        raise BadRequest(f"{name} is a number from 0" + ("." if math.isinf(most) else f" to {most:g}."))
+def _number(text: str | None, name: str, most: float) -> float:
+    if text is not None and not _DECIMAL.fullmatch(text):
+        raise BadRequest(f"{name} is a decimal number such as 0.5.")
+    value = float(text or 0.0)
+    if value > most:
+        raise BadRequest(f"{name} is a number from 0 to {most:g}.")
     return value
 
 
@@ -80,6 +83,7 @@ def wants_callback(request: Request) -> bool:
 
 async def subscribe_callback(request: Request, resource: Resource, base: str) -> Response:
     """GET with ``Upgrade: callback``: 201 and the description of the new subscription (R0.16)."""
+    offered = observable_types(resource)
     callbacks = request.headers.getlist("callback")
     if len(callbacks) != 1:
         raise BadRequest("A callback subscription needs one Callback field with the URL of its receiver.")
@@ -87,7 +91,9 @@ async def subscribe_callback(request: Request, resource: Resource, base: str) ->
         url = callback_url(callbacks[0].strip().removeprefix("<").removesuffix(">"))
     except ValueError as error:
         raise BadRequest(str(error)) from error
-    media_type = _negotiated_type(request, message_types(resource))
+    media_type = choose(field(request, "accept"), offered)
+    if media_type is None:
+        raise NotAcceptable(f"Messages are to be had in {', '.join(offered)}.", offered=offered)
     subscription = new_subscription(request, resource, Kind.CALLBACK, media_type, base, options(request))
     subscription = replace(subscription, callback=url)
     # Frames describe nothing: who wants nothing else gets the description in Turtle.
@@ -212,13 +218,12 @@ async def refusals() -> AsyncIterator[None]:
         raise StoreAway("The server that remembers subscriptions is away; try again in a moment.") from error
 
 
-def _negotiated_type(request: Request, offered: tuple[str, ...]) -> str:
+def observable_types(resource: Resource) -> tuple[str, ...]:
+    """The media types of messages about the resource; Conflict when there are none."""
+    offered = message_types(resource)
     if not offered:
-        raise BadRequest("This resource cannot be subscribed to.")
-    media_type = choose(field(request, "accept"), offered)
-    if media_type is None:
-        raise NotAcceptable(f"Messages are to be had in {', '.join(offered)}.", offered=offered)
-    return media_type
+        raise Conflict("This resource cannot be subscribed to; it says by its ETag whether it has changed.")
+    return offered
 
 
 def _unprocessable(detail: str, iri: str) -> UnprocessableContent:

@@ -52,11 +52,9 @@ class FanOut:
     ) -> Watcher:
         """Begin to watch; nothing is written before ``ready()``.
 
-        ``sent``: versions, by path, that the subscriber has already (what it resumes from). LookupError when there is
-        no such resource, unless ``patient``: such a watcher waits for the resource, and again when it is gone.
+        ``sent``: versions, by path, that the subscriber has already (what it resumes from). Without such a resource
+        the outlet is ended, unless the watcher is ``patient``: then it waits for the resource, and whenever it is gone.
         """
-        if not patient and self._resolve(subscription.resource, subscription.base) is None:
-            raise LookupError(subscription.resource)
         watcher = Watcher(self, subscription, outlet, dict(sent or {}), patient)
         if subscription.depth is Depth.SUBTREE:
             self._subtrees[watcher] = None

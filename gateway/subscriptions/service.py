@@ -91,8 +91,8 @@ class Subscriptions:
     def open(self, subscription: Subscription, outlet: Outlet, seen: str | None) -> Watcher:
         """Begin a registered stream; ``seen`` is the version that the subscriber saw last.
 
-        LookupError when there is no such resource any more. Of a subtree, ``seen`` is the version of any one resource
-        in it and says nothing about the others: all of them are sent again.
+        It ends at once when there is no such resource any more. Of a subtree, ``seen`` is the version of any one
+        resource in it and says nothing about the others: all of them are sent again.
         """
         sent = {subscription.resource: seen} if seen and subscription.depth is not Depth.SUBTREE else {}
         watcher = self._fan_out.watch(subscription, outlet, sent)
