@@ -8,6 +8,8 @@ import msgspec
 
 from gateway.subscriptions.subscription import Delivery, DeliveryState, Record, Subscription
 
+What = Literal["removed", "woken", "replaced"]
+
 
 @dataclass(frozen=True)
 class Outgoing:
@@ -41,9 +43,12 @@ class Backlog:
 
 @dataclass(frozen=True)
 class News:
-    """A subscription was removed or woken through some gateway; ``holder`` is the run that this concerns."""
+    """What another gateway did to a subscription of the run ``holder``.
 
-    what: Literal["removed", "woken"]
+    ``replaced``: a stream is open there now, unless ``holder`` has taken it back since; its record says who has it.
+    """
+
+    what: What
     id: str
     holder: str
 
@@ -70,7 +75,7 @@ def write_news(news: News) -> tuple[str, ...]:
 
 
 def read_news(fields: Mapping[bytes, bytes]) -> News:
-    what = cast(Literal["removed", "woken"], fields[b"what"].decode())
+    what = cast(What, fields[b"what"].decode())
     return News(what, fields[b"id"].decode(), fields[b"holder"].decode())
 
 

@@ -47,10 +47,10 @@ class Runs:
         held = await self._redis.one("HGETALL", self._keys.held(run))
         return {id.decode(): read_held(text) for id, text in held.items()}
 
-    async def hold(self, id: str, held: Held) -> None:
+    async def hold(self, id: str, held: Held, run: str) -> None:
         # The list before the set: a run that is in the set and holds something is never retired from it.
-        await self._redis.one("HSET", self._keys.held(self._run), id, write_held(held))
-        await self._redis.one("SADD", self._keys.runs, self._run)
+        await self._redis.one("HSET", self._keys.held(run), id, write_held(held))
+        await self._redis.one("SADD", self._keys.runs, run)
 
     async def drop(self, id: str, run: str) -> None:
         """Let ``id`` be held by ``run`` no longer."""

@@ -12,26 +12,27 @@ if redis.call('SCARD', KEYS[1]) >= tonumber(ARGV[2]) then return 0 end
 return redis.call('SADD', KEYS[1], ARGV[1])
 """
 
-# KEYS: record, queue, gone; ARGV: run, group or nothing, fields of the record.
+# KEYS: record, queue, gone; ARGV: run, group or nothing, 1 to take it from another run, fields of the record.
 # 0 when others clear the subscription away since its run began to list it, or have done so: it must be listed again;
-# TO_BE_CONFIRMED when the server has replicas that are to confirm a callback, as far as it lets itself be asked.
+# TO_BE_CONFIRMED when the server has replicas that are to confirm a callback, as far as it lets itself be asked; and
+# the run that held it before, or nothing.
 COMMIT = """
 local clearing = redis.call('GET', KEYS[3])
 if clearing then
   if tonumber(clearing) <= 0 then redis.call('DEL', KEYS[3]) end
-  return 0
+  return {0, ''}
 end
-local holder = redis.call('HGET', KEYS[1], 'holder')
-if not holder or holder == ARGV[1] then
-  redis.call('HSET', KEYS[1], 'holder', ARGV[1], unpack(ARGV, 3))
+local holder = redis.call('HGET', KEYS[1], 'holder') or ''
+if holder == '' or holder == ARGV[1] or ARGV[3] == '1' then
+  redis.call('HSET', KEYS[1], 'holder', ARGV[1], unpack(ARGV, 4))
   if ARGV[2] ~= '' and redis.call('EXISTS', KEYS[2]) == 0 then
     redis.call('XGROUP', 'CREATE', KEYS[2], ARGV[2], '0', 'MKSTREAM')
   end
 end
-if ARGV[2] == '' then return 1 end
+if ARGV[2] == '' then return {1, holder} end
 local info = redis.pcall('INFO', 'replication')
-if type(info) == 'string' and info:find('state=online', 1, true) then return 2 end
-return 1
+if type(info) == 'string' and info:find('state=online', 1, true) then return {2, holder} end
+return {1, holder}
 """
 
 # KEYS: record. Whether there is one; what is written changes nothing, but a WAIT after it waits for the record too.
@@ -42,14 +43,16 @@ redis.call('HSET', KEYS[1], 'holder', holder)
 return 1
 """
 
-# KEYS: record, queue, sent, gone; ARGV: run, milliseconds to clear away what another run holds. The record as it was.
+# KEYS: record, queue, sent, gone; ARGV: milliseconds to clear away, the run that must hold it or nothing for any. The
+# record as it was, or nothing.
 REMOVE = """
-local fields = redis.call('HGETALL', KEYS[1])
 local holder = redis.call('HGET', KEYS[1], 'holder')
+if ARGV[2] ~= '' and holder ~= ARGV[2] then return {} end
+local fields = redis.call('HGETALL', KEYS[1])
 redis.call('DEL', KEYS[1], KEYS[2], KEYS[3])
-if holder and holder ~= ARGV[1] then
+if holder then
   redis.call('INCR', KEYS[4])
-  redis.call('PEXPIRE', KEYS[4], ARGV[2])
+  redis.call('PEXPIRE', KEYS[4], ARGV[1])
 end
 return fields
 """

@@ -14,7 +14,7 @@ import logging
 from collections.abc import AsyncIterator, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import Literal, Self
+from typing import Self
 
 from gateway.subscriptions import scripts
 from gateway.subscriptions.connection import Connection, StoreUnavailable
@@ -25,6 +25,7 @@ from gateway.subscriptions.records import (
     Held,
     News,
     Outgoing,
+    What,
     read_entry,
     read_news,
     read_pairs,
@@ -105,7 +106,7 @@ class Store:
                 await self._reclaim(id, held[id], dead_run)
                 continue
             if record.holder not in living and record.subscription.kind.streams:
-                await self._remove(id)
+                await self._remove(id, record.holder)  # no run that has taken it over since
             elif record.holder not in living and await self._take(record, held[id]):
                 won.append(replace(record, holder=self._run))
             await self._runs.drop(id, dead_run)
@@ -122,20 +123,25 @@ class Store:
 
     # Subscriptions
 
-    async def add(self, subscription: Subscription, delivery: Delivery, limit: int) -> None:
+    async def add(self, subscription: Subscription, delivery: Delivery, limit: int, *, take: bool = True) -> None:
         """Accept a subscription and hold it; TooMany when its client has ``limit`` already.
 
-        May be repeated, after an outage or a StoreUnavailable. Once this returns, a callback is on disk and, where
-        there are replicas, with one of them; one that no replica confirms in time is removed again: StoreUnavailable.
+        A stream that another run holds is taken over and that run is told, or unless ``take`` it is Lost. A callback
+        stays with another run. May be repeated, after an outage or a StoreUnavailable. Once this returns, a callback is
+        on disk and, where there are replicas, with one of them; one that no replica confirms in time is removed again:
+        StoreUnavailable.
         """
         id, group = subscription.id, "" if subscription.kind.streams else _GROUP
         keys = (self._keys.record(id), self._keys.queue(id), self._keys.gone(id))
         fields = (*write_spec(subscription), *write_delivery(delivery))
+        take = take and subscription.kind.streams
         for _ in range(_ATTEMPTS):
             await self._list(subscription, limit)
-            committed = await self._redis.run(scripts.COMMIT, keys, self._run, group, *fields)
+            committed, before = await self._redis.run(scripts.COMMIT, keys, self._run, group, int(take), *fields)
             if committed == scripts.TO_BE_CONFIRMED:
                 await self._confirm(id)
+            if committed and before.decode() not in ("", self._run):
+                await self._part(subscription, before.decode(), take)
             if committed:
                 return
             await asyncio.sleep(_CLEARING_S)  # others thought this run dead
@@ -152,11 +158,14 @@ class Store:
         shown = [one for one in records if not one.subscription.kind.streams or one.holder in living]
         return sorted(shown, key=lambda record: (record.subscription.created_ns, record.subscription.id))
 
-    async def remove(self, id: str) -> Record | None:
-        """Remove a subscription, whoever holds it, and tell a holder that is not this run; None if there is none."""
-        record = await self._remove(id)
+    async def remove(self, id: str, *, own: bool = False) -> Record | None:
+        """Remove a subscription, whoever holds it, and tell a holder that is not this run; None if there is none.
+
+        ``own``: only if this run holds it, and no other has taken it over.
+        """
+        record = await self._remove(id, self._run if own else "")
         if record is not None and record.holder != self._run:
-            await self._tell("removed", record)
+            await self._tell("removed", id, record.holder)
         return record
 
     async def wake(self, id: str) -> Record | None:
@@ -166,7 +175,7 @@ class Store:
             return record
         woken = read_record(read_pairs(await self._redis.run(scripts.WAKE, (self._keys.record(id),))))
         if woken is not None:
-            await self._tell("woken", woken)
+            await self._tell("woken", id, woken.holder)
         return woken
 
     async def note(self, id: str, delivery: Delivery) -> None:
@@ -229,8 +238,8 @@ class Store:
             for fields in told:
                 yield read_news(fields)
 
-    async def _tell(self, what: Literal["removed", "woken"], record: Record) -> None:
-        fields = write_news(News(what, record.subscription.id, record.holder))
+    async def _tell(self, what: What, id: str, holder: str) -> None:
+        fields = write_news(News(what, id, holder))
         await self._redis.one("XADD", self._keys.news, "MAXLEN", "~", _NEWS, "*", *fields)
 
     # Steps
@@ -252,7 +261,7 @@ class Store:
 
     async def _list(self, subscription: Subscription, limit: int) -> None:
         id, client = subscription.id, subscription.client
-        await self._runs.hold(id, Held(subscription.owner, client))
+        await self._runs.hold(id, Held(subscription.owner, client), self._run)
         if not await self._redis.run(scripts.COUNT, (self._keys.client(client),), id, limit):
             await self._runs.drop(id, self._run)
             raise TooMany(f"{client} has {limit} subscriptions already")
@@ -277,19 +286,33 @@ class Store:
     async def _take(self, record: Record, held: Held) -> bool:
         """Whether this run, and no other that tries, has become the holder in place of the one in ``record``."""
         id = record.subscription.id
-        await self._runs.hold(id, held)
+        await self._runs.hold(id, held, self._run)
         won, holder = await self._redis.run(scripts.TAKE, (self._keys.record(id),), record.holder, self._run)
         if holder is None or holder.decode() != self._run:
             await self._runs.drop(id, self._run)
         return bool(won)
 
-    async def _remove(self, id: str) -> Record | None:
+    async def _part(self, subscription: Subscription, other: str, taken: bool) -> None:
+        """Have only one of two runs hold the subscription, which ``other`` held before."""
+        id, held = subscription.id, Held(subscription.owner, subscription.client)
+        await self._let_go(id, held, other if taken else self._run)
+        if taken:
+            await self._tell("replaced", id, other)
+        elif subscription.kind.streams:
+            raise Lost(id)
+
+    async def _let_go(self, id: str, held: Held, run: str) -> None:
+        await self._runs.drop(id, run)
+        record = await self.record(id)
+        if record is not None and record.holder == run:  # it has taken the stream back meanwhile
+            await self._runs.hold(id, held, run)
+
+    async def _remove(self, id: str, holder: str = "") -> Record | None:
         keys = (*self._queue(id), self._keys.gone(id))
-        record = read_record(read_pairs(await self._redis.run(scripts.REMOVE, keys, self._run, _GONE_MS)))
+        record = read_record(read_pairs(await self._redis.run(scripts.REMOVE, keys, _GONE_MS, holder)))
         if record is not None:
             await self._unlist(id, record.subscription.owner, record.subscription.client, record.holder)
-            if record.holder != self._run:
-                await self._redis.run(scripts.CLEARED, (self._keys.gone(id),))
+            await self._redis.run(scripts.CLEARED, (self._keys.gone(id),))
         return record
 
     async def _reclaim(self, id: str, held: Held, run: str) -> None:

@@ -16,7 +16,7 @@ from running import PATIENCE_S
 
 from gateway.subscriptions.keys import Key, Keys
 from gateway.subscriptions.store import Backlog, Entry, Lost, News, Outgoing, Store, StoreUnavailable, TooMany
-from gateway.subscriptions.subscription import Delivery, DeliveryState, Depth, Kind, Subscription
+from gateway.subscriptions.subscription import Delivery, DeliveryState, Depth, Kind, Record, Subscription
 
 LIMIT = 100
 OUTGOING = Outgoing("/baxter/right_s1/rotation", "v1", "text/turtle", b"\xff\r\n\x00")
@@ -288,6 +288,148 @@ def test_an_add_whose_first_steps_others_cleared_away_is_whole_in_the_end(store:
             assert [record.subscription for record in await slow.held()] == [one]
             assert await b.dead_runs() == ["slow"]
             assert [record.subscription for record in await b.adopt("slow")] == [one]
+
+    asyncio.run(run())
+
+
+# Streams that are opened through another gateway
+
+
+@pytest.fixture
+def stream() -> Subscription:
+    return a_subscription(kind=Kind.STREAM)
+
+
+async def ids_held(store: Store) -> set[str]:
+    """What the list of a run names, whoever is the holder."""
+    return set(await store._runs.held(store._run))
+
+
+def test_a_stream_goes_over_to_the_gateway_that_adds_it_and_the_other_hears_of_it(
+    servers: Servers, namespace: str, store: Callable[..., Store], stream: Subscription
+) -> None:
+    async def run() -> None:
+        async with store("a") as a, store("b") as b, store("c") as c, aclosing(a.news()) as news:
+            for one in (a, b, c):
+                await one.renew()
+            await a.add(stream, Delivery(DeliveryState.WAITING), 1)
+            opened, delivery = replace(stream, kind=Kind.WEBSOCKET), Delivery(last_ns=5)
+            await b.add(opened, delivery, 1)
+            assert await c.of(stream.owner) == [Record(opened, delivery, "b")]
+            assert (await ids_held(a), await ids_held(b)) == (set(), {stream.id})
+            assert await anext(news) == News("replaced", stream.id, "a")
+            # What the first may still do when its connection closes leaves the stream with the other.
+            with pytest.raises(Lost):
+                await a.add(stream, Delivery(DeliveryState.WAITING), 1, take=False)
+            assert await a.note_all({stream.id: Delivery()}) == {stream.id}
+            assert await a.remove(stream.id, own=True) is None
+            assert await a.held() == []
+            await a.leave()
+            assert await c.dead_runs() == []
+            assert await c.adopt("a") == []
+            assert await c.of(stream.owner) == await b.held() == [Record(opened, delivery, "b")]
+            await b.leave()
+            assert await c.of(stream.owner) == []
+            assert await c.adopt("b") == []
+            await c.leave()
+            assert servers.lasting_keys(f"{namespace}:*") == [Keys(namespace).news]
+
+    asyncio.run(run())
+
+
+def test_a_callback_stays_with_the_gateway_that_holds_it(store: Callable[..., Store]) -> None:
+    async def run() -> None:
+        async with store("a") as a, store("b") as b:
+            one = a_subscription()
+            await a.renew()
+            await a.add(one, Delivery(), LIMIT)
+            await b.add(one, Delivery(failures=1), LIMIT)
+            assert await a.held() == [Record(one, Delivery(), "a")]
+            assert (await ids_held(a), await ids_held(b)) == ({one.id}, set())
+
+    asyncio.run(run())
+
+
+def test_a_stream_may_go_there_and_back_at_once(store: Callable[..., Store], stream: Subscription) -> None:
+    async def run() -> None:
+        async with store("a") as a, store("b") as b:
+            for _ in range(20):
+                await asyncio.gather(*(one.add(stream, Delivery(), LIMIT) for one in (a, b, a, b, a, b)))
+                record = await a.record(stream.id)
+                assert record is not None
+                assert stream.id in await ids_held({"a": a, "b": b}[record.holder])
+
+    asyncio.run(run())
+
+
+@pytest.mark.parametrize("commands", range(11))
+def test_a_crash_while_a_stream_goes_over_leaves_it_with_one_or_the_other(
+    commands: int, servers: Servers, namespace: str, store: Callable[..., Store], stream: Subscription
+) -> None:
+    async def run() -> None:
+        async with store("a") as a, store("b") as b, store("c") as c:
+            await a.add(stream, Delivery(), LIMIT)
+            await a.renew()
+            crash_after(b, commands)
+            with suppress(CrashedError):
+                await b.add(stream, Delivery(), LIMIT)
+            record = await c.record(stream.id)
+            assert record is not None
+            for run in {"b", *await c.dead_runs()}:
+                assert await c.adopt(run) == []
+            assert await c.of(stream.owner) == [record][: record.holder == "a"]
+            assert await a.held() == [record][: record.holder == "a"]
+            await a.leave()
+            for run in await c.dead_runs():
+                assert await c.adopt(run) == []
+            assert {*servers.lasting_keys(f"{namespace}:*")} <= {Keys(namespace).news}
+
+    asyncio.run(run())
+
+
+def test_a_stream_that_is_opened_again_is_not_cleared_away_with_the_gateway_that_had_it(
+    store: Callable[..., Store], stream: Subscription
+) -> None:
+    async def run() -> None:
+        async with store("a") as a, store("b") as b, store("c") as c:
+            await a.add(stream, Delivery(), LIMIT)
+            read = c._records
+
+            async def late(ids: Any) -> Any:
+                records = await read(ids)
+                c._records = read  # type: ignore[method-assign]
+                await b.renew()
+                await b.add(stream, Delivery(), LIMIT)
+                return records
+
+            c._records = late  # type: ignore[method-assign]
+            assert await c.adopt("a") == []
+            assert await c.of(stream.owner) == await b.held() == [Record(stream, Delivery(), "b")]
+
+    asyncio.run(run())
+
+
+def test_a_stream_that_is_opened_while_its_holder_removes_it_is_whole(
+    store: Callable[..., Store], stream: Subscription
+) -> None:
+    async def run() -> None:
+        async with store("a") as a, store("b") as b:
+            await a.add(stream, Delivery(), LIMIT)
+            unlist = a._unlist
+
+            async def late(*arguments: Any) -> None:
+                adding = asyncio.create_task(b.add(stream, Delivery(), LIMIT))
+                await asyncio.sleep(0.1)
+                await unlist(*arguments)
+                a._unlist = unlist  # type: ignore[method-assign]
+                tasks.append(adding)
+
+            tasks: list[asyncio.Task[None]] = []
+            a._unlist = late  # type: ignore[method-assign]
+            await a.remove(stream.id)
+            await asyncio.gather(*tasks)
+            await b.renew()
+            assert await a.of(stream.owner) == await b.held() == [Record(stream, Delivery(), "b")]
 
     asyncio.run(run())
 
