@@ -8,6 +8,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 import pytest
 import zenoh
 from actor import stage
+from running import eventually
 
 from agents.wire.codec import encode, encode_state, layout
 from agents.wire.keys import Keys
@@ -75,8 +76,14 @@ class Agent:
 
     def __init__(self, session: zenoh.Session) -> None:
         self.session = session
-        self.put = session.put
         self._kept: list[object] = []
+
+    def put(self, key: str, payload: bytes) -> None:
+        """Publish once the gateway is known to listen: before that the session of a client sends to nobody."""
+        publisher = self.session.declare_publisher(key)
+        eventually(lambda: publisher.matching_status.matching, f"somebody who listens to {key}")
+        publisher.put(payload)
+        publisher.undeclare()
 
     def declare(self, token: str) -> None:
         self._kept.append(self.session.liveliness().declare_token(token))

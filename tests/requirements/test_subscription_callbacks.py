@@ -166,11 +166,11 @@ def test_r0_16_callback_field_is_needed_once(scene: Theatre) -> None:
         assert not members(toy.subscriptions())
 
 
-def test_r0_14_what_cannot_be_observed_ignores_the_upgrade(scene: Theatre) -> None:
-    """R0.14: a container has no subscriptions of its own: the plain representation, as for any unknown protocol."""
+def test_r0_14_what_cannot_be_observed_says_so(scene: Theatre) -> None:
+    """R0.14: a container has no subscriptions of its own."""
     with scene.toy() as toy:
         answer = _subscribe(scene, toy.subscriptions().url, "http://127.0.0.1:9/")
-        assert (answer.status_code, answer.headers["content-type"]) == (200, "text/turtle; charset=utf-8")
+        assert (answer.status_code, answer.headers["content-type"]) == (409, "application/problem+json")
         missing = _subscribe(scene, toy.part().url + "/nothing", "http://127.0.0.1:9/")
         assert missing.status_code == 404
         assert not members(toy.subscriptions())
