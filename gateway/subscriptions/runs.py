@@ -1,6 +1,6 @@
 """Which runs of gateways are alive, and what each of them holds; all in one slot of Redis."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Mapping
 
 from gateway.subscriptions import scripts
 from gateway.subscriptions.connection import Connection
@@ -47,11 +47,14 @@ class Runs:
         held = await self._redis.one("HGETALL", self._keys.held(run))
         return {id.decode(): read_held(text) for id, text in held.items()}
 
-    async def hold(self, id: str, held: Held, run: str) -> None:
+    async def hold(self, held: Mapping[str, Held], run: str) -> None:
+        """Note what ``run`` is about to hold, at least one by its id."""
         # The list before the set: a run that is in the set and holds something is never retired from it.
-        await self._redis.one("HSET", self._keys.held(run), id, write_held(held))
+        fields = (part for id, one in held.items() for part in (id, write_held(one)))
+        await self._redis.one("HSET", self._keys.held(run), *fields)
         await self._redis.one("SADD", self._keys.runs, run)
 
-    async def drop(self, id: str, run: str) -> None:
-        """Let ``id`` be held by ``run`` no longer."""
-        await self._redis.one("HDEL", self._keys.held(run), id)
+    async def drop(self, ids: Collection[str], run: str) -> None:
+        """Let ``ids`` be held by ``run`` no longer."""
+        if ids:
+            await self._redis.one("HDEL", self._keys.held(run), *ids)

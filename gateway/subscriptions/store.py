@@ -41,6 +41,7 @@ __all__ = ["LEASE_S", "Backlog", "Entry", "Lost", "News", "Outgoing", "Store", "
 _log = logging.getLogger(__name__)
 
 LEASE_S = 3.0  # after that long without a word a run counts as dead
+_AT_ONCE = 64  # callbacks that are taken over together, before they are served
 _GONE_MS = 30_000  # longer than it takes to clear a subscription away
 _ATTEMPTS, _CLEARING_S = 20, 0.05  # to add what others are clearing away
 _NEWS = 1_000  # are kept, about
@@ -89,36 +90,39 @@ class Store:
         """Other runs without a lease; none for half a lease after an outage, in which the living could not renew."""
         return await self._runs.dead()
 
-    async def adopt(self, dead_run: str) -> list[Record]:
-        """Take over the callbacks of a dead run and clear its streams away; the callbacks that this run won.
+    async def adopt(self, dead_run: str) -> AsyncIterator[Record]:
+        """Take over the callbacks of a dead run, each given as soon as this run has won it, and clear its streams away.
 
-        Several gateways may do so at once, and die meanwhile. After StoreUnavailable ``held`` tells what was won.
+        Several gateways may do so at once, and die meanwhile. After StoreUnavailable, or when not all is waited for,
+        ``held`` tells what was won.
         """
-        if await self._runs.living([dead_run]):
-            return []
         held = await self._runs.held(dead_run)
         records = await self._records(held)
-        holders = {record.holder for record in records.values() if record is not None}
-        living = await self._runs.living(holders) | {self._run}
-        won = []
-        for id, record in records.items():
-            if record is None:
-                await self._reclaim(id, held[id], dead_run)
-                continue
-            if record.holder not in living and record.subscription.kind.streams:
-                await self._remove(id, record.holder)  # no run that has taken it over since
-            elif record.holder not in living and await self._take(record, held[id]):
-                won.append(replace(record, holder=self._run))
-            await self._runs.drop(id, dead_run)
+        found = [record for record in records.values() if record is not None]
+        living = await self._runs.living({dead_run, *(record.holder for record in found)}) | {self._run}
+        if dead_run in living:
+            return
+        orphans = [record for record in found if record.holder not in living]
+        callbacks = [record for record in orphans if not record.subscription.kind.streams]
+        streams = {record.subscription.id: record.holder for record in orphans if record.subscription.kind.streams}
+        rest = set(records)
+        for first in range(0, len(callbacks), _AT_ONCE):
+            won = await self._take(callbacks[first : first + _AT_ONCE], held)
+            for record in won:
+                yield record
+            done = {record.subscription.id for record in won}
+            await self._runs.drop(done, dead_run)
+            rest -= done
+        removed = await self._remove(streams)  # unless a run has taken them over since
+        rest -= {id for id, record in removed.items() if record.holder == dead_run}
+        await self._runs.drop(await self._reclaim({id: held[id] for id in rest}, dead_run), dead_run)
         await self._runs.retire(dead_run)
-        return won
 
     async def held(self) -> list[Record]:
         """What this run holds now; what it wrote or removed by halves is cleared away."""
         held = await self._runs.held(self._run)
         records = await self._records(held)
-        for id in (id for id, record in records.items() if record is None):
-            await self._reclaim(id, held[id], self._run)
+        await self._reclaim({id: held[id] for id, record in records.items() if record is None}, self._run)
         return [record for record in records.values() if record is not None and record.holder == self._run]
 
     # Subscriptions
@@ -163,7 +167,7 @@ class Store:
 
         ``own``: only if this run holds it, and no other has taken it over.
         """
-        record = await self._remove(id, self._run if own else "")
+        record = (await self._remove({id: self._run if own else ""})).get(id)
         if record is not None and record.holder != self._run:
             await self._tell("removed", id, record.holder)
         return record
@@ -261,9 +265,9 @@ class Store:
 
     async def _list(self, subscription: Subscription, limit: int) -> None:
         id, client = subscription.id, subscription.client
-        await self._runs.hold(id, Held(subscription.owner, client), self._run)
+        await self._runs.hold({id: Held(subscription.owner, client)}, self._run)
         if not await self._redis.run(scripts.COUNT, (self._keys.client(client),), id, limit):
-            await self._runs.drop(id, self._run)
+            await self._runs.drop([id], self._run)
             raise TooMany(f"{client} has {limit} subscriptions already")
         await self._redis.one("SADD", self._keys.owner(subscription.owner), id)
 
@@ -279,22 +283,11 @@ class Store:
                 await self.remove(id)
             raise
 
-    async def _unlist(self, id: str, owner: str, client: str, run: str) -> None:
-        await self._redis.all([("SREM", self._keys.owner(owner), id), ("SREM", self._keys.client(client), id)])
-        await self._runs.drop(id, run)  # last: it is the way to the two others
-
-    async def _take(self, record: Record, held: Held) -> bool:
-        """Whether this run, and no other that tries, has become the holder in place of the one in ``record``."""
-        id = record.subscription.id
-        await self._runs.hold(id, held, self._run)
-        won, holder = await self._redis.run(scripts.TAKE, (self._keys.record(id),), record.holder, self._run)
-        if holder is None or holder.decode() != self._run:
-            await self._runs.drop(id, self._run)
-        return bool(won)
-
     async def _part(self, subscription: Subscription, other: str, taken: bool) -> None:
         """Have only one of two runs hold the subscription, which ``other`` held before."""
         id, held = subscription.id, Held(subscription.owner, subscription.client)
+        if taken:
+            await self._runs.hold({id: held}, self._run)  # again: the other may have let us go just before we took it
         await self._let_go(id, held, other if taken else self._run)
         if taken:
             await self._tell("replaced", id, other)
@@ -302,21 +295,49 @@ class Store:
             raise Lost(id)
 
     async def _let_go(self, id: str, held: Held, run: str) -> None:
-        await self._runs.drop(id, run)
+        await self._runs.drop([id], run)
         record = await self.record(id)
         if record is not None and record.holder == run:  # it has taken the stream back meanwhile
-            await self._runs.hold(id, held, run)
+            await self._runs.hold({id: held}, run)
 
-    async def _remove(self, id: str, holder: str = "") -> Record | None:
-        keys = (*self._queue(id), self._keys.gone(id))
-        record = read_record(read_pairs(await self._redis.run(scripts.REMOVE, keys, _GONE_MS, holder)))
-        if record is not None:
-            await self._unlist(id, record.subscription.owner, record.subscription.client, record.holder)
-            await self._redis.run(scripts.CLEARED, (self._keys.gone(id),))
-        return record
+    async def _take(self, records: Iterable[Record], held: Mapping[str, Held]) -> list[Record]:
+        """Those of which this run, and no other that tries, has become the holder in place of the one before."""
+        asked = {record.subscription.id: record for record in records}
+        await self._runs.hold({id: held[id] for id in asked}, self._run)
+        takes = [
+            ("EVAL", scripts.TAKE, 1, self._keys.record(id), record.holder, self._run) for id, record in asked.items()
+        ]
+        answers = dict(zip(asked, await self._redis.all(takes), strict=True))
+        mine = self._run.encode()
+        await self._runs.drop([id for id, (_, holder) in answers.items() if holder != mine], self._run)
+        return [replace(asked[id], holder=self._run) for id, (won, _) in answers.items() if won]
 
-    async def _reclaim(self, id: str, held: Held, run: str) -> None:
-        """Clear away what was listed and never accepted, or removed by halves."""
-        if await self._redis.run(scripts.RECLAIM, (self._keys.record(id), self._keys.gone(id)), _GONE_MS):
-            await self._unlist(id, held.owner, held.client, run)
-            await self._redis.run(scripts.CLEARED, (self._keys.gone(id),))
+    async def _remove(self, holders: Mapping[str, str]) -> dict[str, Record]:
+        """Remove each id if the run given with it holds it, whoever holds it if that is empty; what was removed."""
+        removes = [
+            ("EVAL", scripts.REMOVE, 4, *self._queue(id), self._keys.gone(id), _GONE_MS, holder)
+            for id, holder in holders.items()
+        ]
+        answers = await self._redis.all(removes)
+        records = {id: read_record(read_pairs(fields)) for id, fields in zip(holders, answers, strict=True)}
+        removed = {id: record for id, record in records.items() if record is not None}
+        listed = {id: Held(one.subscription.owner, one.subscription.client) for id, one in removed.items()}
+        await self._clear(listed, {id: record.holder for id, record in removed.items()})
+        return removed
+
+    async def _reclaim(self, held: Mapping[str, Held], run: str) -> set[str]:
+        """Clear away what was listed and never accepted, or removed by halves; the others, which have a record."""
+        reclaims = [("EVAL", scripts.RECLAIM, 2, self._keys.record(id), self._keys.gone(id), _GONE_MS) for id in held]
+        answers = dict(zip(held, await self._redis.all(reclaims), strict=True))
+        await self._clear({id: held[id] for id, gone in answers.items() if gone}, dict.fromkeys(held, run))
+        return {id for id, gone in answers.items() if not gone}
+
+    async def _clear(self, listed: Mapping[str, Held], runs: Mapping[str, str]) -> None:
+        """Strike out what has no record; last from the list of its run, which is the way to the two others."""
+        keys = self._keys
+        await self._redis.all(
+            [("SREM", keys.owner(held.owner), id) for id, held in listed.items()]
+            + [("SREM", keys.client(held.client), id) for id, held in listed.items()]
+        )
+        await self._redis.all([("HDEL", keys.held(runs[id]), id) for id in listed])
+        await self._redis.all([("EVAL", scripts.CLEARED, 1, keys.gone(id)) for id in listed])

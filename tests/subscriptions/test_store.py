@@ -6,7 +6,7 @@ import re
 import time
 import uuid
 from collections.abc import Awaitable, Callable, Iterator
-from contextlib import aclosing, suppress
+from contextlib import AbstractAsyncContextManager, aclosing, suppress
 from dataclasses import replace
 from typing import Any
 
@@ -56,6 +56,10 @@ def a_subscription(**fields: Any) -> Subscription:
     return Subscription(**{**given, **fields})
 
 
+async def adopted(store: Store, run: str) -> list[Record]:
+    return [record async for record in store.adopt(run)]
+
+
 async def until(probe: Callable[[], Awaitable[Any]], what: str) -> Any:
     deadline = time.monotonic() + PATIENCE_S
     while not (value := await probe()):
@@ -90,6 +94,20 @@ def crash_after(store: Store, commands: int) -> None:
         return checked
 
     redis.one, redis.all = dying(redis.one), dying(redis.all)  # type: ignore[method-assign]
+
+
+def count_trips(store: Store) -> Callable[[], int]:
+    """How often the store has gone to a server since."""
+    trips = 0
+    contact = store._redis._contact
+
+    def counted() -> AbstractAsyncContextManager[None]:
+        nonlocal trips
+        trips += 1
+        return contact()
+
+    store._redis._contact = counted  # type: ignore[method-assign]
+    return lambda: trips
 
 
 # Keys
@@ -241,7 +259,7 @@ def test_what_a_crash_left_half_added_is_invisible_and_reclaimed(
             assert await b.record(one.id) is None
             assert await b.of(one.owner) == []
             for run in ["a", *await b.dead_runs()]:
-                assert await b.adopt(run) == []
+                assert await adopted(b, run) == []
             assert await b.dead_runs() == []
             assert servers.lasting_keys(f"{namespace}:*") == []
 
@@ -278,7 +296,7 @@ def test_an_add_whose_first_steps_others_cleared_away_is_whole_in_the_end(store:
             async def late(script: str, keys: tuple[str, ...], *arguments: Any) -> Any:
                 if len(keys) == 3:
                     slow._redis.run = commit  # type: ignore[method-assign]
-                    assert await b.adopt("slow") == []
+                    assert await adopted(b, "slow") == []
                     assert await b.dead_runs() == []
                 return await commit(script, keys, *arguments)
 
@@ -287,7 +305,7 @@ def test_an_add_whose_first_steps_others_cleared_away_is_whole_in_the_end(store:
             assert [record.subscription for record in await b.of(one.owner)] == [one]
             assert [record.subscription for record in await slow.held()] == [one]
             assert await b.dead_runs() == ["slow"]
-            assert [record.subscription for record in await b.adopt("slow")] == [one]
+            assert [record.subscription for record in await adopted(b, "slow")] == [one]
 
     asyncio.run(run())
 
@@ -326,11 +344,11 @@ def test_a_stream_goes_over_to_the_gateway_that_adds_it_and_the_other_hears_of_i
             assert await a.held() == []
             await a.leave()
             assert await c.dead_runs() == []
-            assert await c.adopt("a") == []
+            assert await adopted(c, "a") == []
             assert await c.of(stream.owner) == await b.held() == [Record(opened, delivery, "b")]
             await b.leave()
             assert await c.of(stream.owner) == []
-            assert await c.adopt("b") == []
+            assert await adopted(c, "b") == []
             await c.leave()
             assert servers.lasting_keys(f"{namespace}:*") == [Keys(namespace).news]
 
@@ -362,7 +380,7 @@ def test_a_stream_may_go_there_and_back_at_once(store: Callable[..., Store], str
     asyncio.run(run())
 
 
-@pytest.mark.parametrize("commands", range(11))
+@pytest.mark.parametrize("commands", range(13))
 def test_a_crash_while_a_stream_goes_over_leaves_it_with_one_or_the_other(
     commands: int, servers: Servers, namespace: str, store: Callable[..., Store], stream: Subscription
 ) -> None:
@@ -376,12 +394,12 @@ def test_a_crash_while_a_stream_goes_over_leaves_it_with_one_or_the_other(
             record = await c.record(stream.id)
             assert record is not None
             for run in {"b", *await c.dead_runs()}:
-                assert await c.adopt(run) == []
+                assert await adopted(c, run) == []
             assert await c.of(stream.owner) == [record][: record.holder == "a"]
             assert await a.held() == [record][: record.holder == "a"]
             await a.leave()
             for run in await c.dead_runs():
-                assert await c.adopt(run) == []
+                assert await adopted(c, run) == []
             assert {*servers.lasting_keys(f"{namespace}:*")} <= {Keys(namespace).news}
 
     asyncio.run(run())
@@ -403,7 +421,7 @@ def test_a_stream_that_is_opened_again_is_not_cleared_away_with_the_gateway_that
                 return records
 
             c._records = late  # type: ignore[method-assign]
-            assert await c.adopt("a") == []
+            assert await adopted(c, "a") == []
             assert await c.of(stream.owner) == await b.held() == [Record(stream, Delivery(), "b")]
 
     asyncio.run(run())
@@ -415,19 +433,16 @@ def test_a_stream_that_is_opened_while_its_holder_removes_it_is_whole(
     async def run() -> None:
         async with store("a") as a, store("b") as b:
             await a.add(stream, Delivery(), LIMIT)
-            unlist = a._unlist
+            clear, adding = a._clear, []
 
             async def late(*arguments: Any) -> None:
-                adding = asyncio.create_task(b.add(stream, Delivery(), LIMIT))
+                adding.append(asyncio.create_task(b.add(stream, Delivery(), LIMIT)))
                 await asyncio.sleep(0.1)
-                await unlist(*arguments)
-                a._unlist = unlist  # type: ignore[method-assign]
-                tasks.append(adding)
+                await clear(*arguments)
 
-            tasks: list[asyncio.Task[None]] = []
-            a._unlist = late  # type: ignore[method-assign]
+            a._clear = late  # type: ignore[method-assign]
             await a.remove(stream.id)
-            await asyncio.gather(*tasks)
+            await asyncio.gather(*adding)
             await b.renew()
             assert await a.of(stream.owner) == await b.held() == [Record(stream, Delivery(), "b")]
 
@@ -486,7 +501,7 @@ def test_the_backlog_of_a_dead_gateway_is_delivered_by_another_which_alone_may(s
             begun = [await a.advance(one.id, None, replace(OUTGOING, version=f"v{n}"), Delivery()) for n in range(3)]
             with pytest.raises(Lost):
                 await b.backlog(one.id)
-            assert [record.holder for record in await b.adopt("a")] == ["b"]
+            assert [record.holder for record in await adopted(b, "a")] == ["b"]
             with pytest.raises(Lost):
                 await a.advance(one.id, begun[0], OUTGOING, Delivery())
             with pytest.raises(Lost):
@@ -556,7 +571,7 @@ def test_of_two_gateways_one_adopts_each_callback(
                 await dead.add(a_subscription(id=id), Delivery(), LIMIT)
             await b.renew()
             await c.renew()
-            won = await asyncio.gather(b.adopt("dead"), c.adopt("dead"), b.adopt("dead"))
+            won = await asyncio.gather(*(adopted(one, "dead") for one in (b, c, b)))
             assert sorted(record.subscription.id for part in won for record in part) == sorted(made)
             held = [*await b.held(), *await c.held()]
             assert sorted(record.subscription.id for record in held) == sorted(made)
@@ -580,13 +595,77 @@ def test_adoption_survives_the_death_of_the_adopter(commands: int, store: Callab
                 await a.add(one, Delivery(), LIMIT)
             crash_after(dying, commands)
             with suppress(CrashedError):
-                await dying.adopt("a")
+                await adopted(dying, "a")
             while dead := await c.dead_runs():
                 for run in dead:
-                    await c.adopt(run)
+                    await adopted(c, run)
             assert [record.subscription for record in await c.of(stream.owner)] == callbacks
             assert {record.subscription.id for record in await c.held()} == {one.id for one in callbacks}
             assert await c.record(stream.id) is None
+
+    asyncio.run(run())
+
+
+def test_many_are_adopted_in_few_steps_each_given_as_soon_as_it_is_won(store: Callable[..., Store]) -> None:
+    async def run() -> None:
+        async with store("a") as a, store("b") as b, store("c") as c:
+            made = [a_subscription(created_ns=number) for number in range(200)]
+            streams = [a_subscription(kind=Kind.WEBSOCKET) for _ in range(100)]
+            await asyncio.gather(*(a.add(one, Delivery(), 1000) for one in (*streams, *made)))
+            await b.renew()
+            await c.renew()
+            async with aclosing(b.adopt("a")) as adopting:
+                first = await anext(adopting)
+                assert first.holder == "b"
+                assert len(await b.held()) < len(made)
+                assert await c.record(streams[0].id) is not None
+            kept = await b.held()
+            trips = count_trips(c)
+            won = await adopted(c, "a")
+            assert trips() < 30
+            ids = [record.subscription.id for record in (*kept, *won)]
+            assert sorted(ids) == sorted(one.id for one in made)
+            assert {record.holder for record in won} == {"c"}
+            assert await c.dead_runs() == []
+            assert [record.subscription for record in await c.of(made[0].owner)] == made
+            assert await c.record(streams[0].id) is None
+
+    asyncio.run(run())
+
+
+def test_a_run_goes_on_renewing_its_lease_while_it_adopts(store: Callable[..., Store]) -> None:
+    async def run() -> None:
+        async with store("a") as a, store("b", lease_s=0.5) as b, store("c") as c:
+            for part in range(3):
+                await asyncio.gather(*(a.add(a_subscription(client=f"{part}"), Delivery(), 500) for _ in range(400)))
+            slowest = 0.0
+
+            async def renew() -> None:
+                nonlocal slowest
+                while True:
+                    begun = time.monotonic()
+                    await b.renew()
+                    slowest = max(slowest, time.monotonic() - begun)
+                    await asyncio.sleep(0.01)
+
+            renewing = asyncio.create_task(renew())
+            assert len(await adopted(b, "a")) == 1200
+            renewing.cancel()
+            assert slowest < 0.5
+            assert await c.dead_runs() == []
+
+    asyncio.run(run())
+
+
+def test_a_long_container_is_listed_in_few_steps(store: Callable[..., Store]) -> None:
+    async def run() -> None:
+        async with store("a") as a:
+            await a.renew()
+            made = [a_subscription(created_ns=number, kind=list(Kind)[number % 4]) for number in range(600)]
+            await asyncio.gather(*(a.add(one, Delivery(), 1000) for one in made))
+            trips = count_trips(a)
+            assert [record.subscription for record in await a.of(made[0].owner)] == made
+            assert trips() == 2 + 3  # parts of 256
 
     asyncio.run(run())
 
@@ -602,10 +681,10 @@ def test_streams_vanish_with_the_lease_of_their_gateway_and_callbacks_stay(store
             await a.renew()
             assert [record.subscription for record in await b.of(stream.owner)] == [stream, callback]
             assert await b.dead_runs() == []
-            assert await b.adopt("a") == []
+            assert await adopted(b, "a") == []
             await until(b.dead_runs, "the lease lapses")
             assert [record.subscription for record in await b.of(stream.owner)] == [callback]
-            assert [record.subscription for record in await b.adopt("a")] == [callback]
+            assert [record.subscription for record in await adopted(b, "a")] == [callback]
             assert await b.record(stream.id) is None
             await a.renew()  # it was not dead: its stream is registered again
             assert await a.held() == []
@@ -624,7 +703,7 @@ def test_what_a_gateway_leaves_is_adopted_at_once(store: Callable[..., Store]) -
             assert await b.dead_runs() == []
             await a.leave()
             assert await b.dead_runs() == ["a"]
-            assert [record.subscription for record in await b.adopt("a")] == [one]
+            assert [record.subscription for record in await adopted(b, "a")] == [one]
             assert await b.dead_runs() == []
 
     asyncio.run(run())
