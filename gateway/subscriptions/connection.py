@@ -102,7 +102,16 @@ class Connection:
         """The answer of a script, whose keys are of one slot; StoreUnavailable."""
         return await self.one("EVAL", script, len(keys), *keys, *arguments)
 
-    async def replicated(self, script: str, key: str) -> tuple[Any, bool]:
+    async def elsewhere(self, key: str, others: Sequence[str]) -> list[str]:
+        """One of ``others`` for each master that has any of them and is not that of ``key``; StoreUnavailable."""
+        if not isinstance(self._client, redis.asyncio.RedisCluster):
+            return []
+        async with self._contact():
+            await self._client.initialize()
+            masters = {str(self._client.get_node_from_key(other)): other for other in (*others, key)}
+            return [other for other in masters.values() if other != key]
+
+    async def replicated(self, script: str, key: str, *arguments: str) -> tuple[Any, bool]:
         """The answer of a script that writes to ``key``, and whether a replica has that and all written before.
 
         Both are asked in one go over one connection, to the server that is master of the key: WAIT knows the writes of
@@ -114,7 +123,7 @@ class Connection:
                 await self._client.initialize()
                 target, once = {"target_nodes": self._client.get_node_from_key(key)}, {"allow_redirections": False}
             pipeline = self._client.pipeline(transaction=False)
-            pipeline.execute_command("EVAL", script, 1, key, **target)
+            pipeline.execute_command("EVAL", script, 1, key, *arguments, **target)
             pipeline.execute_command("WAIT", 1, _REPLICA_MS, **target)
             answer, replicas = _checked(await pipeline.execute(raise_on_error=False, **once))
             return answer, replicas > 0

@@ -35,12 +35,24 @@ if type(info) == 'string' and info:find('state=online', 1, true) then return {2,
 return {1, holder}
 """
 
-# KEYS: record. Whether there is one; what is written changes nothing, but a WAIT after it waits for the record too.
-CONFIRM = """
-local holder = redis.call('HGET', KEYS[1], 'holder')
-if not holder then return 0 end
-redis.call('HSET', KEYS[1], 'holder', holder)
+# KEYS: hash or set; ARGV: field or member. Whether there is one; what is written changes nothing, but a WAIT after it
+# waits for all that was written before to the same server.
+REPEAT = """
+if redis.call('TYPE', KEYS[1])['ok'] == 'hash' then
+  local value = redis.call('HGET', KEYS[1], ARGV[1])
+  if not value then return 0 end
+  redis.call('HSET', KEYS[1], ARGV[1], value)
+else
+  if redis.call('SREM', KEYS[1], ARGV[1]) == 0 then return 0 end
+  redis.call('SADD', KEYS[1], ARGV[1])
+end
 return 1
+"""
+
+# KEYS: any. Whether its server has replicas, as far as it lets itself be asked.
+REPLICAS = """
+local info = redis.pcall('INFO', 'replication')
+return type(info) == 'string' and info:find('state=online', 1, true) and 1 or 0
 """
 
 # KEYS: record, queue, sent, gone; ARGV: milliseconds to clear away, the run that must hold it or nothing for any. The

@@ -5,8 +5,8 @@ client's count and the owner's index, at last the record, which is the acceptanc
 through the list of the run that crashed.
 
 "Accepted" means on disk if the server says ``appendonly yes`` and ``appendfsync always`` (otherwise a warning is
-logged), and in the memory of one replica if the master of the record has any that is in step. Nothing else waits for
-replicas: a failover can lose the last moment of the lists and counts that other masters hold, and of deliveries.
+logged), and in the memory of one replica if the master of the record has any that is in step, as are then its lists
+where other masters have replicas. Nothing else waits for them: a failover can lose the last moment of deliveries.
 """
 
 import asyncio
@@ -143,7 +143,7 @@ class Store:
             await self._list(subscription, limit)
             committed, before = await self._redis.run(scripts.COMMIT, keys, self._run, group, int(take), *fields)
             if committed == scripts.TO_BE_CONFIRMED:
-                await self._confirm(id)
+                await self._confirm(subscription)
             if committed and before.decode() not in ("", self._run):
                 await self._part(subscription, before.decode(), take)
             if committed:
@@ -271,13 +271,23 @@ class Store:
             raise TooMany(f"{client} has {limit} subscriptions already")
         await self._redis.one("SADD", self._keys.owner(subscription.owner), id)
 
-    async def _confirm(self, id: str) -> None:
+    async def _confirm(self, subscription: Subscription) -> None:
+        """Have a replica confirm a callback, and one of each other master the lists in which it is found."""
+        id, keys = subscription.id, self._keys
+        lists = (keys.held(self._run), keys.owner(subscription.owner), keys.client(subscription.client))
         try:
-            found, confirmed = await self._redis.replicated(scripts.CONFIRM, self._keys.record(id))
-            if not found:  # a failover lost it, or someone has removed it already
-                raise StoreUnavailable(f"subscription {id} was gone before a replica had it")
-            if not confirmed:
-                raise StoreUnavailable(f"no replica of Redis confirmed subscription {id} in time")
+            others = await self._redis.elsewhere(keys.record(id), lists)
+            online = await self._redis.all([("EVAL", scripts.REPLICAS, 1, key) for key in others])
+            asked = [
+                (keys.record(id), "holder"),
+                *((key, id) for key, is_so in zip(others, online, strict=True) if is_so),
+            ]
+            for key, member in asked:
+                found, confirmed = await self._redis.replicated(scripts.REPEAT, key, member)
+                if not found:  # a failover lost it, or someone has removed it already
+                    raise StoreUnavailable(f"subscription {id} was gone before a replica had it")
+                if not confirmed:
+                    raise StoreUnavailable(f"no replica of Redis confirmed subscription {id} in time")
         except StoreUnavailable:
             with suppress(StoreUnavailable):
                 await self.remove(id)

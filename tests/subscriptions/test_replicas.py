@@ -1,13 +1,14 @@
 """Callbacks on servers with replicas: accepted is what a replica has as well, and nothing else."""
 
 import asyncio
+import time
 import uuid
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from redis_servers import Servers, cluster, cluster_replicated, single, single_replicated
+from redis_servers import Server, Servers, cluster, cluster_replicated, single, single_replicated
 from running import eventually
 
 from gateway.subscriptions.keys import Keys
@@ -115,9 +116,9 @@ def test_a_subscription_that_vanishes_before_it_is_confirmed_is_not_accepted(
             one = a_subscription()
             ask = a._redis.replicated
 
-            async def late(script: str, key: str) -> Any:
+            async def late(script: str, key: str, *arguments: str) -> Any:
                 await a._redis.one("DEL", key)
-                return await ask(script, key)
+                return await ask(script, key, *arguments)
 
             a._redis.replicated = late  # type: ignore[method-assign]
             with pytest.raises(StoreUnavailable, match="was gone before a replica had it"):
@@ -144,9 +145,9 @@ def test_a_confirmation_is_not_asked_of_a_server_that_is_master_no_longer(tmp_pa
                 assert replica.ask("CLUSTER FAILOVER TAKEOVER") == "+OK"
                 eventually(lambda: "role:slave" in node.ask("INFO replication"), "the master is a replica")
 
-            async def late(script: str, key: str) -> Any:
+            async def late(script: str, key: str, *arguments: str) -> Any:
                 await asyncio.to_thread(fail_over, key)
-                return await ask(script, key)
+                return await ask(script, key, *arguments)
 
             a._redis.replicated = late  # type: ignore[method-assign]
             with pytest.raises(StoreUnavailable, match="MovedError"):
@@ -156,6 +157,49 @@ def test_a_confirmation_is_not_asked_of_a_server_that_is_master_no_longer(tmp_pa
 
     with cluster_replicated(tmp_path) as servers:
         asyncio.run(run(servers))
+
+
+@pytest.mark.parametrize("servers", [cluster_replicated], indirect=True)
+def test_the_lists_in_which_a_callback_is_found_are_with_replicas_too(
+    servers: Servers, keys: Keys, store: Callable[[str], Store]
+) -> None:
+    """The replica of one list's master hangs, or is gone; that of the record is well."""
+
+    def of(key: str) -> int:
+        return next(number for number, replica in enumerate(servers.replicas) if replica.has(key))
+
+    async def run() -> None:
+        async with store("a") as a:
+            known = a_subscription()
+            await a.add(known, Delivery(), LIMIT)
+            for key in (keys.held("a"), keys.owner("/arm"), keys.client(known.client)):
+                replica, node = servers.replicas[of(key)], servers.nodes[of(key)]
+                others = [
+                    one for one in (a_subscription() for _ in range(200)) if not served(node, keys.record(one.id))
+                ]
+                replica.pause()
+                try:
+                    with pytest.raises(StoreUnavailable, match="no replica of Redis confirmed"):
+                        await a.add(others[0], Delivery(), LIMIT)
+                    assert await a.record(others[0].id) is None
+                finally:
+                    replica.resume()
+                replica.kill()
+                try:
+                    eventually(lambda node=node: "state=online" not in node.ask("INFO replication"), "it is missed")
+                    begun = time.monotonic()
+                    await a.add(others[1], Delivery(), LIMIT)
+                    assert time.monotonic() - begun < 0.9
+                finally:
+                    replica.start()
+                    servers.await_replicas()
+
+    asyncio.run(run())
+
+
+def served(node: Server, key: str) -> bool:
+    """Whether the key's slot is the node's, be there such a key or not."""
+    return not node.ask("EXISTS", key).startswith("-MOVED")
 
 
 def test_a_replica_that_is_gone_is_not_waited_for(servers: Servers, store: Callable[[str], Store]) -> None:
