@@ -66,7 +66,7 @@ class EventStream:
         """To be awaited before anything is sent: TooManySubscriptions."""
         if not self._head:
             async with refusals():
-                await self._subscriptions.register(self._subscription)
+                await self._subscriptions.streams.register(self._subscription)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         headers = [(b"link", subscription_link(self._subscription).encode("latin-1")), (b"vary", b"Accept")]
@@ -92,7 +92,7 @@ async def open_websocket(websocket: WebSocket, resource: Resource, base: str) ->
         media_type, subprotocol = _type_of_frames(websocket, observable_types(resource))
         subscription = new_subscription(websocket, resource, Kind.WEBSOCKET, media_type, base, options(websocket))
     async with refusals():
-        await subscriptions.register(subscription)
+        await subscriptions.streams.register(subscription)
     headers = [(b"link", subscription_link(subscription).encode("latin-1"))]
 
     async def serve(start: _Start) -> None:
@@ -113,13 +113,13 @@ async def _live(
 
     async def start(outlet: Outlet) -> Feed:
         nonlocal watcher
-        watcher = subscriptions.open(subscription, outlet, last)
+        watcher = subscriptions.streams.open(subscription, outlet, last)
         return watcher
 
     try:
         await serve(start)
     finally:
-        subscriptions.close(subscription, watcher, reopenable=posted)
+        subscriptions.streams.close(subscription, watcher, reopenable=posted)
 
 
 def _opened(resource: Resource, kind: Kind) -> Subscription:

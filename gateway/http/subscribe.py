@@ -142,10 +142,10 @@ async def _create(request: Request, subscription: Subscription, base: str, media
     async with refusals():
         try:
             if subscription.kind is Kind.CALLBACK:
-                record = await subscriptions.accept(subscription)
+                record = await subscriptions.callbacks.accept(subscription)
             else:
                 record = Record(subscription, Delivery(DeliveryState.WAITING), "")
-                await subscriptions.offer(subscription)
+                await subscriptions.streams.offer(subscription)
         except Forbidden as error:
             raise _unprocessable(str(error), iri) from error
     path = subscription_path(subscription)

@@ -107,24 +107,29 @@ class Courier:
                 self._idle = True
                 watcher.ready()
                 await self._news.wait()
-                await self._relay()
+                left = tuple(watcher.left)
+                await self._relay(left)
+                watcher.left.difference_update(left)
         finally:
             watcher.close()
 
-    async def _relay(self) -> None:
-        """Queue the message at hand and bring it; while the store is away the message waits and is not lost."""
+    async def _relay(self, left: tuple[str, ...]) -> None:
+        """Queue the message at hand and bring it; while the store is away the message waits and is not lost.
+
+        ``left``: resources of which nothing needs to be remembered any more.
+        """
         message, self._message, self._idle = self._message, None, False
         self._news.clear()
         assert message is not None
         outgoing = Outgoing(message.path, message.version, message.media_type, message.body)
-        await self._bring_all(await self._queue(outgoing))
+        await self._bring_all(await self._queue(outgoing, left))
 
-    async def _queue(self, outgoing: Outgoing) -> list[Entry]:
+    async def _queue(self, outgoing: Outgoing, left: tuple[str, ...]) -> list[Entry]:
         """What is in the queue with a message; after an outage nobody knows whether it is there already."""
         id = self.subscription.id
         while True:
             try:
-                entry = await self._store.advance(id, None, outgoing, self.delivery)
+                entry = await self._store.advance(id, None, outgoing, self.delivery, left)
                 assert entry is not None
                 if self._number is None or entry.number == self._number + 1:
                     return [entry]
@@ -227,7 +232,8 @@ class Courier:
             await self._sleep(None)
         else:
             pause_s = delay_s(failures, random.random())  # noqa: S311 (jitter is no secret)
-            await self._sleep(max(pause_s, outcome.retry_after_s or 0.0))
+            await self._sleep(max(pause_s, outcome.retry_after_s or 0.0, self.delivery.allowed_interval_s))
+        await self._note()  # Lost if another gateway has taken it over meanwhile
 
     async def _sleep(self, pause_s: float | None) -> None:
         """Until the pause is over, or somebody wakes us."""

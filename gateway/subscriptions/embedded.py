@@ -182,11 +182,11 @@ def _preparation() -> Callable[[], None]:
 
 
 def _socket_path(state_dir: Path) -> Path:
-    path = state_dir / "valkey.sock"
-    if len(os.fsencode(path)) <= _SOCKET_BYTES:
-        return path
-    place = hashlib.sha256(os.fsencode(state_dir)).hexdigest()[:16]
-    return Path(os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()) / f"linked-fleet-{place}" / "valkey.sock"
+    """In the folder of the data, or else in the first short enough place that is a user's own or made private."""
+    place = f"linked-fleet-{hashlib.sha256(os.fsencode(state_dir)).hexdigest()[:16]}"
+    folders = (os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir(), tempfile.gettempdir(), "/tmp")  # noqa: S108
+    paths = [state_dir / "valkey.sock", *(Path(folder) / place / "valkey.sock" for folder in folders)]
+    return next((path for path in paths if len(os.fsencode(path)) <= _SOCKET_BYTES), paths[-1])
 
 
 def _make_private(folder: Path) -> None:

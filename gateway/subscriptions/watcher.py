@@ -54,6 +54,8 @@ class Watcher:
         self.subscription = subscription
         self.patient = patient
         self.last_ns: int | None = None
+        self.left: set[str] = set()
+        """Of a patient one: what it does not watch any more."""
         self.topics: dict[str, Topic] = {}
         self.running = False
         self._schedule, self._outlet = schedule, outlet
@@ -71,6 +73,7 @@ class Watcher:
     def join(self, topic: Topic) -> None:
         """Watch one more resource; its present state is news unless the subscriber has it."""
         self.topics[topic.path] = topic
+        self.left.discard(topic.path)
         topic.watchers[self] = None
         known = self._known.pop(topic.path, None)
         if known == topic.reading.version:
@@ -80,6 +83,8 @@ class Watcher:
 
     def leave(self, path: str) -> Topic:
         topic = self.topics.pop(path)
+        if self.patient:
+            self.left.add(path)
         del topic.watchers[self]
         self._pending.pop(path, None)
         self._round.pop(path, None)

@@ -1,0 +1,100 @@
+"""The callbacks that this gateway serves: those that were made here, and those of gateways that are gone."""
+
+import asyncio
+import logging
+import ssl
+
+from gateway.subscriptions.courier import Courier
+from gateway.subscriptions.fan_out import FanOut
+from gateway.subscriptions.network import Network, Unresolvable
+from gateway.subscriptions.receiver import Receiver
+from gateway.subscriptions.store import Store, StoreUnavailable
+from gateway.subscriptions.subscription import Delivery, DeliveryState, Kind, Record, Subscription
+
+log = logging.getLogger(__name__)
+
+
+class Callbacks:
+    """``limit`` is the number of subscriptions that one client may have, ``consent`` whether receivers are asked."""
+
+    def __init__(self, store: Store, run: str, fan_out: FanOut, network: Network, limit: int, consent: bool) -> None:
+        self._store, self._run, self._fan_out, self._network = store, run, fan_out, network
+        self._limit, self._consent = limit, consent
+        self._couriers: dict[str, Courier] = {}
+        self._refused: set[str] = set()
+        self._tls = ssl.create_default_context()
+
+    async def accept(self, subscription: Subscription) -> Record:
+        """Make a callback subscription; it is in the store when this returns.
+
+        Forbidden when its receiver has no address that may be reached; TooMany, StoreUnavailable.
+        """
+        receiver = self._receiver(subscription)
+        try:
+            trusted = not self._consent or await receiver.trusted()
+        except Unresolvable:
+            trusted = False  # the name may come to be; until then the subscription shows what is wrong
+        finally:
+            await receiver.aclose()
+        delivery = Delivery(DeliveryState.ACTIVE if trusted else DeliveryState.AWAITING_CONSENT)
+        try:
+            await self._store.add(subscription, delivery, self._limit)
+        except StoreUnavailable:
+            self._refused.add(subscription.id)  # it may be there, although its client is told that it is not
+            raise
+        record = Record(subscription, delivery, self._run)
+        self._serve(record)
+        return record
+
+    async def aclose(self) -> None:
+        await asyncio.gather(*(courier.stop() for courier in self._couriers.values()))
+
+    def woken(self, id: str) -> None:
+        """Somebody resumed it."""
+        if (courier := self._couriers.get(id)) is not None:
+            courier.wake()
+
+    async def drop(self, id: str) -> None:
+        """Serve it no longer, if it is served here."""
+        if (courier := self._couriers.pop(id, None)) is not None:
+            await courier.stop()
+
+    async def catch_up(self) -> None:
+        """Take back what was refused while the store was away."""
+        for id in list(self._refused):
+            await self._store.remove(id)
+            self._refused.discard(id)
+
+    async def take_over(self, run: str) -> None:
+        """Serve what a dead gateway held."""
+        count = 0
+        async for record in self._store.adopt(run):
+            count += 1
+            # We may have served it before we were thought dead; what is known from then is out of date.
+            await self.drop(record.subscription.id)
+            self._serve(record)
+        if count:
+            log.info("took %d callbacks over from gateway run %s", count, run)
+
+    async def compare(self, held: dict[str, Record]) -> None:
+        """With what the store says this run holds."""
+        for id, record in held.items():
+            courier = self._couriers.get(id)
+            if record.subscription.kind is Kind.CALLBACK and (courier is None or not courier.running):
+                await self.drop(id)
+                self._serve(record)
+        for id in [id for id in self._couriers if id not in held]:
+            found = await self._store.record(id)  # it may be newer than the answer above
+            if found is None or found.holder != self._run:
+                await self.drop(id)
+
+    def _serve(self, record: Record) -> None:
+        if record.subscription.id in self._couriers:
+            return
+        receiver = self._receiver(record.subscription)
+        courier = Courier(record, self._store, self._fan_out, receiver, consent=self._consent)
+        self._couriers[record.subscription.id] = courier
+        courier.start()
+
+    def _receiver(self, subscription: Subscription) -> Receiver:
+        return Receiver(self._network, subscription.callback, ssl_context=self._tls)

@@ -1,0 +1,222 @@
+"""The streams that are open at this gateway, and what the store is told of them so that every gateway lists them.
+
+They live on connections and go on while the store is away; it is told later. A stream that was made by POST waits
+between its connections, for a while.
+"""
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable
+from dataclasses import replace
+
+from gateway.subscriptions.fan_out import FanOut
+from gateway.subscriptions.message import Ending, Outlet
+from gateway.subscriptions.store import Lost, Store, StoreUnavailable, TooMany
+from gateway.subscriptions.subscription import Delivery, DeliveryState, Depth, Kind, Record, Subscription
+from gateway.subscriptions.watcher import Watcher
+
+log = logging.getLogger(__name__)
+
+UNOPENED_S = 60.0
+"""How long a stream that was made by POST waits to be opened, at first and again after each connection."""
+
+
+class Streams:
+    """``limit`` is the number of subscriptions that one client may have."""
+
+    def __init__(self, store: Store, run: str, fan_out: FanOut, limit: int) -> None:
+        self._store, self._run, self._fan_out, self._limit = store, run, fan_out, limit
+        self._open: dict[str, Watcher] = {}
+        self._coming: set[str] = set()
+        self._expiries: dict[str, asyncio.TimerHandle] = {}
+        # What the store is still to be told, and what it could not be found to have at the last comparison.
+        self._unlisted: set[str] = set()
+        self._ended: set[str] = set()
+        self._missed: set[str] = set()
+        self._noted: dict[str, int | None] = {}
+        self._background: set[asyncio.Task[None]] = set()
+
+    # -- connections --------------------------------------------------------------------------------------------------
+
+    async def register(self, subscription: Subscription) -> None:
+        """Have a stream listed before it is opened; TooMany when the client has too many subscriptions."""
+        id = subscription.id
+        self._coming.add(id)
+        self._stop_waiting(id)
+        try:
+            await self._store.add(subscription, Delivery(), self._limit)
+        except StoreUnavailable:
+            mine = [each for each in self._open.values() if each.subscription.client == subscription.client]
+            if len(mine) >= self._limit:
+                self._coming.discard(id)
+                raise TooMany(f"{subscription.client} has {len(mine)} subscriptions already") from None
+            self._unlisted.add(id)
+        except BaseException:
+            self._coming.discard(id)
+            raise
+
+    def open(self, subscription: Subscription, outlet: Outlet, seen: str | None) -> Watcher:
+        """Begin a registered stream; ``seen`` is the version that the subscriber saw last.
+
+        It ends at once when there is no such resource any more. Of a subtree, ``seen`` is the version of any one
+        resource in it and says nothing about the others: all of them are sent again.
+        """
+        sent = {subscription.resource: seen} if seen and subscription.depth is not Depth.SUBTREE else {}
+        watcher = self._fan_out.watch(subscription, outlet, sent)
+        if (other := self._open.get(subscription.id)) is not None:
+            other.end(Ending.REPLACED)
+        self._open[subscription.id] = watcher
+        self._coming.discard(subscription.id)
+        return watcher
+
+    def close(self, subscription: Subscription, watcher: Watcher | None, *, reopenable: bool) -> None:
+        """The connection of a registered stream is gone; one that was made by POST waits for another."""
+        id, last_ns = subscription.id, None
+        if watcher is None:
+            self._coming.discard(id)
+        else:
+            watcher.close()
+            last_ns = watcher.last_ns
+            if self._open.get(id) is not watcher:
+                return  # cancelled, or opened on another connection
+            del self._open[id]
+            self._noted.pop(id, None)
+        if reopenable:
+            self._later(lambda: self._offer_again(subscription, last_ns))
+        else:
+            self._later(lambda: self._forget(id))
+
+    def end_all(self) -> None:
+        """Close every stream, because the gateway ends; their clients reconnect to another or later."""
+        for watcher in list(self._open.values()):
+            watcher.end(Ending.SHUTDOWN)
+        self._open.clear()
+
+    async def aclose(self) -> None:
+        self.end_all()
+        for timer in self._expiries.values():
+            timer.cancel()
+        for task in self._background:
+            task.cancel()
+        await asyncio.gather(*self._background, return_exceptions=True)
+
+    # -- between connections ------------------------------------------------------------------------------------------
+
+    async def offer(self, subscription: Subscription) -> None:
+        """Keep a stream that nobody has opened yet for a while. TooMany, StoreUnavailable."""
+        await self._store.add(subscription, Delivery(DeliveryState.WAITING), self._limit)
+        self._expire(subscription.id)
+
+    async def _offer_again(self, subscription: Subscription, last_ns: int | None) -> None:
+        id, unopened = subscription.id, replace(subscription, kind=Kind.STREAM)
+        if self._here(id):
+            return
+        try:
+            await self._store.add(unopened, Delivery(DeliveryState.WAITING, last_ns), self._limit, take=False)
+        except Lost:
+            return  # it was opened through another gateway
+        except (StoreUnavailable, TooMany):
+            await self._forget(id)
+            return
+        if self._here(id):
+            self._unlisted.add(id)  # opened again meanwhile: say so again
+        else:
+            self._expire(id)
+
+    def _here(self, id: str) -> bool:
+        return id in self._open or id in self._coming
+
+    def _expire(self, id: str) -> None:
+        self._stop_waiting(id)
+        loop = asyncio.get_running_loop()
+        self._expiries[id] = loop.call_later(UNOPENED_S, lambda: self._later(lambda: self._abandon(id)))
+
+    def _stop_waiting(self, id: str) -> None:
+        if (expiry := self._expiries.pop(id, None)) is not None:
+            expiry.cancel()
+
+    async def _abandon(self, id: str) -> None:
+        self._expiries.pop(id, None)
+        if not self._here(id):
+            await self._forget(id)
+
+    async def _forget(self, id: str) -> None:
+        self._unlisted.discard(id)
+        try:
+            await self._store.remove(id, own=True)  # another gateway may have it by now
+        except StoreUnavailable:
+            self._ended.add(id)
+
+    # -- what others do -----------------------------------------------------------------------------------------------
+
+    def drop(self, id: str, ending: Ending) -> None:
+        """End a stream here, if it is here; the store knows."""
+        self._noted.pop(id, None)
+        self._unlisted.discard(id)
+        self._stop_waiting(id)
+        if (watcher := self._open.pop(id, None)) is not None:
+            watcher.end(ending)
+
+    async def replaced(self, id: str) -> None:
+        """It was opened through another gateway, unless it has come back since."""
+        found = await self._store.record(id)
+        if found is not None and found.holder != self._run:
+            self.drop(id, Ending.REPLACED)
+
+    def freshened(self, record: Record) -> Record:
+        """What this gateway knows better than the store: when the last message was sent."""
+        watcher = self._open.get(record.subscription.id)
+        if watcher is None or record.holder != self._run:
+            return record
+        return replace(record, delivery=replace(record.delivery, last_ns=watcher.last_ns))
+
+    # -- what the store is told ---------------------------------------------------------------------------------------
+
+    async def catch_up(self) -> None:
+        """Streams begun and ended while the store was away."""
+        for id in list(self._ended):
+            await self._store.remove(id, own=True)
+            self._ended.discard(id)
+        for id in list(self._unlisted):
+            if (watcher := self._open.get(id)) is not None:
+                try:
+                    await self._store.add(watcher.subscription, Delivery(last_ns=watcher.last_ns), self._limit)
+                except TooMany:
+                    self.drop(id, Ending.CANCELLED)
+                else:
+                    if not self._here(id) and id not in self._expiries:  # closed meanwhile
+                        self._ended.add(id)
+            if id not in self._coming:
+                self._unlisted.discard(id)
+
+    async def note(self) -> None:
+        """When the last message of each was sent."""
+        moved = {
+            id: each.last_ns
+            for id, each in self._open.items()
+            if id not in self._unlisted and each.last_ns != self._noted.get(id)
+        }
+        lost = await self._store.note_all({id: Delivery(last_ns=last_ns) for id, last_ns in moved.items()})
+        self._noted.update((id, last_ns) for id, last_ns in moved.items() if id in self._open and id not in lost)
+
+    async def compare(self, held: dict[str, Record]) -> None:
+        """With what the store says this run holds: some is missing after a time in which we were thought dead."""
+        missing = {id for id in self._open if id not in held and id not in self._unlisted}
+        for id in missing & self._missed:  # the second time: news of its end would have come by now
+            found = await self._store.record(id)
+            if found is not None and found.holder != self._run:
+                self.drop(id, Ending.REPLACED)
+            elif id in self._open:
+                self._unlisted.add(id)
+        self._missed = missing
+
+    def _later(self, call: Callable[[], Awaitable[None]]) -> None:
+        task = asyncio.ensure_future(self._guarded(call))
+        self._background.add(task)
+        task.add_done_callback(self._background.discard)
+
+    async def _guarded(self, call: Callable[[], Awaitable[None]]) -> None:
+        try:
+            await call()
+        except Exception:
+            log.exception("a stream was not put away as it should")
