@@ -44,7 +44,7 @@ class Schedule(Protocol):
 class Watcher:
     """Keeps which resources have news, never the news: memory is bounded by the number of resources watched.
 
-    The policy (ARCHITECTURE.md, "Fan-out"): between two messages about a resource its values are conflated, the last
+    The policy (PROTOCOL.md, "Messages"): between two messages about a resource its values are conflated, the last
     one always goes out. ``sent`` are the versions, by path, that the subscriber is known to have.
     """
 
