@@ -1,5 +1,6 @@
 # make demo    five simulated robots and the gateway, browsable at one address (PORT=8000)
 # make test    the tests (PYTEST_ARGS="-k wire" for some of them)
+# make test-fast  those without fleets of processes, in less than two minutes
 # make check   lint, types, the walls between packages, the base install on its own
 # make bench   what many subscribers cost, measured here (bench/README.md)
 # make clean   remove what make made
@@ -24,13 +25,16 @@ $$python -c 'import ensurepip' 2>/dev/null || { echo "$$python has no venv: apt 
 $$python -m venv --clear $(1)
 endef
 
-.PHONY: demo test check bench clean
+.PHONY: demo test test-fast check bench clean
 
 demo: .venv/stamp
 	@$(BIN)/python -m demo --port $(PORT)
 
 test: .venv/stamp
 	$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+test-fast: .venv/stamp
+	$(BIN)/python -m pytest -m "not fleet" --ignore tests/fleet --ignore tests/requirements --ignore tests/test_demo.py $(PYTEST_ARGS)
 
 check: .venv/stamp .venv-bare/stamp
 	$(BIN)/ruff check .
