@@ -156,6 +156,7 @@ class Courier:
             pause_s = self._not_before_s - time.monotonic()
             if pause_s > 0:
                 await asyncio.sleep(pause_s)
+                await self._note()  # Lost if another gateway has taken it over meanwhile
             try:
                 outcome = await self._attempt(entry)
             except NoConsent as error:  # its address changed since it was trusted

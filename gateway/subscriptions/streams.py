@@ -7,6 +7,7 @@ between its connections, for a while.
 import asyncio
 import logging
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from dataclasses import replace
 
 from gateway.subscriptions.fan_out import FanOut
@@ -28,11 +29,13 @@ class Streams:
         self._store, self._run, self._fan_out, self._limit = store, run, fan_out, limit
         self._open: dict[str, Watcher] = {}
         self._coming: set[str] = set()
+        self._cancelled: set[str] = set()  # of those that are coming
         self._expiries: dict[str, asyncio.TimerHandle] = {}
-        # What the store is still to be told, and what it could not be found to have at the last comparison.
+        # What the store is still to be told, and what it had too little and too much at the last comparison.
         self._unlisted: set[str] = set()
         self._ended: set[str] = set()
         self._missed: set[str] = set()
+        self._strays: set[str] = set()
         self._noted: dict[str, int | None] = {}
         self._background: set[asyncio.Task[None]] = set()
 
@@ -41,19 +44,28 @@ class Streams:
     async def register(self, subscription: Subscription) -> None:
         """Have a stream listed before it is opened; TooMany when the client has too many subscriptions."""
         id = subscription.id
+        waited = id in self._expiries
         self._coming.add(id)
+        self._ended.discard(id)
         self._stop_waiting(id)
+        try:
+            await self._list(subscription)
+        except BaseException:
+            self._leave(id)
+            if waited:
+                self._expire(id)
+            else:
+                self._ended.add(id)  # it may be there
+            raise
+
+    async def _list(self, subscription: Subscription) -> None:
         try:
             await self._store.add(subscription, Delivery(), self._limit)
         except StoreUnavailable:
             mine = [each for each in self._open.values() if each.subscription.client == subscription.client]
             if len(mine) >= self._limit:
-                self._coming.discard(id)
                 raise TooMany(f"{subscription.client} has {len(mine)} subscriptions already") from None
-            self._unlisted.add(id)
-        except BaseException:
-            self._coming.discard(id)
-            raise
+            self._unlisted.add(subscription.id)
 
     def open(self, subscription: Subscription, outlet: Outlet, seen: str | None) -> Watcher:
         """Begin a registered stream; ``seen`` is the version that the subscriber saw last.
@@ -62,18 +74,23 @@ class Streams:
         resource in it and says nothing about the others: all of them are sent again.
         """
         sent = {subscription.resource: seen} if seen and subscription.depth is not Depth.SUBTREE else {}
-        watcher = self._fan_out.watch(subscription, outlet, sent)
-        if (other := self._open.get(subscription.id)) is not None:
-            other.end(Ending.REPLACED)
-        self._open[subscription.id] = watcher
-        self._coming.discard(subscription.id)
+        id, watcher = subscription.id, self._fan_out.watch(subscription, outlet, sent)
+        if id in self._cancelled:
+            watcher.end(Ending.CANCELLED)
+            self._ended.add(id)  # it may have been listed after it was deleted
+        else:
+            if (other := self._open.get(id)) is not None:
+                other.end(Ending.REPLACED)
+            self._open[id] = watcher
+        self._leave(id)
         return watcher
 
     def close(self, subscription: Subscription, watcher: Watcher | None, *, reopenable: bool) -> None:
         """The connection of a registered stream is gone; one that was made by POST waits for another."""
         id, last_ns = subscription.id, None
         if watcher is None:
-            self._coming.discard(id)
+            reopenable = reopenable and id not in self._cancelled
+            self._leave(id)
         else:
             watcher.close()
             last_ns = watcher.last_ns
@@ -104,7 +121,13 @@ class Streams:
 
     async def offer(self, subscription: Subscription) -> None:
         """Keep a stream that nobody has opened yet for a while. TooMany, StoreUnavailable."""
-        await self._store.add(subscription, Delivery(DeliveryState.WAITING), self._limit)
+        try:
+            await self._store.add(subscription, Delivery(DeliveryState.WAITING), self._limit)
+        except TooMany:
+            raise
+        except BaseException:
+            self._ended.add(subscription.id)  # it may be there, although its client is told that it is not
+            raise
         self._expire(subscription.id)
 
     async def _offer_again(self, subscription: Subscription, last_ns: int | None) -> None:
@@ -122,6 +145,11 @@ class Streams:
             self._unlisted.add(id)  # opened again meanwhile: say so again
         else:
             self._expire(id)
+
+    def _leave(self, id: str) -> None:
+        """It comes no more."""
+        self._coming.discard(id)
+        self._cancelled.discard(id)
 
     def _here(self, id: str) -> bool:
         return id in self._open or id in self._coming
@@ -142,10 +170,16 @@ class Streams:
 
     async def _forget(self, id: str) -> None:
         self._unlisted.discard(id)
-        try:
-            await self._store.remove(id, own=True)  # another gateway may have it by now
-        except StoreUnavailable:
-            self._ended.add(id)
+        self._ended.add(id)
+        with suppress(StoreUnavailable):
+            await self._strike_out(id)
+
+    async def _strike_out(self, id: str) -> None:
+        """Have an end known; StoreUnavailable."""
+        await self._store.remove(id, own=True)  # another gateway may have it by now
+        self._ended.discard(id)
+        if self._here(id):
+            self._unlisted.add(id)  # opened again meanwhile: say so again
 
     # -- what others do -----------------------------------------------------------------------------------------------
 
@@ -154,6 +188,8 @@ class Streams:
         self._noted.pop(id, None)
         self._unlisted.discard(id)
         self._stop_waiting(id)
+        if ending is Ending.CANCELLED and id in self._coming:
+            self._cancelled.add(id)
         if (watcher := self._open.pop(id, None)) is not None:
             watcher.end(ending)
 
@@ -175,8 +211,8 @@ class Streams:
     async def catch_up(self) -> None:
         """Streams begun and ended while the store was away."""
         for id in list(self._ended):
-            await self._store.remove(id, own=True)
-            self._ended.discard(id)
+            if id in self._ended:  # not opened again meanwhile
+                await self._strike_out(id)
         for id in list(self._unlisted):
             if (watcher := self._open.get(id)) is not None:
                 try:
@@ -200,7 +236,11 @@ class Streams:
         self._noted.update((id, last_ns) for id, last_ns in moved.items() if id in self._open and id not in lost)
 
     async def compare(self, held: dict[str, Record]) -> None:
-        """With what the store says this run holds: some is missing after a time in which we were thought dead."""
+        """With what the store says this run holds.
+
+        Some is missing after a time in which we were thought dead; some is left over when a command reached the store
+        after we had given it up.
+        """
         missing = {id for id in self._open if id not in held and id not in self._unlisted}
         for id in missing & self._missed:  # the second time: news of its end would have come by now
             found = await self._store.record(id)
@@ -209,6 +249,10 @@ class Streams:
             elif id in self._open:
                 self._unlisted.add(id)
         self._missed = missing
+        streams = {id for id, record in held.items() if record.subscription.kind.streams}
+        strays = {id for id in streams if not self._here(id) and id not in self._expiries}
+        self._ended |= strays & self._strays  # the second time: what was on its way has come by now
+        self._strays = strays
 
     def _later(self, call: Callable[[], Awaitable[None]]) -> None:
         task = asyncio.ensure_future(self._guarded(call))

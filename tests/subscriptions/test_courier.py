@@ -127,9 +127,15 @@ def run(test: Coroutine[Any, Any, None]) -> None:
 
 @asynccontextmanager
 async def work(
-    url: str, receiver: CallbackReceiver, delivery: Delivery | None = None, network: Network | None = None
+    url: str,
+    receiver: CallbackReceiver,
+    delivery: Delivery | None = None,
+    network: Network | None = None,
+    *,
+    namespace: str = "",
+    loses: bool = False,
 ) -> AsyncIterator[Work]:
-    """A courier that has just taken a subscription up."""
+    """A courier that has just taken a subscription up; unless it ``loses`` that, it is at work to the end."""
     subscription = Subscription(
         id=str(uuid.uuid4()),
         owner="/toy/elbow",
@@ -143,7 +149,7 @@ async def work(
     )
     toy, delivery = Toy(), delivery or Delivery()
     network = network or Network(LOOPBACK, lookup=lambda *_: ["127.0.0.1"])
-    async with Store(url, uuid.uuid4().hex, "a") as store:
+    async with Store(url, namespace or uuid.uuid4().hex, "a") as store:
         await store.add(subscription, delivery, 10)
         with closing(network):
             sender = Receiver(network, subscription.callback, ssl_context=PLAIN)
@@ -151,7 +157,7 @@ async def work(
             courier.start()
             try:
                 yield Work(toy, courier, store, receiver, subscription.id)
-                assert courier.running
+                assert courier.running is not loses
             finally:
                 await courier.stop()
 
@@ -302,6 +308,59 @@ def test_the_rate_that_is_allowed_becomes_an_interval(url: str, there: CallbackR
             log = await at.requests(3, "POST")
             assert numbers(log) == [1, 2, 3]  # the second waits meanwhile, the third is what is true after that
             assert log[-1].headers["linked-fleet-version"] == at.toy.version
+
+    run(test())
+
+
+def test_the_rate_that_is_allowed_is_kept_when_a_delivery_is_repeated(
+    url: str, there: CallbackReceiver, at_once: list[int]
+) -> None:
+    """One in a minute, whatever the backoff is: what failed is not repeated before, and nothing overtakes it."""
+
+    async def test() -> None:
+        there.consent = consents("*", "1")
+        there.script(there.consent, Answer(500), retry_after(0))
+        async with work(url, there, network=Outside(lookup=lambda *_: ["127.0.0.1"])) as at:
+            for failures, status in ((1, 500), (2, 503)):
+                record = await at.until(lambda record, n=status: record.delivery.last_status == n, f"a {status}")
+                assert record.delivery.allowed_interval_s == 60.0
+                for fact in range(1, 50):
+                    at.toy.become(fact)
+                    await at.store.record(at.id)  # time enough for a courier that is not to wait
+                assert numbers(there.log(method="POST")) == failures * [1]
+                at.courier.wake()  # nothing else makes it come back
+            assert numbers(await at.requests(3, "POST")) == [1, 1, 1]
+
+    run(test())
+
+
+def test_who_lost_the_subscription_while_it_kept_the_rate_delivers_no_more(url: str, there: CallbackReceiver) -> None:
+    """The pause can be longer than a lease: another gateway is further by then."""
+
+    async def test() -> None:
+        there.consent = consents("*", "20")
+        outside, namespace = Outside(lookup=lambda *_: ["127.0.0.1"]), uuid.uuid4().hex
+        async with (
+            work(url, there, network=outside, namespace=namespace, loses=True) as at,
+            Store(url, namespace, "b") as other,
+        ):
+            await at.requests(1, "POST")
+            await at.until(lambda record: record.delivery.last_status == 204, "the first delivery")
+            at.toy.become(1)
+            while not (await at.store.backlog(at.id)).entries:  # noqa: ASYNC110 - another process knows it
+                await asyncio.sleep(0.01)
+            (record,) = [record async for record in other.adopt("a")]
+            sender = Receiver(outside, there.url(), ssl_context=PLAIN)
+            hasty = replace(record, delivery=replace(record.delivery, allowed_interval_s=0.0))
+            taker = Courier(hasty, other, at.toy.fan_out, sender, consent=True)
+            taker.start()
+            await at.requests(2, "POST")
+            at.toy.become(2)
+            await at.requests(3, "POST")
+            assert at.courier._task is not None
+            await at.courier._task  # by itself, after its pause
+            assert numbers(there.log(method="POST")) == [1, 2, 3]
+            await taker.stop()
 
     run(test())
 

@@ -1,0 +1,422 @@
+"""The streams of one gateway on a real server, fleet and fan-out: what stays listed, and what leaves nothing behind."""
+
+import asyncio
+import math
+import time
+import uuid
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import asynccontextmanager
+from dataclasses import replace
+
+import pytest
+from actor import joint, link, robot
+from redis_servers import Servers, cluster, single
+from running import PATIENCE_S
+
+from agents.wire.codec import encode_state, layout
+from agents.wire.messages import WIRE_VERSION, Description, State
+from gateway.fleet.events import Appeared, Described, Framed
+from gateway.fleet.fleet import Fleet
+from gateway.fleet.invocations import Invocations
+from gateway.graph.tree import Tree
+from gateway.subscriptions import streams as streams_module
+from gateway.subscriptions.fan_out import FanOut
+from gateway.subscriptions.message import Ending, Message
+from gateway.subscriptions.store import Store, StoreUnavailable, TooMany
+from gateway.subscriptions.streams import Streams
+from gateway.subscriptions.subscription import Delivery, DeliveryState, Kind, Subscription
+from gateway.subscriptions.watcher import Watcher
+
+OWNER, PATH = "/r/elbow", "/r/elbow/rotation"
+LIMIT = 3
+
+
+class Outlet:
+    """A connection on which everything leaves at once."""
+
+    def __init__(self) -> None:
+        self.messages: list[Message] = []
+        self.ending: Ending | None = None
+
+    def writable(self) -> bool:
+        return self.ending is None
+
+    def write(self, message: Message) -> None:
+        self.messages.append(message)
+
+    def end(self, ending: Ending) -> None:
+        self.ending = ending
+
+
+class Toy:
+    """A fleet with one robot, and the fan-out that watches it."""
+
+    def __init__(self) -> None:
+        self.fleet, self._sequence = Fleet(), 0
+        invocations = Invocations()
+        self.fan_out = FanOut(lambda base: Tree(self.fleet, invocations, base))
+        self.fleet.apply(Appeared("r", 1), 1)
+        self.fleet.apply(
+            Described(
+                Description(
+                    version=WIRE_VERSION, robot="r", incarnation=1, title="R", joints=("elbow",), rate_hz=50,
+                    urdf=robot(link("base"), link("tip"), joint("elbow", "revolute", "base", "tip")),
+                    layout=layout(1, False), capabilities=(),
+                )
+            ),
+            1,
+        )  # fmt: skip
+        self.move()
+
+    def move(self) -> None:
+        self._sequence += 1
+        nan, n = (math.nan,), self._sequence
+        state = State(
+            incarnation=1, sequence=n, monotonic_ns=n, wall_ns=1000 + n,
+            positions=(n / 1000,), velocities=nan, efforts=nan,
+        )  # fmt: skip
+        self.fleet.apply(Framed("r", encode_state(state)), 1)
+        self.fan_out.moved("r")
+
+
+class Cut(Store):
+    """A store whose answers get lost on the way, after all has been done, while ``cut`` is set."""
+
+    cut = False
+
+    async def add(self, *arguments: object, **options: object) -> None:
+        await super().add(*arguments, **options)  # type: ignore[arg-type]
+        if self.cut:
+            raise StoreUnavailable("the answer was lost")
+
+
+class Gateway:
+    """As much of one as streams need."""
+
+    def __init__(self, store: Cut, run: str) -> None:
+        self.store, self.toy = store, Toy()
+        self.streams = Streams(store, run, self.toy.fan_out, LIMIT)
+
+    async def connect(self, subscription: Subscription, kind: Kind = Kind.WEBSOCKET) -> tuple[Watcher, Outlet]:
+        """Open it and await the first message."""
+        opened, outlet = replace(subscription, kind=kind), Outlet()
+        await self.streams.register(opened)
+        watcher = self.streams.open(opened, outlet, None)
+        watcher.ready()
+        await until(lambda: bool(outlet.messages), "the first message")
+        return watcher, outlet
+
+    async def listed(self) -> set[str]:
+        return {record.subscription.id for record in await self.store.of(OWNER)}
+
+    async def state(self, subscription: Subscription) -> DeliveryState | None:
+        record = await self.store.record(subscription.id)
+        return None if record is None else record.delivery.state
+
+    async def keep(self) -> bool:
+        """What a gateway does now and then; whether nothing is left, not even of a list written by half."""
+        await self.streams.catch_up()
+        await self.streams.compare({record.subscription.id: record for record in await self.store.held()})
+        return not await self.listed() and not self.streams._background and not self.streams._expiries
+
+    async def emptied(self) -> None:
+        """Nothing is listed, and the client may have as many as ever."""
+
+        async def empty() -> bool:
+            return not await self.listed()
+
+        await until(empty, "an empty container")
+        mine = [stream() for _ in range(LIMIT)]
+        for each in mine:
+            await self.streams.offer(each)
+        with pytest.raises(TooMany):
+            await self.streams.offer(stream())
+        assert await self.listed() == {each.id for each in mine}
+        for each in mine:
+            await self.store.remove(each.id)
+            self.streams.drop(each.id, Ending.CANCELLED)
+        assert not self.streams._coming
+        assert not self.streams._unlisted
+        assert not self.streams._expiries
+
+
+@pytest.fixture(scope="module", params=[single, cluster])
+def servers(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Servers]:
+    with request.param(tmp_path_factory.mktemp("redis")) as running:
+        yield running
+
+
+@pytest.fixture
+def soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nobody is waited for very long."""
+    monkeypatch.setattr(streams_module, "UNOPENED_S", 0.3)
+
+
+def stream(kind: Kind = Kind.STREAM) -> Subscription:
+    return Subscription(
+        id=str(uuid.uuid4()),
+        owner=OWNER,
+        resource=PATH,
+        kind=kind,
+        media_type="text/turtle",
+        base="http://fleet.example",
+        client="192.0.2.7",
+        created_ns=time.time_ns(),
+    )
+
+
+async def until(probe: Callable[[], bool | Awaitable[bool]], what: str) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while True:
+        found = probe()
+        if found if isinstance(found, bool) else await found:
+            return
+        assert time.monotonic() < deadline, f"never happened: {what}"
+        await asyncio.sleep(0.01)
+
+
+@asynccontextmanager
+async def gateways(servers: Servers, count: int = 1) -> AsyncIterator[list[Gateway]]:
+    namespace, found = uuid.uuid4().hex, []
+    try:
+        for _ in range(count):
+            run = uuid.uuid4().hex
+            found.append(Gateway(Cut(servers.url, namespace, run, lease_s=PATIENCE_S), run))
+            await found[-1].store.renew()
+        yield found
+    finally:
+        for each in found:
+            await each.streams.aclose()
+            await each.store.__aexit__()
+
+
+def run(servers: Servers, test: Callable[..., Awaitable[None]], count: int = 1) -> None:
+    async def main() -> None:
+        async with asyncio.timeout(PATIENCE_S), gateways(servers, count) as found:
+            await test(*found)
+
+    asyncio.run(main())
+
+
+# A stream that was made by POST, between its connections
+
+
+def test_what_is_opened_again_and_again_stays(servers: Servers, soon: None) -> None:
+    """None of the waits between its connections ends it later: it is open when one that began later is over."""
+
+    async def test(at: Gateway) -> None:
+        posted = stream()
+        await at.streams.offer(posted)
+        for kind in (Kind.WEBSOCKET, Kind.EVENT_STREAM, Kind.WEBSOCKET):
+            watcher, _ = await at.connect(posted, kind)
+            at.streams.close(replace(posted, kind=kind), watcher, reopenable=True)
+        for _ in range(3):  # now each of them waits to be opened before it is
+            watcher, _ = await at.connect(posted)
+            at.streams.close(replace(posted, kind=Kind.WEBSOCKET), watcher, reopenable=True)
+
+            async def waiting() -> bool:
+                return await at.state(posted) is DeliveryState.WAITING and posted.id in at.streams._expiries
+
+            await until(waiting, "a stream that waits")
+        _, outlet = await at.connect(posted)
+        control = stream()
+        await at.streams.offer(control)
+
+        async def over() -> bool:
+            return await at.listed() == {posted.id}
+
+        await until(over, "the end of one that nobody opens")
+        await at.streams.catch_up()
+        assert await at.listed() == {posted.id}
+        assert outlet.ending is None
+        count = len(outlet.messages)
+        at.toy.move()
+        await until(lambda: len(outlet.messages) > count, "another message")
+
+    run(servers, test)
+
+
+def test_what_is_not_opened_again_vanishes(servers: Servers, soon: None) -> None:
+    async def test(at: Gateway) -> None:
+        never, once = stream(), stream()
+        for each in (never, once):
+            await at.streams.offer(each)
+        watcher, _ = await at.connect(once)
+        at.streams.close(replace(once, kind=Kind.WEBSOCKET), watcher, reopenable=True)
+        await at.emptied()
+
+    run(servers, test)
+
+
+def test_a_wait_at_the_gateway_before_does_not_end_it(servers: Servers, soon: None) -> None:
+    """Made at one gateway and opened through another, of which the first has not heard: its clock runs out."""
+
+    async def test(one: Gateway, other: Gateway) -> None:
+        posted = stream()
+        await one.streams.offer(posted)
+        _, outlet = await other.connect(posted)
+        await until(lambda: not one.streams._expiries, "the end of the wait")
+        await until(lambda: not one.streams._background, "what is done then")
+        assert await one.listed() == await other.listed() == {posted.id}
+        assert outlet.ending is None
+
+    run(servers, test, 2)
+
+
+def test_who_closes_late_does_not_take_it_back(servers: Servers, soon: None) -> None:
+    async def test(one: Gateway, other: Gateway) -> None:
+        posted = stream()
+        await one.streams.offer(posted)
+        watcher, _ = await one.connect(posted)
+        _, outlet = await other.connect(posted)
+        one.streams.close(replace(posted, kind=Kind.WEBSOCKET), watcher, reopenable=True)
+        await until(lambda: not one.streams._background, "what is done then")
+        record = await one.store.record(posted.id)
+        assert record is not None
+        assert record.delivery.state is DeliveryState.ACTIVE
+        assert {each.subscription.id for each in await other.store.held()} == {posted.id}
+        assert await one.store.held() == []
+        assert (outlet.ending, one.streams._expiries) == (None, {})
+
+    run(servers, test, 2)
+
+
+# What fails half way
+
+
+def test_a_client_that_goes_before_its_stream_is_open_leaves_nothing(servers: Servers, soon: None) -> None:
+    async def test(at: Gateway) -> None:
+        posted = stream()
+        await at.streams.offer(posted)
+        for each, reopenable in ((stream(Kind.WEBSOCKET), False), (replace(posted, kind=Kind.WEBSOCKET), True)):
+            await at.streams.register(each)
+            assert each.id in at.streams._coming
+            at.streams.close(each, None, reopenable=reopenable)
+        await at.emptied()
+
+    run(servers, test)
+
+
+def test_a_client_with_too_many_leaves_nothing(servers: Servers) -> None:
+    async def test(at: Gateway) -> None:
+        mine = [stream(Kind.WEBSOCKET) for _ in range(LIMIT)]
+        watchers = [(await at.connect(each))[0] for each in mine]
+        for kind in (Kind.WEBSOCKET, Kind.EVENT_STREAM):
+            with pytest.raises(TooMany):
+                await at.streams.register(stream(kind))
+        assert await at.listed() == {each.id for each in mine}
+        for each, watcher in zip(mine, watchers, strict=True):
+            at.streams.close(each, watcher, reopenable=False)
+        await at.emptied()
+
+    run(servers, test)
+
+
+def test_who_is_cancelled_while_it_registers_leaves_nothing(servers: Servers, soon: None) -> None:
+    """At whatever step of the store that is; also one that was made by POST, which waits on."""
+
+    async def test(at: Gateway) -> None:
+        for steps in range(0, 60, 6):
+            posted = stream()
+            await at.streams.offer(posted)
+            for each in (stream(Kind.WEBSOCKET), replace(posted, kind=Kind.WEBSOCKET)):
+                task = asyncio.create_task(at.streams.register(each))
+                for _ in range(steps):
+                    await asyncio.sleep(0)
+                task.cancel()
+                await asyncio.wait([task])
+                if not task.cancelled():
+                    at.streams.close(each, None, reopenable=each.id == posted.id)
+            await until(at.keep, "nothing left")
+        await at.emptied()
+
+    run(servers, test)
+
+
+def test_an_answer_of_the_store_that_is_lost_leaves_nothing(servers: Servers) -> None:
+    """The client is told that there is no subscription, and then there is none."""
+
+    async def test(at: Gateway) -> None:
+        at.store.cut = True
+        with pytest.raises(StoreUnavailable):
+            await at.streams.offer(stream())
+        at.store.cut = False
+        await at.streams.catch_up()
+        await at.emptied()
+
+    run(servers, test)
+
+
+def test_a_stream_that_is_opened_while_answers_are_lost_is_listed_later_and_leaves_nothing(servers: Servers) -> None:
+    async def test(at: Gateway) -> None:
+        one, gone = stream(Kind.WEBSOCKET), stream(Kind.WEBSOCKET)
+        at.store.cut = True
+        watcher, outlet = await at.connect(one)
+        await at.streams.register(gone)
+        at.streams.close(gone, None, reopenable=False)
+        at.store.cut = False
+        await at.streams.catch_up()
+        await until(lambda: not at.streams._background, "what is done when a client goes")
+        assert await at.listed() == {one.id}
+        assert outlet.ending is None
+        at.streams.close(one, watcher, reopenable=False)
+        await at.emptied()
+
+    run(servers, test)
+
+
+def test_a_posted_stream_that_is_opened_again_after_an_outage_stays_listed(servers: Servers) -> None:
+    """Its end could not be told; when it is opened again there is nothing to tell any more."""
+
+    async def test(at: Gateway) -> None:
+        posted = stream()
+        await at.streams.offer(posted)
+        watcher, _ = await at.connect(posted)
+        for node in servers.nodes:
+            node.pause()
+        at.streams.close(replace(posted, kind=Kind.WEBSOCKET), watcher, reopenable=True)
+        await until(lambda: posted.id in at.streams._ended, "a store that does not answer")
+        for node in servers.nodes:
+            node.resume()
+        _, outlet = await at.connect(posted)
+        await at.streams.catch_up()
+        assert await at.listed() == {posted.id}
+        assert outlet.ending is None
+        await at.store.note(posted.id, Delivery())  # it is held here
+
+    run(servers, test)
+
+
+def test_what_is_deleted_while_it_is_being_opened_ends(servers: Servers, soon: None) -> None:
+    async def test(at: Gateway) -> None:
+        posted, outlet = stream(), Outlet()
+        await at.streams.offer(posted)
+        opened = replace(posted, kind=Kind.WEBSOCKET)
+        await at.streams.register(opened)
+        await at.store.remove(posted.id)
+        at.streams.drop(posted.id, Ending.CANCELLED)
+        watcher = at.streams.open(opened, outlet, None)
+        assert outlet.ending is Ending.CANCELLED
+        at.streams.close(opened, watcher, reopenable=True)
+        await at.streams.catch_up()
+        await at.emptied()
+
+    run(servers, test)
+
+
+def test_what_reached_the_store_too_late_is_found(servers: Servers) -> None:
+    """A command that was given up, and carried out after its end was told: comparing finds what nobody has here."""
+
+    async def test(at: Gateway) -> None:
+        posted = stream()
+        await at.streams.offer(posted)
+        _, outlet = await at.connect(one := stream(Kind.WEBSOCKET))
+        await at.store.add(stray := stream(Kind.WEBSOCKET), Delivery(), LIMIT)
+        for _ in range(2):
+            assert await at.listed() == {posted.id, one.id, stray.id}
+            await at.keep()
+        await at.streams.catch_up()
+        assert await at.listed() == {posted.id, one.id}
+        assert outlet.ending is None
+
+    run(servers, test)
