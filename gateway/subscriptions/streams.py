@@ -134,10 +134,13 @@ class Streams:
         id, unopened = subscription.id, replace(subscription, kind=Kind.STREAM)
         if self._here(id):
             return
+        waiting = Delivery(DeliveryState.WAITING, last_ns)
         try:
-            await self._store.add(unopened, Delivery(DeliveryState.WAITING, last_ns), self._limit, take=False)
+            if id not in self._unlisted:
+                await self._store.note(id, waiting)  # what was deleted just now is not to come back
+            await self._store.add(unopened, waiting, self._limit, take=False)
         except Lost:
-            return  # it was opened through another gateway
+            return  # it was opened through another gateway, or deleted
         except (StoreUnavailable, TooMany):
             await self._forget(id)
             return

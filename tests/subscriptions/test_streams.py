@@ -420,3 +420,18 @@ def test_what_reached_the_store_too_late_is_found(servers: Servers) -> None:
         assert outlet.ending is None
 
     run(servers, test)
+
+
+def test_what_is_deleted_just_when_it_is_closed_does_not_come_back(servers: Servers) -> None:
+    """Through another gateway, of which this one has not heard."""
+
+    async def test(at: Gateway) -> None:
+        posted = stream()
+        await at.streams.offer(posted)
+        watcher, _ = await at.connect(posted)
+        await at.store.remove(posted.id)
+        at.streams.close(replace(posted, kind=Kind.WEBSOCKET), watcher, reopenable=True)
+        await until(lambda: not at.streams._background, "what is done then")
+        await at.emptied()
+
+    run(servers, test)
