@@ -48,7 +48,7 @@ class Child:
         self.told_to_end = False  # from then on its exit code alone is worth a line
         self.process = subprocess.Popen(  # noqa: S603 (our own modules, no shell)
             [sys.executable, "-m", *arguments],
-            env={key: value for key, value in os.environ.items() if not key.startswith("LINKED_FLEET_")},
+            env={key: value for key, value in os.environ.items() if not key.startswith(("LINKED_FLEET_", "REDIS_"))},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

@@ -34,6 +34,7 @@ MAX_DESCRIBED = 100
 """Subscriptions that a container describes and not only lists: each takes half a millisecond."""
 _CALLBACKS = (HYBRIT.callbackURL, HYBRIT.callbackUrl)
 _READ = (*_CALLBACKS, HYBRIT.onResource, HYBRIT.mediaType, LF.depth, LF.minimumInterval, LF.deadband, LF.secret)
+_SHOWN = (LF.signed, LF.deliveryState, LF.lastDelivery, LF.lastStatus, LF.failures, LF.reason, HYBRIT.action)
 _READ_TYPES = {HYBRIT.Subscription, *(each for types in _TYPES.values() for each in types)}
 
 
@@ -155,6 +156,7 @@ def _decimal(value: float) -> Literal:
 def requested(body: Sequence[Triple], container_iri: str, base: str) -> Request:
     """What ``body`` asks of the container; UnprocessableContent, with the report, if the published shape refuses it."""
     focus = _focus(body, NamedNode(container_iri))
+    _check_terms(body, focus, container_iri)
     about = _about(body, focus)
     check_lexical_forms(about, container_iri)
     conforms, report = validate(focused(about), _guard())
@@ -192,6 +194,22 @@ def _focus(body: Sequence[Triple], container: NamedNode) -> Node:
     return root(body, container)
 
 
+def _check_terms(body: Sequence[Triple], focus: Node, container_iri: str) -> None:
+    """A misspelt option would be none, a misspelt callback a stream. Terms of other vocabularies are their business."""
+    terms = {t.object if t.predicate == RDF.type else t.predicate for t in body if t.subject == focus}
+    strange = [
+        term.value
+        for term in terms - _READ_TYPES - {*_READ, *_SHOWN}
+        if isinstance(term, NamedNode) and term.value.startswith((HYBRIT.iri, LF.iri))
+    ]
+    if strange:
+        known = ", ".join(f"<{term.value}>" for term in _READ)
+        raise UnprocessableContent(
+            f"Nothing that a subscription can say is <{min(strange)[:200]}>; there are {known}.",
+            constraint=container_iri,
+        )
+
+
 def _about(body: Sequence[Triple], focus: Node) -> list[Triple]:
     """What the shapes are about. Two values break a maxCount as well as a thousand, which would keep pySHACL busy."""
     about = list(dict.fromkeys(t for t in body if t.subject == focus))
@@ -215,7 +233,8 @@ def _refusal(report: rdflib.Graph, container_iri: str) -> UnprocessableContent:
     """Every constraint has a sentence of its own; the report does not repeat a secret."""
     for result in list(report.subjects(rdflib.SH.resultPath, rdflib.URIRef(LF.secret.value))):
         report.remove((result, rdflib.URIRef(SH.value.value), None))
-    messages = sorted({str(message) for message in report.objects(None, rdflib.SH.resultMessage)})
+    results = report.objects(None, rdflib.SH.result)  # not the details of one: they are about shapes inside shapes
+    messages = sorted({str(report.value(result, rdflib.SH.resultMessage)) for result in results})
     detail = "The body does not conform to the shape of a subscription: " + "; ".join(messages)
     return UnprocessableContent(detail + ".", report=from_rdflib(report, container_iri), constraint=container_iri)
 

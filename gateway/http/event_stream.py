@@ -105,7 +105,7 @@ async def serve_event_stream(
     """Answer with the stream until it ends or the client is gone; what is left to do is the caller's."""
     outlet = EventStreamOutlet()
     http: HttpProtocol | None = scope.get("extensions", {}).get(HTTP)
-    if http is not None:
+    if http is not None and not http.transport.is_closing():
         http.on_shutdown = lambda: outlet.end(Ending.SHUTDOWN)
         # The server's own buffer is to be a small part of what waits; what it lets wait counts in the outlet.
         http.transport.set_write_buffer_limits(high=HIGH_WATER_BYTES // 4)

@@ -98,6 +98,11 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
 
     # What uvicorn calls
 
+    async def send(self, message: Any) -> None:
+        await super().send(message)
+        if message["type"] == "websocket.http.response.body" and not message.get("more_body", False):
+            self.handshake_complete = True  # refused, but answered: uvicorn would log an error
+
     def connection_made(self, transport: BaseTransport) -> None:
         super().connection_made(transport)
         # Paused from the byte on at which an outlet takes no more, or nobody would tell it of the room again.

@@ -3,6 +3,7 @@
 import re
 import time
 import uuid
+from collections import Counter
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
@@ -36,6 +37,7 @@ from gateway.subscriptions.service import Subscriptions
 from gateway.subscriptions.store import StoreUnavailable, TooMany
 from gateway.subscriptions.subscription import Delivery, DeliveryState, Depth, Kind, Record, Subscription
 
+OPTIONS = ("depth", "interval", "deadband", "last-event-id")
 MAX_INTERVAL_S = 86_400.0
 MAX_DEADBAND = 1e9
 _DECIMAL = re.compile(r"[0-9]{1,10}(?:\.[0-9]{0,9})?|\.[0-9]{1,9}", re.ASCII)
@@ -53,6 +55,11 @@ class Options:
 def options(connection: HTTPConnection) -> Options:
     """The options in the query: ``depth``, ``interval`` (s), ``deadband`` (SI unit of the value); BadRequest."""
     query = connection.query_params
+    for name, count in Counter(name for name, _ in query.multi_items()).items():
+        if name not in OPTIONS or count > 1:
+            raise BadRequest(
+                f"{name[:50]!r} is no option, or said twice; of a subscription there are {', '.join(OPTIONS)}."
+            )
     try:
         depth = Depth(query.get("depth", Depth.PROPERTIES))
     except ValueError:
@@ -62,11 +69,9 @@ def options(connection: HTTPConnection) -> Options:
 
 
 def _number(text: str | None, name: str, most: float) -> float:
-    if text is not None and not _DECIMAL.fullmatch(text):
-        raise BadRequest(f"{name} is a decimal number such as 0.5.")
-    value = float(text or 0.0)
+    value = 0.0 if text is None else float(text) if _DECIMAL.fullmatch(text) else most + 1
     if value > most:
-        raise BadRequest(f"{name} is a number from 0 to {most:g}.")
+        raise BadRequest(f"{name} is a decimal number from 0 to {most:g}, such as 0.5.")
     return value
 
 
@@ -110,8 +115,10 @@ async def post_subscription(request: Request, owner: str, base: str) -> Response
     iri = base + container_path(owner)
     wanted = requested(await read_triples(request, media_type, iri, base), iri, base)
     resource = live.tree(base).resolve(unquote(wanted.resource[len(base) :]))
-    if not isinstance(resource, Resource) or not resource.observable:
-        raise _unprocessable(f"{wanted.resource} is no resource that can be subscribed to.", iri)
+    if not isinstance(resource, Resource):
+        raise _unprocessable(f"There is no resource at {wanted.resource}; browse from {base}/.", iri)
+    if not resource.observable:
+        raise _unprocessable(f"{wanted.resource} cannot be subscribed to; its ETag says whether it has changed.", iri)
     if resource.owner != owner:
         right = base + container_path(resource.owner)
         raise _unprocessable(f"Subscriptions to {wanted.resource} are made at {right}.", iri)

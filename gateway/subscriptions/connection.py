@@ -30,6 +30,7 @@ _UNREACHABLE = (
 )  # fmt: skip
 # Errors without a class; the last two are those of a server that is no longer master.
 _NOT_NOW = ("MISCONF", "NOREPLICAS", "BUSY ", "LOADING", "CLUSTERDOWN", "MASTERDOWN", "UNBLOCKED", "WAIT cannot")
+_CLOSED = "the handler is closed"  # uvloop's word for writing to a connection that has just been lost
 _DURABLE = {"appendonly": "yes", "appendfsync": "always"}
 
 
@@ -152,6 +153,10 @@ class Connection:
             raise await self._failed(error) from error
         except exceptions.ResponseError as error:
             if not str(error).startswith(_NOT_NOW):
+                raise
+            raise await self._failed(error) from error
+        except RuntimeError as error:
+            if _CLOSED not in str(error):
                 raise
             raise await self._failed(error) from error
 

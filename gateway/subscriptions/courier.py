@@ -176,7 +176,7 @@ class Courier:
     async def _agreed(self) -> bool:
         """Wait until deliveries are welcome; whether only those addresses may be used that need no consent."""
         while self._consent_needed and not self.delivery.consented:
-            status = None
+            status, state = None, DeliveryState.AWAITING_CONSENT
             try:
                 if await self._receiver.trusted():
                     return True
@@ -190,8 +190,8 @@ class Courier:
                     return False
                 status, reason = consent.status, consent.reason
             except (Forbidden, Unresolvable) as error:
-                reason = str(error)
-            await self._failed(DeliveryState.AWAITING_CONSENT, Outcome(Verdict.RETRY, status, None, reason))
+                state, reason = DeliveryState.FAILING, str(error)
+            await self._failed(state, Outcome(Verdict.RETRY, status, None, reason))
         return False
 
     def _headers(self, entry: Entry) -> dict[str, str]:

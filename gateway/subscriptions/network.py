@@ -96,7 +96,7 @@ class Network:
         if found:
             raise Forbidden(
                 "The callback's host has no address that may be reached: loopback, private, link-local and other "
-                "special addresses must be in a network that the operator allows."
+                "special addresses must be in a network that the operator allows (LINKED_FLEET_CALLBACK_ALLOW)."
             )
         raise Unresolvable("The callback's host has no address.")
 

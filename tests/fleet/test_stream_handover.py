@@ -254,13 +254,10 @@ def test_clients_that_reset_their_connection_leave_nothing(stage: Hub, tmp_path:
             assert at.browser.http.delete(iri).status_code == 204
         unused(at)
         assert at.process.stop() == 0
-        calm(at.process, _FORGOTTEN)
+        calm(at.process)
 
 
-_CLOSED = pytest.mark.xfail(reason="the transport of an event stream is set up although it is closed", strict=False)
-
-
-@pytest.mark.parametrize("fields", [_WEBSOCKET, pytest.param((f"Accept: {EVENTS}",), marks=_CLOSED)])
+@pytest.mark.parametrize("fields", [_WEBSOCKET, (f"Accept: {EVENTS}",)])
 def test_clients_that_are_gone_are_nothing_unforeseen(stage: Hub, tmp_path: Path, fields: tuple[str, ...]) -> None:
     with gateway(stage, state=tmp_path) as at:
         for _ in range(100):
@@ -281,7 +278,7 @@ def test_clients_that_come_and_go_while_redis_hangs_leave_nothing(stage: Hub, tm
         eventually(lambda: at.get(at.container).status_code == 200, "Redis again")
         unused(at)
         assert at.process.stop() == 0
-        calm(at.process, _FORGOTTEN)
+        calm(at.process)
 
 
 # -- callbacks ------------------------------------------------------------------------------------------------------

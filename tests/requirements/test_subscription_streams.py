@@ -354,7 +354,18 @@ def test_deadband_and_interval(scene: Theatre) -> None:
                 place = versions.index(message.version)
                 nothing_between = versions.index(before.version) == place - 1
                 assert (message.previous == before.version) == nothing_between
-        bad = [f"{url}?{query}" for query in ("deadband=-1", "deadband=nan", "interval=1e9", "interval=x", "depth=all")]
+        bad = [
+            f"{url}?{query}"
+            for query in (
+                "deadband=-1",
+                "deadband=nan",
+                "interval=1e9",
+                "interval=x",
+                "depth=all",
+                "intervall=1",
+                "depth=this&depth=this",
+            )
+        ]
         assert [refused(each).status_code for each in bad] == [400] * len(bad)
         for each in bad:
             assert scene.browser.http.get(each, headers={"accept": EVENTS}).status_code == 400

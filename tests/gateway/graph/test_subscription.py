@@ -250,6 +250,9 @@ def test_numbers_come_back_as_they_are(interval: float, deadband: float) -> None
 @pytest.mark.parametrize(
     ("more", "message"),
     [
+        ("lf:minimumIntervall 5", "Nothing that a subscription can say is <https://w3id.org/linked-fleet#minimumInter"),
+        ('hybrit:callbackUri "http://a.example/"', "Nothing that a subscription can say is"),
+        ("a lf:WebsocketStream", "Nothing that a subscription can say is"),
         ("lf:minimumInterval -1", "lf:minimumInterval must be one number of seconds from 0 to 86400"),
         ("lf:minimumInterval 86400.5", "lf:minimumInterval must be one number of seconds from 0 to 86400"),
         ('lf:minimumInterval "5"', "lf:minimumInterval must be one number"),
