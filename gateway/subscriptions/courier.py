@@ -16,6 +16,7 @@ from urllib.parse import urlsplit
 
 from gateway.graph.subscription import subscription_path
 from gateway.subscriptions import signature
+from gateway.subscriptions.ending import end
 from gateway.subscriptions.fan_out import FanOut
 from gateway.subscriptions.message import Ending, Message
 from gateway.subscriptions.network import Forbidden, Unresolvable
@@ -27,7 +28,6 @@ from gateway.subscriptions.subscription import DeliveryState, Record
 log = logging.getLogger(__name__)
 _T = TypeVar("_T")
 _STORE_PAUSE_S = 0.25
-_STOP_PAUSE_S = 0.1
 
 
 class Courier:
@@ -60,12 +60,8 @@ class Courier:
         self._woken.set()
 
     async def stop(self) -> None:
-        while self.running:
-            assert self._task is not None
-            # Again and again: a request that ends just then can swallow it.
-            self._task.cancel()
-            # Unlike the task itself this is interrupted when our caller is cancelled.
-            await asyncio.wait([self._task], timeout=_STOP_PAUSE_S)
+        if self._task is not None:
+            await end([self._task])
         await self._receiver.aclose()
 
     # -- as an outlet of the fan-out ----------------------------------------------------------------------------------

@@ -6,7 +6,6 @@ down: two servers on the same data would spoil it.
 """
 
 import asyncio
-import contextlib
 import ctypes
 import fcntl
 import hashlib
@@ -22,6 +21,8 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Self
 from urllib.parse import quote
+
+from gateway.subscriptions.ending import end
 
 _log = logging.getLogger(__name__)
 
@@ -66,9 +67,7 @@ class Embedded:
 
     async def __aexit__(self, *_: object) -> None:
         assert self._supervision is not None
-        self._supervision.cancel()
-        with contextlib.suppress(asyncio.CancelledError):
-            await self._supervision
+        await end([self._supervision])
         await self._end()
 
     async def _supervise(self) -> None:

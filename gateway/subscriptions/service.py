@@ -8,6 +8,7 @@ from contextlib import suppress
 from types import TracebackType
 
 from gateway.subscriptions.callbacks import Callbacks
+from gateway.subscriptions.ending import end
 from gateway.subscriptions.fan_out import FanOut
 from gateway.subscriptions.message import Ending
 from gateway.subscriptions.network import Network
@@ -43,9 +44,7 @@ class Subscriptions:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await end(self._tasks)
         await asyncio.gather(self.streams.aclose(), self.callbacks.aclose())
         try:
             await self._store.leave()

@@ -10,6 +10,7 @@ from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from dataclasses import replace
 
+from gateway.subscriptions.ending import end
 from gateway.subscriptions.fan_out import FanOut
 from gateway.subscriptions.message import Ending, Outlet
 from gateway.subscriptions.store import Lost, Store, StoreUnavailable, TooMany
@@ -113,9 +114,7 @@ class Streams:
         self.end_all()
         for timer in self._expiries.values():
             timer.cancel()
-        for task in self._background:
-            task.cancel()
-        await asyncio.gather(*self._background, return_exceptions=True)
+        await end(self._background)
 
     # -- between connections ------------------------------------------------------------------------------------------
 

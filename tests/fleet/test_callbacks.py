@@ -188,6 +188,7 @@ def test_a_receiver_that_stalls_or_is_not_there_delays_nobody(
     receiver.script(*20 * [Answer(stalls=True)], path="/stalls")
     made = [one.subscribed(url) for url in 5 * [receiver.url("/stalls"), nobody] + [receiver.url("/quick")]]
     receiver.wait(5, "/stalls")
+    receiver.wait(1, "/quick")
     for _ in range(100):
         stage.step()
         arrived(receiver, "/quick", stage.angle)
