@@ -51,7 +51,7 @@ class Process:
     def __init__(self, arguments: Sequence[str]) -> None:
         self.lines: list[str] = []
         self._child = subprocess.Popen(
-            [sys.executable, "-u", *arguments],
+            [sys.executable, "-u", "-X", "faulthandler", *arguments],
             cwd=ROOT,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -77,7 +77,13 @@ class Process:
         eventually(probe, f"{text!r} in the output:\n{self.output}")
 
     def ended(self) -> int:
-        code = self._child.wait(PATIENCE_S)
+        try:
+            code = self._child.wait(PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            self._child.send_signal(signal.SIGABRT)  # faulthandler then says what every thread is at
+            self._child.wait(PATIENCE_S)
+            self._reader.join()
+            raise AssertionError(f"it did not end:\n{self.output}") from None
         self._reader.join()
         return code
 
