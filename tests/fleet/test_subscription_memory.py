@@ -24,7 +24,7 @@ GROWTH_KIB = 6 * 1024
 """The allocator's own comings and goings; 9,000 connections that stayed by 2 KiB each would be three times that."""
 
 TO_REDIS = 100
-"""Connections that the client of Redis keeps: as many as commands were ever under way at once, and no more than this."""
+"""Connections that the client of Redis keeps: as many as commands were ever under way at once, at most so many."""
 
 Cycle = Callable[[], Awaitable[None]]
 
