@@ -1,6 +1,6 @@
 # make demo    five simulated robots and the gateway, browsable at one address (PORT=8000)
 # make test    the tests (PYTEST_ARGS="-k wire" for some of them)
-# make test-fast  those without fleets of processes, in less than two minutes
+# make test-fast  those without fleets and servers of Redis, in less than two minutes
 # make check   lint, types, the walls between packages, the base install on its own
 # make bench   what many subscribers cost, measured here (bench/README.md)
 # make clean   remove what make made
@@ -34,7 +34,7 @@ test: .venv/stamp
 	$(BIN)/python -m pytest $(PYTEST_ARGS)
 
 test-fast: .venv/stamp
-	$(BIN)/python -m pytest -m "not fleet" --ignore tests/fleet --ignore tests/requirements --ignore tests/test_demo.py $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -m "not fleet" --ignore tests/fleet --ignore tests/requirements --ignore tests/subscriptions --ignore tests/test_demo.py $(PYTEST_ARGS)
 
 check: .venv/stamp .venv-bare/stamp
 	$(BIN)/ruff check .
