@@ -24,11 +24,11 @@ class Reading:
     observations: tuple[Observation, ...] = ()
     version: str = field(default="", compare=False)
 
-    def same(self, other: "Reading") -> bool:
-        """Whether nothing changed; a timestamp alone is no change."""
-        return self.facts == other.facts and not self.moved(other, 0.0)
+    def same(self, other: "Reading", deadband: float = 0.0) -> bool:
+        """Whether nothing changed, but for values within ``deadband``; a timestamp alone is no change."""
+        return self.facts == other.facts and not self._moved(other, deadband)
 
-    def moved(self, other: "Reading", deadband: float) -> bool:
+    def _moved(self, other: "Reading", deadband: float) -> bool:
         """Whether some value differs by more than nothing and by at least ``deadband`` (SI units)."""
         if len(self.observations) != len(other.observations):
             return True

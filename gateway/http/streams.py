@@ -36,14 +36,15 @@ _Start = Callable[[Outlet], Awaitable[Feed]]
 def wants_events(request: Request) -> bool:
     """Whether Accept names event streams, and likes no type of ours better."""
     ranges = parse_accept(field(request, "accept"))
-    named = [each.q for each in ranges if (each.type, each.subtype) == ("text", "event-stream")]
-    best = max(weight(ranges, media_type) for media_type in (*MEDIA_TYPES, FRAME_MEDIA_TYPE))
-    return bool(named) and max(named) > 0 and max(named) >= best and request.method in ("GET", "HEAD")
+    named = max((each.q for each in ranges if (each.type, each.subtype) == ("text", "event-stream")), default=0.0)
+    if named == 0 or request.method not in ("GET", "HEAD"):
+        return False
+    return named >= max(weight(ranges, media_type) for media_type in (*MEDIA_TYPES, FRAME_MEDIA_TYPE))
 
 
 def is_over(request: Request) -> bool:
     """Whether an EventSource comes back to a stream that was cancelled; 204 makes it stop (WHATWG HTML, 9.2.2)."""
-    return wants_events(request) and field(request, "last-event-id") == CANCELLED_ID
+    return field(request, "last-event-id") == CANCELLED_ID and wants_events(request)
 
 
 class EventStream:

@@ -4,7 +4,7 @@ import re
 import time
 import uuid
 from collections import Counter
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 from urllib.parse import unquote
@@ -172,16 +172,18 @@ async def _create(request: Request, subscription: Subscription, base: str, media
 
 async def cancel(request: Request, record: Record) -> Response:
     subscriptions: Subscriptions = request.app.state.subscriptions
-    async with refusals():
-        if not await subscriptions.cancel(record.subscription.id):
-            raise NotFound("The subscription has ended meanwhile.")
-    return Response(status_code=204)
+    return await _carried_out(subscriptions.cancel(record.subscription.id))
 
 
 async def resume(request: Request, record: Record) -> Response:
     subscriptions: Subscriptions = request.app.state.subscriptions
+    return await _carried_out(subscriptions.resume(record.subscription.id))
+
+
+async def _carried_out(change: Awaitable[bool]) -> Response:
+    """204 to a change of a subscription that was still there to be changed."""
     async with refusals():
-        if not await subscriptions.resume(record.subscription.id):
+        if not await change:
             raise NotFound("The subscription has ended meanwhile.")
     return Response(status_code=204)
 

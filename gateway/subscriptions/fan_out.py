@@ -171,8 +171,10 @@ class FanOut:
 
     def _read(self, topic: Topic) -> None:
         """Read a resource that is marked; if that is news, its watchers hear of it."""
-        if self._dirty.pop(topic) and not self._renew(topic):
-            return
+        if not self._dirty.pop(topic) or self._renew(topic):
+            self._refresh(topic)
+
+    def _refresh(self, topic: Topic) -> None:
         if topic.refresh():
             for watcher in list(topic.watchers):
                 watcher.news(topic)
@@ -201,9 +203,8 @@ class FanOut:
         if topic is None:
             topic = self._topics[path, values] = Topic(path, values, resource)
             self._of_robot.setdefault(_robot(path), {})[topic] = None
-        elif topic.refresh():
-            for watcher in list(topic.watchers):
-                watcher.news(topic)
+        else:
+            self._refresh(topic)
         return topic
 
     def _join(self, watcher: Watcher, resource: Resource, values: bool) -> None:

@@ -83,6 +83,7 @@ class Subscriptions:
                     if news.holder == self._run:
                         await self._heed(news)
             except Exception:
+                # The boundary of the task: without it no deletion through another gateway would be heard of again.
                 log.exception("hearing of subscriptions failed; it is tried again")
             await asyncio.sleep(KEEP_S)
 
@@ -124,6 +125,7 @@ class Subscriptions:
                     log.warning("the store is away, callbacks wait for it: %s", error)
                 away = True
             except Exception:
+                # The boundary of the task: without it nobody would take over from a dead gateway any more.
                 log.exception("keeping subscriptions failed; it is tried again")
             await asyncio.sleep(KEEP_S)
 

@@ -265,4 +265,5 @@ class Streams:
         try:
             await call()
         except Exception:
+            # The boundary of the task: its connection is gone, so nobody waits for it and would see.
             log.exception("a stream was not put away as it should")

@@ -159,7 +159,7 @@ class Watcher:
         sent, reading, deadband = self._sent.get(topic.path), topic.reading, self.subscription.deadband
         if sent is None or deadband <= 0:
             return topic.differs(sent)
-        return reading is not sent and (reading.facts != sent.facts or reading.moved(sent, deadband))
+        return reading is not sent and not reading.same(sent, deadband)
 
     def _due(self) -> None:
         self._timer = None
