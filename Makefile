@@ -34,7 +34,7 @@ test: .venv/stamp
 	$(BIN)/python -m pytest $(PYTEST_ARGS)
 
 test-fast: .venv/stamp
-	$(BIN)/python -m pytest -m "not fleet" --ignore tests/fleet --ignore tests/requirements --ignore tests/subscriptions --ignore tests/test_demo.py $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -m "not fleet" --ignore tests/fleet --ignore tests/requirements --ignore tests/subscriptions --ignore tests/store --ignore tests/test_demo.py $(PYTEST_ARGS)
 
 check: .venv/stamp .venv-bare/stamp
 	$(BIN)/ruff check .

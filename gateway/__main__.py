@@ -16,8 +16,8 @@ from gateway.app import create_app
 from gateway.http.protocol import HttpProtocol, WebSocketProtocol
 from gateway.link import LinkError
 from gateway.settings import GatewaySettings
-from gateway.subscriptions.connection import BadUrl
-from gateway.subscriptions.embedded import EmbeddedError
+from gateway.store.connection import BadUrl
+from gateway.store.embedded import EmbeddedError
 
 _FAREWELL_S = 1
 # An Upgrade that is ignored, and each WebSocket that comes and goes.

@@ -11,7 +11,7 @@ from gateway.http.endpoint import resources
 from gateway.http.host import Authorities
 from gateway.live import Live
 from gateway.settings import GatewaySettings
-from gateway.subscriptions.embedded import Embedded
+from gateway.store.embedded import Embedded
 from gateway.subscriptions.network import Network
 from gateway.subscriptions.service import Subscriptions, new_run
 from gateway.subscriptions.store import Store

@@ -33,7 +33,7 @@ class Description(Struct, frozen=True, kw_only=True):
     base: Literal["fixed", "floating"] = "fixed"
     joints: Annotated[tuple[Name, ...], Meta(max_length=1024)]
     rate_hz: Annotated[float, Meta(gt=0, le=10_000)]
-    capabilities: tuple[Literal["move"], ...] = ()
+    capabilities: Annotated[tuple[Annotated[str, Meta(max_length=32)], ...], Meta(max_length=64)] = ()
     annotations: Text = ""
     layout: Annotated[tuple[Field, ...], Meta(max_length=64)]
 
@@ -61,9 +61,28 @@ class State(Struct, frozen=True, kw_only=True):
 
 
 class Move(Struct, frozen=True, tag="move", forbid_unknown_fields=True):
-    """Bring the named joints to absolute positions (rad or m), none faster than its URDF limit."""
+    """Bring the named joints to absolute positions (rad or m), arriving together, none faster than its URDF limit.
+
+    ``speeds`` caps the speed of some of them further (rad/s or m/s).
+    """
 
     targets: Annotated[dict[Name, float], Meta(min_length=1, max_length=256)]
+    speeds: Annotated[dict[Name, Annotated[float, Meta(gt=0)]], Meta(max_length=256)] = {}
+
+
+class Follow(Struct, frozen=True, tag="follow", forbid_unknown_fields=True):
+    """Pass through waypoints: ``positions[i]`` (rad or m, in the order of ``joints``) ``times_s[i]`` after the start."""
+
+    joints: Annotated[tuple[Name, ...], Meta(min_length=1, max_length=256)]
+    times_s: Annotated[tuple[Annotated[float, Meta(gt=0, le=3600)], ...], Meta(min_length=1, max_length=1000)]
+    positions: Annotated[tuple[tuple[float, ...], ...], Meta(min_length=1, max_length=1000)]
+
+
+class Expectation(Struct, frozen=True, forbid_unknown_fields=True):
+    """Where a joint must be, and how far off it may be (rad or m), for a command to make sense still."""
+
+    position: float
+    tolerance: Annotated[float, Meta(ge=0)]
 
 
 class Command(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -71,6 +90,8 @@ class Command(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     ``seen_ns`` is the agent's own monotonic time in the last frame that the gateway had; the agent refuses the
     command once its monotonic clock is past ``seen_ns`` + ``time_to_live_ns``. Wall clocks decide nothing.
+    ``scale`` slows everything down to that share of the speed the agent would take; ``expects`` is what the motion was
+    planned for, by joint. A rehearsal is judged and answered like any command, and nothing moves.
     """
 
     version: int
@@ -78,14 +99,35 @@ class Command(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     incarnation: Unsigned
     seen_ns: Unsigned
     time_to_live_ns: Annotated[int, Meta(gt=0, le=60_000_000_000)]
-    motion: Move
+    motion: Move | Follow
+    scale: Annotated[float, Meta(gt=0, le=1)] = 1.0
+    expects: Annotated[dict[Name, Expectation], Meta(max_length=256)] = {}
+    rehearsal: bool = False
 
 
-RefusalCode = Literal["malformed", "version", "incarnation", "stale", "unknown-joint", "limits", "fault", "repeated"]
+class Stop(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Brake and hold; never late and for any run. ``command``: only the motion of that command; else ``joints``,
+    or all of the robot when there are none. ``reason`` is what the motions that end by it say."""
+
+    version: int
+    id: Identifier
+    joints: Annotated[tuple[Name, ...], Meta(max_length=1024)] = ()
+    command: Annotated[str, Meta(max_length=64)] = ""
+    reason: Annotated[str, Meta(max_length=512)] = ""
+    rehearsal: bool = False
+
+
+RefusalCode = Literal[
+    "malformed", "version", "incarnation", "stale", "unknown-joint", "limits", "fault", "repeated", "expectation"
+]
 
 
 class Accepted(Struct, frozen=True, tag="accepted"):
+    """``duration_s``: how long the motion will take; ``preempts``: the commands that it ends."""
+
     id: str
+    duration_s: Annotated[float, Meta(ge=0)] = 0.0
+    preempts: Annotated[tuple[Identifier, ...], Meta(max_length=1024)] = ()
 
 
 class Refused(Struct, frozen=True, tag="refused"):
@@ -100,12 +142,17 @@ Reply = Accepted | Refused
 
 
 class Progress(Struct, frozen=True, kw_only=True):
-    """State of an accepted command; ``positions`` are the measured positions of its joints at ``wall_ns``."""
+    """State of an accepted command; ``positions`` are the measured positions of its joints at ``wall_ns``.
+
+    ``progress`` is the share of the way or time that is done, ``successor`` the command that preempted this one.
+    """
 
     version: int
     id: Identifier
     incarnation: Unsigned
-    state: Literal["running", "succeeded", "failed", "preempted"]
+    state: Literal["running", "succeeded", "failed", "cancelled", "preempted"]
     wall_ns: int
     reason: Annotated[str, Meta(max_length=1024)] = ""
     positions: Annotated[dict[Name, float], Meta(max_length=256)] = {}
+    progress: Annotated[float, Meta(ge=0, le=1)] = 0.0
+    successor: Annotated[str, Meta(max_length=64)] = ""

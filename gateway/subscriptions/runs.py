@@ -2,8 +2,8 @@
 
 from collections.abc import Collection, Iterable, Mapping
 
+from gateway.store.connection import Connection
 from gateway.subscriptions import scripts
-from gateway.subscriptions.connection import Connection
 from gateway.subscriptions.keys import Keys
 from gateway.subscriptions.records import Held, read_held, write_held
 

@@ -16,8 +16,8 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Self
 
+from gateway.store.connection import Connection, StoreUnavailable
 from gateway.subscriptions import scripts
-from gateway.subscriptions.connection import Connection, StoreUnavailable
 from gateway.subscriptions.keys import Keys
 from gateway.subscriptions.records import (
     Backlog,

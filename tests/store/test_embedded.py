@@ -20,14 +20,14 @@ from redis.backoff import NoBackoff
 from redis.retry import Retry
 from running import PATIENCE_S, process
 
-from gateway.subscriptions import embedded
-from gateway.subscriptions.embedded import Embedded, EmbeddedError
+from gateway.store import embedded
+from gateway.store.embedded import Embedded, EmbeddedError
 from gateway.subscriptions.store import Store
 
 GATEWAY = textwrap.dedent("""
     import asyncio, sys
     from pathlib import Path
-    from gateway.subscriptions.embedded import Embedded
+    from gateway.store.embedded import Embedded
 
     async def main():
         async with Embedded(Path(sys.argv[1])):
