@@ -57,7 +57,7 @@ bench: .venv/stamp
 .venv/stamp: pyproject.toml constraints.txt
 	@echo "Making .venv: the gateway, the simulation and the tools. The first time takes a minute or two."
 	@$(call make_venv,.venv)
-	@$(BIN)/python -m pip install -q -e '.[gateway,sim,dev]'
+	@$(BIN)/python -m pip install -q -e '.[gateway,sim,client,dev]'
 	@touch $@
 
 # The base install alone, as on a robot: it must be enough to import the agent.

@@ -71,7 +71,7 @@ class Move(Struct, frozen=True, tag="move", forbid_unknown_fields=True):
 
 
 class Follow(Struct, frozen=True, tag="follow", forbid_unknown_fields=True):
-    """Pass through waypoints: ``positions[i]`` (rad or m, in the order of ``joints``) ``times_s[i]`` after the start."""
+    """Pass through waypoints: ``positions[i]`` (rad or m, in the order of ``joints``) ``times_s[i]`` from the start."""
 
     joints: Annotated[tuple[Name, ...], Meta(min_length=1, max_length=256)]
     times_s: Annotated[tuple[Annotated[float, Meta(gt=0, le=3600)], ...], Meta(min_length=1, max_length=1000)]
