@@ -16,6 +16,7 @@ from agents.wire.messages import (
     Progress,
     Reply,
     State,
+    Stop,
 )
 
 MAGIC = b"LF"
@@ -25,8 +26,8 @@ _HEADER = struct.Struct("<2sHHHQQqq")
 _BASE_VALUES = 13
 _ROWS = ("positions", "velocities", "efforts")
 
-Message = Description | Command | Progress
-_M = TypeVar("_M", Description, Command, Progress)
+Message = Description | Command | Stop | Progress
+_M = TypeVar("_M", Description, Command, Stop, Progress)
 
 
 class WireError(ValueError):

@@ -6,10 +6,12 @@ from typing import Literal
 
 from agents.wire.names import escape, unescape
 
-Kind = Literal["description", "state", "command", "progress", "presence"]
+Kind = Literal["description", "state", "command", "stop", "progress", "presence"]
 
 _NAMESPACE = re.compile(r"[A-Za-z0-9_.-]+(/[A-Za-z0-9_.-]+)*")
-_ROBOT_KEY = re.compile(r"robot/([^/*$?#]+)/(description|state|command|progress|presence)(?:/(0|[1-9][0-9]{0,18}))?")
+_ROBOT_KEY = re.compile(
+    r"robot/([^/*$?#]+)/(description|state|command|stop|progress|presence)(?:/(0|[1-9][0-9]{0,18}))?"
+)
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,7 @@ class Keys:
         if not _NAMESPACE.fullmatch(self.namespace):
             raise ValueError(f"namespace {self.namespace!r} is not a plain Zenoh key such as 'fleet' or 'site/hall-2'")
 
-    def robot(self, robot: str, kind: Literal["description", "state", "command", "progress"]) -> str:
+    def robot(self, robot: str, kind: Literal["description", "state", "command", "stop", "progress"]) -> str:
         return f"{self.namespace}/robot/{escape(robot)}/{kind}"
 
     def presence(self, robot: str, incarnation: int) -> str:
@@ -52,6 +54,11 @@ class Keys:
     @property
     def all_progress(self) -> str:
         return f"{self.namespace}/robot/*/progress"
+
+    @property
+    def all_stops(self) -> str:
+        """One question on this key reaches every robot."""
+        return f"{self.namespace}/robot/*/stop"
 
     def gateway(self, gateway: str) -> str:
         """The liveliness token of a gateway; a robot holds when the last of them is gone."""

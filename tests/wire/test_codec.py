@@ -20,13 +20,16 @@ from agents.wire.messages import (
     Base,
     Command,
     Description,
+    Expectation,
+    Follow,
     Move,
     Progress,
     Refused,
     State,
+    Stop,
 )
 
-KINDS: tuple[Any, ...] = (Description, Command, Progress)
+KINDS: tuple[Any, ...] = (Description, Command, Stop, Progress)
 measured = st.floats(allow_infinity=False)
 three, four = st.tuples(*[measured] * 3), st.tuples(*[measured] * 4)
 bases = st.builds(Base, three, four, three, three)
@@ -185,6 +188,19 @@ class TestMessages:
         [
             DESCRIPTION,
             Command(version=1, id="a", incarnation=1, seen_ns=0, time_to_live_ns=1, motion=Move({"hinge": -0.5})),
+            Command(
+                version=1,
+                id="a",
+                incarnation=1,
+                seen_ns=0,
+                time_to_live_ns=1,
+                motion=Follow(("a", "b"), (0.5, 1.0), ((1.0, 2.0), (0.0, -1.0))),
+                scale=0.25,
+                expects={"a": Expectation(0.5, 0.0)},
+                rehearsal=True,
+            ),
+            Stop(version=1, id="s", joints=("hinge",), command="a", reason="enough", rehearsal=True),
+            Stop(version=1, id="s"),
             Progress(version=1, id="a", incarnation=1, state="running", wall_ns=5),
             Progress(
                 version=1, id="a", incarnation=1, state="failed", wall_ns=5, reason="stuck", positions={"hinge": 1.0}
@@ -194,7 +210,9 @@ class TestMessages:
     def test_a_message_comes_back(self, message: Any) -> None:
         assert codec.decode(codec.encode(message), type(message)) == message
 
-    @pytest.mark.parametrize("reply", [Accepted("a-1"), Refused("", "malformed", "not JSON")])
+    @pytest.mark.parametrize(
+        "reply", [Accepted("a-1"), Accepted("a-1", 1.5, ("b", "c")), Refused("", "malformed", "not JSON")]
+    )
     def test_a_reply_comes_back(self, reply: Accepted | Refused) -> None:
         assert codec.decode_reply(codec.encode(reply)) == reply
 
@@ -225,6 +243,17 @@ class TestMessages:
             {"motion": {"type": "jump", "targets": {"hinge": 0.0}}},
             {"motion": {"type": "move", "targets": {"hinge": 0.0}, "unless": "a person is near"}},
             {"unless": "a person is near"},
+            {"motion": {"type": "move", "targets": {"hinge": 0.0}, "speeds": {"hinge": 0.0}}},
+            {"motion": {"type": "follow", "joints": [], "times_s": [1.0], "positions": [[]]}},
+            {"motion": {"type": "follow", "joints": ["hinge"], "times_s": [0.0], "positions": [[0.0]]}},
+            {"motion": {"type": "follow", "joints": ["hinge"], "times_s": [3601.0], "positions": [[0.0]]}},
+            {"motion": {"type": "follow", "joints": ["hinge"], "times_s": [1.0] * 1001, "positions": [[0.0]]}},
+            {"motion": {"type": "follow", "joints": ["hinge"], "times_s": [1.0], "positions": [[None]]}},
+            {"scale": 0.0},
+            {"scale": 1.01},
+            {"expects": {"hinge": {"position": 0.0}}},
+            {"expects": {"hinge": {"position": 0.0, "tolerance": -0.1}}},
+            {"rehearsal": "no"},
             {"version": "1"},
             {"version": True},
         ],
@@ -233,6 +262,24 @@ class TestMessages:
         codec.decode(json.dumps(command()).encode(), Command)
         with pytest.raises(WireError):
             codec.decode(json.dumps(command(**changes)).encode(), Command)
+
+    @pytest.mark.parametrize(
+        "changes",
+        [
+            {"id": ""},
+            {"joints": None},
+            {"joints": [""]},
+            {"joints": ["j"] * 1025},
+            {"command": "x" * 65},
+            {"reason": "x" * 513},
+            {"gently": True},
+        ],
+    )
+    def test_a_stop_out_of_bounds_is_refused(self, changes: dict[str, object]) -> None:
+        whole = {"version": 1, "id": "s"}
+        codec.decode(json.dumps(whole).encode(), Stop)
+        with pytest.raises(WireError):
+            codec.decode(json.dumps(whole | changes).encode(), Stop)
 
     @pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity", "1e999", "-1e999"])
     def test_a_target_that_is_no_number_is_refused(self, number: str) -> None:

@@ -10,7 +10,7 @@ names = st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=3
 namespaces = st.from_regex(r"[A-Za-z0-9_.-]{1,8}(/[A-Za-z0-9_.-]{1,8}){0,3}", fullmatch=True)
 
 
-@given(namespaces, names, st.sampled_from(["description", "state", "command", "progress"]))
+@given(namespaces, names, st.sampled_from(["description", "state", "command", "stop", "progress"]))
 def test_a_key_of_a_robot_comes_back(namespace: str, robot: str, kind: str) -> None:
     keys = Keys(namespace)
     assert keys.parse(keys.robot(robot, kind)) == RobotKey(robot, kind)  # type: ignore[arg-type]
@@ -30,6 +30,7 @@ def test_expressions_match_the_keys_they_are_for(robot: str) -> None:
         (keys.all_presence, keys.presence(robot, 7)),
         (keys.all_states, keys.robot(robot, "state")),
         (keys.all_progress, keys.robot(robot, "progress")),
+        (keys.all_stops, keys.robot(robot, "stop")),
         (keys.all_gateways, keys.gateway(robot)),
     ):
         assert len(key.split("/")) == len(expression.split("/"))

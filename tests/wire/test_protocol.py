@@ -4,7 +4,7 @@ import json
 import math
 import re
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, get_args, get_type_hints
 
 import pytest
 
@@ -16,6 +16,7 @@ PAGE = (Path(codec.__file__).parent / "PROTOCOL.md").read_text()
 KINDS: dict[str, Any] = {
     "description": messages.Description,
     "command": messages.Command,
+    "stop": messages.Stop,
     "progress": messages.Progress,
 }
 
@@ -39,6 +40,8 @@ def decoded(kind: str, text: str) -> Any:
 def test_every_kind_of_message_has_an_example() -> None:
     assert {kind for kind, _ in examples("json")} == {*KINDS, "reply", "state"}
     assert {json.loads(text)["type"] for kind, text in examples("json") if kind == "reply"} == {"accepted", "refused"}
+    motions = {json.loads(text)["motion"]["type"] for kind, text in examples("json") if kind == "command"}
+    assert motions == {"move", "follow"}
 
 
 @pytest.mark.parametrize(("kind", "text"), [item for item in examples("json") if item[0] != "state"])
@@ -81,9 +84,19 @@ def test_the_refusal_codes_are_those_of_the_code() -> None:
     assert {code for code, _ in table("code", "the command")} == set(get_args(messages.RefusalCode))
 
 
+def test_the_states_are_those_of_the_code() -> None:
+    states = get_args(get_type_hints(messages.Progress)["state"])
+    assert {state for state, _ in table("state", "the motion")} == set(states)
+
+
+def test_the_fields_of_a_command_that_have_a_default_are_explained() -> None:
+    explained = {field for field, _ in table("field", "meaning")}
+    assert explained == {"motion", "scale", "expects", "rehearsal"} <= set(messages.Command.__struct_fields__)
+
+
 def test_the_key_table_is_what_keys_are_built_from() -> None:
     documented = {row[0] for row in table("key", "kind", "who declares or publishes", "who reads")}
-    built = {Keys().robot("ROBOT", kind) for kind in ("description", "state", "command", "progress")}
+    built = {Keys().robot("ROBOT", kind) for kind in ("description", "state", "command", "stop", "progress")}
     built |= {Keys().presence("ROBOT", 1).replace("/1", "/{incarnation}"), Keys().gateway("GATEWAY")}
     assert documented == {key.replace("ROBOT", "{robot}").replace("GATEWAY", "{gateway}") for key in built}
     for key in documented - {"fleet/gateway/{gateway}"}:
@@ -104,5 +117,5 @@ def test_the_page_is_of_the_version_that_is_spoken() -> None:
 
 def test_the_bounds_are_those_of_the_code() -> None:
     bounds = PAGE[PAGE.rindex("Bounds:") :].replace("\n", " ")
-    for number in (128, codec.MAX_JOINTS, 256, 8_000_000, 65_536, 1024):
+    for number in (128, codec.MAX_JOINTS, 256, 8_000_000, 65_536, 1024, 512, 1000, 3600):
         assert f"{number}" in bounds or f"{number:,}" in bounds
