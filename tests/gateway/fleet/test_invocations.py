@@ -1,26 +1,32 @@
 """The life of an invocation: progress, the unknown, deadlines, and what is remembered."""
 
-from typing import Literal
+from typing import Any, Literal
 
+import msgspec
 import pytest
 
 from agents.wire.messages import WIRE_VERSION, Progress
-from gateway.fleet.invocations import MAX_TERMINAL, Invocation, Invocations, InvocationState
+from gateway.fleet.invocations import FLEET, MAX_TERMINAL, Invocation, Invocations, InvocationState
 
 ACTION = "/r/elbow/actions/rotate"
 
 
-def invocation(id: str = "i", state: InvocationState = InvocationState.ACCEPTED) -> Invocation:
-    return Invocation(id, "r", ACTION, {"elbow": 1.0}, created_ns=1, deadline_ns=100, state=state)
+STOP = "/actions/stop"
+State = Literal["running", "succeeded", "failed", "cancelled", "preempted"]
 
 
-def progress(
-    state: Literal["running", "succeeded", "failed", "preempted"], id: str = "i", wall_ns: int = 10
-) -> Progress:
-    positions = {"elbow": 0.9}
-    return Progress(
-        version=WIRE_VERSION, id=id, incarnation=1, state=state, wall_ns=wall_ns, reason="why", positions=positions
-    )
+def invocation(id: str = "i", state: InvocationState = InvocationState.ACCEPTED, **fields: Any) -> Invocation:
+    given = {"robot": "r", "action": ACTION, "targets": {"elbow": 1.0}, "created_ns": 1, "deadline_ns": 100}
+    return Invocation(**{"id": id, "state": state, **given, **fields})
+
+
+def of_fleet(*robots: str) -> Invocation:
+    return invocation(robot=FLEET, action=STOP, targets={}, robots=dict.fromkeys(robots, "accepted"))
+
+
+def progress(state: State, id: str = "i", wall_ns: int = 10, **fields: Any) -> Progress:
+    given = {"version": WIRE_VERSION, "incarnation": 1, "reason": "why", "positions": {"elbow": 0.9}}
+    return Progress(**{**given, "id": id, "state": state, "wall_ns": wall_ns, **fields})
 
 
 def with_one(state: InvocationState = InvocationState.ACCEPTED) -> Invocations:
@@ -39,6 +45,21 @@ def test_progress_leads_to_the_end(start: InvocationState) -> None:
     assert done is running
     assert (done.state, done.started_ns, done.ended_ns) == (InvocationState.SUCCEEDED, 10, 20)
     assert (done.result, done.reason) == ({"elbow": 0.9}, "why")
+
+
+def test_a_cancelled_one_is_over_and_a_preempted_one_names_what_came_after() -> None:
+    invocations = with_one()
+    invocations.add(invocation("j"))
+    half = invocations.apply("r", progress("running", progress=0.5))
+    assert half is not None
+    assert (half.progress, half.preempted_by) == (0.5, "")
+    preempted = invocations.apply("r", progress("preempted", progress=0.6, successor="j"))
+    assert preempted is half
+    assert (half.state, half.progress, half.preempted_by) == (InvocationState.PREEMPTED, 0.6, "j")
+    cancelled = invocations.apply("r", progress("cancelled", id="j"))
+    assert cancelled is not None
+    assert (cancelled.state, cancelled.ended_ns) == (InvocationState.CANCELLED, 10)
+    assert invocations.open_of("r") == []
 
 
 def test_progress_of_others_and_after_the_end_is_nothing() -> None:
@@ -82,6 +103,35 @@ def test_those_of_an_action_and_of_a_robot_come_newest_first() -> None:
     assert invocations.of("/r/other") == invocations.of_robot("x") == []
 
 
+def test_the_newest_is_the_one_created_last_in_whatever_order_they_came() -> None:
+    invocations = Invocations()
+    for created_ns in (3, 1, 2):
+        invocations.put(invocation(str(created_ns), created_ns=created_ns))
+    assert [one.id for one in invocations.of_robot("r")] == ["3", "2", "1"]
+
+
+def test_the_open_ones_of_a_robot_are_those_that_are_not_over_whoever_ended_them() -> None:
+    invocations = with_one(InvocationState.UNKNOWN)
+    invocations.add(invocation("j"))
+    invocations.add(invocation("k", robot="x"))
+    assert [one.id for one in invocations.open_of("r")] == ["j", "i"]
+    invocations.open_of("r")[0].state = InvocationState.FAILED
+    assert [one.id for one in invocations.open_of("r")] == ["i"]
+    assert invocations.remove("i") is not None
+    assert invocations.open_of("r") == invocations.open_of("nobody") == []
+    assert invocations.expire(101) == [invocations.get("k")]
+
+
+def test_a_removed_one_is_found_nowhere() -> None:
+    invocations = with_one()
+    assert invocations.remove("i") is not None
+    assert invocations.remove("i") is None
+    assert invocations.get("i") is invocations.apply("r", progress("failed")) is None
+    assert invocations.of(ACTION) == invocations.of_robot("r") == invocations.lose("r") == []
+    invocations.add(invocation())
+    assert len(invocations.of(ACTION)) == 1
+
+
 def test_an_id_is_taken_once() -> None:
     with pytest.raises(ValueError, match="exists already"):
         with_one().add(invocation())
@@ -95,3 +145,125 @@ def test_the_oldest_that_are_over_are_forgotten_and_the_open_ones_never() -> Non
     assert invocations.get("4") is None
     assert invocations.get("5") is not None
     assert len(invocations.of_robot("r")) == MAX_TERMINAL + 1
+
+
+def test_a_busy_robot_does_not_make_the_others_be_forgotten() -> None:
+    invocations = with_one(InvocationState.SUCCEEDED)
+    for number in range(MAX_TERMINAL + 5):
+        invocations.add(invocation(str(number), InvocationState.SUCCEEDED, robot="busy"))
+    assert invocations.get("i") is not None
+    assert len(invocations.of_robot("busy")) == len(invocations.of(ACTION)) - 1 == MAX_TERMINAL
+
+
+# What another gateway wrote
+
+
+def test_what_another_gateway_wrote_changes_the_one_that_is_waited_for() -> None:
+    invocations = with_one()
+    waited = invocations.get("i")
+    other = invocation(state=InvocationState.FAILED, ended_ns=7, reason="It said so.", facts={"residual_m": 0.1})
+    assert invocations.put(other) is waited
+    assert waited == other
+    assert invocations.open_of("r") == []
+    assert invocations.put(other) is None  # no news
+    new = invocation("j", client="192.0.2.7")
+    assert invocations.put(new) is invocations.get("j") is new
+
+
+@pytest.mark.parametrize(
+    ("held", "written"),
+    [
+        (InvocationState.SUCCEEDED, InvocationState.RUNNING),
+        (InvocationState.CANCELLED, InvocationState.UNKNOWN),
+        (InvocationState.RUNNING, InvocationState.ACCEPTED),
+    ],
+)
+def test_what_another_gateway_wrote_earlier_takes_nothing_back(held: InvocationState, written: InvocationState) -> None:
+    invocations = with_one(held)
+    assert invocations.put(invocation(state=written)) is None
+    assert invocations.get("i") == invocation(state=held)
+
+
+def test_an_id_does_not_move_to_another_robot() -> None:
+    invocations = with_one()
+    assert invocations.put(invocation(robot="x")) is None
+    assert invocations.of_robot("x") == []
+
+
+def test_one_is_read_from_json_as_it_was_written_and_what_is_unknown_is_skipped() -> None:
+    whole = invocation(
+        state=InvocationState.PREEMPTED, client="später \0", body="<a> <b> \"c\" .\n", duration_s=0.25, started_ns=1,
+        ended_ns=1_764_000_000_123_456_789, reason="x", progress=0.5, result={"elbow": -0.0}, preempts=("a", "b"),
+        preempted_by="c", lease="d", facts={"residual_m": 1e-300}, robots={"r": "failed: x"},
+    )  # fmt: skip
+    text = msgspec.json.encode(whole)
+    assert msgspec.json.decode(text, type=Invocation) == whole
+    assert msgspec.json.decode(text[:-1] + b',"later":1}', type=Invocation) == whole
+
+
+# Those of the whole fleet
+
+
+def test_the_fleet_has_succeeded_when_every_robot_has() -> None:
+    invocations = Invocations()
+    invocations.add(of_fleet("a", "b"))
+    assert invocations.apply("c", progress("succeeded")) is None
+    one = invocations.apply("a", progress("succeeded", reason="", wall_ns=10))
+    assert one is not None
+    assert (one.state, one.progress, one.started_ns, one.ended_ns) == (InvocationState.RUNNING, 0.5, 10, None)
+    assert one.robots == {"a": "succeeded", "b": "accepted"}
+    assert invocations.apply("a", progress("failed")) is None  # its part is over
+    assert invocations.apply("b", progress("running", wall_ns=20)) is one
+    assert invocations.apply("b", progress("succeeded", reason="", wall_ns=30)) is one
+    assert (one.state, one.progress, one.started_ns, one.ended_ns) == (InvocationState.SUCCEEDED, 1.0, 10, 30)
+    assert one.reason == ""
+    assert invocations.apply("b", progress("failed")) is None
+    assert one.robots == {"a": "succeeded", "b": "succeeded"}
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "whole"),
+    [
+        ("failed", "succeeded", InvocationState.FAILED),
+        ("failed", "preempted", InvocationState.FAILED),
+        ("preempted", "cancelled", InvocationState.PREEMPTED),
+        ("succeeded", "cancelled", InvocationState.CANCELLED),
+    ],
+)
+def test_the_fleet_ends_as_the_robot_that_fared_worst(first: State, last: State, whole: InvocationState) -> None:
+    invocations = Invocations()
+    invocations.add(of_fleet("a", "b"))
+    invocations.apply("a", progress(first))
+    one = invocations.apply("b", progress(last, reason=""))
+    assert one is not None
+    assert (one.state, one.reason) == (whole, f"1 of 2 robots: {whole}")
+    assert one.robots == {"a": f"{first}: why", "b": last}
+
+
+def test_a_robot_that_refused_has_failed_and_one_that_has_not_answered_is_waited_for() -> None:
+    invocations = Invocations()
+    one = of_fleet("a")
+    one.robots |= {"b": "refused: not now", "c": "no answer"}
+    invocations.add(one)
+    invocations.apply("a", progress("succeeded"))
+    assert one.state is InvocationState.RUNNING
+    assert invocations.apply("b", progress("succeeded")) is None
+    invocations.apply("c", progress("succeeded"))
+    assert one.state is InvocationState.FAILED
+
+
+def test_the_fleet_is_unknown_when_all_that_is_open_is() -> None:
+    invocations = Invocations()
+    one = of_fleet("a", "b")
+    invocations.add(one)
+    assert invocations.lose("c") == []
+    assert invocations.lose("a") == [one]
+    assert one.state is InvocationState.ACCEPTED
+    assert one.robots["a"].startswith("unknown: the agent is gone")
+    assert invocations.lose("a") == []
+    invocations.apply("b", progress("succeeded"))
+    assert one.state is InvocationState.UNKNOWN
+    invocations.apply("a", progress("running"))
+    assert one.state is InvocationState.RUNNING
+    assert invocations.expire(101) == [one]
+    assert one.state is InvocationState.FAILED
