@@ -1,0 +1,165 @@
+"""The atomic steps of the store, as Lua that Redis runs. Each touches the keys of one slot only.
+
+They are sent whole each time: they are short, and a server that restarted knows no script by its digest. The time is
+the server's, so that the clocks of gateways need not agree.
+"""
+
+_NOW = """
+local time = redis.call('TIME')
+local now = time[1] * 1000 + math.floor(time[2] / 1000)
+"""
+
+# KEYS begin with: invocations, forgotten, over. What is due is forgotten before anything else; the keys themselves
+# expire with the last of what they hold, for the robot that is never asked about again.
+_INVOCATIONS = (
+    _NOW
+    + """
+local function forget(id)
+  redis.call('HDEL', KEYS[1], id)
+  redis.call('ZREM', KEYS[2], id)
+  redis.call('ZREM', KEYS[3], id)
+end
+local function write(id, body, kept_ms, over, created)
+  redis.call('HSET', KEYS[1], id, body)
+  redis.call('ZADD', KEYS[2], now + kept_ms, id)
+  if over == '1' then redis.call('ZADD', KEYS[3], created, id) end
+  local last = redis.call('ZREVRANGE', KEYS[2], 0, 0, 'WITHSCORES')[2]
+  for index = 1, 3 do redis.call('PEXPIREAT', KEYS[index], last) end
+end
+for _, id in ipairs(redis.call('ZRANGEBYSCORE', KEYS[2], '-inf', now)) do forget(id) end
+"""
+)
+
+# A lease as its id, holder, time taken, time of expiry and duration, all in milliseconds; false without one.
+_LEASE = """
+local function lease(key)
+  local held = redis.call('HMGET', key, 'token', 'id', 'holder', 'taken_ms', 'expires_ms', 'duration_ms')
+  return held[1], {unpack(held, 2)}
+end
+local function refused(key, token, tied)
+  local owner, held = lease(key)
+  if owner and owner ~= token then return {'held', unpack(held)} end
+  if tied ~= '' and held[1] ~= tied then return {'over'} end
+end
+"""
+
+# KEYS: lease; ARGV: token, lease that it is tied to or nothing. Whether one may act.
+CHECK = (
+    _LEASE
+    + """
+return refused(KEYS[1], ARGV[1], ARGV[2]) or {'free'}
+"""
+)
+
+# KEYS: invocations, forgotten, over, lease, and perhaps that of an idempotency key; ARGV: token, lease that it is tied
+# to or nothing, id, body, milliseconds to keep it, 1 if it is over, creation, number to keep, and with the key digest
+# of the request, milliseconds to keep that. An id that is there already is this very request, asked again by the
+# gateway. Beyond the number the oldest that is over makes room, and only if all are open one of these.
+OPEN = (
+    _INVOCATIONS
+    + _LEASE
+    + """
+local refusal = refused(KEYS[4], ARGV[1], ARGV[2])
+if refusal then return refusal end
+if KEYS[5] then
+  local id, digest = unpack(redis.call('HMGET', KEYS[5], 'id', 'digest'))
+  if id and digest ~= ARGV[9] then return {'reused'} end
+  if id and id ~= ARGV[3] then return {'repeated', id} end
+  if not id then
+    redis.call('HSET', KEYS[5], 'id', ARGV[3], 'digest', ARGV[9])
+    redis.call('PEXPIRE', KEYS[5], ARGV[10])
+  end
+end
+if redis.call('HEXISTS', KEYS[1], ARGV[3]) == 1 then return {'opened'} end
+write(ARGV[3], ARGV[4], ARGV[5], ARGV[6], ARGV[7])
+while redis.call('HLEN', KEYS[1]) > tonumber(ARGV[8]) do
+  forget(redis.call('ZRANGE', KEYS[3], 0, 0)[1] or redis.call('ZRANGE', KEYS[2], 0, 0)[1])
+end
+return {'opened'}
+"""
+)
+
+# KEYS: invocations, forgotten, over; ARGV: id, body, milliseconds to keep it, 1 if it is over, creation. Whether it is
+# written: there is one, and it was not over.
+SAVE = (
+    _INVOCATIONS
+    + """
+if redis.call('HEXISTS', KEYS[1], ARGV[1]) == 0 or redis.call('ZSCORE', KEYS[3], ARGV[1]) then return 0 end
+write(ARGV[1], ARGV[2], ARGV[3], ARGV[4], ARGV[5])
+return 1
+"""
+)
+
+# KEYS: invocations, forgotten, over; ARGV: id. Whether there was one.
+DELETE = (
+    _INVOCATIONS
+    + """
+local there = redis.call('HEXISTS', KEYS[1], ARGV[1])
+forget(ARGV[1])
+return there
+"""
+)
+
+# KEYS: invocations, forgotten, over; ARGV: id. One body, or nothing.
+READ = _INVOCATIONS + "return redis.call('HGET', KEYS[1], ARGV[1])"
+
+# KEYS: invocations, forgotten, over. All bodies.
+LOAD = _INVOCATIONS + "return redis.call('HVALS', KEYS[1])"
+
+# KEYS: robots; ARGV: robot, day. Strike out a robot without invocations, unless somebody noted since that one comes.
+RETIRE = """
+local day = redis.call('ZSCORE', KEYS[1], ARGV[1])
+if day and tonumber(day) < tonumber(ARGV[2]) then redis.call('ZREM', KEYS[1], ARGV[1]) end
+return 1
+"""
+
+# KEYS: lease; ARGV: token, id and token of a new lease, holder, milliseconds. The lease, taken or renewed.
+TAKE = (
+    _NOW
+    + _LEASE
+    + """
+local refusal = refused(KEYS[1], ARGV[1], '')
+if refusal then return refusal end
+if redis.call('EXISTS', KEYS[1]) == 0 then
+  redis.call('HSET', KEYS[1], 'id', ARGV[2], 'token', ARGV[3], 'holder', ARGV[4], 'taken_ms', now)
+end
+redis.call('HSET', KEYS[1], 'duration_ms', ARGV[5], 'expires_ms', now + ARGV[5])
+redis.call('PEXPIREAT', KEYS[1], now + ARGV[5])
+local _, held = lease(KEYS[1])
+return {'taken', unpack(held)}
+"""
+)
+
+# KEYS: lease; ARGV: token. The lease that is over now, or nothing.
+RELEASE = (
+    _LEASE
+    + """
+local refusal = refused(KEYS[1], ARGV[1], '')
+if refusal then return refusal end
+local owner, held = lease(KEYS[1])
+if not owner then return {'free'} end
+redis.call('DEL', KEYS[1])
+return {'released', unpack(held)}
+"""
+)
+
+# KEYS: lease. The lease, or nothing.
+HELD = (
+    _LEASE
+    + """
+local owner, held = lease(KEYS[1])
+return owner and {'held', unpack(held)} or {'free'}
+"""
+)
+
+# KEYS: settings of the robot, configured; ARGV: robot, name, perhaps value.
+SET = """
+if ARGV[3] then
+  redis.call('HSET', KEYS[1], ARGV[2], ARGV[3])
+  redis.call('SADD', KEYS[2], ARGV[1])
+else
+  redis.call('HDEL', KEYS[1], ARGV[2])
+  if redis.call('EXISTS', KEYS[1]) == 0 then redis.call('SREM', KEYS[2], ARGV[1]) end
+end
+return 1
+"""
