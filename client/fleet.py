@@ -1,0 +1,40 @@
+"""The way in: one URL, and everything else by links."""
+
+from types import TracebackType
+
+from rdflib.term import URIRef
+
+from client.action import Action
+from client.invocation import Invocation
+from client.thing import Property, Thing
+from client.vocabulary import HYBRIT, LF, PROV, RDF
+from client.web import Web
+
+
+class Fleet(Thing):
+    """The thing at ``url``, which need not be a fleet, and the connections to its server.
+
+    ``timeout_s`` bounds each connecting and each silence of the server.
+    """
+
+    def __init__(self, url: str, timeout_s: float = 10.0) -> None:
+        super().__init__(Web(timeout_s), url)
+
+    def __enter__(self) -> "Fleet":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+    def close(self) -> None:
+        self.web.close()
+
+    def get(self, iri: str) -> Thing | Property | Action | Invocation:
+        """What is at an IRI, by the types that it states; a thing if it states none that is known."""
+        document = self.web.get(iri)
+        types = set(document.graph.objects(document.iri(iri), RDF.type))
+        if HYBRIT.Action in types:
+            return Action(self.web, iri, self)
+        if types & {LF.Invocation, PROV.Activity}:
+            return Invocation(self.web, iri)
+        return (Property if HYBRIT.Property in types else Thing)(self.web, URIRef(iri), self)

@@ -1,0 +1,47 @@
+"""The vocabularies that a client of Linked Robotic Things reads, and how an IRI is said in one word."""
+
+import re
+from urllib.parse import unquote
+
+import rdflib
+from rdflib import Namespace
+from rdflib.term import Node, URIRef
+
+# RFC 3987 has no room for these characters in an IRI; a parser may let them in all the same.
+_WEB = re.compile(r"""https?://[^\x00-\x20<>"{}|\\^`\x7f]+""", re.IGNORECASE)
+
+HYBRIT = Namespace("https://hybr-it-projekt.de/ns/hybr-it#")
+LF = Namespace("https://w3id.org/linked-fleet#")
+LDP = Namespace("http://www.w3.org/ns/ldp#")
+HTTP = Namespace("http://www.w3.org/2011/http#")
+VOM = Namespace("http://vocab.arvida.de/2015/06/vom/vocab#")
+MATHS = Namespace("http://vocab.arvida.de/2015/06/maths/vocab#")
+QUDT = Namespace("http://qudt.org/schema/qudt/")
+UNIT = Namespace("http://qudt.org/vocab/unit/")
+DCTERMS, PROV, RDF, RDFS, SH, SOSA, XSD = (
+    rdflib.DCTERMS,
+    rdflib.PROV,
+    rdflib.RDF,
+    rdflib.RDFS,
+    rdflib.SH,
+    rdflib.SOSA,
+    rdflib.XSD,
+)
+
+
+def local_name(iri: str) -> str:
+    """What follows the last of ``#``, ``/`` and ``:``, percent-decoded; a slash at the end does not count."""
+    tail = iri.split("?")[0].rstrip("/#")
+    for separator in "#/:":
+        tail = tail.rpartition(separator)[2]
+    return unquote(tail) or iri
+
+
+def is_web(term: Node | None) -> bool:
+    """Whether the term is an IRI that can be asked for over HTTP; of others nothing is ever fetched."""
+    return isinstance(term, URIRef) and _WEB.fullmatch(term) is not None
+
+
+def document_of(iri: str) -> str:
+    """The IRI without its fragment: what is asked for."""
+    return iri.partition("#")[0]
