@@ -1,0 +1,3 @@
+from client.conform.main import command
+
+__all__ = ["command"]

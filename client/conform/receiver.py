@@ -1,0 +1,102 @@
+"""A receiver of callbacks: it takes what is POSTed to one secret path, and consents when it is asked."""
+
+import asyncio
+import contextlib
+import secrets
+from dataclasses import dataclass, field
+
+_MAX_BYTES = 4 * 2**20
+_PATIENCE_S = 30.0
+_CONSENT = b"HTTP/1.1 200 OK\r\nWebHook-Allowed-Origin: *\r\nContent-Length: 0\r\nConnection: close\r\n\r\n"
+_TAKEN = b"HTTP/1.1 204 No Content\r\nConnection: close\r\n\r\n"
+_UNKNOWN = b"HTTP/1.1 404 Not Found\r\nContent-Length: 0\r\nConnection: close\r\n\r\n"
+
+
+@dataclass(frozen=True)
+class Delivery:
+    """``media_type`` without parameters, in lower case."""
+
+    media_type: str
+    body: bytes
+
+
+@dataclass
+class Mailbox:
+    """One callback URL, with what has arrived there."""
+
+    url: str
+    token: str
+    first: asyncio.Future[Delivery] = field(repr=False)
+
+    async def arrival(self, patience_s: float) -> Delivery | None:
+        with contextlib.suppress(TimeoutError):
+            return await asyncio.wait_for(asyncio.shield(self.first), patience_s)
+        return None
+
+
+class Receiver:
+    def __init__(self, host: str) -> None:
+        self._host = host
+        self._port = 0
+        self._server: asyncio.Server | None = None
+        self._boxes: dict[str, Mailbox] = {}
+
+    def mailbox(self) -> Mailbox:
+        token = secrets.token_hex(12)
+        host = f"[{self._host}]" if ":" in self._host else self._host
+        url = f"http://{host}:{self._port}/{token}"
+        self._boxes[token] = Mailbox(url, token, asyncio.get_running_loop().create_future())
+        return self._boxes[token]
+
+    async def start(self) -> None:
+        """OSError when the host is none of this machine's."""
+        self._server = await asyncio.start_server(self._serve, self._host, 0, limit=65536)
+        self._port = self._server.sockets[0].getsockname()[1]
+
+    def close(self) -> None:
+        if self._server is not None:
+            self._server.close()
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """One request of a stranger; whatever is no request ends the connection."""
+        try:
+            async with asyncio.timeout(_PATIENCE_S):
+                writer.write(await self._answer(reader))
+                await writer.drain()
+        except (TimeoutError, OSError, ValueError, EOFError, asyncio.LimitOverrunError):
+            return
+        finally:
+            writer.close()
+
+    async def _answer(self, reader: asyncio.StreamReader) -> bytes:
+        head = (await reader.readuntil(b"\r\n\r\n")).decode("latin-1")
+        request, *lines = head.split("\r\n")
+        headers = {name.strip().lower(): value.strip() for name, _, value in (line.partition(":") for line in lines)}
+        method, path, _ = request.split(" ", 2)
+        box = self._boxes.get(path.removeprefix("/"))
+        if box is None:
+            return _UNKNOWN
+        if method == "OPTIONS":
+            return _CONSENT
+        delivery = Delivery(
+            headers.get("content-type", "").partition(";")[0].strip().lower(), await _body(reader, headers)
+        )
+        if method == "POST" and not box.first.done():
+            box.first.set_result(delivery)
+        return _TAKEN
+
+
+async def _body(reader: asyncio.StreamReader, headers: dict[str, str]) -> bytes:
+    if "chunked" not in headers.get("transfer-encoding", "").lower():
+        return await reader.readexactly(_allowed(int(headers.get("content-length", "0"))))
+    body = b""
+    while size := int((await reader.readuntil(b"\r\n")).split(b";")[0], 16):
+        body += await reader.readexactly(_allowed(size, len(body)))
+        await reader.readexactly(2)
+    return body
+
+
+def _allowed(size: int, before: int = 0) -> int:
+    if not 0 <= size <= _MAX_BYTES - before:
+        raise ValueError(f"a delivery of more than {_MAX_BYTES} bytes")
+    return size

@@ -1,0 +1,162 @@
+"""Requests to one server and nowhere else, each bounded in time, bytes and redirects."""
+
+import asyncio
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Self
+from urllib.parse import urldefrag, urljoin, urlsplit
+
+import httpx
+
+MAX_BODY_BYTES = 4 * 2**20
+_MAX_REDIRECTS = 5
+_MAX_URL_LENGTH = 2000
+_PORTS = {"http": 80, "https": 443}
+_REDIRECTS = frozenset({301, 302, 303, 307, 308})
+_SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
+
+
+class OutOfTimeError(Exception):
+    """The total limit is over: what was not tried by then cannot be told."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What came of one request. ``fault`` says why there is none, or none to rely on; ``status`` is then perhaps 0."""
+
+    method: str
+    url: str
+    status: int = 0
+    headers: httpx.Headers = field(default_factory=httpx.Headers)
+    body: bytes = b""
+    version: str = ""
+    fault: str = ""
+    unreached: bool = False
+
+    @property
+    def successful(self) -> bool:
+        return not self.fault and 200 <= self.status < 300
+
+    @property
+    def media_type(self) -> str:
+        return self.header("content-type").partition(";")[0].strip().lower()
+
+    @property
+    def allow(self) -> frozenset[str]:
+        return frozenset(name.strip() for name in self.header("allow").split(",") if name.strip())
+
+    def header(self, name: str) -> str:
+        """Its values joined by commas, empty without any."""
+        return str(self.headers.get(name, ""))
+
+    def __str__(self) -> str:
+        return f"{self.method} {self.url}: {self.fault or self.status}"
+
+
+class Web:
+    """The origin of ``root``, for at most ``limit_s`` seconds, each request within ``patience_s``."""
+
+    def __init__(self, root: str, patience_s: float, limit_s: float) -> None:
+        self.root = urldefrag(root).url
+        self.origin = _origin(self.root)
+        if self.origin is None:
+            raise ValueError(f"not an http or https URL: {root}")
+        self.patience_s = patience_s
+        self._started = time.monotonic()
+        self._limit_s = limit_s
+        # Neither proxies nor credentials of the environment: it is the server that is judged.
+        self._client = httpx.AsyncClient(timeout=patience_s, trust_env=False, headers={"accept-encoding": "identity"})
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self._client.aclose()
+
+    @property
+    def used(self) -> float:
+        """The part of the total limit that is over, from 0."""
+        return (time.monotonic() - self._started) / self._limit_s
+
+    def ours(self, url: str) -> bool:
+        """Whether a URL is of the server's own origin."""
+        return len(url) <= _MAX_URL_LENGTH and _origin(url) == self.origin
+
+    def in_time(self) -> None:
+        if self.used >= 1:
+            raise OutOfTimeError(f"not tried within the total limit of {self._limit_s:g} s")
+
+    async def request(
+        self,
+        method: str,
+        url: str,
+        headers: Mapping[str, str] | None = None,
+        body: bytes | None = None,
+        in_any_case: bool = False,
+    ) -> Answer:
+        """Follows redirects of safe methods within the origin. ``in_any_case``: after the total limit too."""
+        for _ in range(_MAX_REDIRECTS + 1):
+            if not in_any_case:
+                self.in_time()
+            answer = await self._once(method, url, headers or {}, body)
+            target = urldefrag(_joined(url, answer.header("location"))).url
+            if answer.fault or answer.status not in _REDIRECTS or method not in _SAFE or not self.ours(target):
+                return answer
+            url = target
+        return Answer(method, url, answer.status, fault=f"more than {_MAX_REDIRECTS} redirects")
+
+    async def _once(self, method: str, url: str, headers: Mapping[str, str], body: bytes | None) -> Answer:
+        if not self.ours(url):
+            return Answer(method, url, fault="not of the server's origin, left alone")
+        try:
+            async with (
+                asyncio.timeout(self.patience_s),
+                self._client.stream(method, url, headers=dict(headers), content=body) as response,
+            ):
+                content, fault = await _bounded(response)
+                version = response.http_version
+                return Answer(method, url, response.status_code, response.headers, content, version, fault)
+        except TimeoutError:
+            return Answer(method, url, fault=f"no complete answer within {self.patience_s:g} s")
+        except (httpx.ConnectError, httpx.ConnectTimeout) as error:
+            return Answer(method, url, fault=f"no connection: {error}", unreached=True)
+        except (httpx.HTTPError, httpx.InvalidURL, httpx.StreamError, ValueError, OSError) as error:
+            return Answer(method, url, fault=f"no valid answer: {type(error).__name__} {error}")
+
+
+async def _bounded(response: httpx.Response) -> tuple[bytes, str]:
+    """The body, and what is wrong with it."""
+    if response.headers.get("content-encoding", "identity") != "identity":
+        return b"", "the body is encoded although only identity was accepted"
+    parts, size = [], 0
+    async for part in response.aiter_raw():
+        size += len(part)
+        if size > MAX_BODY_BYTES:
+            return b"", f"the body is larger than {MAX_BODY_BYTES} bytes"
+        parts.append(part)
+    return b"".join(parts), ""
+
+
+def _origin(url: str) -> tuple[str, str, int] | None:
+    """Scheme, host and port; None for what is no plain http(s) URL."""
+    try:
+        parts = urlsplit(url)
+        port = parts.port or _PORTS.get(parts.scheme, 0)
+    except ValueError:
+        return None
+    if parts.scheme not in _PORTS or not parts.hostname or "@" in parts.netloc:
+        return None
+    return parts.scheme, parts.hostname, port
+
+
+def _joined(base: str, reference: str) -> str:
+    try:
+        return urljoin(base, reference)
+    except ValueError:
+        return ""
+
+
+def absolute(base: str, reference: str) -> str:
+    """A reference of a header field as an absolute URL, empty when it is none."""
+    return urldefrag(_joined(base, reference)).url if reference else ""
