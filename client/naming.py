@@ -1,6 +1,7 @@
 """What things are called: by the data alone, never by the form of an address that was made up."""
 
 import difflib
+import re
 from collections.abc import Callable, Iterator, Sequence
 from typing import Generic, Protocol, TypeVar
 from urllib.parse import quote, unquote
@@ -109,11 +110,14 @@ def shown_name(identifiers: Sequence[str], titles: Sequence[str], segment: str, 
     return title
 
 
+_AWKWARD = re.compile(r"""[\x00-\x20/%"'`$&()<>|;\\*?!#{}\[\]~=\x7f]""")
+
+
 def steps(path: str) -> list[str]:
     """The names in a path; ``%2F`` is a slash in a name."""
     return [unquote(step) for step in path.split("/") if step]
 
 
 def step(name: str) -> str:
-    """A name as it stands in a path."""
-    return quote(name, safe=" !#$&'()*+,:;=?@[]~")
+    """A name as it stands in a path, with nothing in it that a shell would take for itself."""
+    return _AWKWARD.sub(lambda found: quote(found[0], safe=""), name)

@@ -114,6 +114,7 @@ def _label(graph: Graph, node: Node) -> str:
         and predicate != RDF.type
         and predicate not in units
         and predicate not in UNIT_PATHS
+        and value != LF.unknown
     ]
     return local_name(pointed[0]) if len(pointed) == 1 else ""
 

@@ -32,6 +32,11 @@ class Resource:
         return self._document or self.read()
 
     @property
+    def known(self) -> bool:
+        """Whether its own description has been read."""
+        return self._document is not None
+
+    @property
     def node(self) -> URIRef:
         """The subject of its description: its IRI, unless a redirect led to another."""
         return self.learn().iri(self.iri)

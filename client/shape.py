@@ -155,12 +155,12 @@ def _fields(graph: Graph, node: Node, above: tuple[Node, ...]) -> tuple[Field, .
     one_each: dict[URIRef, Field] = {}
     for field in found:
         one_each[field.path] = _one_field(one_each.get(field.path), field)
-    return tuple(
-        sorted(
-            one_each.values(),
-            key=lambda field: (field.order, field.min_count == 0, field.path in UNIT_PATHS, field.name),
-        )
-    )
+    return tuple(sorted(one_each.values(), key=_rank))
+
+
+def _rank(field: Field) -> tuple[float, bool, bool, str]:
+    """As the shape orders them, then what is needed before what is not, and a number before its unit."""
+    return field.order, field.min_count == 0, field.path in UNIT_PATHS, field.name
 
 
 def _field(graph: Graph, node: Node, above: tuple[Node, ...]) -> Field | None:

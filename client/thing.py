@@ -14,9 +14,10 @@ from client.errors import NoSuchThing, Problem, Unsupported
 from client.live import Feed, posted
 from client.naming import Members, no_such, steps
 from client.quantity import Quantity
-from client.reading import Reading, moment, read
+from client.reading import Reading, read
 from client.resource import Resource
 from client.vocabulary import DCTERMS, HYBRIT, LDP, LF, RDF, RDFS, document_of, is_web, local_name
+from client.web import Document
 
 _PARTS = (LDP.contains, DCTERMS.hasPart)
 # Types that say no more than that something is one of the kinds which are told apart anyway.
@@ -59,12 +60,11 @@ class Property(Observable):
 
     @property
     def reading(self) -> Reading:
-        return self.within(self)
+        return read(self.read().graph, self.node)
 
-    def within(self, other: Resource) -> Reading:
-        """Its values as the description of ``other`` shows them."""
-        graph = other.read().graph
-        return read(graph, self.node if other is self else self.iri)
+    def within(self, document: Document) -> Reading:
+        """Its values as another description shows them, such as that of the thing that it belongs to."""
+        return read(document.graph, self.iri)
 
     @property
     def value(self) -> Quantity:
@@ -86,32 +86,34 @@ class Thing(Observable):
     @property
     def presence(self) -> str | None:
         """``online``, ``offline`` or as the vocabulary says; None where nothing is said. Asks the server."""
-        return self.presence_in(self)
+        graph = self.read().graph
+        return _presence(graph.value(self.node, LF.presence))
 
-    def presence_in(self, other: Resource) -> str | None:
-        found = other.read().graph.value(self.node if other is self else self.iri, LF.presence)
-        return None if found is None else local_name(str(found))
-
-    @property
-    def last_frame(self) -> object:
-        """When the robot was last heard of; None where that is not said."""
-        return moment(self.read().graph.value(self.node, LF.lastFrame))
+    def presence_in(self, document: Document) -> str | None:
+        """As another description has it, such as that of the fleet that it belongs to."""
+        return _presence(document.graph.value(self.iri, LF.presence))
 
     @property
     def parts(self) -> Members[Thing]:
         """What it contains or is made of."""
-        graph = self.read().graph
+        document = self.read()
         found = self.linked(*_PARTS)
-        found += [each for each in graph.subjects(DCTERMS.isPartOf, self.node) if is_web(each)]  # type: ignore[misc]
-        return Members(self._members(Thing, found or self._related()), "part")
+        found += [URIRef(str(each)) for each in document.graph.subjects(DCTERMS.isPartOf, self.node) if is_web(each)]
+        return Members(self._members(Thing, found or self._related(document), document), "part")
 
     @property
     def properties(self) -> Members[Property]:
-        return Members(self._members(Property, self._typed(HYBRIT.property, HYBRIT.Property)), "property")
+        return self.properties_in(self.read())
+
+    def properties_in(self, document: Document) -> Members[Property]:
+        """As a description of it has them that was received, such as in a message."""
+        found = self._typed(document, HYBRIT.property, HYBRIT.Property)
+        return Members(self._members(Property, found, document), "property")
 
     @property
     def actions(self) -> Members[Action]:
-        return Members(self._members(Action, self._typed(HYBRIT.action, HYBRIT.Action)), "action")
+        document = self.read()
+        return Members(self._members(Action, self._typed(document, HYBRIT.action, HYBRIT.Action), document), "action")
 
     def __getitem__(self, name: str) -> Thing:
         return self.parts[name]
@@ -153,24 +155,23 @@ class Thing(Observable):
                     seen.add(part.iri)
                     pending.append(part)
 
-    def _typed(self, predicate: URIRef, type_: URIRef) -> list[URIRef]:
+    def _typed(self, document: Document, predicate: URIRef, type_: URIRef) -> list[URIRef]:
         """What the predicate links, and what is linked otherwise and says of itself that it is of that type."""
-        graph = self.read().graph
-        found = self.linked(predicate)
-        others = (each for each in graph.objects(self.node) if is_web(each) and (each, RDF.type, type_) in graph)
-        return [*found, *(URIRef(str(each)) for each in others)]
+        graph, node = document.graph, document.iri(self.iri)
+        found = [*graph.objects(node, predicate)]
+        found += [each for each in graph.objects(node) if (each, RDF.type, type_) in graph]
+        return [URIRef(str(each)) for each in found if is_web(each)]
 
-    def _members(self, kind: type[T], iris: Iterable[URIRef]) -> list[T]:
-        document = self.read()
-        wanted = [iri for iri in dict.fromkeys(iris) if iri not in (self.node, self.iri)]
+    def _members(self, kind: type[T], iris: Iterable[URIRef], document: Document) -> list[T]:
+        wanted = [iri for iri in dict.fromkeys(iris) if iri not in (document.iri(self.iri), self.iri)]
         return [kind(self.web, iri, self, document) for iri in wanted]
 
-    def _related(self) -> list[URIRef]:
+    def _related(self, document: Document) -> list[URIRef]:
         """Where the description names no parts: what the Link field relates it to, as far as those are things."""
-        graph = self.read().graph
+        graph = document.graph
         named = {document_of(str(each)) for each in graph.objects(self.node)} | self._above()
         found = []
-        for target, relation in self.read().links[:_MOST_LINKS]:
+        for target, relation in document.links[:_MOST_LINKS]:
             if relation in ("related", "item") and target not in named and is_web(URIRef(target)):
                 found += [URIRef(target)] if self._is_thing(target) else []
         return found
@@ -193,6 +194,10 @@ class Thing(Observable):
     @cached_property
     def kind(self) -> str:
         return kind_of(self)
+
+
+def _presence(term: Node | None) -> str | None:
+    return None if term is None else local_name(str(term))
 
 
 def kind_of(resource: Resource) -> str:
