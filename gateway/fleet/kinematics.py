@@ -14,23 +14,26 @@ _FREE_FLYER_NQ = 7
 MAX_DEGREES = 128
 
 
+def build_model(urdf: str, floating: bool) -> pin.Model:
+    """Pinocchio's model; ModelError when it refuses the URDF or that has more than ``MAX_DEGREES`` of freedom."""
+    try:
+        model = pin.buildModelFromXML(urdf, pin.JointModelFreeFlyer()) if floating else pin.buildModelFromXML(urdf)
+    except (ValueError, RuntimeError) as error:
+        raise ModelError(f"Pinocchio refuses the URDF: {error}") from error
+    if model.nv > MAX_DEGREES:
+        raise ModelError(f"{model.nv} degrees of freedom are too many for link poses; {MAX_DEGREES} are not")
+    return model
+
+
 class Kinematics:
     """Link poses from joint positions. ``floating`` puts a free joint between the world and the root link.
 
-    Raises ModelError when Pinocchio refuses the URDF or it has more than ``MAX_DEGREES``. Mimic joints are plain joints
-    here: their positions come with the others. Joints of six or three degrees inside the tree have no position in a
-    frame, so all below is unknown.
+    Raises ModelError as ``build_model`` does. Mimic joints are plain joints here: their positions come with the others.
+    Joints of six or three degrees inside the tree have no position in a frame, so all below is unknown.
     """
 
     def __init__(self, urdf: str, floating: bool) -> None:
-        try:
-            self._model = (
-                pin.buildModelFromXML(urdf, pin.JointModelFreeFlyer()) if floating else pin.buildModelFromXML(urdf)
-            )
-        except (ValueError, RuntimeError) as error:
-            raise ModelError(f"Pinocchio refuses the URDF: {error}") from error
-        if self._model.nv > MAX_DEGREES:
-            raise ModelError(f"{self._model.nv} degrees of freedom are too many for link poses; {MAX_DEGREES} are not")
+        self._model = build_model(urdf, floating)
         self._data = self._model.createData()
         self._floating = floating
         joints = self._model.joints
