@@ -13,7 +13,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode
 from gateway.graph.build import Term
 from gateway.graph.compiled_check import Constraint, Count, Either, Shape, Switch, Values
 from gateway.graph.compiled_data import NUMERIC, Data, Number, comparable
-from gateway.graph.compiled_report import SHACL, listed, shown
+from gateway.graph.compiled_report import SHACL, brief, listed, shown
 from gateway.graph.vocab import RDF, RDFS, XSD
 
 Stated = Mapping[NamedNode, Sequence[Term]]
@@ -251,7 +251,7 @@ def _members(shapes: Shapes, head: Term, depth: int) -> tuple[Shape, ...]:
 def _and(shapes: Shapes, stated: Stated, depth: int) -> Iterable[Constraint]:
     for head in stated[SHACL.and_]:
         members = _members(shapes, head, depth)
-        text = " and ".join(dict.fromkeys(shape.expected for shape in members))
+        text = brief(" and ".join(dict.fromkeys(shape.expected for shape in members)))
         yield Constraint(SHACL.AndConstraintComponent, text, _conforming(members, len(members)), members)
 
 
@@ -262,14 +262,14 @@ def _conforming(members: tuple[Shape, ...], count: int) -> Callable[[Data, Term]
 def _xone(shapes: Shapes, stated: Stated, depth: int) -> Iterable[Constraint]:
     for head in stated[SHACL.xone]:
         members = _members(shapes, head, depth)
-        text = "just one of: " + "; ".join(shape.expected for shape in members)
+        text = brief("just one of: " + "; ".join(shape.expected for shape in members))
         yield Constraint(SHACL.XoneConstraintComponent, text, _conforming(members, 1))
 
 
 def _or(shapes: Shapes, stated: Stated, depth: int) -> Iterable[Constraint]:
     for head in stated[SHACL.or_]:
         members = _members(shapes, head, depth)
-        text = " or ".join(dict.fromkeys(shape.expected for shape in members))
+        text = brief(" or ".join(dict.fromkeys(shape.expected for shape in members)))
         common = [p for p in members[0].requires if all(p in shape.requires for shape in members)]
         if common and len(members) >= _FEWEST_BRANCHES:
             yield _switch(members, common[0], text)

@@ -3,7 +3,6 @@
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from textwrap import shorten
 from typing import TypeVar
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
@@ -34,6 +33,7 @@ SHACL = Namespace(
 )
 _T = TypeVar("_T", NamedNode | BlankNode, NamedNode | BlankNode | Literal)
 _LONGEST = 80  # characters of one term in a message
+_LONGEST_TEXT = 300
 _MOST_LISTED = 20
 
 
@@ -118,7 +118,7 @@ def listed(terms: Collection[object]) -> str:
 
 
 def brief(text: str) -> str:
-    return shorten(text, 300, placeholder=" …")
+    return text if len(text) <= _LONGEST_TEXT else text[: _LONGEST_TEXT - 1] + "…"
 
 
 def _compact(iri: str) -> str:
