@@ -85,6 +85,7 @@ async def _serve(settings: AgentSettings, agents: list[Agent]) -> None:
                 incarnation=agent.incarnation,
                 description=agent.description,
                 on_command=agent.handle,
+                on_stop=agent.handle_stop,
                 lease_ms=settings.lease_ms,
             )
             tasks.create_task(_attend(agent, link))

@@ -1,4 +1,4 @@
-"""The loop of one robot: read → publish; command → judge → move → report. Knows only Robot and Link."""
+"""The loop of one robot: read → publish; command → judge → move; stop. Knows only Robot and Link."""
 
 import asyncio
 import logging
@@ -6,16 +6,19 @@ import math
 import secrets
 import time
 from collections.abc import Callable, Iterable
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 from agents import safety
-from agents.motion import Motions, Outcome, Sway
+from agents.motion import Measured, Motions, Outcome, Sway
+from agents.plan import ImpossibleError, Plan, joints_of, plan
+from agents.report import Report
 from agents.robot import Reading, Robot
 from agents.wire import codec
 from agents.wire.codec import VersionError, WireError
-from agents.wire.messages import WIRE_VERSION, Accepted, Base, Command, Description, Progress, Refused, Reply, State
+from agents.wire.messages import WIRE_VERSION, Accepted, Base, Command, Description, Refused, Reply, State, Stop
 
 _log = logging.getLogger(__name__)
+_M = TypeVar("_M", Command, Stop)
 
 
 class Link(Protocol):
@@ -25,9 +28,14 @@ class Link(Protocol):
     def gateway_present(self) -> bool:
         """Whether at least one gateway is known to be alive."""
 
+    @property
+    def arrivals(self) -> int:
+        """How many gateways have appeared so far, those that came back included."""
+
     def publish_state(self, payload: bytes) -> None: ...
 
-    def publish_progress(self, payload: bytes) -> None: ...
+    def publish_progress(self, payload: bytes, final: bool) -> None:
+        """``final`` says how a motion ended, and must arrive; other progress may be dropped."""
 
 
 def new_incarnation() -> int:
@@ -63,12 +71,13 @@ class Agent:
         self._motions = Motions(self._joints, sways)
         self._monotonic_ns, self._wall_ns = monotonic_ns, wall_ns
         self._seen = safety.Remembered()
-        self._measured: dict[str, float] = dict.fromkeys(self._names, math.nan)
+        self._measured = self._unmeasured = Measured(dict.fromkeys(self._names, math.nan))
         self._sequence = 0
         self._stepped_ns: int | None = None
         self._gateway_present = False
         self._fault: str | None = None
         self._outcomes: list[Outcome] = []
+        self._report = Report(self.incarnation)
         self.description = codec.encode(self._describe())
 
     async def run(self, link: Link) -> None:
@@ -81,8 +90,8 @@ class Agent:
                 due_s = max(due_s + period_s, loop.time() - period_s)
                 await asyncio.sleep(max(0.0, due_s - loop.time()))
         finally:
-            self._outcomes += self._motions.halt("the agent ends")
-            self._report(link)
+            self._outcomes += self._motions.forget("the agent ends")
+            self._tell(link)
             self._stop_robot()
             self._robot.close()
 
@@ -93,24 +102,25 @@ class Agent:
         self._publish_state(link, now_ns, reading)
         self._watch_gateways(link.gateway_present)
         if reading is not None:
-            self._move(now_ns, reading)
-        self._report(link)
+            self._move(now_ns)
+        self._tell(link)
 
     def handle(self, payload: bytes) -> bytes:
         """Judge one command; the reply says accepted or why not. Never raises."""
-        try:
-            command = codec.decode(payload, Command)
-        except VersionError as error:
-            return codec.encode(Refused("", "version", str(error)[:1024]))
-        except WireError as error:
-            return codec.encode(Refused("", "malformed", str(error)[:1024]))
+        command = _decoded(payload, Command)
+        if isinstance(command, Refused):
+            return codec.encode(command)
         reply = self._judge(command)
         if isinstance(reply, Refused):
             _log.info("%s: command %s refused (%s): %s", self.name, reply.id, reply.code, reply.reason)
-        else:
-            self._seen.add(command.id)
-            targets = safety.clamp(command.motion.targets, self._joints)
-            self._outcomes += self._motions.start(command.id, targets, self._measured)
+        return codec.encode(reply)
+
+    def handle_stop(self, payload: bytes) -> bytes:
+        """Stop what it names, whenever that is; refused only for what the robot has not. Never raises."""
+        stop = _decoded(payload, Stop)
+        reply = stop if isinstance(stop, Refused) else safety.judge_stop(stop, self._joints) or self._stop(stop)
+        if isinstance(reply, Refused):
+            _log.warning("%s: stop %s refused (%s): %s", self.name, reply.id, reply.code, reply.reason)
         return codec.encode(reply)
 
     def _judge(self, command: Command) -> Reply:
@@ -121,16 +131,58 @@ class Agent:
             joints=self._joints,
             seen=self._seen,
         )
-        if isinstance(verdict, Refused):
-            return verdict
+        return verdict if isinstance(verdict, Refused) else self._hindrance(command) or self._start(command)
+
+    def _hindrance(self, command: Command) -> Refused | None:
+        """Why a command that is right in itself cannot run now."""
         if self._fault is not None:
             return Refused(command.id, "fault", f"the robot has a fault: {self._fault}"[:1024])
         if not self._gateway_present:
             return Refused(command.id, "fault", "no gateway is present, and without one the robot holds")
-        unknown = [name for name in command.motion.targets if not math.isfinite(self._measured[name])]
+        concerned = dict.fromkeys((*joints_of(command.motion), *command.expects))
+        unknown = [name for name in concerned if not math.isfinite(self._measured.positions[name])]
         if unknown:
             return Refused(command.id, "fault", f"the position of {', '.join(unknown)} is unknown"[:1024])
-        return Accepted(command.id)
+        surprise = safety.unexpected(command.expects, self._measured.positions, self._joints)
+        return Refused(command.id, "expectation", surprise[:1024]) if surprise else None
+
+    def _start(self, command: Command) -> Reply:
+        motion, measured = safety.clamp(command.motion, self._joints), self._measured.positions
+        try:
+            made: Plan = plan(motion, command.scale, self._motions.starts(joints_of(motion), measured))
+        except ImpossibleError as error:
+            return Refused(command.id, "limits", str(error)[:1024])
+        preempted = self._motions.running_on(made.trajectories.keys())
+        if not command.rehearsal:
+            self._seen.add(command.id)
+            self._outcomes += self._motions.start(command.id, made, measured)
+        return Accepted(command.id, made.duration_s, preempted[:1024])
+
+    def _stop(self, stop: Stop) -> Accepted:
+        named = [self._leader(name) for name in stop.joints or self._names]
+        joints = [name for name in dict.fromkeys(named) if name is not None]
+        cancelled = self._motions.stoppable(joints, stop.command)[:1024]
+        if stop.rehearsal:
+            return Accepted(stop.id, self._motions.braking_s(joints, stop.command), cancelled)
+        reason = stop.reason or "stopped"
+        duration_s, outcomes = self._motions.stop(stop.id, joints, stop.command, reason, self._measured.positions)
+        self._outcomes += outcomes
+        if self._fault is not None:
+            # Nothing can be measured, so whether it stands is what the driver says.
+            problem = self._stop_robot()
+            said = f"the driver holds the robot, which cannot be measured: {self._fault}"
+            self._outcomes += self._motions.conclude(stop.id, "failed" if problem else "succeeded", problem or said)
+        _log.warning("%s: stop %s: %s", self.name, stop.id, reason)
+        return Accepted(stop.id, duration_s, cancelled)
+
+    def _leader(self, name: str) -> str | None:
+        """The joint that takes the commands for ``name``; None when the robot has none such."""
+        for _ in self._names:
+            joint = self._joints.get(name)
+            if joint is None or joint.mimics is None:
+                return None if joint is None else name
+            name = joint.mimics
+        return None
 
     def _read(self, now_ns: int) -> Reading | None:
         try:
@@ -141,7 +193,8 @@ class Agent:
         if self._fault is not None:
             _log.warning("%s: the robot can be read again", self.name)
             self._fault = None
-        self._measured = dict(zip(self._names, reading.positions, strict=True))
+        rows = (reading.positions, reading.velocities, reading.efforts)
+        self._measured = Measured(*(dict(zip(self._names, row, strict=True)) for row in rows))
         return reading
 
     def _fail(self, error: Exception, doing: str) -> None:
@@ -150,14 +203,17 @@ class Agent:
             _log.exception("%s: %s; the robot holds", self.name, reason)
             self._stop_robot()
         self._fault = reason
-        self._measured = dict.fromkeys(self._names, math.nan)
+        self._measured = self._unmeasured
         self._outcomes += self._motions.forget(f"driver fault: {reason}"[:1024])
 
-    def _stop_robot(self) -> None:
+    def _stop_robot(self) -> str:
+        """Have the driver hold; why it could not, or nothing."""
         try:
             self._robot.stop()
-        except Exception:  # noqa: BLE001 - as in _read
+        except Exception as error:  # noqa: BLE001 - as in _read
             _log.exception("%s: the robot could not be stopped", self.name)
+            return f"the robot could not be stopped: {error or type(error).__name__}"
+        return ""
 
     def _publish_state(self, link: Link, now_ns: int, reading: Reading | None) -> None:
         if reading is None:
@@ -186,11 +242,10 @@ class Agent:
             _log.info("%s: a gateway is present", self.name)
         self._gateway_present = present
 
-    def _move(self, now_ns: int, reading: Reading) -> None:
+    def _move(self, now_ns: int) -> None:
         elapsed_s = 0.0 if self._stepped_ns is None else (now_ns - self._stepped_ns) / 1e9
         self._stepped_ns = now_ns
-        efforts = dict(zip(self._names, reading.efforts, strict=True))
-        setpoints, outcomes = self._motions.step(elapsed_s, self._measured, efforts, held=not self._gateway_present)
+        setpoints, outcomes = self._motions.step(elapsed_s, self._measured, held=not self._gateway_present)
         self._outcomes += outcomes
         if setpoints:
             try:
@@ -198,19 +253,13 @@ class Agent:
             except Exception as error:  # noqa: BLE001 - as in _read
                 self._fail(error, "apply")
 
-    def _report(self, link: Link) -> None:
-        for outcome in self._outcomes:
-            measured = {joint: self._measured[joint] for joint in outcome.joints}
-            progress = Progress(
-                version=WIRE_VERSION,
-                id=outcome.command_id,
-                incarnation=self.incarnation,
-                state=outcome.state,
-                wall_ns=self._wall_ns(),
-                reason=outcome.reason,
-                positions={joint: position for joint, position in measured.items() if math.isfinite(position)},
-            )
-            link.publish_progress(codec.encode(progress))
+    def _tell(self, link: Link) -> None:
+        now_ns, wall_ns, positions = self._monotonic_ns(), self._wall_ns(), self._measured.positions
+        for payload in self._report.repeat(link.arrivals, now_ns):
+            link.publish_progress(payload, final=True)
+        for outcome in (*self._outcomes, *(self._motions.underway() if self._report.due(now_ns) else ())):
+            payload = self._report.write(outcome, positions, now_ns, wall_ns)
+            link.publish_progress(payload, final=outcome.state != "running")
         self._outcomes.clear()
 
     def _describe(self) -> Description:
@@ -224,7 +273,16 @@ class Agent:
             base="floating" if floating else "fixed",
             joints=self._names,
             rate_hz=self.rate_hz,
-            capabilities=("move",),
+            capabilities=("move", "follow", "stop"),
             annotations=self._facts.annotations,
             layout=codec.layout(len(self._names), floating),
         )
+
+
+def _decoded(payload: bytes, kind: type[_M]) -> _M | Refused:
+    try:
+        return codec.decode(payload, kind)
+    except VersionError as error:
+        return Refused("", "version", str(error)[:1024])
+    except WireError as error:
+        return Refused("", "malformed", str(error)[:1024])

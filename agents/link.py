@@ -5,8 +5,9 @@ import json
 import logging
 from collections.abc import AsyncIterator, Callable
 from contextlib import ExitStack, asynccontextmanager
+from functools import partial
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import zenoh
 
@@ -74,7 +75,7 @@ async def open_session(
 class ZenohLink:
     """One robot on a shared session: ``async with ZenohLink(...) as link`` declares it, leaving undeclares it.
 
-    ``on_command`` is called on the event loop with the payload of a command and returns the payload of the reply.
+    ``on_command`` and ``on_stop`` are called on the event loop with the payload and return the payload of the reply.
     Entering raises DuplicateNameError when the name is taken for longer than ``lease_ms``: a token that outlives its
     killed agent is gone by then.
     """
@@ -88,18 +89,25 @@ class ZenohLink:
         incarnation: int,
         description: bytes,
         on_command: Callable[[bytes], bytes],
+        on_stop: Callable[[bytes], bytes],
         lease_ms: int = 2_000,
     ) -> None:
         self._session, self._keys = session, keys
         self._robot, self._incarnation, self._lease_ms = robot, incarnation, lease_ms
-        self._description, self._on_command = description, on_command
+        self._description = description
+        self._answers = {"command": on_command, "stop": on_stop}
         self._gateways: set[str] = set()
+        self._arrivals = 0
         self._dropping = False
         self._declared = ExitStack()
 
     @property
     def gateway_present(self) -> bool:
         return bool(self._gateways)
+
+    @property
+    def arrivals(self) -> int:
+        return self._arrivals
 
     async def __aenter__(self) -> Self:
         await self._wait_for_name()
@@ -122,8 +130,8 @@ class ZenohLink:
     def publish_state(self, payload: bytes) -> None:
         self._put(self._states, payload)
 
-    def publish_progress(self, payload: bytes) -> None:
-        self._put(self._progress, payload)
+    def publish_progress(self, payload: bytes, final: bool) -> None:
+        self._put(self._ends if final else self._progress, payload)
 
     def _put(self, publisher: Any, payload: bytes) -> None:
         try:
@@ -136,7 +144,7 @@ class ZenohLink:
 
     def _declare(self, loop: asyncio.AbstractEventLoop) -> None:
         declare, session, keys, robot = self._declared.enter_context, self._session, self._keys, self._robot
-        # A frame is worth nothing once the next one is there: drop rather than wait. A result must arrive.
+        # A frame is worth nothing once the next one is there: drop rather than wait. How a motion ended must arrive.
         self._states = declare(
             session.declare_publisher(
                 keys.robot(robot, "state"),
@@ -145,10 +153,9 @@ class ZenohLink:
                 express=False,
             )
         )
-        self._progress = declare(
-            session.declare_publisher(
-                keys.robot(robot, "progress"), congestion_control=zenoh.CongestionControl.BLOCK, express=True
-            )
+        self._progress, self._ends = (
+            declare(session.declare_publisher(keys.robot(robot, "progress"), congestion_control=control, express=True))
+            for control in (zenoh.CongestionControl.DROP, zenoh.CongestionControl.BLOCK)
         )
 
         def hand_over(handler: Callable[[Any], None]) -> Callable[[Any], None]:
@@ -163,7 +170,10 @@ class ZenohLink:
                 keys.robot(robot, "description"), hand_over(self._answer_description), complete=True
             )
         )
-        declare(session.declare_queryable(keys.robot(robot, "command"), hand_over(self._answer_command), complete=True))
+        kinds: tuple[Literal["command"], Literal["stop"]] = ("command", "stop")
+        for kind in kinds:
+            answer = partial(self._answer, kind)
+            declare(session.declare_queryable(keys.robot(robot, kind), hand_over(answer), complete=True))
         declare(session.liveliness().declare_subscriber(keys.all_gateways, hand_over(self._note_gateway), history=True))
         # Last: whoever sees the robot can ask it.
         declare(session.liveliness().declare_token(keys.presence(robot, self._incarnation)))
@@ -172,15 +182,16 @@ class ZenohLink:
         gateway = str(sample.key_expr)
         if sample.kind == zenoh.SampleKind.PUT:
             self._gateways.add(gateway)
+            self._arrivals += 1
         else:
             self._gateways.discard(gateway)
 
     def _answer_description(self, query: zenoh.Query) -> None:
         self._reply(query, self._keys.robot(self._robot, "description"), self._description)
 
-    def _answer_command(self, query: zenoh.Query) -> None:
+    def _answer(self, kind: Literal["command", "stop"], query: zenoh.Query) -> None:
         payload = b"" if query.payload is None else query.payload.to_bytes()
-        self._reply(query, self._keys.robot(self._robot, "command"), self._on_command(payload))
+        self._reply(query, self._keys.robot(self._robot, kind), self._answers[kind](payload))
 
     def _reply(self, query: zenoh.Query, key: str, payload: bytes) -> None:
         try:

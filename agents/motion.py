@@ -1,27 +1,29 @@
-"""Where the setpoint of every joint goes next. Pure: time and measurements are passed in.
+"""Which motions run, where each setpoint goes next, and what became of every command.
 
-Each joint follows a trapezoid of velocity to its target: at most CRUISE_SHARE of its URDF velocity limit, so that the
-real joint with its lag and ripple stays below the limit itself, and never above the cruise of a machine among people.
+Pure: time and measurements are passed in.
 """
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from agents.plan import Plan, Start
+from agents.profile import RAMP_S, brake, cruise_of, reach_in
 from agents.robot import JointFacts
+from agents.trajectory import Trajectory, hold
 
-CRUISE_SHARE = 0.8
-MAX_CRUISE_RAD_S, MAX_CRUISE_M_S = 1.5, 0.25
-# For joints whose URDF states no velocity limit.
-UNKNOWN_CRUISE_RAD_S, UNKNOWN_CRUISE_M_S = 0.5, 0.05
-RAMP_S = 0.4
-TOLERANCE_RAD, TOLERANCE_M = 2e-3, 5e-4
-# How far a joint may trail its setpoint, and how long it may settle after the end of the profile.
+# Seven joints that are all this far off, the same way, put the tip of an arm of 1.2 m less than 1 mm off.
+TOLERANCE_RAD, TOLERANCE_M = 2e-4, 2e-4
+# A joint that moves less than this stands.
+STANDING_RAD_S, STANDING_M_S = 0.01, 0.002
+# How far a joint may trail its setpoint, and how long it may settle after the end of its trajectory.
 MAX_LAG_RAD, MAX_LAG_M = 0.4, 0.1
 SETTLE_S = 2.0
 # A step longer than this (a stalled host) is taken as this long, so that no setpoint leaps.
 MAX_STEP_S = 0.05
+
+State = Literal["running", "succeeded", "failed", "cancelled", "preempted"]
 
 
 @dataclass(frozen=True)
@@ -29,9 +31,11 @@ class Outcome:
     """What became of a command; the agent publishes it as progress with the measured positions of ``joints``."""
 
     command_id: str
-    state: Literal["running", "succeeded", "failed", "preempted"]
+    state: State
     joints: tuple[str, ...]
     reason: str = ""
+    progress: float = 0.0
+    successor: str = ""
 
 
 @dataclass(frozen=True)
@@ -43,71 +47,90 @@ class Sway:
     period_s: float = 10.0
 
 
-class Axis:
-    """The profile of one joint: where its setpoint is, how fast it moves (rad, rad/s or m, m/s) and where it goes."""
+@dataclass(frozen=True)
+class Measured:
+    """Positions, velocities and efforts by joint; NaN is unknown."""
 
-    def __init__(self, joint: JointFacts, position: float) -> None:
+    positions: Mapping[str, float]
+    velocities: Mapping[str, float] = field(default_factory=dict)
+    efforts: Mapping[str, float] = field(default_factory=dict)
+
+
+class Axis:
+    """One joint: the trajectory that it follows, and where its setpoint is and how fast it moves (rad/s or m/s)."""
+
+    def __init__(self, joint: JointFacts, measured: float) -> None:
         self.joint = joint
-        self.position = self.target = position
-        self.velocity = 0.0
-        self.cruise = cruise_of(joint)
-        self.acceleration = self.cruise / RAMP_S
+        self.position, self.velocity = joint.limits.clamp(measured), 0.0
+        self.trajectory, self._time_s = hold(self.position), 0.0
+        self.at_rest = True
         self.tolerance = TOLERANCE_M if joint.linear else TOLERANCE_RAD
         self.max_lag = MAX_LAG_M if joint.linear else MAX_LAG_RAD
+        self.standing = STANDING_M_S if joint.linear else STANDING_RAD_S
 
     @property
-    def at_rest(self) -> bool:
-        return self.position == self.target and self.velocity == 0.0
+    def start(self) -> Start:
+        return Start(self.joint, self.position, self.velocity)
+
+    @property
+    def braking(self) -> Trajectory:
+        """How it comes to rest from here."""
+        return brake(self.position, self.velocity, cruise_of(self.joint) / RAMP_S, self.joint.limits)
+
+    def follow(self, trajectory: Trajectory) -> None:
+        """Go on along ``trajectory`` from now on; its last setpoint is applied even if it is the only one."""
+        self.trajectory, self._time_s, self.at_rest = trajectory, 0.0, False
 
     def step(self, dt_s: float) -> float:
         """Advance by ``dt_s`` and return the setpoint."""
-        ramp, ahead = self.acceleration * dt_s, self.target - self.position
-        if abs(ahead) <= ramp * dt_s and abs(self.velocity) <= 2.0 * ramp:
-            self.position, self.velocity = self.target, 0.0
-            return self.position
-        # The fastest speed from which the rest of the way suffices to brake, with braking in steps of dt.
-        brakable = math.sqrt((ramp / 2.0) ** 2 + 2.0 * self.acceleration * abs(ahead)) - ramp / 2.0
-        wanted = math.copysign(min(self.cruise, brakable), ahead)
-        self.velocity += max(-ramp, min(ramp, wanted - self.velocity))
-        self.position = self.joint.limits.clamp(self.position + self.velocity * dt_s)
+        self._time_s += dt_s
+        position, self.velocity = self.trajectory.at(self._time_s)
+        self.position = self.joint.limits.clamp(position)
+        self.at_rest = self._time_s >= self.trajectory.duration_s
         return self.position
 
-    def brake(self) -> None:
-        """Head for the nearest place where the joint can stand still."""
-        way = math.copysign(self.velocity**2 / (2.0 * self.acceleration), self.velocity)
-        self.target = self.joint.limits.clamp(self.position + way)
+    def off(self, measured: Measured) -> float:
+        """How far the joint is from where its trajectory ends."""
+        return abs(self.trajectory.end - measured.positions[self.joint.name])
 
-    def rest_at(self, position: float) -> None:
-        """Start over from ``position``, standing still."""
-        self.position = self.target = position
-        self.velocity = 0.0
+    def lag(self, measured: Measured) -> float:
+        """How far the joint trails its setpoint."""
+        return abs(self.position - measured.positions[self.joint.name])
 
-
-def cruise_of(joint: JointFacts) -> float:
-    """The fastest that the setpoint of ``joint`` ever moves, in rad/s or m/s."""
-    limit = joint.limits.velocity
-    if limit is None:
-        return UNKNOWN_CRUISE_M_S if joint.linear else UNKNOWN_CRUISE_RAD_S
-    return min(CRUISE_SHARE * limit, MAX_CRUISE_M_S if joint.linear else MAX_CRUISE_RAD_S)
+    def stands(self, measured: Measured) -> bool:
+        """Whether it has come to rest; where no velocity is measured, by its position."""
+        velocity = measured.velocities.get(self.joint.name, math.nan)
+        slow = self.off(measured) <= self.tolerance if math.isnan(velocity) else abs(velocity) <= self.standing
+        return self.at_rest and slow
 
 
 @dataclass
 class _Motion:
     command_id: str
     joints: tuple[str, ...]
-    settled_for_s: float = 0.0
+    duration_s: float
+    stopping: bool = False
+    elapsed_s: float = 0.0
+
+    @property
+    def progress(self) -> float:
+        return min(1.0, self.elapsed_s / self.duration_s) if self.duration_s > 0.0 else 0.0
+
+    def outcome(self, state: State, reason: str = "", successor: str = "") -> Outcome:
+        progress = 1.0 if state == "succeeded" else self.progress
+        return Outcome(self.command_id, state, self.joints, reason, progress, successor)
 
 
 @dataclass
 class _Swaying:
     sway: Sway
-    centre: float | None = None
-    phase: float = 0.0
+    centre: float = math.nan
+    side: float = 1.0
 
 
 @dataclass
 class Motions:
-    """All motions of one robot. ``measured`` maps joints to positions; NaN is unknown."""
+    """All motions of one robot."""
 
     joints: Mapping[str, JointFacts]
     sways: Iterable[Sway] = ()
@@ -117,94 +140,162 @@ class Motions:
     def __post_init__(self) -> None:
         self._swaying = {sway.joint: _Swaying(sway) for sway in self.sways}
 
-    def start(self, command_id: str, targets: Mapping[str, float], measured: Mapping[str, float]) -> list[Outcome]:
-        """Begin a motion; any older one on one of its joints is preempted as a whole and its other joints brake."""
-        outcomes = self._end(
-            [m for m in self._running if not targets.keys().isdisjoint(m.joints)],
-            "preempted",
-            f"replaced by command {command_id}",
-        )
-        for name, target in targets.items():
-            self._swaying.pop(name, None)
-            self._axis(name, measured[name]).target = target
-        self._running.append(_Motion(command_id, tuple(targets)))
-        return [*outcomes, Outcome(command_id, "running", tuple(targets))]
+    def starts(self, joints: Iterable[str], measured: Mapping[str, float]) -> list[Start]:
+        """Where the setpoints of ``joints`` are; of one that never moved, where it is measured."""
+        axes = (self._axes.get(name) or Axis(self.joints[name], measured[name]) for name in joints)
+        return [axis.start for axis in axes]
 
-    def step(
-        self, dt_s: float, measured: Mapping[str, float], efforts: Mapping[str, float], held: bool = False
-    ) -> tuple[dict[str, float], list[Outcome]]:
+    def running_on(self, joints: Collection[str]) -> tuple[str, ...]:
+        """The ids of the motions that a new one on ``joints`` would preempt."""
+        return tuple(motion.command_id for motion in self._on(joints))
+
+    def start(self, command_id: str, plan: Plan, measured: Mapping[str, float]) -> list[Outcome]:
+        """Begin a motion; any older one on one of its joints is preempted as a whole and its other joints brake."""
+        older, reason = self._on(plan.trajectories), f"replaced by command {command_id}"
+        outcomes = self._end(older, "preempted", reason, command_id)
+        for name, trajectory in plan.trajectories.items():
+            self._swaying.pop(name, None)
+            self._axis(name, measured[name]).follow(trajectory)
+        return [*outcomes, *self._begin(_Motion(command_id, tuple(plan.trajectories), plan.duration_s))]
+
+    def stoppable(self, joints: Collection[str], command_id: str = "") -> tuple[str, ...]:
+        """The ids of the motions that a stop of ``joints``, or of the one command, would cancel."""
+        return tuple(motion.command_id for motion in self._stoppable(joints, command_id))
+
+    def stop(
+        self, stop_id: str, joints: Collection[str], command_id: str, reason: str, measured: Mapping[str, float]
+    ) -> tuple[float, list[Outcome]]:
+        """Brake: only the motion ``command_id`` if there is one named, else all on ``joints``; how long that takes.
+
+        The stop is a motion itself, which succeeds when its joints stand.
+        """
+        ended = self._stoppable(joints, command_id)
+        outcomes = self._end(ended, "cancelled", reason, stop_id)
+        concerned = dict.fromkeys(name for motion in ended for name in motion.joints)
+        if not command_id:  # a joint that never moved and is nowhere known is none that could be braked
+            concerned |= dict.fromkeys(n for n in joints if n in self._axes or math.isfinite(measured[n]))
+        for name in concerned:
+            self._swaying.pop(name, None)
+            self._axis(name, measured[name])
+        duration_s = self._brake(concerned)
+        # The same stop once more takes the place of the first.
+        self._running = [motion for motion in self._running if not (motion.stopping and motion.command_id == stop_id)]
+        return duration_s, [*outcomes, *self._begin(_Motion(stop_id, tuple(concerned), duration_s, stopping=True))]
+
+    def braking_s(self, joints: Collection[str], command_id: str = "") -> float:
+        """How long a stop of ``joints``, or of the one command, would take."""
+        ended = self._stoppable(joints, command_id)
+        concerned = {*(name for motion in ended for name in motion.joints), *(() if command_id else joints)}
+        return max((self._axes[name].braking.duration_s for name in concerned & self._axes.keys()), default=0.0)
+
+    def conclude(self, stop_id: str, state: Literal["succeeded", "failed"], reason: str) -> list[Outcome]:
+        """End a stop of which nothing can be measured."""
+        return self._end([m for m in self._running if m.stopping and m.command_id == stop_id], state, reason)
+
+    def step(self, dt_s: float, measured: Measured, held: bool = False) -> tuple[dict[str, float], list[Outcome]]:
         """Advance by ``dt_s``: the setpoints to apply now and what ended. While ``held``, demonstrations pause."""
         dt_s = min(max(dt_s, 0.0), MAX_STEP_S)
         if not held:
-            self._sway(dt_s, measured)
+            self._sway(measured.positions)
         setpoints = {name: axis.step(dt_s) for name, axis in self._axes.items() if not axis.at_rest}
-        return setpoints, [outcome for m in list(self._running) for outcome in self._judge(m, dt_s, measured, efforts)]
+        for motion in self._running:
+            motion.elapsed_s += dt_s
+        return setpoints, [outcome for motion in list(self._running) for outcome in self._judge(motion, measured)]
+
+    def underway(self) -> list[Outcome]:
+        """How far every running motion is."""
+        return [motion.outcome("running") for motion in self._running]
 
     def halt(self, reason: str) -> list[Outcome]:
-        """Brake every joint; all motions fail with ``reason``."""
-        outcomes = self._end(list(self._running), "failed", reason)
-        for axis in self._axes.values():
-            axis.brake()
+        """Brake every joint; all motions fail with ``reason``, but for stops, which are about that."""
+        outcomes = self._end([motion for motion in self._running if not motion.stopping], "failed", reason)
+        self._brake(self._axes)
         return outcomes
 
     def forget(self, reason: str) -> list[Outcome]:
-        """The robot no longer is where the profiles believe (a fault): fail all motions and measure afresh."""
-        outcomes = self._end(list(self._running), "failed", reason)
+        """The robot no longer is where the trajectories believe (a fault): fail all motions and measure afresh."""
+        outcomes = [motion.outcome("failed", reason) for motion in self._running]
+        self._running.clear()
         self._axes.clear()
         return outcomes
 
     def correct(self, applied: Mapping[str, float]) -> None:
         """Take over setpoints that the robot really applied, where its own limits are narrower than ours."""
         for name, position in applied.items():
-            axis = self._axes.get(name)
-            if axis is not None and position != axis.position:
-                axis.position = position
+            if name in self._axes:
+                self._axes[name].position = position
 
     def _axis(self, name: str, measured: float) -> Axis:
-        return self._axes.setdefault(name, Axis(self.joints[name], self.joints[name].limits.clamp(measured)))
+        if name not in self._axes:
+            self._axes[name] = Axis(self.joints[name], measured)
+        return self._axes[name]
 
-    def _end(self, motions: list[_Motion], state: Literal["failed", "preempted"], reason: str) -> list[Outcome]:
+    def _on(self, joints: Collection[str]) -> list[_Motion]:
+        wanted = set(joints)
+        return [motion for motion in self._running if not wanted.isdisjoint(motion.joints)]
+
+    def _stoppable(self, joints: Collection[str], command_id: str) -> list[_Motion]:
+        found = [m for m in self._running if m.command_id == command_id] if command_id else self._on(joints)
+        return [motion for motion in found if not motion.stopping]
+
+    def _begin(self, motion: _Motion) -> list[Outcome]:
+        self._running.append(motion)
+        return [motion.outcome("running")]
+
+    def _brake(self, joints: Iterable[str]) -> float:
+        duration_s = 0.0
+        for axis in (self._axes[name] for name in joints if not self._axes[name].at_rest):
+            axis.follow(axis.braking)
+            duration_s = max(duration_s, axis.trajectory.duration_s)
+        return duration_s
+
+    def _end(self, motions: list[_Motion], state: State, reason: str, successor: str = "") -> list[Outcome]:
         for motion in motions:
             self._running.remove(motion)
-            for name in motion.joints:
-                self._axes[name].brake()
-        return [Outcome(motion.command_id, state, motion.joints, reason) for motion in motions]
+            self._brake(motion.joints)
+        return [motion.outcome(state, reason, successor) for motion in motions]
 
-    def _judge(
-        self, motion: _Motion, dt_s: float, measured: Mapping[str, float], efforts: Mapping[str, float]
-    ) -> list[Outcome]:
+    def _judge(self, motion: _Motion, measured: Measured) -> Iterable[Outcome]:
         axes = [self._axes[name] for name in motion.joints]
-        off = {axis.joint.name: abs(axis.target - measured[axis.joint.name]) for axis in axes}
-        if all(axis.at_rest and off[axis.joint.name] <= axis.tolerance for axis in axes):
-            self._running.remove(motion)
-            return [Outcome(motion.command_id, "succeeded", motion.joints)]
-        lagging = [a for a in axes if not abs(a.position - measured[a.joint.name]) <= a.max_lag]
-        if all(axis.at_rest for axis in axes):
-            motion.settled_for_s += dt_s
-            if motion.settled_for_s > SETTLE_S:
-                lagging = [axis for axis in axes if not off[axis.joint.name] <= axis.tolerance]
-        return [self._give_up(motion, lagging[0], measured, efforts)] if lagging else []
+        late = motion.elapsed_s > motion.duration_s + SETTLE_S
+        if motion.stopping:
+            moving = [axis.joint.name for axis in axes if not axis.stands(measured)]
+            if moving and late:
+                return self._end([motion], "failed", f"not come to rest: {', '.join(moving)}"[:1024])
+            return [] if moving else self._succeed(motion)
+        astray = [axis for axis in axes if not (axis.at_rest and axis.off(measured) <= axis.tolerance)]
+        if not astray:
+            return self._succeed(motion)
+        lost = [axis for axis in axes if not axis.lag(measured) <= axis.max_lag]
+        lost += [axis for axis in astray if late and axis.at_rest]
+        return [self._give_up(motion, lost[0], measured)] if lost else []
 
-    def _give_up(
-        self, motion: _Motion, axis: Axis, measured: Mapping[str, float], efforts: Mapping[str, float]
-    ) -> Outcome:
+    def _succeed(self, motion: _Motion) -> list[Outcome]:
+        self._running.remove(motion)
+        return [motion.outcome("succeeded")]
+
+    def _give_up(self, motion: _Motion, axis: Axis, measured: Measured) -> Outcome:
         name, unit = axis.joint.name, "m" if axis.joint.linear else "rad"
-        effort, limit = efforts.get(name, math.nan), axis.joint.limits.effort
+        effort, limit = measured.efforts.get(name, math.nan), axis.joint.limits.effort
         why = "at its effort limit" if limit is not None and abs(effort) >= 0.95 * limit else "stuck"
-        reason = f"{name} is {why} at {measured[name]:.4g} {unit}, its target is {axis.target:.4g} {unit}"
+        reason = (
+            f"{name} is {why} at {measured.positions[name]:.6g} {unit}, its target is {axis.trajectory.end:.6g} {unit}"
+        )
         [outcome] = self._end([motion], "failed", reason)
         for joint in motion.joints:  # stay where the robot is: it must neither push on nor leap once it is free
-            if math.isfinite(measured[joint]):
-                self._axes[joint].rest_at(self.joints[joint].limits.clamp(measured[joint]))
-                self._axes[joint].velocity = math.ulp(0.0)  # not at rest: the new setpoint is still to be applied
+            if math.isfinite(measured.positions[joint]):
+                self._axes[joint].follow(hold(self.joints[joint].limits.clamp(measured.positions[joint])))
         return outcome
 
-    def _sway(self, dt_s: float, measured: Mapping[str, float]) -> None:
+    def _sway(self, positions: Mapping[str, float]) -> None:
         for name, swaying in self._swaying.items():
-            if swaying.centre is None:
-                if not math.isfinite(measured[name]):
-                    continue
-                swaying.centre = measured[name]
-            swaying.phase = (swaying.phase + 2.0 * math.pi * dt_s / swaying.sway.period_s) % (2.0 * math.pi)
-            wanted = swaying.centre + swaying.sway.amplitude * math.sin(swaying.phase)
-            self._axis(name, measured[name]).target = self.joints[name].limits.clamp(wanted)
+            if not math.isfinite(positions[name]):
+                continue
+            if math.isnan(swaying.centre):
+                swaying.centre = positions[name]
+            axis, limits = self._axis(name, positions[name]), self.joints[name].limits
+            if axis.at_rest:
+                cruise, way = cruise_of(axis.joint), swaying.side * swaying.sway.amplitude
+                target, swaying.side = limits.clamp(swaying.centre + way), -swaying.side
+                leg_s = swaying.sway.period_s / 2.0
+                axis.follow(reach_in(leg_s, axis.position, 0.0, target, cruise, cruise / RAMP_S, limits))

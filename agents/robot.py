@@ -29,12 +29,16 @@ class Limits:
 
 @dataclass(frozen=True)
 class JointFacts:
-    """One movable joint of one degree of freedom; ``mimics`` names the joint that it follows, if any."""
+    """One movable joint of one degree of freedom; ``mimics`` names the joint that it follows, if any.
+
+    A ``continuous`` joint turns endlessly: positions a whole turn apart are the same place.
+    """
 
     name: str
     linear: bool = False
     limits: Limits = Limits()
     mimics: str | None = None
+    continuous: bool = False
 
 
 @dataclass(frozen=True)

@@ -2,14 +2,22 @@
 
 import math
 from collections import OrderedDict
-from collections.abc import Container, Mapping
+from collections.abc import Container, Iterator, Mapping
+from itertools import pairwise
+
+import msgspec
 
 from agents.robot import JointFacts
-from agents.wire.messages import Accepted, Command, RefusalCode, Refused
+from agents.wire.messages import Accepted, Command, Expectation, Follow, Move, RefusalCode, Refused, Stop
 
 # A target computed in degrees or by inverse kinematics may miss its limit by rounding; that much is clamped silently.
 ROUNDING = 1e-6
 MAX_REMEMBERED = 4096
+# What one follow may have of positions, so that judging it does not keep the robot waiting.
+MAX_POSITIONS = 16_384
+MIN_STEP_S = 1e-3
+# Further from zero (rad or m) a position is no place but a mistake.
+FARTHEST = 1e6
 
 
 class Remembered:
@@ -44,20 +52,84 @@ def judge(
     seen: Container[str],
 ) -> Accepted | Refused:
     """Accept, or refuse with the first thing that is wrong. ``now_ns`` is the agent's own monotonic clock."""
+    targets = list(_targets(command.motion))
+    named = [*(name for name, _ in targets), *(_caps(command.motion))]
     problem = (
-        _wrong_run(command, incarnation, seen)
+        _contradiction(command.motion)
+        or _wrong_run(command, incarnation, seen)
         or _late(command, now_ns)
-        or next(filter(None, (_wrong_target(*item, joints) for item in command.motion.targets.items())), None)
+        or next(filter(None, (_wrong_joint(name, joints) for name in dict.fromkeys(named))), None)
+        or next(filter(None, (_unknown(name, joints) for name in command.expects)), None)
+        or next(filter(None, (_beyond(joints[name], target) for name, target in targets)), None)
     )
     return Accepted(command.id) if problem is None else Refused(command.id, problem[0], problem[1][:1024])
 
 
-def clamp(targets: Mapping[str, float], joints: Mapping[str, JointFacts]) -> dict[str, float]:
-    """Accepted targets, none outside the limits of its joint."""
-    return {name: joints[name].limits.clamp(target) for name, target in targets.items()}
+def unexpected(
+    expects: Mapping[str, Expectation], measured: Mapping[str, float], joints: Mapping[str, JointFacts]
+) -> str:
+    """What is not as expected, as a sentence; empty when all is. NaN is unknown and never as expected."""
+    for name, expected in expects.items():
+        off = measured[name] - expected.position
+        if joints[name].continuous and math.isfinite(off):
+            off = math.remainder(off, 2.0 * math.pi)
+        if not abs(off) <= expected.tolerance:
+            unit = _unit(joints[name])
+            return (
+                f"{name!r} was expected at {expected.position:.6g} {unit}, give or take {expected.tolerance:.6g} "
+                f"{unit}, but is at {measured[name]:.6g} {unit}"
+            )
+    return ""
+
+
+def judge_stop(stop: Stop, joints: Mapping[str, JointFacts]) -> Refused | None:
+    """Why a stop cannot be: only for a joint that is none of the robot."""
+    problem = next(filter(None, (_unknown(name, joints) for name in stop.joints)), None)
+    return None if problem is None else Refused(stop.id, problem[0], problem[1][:1024])
+
+
+def clamp(motion: Move | Follow, joints: Mapping[str, JointFacts]) -> Move | Follow:
+    """An accepted motion with no target outside the limits of its joint."""
+    if isinstance(motion, Move):
+        targets = {name: joints[name].limits.clamp(target) for name, target in motion.targets.items()}
+        return msgspec.structs.replace(motion, targets=targets)
+    limits = [joints[name].limits for name in motion.joints]
+    rows = (tuple(limit.clamp(p) for limit, p in zip(limits, row, strict=True)) for row in motion.positions)
+    return msgspec.structs.replace(motion, positions=tuple(rows))
 
 
 _Problem = tuple[RefusalCode, str] | None
+
+
+def _targets(motion: Move | Follow) -> Iterator[tuple[str, float]]:
+    if isinstance(motion, Move):
+        yield from motion.targets.items()
+        return
+    for name, column in zip(motion.joints, zip(*motion.positions, strict=False), strict=False):
+        yield from ((name, position) for position in column if not math.isfinite(position))
+        yield from ((name, min(column)), (name, max(column)))  # which speak for all the others
+
+
+def _caps(motion: Move | Follow) -> Mapping[str, float]:
+    return motion.speeds if isinstance(motion, Move) else {}
+
+
+def _contradiction(motion: Move | Follow) -> _Problem:
+    if isinstance(motion, Move):
+        loose = [name for name in motion.speeds if name not in motion.targets]
+        return ("malformed", f"{loose[0]!r} has a speed, but no target") if loose else None
+    width, rows = len(motion.joints), len(motion.positions)
+    if len(set(motion.joints)) < width:
+        return "malformed", "a joint is named twice"
+    if rows != len(motion.times_s):
+        return "malformed", f"there are {rows} rows of positions, but {len(motion.times_s)} times"
+    if any(len(row) != width for row in motion.positions):
+        return "malformed", f"each row of positions must have one for each of the {width} joints"
+    if width * rows > MAX_POSITIONS:
+        return "malformed", f"{width * rows} positions are too many; {MAX_POSITIONS} may be in one motion"
+    if any(later - earlier < MIN_STEP_S for earlier, later in pairwise((0.0, *motion.times_s))):
+        return "malformed", f"times_s must begin at {MIN_STEP_S:g} s or later and increase by at least as much"
+    return None
 
 
 def _wrong_run(command: Command, incarnation: int, seen: Container[str]) -> _Problem:
@@ -80,21 +152,33 @@ def _late(command: Command, now_ns: int) -> _Problem:
     return None
 
 
-def _wrong_target(name: str, target: float, joints: Mapping[str, JointFacts]) -> _Problem:
+def _unknown(name: str, joints: Mapping[str, JointFacts]) -> _Problem:
+    if name in joints:
+        return None
+    return "unknown-joint", f"{name!r} is no movable joint of this robot; its joints are {', '.join(joints)}"
+
+
+def _wrong_joint(name: str, joints: Mapping[str, JointFacts]) -> _Problem:
     joint = joints.get(name)
     if joint is None:
-        return "unknown-joint", f"{name!r} is no movable joint of this robot; its joints are {', '.join(joints)}"
+        return _unknown(name, joints)
     if joint.mimics is not None:
         return "unknown-joint", f"{name!r} follows {joint.mimics!r} and takes no command; move that joint"
-    if not math.isfinite(target):
-        return "limits", f"the target {target} of {name!r} is not a finite number"
-    return _beyond(joint, target)
+    return None
 
 
 def _beyond(joint: JointFacts, target: float) -> _Problem:
-    unit, limits = "m" if joint.linear else "rad", joint.limits
+    unit, limits = _unit(joint), joint.limits
+    if not math.isfinite(target):
+        return "limits", f"the target {target} of {joint.name!r} is not a finite number"
+    if abs(target) > FARTHEST:
+        return "limits", f"{target:g} {unit} is further than {FARTHEST:g} {unit} from zero"
     if limits.lower is not None and target < limits.lower - ROUNDING:
         return "limits", f"{target:g} {unit} is below the lower limit {limits.lower:g} {unit} of {joint.name!r}"
     if limits.upper is not None and target > limits.upper + ROUNDING:
         return "limits", f"{target:g} {unit} is above the upper limit {limits.upper:g} {unit} of {joint.name!r}"
     return None
+
+
+def _unit(joint: JointFacts) -> str:
+    return "m" if joint.linear else "rad"

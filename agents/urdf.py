@@ -38,6 +38,7 @@ def _joint(element: ElementTree.Element) -> JointFacts:
         linear=element.get("type") == "prismatic",
         limits=_limits(element, name),
         mimics=None if mimic is None else mimic.get("joint"),
+        continuous=element.get("type") == "continuous",
     )
 
 

@@ -16,10 +16,10 @@ FIXED_TIMESTEP_S = 0.005
 FLOATING_TIMESTEP_S = 0.002
 # Natural frequency of a servo on the inertia it carries: stiff enough for millimetres, slow enough for the timestep.
 SERVO_RAD_S = 50.0
-# What a servo may deviate at rest by dry friction (half of what counts as arrived), and by the weight of a robot that
-# stands on its legs.
-FRICTION_ERROR = 1e-3
-STANDING_STIFFNESS_NM_RAD = 4000.0
+# What a servo may deviate at rest by dry friction (half of what counts as arrived), and how it bears the weight of a
+# robot that stands on its legs: 15 kg make an error of 1e-4 rad.
+FRICTION_ERROR = 1e-4
+STANDING_STIFFNESS_NM_RAD = 60_000.0
 # Added to every link, like the rotor behind a gear.
 ARMATURE_KG_M2, ARMATURE_KG = 0.01, 0.1
 _FASTEST_SERVO_RAD_S = 200.0

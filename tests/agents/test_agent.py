@@ -10,6 +10,7 @@ import sys
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
+from typing import Any
 
 import pytest
 import zenoh
@@ -21,7 +22,20 @@ from agents.robot import Facts, JointFacts, Reading, RobotFaultError
 from agents.robots.catalogue import load
 from agents.wire import codec
 from agents.wire.keys import Keys
-from agents.wire.messages import WIRE_VERSION, Accepted, Command, Description, Move, Progress, Refused, Reply, State
+from agents.wire.messages import (
+    WIRE_VERSION,
+    Accepted,
+    Command,
+    Description,
+    Expectation,
+    Follow,
+    Move,
+    Progress,
+    Refused,
+    Reply,
+    State,
+    Stop,
+)
 
 KEYS = Keys("test")
 LEASE_MS = 500
@@ -83,6 +97,9 @@ class Gateway:
         [answer] = await asyncio.to_thread(get)
         return answer
 
+    async def stop(self, robot: str, stop: Stop) -> Reply:
+        return codec.decode_reply(await self.ask(KEYS.robot(robot, "stop"), codec.encode(stop)))
+
     async def command(self, robot: str, targets: Mapping[str, float], command_id: str, late_ns: int = 0) -> Reply:
         frame = self.frames[-1]
         command = Command(
@@ -119,6 +136,7 @@ def _link(session: zenoh.Session, agent: Agent) -> ZenohLink:
         incarnation=agent.incarnation,
         description=agent.description,
         on_command=agent.handle,
+        on_stop=agent.handle_stop,
         lease_ms=LEASE_MS,
     )
 
@@ -145,10 +163,16 @@ def test_a_move_is_described_accepted_reached_and_reported_below_the_velocity_li
         assert (description.robot, description.incarnation) == ("ur5", agent.incarnation)
         assert len(gateway.frames[-1].positions) == len(description.joints)
         limits = {joint.name: joint.limits for joint in load("ur5", "ur5").describe().joints}
-        assert await gateway.command("ur5", {"elbow_joint": 0.9, "wrist_3_joint": 0.5}, "m") == Accepted("m")
+        accepted = await gateway.command("ur5", {"elbow_joint": 0.9, "wrist_3_joint": 0.5}, "m")
+        assert isinstance(accepted, Accepted)
+        assert (accepted.id, accepted.duration_s, accepted.preempts) == ("m", pytest.approx(0.8472, abs=1e-3), ())
         await eventually(lambda: gateway.states_of("m")[-1:] == ["succeeded"], "success")
-        assert gateway.states_of("m") == ["running", "succeeded"]
-        assert gateway.progress[-1].positions == pytest.approx({"elbow_joint": 0.9, "wrist_3_joint": 0.5}, abs=2e-3)
+        assert gateway.states_of("m") == ["running"] * (len(gateway.progress) - 1) + ["succeeded"]
+        shares = [progress.progress for progress in gateway.progress]
+        assert len(set(shares)) > 3
+        assert shares == sorted(shares)
+        assert (shares[0], shares[-1]) == (0.0, 1.0)
+        assert gateway.progress[-1].positions == pytest.approx({"elbow_joint": 0.9, "wrist_3_joint": 0.5}, abs=2e-4)
         for index, joint in enumerate(description.joints):
             limit = limits[joint].velocity
             assert limit is not None
@@ -185,8 +209,8 @@ def test_the_robot_holds_when_the_last_gateway_goes_and_serves_the_next(caplog: 
     async def scenario(gateway: Gateway, agent: Agent) -> None:
         joints = codec.decode(await gateway.ask(KEYS.robot("ur5", "description")), Description).joints
         elbow = joints.index("elbow_joint")
-        assert await gateway.command("ur5", {"elbow_joint": -3.0}, "m") == Accepted("m")
-        await eventually(lambda: gateway.states_of("m") == ["running"], "running")
+        assert (await gateway.command("ur5", {"elbow_joint": -3.0}, "m")).id == "m"
+        await eventually(lambda: "running" in gateway.states_of("m"), "running")
         gateway.session.close()
         # A gateway back within one tick of the agent is no gap, so the next starts once the first is missed.
         await eventually(lambda: "the last gateway is gone" in caplog.text, "the agent noticing")
@@ -198,7 +222,8 @@ def test_the_robot_holds_when_the_last_gateway_goes_and_serves_the_next(caplog: 
                 lambda: [str(r.ok.key_expr) for r in second.session.liveliness().get(KEYS.all_presence) if r.ok]
             )
             assert alive == [KEYS.presence("ur5", agent.incarnation)]
-            assert await second.command("ur5", {"elbow_joint": 0.5}, "n") == Accepted("n")
+            assert second.states_of("m") == ["failed"]
+            assert isinstance(await second.command("ur5", {"elbow_joint": 0.5}, "n"), Accepted)
             await eventually(lambda: second.states_of("n")[-1:] == ["succeeded"], "success")
 
     run(scenario, sway="shoulder_pan_joint")
@@ -212,9 +237,26 @@ def test_a_second_agent_of_the_same_name_is_refused_and_the_first_goes_on() -> N
             with pytest.raises(DuplicateNameError, match=str(agent.incarnation)):
                 async with _link(session, Agent("ur5", load("ur5", "ur5"))):
                     pass
-        assert await gateway.command("ur5", {"elbow_joint": 1.5}, "m") == Accepted("m")
+        assert isinstance(await gateway.command("ur5", {"elbow_joint": 1.5}, "m"), Accepted)
 
     run(scenario)
+
+
+def test_a_stop_by_the_key_of_all_robots_ends_what_runs() -> None:
+    """No gateway's token and no time is needed: whoever asks is heard, and the joints stand."""
+
+    async def scenario(gateway: Gateway, agent: Agent) -> None:
+        assert isinstance(await gateway.command("ur5", {"elbow_joint": -3.0}, "m"), Accepted)
+        stop = Stop(version=WIRE_VERSION, id="s", reason="a person is near")
+        reply = codec.decode_reply(await gateway.ask(KEYS.all_stops, codec.encode(stop)))
+        assert isinstance(reply, Accepted)
+        assert (reply.id, reply.preempts) == ("s", ("m",))
+        await eventually(lambda: gateway.states_of("s")[-1:] == ["succeeded"], "a stop")
+        [end] = [progress for progress in gateway.progress if progress.id == "m" and progress.state != "running"]
+        assert (end.state, end.reason, end.successor) == ("cancelled", "a person is near", "s")
+        assert codec.decode_reply(await gateway.ask(KEYS.robot("ur5", "stop"), b"{")).code == "malformed"  # type: ignore[union-attr]
+
+    run(scenario, sway="shoulder_pan_joint")
 
 
 def test_an_agent_waits_for_its_gateway() -> None:
@@ -244,6 +286,7 @@ class Memory:
     """A link without a network, for what needs no network to be shown."""
 
     gateway_present = True
+    arrivals = 1
 
     def __init__(self) -> None:
         self.states: list[State] = []
@@ -252,64 +295,195 @@ class Memory:
     def publish_state(self, payload: bytes) -> None:
         self.states.append(codec.decode_state(payload))
 
-    def publish_progress(self, payload: bytes) -> None:
+    def publish_progress(self, payload: bytes, final: bool) -> None:
         self.progress.append(codec.decode(payload, Progress))
 
 
 class Brittle:
-    """A robot of one joint that can be broken."""
+    """A robot of two joints that are where they are told to be, and that can be broken."""
 
-    broken = False
+    broken = unstoppable = False
+
+    def __init__(self) -> None:
+        self.positions = {"arm": 0.0, "wheel": 0.0}
+        self.stops = 0
 
     def describe(self) -> Facts:
-        return Facts("brittle", "<robot/>", (JointFacts("arm"),))
+        return Facts("brittle", "<robot/>", (JointFacts("arm"), JointFacts("wheel", continuous=True)))
 
     def read(self, now_s: float) -> Reading:
         if self.broken:
             raise RobotFaultError("cable out")
-        return Reading((0.0,), (0.0,), (0.0,))
+        return Reading(tuple(self.positions.values()), (math.nan,) * 2, (math.nan,) * 2)
 
     def apply(self, setpoints: Mapping[str, float]) -> Mapping[str, float]:
+        self.positions |= setpoints
         return setpoints
 
     def stop(self) -> None:
-        if self.broken:
-            raise RobotFaultError("cable out")
+        self.stops += 1
+        if self.unstoppable:
+            raise RobotFaultError("brake gone")
 
     def close(self) -> None:
         pass
 
 
-def test_a_driver_fault_is_survived_and_nothing_is_invented(caplog: pytest.LogCaptureFixture) -> None:
-    """Values become NaN, the motion fails, commands are refused with the fault; afterwards all is well again."""
-    robot, link = Brittle(), Memory()
-    agent = Agent("b", robot)
+class Bench:
+    """An agent with a brittle robot, a link without a network and a clock of its own."""
 
-    def command(command_id: str) -> Reply:
-        last = link.states[-1]
+    def __init__(self) -> None:
+        self.now_ns = 1_000_000_000
+        self.robot, self.link = Brittle(), Memory()
+        self.agent = Agent("b", self.robot, monotonic_ns=lambda: self.now_ns)
+        self.tick()
+
+    def tick(self, times: int = 1) -> None:
+        for _ in range(times):
+            self.now_ns += 10_000_000
+            self.agent.tick(self.link)
+
+    def command(self, command_id: str, motion: Move | Follow | None = None, **more: Any) -> Reply:
         asked = Command(
             version=1,
             id=command_id,
-            incarnation=last.incarnation,
-            seen_ns=last.monotonic_ns,
+            incarnation=self.agent.incarnation,
+            seen_ns=self.link.states[-1].monotonic_ns,
             time_to_live_ns=60_000_000_000,
-            motion=Move({"arm": 1.0}),
+            motion=motion or Move({"arm": 1.0}),
+            **more,
         )
-        return codec.decode_reply(agent.handle(codec.encode(asked)))
+        return codec.decode_reply(self.agent.handle(codec.encode(asked)))
 
-    agent.tick(link)
-    assert command("a") == Accepted("a")
-    robot.broken = True
-    agent.tick(link)
-    assert math.isnan(link.states[-1].positions[0])
-    assert [(p.id, p.state) for p in link.progress] == [("a", "running"), ("a", "failed")]
-    refused = command("b")
+    def stop(self, stop_id: str, **more: Any) -> Reply:
+        return codec.decode_reply(self.agent.handle_stop(codec.encode(Stop(version=1, id=stop_id, **more))))
+
+    def end(self, command_id: str) -> Progress:
+        return [progress for progress in self.link.progress if progress.id == command_id][-1]
+
+
+def _code(reply: Reply) -> str:
+    return reply.code if isinstance(reply, Refused) else "accepted"
+
+
+def test_a_driver_fault_is_survived_and_nothing_is_invented(caplog: pytest.LogCaptureFixture) -> None:
+    """Values become NaN, the motion fails, commands are refused with the fault; afterwards all is well again."""
+    bench = Bench()
+    assert _code(bench.command("a")) == "accepted"
+    bench.robot.broken = True
+    bench.tick()
+    assert math.isnan(bench.link.states[-1].positions[0])
+    assert [(p.id, p.state) for p in bench.link.progress] == [("a", "running"), ("a", "failed")]
+    refused = bench.command("b")
     assert isinstance(refused, Refused)
     assert (refused.code, "cable out" in refused.reason) == ("fault", True)
     assert "cable out" in caplog.text
-    robot.broken = False
-    agent.tick(link)
-    assert command("c") == Accepted("c")
+    bench.robot.broken = False
+    bench.tick()
+    assert _code(bench.command("c")) == "accepted"
+
+
+@pytest.mark.parametrize("unstoppable", [False, True])
+def test_a_robot_with_a_fault_is_stopped_by_its_driver(unstoppable: bool) -> None:
+    """Accepted always; that it succeeded is said only if the driver could."""
+    bench = Bench()
+    bench.robot.broken, bench.robot.unstoppable = True, unstoppable
+    bench.tick()
+    before = bench.robot.stops
+    assert _code(bench.stop("s")) == "accepted"
+    assert bench.robot.stops == before + 1
+    bench.tick()
+    assert bench.end("s").state == ("failed" if unstoppable else "succeeded")
+    assert ("brake gone" if unstoppable else "cable out") in bench.end("s").reason
+    assert not bench.end("s").positions
+
+
+def test_a_stop_needs_no_gateway_no_time_and_no_run() -> None:
+    """What a command would be refused for does not matter to it; only a joint that is not there does."""
+    bench = Bench()
+    bench.command("a")
+    bench.tick(20)
+    bench.link.gateway_present = False
+    assert _code(bench.stop("s", joints=["arm"])) == _code(bench.stop("s", joints=["arm"])) == "accepted"
+    assert _code(bench.stop("t", joints=["leg"])) == "unknown-joint"
+    bench.tick(100)
+    assert bench.end("a").state == "cancelled"
+    assert bench.end("s").state == "succeeded"
+    assert _code(bench.command("b")) == "fault"
+
+
+def test_a_rehearsal_is_judged_and_answered_and_nothing_moves() -> None:
+    """It says what it would take and end; its id is free, and a refusal is the same as in earnest."""
+    bench = Bench()
+    bench.command("a", Move({"arm": 1.0, "wheel": 1.0}))
+    bench.tick(10)
+    rehearsed = bench.command("b", Move({"arm": 0.5}), rehearsal=True)
+    assert isinstance(rehearsed, Accepted)
+    assert rehearsed.preempts == ("a",)
+    assert bench.stop("s", rehearsal=True).preempts == ("a",)  # type: ignore[union-attr]
+    assert _code(bench.command("b", Move({"arm": 1e9}), rehearsal=True)) == "limits"
+    bench.tick(400)
+    assert bench.end("a").state == "succeeded"
+    assert {progress.id for progress in bench.link.progress} == {"a"}
+    assert _code(bench.command("b", Move({"arm": 0.5}))) == "accepted"
+    bench.robot.broken = True
+    bench.tick()
+    assert _code(bench.command("c", rehearsal=True)) == "fault"
+
+
+def test_what_is_not_as_expected_does_not_move() -> None:
+    """The reason says both; a wheel may be whole turns away."""
+    bench = Bench()
+    bench.robot.positions["wheel"] = 4 * math.pi + 0.01
+    bench.tick()
+    refused = bench.command("a", expects={"arm": Expectation(0.5, 0.1)})
+    assert isinstance(refused, Refused)
+    assert (refused.code, refused.reason) == (
+        "expectation",
+        "'arm' was expected at 0.5 rad, give or take 0.1 rad, but is at 0 rad",
+    )
+    bench.tick(10)
+    assert bench.robot.positions["arm"] == 0.0
+    both = {"arm": Expectation(0.0, 0.0), "wheel": Expectation(0.0, 0.02)}
+    assert _code(bench.command("a", expects=both)) == "accepted"
+
+
+def test_a_path_is_followed_or_refused_with_the_factor_that_would_do() -> None:
+    bench = Bench()
+    refused = bench.command("f", Follow(("arm",), (1.0,), ((1.0,),)))
+    assert isinstance(refused, Refused)
+    assert (refused.code, "by a factor of 3.000" in refused.reason) == ("limits", True)
+    assert bench.command("f", Follow(("arm",), (3.0,), ((1.0,),))) == Accepted("f", 3.0)
+    bench.tick(310)
+    assert bench.end("f").state == "succeeded"
+    assert bench.robot.positions["arm"] == 1.0
+
+
+def test_a_gateway_that_comes_hears_how_motions_ended_and_what_runs() -> None:
+    """Ends of the last minute and what is under way; each once for each that comes, also while others are there."""
+    bench = Bench()
+    bench.command("old")
+    bench.tick(300)
+    bench.now_ns += 50_000_000_000
+    bench.tick()
+    bench.command("new", Move({"arm": 0.0}))
+    bench.tick(300)
+    bench.command("now", Move({"wheel": 100.0}))
+    bench.tick()
+    bench.link.progress.clear()
+    bench.link.arrivals += 1
+    bench.tick()
+    assert [(p.id, p.state) for p in bench.link.progress] == [
+        ("old", "succeeded"),
+        ("new", "succeeded"),
+        ("now", "running"),
+    ]
+    bench.tick()
+    assert len(bench.link.progress) == 3
+    bench.now_ns += 10_000_000_000
+    bench.link.arrivals += 1
+    bench.tick()
+    assert [p.id for p in bench.link.progress[3:]] == ["new", "now"]
 
 
 @pytest.mark.parametrize("module", ["agents.agent", "agents.link", "agents.__main__"])

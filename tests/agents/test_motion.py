@@ -1,103 +1,369 @@
-"""How setpoints move, against a joint that follows perfectly, one that is stuck, and one that is taken over."""
+"""How setpoints move, against joints that follow perfectly, one that is stuck, and one that is taken over."""
 
 import itertools
 import math
+from collections.abc import Sequence
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.motion import SETTLE_S, Motions, Outcome, Sway, cruise_of
+from agents.motion import SETTLE_S, Measured, Motions, Outcome, Sway
+from agents.plan import ImpossibleError, plan
+from agents.profile import cruise_of
 from agents.robot import JointFacts, Limits
+from agents.wire.messages import Follow, Move
 
 ARM = JointFacts("arm", limits=Limits(-3.0, 3.0, 1.0, 5.0))
-JOINTS = {"arm": ARM, "wheel": JointFacts("wheel")}
+JOINTS = {"arm": ARM, "wheel": JointFacts("wheel", continuous=True), "lift": JointFacts("lift", linear=True)}
 DT = 0.01
 
 
-def _follow(
-    motions: Motions, measured: dict[str, float], steps: int, stuck: bool = False
-) -> tuple[list[float], list[Outcome]]:
-    """Step with joints that are at their setpoints at once (or never): the path of ``arm`` and what ended."""
-    path, ended = [], []
-    for _ in range(steps):
-        setpoints, outcomes = motions.step(DT, measured, {"arm": 5.0 if stuck else 0.0})
-        measured |= {} if stuck else setpoints
-        path.append(measured["arm"])
-        ended += outcomes
-    return path, ended
+class Robot:
+    """Joints that are at their setpoints at once, unless they are ``stuck``."""
+
+    def __init__(self, sways: Sequence[Sway] = (), arm: float = 0.0) -> None:
+        self.motions = Motions(JOINTS, sways)
+        self.positions = {"arm": arm, "wheel": 0.0, "lift": 0.0}
+        self.stuck: set[str] = set()
+        self.paths = {name: [position] for name, position in self.positions.items()}
+        self.outcomes: list[Outcome] = []
+
+    def move(
+        self, command_id: str, speeds: dict[str, float] | None = None, scale: float = 1.0, **targets: float
+    ) -> float:
+        """Begin; returns how long it will take."""
+        return self._start(command_id, Move(targets, speeds or {}), scale)
+
+    def follow(
+        self, command_id: str, times_s: Sequence[float], scale: float = 1.0, **columns: Sequence[float]
+    ) -> float:
+        rows = tuple(zip(*columns.values(), strict=True))
+        return self._start(command_id, Follow(tuple(columns), tuple(times_s), rows), scale)
+
+    def _start(self, command_id: str, motion: Move | Follow, scale: float) -> float:
+        joints = motion.targets if isinstance(motion, Move) else motion.joints
+        made = plan(motion, scale, self.motions.starts(joints, self.positions))
+        self.outcomes += self.motions.start(command_id, made, self.positions)
+        return made.duration_s
+
+    def stop(self, stop_id: str, *joints: str, command: str = "") -> float:
+        duration_s, outcomes = self.motions.stop(stop_id, joints or tuple(JOINTS), command, "stopped", self.positions)
+        self.outcomes += outcomes
+        return duration_s
+
+    def step(self, steps: int, held: bool = False) -> None:
+        for _ in range(steps):
+            velocities = {name: (path[-1] - path[-2]) / DT if path[1:] else 0.0 for name, path in self.paths.items()}
+            efforts = {name: 5.0 if name in self.stuck else 0.0 for name in JOINTS}
+            setpoints, outcomes = self.motions.step(DT, Measured(self.positions, velocities, efforts), held)
+            self.outcomes += outcomes
+            self.positions |= {name: at for name, at in setpoints.items() if name not in self.stuck}
+            for name, path in self.paths.items():
+                path.append(self.positions[name])
+
+    def states(self, command_id: str) -> list[str]:
+        return [outcome.state for outcome in self.outcomes if outcome.command_id == command_id]
+
+    def end(self, command_id: str) -> Outcome:
+        return [outcome for outcome in self.outcomes if outcome.command_id == command_id][-1]
+
+    def fastest(self, joint: str) -> float:
+        return max(abs(b - a) / DT for a, b in itertools.pairwise(self.paths[joint]))
 
 
-@given(st.floats(-3, 3), st.lists(st.tuples(st.floats(-3, 3), st.integers(1, 400)), min_size=1, max_size=5))
+goals = st.tuples(
+    st.floats(-3, 3), st.floats(0.01, 1.0), st.integers(1, 400), st.sampled_from(["move", "follow", "stop"])
+)
+
+
+@given(st.floats(-3, 3), st.lists(goals, min_size=1, max_size=6))
 def test_no_setpoint_is_ever_faster_than_the_cruise_or_beyond_a_limit(
-    start: float, goals: list[tuple[float, int]]
+    start: float, orders: list[tuple[float, float, int, str]]
 ) -> None:
-    """However often it is redirected; and the last goal is reached exactly."""
-    motions, measured = Motions(JOINTS), {"arm": start, "wheel": 0.0}
-    path = [start]
-    for number, (goal, steps) in enumerate(goals):
-        motions.start(str(number), {"arm": goal}, measured)
-        path += _follow(motions, measured, steps)[0]
-    path += _follow(motions, measured, 2_000)[0]
-    assert max(abs(b - a) / DT for a, b in itertools.pairwise(path)) <= cruise_of(ARM) * (1 + 1e-6)
-    assert all(-3.0 <= position <= 3.0 for position in path)
-    assert path[-1] == goals[-1][0]
+    """However often it is redirected, made to follow or stopped; and the last goal is reached exactly."""
+    robot = Robot(arm=start)
+    for number, (goal, scale, steps, kind) in enumerate(orders):
+        if kind == "stop":
+            robot.stop(str(number))
+        elif kind == "move":
+            robot.move(str(number), scale=scale, arm=goal)
+        else:
+            try:
+                robot.follow(str(number), [1.0, 4.0], arm=[(goal + robot.positions["arm"]) / 2.0, goal])
+            except ImpossibleError:
+                robot.stop(str(number))
+        robot.step(steps)
+    robot.move("last", arm=orders[-1][0])
+    robot.step(2_000)
+    assert robot.fastest("arm") <= cruise_of(ARM) * (1 + 1e-6)
+    assert all(-3.0 <= position <= 3.0 for position in robot.paths["arm"])
+    assert robot.paths["arm"][-1] == orders[-1][0]
+    assert robot.states("last") == ["running", "succeeded"]
 
 
-def test_a_motion_runs_and_succeeds() -> None:
-    """One running, one succeeded."""
-    motions, measured = Motions(JOINTS), {"arm": 0.0, "wheel": 0.0}
-    assert [outcome.state for outcome in motions.start("a", {"arm": 1.0}, measured)] == ["running"]
-    assert [(o.command_id, o.state) for o in _follow(motions, measured, 500)[1]] == [("a", "succeeded")]
+@given(st.floats(-3, 3), st.floats(-3, 3), st.floats(-0.2, 0.2), st.floats(0.3, 1.0))
+def test_joints_arrive_together_and_on_a_straight_line(arm: float, wheel: float, lift: float, scale: float) -> None:
+    """At every moment each of them has done the same share of its way, and nobody takes longer than was said."""
+    robot = Robot()
+    duration_s = robot.move("m", scale=scale, arm=arm, wheel=wheel, lift=lift)
+    robot.step(math.ceil(duration_s / DT) + 1)
+    shares = [
+        [at / target for at in robot.paths[name]]
+        for name, target in (("arm", arm), ("wheel", wheel), ("lift", lift))
+        if abs(target) > 1e-6
+    ]
+    for column in zip(*shares, strict=True):
+        assert max(column) - min(column) <= 1e-6
+        assert max(column) <= 1.0 + 1e-9
+    assert robot.positions == {"arm": arm, "wheel": wheel, "lift": lift}
+
+
+def test_joints_that_move_already_still_arrive_together() -> None:
+    """Redirected on the way, one of them backwards: both come to rest at the same step."""
+    robot = Robot()
+    robot.move("a", arm=2.0, wheel=2.0)
+    robot.step(100)
+    duration_s = robot.move("b", arm=-1.0, wheel=3.0)
+    robot.step(round(duration_s / DT) + 20)
+    arm, wheel = (
+        next(index for index, at in enumerate(robot.paths[name]) if at == robot.paths[name][-1])
+        for name in ("arm", "wheel")
+    )
+    assert abs(arm - wheel) <= 1
+    assert robot.states("b") == ["running", "succeeded"]
+
+
+def test_the_duration_that_is_said_is_that_of_the_motion() -> None:
+    """One ramp and the way at cruise; at half the scale half as fast; a cap on one joint counts for all."""
+    robot = Robot()
+    assert robot.move("a", arm=1.6) == pytest.approx(1.6 / 0.8 + 0.4)
+    robot.step(239)
+    assert robot.states("a") == ["running"]
+    robot.step(2)
+    assert robot.states("a") == ["running", "succeeded"]
+    assert robot.move("b", scale=0.5, arm=0.0) == pytest.approx(1.6 / 0.4 + 0.4)
+    assert Robot().move("c", speeds={"wheel": 0.1}, arm=0.5, wheel=1.0) == pytest.approx(1.0 / 0.1 + 0.4)
+    assert Robot().move("d", arm=0.05) == pytest.approx(2 * math.sqrt(0.05 * 0.4 / 0.8))
+    assert Robot().move("e", arm=0.0) == 0.0
+
+
+@given(st.lists(st.tuples(st.floats(0.05, 3.0), st.floats(-3, 3)), min_size=1, max_size=8), st.floats(-3, 3))
+def test_a_path_goes_through_its_waypoints_or_is_refused(rows: list[tuple[float, float]], start: float) -> None:
+    """It is at each waypoint in time, stays between two of them, and the factor in a refusal is one that suffices."""
+    times = list(itertools.accumulate(row[0] for row in rows))
+    positions = [row[1] for row in rows]
+    starts = Motions(JOINTS).starts(["arm"], {"arm": start})
+    try:
+        made = plan(Follow(("arm",), tuple(times), tuple((at,) for at in positions)), 1.0, starts)
+    except ImpossibleError as refusal:
+        factor = float(str(refusal).rsplit(" ", 1)[1])
+        times = [time_s * factor for time_s in times]
+        made = plan(Follow(("arm",), tuple(times), tuple((at,) for at in positions)), 1.0, starts)
+    path = made.trajectories["arm"]
+    assert path.at(0.0)[1] == path.at(times[-1])[1] == 0.0
+    for before, after, begin, end in zip([start, *positions[:-1]], positions, [0.0, *times[:-1]], times, strict=True):
+        for step in range(21):
+            position, velocity = path.at(begin + (end - begin) * step / 20)
+            assert min(before, after) - 1e-9 <= position <= max(before, after) + 1e-9
+            assert abs(velocity) <= path.fastest + 1e-9 <= cruise_of(ARM) * (1 + 1e-5)
+        assert path.at(end)[0] == pytest.approx(after, abs=1e-9)
+
+
+def test_a_path_is_followed_to_its_end() -> None:
+    robot = Robot()
+    assert robot.follow("f", [1.0, 2.0, 4.0], arm=[0.3, 0.6, -0.1], wheel=[0.1, 0.0, 0.2]) == 4.0
+    robot.step(100)
+    assert (robot.positions["arm"], robot.positions["wheel"]) == pytest.approx((0.3, 0.1))
+    robot.step(302)
+    assert (robot.positions["arm"], robot.positions["wheel"]) == (-0.1, 0.2)
+    assert robot.states("f") == ["running", "succeeded"]
+
+
+def test_a_path_starts_with_the_speed_that_the_joint_has() -> None:
+    """No jump of speed where a moving joint is taken over by a path."""
+    robot = Robot()
+    robot.move("a", arm=2.0)
+    robot.step(100)
+    robot.follow("f", [1.0, 3.0], arm=[1.1, 0.5])
+    robot.step(400)
+    speeds = [(b - a) / DT for a, b in itertools.pairwise(robot.paths["arm"])]
+    assert max(abs(b - a) for a, b in itertools.pairwise(speeds)) < 0.1
+    assert robot.end("a") == Outcome("a", "preempted", ("arm",), "replaced by command f", robot.end("a").progress, "f")
+    assert robot.end("f").state == "succeeded"
+
+
+def test_a_path_that_momentum_would_carry_beyond_a_limit_is_refused() -> None:
+    robot = Robot(arm=2.0)
+    robot.move("a", arm=3.0)
+    robot.step(85)
+    with pytest.raises(ImpossibleError, match="beyond its limit"):
+        robot.follow("f", [20.0], arm=[2.9])
+    robot.step(200)
+    assert robot.states("a") == ["running", "succeeded"]
+
+
+@pytest.mark.parametrize(
+    ("motion", "says"),
+    [
+        (Follow(("arm",), (1.0,), ((1.0,),)), "arm would need 1.5 rad/s, and 0.4 rad/s are allowed; .* 3.750$"),
+        (Follow(("arm", "lift"), (4.0,), ((0.1, 1.0),)), "lift would need 0.375 m/s"),
+        (Move({"arm": 1.0}, {"arm": 1e-7}), "too slow"),
+        (Move({"arm": 1.0}, {"arm": 1e-5}), "86400 s are the most"),
+        (Move({"wheel": 1e6}), "86400 s are the most"),
+        (Move({"arm": 1.0}, {"arm": 5e-324}), "too slow"),
+    ],
+)
+def test_what_is_too_fast_or_too_slow_is_refused_with_what_would_do(motion: Move | Follow, says: str) -> None:
+    joints = motion.targets if isinstance(motion, Move) else motion.joints
+    with pytest.raises(ImpossibleError, match=says):
+        plan(motion, 0.5, Motions(JOINTS).starts(joints, dict.fromkeys(JOINTS, 0.0)))
+
+
+def test_progress_grows_from_nothing_to_one() -> None:
+    robot = Robot()
+    robot.move("a", arm=1.0)
+    said = []
+    for _ in range(30):
+        said += [outcome.progress for outcome in robot.motions.underway()]
+        robot.step(10)
+    assert said[0] == robot.outcomes[0].progress == 0.0
+    assert said == sorted(said)
+    assert 10 < len(set(said)) < 20
+    assert robot.end("a") == Outcome("a", "succeeded", ("arm",), progress=1.0)
 
 
 def test_a_newer_motion_preempts_the_whole_older_one() -> None:
-    """The older command ends once, and its other joint comes to rest short of its target."""
-    motions, measured = Motions(JOINTS), {"arm": 0.0, "wheel": 0.0}
-    motions.start("a", {"arm": 1.0, "wheel": 5.0}, measured)
-    _follow(motions, measured, 50)
-    outcomes = motions.start("b", {"arm": -1.0}, measured)
-    assert [(o.command_id, o.state) for o in outcomes] == [("a", "preempted"), ("b", "running")]
-    assert [(o.command_id, o.state) for o in _follow(motions, measured, 1_000)[1]] == [("b", "succeeded")]
-    assert measured["wheel"] < 1.0
+    """The older command ends once, names its successor, and its other joint comes to rest short of its target."""
+    robot = Robot()
+    robot.move("a", arm=1.0, wheel=5.0)
+    robot.step(50)
+    assert robot.motions.running_on(["arm"]) == ("a",)
+    robot.move("b", arm=-1.0)
+    assert robot.states("a") == ["running", "preempted"]
+    assert robot.end("a").successor == "b"
+    robot.step(1_000)
+    assert robot.states("b") == ["running", "succeeded"]
+    assert robot.positions["wheel"] < 1.0
 
 
 @pytest.mark.parametrize("target", [0.1, 2.0])
 def test_a_stuck_joint_fails_and_is_no_longer_pushed(target: float) -> None:
     """The reason names the joint and its effort limit; the setpoint returns to where the joint is."""
-    motions, measured = Motions(JOINTS), {"arm": 0.0, "wheel": 0.0}
-    motions.start("a", {"arm": target}, measured)
-    _, [outcome] = _follow(motions, measured, round((SETTLE_S + 3.0) / DT), stuck=True)
-    assert (outcome.state, "arm is at its effort limit" in outcome.reason) == ("failed", True)
-    motions.start("b", {"wheel": 0.1}, measured)
-    assert motions.step(DT, measured, {})[0].get("arm", 0.0) == 0.0
+    robot = Robot()
+    robot.stuck = {"arm"}
+    robot.move("a", arm=target)
+    robot.step(round((SETTLE_S + 3.0) / DT))
+    assert robot.states("a") == ["running", "failed"]
+    assert "arm is at its effort limit" in robot.end("a").reason
+    robot.stuck = set()
+    robot.step(10)
+    assert robot.positions["arm"] == 0.0
 
 
 def test_a_halt_brakes_and_fails_what_runs() -> None:
     """No jump: the joint rolls out within its ramp and then keeps still."""
-    motions, measured = Motions(JOINTS), {"arm": 0.0, "wheel": 0.0}
-    motions.start("a", {"arm": 2.0}, measured)
-    _follow(motions, measured, 60)
-    assert motions.halt("gateway lost") == [Outcome("a", "failed", ("arm",), "gateway lost")]
-    path, ended = _follow(motions, measured, 200)
-    assert not ended
-    assert path[-1] == path[-2] < 1.0
+    robot = Robot()
+    robot.move("a", arm=2.0)
+    robot.step(60)
+    [failed] = robot.motions.halt("gateway lost")
+    assert (failed.command_id, failed.state, failed.reason) == ("a", "failed", "gateway lost")
+    robot.step(200)
+    assert robot.paths["arm"][-1] == robot.paths["arm"][-2] < 1.0
+
+
+def test_a_stop_cancels_what_runs_brakes_and_succeeds_when_all_stand() -> None:
+    """The joint rolls out within its ramp; not before it stands is the stop done."""
+    robot = Robot([Sway("wheel", 0.4, 2.0)])
+    robot.move("a", arm=2.0, lift=0.1)
+    robot.step(60)
+    fast = robot.fastest("arm")
+    assert robot.motions.stoppable(list(JOINTS)) == ("a",)
+    assert robot.stop("s") == pytest.approx(0.4, rel=0.1)
+    assert robot.end("a") == Outcome("a", "cancelled", ("arm", "lift"), "stopped", robot.end("a").progress, "s")
+    robot.step(20)
+    assert robot.states("s") == ["running"]
+    robot.step(60)
+    assert robot.states("s") == ["running", "succeeded"]
+    rested = dict(robot.positions)
+    robot.step(500)
+    assert robot.positions == rested
+    assert robot.fastest("arm") == fast
+
+
+def test_a_stop_of_one_joint_or_command_leaves_the_others_alone() -> None:
+    robot = Robot()
+    robot.move("a", arm=2.0)
+    robot.move("b", wheel=1.0)
+    robot.move("c", lift=0.1)
+    robot.step(30)
+    robot.stop("s", "arm")
+    robot.stop("t", command="b")
+    robot.stop("u", command="nothing-like-it")
+    robot.step(500)
+    assert [robot.end(name).state for name in "abcstu"] == ["cancelled"] * 2 + ["succeeded"] * 4
+    assert [robot.end(name).successor for name in "abc"] == ["s", "t", ""]
+    assert robot.end("u").joints == ()
+
+
+def test_a_stop_is_repeated_overtaken_and_not_undone_by_another() -> None:
+    """The same stop again is one stop, a second one lets the first be, and a newer command preempts both."""
+    robot = Robot()
+    robot.move("a", arm=2.0)
+    robot.step(60)
+    robot.stop("s")
+    robot.stop("s")
+    robot.stop("t")
+    robot.step(10)
+    robot.move("b", arm=0.0)
+    robot.step(500)
+    assert robot.states("s") == ["running", "running", "preempted"]
+    assert robot.states("t") == ["running", "preempted"]
+    assert robot.end("t").successor == "b"
+    assert robot.states("b") == ["running", "succeeded"]
+
+
+def test_a_stop_of_what_does_not_come_to_rest_fails_and_says_what() -> None:
+    """Its setpoint stands, but the joint is measured to move on and on."""
+    motions, positions = Motions(JOINTS), dict.fromkeys(JOINTS, 0.0)
+    motions.stop("s", list(JOINTS), "", "stopped", positions)
+    ends: list[Outcome] = []
+    for _ in range(round((SETTLE_S + 1.0) / DT)):
+        ends += motions.step(DT, Measured(positions, {"arm": 0.5, "wheel": 0.0, "lift": 0.0}))[1]
+    [end] = ends
+    assert (end.command_id, end.state, end.reason) == ("s", "failed", "not come to rest: arm")
+
+
+def test_a_stop_goes_on_when_the_gateway_is_lost() -> None:
+    robot = Robot()
+    robot.move("a", arm=2.0)
+    robot.step(60)
+    robot.stop("s")
+    assert not robot.motions.halt("gateway lost")
+    robot.step(100, held=True)
+    assert robot.states("s") == ["running", "succeeded"]
 
 
 def test_a_command_takes_a_swaying_joint_over_for_good() -> None:
     """It sways, pauses while held, and after a command stays where the command put it."""
-    motions, measured = Motions(JOINTS, [Sway("arm", 0.4, 2.0)]), {"arm": 0.0, "wheel": 0.0}
-    path, _ = _follow(motions, measured, 400)
+    robot = Robot([Sway("arm", 0.4, 2.0)])
+    robot.step(400)
+    path = robot.paths["arm"]
     assert max(path) > 0.2
     assert min(path) < -0.2
-    motions.start("a", {"arm": 0.5}, measured)
-    path, _ = _follow(motions, measured, 600)
+    robot.motions.halt("gateway lost")
+    robot.step(200, held=True)
+    assert path[-1] == path[-100]
+    robot.step(200)
+    assert path[-1] != path[-200]
+    robot.move("a", arm=0.5)
+    robot.step(600)
     assert path[-1] == path[-100] == 0.5
 
 
 def test_an_unknown_position_never_succeeds() -> None:
     """NaN is not within any tolerance."""
-    motions = Motions(JOINTS)
-    motions.start("a", {"arm": 0.0}, {"arm": 0.0, "wheel": 0.0})
-    _, outcomes = motions.step(DT, {"arm": math.nan, "wheel": math.nan}, {})
+    robot = Robot()
+    robot.move("a", arm=0.0)
+    _, outcomes = robot.motions.step(DT, Measured(dict.fromkeys(JOINTS, math.nan)))
     assert [outcome.state for outcome in outcomes] == ["failed"]

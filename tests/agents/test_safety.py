@@ -5,29 +5,46 @@ import math
 import pytest
 
 from agents.robot import JointFacts, Limits
-from agents.safety import Remembered, clamp, judge
-from agents.wire.messages import WIRE_VERSION, Accepted, Command, Move, Refused
+from agents.safety import Remembered, clamp, judge, judge_stop, unexpected
+from agents.wire.messages import WIRE_VERSION, Accepted, Command, Expectation, Follow, Move, Refused, Stop
 
 NOW = 10_000_000_000
 JOINTS = {
     joint.name: joint
     for joint in (
         JointFacts("arm", limits=Limits(-1.0, 2.0, 1.0, 5.0)),
-        JointFacts("wheel"),
+        JointFacts("wheel", continuous=True),
         JointFacts("finger", linear=True, limits=Limits(0.0, 0.04), mimics="thumb"),
     )
 }
 
 
-def _command(targets: dict[str, float], seen_ns: int = NOW, incarnation: int = 7, command_id: str = "new") -> Command:
+def _command(
+    motion: dict[str, float] | Move | Follow,
+    seen_ns: int = NOW,
+    incarnation: int = 7,
+    command_id: str = "new",
+    expects: tuple[str, ...] = (),
+) -> Command:
     return Command(
         version=WIRE_VERSION,
         id=command_id,
         incarnation=incarnation,
         seen_ns=seen_ns,
         time_to_live_ns=1_000,
-        motion=Move(targets),
+        motion=Move(motion) if isinstance(motion, dict) else motion,
+        expects=dict.fromkeys(expects, Expectation(0.0, 0.1)),
     )
+
+
+def _follow(
+    *rows: tuple[float, ...],
+    joints: tuple[str, ...] = ("arm", "wheel"),
+    times_s: tuple[float, ...] | None = None,
+    incarnation: int = 7,
+) -> Command:
+    times_s = tuple(range(1, len(rows) + 1)) if times_s is None else times_s
+    return _command(Follow(joints, times_s, rows), incarnation=incarnation)
 
 
 @pytest.mark.parametrize(
@@ -46,6 +63,24 @@ def _command(targets: dict[str, float], seen_ns: int = NOW, incarnation: int = 7
         (_command({"wheel": 0.0, "arm": -1.1}), "limits", "lower limit -1 rad"),
         (_command({"wheel": math.nan}), "limits", "finite"),
         (_command({"wheel": math.inf}), "limits", "finite"),
+        (_command({"wheel": 1e7}), "limits", "from zero"),
+        (_command(Move({"arm": 0.0}, {"arm": 0.1})), None, ""),
+        (_command(Move({"arm": 0.0}, {"wheel": 0.1})), "malformed", "'wheel' has a speed, but no target"),
+        (_command({"arm": 0.0}, expects=("wheel", "finger")), None, ""),
+        (_command({"arm": 0.0}, expects=("leg",)), "unknown-joint", "arm, wheel"),
+        (_follow((0.0, 9.0), (2.0, -9.0)), None, ""),
+        (_follow((0.0, 0.0), joints=("arm", "arm")), "malformed", "twice"),
+        (_follow((0.0, 0.0), (0.0,)), "malformed", "2 joints"),
+        (_follow((), joints=("arm",)), "malformed", "1 joints"),
+        (_follow((0.0, 0.0), times_s=(1.0, 2.0)), "malformed", "1 rows of positions, but 2 times"),
+        (_follow((0.0, 0.0), (0.0, 0.0), times_s=(1.0, 1.0)), "malformed", "times_s"),
+        (_follow((0.0, 0.0), times_s=(1e-9,)), "malformed", "times_s"),
+        (_follow(*[(0.0,) * 20] * 900, joints=tuple(f"j{i}" for i in range(20))), "malformed", "16384 may be"),
+        (_follow((0.0, 0.0), joints=("arm", "leg")), "unknown-joint", "arm, wheel"),
+        (_follow((0.0, 0.0), joints=("arm", "finger")), "unknown-joint", "thumb"),
+        (_follow((0.0, 0.0), (2.1, 0.0)), "limits", "upper limit 2 rad"),
+        (_follow((0.0, 0.0), (0.0, math.nan), (0.0, 0.0)), "limits", "finite"),
+        (_follow((0.0, 0.0), (0.0,), incarnation=8), "malformed", "2 joints"),
     ],
 )
 def test_judge(command: Command, code: str | None, says: str) -> None:
@@ -60,7 +95,40 @@ def test_judge(command: Command, code: str | None, says: str) -> None:
 
 def test_rounding_is_clamped() -> None:
     """What the tolerance lets through still ends at the limit."""
-    assert clamp({"arm": 2.0 + 1e-9, "wheel": 9.0}, JOINTS) == {"arm": 2.0, "wheel": 9.0}
+    assert clamp(Move({"arm": 2.0 + 1e-9, "wheel": 9.0}, {"arm": 1.0}), JOINTS) == Move(
+        {"arm": 2.0, "wheel": 9.0}, {"arm": 1.0}
+    )
+    follow = Follow(("wheel", "arm"), (1.0, 2.0), ((9.0, -1.0 - 1e-9), (0.0, 2.0 + 1e-9)))
+    assert clamp(follow, JOINTS) == Follow(("wheel", "arm"), (1.0, 2.0), ((9.0, -1.0), (0.0, 2.0)))
+
+
+@pytest.mark.parametrize(
+    ("joint", "measured", "says"),
+    [
+        ("arm", 1.05, ""),
+        ("arm", 1.2, "'arm' was expected at 1 rad, give or take 0.1 rad, but is at 1.2 rad"),
+        ("arm", 1.0 + 2 * math.pi, "expected"),
+        ("arm", math.nan, "expected"),
+        ("wheel", 1.05 - 20 * math.pi, ""),
+        ("wheel", 0.95 + 2 * math.pi, ""),
+        ("wheel", 1.0 + math.pi, "expected"),
+        ("wheel", math.nan, "expected"),
+        ("finger", 1.2, "give or take 0.1 m"),
+    ],
+)
+def test_what_is_expected_is_compared_by_the_tolerance(joint: str, measured: float, says: str) -> None:
+    """A joint that turns endlessly is as expected a whole turn away; an unknown position never is."""
+    found = unexpected({joint: Expectation(1.0, 0.1)}, {joint: measured}, JOINTS)
+    assert (says in found, bool(found)) == (True, bool(says)), found
+
+
+def test_a_stop_is_refused_only_for_what_is_not_there() -> None:
+    """A joint that mimics can be stopped as well."""
+    assert judge_stop(Stop(version=WIRE_VERSION, id="s", joints=("arm", "finger")), JOINTS) is None
+    assert judge_stop(Stop(version=WIRE_VERSION, id="s", command="whatever"), JOINTS) is None
+    refused = judge_stop(Stop(version=WIRE_VERSION, id="s", joints=("arm", "leg")), JOINTS)
+    assert refused is not None
+    assert (refused.id, refused.code) == ("s", "unknown-joint")
 
 
 def test_memory_of_ids_is_bounded() -> None:

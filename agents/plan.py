@@ -1,0 +1,101 @@
+"""What a command means for its joints, before anything moves. Pure; rad, rad/s or m, m/s, and seconds."""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from agents.profile import RAMP_S, cruise_of, reach, reach_in
+from agents.robot import JointFacts
+from agents.trajectory import Trajectory, through
+from agents.wire.messages import Follow, Move
+
+MAX_DURATION_S = 86_400.0
+# Slower than this nothing moves that one could see.
+_SLOWEST = 1e-6
+_ROUNDING = 1e-6
+
+
+class ImpossibleError(ValueError):
+    """The joints cannot move as asked from where they are; the message says what is allowed."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """A joint and where its setpoint is now, with its velocity."""
+
+    joint: JointFacts
+    position: float
+    velocity: float = 0.0
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Where each joint goes, all of them done after ``duration_s``."""
+
+    trajectories: Mapping[str, Trajectory]
+    duration_s: float
+
+
+def joints_of(motion: Move | Follow) -> tuple[str, ...]:
+    """The joints that ``motion`` moves."""
+    return tuple(motion.targets) if isinstance(motion, Move) else motion.joints
+
+
+def plan(motion: Move | Follow, scale: float, starts: Iterable[Start]) -> Plan:
+    """Plan from the ``starts`` of its joints, in their order; ImpossibleError when that is too fast or too slow."""
+    made = _move(motion, scale, starts) if isinstance(motion, Move) else _follow(motion, scale, starts)
+    if not made.duration_s <= MAX_DURATION_S:
+        raise ImpossibleError(f"the motion would take {made.duration_s:.3g} s; {MAX_DURATION_S:g} s are the most")
+    return made
+
+
+def _move(move: Move, scale: float, starts: Iterable[Start]) -> Plan:
+    """The slowest joint sets the time, and the others take as long."""
+    cruises, found = {}, {}
+    starts = tuple(starts)
+    for start in starts:
+        name, full = start.joint.name, cruise_of(start.joint)
+        cruise = cruises[name] = min(full, move.speeds.get(name, math.inf)) * scale
+        if cruise < _SLOWEST:
+            raise ImpossibleError(f"{name} would move at {cruise:.3g} {_unit(start.joint)}/s, which is too slow")
+        ramp = (full if start.velocity else cruise) / RAMP_S
+        limits, target = start.joint.limits, move.targets[name]
+        found[name] = reach(start.position, start.velocity, target, cruise, ramp, limits)
+    duration_s = max(trajectory.duration_s for trajectory in found.values())
+    for start in starts:
+        name, limits, target = start.joint.name, start.joint.limits, move.targets[start.joint.name]
+        if found[name].duration_s < duration_s <= MAX_DURATION_S:
+            ramp = cruise_of(start.joint) / RAMP_S
+            found[name] = reach_in(duration_s, start.position, start.velocity, target, cruises[name], ramp, limits)
+    return Plan(found, duration_s)
+
+
+def _follow(follow: Follow, scale: float, starts: Iterable[Start]) -> Plan:
+    found, stretch, slowest = {}, 1.0, ""
+    for column, start in enumerate(starts):
+        positions = [row[column] for row in follow.positions]
+        trajectory = through(start.position, start.velocity, follow.times_s, positions)
+        allowed, needed = cruise_of(start.joint) * scale, trajectory.fastest
+        if not needed <= allowed * (1.0 + _ROUNDING) and needed / allowed > stretch:
+            stretch, unit = needed / allowed, _unit(start.joint)
+            slowest = f"{start.joint.name} would need {needed:.4g} {unit}/s, and {allowed:.4g} {unit}/s are allowed"
+        _check_extremes(start, trajectory)
+        found[start.joint.name] = trajectory
+    if slowest:
+        factor = math.ceil(stretch * 1000.0) / 1000.0
+        raise ImpossibleError(f"{slowest}; stretch all times by a factor of {factor:.3f}")
+    return Plan(found, follow.times_s[-1])
+
+
+def _check_extremes(start: Start, trajectory: Trajectory) -> None:
+    limits = start.joint.limits
+    for position in trajectory.extremes:
+        if abs(limits.clamp(position) - position) > _ROUNDING:
+            raise ImpossibleError(
+                f"{start.joint.name} is still moving at {start.velocity:.4g} {_unit(start.joint)}/s and would pass "
+                f"{position:.4g} {_unit(start.joint)}, beyond its limit; stop it first, or give it more time"
+            )
+
+
+def _unit(joint: JointFacts) -> str:
+    return "m" if joint.linear else "rad"

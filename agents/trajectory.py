@@ -1,0 +1,128 @@
+"""Where one joint is at which time: cubics, one after another. Pure; rad, rad/s or m, m/s, and seconds."""
+
+import math
+from bisect import bisect_right
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from operator import attrgetter
+from typing import NamedTuple
+
+
+class Segment(NamedTuple):
+    """A cubic from ``start_s`` on: position, velocity, half the acceleration and a sixth of the jerk at its start."""
+
+    start_s: float
+    position: float
+    velocity: float
+    quadratic: float = 0.0
+    cubic: float = 0.0
+
+    def at(self, time_s: float) -> tuple[float, float]:
+        """Position and velocity ``time_s`` after the start of the segment."""
+        position = self.position + time_s * (self.velocity + time_s * (self.quadratic + time_s * self.cubic))
+        return position, self.velocity + time_s * (2.0 * self.quadratic + 3.0 * time_s * self.cubic)
+
+    def fastest(self, duration_s: float) -> float:
+        """The highest speed within ``duration_s``: at one of the ends or where the acceleration vanishes."""
+        speeds = [abs(self.velocity), abs(self.at(duration_s)[1])]
+        if self.cubic != 0.0 and 0.0 < (turn := -self.quadratic / (3.0 * self.cubic)) < duration_s:
+            speeds.append(abs(self.at(turn)[1]))
+        return max(speeds)
+
+    def standstills(self, duration_s: float) -> list[float]:
+        """The times within ``duration_s`` at which the velocity is zero: the positions there may be extremes."""
+        a, b, c = 3.0 * self.cubic, 2.0 * self.quadratic, self.velocity
+        root = b * b - 4.0 * a * c
+        if root < 0.0:
+            return []
+        # The stable form of both roots; one of them is at infinity when the segment is no cubic.
+        q = -(b + math.copysign(math.sqrt(root), b)) / 2.0
+        times = [*([q / a] if a else []), *([c / q] if q else [])]
+        return [time for time in times if 0.0 < time < duration_s]
+
+
+_start = attrgetter("start_s")
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Segments in the order of time, and ``end``, where the joint stands still after ``duration_s``."""
+
+    segments: tuple[Segment, ...]
+    duration_s: float
+    end: float
+
+    def at(self, time_s: float) -> tuple[float, float]:
+        """Position and velocity at ``time_s`` ≥ 0."""
+        if time_s >= self.duration_s:
+            return self.end, 0.0
+        segment = self.segments[bisect_right(self.segments, time_s, key=_start) - 1]
+        return segment.at(time_s - segment.start_s)
+
+    @property
+    def fastest(self) -> float:
+        """The highest speed on the way."""
+        return max((segment.fastest(duration_s) for segment, duration_s in self._lasting()), default=0.0)
+
+    @property
+    def extremes(self) -> tuple[float, float]:
+        """The least and the greatest position on the way."""
+        found = [self.end]
+        for segment, duration_s in self._lasting():
+            found += [segment.at(time_s)[0] for time_s in (0.0, *segment.standstills(duration_s))]
+        return min(found), max(found)
+
+    def then(self, later: "Trajectory") -> "Trajectory":
+        """This one and, from its end on, another."""
+        moved = (segment._replace(start_s=segment.start_s + self.duration_s) for segment in later.segments)
+        return Trajectory((*self.segments, *moved), self.duration_s + later.duration_s, later.end)
+
+    def _lasting(self) -> Iterator[tuple[Segment, float]]:
+        ends = [*(segment.start_s for segment in self.segments[1:]), self.duration_s]
+        return zip(self.segments, (end - s.start_s for s, end in zip(self.segments, ends, strict=True)), strict=True)
+
+
+def hold(position: float) -> Trajectory:
+    """Be at ``position``, from now on."""
+    return Trajectory((), 0.0, position)
+
+
+def accelerating(position: float, velocity: float, phases: Iterable[tuple[float, float]], end: float) -> Trajectory:
+    """Phases of (duration, acceleration) one after another; they must come to rest at ``end``, up to rounding."""
+    segments, time_s = [], 0.0
+    for duration_s, acceleration in phases:
+        if duration_s > 0.0:
+            segments.append(Segment(time_s, position, velocity, acceleration / 2.0))
+            position, velocity = segments[-1].at(duration_s)
+            time_s += duration_s
+    return Trajectory(tuple(segments), time_s, end)
+
+
+def through(start: float, velocity: float, times_s: Sequence[float], positions: Sequence[float]) -> Trajectory:
+    """From ``start`` at ``velocity`` through ``positions`` at increasing ``times_s`` > 0, to a standstill at the last.
+
+    A piecewise cubic with the slopes of Fritsch and Carlson (SIAM J. Numer. Anal. 17, 1980; weights of Fritsch and
+    Butland, 1984): between two waypoints it stays between them, unless ``velocity`` carries it beyond at the start.
+    """
+    times, values = (0.0, *times_s), (start, *positions)
+    steps = [later - earlier for earlier, later in pairwise(times)]
+    slopes = [(after - before) / step for (before, after), step in zip(pairwise(values), steps, strict=True)]
+    inner = (_slope(*pair) for pair in pairwise(zip(steps, slopes, strict=True)))
+    velocities = (velocity, *inner, 0.0)
+    segments = tuple(
+        Segment(time_s, value, begin, (3.0 * slope - 2.0 * begin - end) / step, (begin + end - 2.0 * slope) / step**2)
+        for time_s, value, (begin, end), slope, step in zip(
+            times[:-1], values[:-1], pairwise(velocities), slopes, steps, strict=True
+        )
+    )
+    return Trajectory(segments, times[-1], values[-1])
+
+
+def _slope(before: tuple[float, float], after: tuple[float, float]) -> float:
+    """The velocity at a waypoint: a weighted harmonic mean of the slopes beside it, none where the way turns back."""
+    (step_before, slope_before), (step_after, slope_after) = before, after
+    if slope_before * slope_after <= 0.0:
+        return 0.0
+    weight_before, weight_after = 2.0 * step_after + step_before, step_after + 2.0 * step_before
+    return (weight_before + weight_after) / (weight_before / slope_before + weight_after / slope_after)
