@@ -9,7 +9,7 @@ import asyncio
 import contextlib
 import json
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Self, TypeVar
 
@@ -17,19 +17,21 @@ import zenoh
 
 from agents.wire.codec import WireError, decode, encode
 from agents.wire.keys import Keys, RobotKey
-from agents.wire.messages import Command, Description, Progress, Refused, Reply
+from agents.wire.messages import Accepted, Command, Description, Progress, Refused, Reply, Stop
 from gateway.fleet.answers import read_description, read_reply
 from gateway.fleet.complaints import Complaints
 from gateway.fleet.events import Appeared, Described, Event, Framed, Undescribed, Vanished
 from gateway.fleet.inbox import Inbox, Payload
+from gateway.session import open_failure, port_is_taken, settings
 
 _log = logging.getLogger(__name__)
 _T = TypeVar("_T")
+_Answer = tuple[bytes | str, str]  # a payload, or a sentence why there is none; and its key
 
 MAX_DESCRIPTION_BYTES = 9_000_000
 MAX_STATE_BYTES = MAX_PROGRESS_BYTES = MAX_REPLY_BYTES = 65_536
 MAX_REPLIES = 8  # to one question: a robot and, for a moment, the run of its agent before
-LEASE_MS = 2_500
+MAX_STOP_REPLIES = 10_000  # to one question to all robots
 DESCRIPTION_TIMEOUT_S = 2.0
 DESCRIPTION_BACKOFF_S = (0.1, 0.2, 0.5, 1.0, 2.0)  # the last one for ever
 SILENT_ATTEMPTS = 3  # before a robot that describes nothing is called faulty
@@ -86,13 +88,15 @@ class FleetLink:
     async def __aenter__(self) -> Self:
         self._loop = asyncio.get_running_loop()
         self._threads = ThreadPoolExecutor(max_workers=8, thread_name_prefix="link")
+        # A stop never waits behind a call that a full connection holds up.
+        self._stop_threads = ThreadPoolExecutor(max_workers=16, thread_name_prefix="stop")
         self._inbox = Inbox(lambda: self._loop.call_soon_threadsafe(self._drain))
         try:
             self._session = await self._open()
             await self._in_thread(self._declare)
         except BaseException:
             self._inbox.close()
-            self._threads.shutdown(wait=False)
+            self._end_threads()
             raise
         return self
 
@@ -106,14 +110,18 @@ class FleetLink:
             await self._in_thread(self._session.close)
         except zenoh.ZError as error:
             _log.warning("the Zenoh session did not close cleanly: %s", error)
+        self._end_threads()
+
+    def _end_threads(self) -> None:
         self._threads.shutdown(wait=False)
+        self._stop_threads.shutdown(wait=False)
 
     async def command(self, robot: str, command: Command, timeout_s: float) -> Reply:
         """Send a command and return the agent's reply. Raises NoAnswer when none comes within ``timeout_s``."""
         refusals: list[Reply] = []
         reasons = [f"no agent takes commands for robot {robot!r}"]
 
-        def judge(answer: bytes | str) -> Reply | None:
+        def judge(answer: bytes | str, _: str) -> Reply | None:
             reply, reason = read_reply(answer, command.id)
             if isinstance(reply, Refused) and reply.code == "incarnation":
                 refusals.append(reply)  # of another run; the one that is meant may answer as well
@@ -133,16 +141,41 @@ class FleetLink:
             return refusals[0]
         raise NoAnswer(reasons[-1])
 
+    async def stop(self, robots: Collection[str] | None, stop: Stop, timeout_s: float) -> dict[str, Reply]:
+        """Stop these robots, or all there are: what those of them replied that did within ``timeout_s``.
+
+        All are asked at once, and none waits for another.
+        """
+        replies: dict[str, Reply] = {}
+
+        def note(answer: bytes | str, key: str) -> None:
+            reply, reason = read_reply(answer, stop.id)
+            robot = self._parse(key) if reply is not None else None
+            if reply is None:
+                self._complaints.add(key, reason)
+            elif robot is not None and not isinstance(replies.get(robot.robot), Accepted):  # two runs may answer
+                replies[robot.robot] = reply
+
+        async def ask(key: str) -> None:
+            with contextlib.suppress(TimeoutError):
+                await self._ask(key, timeout_s, MAX_REPLY_BYTES, encode(stop), note, urgent=True)
+
+        keys = [self._keys.all_stops] if robots is None else [self._keys.robot(name, "stop") for name in robots]
+        await asyncio.gather(*map(ask, keys))
+        return replies
+
     async def _open(self) -> zenoh.Session:
-        config = _config(self._listen, self._connect)
+        config = zenoh.Config()
+        for name, value in settings(self._listen, self._connect).items():
+            config.insert_json5(name, json.dumps(value))
         patience = self._loop.time() + BIND_PATIENCE_S
         while True:
             try:
                 return await self._in_thread(zenoh.open, config)
             except zenoh.ZError as error:
                 # A gateway that was just replaced may hold the port for a moment longer.
-                if "os error 98" not in str(error) or self._loop.time() > patience:
-                    raise LinkError(_open_failure(error, self._listen)) from error
+                if not port_is_taken(error) or self._loop.time() > patience:
+                    raise LinkError(open_failure(error, self._listen)) from error
             await asyncio.sleep(0.1)
 
     def _declare(self) -> None:
@@ -237,7 +270,7 @@ class FleetLink:
         """One round of asking: the description, or why what came was none ("" when nothing came)."""
         reasons = [""]
 
-        def judge(answer: bytes | str) -> Description | None:
+        def judge(answer: bytes | str, _: str) -> Description | None:
             description, reason = read_description(answer, robot, incarnation)
             reasons.append(reason)
             return description
@@ -249,27 +282,34 @@ class FleetLink:
             return None, reasons[-1]
 
     async def _ask(
-        self, key: str, timeout_s: float, limit: int, payload: bytes | None, judge: Callable[[bytes | str], _T | None]
+        self,
+        key: str,
+        timeout_s: float,
+        limit: int,
+        payload: bytes | None,
+        judge: Callable[[bytes | str, str], _T | None],
+        urgent: bool = False,
     ) -> _T | None:
         """Ask, and return the first answer that ``judge`` makes something of; None when there are no more.
 
-        An answer is a payload, or a sentence why it has none. Raises TimeoutError after ``timeout_s``.
+        An answer is a payload, or a sentence why it has none; its key comes with it. What is ``urgent`` overtakes
+        everything else. Raises TimeoutError after ``timeout_s``.
         """
-        answers: asyncio.Queue[bytes | str | None] = asyncio.Queue(MAX_REPLIES + 1)
+        answers: asyncio.Queue[_Answer | None] = asyncio.Queue(1 + (MAX_STOP_REPLIES if urgent else MAX_REPLIES))
 
-        def put(answer: bytes | str | None) -> None:
+        def put(answer: _Answer | None) -> None:
             if answer is None and answers.full():
                 answers.get_nowait()
             if not answers.full():  # what comes beyond is nobody's honest answer
                 answers.put_nowait(answer)
 
-        def hand_over(answer: bytes | str | None) -> None:
+        def hand_over(answer: _Answer | None) -> None:
             with contextlib.suppress(RuntimeError):  # the loop was closed while the question was under way
                 self._loop.call_soon_threadsafe(put, answer)
 
         def get() -> None:
             handler: Any = zenoh.handlers.Callback(
-                lambda reply: hand_over(_payload(reply, limit)), drop=lambda: hand_over(None), indirect=False
+                lambda reply: hand_over(_answer(reply, limit, key)), drop=lambda: hand_over(None), indirect=False
             )
             self._session.get(
                 key,
@@ -279,49 +319,24 @@ class FleetLink:
                 timeout=timeout_s,
                 payload=payload,
                 express=True,
+                priority=zenoh.Priority.REAL_TIME if urgent else zenoh.Priority.DATA,
             )
 
         async with asyncio.timeout(timeout_s):
-            await self._in_thread(get)
+            await self._loop.run_in_executor(self._stop_threads if urgent else self._threads, get)
             while (answer := await answers.get()) is not None:
-                judged = judge(answer)
+                judged = judge(*answer)
                 if judged is not None:
                     return judged
         return None
 
 
-def _payload(reply: zenoh.Reply, limit: int) -> bytes | str:
+def _answer(reply: zenoh.Reply, limit: int, asked: str) -> _Answer:
     if reply.ok is None:
-        return "the agent answered with an error"
+        return "the agent answered with an error", asked
     payload = _bounded(reply.ok.payload, limit)
-    return payload if isinstance(payload, bytes) else f"the answer has {payload} bytes; {limit} are the most"
-
-
-def _config(listen: tuple[str, ...], connect: tuple[str, ...]) -> zenoh.Config:
-    """Router mode, because a peer hears no other peer through a router and a client cannot open without one."""
-    settings: dict[str, object] = {
-        "mode": "router",
-        "listen/endpoints": list(listen),
-        "listen/exit_on_failure": True,
-        "connect/endpoints": list(connect),
-        "connect/timeout_ms": -1,
-        "connect/exit_on_failure": False,
-        "connect/retry": {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 1.5},
-        "scouting/multicast/enabled": False,
-        "scouting/gossip/enabled": False,
-        "transport/link/tx/lease": LEASE_MS,
-    }
-    config = zenoh.Config()
-    for name, value in settings.items():
-        config.insert_json5(name, json.dumps(value))
-    return config
-
-
-def _open_failure(error: Exception, listen: tuple[str, ...]) -> str:
-    text = str(error).splitlines()[0].partition(" at /")[0]
-    if "os error 98" in text:
-        return f"a port of {', '.join(listen)} is taken by another process"
-    return f"Zenoh does not open: {text}"
+    said = payload if isinstance(payload, bytes) else f"the answer has {payload} bytes; {limit} are the most"
+    return said, str(reply.ok.key_expr)
 
 
 def _report(task: asyncio.Task[None]) -> None:
