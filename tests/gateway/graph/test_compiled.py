@@ -1,6 +1,6 @@
 """Compiled shapes find what pySHACL finds, in whatever shape and body; test_compiled_exceptions.py has what is else."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -10,11 +10,13 @@ from shacl_findings import compiled_finds, pyshacl_finds, to_rdflib
 
 from gateway.graph.build import Graph, Node, Term, integer
 from gateway.graph.compiled import Data, compile_shape
+from gateway.graph.compiled_check import MOST
 from gateway.graph.compiled_report import SHACL
 from gateway.graph.shapes import load
 from gateway.graph.vocab import HYBRIT, LF, RDF, VOM, XSD, Namespace
 
 EX = Namespace("http://example.org/", "body p q r C D a b Shape type")
+_LANG_STRING = NamedNode(RDF.iri + "langString")
 
 
 def _literal(text: str, datatype: NamedNode) -> Literal:
@@ -66,7 +68,7 @@ _fixed = st.one_of(_iris, _numbers, _others, st.just(integer(1)))
 _bounds = _numbers.filter(lambda t: not to_rdflib(t).ill_typed and t.value != "NaN")
 _leaves = st.one_of(
     st.tuples(st.just(SHACL.datatype), st.sampled_from([*_INTEGERS, XSD.decimal, *_FLOATS, XSD.boolean, XSD.string,
-                                                        XSD.anyURI, EX.type, NamedNode(RDF.iri + "langString")])),
+                                                        XSD.anyURI, EX.type, _LANG_STRING])),
     st.tuples(st.just(SHACL.nodeKind), st.sampled_from([SHACL.IRI, SHACL.BlankNode, SHACL.Literal, SHACL.BlankNodeOrIRI,
                                                         SHACL.BlankNodeOrLiteral, SHACL.IRIOrLiteral])),
     st.tuples(st.just(SHACL.class_), st.sampled_from([EX.C, EX.D])),
@@ -181,6 +183,58 @@ def test_any_shape_finds_in_any_body_what_pyshacl_finds(shape: object, body: lis
     assert compiled_finds(graph.triples, EX.Shape, body, EX.body) == pyshacl_finds(
         graph.triples, EX.Shape, body, EX.body
     )
+
+
+# --- every edge of the simple constraints, which chance would miss ---
+
+_EDGES = [*_WHOLE, *_FRACTIONS, *_POWERS, *_ILL, "-128", "32767", "32768", "65535", "2147483647", "4294967295",
+          "4294967296", "-2147483649", "-32768", "-32769", "5", "5.0", "5.5", "5e0", "5.5e0", "+INF"]  # fmt: skip
+
+
+def _edges(texts: Iterable[str], kinds: Iterable[NamedNode]) -> list[Literal]:
+    """All forms in all types, but decimals with an exponent and the like, which only Python reads."""
+    return [
+        _literal(text, kind) for kind in kinds for text in texts if kind != XSD.decimal or not set(text) & set("eEN")
+    ]
+
+
+_KINDS = (XSD.integer, XSD.byte, XSD.decimal, XSD.float, XSD.double, XSD.string, XSD.boolean)
+_OF_ALL_TYPES = _edges(("5", "5.5", "4", "6", "300", "NaN", "INF", "x"), _KINDS)
+_ANY = [*_OF_ALL_TYPES[::3], EX.a, EX.b, BlankNode("b1"), Literal(""), Literal("abc"), Literal("ABC", language="en"),
+        _literal("true", XSD.boolean), _literal("TRUE", XSD.boolean), _literal("1", XSD.boolean)]  # fmt: skip
+_LIMITS = (SHACL.minInclusive, SHACL.minExclusive, SHACL.maxInclusive, SHACL.maxExclusive)
+_BOUNDS = [integer(5), *(_literal("5.5", kind) for kind in (XSD.decimal, XSD.double)), _literal("INF", XSD.float),
+           _literal("5.5e0", XSD.float), _literal("6", XSD.byte), _literal("4", XSD.decimal)]  # fmt: skip
+_SIMPLE: list[tuple[tuple[tuple[NamedNode, object], ...], Sequence[Term]]] = [
+    *((((SHACL.datatype, kind),), _edges(_EDGES, [kind])) for kind in [*_INTEGERS, XSD.decimal, *_FLOATS]),
+    *((((limit, bound),), _OF_ALL_TYPES) for limit in _LIMITS for bound in _BOUNDS),
+    *((((SHACL.datatype, kind),), _ANY) for kind in (XSD.string, XSD.boolean, XSD.anyURI, _LANG_STRING)),
+    *((((length, integer(n)),), _ANY) for length in (SHACL.minLength, SHACL.maxLength) for n in (0, 1, 3, 4)),
+    (((SHACL.pattern, Literal("^a")),), _ANY),
+    (((SHACL.pattern, Literal("^a")), (SHACL.flags, Literal("i"))), _ANY),
+    *((((SHACL.nodeKind, SHACL.terms[kind]),), _ANY) for kind in ("IRI", "BlankNode", "Literal")),
+    *((((SHACL.nodeKind, SHACL.terms[f"{kind}Literal"]),), _ANY) for kind in ("BlankNodeOr", "IRIOr")),
+    (((SHACL.nodeKind, SHACL.BlankNodeOrIRI),), _ANY),
+    *((((several, [[(SHACL.nodeKind, SHACL.IRI)], [(SHACL.in_, [EX.a])]]),), _ANY)
+      for several in (SHACL.xone, SHACL.and_, SHACL.or_)),
+    *((((SHACL.minCount, integer(n)),), _ANY[:2]) for n in (0, 1, 2, 3)),
+    *((((SHACL.maxCount, integer(n)),), _ANY[:2]) for n in (0, 1, 2, 3)),
+    *((((SHACL.qualifiedValueShape, [(SHACL.nodeKind, SHACL.IRI)], n),), values) for n in (0, 1, 2)
+      for values in ([], [EX.a], [EX.a, EX.b], [EX.a, EX.b, Literal("")])),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("constraints", "values"), _SIMPLE)
+def test_a_simple_constraint_finds_what_pyshacl_finds(
+    constraints: tuple[tuple[NamedNode, object], ...], values: Sequence[Term]
+) -> None:
+    """At both sides of every limit and in every lexical form; a few values at a time, as a report has an end."""
+    graph = Graph()
+    _add_shape(graph, [(SHACL.property, _Property((EX.p, constraints)))], EX.Shape)
+    for start in range(0, len(values) or 1, MOST):
+        body = [Triple(EX.body, EX.p, value) for value in values[start : start + MOST]]
+        expected = pyshacl_finds(graph.triples, EX.Shape, body, EX.body)
+        assert compiled_finds(graph.triples, EX.Shape, body, EX.body) == expected
 
 
 # --- shapes that are in use ---

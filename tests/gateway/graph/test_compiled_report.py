@@ -199,6 +199,33 @@ def test_a_branch_is_found_by_its_joint() -> None:
     assert data.looked_up < 6
 
 
+_SWITCH = """ex:Shape sh:or (
+    [ sh:property [ sh:path lf:ofJoint ; sh:hasValue ex:a ] , [ sh:path vom:unit ; sh:hasValue vom:Degree ] ]
+    [ sh:property [ sh:path lf:ofJoint ; sh:hasValue ex:a ] , [ sh:path vom:unit ; sh:hasValue vom:Radian ] ]
+    [ sh:property [ sh:path lf:ofJoint ; sh:in ( ex:b ex:c ) ; sh:minCount 1 ] ]
+    [ sh:property [ sh:path lf:ofJoint ; sh:in ( ex:d ) ; sh:minCount %s ] ] ) ."""
+
+
+@pytest.mark.parametrize(
+    ("least", "body", "admitted"),
+    [
+        (1, "lf:ofJoint ex:a ; vom:unit vom:Degree", True),
+        (1, "lf:ofJoint ex:a ; vom:unit vom:Radian", True),
+        (1, "lf:ofJoint ex:a ; vom:unit ex:other", False),
+        (1, "lf:ofJoint ex:x , ex:a ; vom:unit vom:Degree", True),
+        (1, "lf:ofJoint ex:b , ex:c", True),
+        (1, "lf:ofJoint ex:b , ex:x", False),
+        (1, "lf:ofJoint ex:d", True),
+        (1, "vom:unit vom:Degree", False),
+        (0, "vom:unit vom:Degree", True),
+        (0, "lf:ofJoint ex:x", False),
+    ],
+)
+def test_a_branch_that_may_apply_is_not_passed_over(least: int, body: str, admitted: bool) -> None:
+    """Two branches of one joint, a list of joints, and a list that no joint at all conforms to."""
+    assert (not _check(_SWITCH % least, f"ex:body {body} .")) == admitted
+
+
 @pytest.mark.parametrize("datatype", [XSD.integer, XSD.decimal, XSD.float, XSD.byte])
 @pytest.mark.parametrize(
     "text", ["9" * 100_000, "-" + "0" * 100_000 + "x", "0." + "0" * 100_000 + "1", "1e" + "9" * 100_000]
