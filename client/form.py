@@ -287,5 +287,5 @@ def said_choices(choices: Iterable[Node]) -> str:
 def said_range(lower: Bound | None, upper: Bound | None) -> str:
     """The range in words, such as ``from 0 to less than 360``."""
     low = f"{'from' if lower.inclusive else 'more than'} {lower.value:.9g}" if lower else ""
-    high = f"{'up to' if upper.inclusive else 'less than'} {upper.value:.9g}" if upper else ""
-    return " ".join(part for part in (low, high) if part)
+    high = f"{'at most' if upper.inclusive else 'less than'} {upper.value:.9g}" if upper else ""
+    return f"{low} to {high.removeprefix('at most ')}" if low and high else low or high

@@ -132,6 +132,7 @@ class Feed:
 
     def _polled(self) -> Iterator[Change]:
         seen: int | None = None
+        pause_s = POLL_S / 16
         while not self._late():
             try:
                 document = self.web.get(self.iri)
@@ -143,7 +144,8 @@ class Feed:
             if document.digest != seen:
                 seen = document.digest
                 yield Change(document.iri(self.iri), document, document.etag)
-            time.sleep(self._at_most(POLL_S))
+            time.sleep(self._at_most(pause_s))
+            pause_s = min(2 * pause_s, POLL_S)
 
     def _pause(self) -> None:
         """Longer after each failure in a row, and never the same for two clients."""

@@ -45,6 +45,9 @@ class Resource:
     def title(self) -> str:
         """Its title in the description, or the name that it goes by."""
         titles = self._said(*_TITLES)
+        if not titles and not self.known:
+            self.read()
+            titles = self._said(*_TITLES)
         return titles[0] if titles else self.name
 
     @property

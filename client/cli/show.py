@@ -10,7 +10,7 @@ from rdflib.term import Literal, Node, URIRef
 from client.errors import InvalidInput
 from client.form import Asked, Limits, said_choices, said_range
 from client.naming import step
-from client.quantity import Quantity
+from client.quantity import Quantity, number
 from client.reading import Reading, Value
 from client.vocabulary import local_name
 
@@ -92,15 +92,8 @@ def _limits(limits: Limits) -> str:
     return said_range(limits.lower, limits.upper) + (f" for {when}" if when else "")
 
 
-def _numeric(datatype: Node) -> bool:
-    return (
-        isinstance(datatype, URIRef) and (Literal("1", datatype=datatype).toPython() == 1) and datatype != XSD.boolean
-    )
-
-
-def example(fields: Sequence[Asked]) -> list[str]:
-    """What the arguments of a command might look like."""
-    return [f"{each.name}={'...' if each.fields else each.name.upper()}" for each in fields if each.required]
+def _numeric(datatype: URIRef) -> bool:
+    return number(Literal("1", datatype=datatype)) == 1.0
 
 
 def as_json(value: Any) -> str:
