@@ -1,12 +1,13 @@
 """The robots that can be had by name, and any URDF file by its path. Does not import MuJoCo before it is asked to."""
 
 import sysconfig
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from agents.robot import Facts, Robot
+from agents.robot import Facts, JointFacts, Robot
 from agents.urdf import UrdfError, joints_of
+from agents.wire.names import escape
 
 _ROBOTS = Path("cmeel.prefix", "share", "example-robot-data", "robots")
 
@@ -17,12 +18,16 @@ class UnavailableError(Exception):
 
 @dataclass(frozen=True)
 class Model:
-    """A demonstration robot: its file in example-robot-data, its title, its pose at the start (rad or m; others 0)."""
+    """A demonstration robot: its file in example-robot-data, its title, its pose at the start (rad or m; others 0).
+
+    ``poses`` are further ones that have a name; they may leave joints out.
+    """
 
     file: str
     title: str
     comment: str
     home: Mapping[str, float] = field(default_factory=dict)
+    poses: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     floating: bool = False
     home_height_m: float = 0.0
 
@@ -31,6 +36,14 @@ def _legs(hip_rad: float, thigh_rad: float, calf_rad: float) -> dict[str, float]
     pose: dict[str, float] = {}
     for leg, side in (("FL", 1), ("FR", -1), ("RL", 1), ("RR", -1)):
         pose |= {f"{leg}_hip_joint": side * hip_rad, f"{leg}_thigh_joint": thigh_rad, f"{leg}_calf_joint": calf_rad}
+    return pose
+
+
+def _baxter_arms(*values_rad: float) -> dict[str, float]:
+    """One pose for both arms, s0 to w2 of the left one; the right one is its mirror image."""
+    pose: dict[str, float] = {}
+    for joint, mirrored, value in zip(("s0", "s1", "e0", "e1", "w0", "w1", "w2"), (1, 0) * 4, values_rad, strict=False):
+        pose |= {f"left_{joint}": value, f"right_{joint}": -value if mirrored else value}
     return pose
 
 
@@ -44,12 +57,23 @@ MODELS: Mapping[str, Model] = {
             for arm in ("left", "right")
             for joint, value in (("s1", -0.55), ("e1", 0.75), ("w1", 1.26))
         },
+        {"untucked": _baxter_arms(-0.08, -1.0, -1.19, 1.94, 0.67, 1.03, -0.5)},
     ),
     "ur5": Model(
         "ur_description/urdf/ur5_robot.urdf",
         "UR5, a six-axis arm",
         "A light industrial arm of six revolute joints.",
         {"shoulder_lift_joint": -1.5708, "elbow_joint": 1.5708, "wrist_1_joint": -1.5708, "wrist_2_joint": -1.5708},
+        {
+            "upright": {
+                "shoulder_pan_joint": 0.0,
+                "shoulder_lift_joint": -1.5708,
+                "elbow_joint": 0.0,
+                "wrist_1_joint": -1.5708,
+                "wrist_2_joint": 0.0,
+                "wrist_3_joint": 0.0,
+            }
+        },
     ),
     "panda": Model(
         "panda_description/urdf/panda.urdf",
@@ -63,18 +87,43 @@ MODELS: Mapping[str, Model] = {
             "panda_finger_joint1": 0.001,
             "panda_finger_joint2": 0.001,
         },
+        {
+            "upright": {
+                "panda_joint1": 0.0,
+                "panda_joint2": 0.0,
+                "panda_joint3": 0.0,
+                "panda_joint4": -0.1,
+                "panda_joint5": 0.0,
+                "panda_joint6": 1.5707,
+                "panda_joint7": 0.785398,
+            },
+            "open": {"panda_finger_joint1": 0.04},
+        },
     ),
     "tiago": Model(
         "tiago_description/robots/tiago.urdf",
         "TIAGo, a mobile manipulator",
         "A wheeled base, a torso that lifts, one arm and a five-fingered hand.",
         {"torso_lift_joint": 0.15, "arm_1_joint": 0.5, "arm_2_joint": -0.6, "arm_4_joint": 1.2},
+        {
+            "folded": {
+                "torso_lift_joint": 0.15,
+                "arm_1_joint": 0.2,
+                "arm_2_joint": -1.34,
+                "arm_3_joint": -0.2,
+                "arm_4_joint": 1.94,
+                "arm_5_joint": -1.57,
+                "arm_6_joint": 1.37,
+                "arm_7_joint": 0.0,
+            }
+        },
     ),
     "go2": Model(
         "go2_description/urdf/go2.urdf",
         "Go2, a walking robot with four legs",
         "A quadruped of twelve joints that stands on the ground.",
         _legs(0.068, 0.785, -1.44),
+        {"crouched": _legs(0.068, 1.1, -2.1)},
         floating=True,
         home_height_m=0.335,
     ),
@@ -109,7 +158,19 @@ def data_folder() -> Path:
 
 def facts_of(model: Model, urdf: str) -> Facts:
     """The facts of a model with the text of its file; UrdfError when that is no URDF."""
-    return Facts(model.title, urdf, joints_of(urdf), model.floating, _annotations(model))
+    joints = joints_of(urdf)
+    return Facts(model.title, urdf, joints, model.floating, _annotations(model, joints))
+
+
+def poses_of(model: Model, joints: Sequence[JointFacts]) -> dict[str, dict[str, float]]:
+    """The named poses, in rad or m and within the limits: "home", as at the start, and the others of the model.
+
+    Joints that turn endlessly are left out of home: wheels have none. A file of somebody's own has no poses.
+    """
+    commanded = {joint.name: joint.limits for joint in joints if joint.mimics is None and not joint.continuous}
+    home = {"home": {name: model.home.get(name, 0.0) for name in commanded}} if model.home else {}
+    poses = {**home, **model.poses}
+    return {title: {name: commanded[name].clamp(at) for name, at in pose.items()} for title, pose in poses.items()}
 
 
 def _simulate(name: str, model: Model, path: Path) -> Robot:
@@ -128,13 +189,25 @@ def _simulate(name: str, model: Model, path: Path) -> Robot:
         raise UnavailableError(str(error)) from error
 
 
-def _annotations(model: Model) -> str:
-    """Turtle whose relative IRI <> is the robot (R1.12)."""
-    return (
-        "@prefix dcterms: <http://purl.org/dc/terms/> .\n"
-        "@prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> .\n"
-        f"<> rdfs:comment {_literal(model.comment)}@en ;\n   dcterms:source {_literal(Path(model.file).name)} .\n"
-    )
+def _annotations(model: Model, joints: Sequence[JointFacts]) -> str:
+    """Turtle whose relative IRI <> is the robot (R1.12), and <name> its joint."""
+    lines = [
+        "@prefix dcterms: <http://purl.org/dc/terms/> .",
+        "@prefix lf: <https://w3id.org/linked-fleet#> .",
+        "@prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> .",
+        "@prefix unit: <http://qudt.org/vocab/unit/> .",
+        "@prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> .",
+        f"<> rdfs:comment {_literal(model.comment)}@en ;\n   dcterms:source {_literal(Path(model.file).name)} .",
+    ]
+    units = {joint.name: "M" if joint.linear else "RAD" for joint in joints}
+    for title, pose in poses_of(model, joints).items():
+        targets = ",\n     ".join(
+            f"[ lf:ofJoint <{escape(name)}> ; vom:numericalValue {position!r} ; vom:unit unit:{units[name]} ]"
+            for name, position in pose.items()
+        )
+        if targets:
+            lines.append(f"<> lf:namedPose [ dcterms:title {_literal(title)} ; lf:target\n     {targets} ] .")
+    return "\n".join(lines) + "\n"
 
 
 def _literal(text: str) -> str:

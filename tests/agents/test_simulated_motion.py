@@ -1,0 +1,185 @@
+"""What the simulated robots of the catalogue really do when an agent moves them, on a clock of the test's own."""
+
+import itertools
+from collections.abc import Mapping
+from typing import Any
+
+import numpy
+import pytest
+
+from agents.agent import Agent
+from agents.profile import cruise_of
+from agents.robot import JointFacts, Robot
+from agents.robots.catalogue import MODELS, load, poses_of
+from agents.wire import codec
+from agents.wire.messages import Accepted, Command, Follow, Move, Progress, Reply, State, Stop
+
+PERIOD_NS = 10_000_000
+POSES = [(name, pose) for name, model in MODELS.items() for pose in model.poses]
+
+
+class Bench:
+    """A simulated robot with its agent, whose frames and progress are kept here; it is its own link."""
+
+    gateway_present, arrivals = True, 1
+
+    def __init__(self, source: str) -> None:
+        self.frames: list[State] = []
+        self.progress: list[Progress] = []
+        self.now_ns = 1_000_000_000
+        self.robot: Robot = load(source, source)
+        self.joints = {joint.name: joint for joint in self.robot.describe().joints}
+        self.poses = poses_of(MODELS[source], tuple(self.joints.values()))
+        self.agent = Agent(source, self.robot, monotonic_ns=lambda: self.now_ns)
+        self.run(0.2)
+
+    def publish_state(self, payload: bytes) -> None:
+        self.frames.append(codec.decode_state(payload))
+
+    def publish_progress(self, payload: bytes, final: bool) -> None:
+        self.progress.append(codec.decode(payload, Progress))
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds * 100)):
+            self.now_ns += PERIOD_NS
+            self.agent.tick(self)
+
+    def command(self, command_id: str, motion: Move | Follow, **more: Any) -> Reply:
+        last = self.frames[-1]
+        asked = Command(
+            version=1,
+            id=command_id,
+            incarnation=last.incarnation,
+            seen_ns=last.monotonic_ns,
+            time_to_live_ns=1_000_000_000,
+            motion=motion,
+            **more,
+        )
+        return codec.decode_reply(self.agent.handle(codec.encode(asked)))
+
+    def finish(self, command_id: str, motion: Move | Follow) -> Progress:
+        """Let it run for as long as the agent said, and half a second to settle."""
+        reply = self.command(command_id, motion)
+        assert isinstance(reply, Accepted), reply
+        self.run(reply.duration_s + 0.5)
+        return self.end(command_id)
+
+    def end(self, command_id: str) -> Progress:
+        return [progress for progress in self.progress if progress.id == command_id][-1]
+
+    def rows(self, of: str) -> Mapping[str, numpy.ndarray]:
+        columns = numpy.array([getattr(frame, of) for frame in self.frames]).T
+        return dict(zip(self.joints, columns, strict=True))
+
+
+def _held_its_limits(bench: Bench) -> None:
+    """No joint was ever faster, stronger or further than its URDF allows; mimics and free wheels follow others."""
+    speeds, efforts, positions = bench.rows("velocities"), bench.rows("efforts"), bench.rows("positions")
+    for name, joint in bench.joints.items():
+        limits = joint.limits
+        if limits.velocity is not None and joint.mimics is None:
+            assert abs(speeds[name]).max() <= limits.velocity, name
+        if limits.effort is not None:
+            assert abs(efforts[name]).max() <= limits.effort * (1 + 1e-9), name
+        if limits.lower is not None and limits.upper is not None and joint.mimics is None:
+            assert positions[name].min() >= limits.lower - 2e-3, name
+            assert positions[name].max() <= limits.upper + 2e-3, name
+
+
+def _stands_upright(bench: Bench) -> None:
+    base = bench.frames[-1].base
+    if base is not None:
+        assert base.position_m[2] > 0.18
+        assert base.orientation_xyzw[3] > 0.99
+
+
+@pytest.mark.parametrize(("source", "pose"), POSES)
+def test_a_named_pose_is_reached_exactly_and_home_again(source: str, pose: str) -> None:
+    """At full speed, within limits, on its feet; whoever reads "succeeded" can rely on a millimetre at the tip."""
+    bench = Bench(source)
+    for title in (pose, "home"):
+        end = bench.finish(title, Move(bench.poses[title]))
+        assert (end.state, end.reason) == ("succeeded", "")
+        assert end.positions == pytest.approx(bench.poses[title], abs=2e-4)
+        _stands_upright(bench)
+    bench.run(1.0)
+    _held_its_limits(bench)
+    _stands_upright(bench)
+    last = dict(zip(bench.joints, bench.frames[-1].positions, strict=True))
+    assert {name: last[name] for name in bench.poses["home"]} == pytest.approx(bench.poses["home"], abs=2e-4)
+
+
+@pytest.mark.parametrize("source", sorted(MODELS))
+def test_home_is_where_the_robot_starts(source: str) -> None:
+    bench = Bench(source)
+    start = dict(zip(bench.joints, bench.frames[0].positions, strict=True))
+    assert {name: start[name] for name in bench.poses["home"]} == pytest.approx(bench.poses["home"], abs=1e-3)
+
+
+def _out_and_back(joints: Mapping[str, JointFacts], home: Mapping[str, float], pose: Mapping[str, float]) -> Follow:
+    """As fast as is allowed: the times of a first guess, stretched as the speed of every joint asks."""
+    names = tuple(name for name in pose if pose[name] != home[name])
+    middle = tuple((home[name] + pose[name]) / 2 for name in names)
+    rows = (middle, tuple(pose[name] for name in names), middle, tuple(home[name] for name in names))
+    slowest_s = max(abs(pose[name] - home[name]) / 2 / cruise_of(joints[name]) for name in names)
+    return Follow(names, tuple(slowest_s * 1.6 * number for number in range(1, 5)), rows)
+
+
+@pytest.mark.parametrize(("source", "pose"), [item for item in POSES if item[1] != "open"])
+def test_a_path_is_followed_as_fast_as_is_allowed_and_within_limits(source: str, pose: str) -> None:
+    bench = Bench(source)
+    follow = _out_and_back(bench.joints, bench.poses["home"], bench.poses[pose])
+    faster = tuple(time_s * 0.5 for time_s in follow.times_s)
+    assert not isinstance(bench.command("fast", Follow(follow.joints, faster, follow.positions)), Accepted)
+    end = bench.finish("follow", follow)
+    assert (end.state, end.reason) == ("succeeded", "")
+    _held_its_limits(bench)
+    _stands_upright(bench)
+
+
+@pytest.mark.parametrize(("source", "pose"), [item for item in POSES if item[1] != "open"])
+def test_a_stop_in_full_motion_is_smooth_and_holds(source: str, pose: str) -> None:
+    """From cruise to rest within the limits; then nothing moves any more."""
+    bench = Bench(source)
+    assert isinstance(bench.command("m", Move(bench.poses[pose])), Accepted)
+    bench.run(0.6)
+    stop = codec.decode_reply(bench.agent.handle_stop(codec.encode(Stop(version=1, id="s"))))
+    assert isinstance(stop, Accepted)
+    bench.run(stop.duration_s + 0.5)
+    assert (bench.end("m").state, bench.end("s").state) == ("cancelled", "succeeded")
+    rested = bench.frames[-1].positions
+    bench.run(1.0)
+    assert bench.frames[-1].positions == pytest.approx(rested, abs=1e-4)
+    _held_its_limits(bench)
+    _stands_upright(bench)
+
+
+@pytest.mark.parametrize("source", sorted(MODELS))
+def test_no_motor_pushes_harder_than_its_effort_limit(source: str) -> None:
+    """Not even when a setpoint leaps: the force saturates exactly there."""
+    bench = Bench(source)
+    name = next(n for n, joint in bench.joints.items() if joint.limits.effort is not None and joint.mimics is None)
+    joint, start = bench.joints[name], bench.frames[-1].positions[list(bench.joints).index(name)]
+    leap = joint.limits.clamp(start + 50.0) if joint.limits.upper is not None else start + 50.0
+    bench.robot.apply({name: leap})
+    efforts = [
+        bench.robot.read(bench.now_ns / 1e9 + step * 0.01).efforts[list(bench.joints).index(name)]
+        for step in range(1, 20)
+    ]
+    assert joint.limits.effort is not None
+    assert max(map(abs, efforts)) <= joint.limits.effort
+    if joint.limits.effort < 1_000.0:
+        assert max(map(abs, efforts)) == pytest.approx(joint.limits.effort)
+
+
+def test_redirected_and_stopped_again_and_again_limits_hold() -> None:
+    """A UR5 that is sent hither and thither at full speed, and stops in between."""
+    bench = Bench("ur5")
+    titles = itertools.cycle(["upright", "home"])
+    for number in range(12):
+        assert isinstance(bench.command(f"m{number}", Move(bench.poses[next(titles)])), Accepted)
+        bench.run(0.35)
+        if number % 4 == 3:
+            bench.agent.handle_stop(codec.encode(Stop(version=1, id=f"s{number}")))
+            bench.run(0.2)
+    _held_its_limits(bench)
