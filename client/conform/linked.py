@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import rdflib
 from rdflib import RDF, BNode, Literal, URIRef
+from rdflib.term import Node
 
 from client.conform.blueprint import Case, Conformance, judge
 from client.conform.rdf import DCTERMS, LDP, RDFS, TURTLE, related, types
@@ -16,6 +17,7 @@ from client.conform.walk import Page, plain
 
 _MOST_VALIDATED = 40
 _VALIDATION_S = 60.0
+_UNREADABLE = "no RDF representation of a thing can be read"
 _CONTAINERS = frozenset({LDP.Container, LDP.BasicContainer, LDP.DirectContainer, LDP.IndirectContainer})
 _STANDARD = (str(RDFS), str(DCTERMS), str(LDP))
 _KNOWN = (
@@ -40,8 +42,10 @@ async def r1_2(subject: Subject) -> Verdict:
     """A RT server must respond with a Turtle representation of the requested Linked Robotic Thing, unless HTTP
     content-negotiation requires a different outcome.
     """
-    problems = []
-    for page in subject.walk.things():
+    things, declared = subject.walk.things(), subject.walk.declared()
+    known = {page.url for page in things}
+    problems = [page.fault for page in subject.walk if page.url not in known and _may_be_a_thing(page, declared)]
+    for page in things:
         if page.fault:
             problems.append(page.fault)
         elif page.answer.media_type != TURTLE:
@@ -53,16 +57,26 @@ async def r1_2(subject: Subject) -> Verdict:
     return judged(problems, f"Turtle, unasked, of {_things(subject)}")
 
 
+def _may_be_a_thing(page: Page, declared: set[Node]) -> bool:
+    """Whether a page that cannot be read is called a thing elsewhere, or is Turtle that could say so."""
+    called = page.node in declared or URIRef(page.asked) in declared
+    return bool(page.fault) and page.answer.successful and (called or page.answer.media_type == TURTLE)
+
+
 def _things(subject: Subject) -> str:
     things = subject.walk.things()
     return f"{len(things)} things such as {things[-1].url}"
 
 
+def _readable(subject: Subject) -> list[Page]:
+    return [page for page in subject.walk.things() if not page.fault]
+
+
 async def r1_3(subject: Subject) -> Verdict:
     """Linked Robotic Things must have at least one rdf:type set explicitly in their RDF representations."""
-    readable = [page for page in subject.walk.things() if not page.fault]
+    readable = _readable(subject)
     if not readable:
-        return cant_tell("no RDF representation of a thing can be read")
+        return cant_tell(_UNREADABLE)
     return judged(
         [f"GET {page.url}: no rdf:type of {page.node}" for page in readable if not types(page.graph, page.node)],
         f"rdf:type on each of {_things(subject)}",
@@ -84,7 +98,7 @@ async def r1_5(subject: Subject) -> Verdict:
     """
     terms = {str(term) for page in subject.walk.things() for term in _terms(page.graph)}
     if not terms:
-        return cant_tell("no RDF representation of a thing can be read")
+        return cant_tell(_UNREADABLE)
     if not any(term.startswith(_STANDARD) for term in terms):
         return failed(f"{_things(subject)}: no term of RDF Schema, Dublin Core or LDP among {len(terms)}")
     model = str(subject.walk.model)
@@ -150,8 +164,10 @@ async def r1_8(subject: Subject) -> Verdict:
     Linked Robotic Thing's URI, whose predicate is hybrit:subscriptions and whose object is the URI for the
     Subscriptions container resource.
     """
-    problems = []
-    for thing in subject.walk.things():
+    problems, things = [], _readable(subject)
+    if not things:
+        return cant_tell(_UNREADABLE)
+    for thing in things:
         nodes = subject.walk.named(thing, "subscriptions")
         urls = [plain(node) for node in nodes if isinstance(node, URIRef) and subject.web.ours(plain(node))]
         if not nodes:
@@ -189,7 +205,9 @@ async def r1_10(subject: Subject) -> Verdict:
 
 def _collection(subject: Subject, role: str) -> Verdict:
     """That a thing has none may be because there is none: this cannot be seen from outside, unless no thing has any."""
-    things = subject.walk.things()
+    things = _readable(subject)
+    if not things:
+        return cant_tell(_UNREADABLE)
     having = [page for page in things if subject.walk.named(page, role)]
     if not having:
         return failed(f"no hybrit:{role} on any of {_things(subject)}")

@@ -84,6 +84,8 @@ async def r0_3(subject: Subject) -> Verdict:
         for page in subject.walk.things()
         if len(page.graph) and (page.node, None, None) not in page.graph
     ]
+    if any(isinstance(node, BNode) for node in subject.walk.declared()):
+        problems.append(f"{subject.extent()}: a Robotic Thing without URI")
     for page in subject.walk:
         for role, node in subject.walk.sub_resources(page):
             problems += [f"GET {page.url}: names a {role} without URI"] if isinstance(node, BNode | Literal) else []
@@ -116,6 +118,7 @@ async def r0_5(subject: Subject) -> Verdict:
         if not page.answer.successful and not _missing(page) and page.answer.status not in _PRIVATE
     ]
     allowed = {method: page.url for page in subject.answering() for method in (await subject.options(page.url)).allow}
+    telling = bool(allowed)
     for made in subject.trials.made():
         allowed |= dict.fromkeys(made.allow, made.url) | ({"DELETE": made.url} if _gone(made.deleted) else {})
         if made.left:
@@ -123,8 +126,8 @@ async def r0_5(subject: Subject) -> Verdict:
     missing = [method for method in ("POST", "PUT", "DELETE") if method not in allowed]
     if missing and not problems:
         found = f"{', '.join(missing)} in no Allow field of {subject.extent()}"
-        unseen = subject.walk.cut or (missing == ["DELETE"] and not any(made.url for made in subject.trials.made()))
-        return cant_tell(found) if unseen else failed(found)
+        nothing_deleted = missing == ["DELETE"] and not any(made.url for made in subject.trials.made())
+        return cant_tell(found) if subject.walk.cut or nothing_deleted or not telling else failed(found)
     seen = ", ".join(f"{method} {allowed[method]}" for method in ("POST", "PUT", "DELETE") if method in allowed)
     return judged(problems, f"GET answers on {subject.extent()}; allowed are {seen}")
 

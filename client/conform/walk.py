@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from urllib.parse import urldefrag
 
 import rdflib
-from rdflib import URIRef
+from rdflib import RDF, URIRef
 from rdflib.term import Node
 
 from client.conform.rdf import TURTLE, hybrit, linkset, named, related, turtle, types
@@ -82,9 +82,14 @@ class Walk:
     def sub_resources(self, page: Page) -> list[tuple[str, Node]]:
         return [(role, node) for role in _ROLES for node in self.named(page, role)]
 
+    def declared(self) -> set[Node]:
+        """What any page calls a Robotic Thing."""
+        return {node for page in self for node in page.graph.subjects(RDF.type, self.model.RoboticThing)}
+
     def claimed(self) -> list[Page]:
-        """The root and what pages name as their sub-resources: these answer, whatever else a graph may mention."""
+        """The root, things and what pages name as their sub-resources: these answer, whatever else a graph mentions."""
         urls = {plain(node) for page in self for _, node in self.sub_resources(page)} | {self.root.url}
+        urls.update(plain(node) for node in self.declared())
         urls.update(url for page in self for url in related(page.answer, "related"))
         return [page for page in self if page.asked in urls or page.url in urls]
 

@@ -1,0 +1,194 @@
+"""The conformance checker on servers that mean harm: it ends with results, stays on the server, and deletes nothing."""
+
+import contextlib
+import json
+import socket
+import threading
+from collections.abc import Callable, Iterator
+
+import pytest
+from running import free_port
+
+from client.conform import command
+from client.conform.web import MAX_BODY_BYTES
+
+Reply = Callable[[str, str], bytes]
+TYPE = "Content-Type: text/turtle\r\n"
+HYBRIT = "@prefix hybrit: <https://hybr-it-projekt.de/ns/hybr-it#> . @prefix sh: <http://www.w3.org/ns/shacl#> ."
+
+
+def http(status: str, headers: str = "", body: str = "") -> bytes:
+    content = body.encode()
+    return f"HTTP/1.1 {status}\r\n{headers}Content-Length: {len(content)}\r\n\r\n".encode() + content
+
+
+class Hostile:
+    """Answers each connection once with whatever ``reply(method, path)`` makes, and hangs up."""
+
+    def __init__(self, reply: Reply, stalls: bool = False) -> None:
+        self.reply, self.stalls = reply, stalls
+        self.lines: list[str] = []
+        self.over = threading.Event()
+        self.listener = socket.create_server(("127.0.0.1", 0))
+        self.root = f"http://127.0.0.1:{self.listener.getsockname()[1]}/"
+        self.threads = [threading.Thread(target=self.accept)]
+        self.threads[0].start()
+
+    def accept(self) -> None:
+        while True:
+            connection, _ = self.listener.accept()
+            if self.over.is_set():
+                connection.close()
+                return
+            self.threads.append(threading.Thread(target=self.answer, args=(connection,)))
+            self.threads[-1].start()
+
+    def answer(self, connection: socket.socket) -> None:
+        with connection, contextlib.suppress(OSError):
+            head = b""
+            while b"\r\n\r\n" not in head and (part := connection.recv(65536)):
+                head += part
+            line = head.decode("latin-1").partition("\r\n")[0]
+            self.lines.append(line)
+            connection.sendall(self.reply(*line.split(" ")[:2]))
+            if self.stalls:
+                self.over.wait()
+            connection.shutdown(socket.SHUT_WR)
+            while connection.recv(65536):
+                pass
+
+    def close(self) -> None:
+        self.over.set()
+        with contextlib.suppress(OSError):
+            socket.create_connection(self.listener.getsockname()).close()
+        self.threads[0].join()
+        self.listener.close()
+
+
+@contextlib.contextmanager
+def hostile(reply: Reply, stalls: bool = False) -> Iterator[Hostile]:
+    with contextlib.closing(Hostile(reply, stalls)) as server:
+        yield server
+
+
+def results(root: str, capsys: pytest.CaptureFixture[str], *options: str) -> dict[str, str]:
+    """Outcomes by requirement, of a check that found a must broken."""
+    assert command([root, "--json", "--timeout", "1", "--limit", "20", *options]) == 1
+    found = json.loads(capsys.readouterr().out)["results"]
+    assert len(found) == 29
+    assert all(result["evidence"].isprintable() and len(result["evidence"]) <= 240 for result in found)
+    return {result["id"]: result["outcome"] for result in found}
+
+
+NASTY: dict[str, Reply] = {
+    "no HTTP": lambda method, path: b"\x00\xff" * 500 + b"\r\n\r\n",
+    "nothing": lambda method, path: b"",
+    "endless redirects": lambda method, path: http("302 Found", f"Location: {path}x\r\n"),
+    "redirect to itself": lambda method, path: http("301 Moved", "Location: /\r\n"),
+    "redirect to no URL": lambda method, path: http("302 Found", "Location: http://[::1\r\n"),
+    "huge head": lambda method, path: b"HTTP/1.1 200 OK\r\nX: " + b"x" * 10**6 + b"\r\n\r\n",
+    "many fields": lambda method, path: http("200 OK", TYPE + "Link: <a>; rel=related\r\n" * 5000),
+    "huge body": lambda method, path: http("200 OK", TYPE, "#" * (MAX_BODY_BYTES + 1)),
+    "wrong length": lambda method, path: b"HTTP/1.1 200 OK\r\nContent-Length: 99\r\n\r\nx",
+    "garbage": lambda method, path: http("200 OK", TYPE, "<> a [ [ ) \x1b[2J \x00 ."),
+    "deep": lambda method, path: http("200 OK", TYPE, "<> <p> " + "[ <p> " * 20000),
+    "no UTF-8": lambda method, path: (
+        b"HTTP/1.1 200 OK\r\nContent-Type: text/turtle\r\nContent-Length: 2\r\n\r\n\xff\xfe"
+    ),
+    "control characters": lambda method, path: b"HTTP/1.1 200 OK\r\nETag: \xe9\x9b\r\nContent-Length: 0\r\n\r\n",
+    "bomb": lambda method, path: http("200 OK", TYPE + "Content-Encoding: gzip\r\n", "x"),
+    "every number": lambda method, path: http(
+        "200 OK", TYPE, '<> <p> "1e999999999"^^<http://www.w3.org/2001/XMLSchema#decimal> .'
+    ),
+    "foul link set": lambda method, path: http(
+        "200 OK", 'Content-Type: application/linkset+json\r\nLink: </>; rel="linkset"\r\n', '{"linkset": [[], 3, "x"]}'
+    ),
+    "foul links": lambda method, path: http("200 OK", TYPE + 'Link: <http://[>; rel="related", <>;;rel, <%\r\n', ""),
+}
+
+
+@pytest.mark.parametrize("name", NASTY)
+def test_whatever_is_answered_becomes_results(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with hostile(NASTY[name]) as server:
+        found = results(server.root, capsys)
+    assert "failed" in {found["R0.1"], found["R1.2"]}
+    assert found["R0.12"] == "failed"
+
+
+def test_who_never_finishes_is_not_waited_for(capsys: pytest.CaptureFixture[str]) -> None:
+    """A body that never ends costs one request's time each, and all of them no more than the total."""
+    with hostile(lambda method, path: b"HTTP/1.1 200 OK\r\nContent-Length: 9\r\n\r\n", stalls=True) as server:
+        found = results(server.root, capsys, "--limit", "2")
+    assert found["R0.4"] == "failed"
+    assert "cantTell" in found.values()
+
+
+def test_endless_trees_end(capsys: pytest.CaptureFixture[str]) -> None:
+    """A tree in which everything has ten parts more is walked no further than was asked."""
+
+    def reply(method: str, path: str) -> bytes:
+        parts = " ".join(f"<> hybrit:property <{path}{number}> ." for number in range(10))
+        return http("200 OK", TYPE, f"{HYBRIT} <> a hybrit:RoboticThing . {parts}")
+
+    with hostile(reply) as server:
+        results(server.root, capsys, "--resources", "12")
+        assert len({line for line in server.lines if line.startswith("GET ")}) <= 13
+
+
+def test_it_never_leaves_the_server(capsys: pytest.CaptureFixture[str]) -> None:
+    """Neither by a link, a Link field, a redirect, a Location, nor by the redirect of a WebSocket."""
+    with hostile(lambda method, path: http("200 OK")) as elsewhere:
+
+        def reply(method: str, path: str) -> bytes:
+            if path == "/away":
+                return http("302 Found", f"Location: {elsewhere.root}\r\n")
+            away = f'Link: <{elsewhere.root}>; rel="related"\r\nLocation: {elsewhere.root}\r\n'
+            names = f"hybrit:property <{elsewhere.root}p>, </away> ; hybrit:blueprint <{elsewhere.root}b>"
+            text = f"{HYBRIT} <> a hybrit:RoboticThing ; hybrit:subscriptions <> ; {names} ."
+            return http("201 Created" if method == "POST" else "200 OK", TYPE + away + "Allow: GET, POST\r\n", text)
+
+        with hostile(reply) as server:
+            results(server.root, capsys)
+            results(server.root + "away", capsys)
+        assert elsewhere.lines == []
+
+
+def test_nothing_is_deleted_that_was_there_before(capsys: pytest.CaptureFixture[str]) -> None:
+    """A server that calls its robot a new subscription keeps its robot."""
+
+    def reply(method: str, path: str) -> bytes:
+        text = f"{HYBRIT} <> a hybrit:RoboticThing ; hybrit:subscriptions </s> ; hybrit:property </robot> ."
+        headers = TYPE + "Allow: GET, POST, DELETE\r\nLocation: /robot\r\n"
+        return http("201 Created", headers, text if method == "GET" else "")
+
+    with hostile(reply) as server:
+        found = results(server.root, capsys)
+        assert not [line for line in server.lines if line.startswith("DELETE")]
+    assert found["R0.8"] == "failed"
+
+
+def test_shapes_with_programs_are_not_run(capsys: pytest.CaptureFixture[str]) -> None:
+    """A blueprint could have SPARQL fetch from anywhere."""
+    with hostile(lambda method, path: http("200 OK")) as elsewhere:
+        query = f"SELECT $this WHERE {{ SERVICE <{elsewhere.root}> {{ ?s ?p ?o }} }}"
+
+        def reply(method: str, path: str) -> bytes:
+            shape = f'<#s> a sh:NodeShape ; sh:targetNode </> ; sh:sparql [ sh:select "{query}" ] .'
+            thing = "<> a hybrit:RoboticThing ; hybrit:blueprint </b> ."
+            return http("200 OK", TYPE, f"{HYBRIT} {shape if path == '/b' else thing}")
+
+        with hostile(reply) as server:
+            assert results(server.root, capsys)["R1.11"] == "cantTell"
+        assert elsewhere.lines == []
+
+
+def test_who_is_not_there_is_unreachable(capsys: pytest.CaptureFixture[str]) -> None:
+    assert command([f"http://127.0.0.1:{free_port()}/"]) == 3
+    assert "cannot be reached" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("url", ["ftp://127.0.0.1/", "127.0.0.1", "http://user@127.0.0.1/", "http://[::1/", "http://"])
+def test_what_is_no_url_is_wrong_usage(url: str) -> None:
+    with pytest.raises(SystemExit) as ended:
+        command([url])
+    assert ended.value.code == 2
