@@ -6,12 +6,16 @@
     ├── MethodNotAllowed            405     method-not-allowed
     ├── NotAcceptable               406     not-acceptable
     ├── Conflict                    409     conflict
-    │   └── RefusedByAgent          409     refused
+    │   ├── RefusedByAgent          409     refused
+    │   ├── Changed                 409     changed
+    │   └── Controlled              409     controlled
     ├── PreconditionFailed          412     precondition-failed
     ├── PayloadTooLarge             413     payload-too-large
     ├── UnsupportedMediaType        415     unsupported-media-type
     ├── MisdirectedRequest          421     misdirected-request
     ├── UnprocessableContent        422     unprocessable-content
+    │   ├── OutOfReach              422     out-of-reach
+    │   └── KeyReused               422     key-reused
     ├── TooManySubscriptions        429     too-many-subscriptions
     ├── Offline                     503     offline
     ├── StoreAway                   503     store-away
@@ -29,6 +33,7 @@ from pyoxigraph import Triple
 
 from gateway.graph.vocab import LDP
 
+Members = dict[str, str | int | float | list[str]]
 PROBLEMS = "https://w3id.org/linked-fleet/problems#"
 
 
@@ -52,7 +57,7 @@ class FleetError(Exception):
         return PROBLEMS + self.code
 
     @property
-    def members(self) -> dict[str, str | int | list[str]]:
+    def members(self) -> Members:
         """Extension members (RFC 9457, 3.2): only those that are known."""
         return {}
 
@@ -77,7 +82,7 @@ class BadRequest(FleetError):
         self.line, self.column = line, column
 
     @property
-    def members(self) -> dict[str, str | int | list[str]]:
+    def members(self) -> Members:
         known = {"line": self.line, "column": self.column}
         return {name: value for name, value in known.items() if value is not None}
 
@@ -96,7 +101,7 @@ class MethodNotAllowed(FleetError):
         self.allow = tuple(allow)
 
     @property
-    def members(self) -> dict[str, str | int | list[str]]:
+    def members(self) -> Members:
         return {"allow": list(self.allow)}
 
 
@@ -110,7 +115,7 @@ class NotAcceptable(FleetError):
         self.offered = tuple(offered)
 
     @property
-    def members(self) -> dict[str, str | int | list[str]]:
+    def members(self) -> Members:
         return {"offered": list(self.offered)}
 
 
@@ -122,6 +127,26 @@ class RefusedByAgent(Conflict):
     """The robot's own agent said no: stale, out of limits, busy, held."""
 
     code, title = "refused", "The robot refused the command"
+
+
+class Changed(Conflict):
+    """The body named where joints must be (``lf:precondition``), and they are elsewhere."""
+
+    code, title = "changed", "The robot is not where the motion was planned for"
+
+
+class Controlled(Conflict):
+    """Somebody else has the control lease of the robot; ``holder`` and ``expires`` say who and until when."""
+
+    code, title = "controlled", "Somebody else controls the robot"
+
+    def __init__(self, detail: str, *, holder: str, expires: str) -> None:
+        super().__init__(detail)
+        self.holder, self.expires = holder, expires
+
+    @property
+    def members(self) -> Members:
+        return {"holder": self.holder, "expires": self.expires}
 
 
 class PreconditionFailed(FleetError):
@@ -144,7 +169,7 @@ class UnsupportedMediaType(FleetError):
         self.offered = tuple(offered)
 
     @property
-    def members(self) -> dict[str, str | int | list[str]]:
+    def members(self) -> Members:
         return {"offered": list(self.offered)} if self.offered else {}
 
 
@@ -171,8 +196,28 @@ class UnprocessableContent(FleetError):
         self.constraint = constraint
 
     @property
-    def members(self) -> dict[str, str | int | list[str]]:
+    def members(self) -> Members:
         return {"constraint": self.constraint} if self.constraint else {}
+
+
+class OutOfReach(UnprocessableContent):
+    """No joint positions bring the link there: how far off it would stay (m, and rad if an orientation was asked)."""
+
+    code, title = "out-of-reach", "The pose cannot be reached"
+
+    def __init__(self, detail: str, *, residual_m: float, residual_rad: float) -> None:
+        super().__init__(detail)
+        self.residual_m, self.residual_rad = residual_m, residual_rad
+
+    @property
+    def members(self) -> Members:
+        return {"residual_m": self.residual_m, "residual_rad": self.residual_rad}
+
+
+class KeyReused(UnprocessableContent):
+    """The Idempotency-Key belongs to another request, of the last day."""
+
+    code, title = "key-reused", "The idempotency key was used for another request"
 
 
 class TooManySubscriptions(FleetError):

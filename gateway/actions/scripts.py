@@ -30,6 +30,8 @@ for _, id in ipairs(redis.call('ZRANGEBYSCORE', KEYS[2], '-inf', now)) do forget
 """
 )
 
+ANYBODY = "anybody"  # in place of the hash of a token: whoever has the lease
+
 # A lease as its id, holder, time taken, time of expiry and duration, all in milliseconds; false without one.
 _LEASE = """
 local function lease(key)
@@ -38,6 +40,7 @@ local function lease(key)
 end
 local function refused(key, token, tied)
   local owner, held = lease(key)
+  if token == 'anybody' then return end
   if owner and owner ~= token then return {'held', unpack(held)} end
   if tied ~= '' and held[1] ~= tied then return {'over'} end
 end

@@ -18,6 +18,7 @@ import msgspec
 from gateway.actions import scripts
 from gateway.actions.keys import Keys, hashed, robot_of, tag
 from gateway.fleet.invocations import MAX_TERMINAL, Invocation
+from gateway.fleet.lease import Lease
 from gateway.store.connection import Connection, StoreUnavailable
 
 __all__ = ["KEPT_S", "ActionStore", "KeyReused", "Lease", "LeaseHeld", "LeaseOver", "News", "StoreUnavailable"]
@@ -29,19 +30,6 @@ _BACKOFF_S = 0.2  # of the reader of the news during an outage
 _MS = 1_000_000  # nanoseconds
 
 What = Literal["invocation", "deleted", "lease", "settings", "lost"]
-
-
-@dataclass(frozen=True)
-class Lease:
-    """The right to act on a robot alone, for a while; times are those of the clock of Redis. Whoever knows the secret
-    token that was handed out with it has it."""
-
-    id: str
-    robot: str
-    holder: str
-    taken_ns: int
-    expires_ns: int
-    duration_s: float
 
 
 @dataclass(frozen=True)
@@ -94,16 +82,19 @@ class ActionStore:
 
     # Invocations
 
-    async def open(self, invocation: Invocation, *, token: str = "", key: str = "", digest: str = "") -> str | None:
+    async def open(
+        self, invocation: Invocation, *, token: str = "", key: str = "", digest: str = "", unasked: bool = False
+    ) -> str | None:
         """Accept an invocation, or say the id of the earlier one that the same client's request already is.
 
         LeaseHeld unless ``token`` is that of the lease, if there is one; LeaseOver when the invocation is tied to a
         lease that is not held. ``key`` is an idempotency key and ``digest`` stands for its request: KeyReused when it
-        was used with another one less than a day ago. May be repeated with the same invocation after StoreUnavailable.
+        was used with another one less than a day ago. ``unasked``: whoever has a lease.
+        May be repeated with the same invocation after StoreUnavailable.
         """
         robot = invocation.robot
         keys: tuple[str, ...] = (*self._keys.invocations(robot), self._keys.lease(robot))
-        rules = (_secret(token), invocation.lease)
+        rules = (scripts.ANYBODY if unasked else _secret(token), invocation.lease)
         once: tuple[str | int, ...] = ()
         if key:
             once = digest, _ms(self._kept_s)

@@ -15,6 +15,7 @@ from agents.wire.codec import WireError, read_header
 from agents.wire.messages import Description
 from gateway.fleet.complaints import Complaints
 from gateway.fleet.events import Appeared, Described, Event, Framed, Undescribed, Vanished
+from gateway.fleet.lease import Lease
 from gateway.fleet.observation import Observation
 from gateway.fleet.robot import Robot
 
@@ -35,7 +36,7 @@ MAX_ROBOTS = 10_000
 MAX_RUNS = 8  # of one robot at once
 _log = logging.getLogger(__name__)
 
-What = Literal["appeared", "vanished", "described", "faulty", "frame"]
+What = Literal["appeared", "vanished", "described", "faulty", "configured", "frame"]
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,8 @@ class Fleet:
         self._entries: dict[str, _Entry] = {}
         self._robots: dict[str, Robot] = {}
         self._complaints = Complaints(_log)
+        self._settings: dict[str, Mapping[str, str]] = {}
+        self._leases: dict[str, Lease] = {}
         self.dropped: Counter[str] = Counter()
         self._handlers: dict[type, Callable[[Any, int], list[Change]]] = {
             Appeared: self._appeared,
@@ -79,6 +82,33 @@ class Fleet:
     @property
     def malformed(self) -> Counter[str]:
         return self._complaints.counts
+
+    def configure(self, robot: str, settings: Mapping[str, str]) -> list[Change]:
+        """Take over what clients have set, for a robot that may be yet to come; an unknown setting changes nothing."""
+        self._settings[robot] = settings
+        entry = self._entries.get(robot)
+        if entry is None or entry.robot.settings == settings:
+            return []
+        entry.robot.settings = settings
+        entry.robot.tell_news()
+        return [Change(robot, "configured")]
+
+    def control(self, robot: str, lease: Lease | None) -> list[Change]:
+        """Take over who has control of a robot, which may be yet to come."""
+        if lease is None:
+            self._leases.pop(robot, None)
+        else:
+            self._leases[robot] = lease
+        entry = self._entries.get(robot)
+        if entry is None or entry.robot.lease == lease:
+            return []
+        entry.robot.lease = lease
+        entry.robot.tell_news()
+        return [Change(robot, "configured")]
+
+    @property
+    def leases(self) -> Mapping[str, Lease]:
+        return MappingProxyType(self._leases)
 
     def apply(self, event: Event, now_ns: int) -> list[Change]:
         """Take an event at gateway wall time ``now_ns`` and say what changed by it."""
@@ -185,5 +215,6 @@ class Fleet:
         entry = self._entries.get(name)
         if entry is None and len(self._entries) < MAX_ROBOTS:
             entry = self._entries[name] = _Entry(Robot(name, self._complaints.add))
+            entry.robot.settings, entry.robot.lease = self._settings.get(name, {}), self._leases.get(name)
             self._robots = {key: self._entries[key].robot for key in sorted(self._entries)}
         return entry

@@ -159,6 +159,12 @@ class Invocations:
             invocation.ended_ns = progress.wall_ns
         return invocation
 
+    def answer(self, invocation: Invocation, robot: str, answer: str) -> None:
+        """Note what a robot answered to an invocation of the fleet, unless it has told how it ended already."""
+        if not invocation.state.terminal and not _ended(invocation.robots.get(robot, "")):
+            invocation.robots[robot] = answer
+            _gather(invocation)
+
     def lose(self, robot: str) -> list[Invocation]:
         """Nobody knows any more what became of the open ones of a robot whose agent is gone; return them.
 

@@ -119,7 +119,7 @@ class Link:
     child_joints: tuple[str, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RobotModel:
     """A tree: one root, every other link below exactly one joint. Both mappings keep the order of the file."""
 

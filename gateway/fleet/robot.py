@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from agents.wire.codec import MAX_JOINTS, Header, WireError, decode_state, layout
 from agents.wire.messages import Description, State
 from gateway.fleet.kinematics import Kinematics
+from gateway.fleet.lease import Lease
 from gateway.fleet.model import ModelError, Pose, RobotModel
 from gateway.fleet.observation import Observation, Observations
 
@@ -46,6 +47,11 @@ class Robot:
         self.last_seen_ns: int | None = None
         self.news = (0, 0)
         """The last change that no frame brought: how many frames there had been, and which such change after that."""
+        self.lease: Lease | None = None
+        self.settings: Mapping[str, str] = {}
+        """What clients have set: ``title``, ``annotations`` (Turtle), ``maximumSpeedScale``; as it is remembered."""
+        self.targets: dict[str, float] = {}
+        """Where joints were last commanded to (rad or m), as far as that still holds."""
         self._complain = complain
         self._fault: str | None = None
         self._kinematics: Kinematics | None = None
@@ -58,6 +64,22 @@ class Robot:
     def fault(self) -> str | None:
         """Why this robot cannot be used fully, as a sentence; None when it can."""
         return self._fault or self._kinematics_fault
+
+    @property
+    def title(self) -> str:
+        said = self.description.title if self.description is not None else ""
+        return self.settings.get("title") or said or self.name
+
+    @property
+    def annotations(self) -> str:
+        """Turtle whose base is the IRI of the robot: what clients have set, or else what its agent says."""
+        said = self.description.annotations if self.description is not None else ""
+        return self.settings.get("annotations", said)
+
+    @property
+    def speed_scale(self) -> float:
+        """The share of its speed that clients allow, above 0, at most 1."""
+        return float(self.settings.get("maximumSpeedScale", 1.0))
 
     @property
     def header(self) -> Header | None:
@@ -131,6 +153,7 @@ class Robot:
         """Begin another run of the agent: nothing measured by the run before is true any more."""
         self.incarnation = incarnation
         self.news = (0, 0)
+        self.targets = {}
         self._fault = None
         self._frame = None
         self._observations.clear()
@@ -138,11 +161,11 @@ class Robot:
 
     def appear(self, online: bool) -> None:
         self.online = online
-        self._tell_news()
+        self.tell_news()
 
     def describe(self, description: Description) -> None:
         """Take a description; ``fault`` says afterwards whether it can be used."""
-        self._tell_news()
+        self.tell_news()
         old = self.description
         same_tree = old is not None and (old.urdf, old.base) == (description.urdf, description.base)
         if not same_tree or self.model is None:
@@ -161,7 +184,7 @@ class Robot:
 
     def undescribe(self, reason: str) -> None:
         """Stay visible, as faulty: what the agent says of its robot cannot be used."""
-        self._tell_news()
+        self.tell_news()
         self.description = self.model = self._kinematics = self._kinematics_fault = None
         self._fault = reason
         self._observations.clear()
@@ -197,7 +220,8 @@ class Robot:
         self._frame = None
         self._derived = _Derived()
 
-    def _tell_news(self) -> None:
+    def tell_news(self) -> None:
+        """Something is different that no frame brought."""
         frames, count = self.last_sequence() + 1, self.news[1]
         self.news = (frames, count + 1 if frames == self.news[0] else 1)
 
@@ -220,7 +244,7 @@ class Robot:
                 self._kinematics = Kinematics(self.description.urdf, self.description.base == "floating")
             except ModelError as error:
                 self._kinematics_fault = str(error)
-                self._tell_news()
+                self.tell_news()
                 _log.warning("robot %r has no link poses: %s", self.name, error)
         return self._kinematics
 

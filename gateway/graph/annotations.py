@@ -13,6 +13,8 @@ log = logging.getLogger(__name__)
 
 # What these namespaces say of a robot is the gateway's to say: an annotation must not add an action or a value.
 _OWN = tuple(namespace.iri for namespace in (HYBRIT, LDP, LF, ROS, SH, SOSA, XHV))
+# But a robot may say which poses it knows by name.
+_ITS = frozenset({LF.namedPose, LF.target, LF.ofJoint})
 _OWN_TERMS = frozenset({DCTERMS.title, DCTERMS.identifier, DCTERMS.hasPart})
 
 
@@ -39,16 +41,18 @@ def _parse(turtle: str, base: str) -> dict[NamedNode | BlankNode, list[Triple]]:
         return {}
     found: dict[NamedNode | BlankNode, list[Triple]] = {}
     for triple in triples:
-        if _is_own(triple):
+        if is_own(triple):
             log.warning("annotation %s of %s is left out: the gateway alone states it", triple.predicate.value, base)
             continue
         found.setdefault(triple.subject, []).append(triple)  # type: ignore[arg-type]
     return found
 
 
-def _is_own(triple: Triple) -> bool:
+def is_own(triple: Triple) -> bool:
     """A statement with a term of the gateway, a type of its vocabularies, or a second name for what it has named."""
     if triple.predicate == RDF.type:
         return isinstance(triple.object, NamedNode) and triple.object.value.startswith(_OWN)
     named = isinstance(triple.subject, NamedNode)  # a blank node may have a title
+    if triple.predicate in _ITS:
+        return False
     return triple.predicate.value.startswith(_OWN) or (named and triple.predicate in _OWN_TERMS)

@@ -1,17 +1,19 @@
 """Descriptions of fleet, robot, joint, link and property as triples (paper figures 2b and 3, R1.3 to R1.12)."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from pyoxigraph import Literal, NamedNode
 
+from gateway.actions.offer import Offer, fleet_offers, joint_offers, robot_offers
 from gateway.fleet.fleet import Fleet
-from gateway.fleet.model import Joint, JointKind, Link
+from gateway.fleet.model import Joint, Link
 from gateway.fleet.robot import Robot
 from gateway.graph.annotations import annotate
 from gateway.graph.build import Graph, timestamp
 from gateway.graph.kinds import kind_of
-from gateway.graph.paths import joint_path, link_path, robot_path
-from gateway.graph.properties import Property, joint_properties, link_properties, robot_properties
+from gateway.graph.paths import joint_path, lease_path, link_path, robot_path
+from gateway.graph.properties import joint_properties, link_properties, robot_properties
+from gateway.graph.property import Property
 from gateway.graph.vocab import DCTERMS, HYBRIT, LDP, LF, RDFS, ROS, XHV
 
 _SECOND_NS = 1_000_000_000
@@ -33,25 +35,30 @@ class Describer:
         graph.a(root, HYBRIT.RoboticThing, LF.Fleet, LDP.BasicContainer, LDP.Container)
         graph.add(root, DCTERMS.title, Literal("Linked Fleet"))
         self._interface(graph, "/", LF.FleetShape)
+        self._actions(graph, root, fleet_offers())
         graph.add(root, LF.vocabulary, self.iri("/vocabulary"))
         robots = [robot for _, robot in sorted(fleet.robots.items())]
         graph.add(root, LDP.contains, *(self.iri(robot_path(robot.name)) for robot in robots))
         for robot in robots:
             iri = self.iri(robot_path(robot.name))
             graph.a(iri, HYBRIT.RoboticThing, LF.Robot)
-            graph.add(iri, DCTERMS.title, Literal(robot_title(robot)))
+            graph.add(iri, DCTERMS.title, Literal(robot.title))
             self.presence(graph, iri, robot)
 
-    def robot(self, robot: Robot, graph: Graph) -> None:
+    def robot(self, robot: Robot, tasks: Sequence[str], graph: Graph) -> None:
+        """``tasks``: paths of the invocations that are under way."""
         path = robot_path(robot.name)
         iri = self.iri(path)
         graph.a(iri, HYBRIT.RoboticThing, LF.Robot)
-        graph.add(iri, DCTERMS.title, Literal(robot_title(robot)))
+        graph.add(iri, DCTERMS.title, Literal(robot.title))
         graph.add(iri, DCTERMS.identifier, Literal(robot.name))
         graph.add(iri, RDFS.seeAlso, self.iri("/"))
         self.presence(graph, iri, robot)
         self._last_frame(graph, iri, robot)
         self._interface(graph, path, LF.RobotShape)
+        self._actions(graph, iri, robot_offers(robot))
+        graph.add(iri, LF.lease, self.iri(lease_path(robot.name)))
+        graph.add(iri, LF.currentTask, *(self.iri(task) for task in tasks))
         self._annotations(graph, iri, robot)
         if robot.model is None or robot.description is None:
             return
@@ -70,8 +77,7 @@ class Describer:
         iri = self.iri(path)
         self._introduce_joint(graph, robot, joint)
         self._interface(graph, path, kind.shape)
-        for action in joint_actions(robot, joint):
-            graph.add(iri, HYBRIT.action, self.iri(f"{path}/actions/{action}"))
+        self._actions(graph, iri, joint_offers(robot, joint))
         graph.add(iri, RDFS.seeAlso, self.iri(robot_path(robot.name)))
         graph.add(iri, DCTERMS.isPartOf, self.iri(robot_path(robot.name)))
         self._presence_if_offline(graph, iri, robot)
@@ -142,6 +148,9 @@ class Describer:
         graph.add(iri, HYBRIT.blueprint, shape, self.iri(stem + "/blueprint"))
         graph.add(iri, HYBRIT.subscriptions, self.iri(stem + "/subscriptions"))
 
+    def _actions(self, graph: Graph, iri: NamedNode, offers: Iterable[Offer]) -> None:
+        graph.add(iri, HYBRIT.action, *(self.iri(offer.path) for offer in offers))
+
     def _properties(self, graph: Graph, owner: str, items: Iterable[Property]) -> None:
         items = list(items)
         iri, stem = self.iri(owner), owner.rstrip("/")
@@ -171,12 +180,7 @@ class Describer:
         graph.add(iri, DCTERMS.title, Literal(link))
 
     def _annotations(self, graph: Graph, iri: NamedNode, robot: Robot) -> None:
-        if robot.description is not None:
-            annotate(graph, iri, robot.description.annotations, self.base + robot_path(robot.name))
-
-
-def robot_title(robot: Robot) -> str:
-    return robot.description.title if robot.description and robot.description.title else robot.name
+        annotate(graph, iri, robot.annotations, self.base + robot_path(robot.name))
 
 
 def part_paths(robot: Robot) -> list[str]:
@@ -185,11 +189,3 @@ def part_paths(robot: Robot) -> list[str]:
         return []
     joints = [joint_path(robot.name, name) for name in robot.model.joints]
     return joints + [link_path(robot.name, robot.model, name) for name in robot.model.links]
-
-
-def joint_actions(robot: Robot, joint: Joint) -> list[str]:
-    """Names of the joint's actions: none for a joint that takes no command, or a robot that takes none."""
-    action = kind_of(joint).action
-    able = robot.description is not None and "move" in robot.description.capabilities
-    bounded = joint.kind is JointKind.CONTINUOUS or None not in (joint.limits.lower, joint.limits.upper)
-    return [action] if action is not None and able and bounded and joint.commandable else []

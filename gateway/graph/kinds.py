@@ -29,7 +29,9 @@ DEGREE = Unit(MATHS.Degree, UNIT.DEG, (MATHS.Degree, VOM.Degree, UNIT.DEG), math
 METRE, MILLIMETRE = _qudt("M"), _qudt("MilliM", 1e-3)
 KILOGRAM, UNITLESS = _qudt("KiloGM"), _qudt("UNITLESS")
 NEWTON, NEWTON_METRE = _qudt("N"), _qudt("N-M")
+SECOND = _qudt("SEC")
 RADIAN_PER_SECOND, METRE_PER_SECOND = _qudt("RAD-PER-SEC"), _qudt("M-PER-SEC")
+DEGREE_PER_SECOND, MILLIMETRE_PER_SECOND = _qudt("DEG-PER-SEC", math.pi / 180), _qudt("MilliM-PER-SEC", 1e-3)
 KILOGRAM_SQUARE_METRE = _qudt("KiloGM-M2")
 NEWTON_METRE_SECOND_PER_RADIAN, NEWTON_SECOND_PER_METRE = _qudt("N-M-SEC-PER-RAD"), _qudt("N-SEC-PER-M")
 
@@ -49,10 +51,31 @@ class Dimension:
     effort: Unit
     damping: Unit
     accepted: tuple[Unit, ...]
+    speeds: tuple[Unit, ...]
 
 
-ANGULAR = Dimension(RADIAN, RADIAN_PER_SECOND, NEWTON_METRE, NEWTON_METRE_SECOND_PER_RADIAN, (DEGREE, RADIAN))
-LINEAR = Dimension(METRE, METRE_PER_SECOND, NEWTON, NEWTON_SECOND_PER_METRE, (MILLIMETRE, METRE))
+ANGULAR = Dimension(
+    RADIAN,
+    RADIAN_PER_SECOND,
+    NEWTON_METRE,
+    NEWTON_METRE_SECOND_PER_RADIAN,
+    (DEGREE, RADIAN),
+    (DEGREE_PER_SECOND, RADIAN_PER_SECOND),
+)
+LINEAR = Dimension(
+    METRE,
+    METRE_PER_SECOND,
+    NEWTON,
+    NEWTON_SECOND_PER_METRE,
+    (MILLIMETRE, METRE),
+    (MILLIMETRE_PER_SECOND, METRE_PER_SECOND),
+)
+# What bodies of requests may state, by every IRI that is understood.
+UNITS: dict[NamedNode, Unit] = {
+    iri: unit
+    for unit in (*ANGULAR.accepted, *LINEAR.accepted, *ANGULAR.speeds, *LINEAR.speeds, UNITLESS)
+    for iri in unit.accepted
+}
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ RESERVED_AT_ROOT = frozenset(
 )
 RESERVED_IN_ROBOT = frozenset(
     {"actions", "annotations", "blueprint", "invocations", "jointState", "lease"}
-    | {"linkset", "meshes", "pose", "subscriptions", "title", "twist"}
+    | {"linkset", "maximumSpeedScale", "meshes", "pose", "subscriptions", "title", "twist"}
 )
 _LINK_MARK = "~link"  # no escape: "~l" is no hexadecimal digit, so the mark cannot be part of a name
 
@@ -26,6 +26,10 @@ def robot_path(robot: str) -> str:
 def robot_name(segment: str) -> str:
     """ValueError when ``segment`` is no robot's."""
     return unescape(segment, RESERVED_AT_ROOT)
+
+
+def lease_path(robot: str) -> str:
+    return robot_path(robot) + "lease"
 
 
 def joint_path(robot: str, joint: str) -> str:

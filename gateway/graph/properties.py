@@ -2,12 +2,12 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from itertools import chain
 
 from pyoxigraph import Literal, NamedNode
 
 from agents.wire.messages import Base
+from gateway.actions.offer import joint_offers
 from gateway.fleet.model import Joint, Link, Pose
 from gateway.fleet.observation import Observation
 from gateway.fleet.robot import Robot
@@ -29,31 +29,11 @@ from gateway.graph.kinds import (
     kind_of,
 )
 from gateway.graph.paths import joint_path
+from gateway.graph.property import Property
+from gateway.graph.settable import ABSOLUTE, settable, target
 from gateway.graph.vocab import DCTERMS, LF, MATHS, ROS, SPATIAL
 
 FRAME_MEDIA_TYPE = "application/vnd.linked-fleet.frame"
-Describe = Callable[[Graph, NamedNode], None]
-Look = Callable[[], tuple[Observation, ...]]
-
-
-@dataclass(frozen=True)
-class Property:
-    """One property of one thing; ``describe`` adds what is special to it, with the present value.
-
-    ``look`` gives the measured values that ``describe`` shows: they alone make a new frame news.
-    """
-
-    segment: str
-    predicate: NamedNode
-    types: tuple[NamedNode, ...]
-    shape: NamedNode
-    title: str
-    describe: Describe
-    look: Look = tuple
-
-    @property
-    def measured(self) -> bool:
-        return self.look is not tuple
 
 
 def scalar(segment: str, predicate: NamedNode, title: str, value: float | None, unit: Unit) -> Property:
@@ -110,6 +90,7 @@ def joint_properties(robot: Robot, joint: Joint) -> list[Property]:
     elif kind.type != LF.FixedJoint:
         # A floating or planar joint inside the tree has no place in the wire's arrays: its pose is unknown.
         found.append(_pose_property("pose", f"pose of {joint.name}", lambda: None, robot, f"{joint.name}/pose"))
+    found += [target(robot, offer) for offer in joint_offers(robot, joint) if offer.definition.iri in ABSOLUTE]
     found.append(_reference_frame(robot, joint))
     if joint.mimic is not None:
         found.append(_mimic(robot, joint))
@@ -162,6 +143,7 @@ def robot_properties(robot: Robot, iri_of: Callable[[str], NamedNode]) -> list[P
             lambda: tuple(chain.from_iterable(_joint_values(robot, joint) for joint in _movable(robot))),
         )
     ]
+    found += settable(robot)
     if robot.description is not None and robot.description.base == "floating":
         found.append(
             _pose_property("pose", f"pose of the base of {robot.name}", lambda: _base_pose(robot), robot, "pose")

@@ -5,13 +5,15 @@ from dataclasses import dataclass, field
 
 from pyoxigraph import NamedNode
 
-from gateway.graph.actions import JointMotion
+from gateway.graph.affordance import Affordance, CancelSubscription, ResumeSubscription, Subscribe
 from gateway.graph.build import Graph
 from gateway.graph.paths import owner_path
 from gateway.graph.reading import Source
+from gateway.graph.shapes import blueprint
 from gateway.graph.vocab import LDP
 from gateway.subscriptions.subscription import Record
 
+_OF_SUBSCRIPTIONS = (Subscribe, CancelSubscription, ResumeSubscription)
 CONTAINER = (LDP.Resource, LDP.BasicContainer)
 
 
@@ -19,8 +21,7 @@ CONTAINER = (LDP.Resource, LDP.BasicContainer)
 class Resource:
     """One resource; ``describe`` adds its triples, ``documents`` are its other representations by media type.
 
-    At most one of ``action``, ``subscriptions_of`` (the thing whose subscriptions it lists), ``subscription`` and
-    ``resumes`` says what can be done to it.
+    ``affords`` says what can be done to it besides reading.
     """
 
     path: str
@@ -30,10 +31,7 @@ class Resource:
     source: Source = field(default_factory=Source)
     own: tuple[str, ...] = ()
     parts: tuple[str, ...] = ()
-    action: JointMotion | None = None
-    subscriptions_of: str | None = None
-    subscription: Record | None = None
-    resumes: Record | None = None
+    affords: Affordance | None = None
     documents: Mapping[str, Callable[[], bytes]] = field(default_factory=dict)
     linkset_of: "Resource | None" = None
     has_linkset: bool = False
@@ -45,12 +43,31 @@ class Resource:
     @property
     def observable(self) -> bool:
         """Whether it can be subscribed to. Subscriptions cannot: they change with every message about them."""
-        return self.describe is not None and not (self.subscriptions_of or self.subscription or self.resumes)
+        return self.describe is not None and not isinstance(self.affords, _OF_SUBSCRIPTIONS)
+
+    @property
+    def subscription(self) -> Record | None:
+        """The subscription that it is."""
+        return self.affords.record if isinstance(self.affords, CancelSubscription) else None
 
     @property
     def owner(self) -> str:
         """Path of the fleet, robot, joint or link that owns it, or that it is."""
         return owner_path(self.path)
+
+
+def blueprint_of(
+    resource: Resource, base: str, shapes: tuple[NamedNode, ...], source: Source | None = None
+) -> Resource:
+    """The blueprint of a resource (paper 5.1); ``source``: what it follows from, if it is not always the same."""
+    path = resource.path.rstrip("/") + "/blueprint"
+    iri, target = NamedNode(base + path), NamedNode(base + resource.path)
+    return Resource(
+        path,
+        f"Blueprint of {resource.path}",
+        lambda graph: blueprint(graph, iri, target, shapes),
+        source=source or Source(),
+    )
 
 
 @dataclass(frozen=True)

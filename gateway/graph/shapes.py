@@ -1,6 +1,6 @@
 """The Turtle of shapes/: vocabulary and blueprints, loaded once from the package that ships them."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from importlib import resources
 
@@ -10,11 +10,23 @@ from pyoxigraph import parse as parse_rdf
 from gateway.graph.build import Graph, Node
 from gateway.graph.vocab import DCTERMS, LF, RDFS
 
+Complete = Callable[[Graph, Node, NamedNode], None]
+
 
 @cache
 def load(name: str) -> dict[Node, list[Triple]]:
     """The triples of shapes/NAME by subject, in the order of the file, blank nodes with labels of our own."""
-    text = (resources.files("shapes") / name).read_text(encoding="utf-8")
+    return _read((resources.files("shapes") / name).read_text(encoding="utf-8"))
+
+
+@cache
+def load_folder(name: str) -> dict[Node, list[Triple]]:
+    """The triples of all files in the folder shapes/NAME, as if they were one."""
+    files = [each for each in (resources.files("shapes") / name).iterdir() if each.name.endswith(".ttl")]
+    return _read("\n".join(each.read_text(encoding="utf-8") for each in sorted(files, key=lambda each: each.name)))
+
+
+def _read(text: str) -> dict[Node, list[Triple]]:
     labels: dict[str, BlankNode] = {}
 
     def rename(term: object) -> object:
@@ -25,6 +37,24 @@ def load(name: str) -> dict[Node, list[Triple]]:
         triple = Triple(*map(rename, quad.triple))  # type: ignore[arg-type]
         found.setdefault(triple.subject, []).append(triple)  # type: ignore[arg-type]
     return found
+
+
+def copy(graph: Graph, shapes: Mapping[Node, list[Triple]], start: Node, complete: Complete) -> BlankNode:
+    """Add a shape as one nest of blank nodes; ``complete`` adds to each what is for its ``lf:completedBy`` to say."""
+    node = graph.blank()
+    completions: list[NamedNode] = []
+    for triple in shapes[start]:
+        value = triple.object
+        if triple.predicate == LF.completedBy:
+            assert isinstance(value, NamedNode)
+            completions.append(value)
+        elif isinstance(value, NamedNode | BlankNode) and value in shapes:
+            graph.add(node, triple.predicate, copy(graph, shapes, value, complete))
+        else:
+            graph.add(node, triple.predicate, value)  # type: ignore[arg-type]
+    for completion in completions:
+        complete(graph, node, completion)
+    return node
 
 
 def closure(graph: Graph, start: NamedNode, name: str = "blueprints.ttl") -> None:

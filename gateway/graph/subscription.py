@@ -34,7 +34,16 @@ MAX_DESCRIBED = 100
 """Subscriptions that a container describes and not only lists: each takes half a millisecond."""
 _CALLBACKS = (HYBRIT.callbackURL, HYBRIT.callbackUrl)
 _READ = (*_CALLBACKS, HYBRIT.onResource, HYBRIT.mediaType, LF.depth, LF.minimumInterval, LF.deadband, LF.secret)
-_SHOWN = (LF.signed, LF.deliveryState, LF.lastDelivery, LF.lastStatus, LF.failures, LF.reason, HYBRIT.action)
+_SHOWN = (
+    LF.signed,
+    LF.deliveryState,
+    LF.lastDelivery,
+    LF.lastStatus,
+    LF.failures,
+    LF.reason,
+    HYBRIT.action,
+    HYBRIT.blueprint,
+)
 _READ_TYPES = {HYBRIT.Subscription, *(each for types in _TYPES.values() for each in types)}
 
 
@@ -84,6 +93,7 @@ def describe_subscription(graph: Graph, base: str, record: Record) -> None:
     graph.add(iri, DCTERMS.identifier, Literal(subscription.id))
     graph.add(iri, DCTERMS.title, Literal(f"Subscription to {subscription.resource}"))
     graph.add(iri, RDFS.seeAlso, NamedNode(base + container_path(subscription.owner)))
+    graph.add(iri, HYBRIT.blueprint, LF.SubscriptionResourceShape, NamedNode(iri.value + "/blueprint"))
     graph.add(iri, DCTERMS.created, timestamp(subscription.created_ns))
     graph.add(iri, LF.depth, _DEPTHS[subscription.depth])
     graph.add(iri, LF.minimumInterval, _decimal(subscription.interval_s))
@@ -226,7 +236,7 @@ def _text(triple: Triple) -> str:
 def _guard() -> rdflib.Graph:
     graph = Graph()
     describe_request_shape(graph)
-    return targeted(graph, LF.SubscriptionShape)
+    return targeted(graph.triples, LF.SubscriptionShape)
 
 
 def _refusal(report: rdflib.Graph, container_iri: str) -> UnprocessableContent:

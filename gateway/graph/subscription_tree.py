@@ -2,7 +2,8 @@
 
 from collections.abc import Sequence
 
-from gateway.graph.resource import CONTAINER, Resource
+from gateway.graph.affordance import CancelSubscription, ResumeSubscription, Subscribe
+from gateway.graph.resource import CONTAINER, Resource, blueprint_of
 from gateway.graph.subscription import (
     container_path,
     describe_resume,
@@ -12,6 +13,7 @@ from gateway.graph.subscription import (
     resume_path,
     subscription_path,
 )
+from gateway.graph.vocab import LF
 from gateway.subscriptions.subscription import Record
 
 
@@ -24,7 +26,7 @@ def in_subscriptions(thing: Resource, rest: list[str], records: Sequence[Record]
             lambda graph: describe_subscriptions(graph, base, thing.path, records),
             CONTAINER,
             own=tuple(subscription_path(each.subscription) for each in records),
-            subscriptions_of=thing.path,
+            affords=Subscribe(thing.path),
         )
     record = next((each for each in records if each.subscription.id == rest[0]), None)
     if record is None:
@@ -33,14 +35,19 @@ def in_subscriptions(thing: Resource, rest: list[str], records: Sequence[Record]
     title = f"Subscription {record.subscription.id}"
     if rest[1:] == ["actions", "resume"] and resumable(record):
         return Resource(
-            resume, f"Resume {title}", lambda graph: describe_resume(graph, base, record), (), resumes=record
+            resume,
+            f"Resume {title}",
+            lambda graph: describe_resume(graph, base, record),
+            (),
+            affords=ResumeSubscription(record),
         )
-    if rest[1:]:
-        return None
-    return Resource(
+    whole = Resource(
         path,
         title,
         lambda graph: describe_subscription(graph, base, record),
-        own=(resume,) if resumable(record) else (),
-        subscription=record,
+        own=(path + "/blueprint", *((resume,) if resumable(record) else ())),
+        affords=CancelSubscription(record),
     )
+    if rest[1:] == ["blueprint"]:
+        return blueprint_of(whole, base, (LF.SubscriptionResourceShape,))
+    return None if rest[1:] else whole

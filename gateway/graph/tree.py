@@ -2,25 +2,42 @@
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from itertools import chain
 from types import MappingProxyType
 
 from pyoxigraph import NamedNode
 
+from gateway.actions.offer import Offer, fleet_offers, joint_offers, robot_offers
 from gateway.fleet.fleet import Fleet
-from gateway.fleet.invocations import Invocation, Invocations
+from gateway.fleet.invocations import Invocations
 from gateway.fleet.model import Joint, Link
 from gateway.fleet.robot import Robot
-from gateway.graph.actions import JointMotion
+from gateway.graph.action_tree import in_actions, invocation_of
+from gateway.graph.affordance import Control, PutSetting, PutTarget
 from gateway.graph.build import Graph
-from gateway.graph.describe import Describer, joint_actions, part_paths, robot_title
-from gateway.graph.invocation import describe_invocation, describe_invocations, invocation_path
+from gateway.graph.describe import Describer, part_paths
+from gateway.graph.invocation import invocation_path
 from gateway.graph.kinds import kind_of
-from gateway.graph.paths import RESERVED_IN_ROBOT, is_below, joint_path, link_path, part_of, robot_name, robot_path
-from gateway.graph.properties import FRAME_MEDIA_TYPE, Property, joint_properties, link_properties
+from gateway.graph.lease import describe_lease
+from gateway.graph.paths import (
+    RESERVED_IN_ROBOT,
+    is_below,
+    joint_path,
+    lease_path,
+    link_path,
+    part_of,
+    robot_name,
+    robot_path,
+)
+from gateway.graph.properties import FRAME_MEDIA_TYPE, joint_properties, link_properties
+from gateway.graph.property import Property
 from gateway.graph.reading import Source, presence
-from gateway.graph.resource import CONTAINER, Redirect, Resource
-from gateway.graph.shapes import blueprint, load
+from gateway.graph.resource import CONTAINER, Redirect, Resource, blueprint_of
+from gateway.graph.settable import describe_target_input
+from gateway.graph.setting import Setting
+from gateway.graph.shapes import load
 from gateway.graph.subscription import describe_request_shape
 from gateway.graph.subscription_tree import in_subscriptions
 from gateway.graph.vocab import LDP, LF, PREFIXES
@@ -52,6 +69,8 @@ class Tree:
             return Redirect(found.path) if rest else found
         if head == "subscriptions":
             return self._of_thing(self._fleet_resource(), [head, *rest], ())
+        if head == "actions" and rest:
+            return in_actions(fleet_offers(), rest, self._invocations, Source(), self._base)
         try:
             robot = self._fleet.robots.get(robot_name(head))
         except ValueError:
@@ -78,13 +97,13 @@ class Tree:
             CONTAINER,
             # When a robot was last seen is what each gateway saw for itself.
             Source(self._robots, digest=lambda: [(*named, here, fault) for *named, (here, _, fault) in self._robots()]),
-            own=("/subscriptions", "/blueprint", "/vocabulary", "/context"),
+            own=("/subscriptions", "/blueprint", *(each.path for each in fleet_offers()), "/vocabulary", "/context"),
             parts=robots,
             has_linkset=True,
         )
 
     def _robots(self) -> list[tuple[str, str, tuple[bool, int | None, str | None]]]:
-        return [(name, robot_title(robot), presence(robot)) for name, robot in self._fleet.robots.items()]
+        return [(name, robot.title, presence(robot)) for name, robot in self._fleet.robots.items()]
 
     def _at_root(self, segment: str) -> Resource | None:
         if segment == "vocabulary":
@@ -104,7 +123,7 @@ class Tree:
             if rest == [""]:
                 return thing
             own = self._property(robot, thing.path, self._say.robot_properties(robot), rest)
-            return own or self._of_thing(thing, rest, (LF.RobotShape,))
+            return own or self._of_robot(robot, rest) or self._of_thing(thing, rest, (LF.RobotShape,))
         if robot.model is None:
             return None
         try:
@@ -116,31 +135,55 @@ class Tree:
         assert link is not None
         return self._in_link(robot, robot.model.links[link], rest[1:])
 
+    def _of_robot(self, robot: Robot, rest: list[str]) -> Resource | None:
+        """What robots have besides what all things have: actions of several joints, and the control lease."""
+        if rest[0] == "actions" and len(rest) > 1:
+            return in_actions(robot_offers(robot), rest[1:], self._invocations, _about(robot), self._base)
+        if rest[0] != "lease":
+            return None
+        path = lease_path(robot.name)
+        lease = Resource(
+            path,
+            f"Control of {robot.name}",
+            lambda graph: describe_lease(graph, self._base, robot),
+            source=Source(lambda: robot.lease, robot=robot),
+            own=(path + "/blueprint",),
+            affords=Control(robot),
+        )
+        if rest[1:] == ["blueprint"]:
+            return blueprint_of(lease, self._base, (LF.ControlLeaseShape,))
+        return None if rest[1:] else lease
+
     def _robot_resource(self, robot: Robot) -> Resource:
         path = robot_path(robot.name)
         properties = self._say.robot_properties(robot) if robot.model else []
+        actions = (*(each.path for each in robot_offers(robot)), lease_path(robot.name))
         return Resource(
             path,
             robot.name,
-            lambda graph: self._say.robot(robot, graph),
-            source=_thing(robot, properties),
-            own=_own(path, properties),
+            lambda graph: self._say.robot(robot, self._tasks(robot), graph),
+            source=_thing(robot, properties, lambda: (robot.lease, self._tasks(robot))),
+            own=_own(path, properties, actions),
             parts=tuple(part_paths(robot)),
             has_linkset=True,
         )
+
+    def _tasks(self, robot: Robot) -> list[str]:
+        """Paths of the invocations that the robot is carrying out (D4)."""
+        return [invocation_path(each) for each in self._invocations.open_of(robot.name)]
 
     def _in_joint(self, robot: Robot, joint: Joint, rest: list[str]) -> Found:
         thing = self._joint(robot, joint)
         if not rest:
             return thing
-        if rest[0] == "actions" and len(rest) > 1 and rest[1] in joint_actions(robot, joint):
-            return self._in_action(robot, JointMotion(robot, joint, rest[1]), rest[2:])
+        if rest[0] == "actions" and len(rest) > 1:
+            return in_actions(joint_offers(robot, joint), rest[1:], self._invocations, _about(robot), self._base)
         shape, properties = kind_of(joint).shape, joint_properties(robot, joint)
         return self._of_thing(thing, rest, (shape,)) or self._property(robot, thing.path, properties, rest)
 
     def _joint(self, robot: Robot, joint: Joint) -> Resource:
         path, properties = joint_path(robot.name, joint.name), joint_properties(robot, joint)
-        actions = tuple(JointMotion(robot, joint, name).path for name in joint_actions(robot, joint))
+        actions = tuple(each.path for each in joint_offers(robot, joint))
         return Resource(
             path,
             joint.name,
@@ -176,7 +219,7 @@ class Tree:
         if rest[0] == "subscriptions":
             return in_subscriptions(thing, rest[1:], self._shelf.get(thing.path, ()), self._base)
         if rest == ["blueprint"]:
-            return self._blueprint(path, thing.path, shapes, thing.source)
+            return blueprint_of(thing, self._base, shapes, _following(thing.source))
         if rest == ["linkset"]:
             return Resource(path, f"Links of {thing.title}", None, (LDP.Resource,), linkset_of=thing)
         return None
@@ -186,14 +229,15 @@ class Tree:
         if item is None or len(rest) > 2 or rest[1:] not in ([], ["blueprint"]):
             return None
         resource = self._measurement(robot, owner, item)
-        if rest[1:]:
-            return self._blueprint(resource.path + "/blueprint", resource.path, (item.shape,), resource.source)
-        return resource
+        if not rest[1:]:
+            return resource
+        whole = blueprint_of(resource, self._base, (item.shape,), _following(resource.source))
+        return replace(whole, describe=partial(_with_input, whole, item.put, self._base))
 
     def _measurement(self, robot: Robot, owner: str, item: Property) -> Resource:
         path = f"{owner.rstrip('/')}/{item.segment}"
         # What a new description leaves as it was is no news to a value: its constants are those of the model.
-        source = Source(lambda: (presence(robot), robot.model), item.look, robot)
+        source = Source(lambda: (presence(robot), robot.model, item.facts(), robot.settings), item.look, robot)
         documents: dict[str, Callable[[], bytes]] = {}
         if item.predicate == LF.jointState and robot.payload is not None:
             documents[FRAME_MEDIA_TYPE] = lambda: robot.payload or b""
@@ -204,53 +248,7 @@ class Tree:
             source=source,
             own=(path + "/blueprint",),
             documents=documents,
-        )
-
-    def _blueprint(self, path: str, owner: str, shapes: tuple[NamedNode, ...], of: Source) -> Resource:
-        iri, target = self._say.iri(path), self._say.iri(owner)
-        source = Source() if of.robot is None else _about(of.robot)
-        title = f"Blueprint of {owner}"
-        return Resource(path, title, lambda graph: blueprint(graph, iri, target, shapes), source=source)
-
-    def _in_action(self, robot: Robot, action: JointMotion, rest: list[str]) -> Resource | None:
-        path, source = action.path, _about(robot)
-        if not rest:
-            own = (path + "/produceshape", path + "/invocations")
-            # Neither an LDP resource nor a container: its PUT does not replace state, its POST creates no member.
-            return Resource(
-                path, action.title, lambda graph: action.describe(graph, self._base), (), source, own, action=action
-            )
-        if rest == ["produceshape"]:
-            title = f"Shape of what {action.name} produces"
-            return Resource(
-                path + "/produceshape", title, lambda graph: action.describe_result(graph, self._base), source=source
-            )
-        if rest[0] != "invocations":
-            return None
-        if len(rest) == 1:
-            members = self._invocations.of(path)
-            return Resource(
-                path + "/invocations",
-                f"Invocations of {action.title}",
-                lambda graph: describe_invocations(graph, self._base, path, members),
-                CONTAINER,
-                Source(lambda: [(each.id, each.state.value) for each in members]),
-                own=tuple(invocation_path(each) for each in members),
-            )
-        invocation = self._invocations.get(rest[1])
-        if len(rest) > 2 or invocation is None or invocation.action != path:
-            return None
-        return self._invocation(robot, invocation)
-
-    def _invocation(self, robot: Robot, invocation: Invocation) -> Resource:
-        return Resource(
-            invocation_path(invocation),
-            f"Invocation {invocation.id}",
-            lambda graph: describe_invocation(graph, self._base, robot, invocation),
-            source=Source(
-                lambda: (invocation.state.value, invocation.reason, list(invocation.result.items())),
-                ended=lambda: invocation.state.terminal,
-            ),
+            affords=_affordance(item.put),
         )
 
     # -- all that is below ------------------------------------------------------------------------------------------
@@ -281,9 +279,9 @@ class Tree:
                     yield thing, False
                 for item in properties:
                     yield self._measurement(robot, thing.path, item), True
-        for invocation in self._invocations.of_robot(robot.name):
-            if not invocation.state.terminal and is_below(invocation.action, root.path):
-                yield self._invocation(robot, invocation), True
+        for invocation in self._invocations.open_of(robot.name):
+            if is_below(invocation.action, root.path):
+                yield invocation_of(robot, invocation, self._invocations, self._base), True
 
     def _things(
         self, robot: Robot, joint: str | None, link: str | None
@@ -309,16 +307,37 @@ class Tree:
         return robot is not None and robot.model is None
 
 
-def _thing(robot: Robot, properties: Sequence[Property]) -> Source:
+def _thing(robot: Robot, properties: Sequence[Property], also: Callable[[], object] = tuple) -> Source:
     """A thing shows its properties: their values are news of it, and so is all that its robot says of itself."""
     looks = [each.look for each in properties if each.measured]
     look = (lambda: tuple(chain.from_iterable(look() for look in looks))) if looks else tuple
-    return Source(lambda: (presence(robot), robot.description), look, robot)
+    facts = [each.facts for each in properties if each.facts is not tuple]
+    return Source(
+        lambda: (presence(robot), robot.description, robot.settings, also(), [fact() for fact in facts]), look, robot
+    )
+
+
+def _following(source: Source) -> Source:
+    """What follows from the description alone."""
+    return Source() if source.robot is None else _about(source.robot)
+
+
+def _affordance(put: Setting | Offer | None) -> PutSetting | PutTarget | None:
+    if put is None:
+        return None
+    return PutSetting(put) if isinstance(put, Setting) else PutTarget(put)
+
+
+def _with_input(blueprint: Resource, put: Setting | Offer | None, base: str, graph: Graph) -> None:
+    """The blueprint of a property and, if its form depends on the joint, of what can be put there."""
+    assert blueprint.describe is not None
+    blueprint.describe(graph)
+    if isinstance(put, Offer):
+        describe_target_input(graph, NamedNode(f"{base}{blueprint.path}#input"), put, base)
 
 
 def _about(robot: Robot) -> Source:
-    """What follows from the description alone."""
-    return Source(lambda: robot.description, robot=robot)
+    return Source(lambda: (robot.description, robot.annotations), robot=robot)
 
 
 def _own(path: str, properties: list[Property], actions: tuple[str, ...] = ()) -> tuple[str, ...]:

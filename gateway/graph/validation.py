@@ -11,9 +11,8 @@ import rdflib
 from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, parse, serialize
 
 from gateway.errors import UnprocessableContent
-from gateway.graph.actions import NUMERIC
-from gateway.graph.build import Graph, Node
-from gateway.graph.vocab import SH, XSD
+from gateway.graph.build import Node
+from gateway.graph.vocab import NUMERIC, RDF, SH, XSD
 
 # rdflib logs the conversion traceback of every ill-typed literal; such literals are answered below, in words.
 logging.getLogger("rdflib.term").setLevel(logging.ERROR)
@@ -57,14 +56,13 @@ def check_lexical_forms(body: Sequence[Triple], constraint: str) -> None:
 
 def focused(about: Sequence[Triple]) -> rdflib.Graph:
     """Data for pySHACL: what is said about the root of a body, as if it were about FOCUS."""
-    return _to_rdflib([Triple(FOCUS, t.predicate, t.object) for t in about])
+    return to_rdflib([Triple(FOCUS, t.predicate, t.object) for t in about])
 
 
-def targeted(graph: Graph, shape: Node) -> rdflib.Graph:
-    """The shapes in ``graph`` for pySHACL; ``shape`` judges FOCUS whatever its type, which a body need not state."""
-    graph.a(shape, SH.NodeShape)
-    graph.add(shape, SH.targetNode, FOCUS)
-    return _to_rdflib(graph.triples)
+def targeted(triples: Sequence[Triple], shape: Node) -> rdflib.Graph:
+    """The shapes for pySHACL; ``shape`` judges FOCUS whatever its type, which a body need not state."""
+    own = [Triple(shape, RDF.type, SH.NodeShape), Triple(shape, SH.targetNode, FOCUS)]
+    return to_rdflib([*triples, *own])
 
 
 def validate(data: rdflib.Graph, shapes: rdflib.Graph) -> tuple[bool, rdflib.Graph]:
@@ -85,7 +83,7 @@ def from_rdflib(report: rdflib.Graph, request_iri: str) -> list[Triple]:
     return [Triple(relabel(q.subject), q.predicate, relabel(q.object)) for q in quads]  # type: ignore[arg-type]
 
 
-def _to_rdflib(triples: Sequence[Triple]) -> rdflib.Graph:
+def to_rdflib(triples: Sequence[Triple]) -> rdflib.Graph:
     text = serialize(triples, format=RdfFormat.N_TRIPLES)
     with warnings.catch_warnings(action="ignore"):  # of odd booleans and the like, which the shape refuses in words
         return rdflib.Graph().parse(data=text, format="nt")

@@ -30,20 +30,27 @@ XSD = Namespace(
     "nonPositiveInteger negativeInteger unsignedLong unsignedInt unsignedShort unsignedByte"
     " boolean string dateTime anyURI",
 )
+NUMERIC = (
+    XSD.float, XSD.double, XSD.decimal, XSD.integer, XSD.int, XSD.long, XSD.short, XSD.byte,
+    XSD.nonNegativeInteger, XSD.positiveInteger, XSD.nonPositiveInteger, XSD.negativeInteger,
+    XSD.unsignedLong, XSD.unsignedInt, XSD.unsignedShort, XSD.unsignedByte,
+)  # fmt: skip
+"""The types of numbers that bodies may use: 43.6 is a decimal in Turtle, a double in JSON-LD."""
 DCTERMS = Namespace("http://purl.org/dc/terms/", "title description identifier hasPart isPartOf format created")
 LDP = Namespace("http://www.w3.org/ns/ldp#", "Resource RDFSource Container BasicContainer contains constrainedBy")
 SH = Namespace(
     "http://www.w3.org/ns/shacl#",
     "NodeShape property path targetClass targetNode minCount maxCount datatype minInclusive"
-    " maxInclusive maxExclusive in or node name description"
+    " minExclusive maxInclusive maxExclusive in hasValue or node name description"
     " result focusNode resultPath value resultMessage sourceConstraintComponent",
 )
-PROV = Namespace("http://www.w3.org/ns/prov#", "Activity startedAtTime endedAtTime")
+PROV = Namespace("http://www.w3.org/ns/prov#", "Activity Agent startedAtTime endedAtTime wasAssociatedWith")
 SOSA = Namespace("http://www.w3.org/ns/sosa/", "resultTime")
 QUDT = Namespace("http://qudt.org/schema/qudt/", "unit")
 UNIT = Namespace(
     "http://qudt.org/vocab/unit/",
-    "RAD DEG M MilliM KiloGM N N-M RAD-PER-SEC M-PER-SEC KiloGM-M2 N-M-SEC-PER-RAD N-SEC-PER-M UNITLESS",
+    "RAD DEG M MilliM SEC KiloGM N N-M RAD-PER-SEC DEG-PER-SEC M-PER-SEC MilliM-PER-SEC"
+    " KiloGM-M2 N-M-SEC-PER-RAD N-SEC-PER-M UNITLESS",
 )
 XHV = Namespace("http://www.w3.org/1999/xhtml/vocab#", "prev next")
 HYBRIT = Namespace(
@@ -71,17 +78,33 @@ LF = Namespace(
     # classes
     "Fleet Robot Joint ContinuousJoint PrismaticJoint FixedJoint FloatingJoint PlanarJoint Invocation Blueprint"
     " ScalarProperty Translation Limits Pose Twist Point Inertia Mimicry JointState JointSample FrameField Quaternion"
-    " Problem Stream WebSocketStream EventStream"
+    " Problem Stream WebSocketStream EventStream ActionKind Rehearsal ControlLease TextProperty SpeedScale"
+    " Annotations NamedPose JointTargets JointTrajectory TargetPosition"
+    # kinds of actions
+    " Rotate RotateBy Translate TranslateBy Hold MoveJoints FollowTrajectory Reach AssumePose StopRobot StopAll"
+    " CancelInvocation"
     # shapes
     " FleetShape RobotShape LinkShape ContinuousJointShape PrismaticJointShape FixedJointShape FloatingJointShape"
     " PlanarJointShape ScalarPropertyShape TranslationShape LimitsShape PoseShape TwistShape PointShape InertiaShape"
-    " MimicryShape JointStateShape InvocationShape SubscriptionShape"
+    " MimicryShape JointStateShape InvocationShape RehearsalShape SubscriptionShape SubscriptionResourceShape"
+    " ActionShape"
+    " ControlLeaseShape ControlLeaseInput TextPropertyShape TextInput AnnotationsShape SpeedScaleShape SpeedScaleInput"
+    " TargetPositionShape"
     # individuals
-    " unknown online offline accepted running succeeded failed preempted thisAlone withProperties wholeSubtree active"
+    " unknown online offline accepted running succeeded failed cancelled preempted free held"
+    " thisAlone withProperties wholeSubtree active"
     " waiting awaitingConsent failing suspended"
     # predicates: things
     " presence lastSeen lastFrame fault rootLink baseMobility parentJoint childJoint shape invocations state reason"
     " target ofJoint result status vocabulary"
+    # predicates: kinds of actions, and what completes their shapes
+    " segment offeredBy capability completedBy anyNumber jointPosition jointDisplacement jointSpeed jointTarget"
+    " jointExpectation ownLease ownLink ownPose dryRun"
+    # predicates: what actions take and invocations tell
+    " speed speedScale precondition tolerance tiedTo waypoint atTime ofLink poseName namedPose input duration progress"
+    " preempts preemptedBy positionResidual orientationResidual answer ofRobot currentTask"
+    # predicates: control and settings
+    " lease holder expires leaseDuration targetRotation targetTranslation title annotations maximumSpeedScale"
     # predicates: subscriptions and their messages
     " depth minimumInterval deadband secret signed deliveryState lastDelivery lastStatus failures"
     " version previousVersion"

@@ -23,10 +23,15 @@ def body_type(request: Request) -> str:
 
 async def read_triples(request: Request, media_type: str, iri: str, base: str) -> list[Triple]:
     """The triples of the body, relative IRIs resolved against ``iri``; BadRequest, PayloadTooLarge."""
-    body = await read_body(request)
+    return parse_body(await read_body(request), media_type, iri, base)
+
+
+def parse_body(body: bytes, media_type: str, iri: str, base: str, max_triples: int = 1000) -> list[Triple]:
+    """The triples of a body that was read already; BadRequest."""
     context = {"@context": PREFIXES}
+    contexts = {_CONTEXT: context, f"{base}/context": context}
     try:
-        return parse(body, media_type, iri, contexts={_CONTEXT: context, f"{base}/context": context})
+        return parse(body, media_type, iri, contexts=contexts, max_triples=max_triples)
     except ParseError as error:
         raise BadRequest(f"The body is no {media_type}: {error}", line=error.line, column=error.column) from error
 
@@ -42,14 +47,14 @@ def _check_whole(request: Request) -> None:
         raise BadRequest("Content-Range is not taken; send the whole body.")
 
 
-async def read_body(request: Request) -> bytes:
-    """The body, at most 64 KiB: PayloadTooLarge as soon as it is known to be more."""
+async def read_body(request: Request, most: int = MAX_BODY_BYTES) -> bytes:
+    """The body, at most 64 KiB unless said otherwise: PayloadTooLarge as soon as it is known to be more."""
     length = request.headers.get("content-length", "0")
-    if length.isdecimal() and int(length) > MAX_BODY_BYTES:
-        raise PayloadTooLarge(f"The body has {length} bytes; at most {MAX_BODY_BYTES} are read.")
+    if length.isdecimal() and int(length) > most:
+        raise PayloadTooLarge(f"The body has {length} bytes; at most {most} are read.")
     body = bytearray()
     async for chunk in request.stream():
         body += chunk
-        if len(body) > MAX_BODY_BYTES:
-            raise PayloadTooLarge(f"The body has more than {MAX_BODY_BYTES} bytes.")
+        if len(body) > most:
+            raise PayloadTooLarge(f"The body has more than {most} bytes.")
     return bytes(body)

@@ -2,6 +2,8 @@
 
 import logging
 import uuid
+from collections.abc import Awaitable, Callable
+from typing import Any
 from urllib.parse import quote as percent
 
 from starlette.requests import ClientDisconnect, HTTPConnection, Request
@@ -10,6 +12,16 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket
 
 from gateway.errors import BadRequest, FleetError, MethodNotAllowed, NotFound, PreconditionFailed
+from gateway.graph.affordance import (
+    CancelSubscription,
+    Control,
+    EndInvocation,
+    Invoke,
+    PutSetting,
+    PutTarget,
+    ResumeSubscription,
+    Subscribe,
+)
 from gateway.graph.paths import owner_path
 from gateway.graph.resource import Redirect, Resource
 from gateway.graph.subscription import container_path
@@ -17,8 +29,9 @@ from gateway.graph.tree import EMPTY, Found, Shelf
 from gateway.graph.vocab import PREFIXES
 from gateway.http.body import BODY_TYPES
 from gateway.http.conditional import not_modified, precondition_holds
+from gateway.http.control import control, put_setting
 from gateway.http.fields import field
-from gateway.http.invoke import invoke
+from gateway.http.invoke import end_invocation, invoke, put_target
 from gateway.http.links import Link, link_header
 from gateway.http.problem import problem
 from gateway.http.representation import etags, negotiated
@@ -32,8 +45,7 @@ log = logging.getLogger(__name__)
 # The whole header block stays under 4 KiB, and Link is not alone in it.
 _LINK_BYTES = 3584
 _READ = ("GET", "HEAD", "OPTIONS")
-_WRITE = ("POST", "PUT")
-_METHODS = (*_READ, *_WRITE, "DELETE")
+_METHODS = (*_READ, "POST", "PUT", "DELETE")
 _LONGEST_NAMED = 200
 
 
@@ -143,14 +155,19 @@ def _moved(connection: HTTPConnection, to: Redirect, base: str) -> Response:
 
 async def _write(request: Request, resource: Resource, base: str) -> Response:
     """What ``_allow`` allows."""
-    if resource.action is not None:
-        return await invoke(request, resource.action, request.app.state.live, base)
-    if resource.subscription is not None:
-        return await cancel(request, resource.subscription)
-    if resource.resumes is not None:
-        return await resume(request, resource.resumes)
-    assert resource.subscriptions_of is not None
-    return await post_subscription(request, resource.subscriptions_of, base)
+    return await _WRITERS[type(resource.affords)](request, resource.affords, base)
+
+
+_WRITERS: dict[type, Callable[[Request, Any, str], Awaitable[Response]]] = {
+    Invoke: invoke,
+    EndInvocation: end_invocation,
+    PutTarget: put_target,
+    PutSetting: put_setting,
+    Control: control,
+    Subscribe: post_subscription,
+    CancelSubscription: cancel,
+    ResumeSubscription: resume,
+}
 
 
 def problem_response(request: HTTPConnection, error: FleetError) -> Response:
@@ -192,19 +209,14 @@ def _check_preconditions(request: Request, resource: Resource, base: str) -> Non
 
 
 def _allow(resource: Resource) -> tuple[str, ...]:
-    if resource.action is not None:
-        return (*_READ, *_WRITE)
-    if resource.subscriptions_of is not None or resource.resumes is not None:
-        return (*_READ, "POST")
-    return (*_READ, "DELETE") if resource.subscription is not None else _READ
+    return _READ if resource.affords is None else (*_READ, *resource.affords.methods)
 
 
 def _options(resource: Resource, allow: tuple[str, ...]) -> dict[str, str]:
     headers = {"allow": ", ".join(allow)}
-    if resource.action is not None or resource.subscriptions_of is not None:
-        headers |= {"accept-post": ", ".join(BODY_TYPES)}
-    if resource.action is not None:
-        headers |= {"accept-put": ", ".join(BODY_TYPES)}
+    if resource.affords is not None and resource.affords.takes_body:
+        fields = {"POST": "accept-post", "PUT": "accept-put"}
+        headers |= {fields[method]: ", ".join(BODY_TYPES) for method in allow if method in fields}
     return headers
 
 

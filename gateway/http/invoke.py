@@ -1,44 +1,145 @@
-"""Invoking an action: body → typed quantity → command → answer (flow "action"; R0.7, R0.8, RFC 7240)."""
+"""Invoking an action: body → plan → invocation → answer (flow "action"; R0.7, R0.8, RFC 7240, Idempotency-Key)."""
 
+import re
+from hashlib import blake2b
+
+from pyoxigraph import NamedNode, RdfFormat, Triple, serialize
 from starlette.requests import Request
 from starlette.responses import Response
 
-from gateway.errors import AgentSilent
+from gateway.actions.admission import admit
+from gateway.actions.asked import Asked
+from gateway.actions.body import Body
+from gateway.actions.caller import Caller
+from gateway.actions.handlers import HANDLERS
+from gateway.actions.offer import Offer
+from gateway.actions.plan import Halt, Later, Motion
+from gateway.actions.service import Actions, Rehearsed
+from gateway.errors import AgentSilent, BadRequest
 from gateway.fleet.invocations import Invocation
-from gateway.graph.actions import JointMotion
-from gateway.graph.guard import admit
-from gateway.graph.invocation import invocation_path
+from gateway.graph.affordance import EndInvocation, Invoke, PutTarget
+from gateway.graph.build import Graph
+from gateway.graph.invocation import ROOT, describe_rehearsal, invocation_path
+from gateway.graph.judge import reachable
 from gateway.graph.resource import Resource
-from gateway.graph.tree import Tree
-from gateway.http.body import body_type, read_triples
+from gateway.graph.vocab import LF
+from gateway.http.body import body_type, parse_body, read_body
 from gateway.http.fields import field
 from gateway.http.prefer import Prefer, parse_prefer
 from gateway.http.representation import Representation, negotiated
 from gateway.live import Live
 
+MAX_BODY_BYTES, MAX_TRIPLES = 256 * 1024, 5_000  # of a trajectory: seven joints at some two hundred times
+_MAX_REMEMBERED = 32 * 1024  # characters; what is longer is carried out, and not shown with the invocation
+_KEY = re.compile(r'"([\x20\x21\x23-\x5b\x5d-\x7e]{1,255})"|([!-~]{1,255})')
+_TOKEN = re.compile(r"<?(urn:uuid:[0-9a-f-]{36})>?")
 
-async def invoke(request: Request, action: JointMotion, live: Live, base: str) -> Response:
+
+async def invoke(request: Request, afforded: Invoke, base: str) -> Response:
     """204 with Location; 201 with the invocation by Prefer: return=representation, 202 by respond-async or wait."""
+    offer = afforded.offer
+    prefer = _prefer(request, offer, base)
+    if not offer.takes_body:
+        return await _carry_out(request, offer, Body((), NamedNode(base + offer.path)), prefer, base, b"")
+    content, triples = await _read(request, base + offer.path, base)
+    return await _carry_out(request, offer, admit(offer, triples, base), prefer, base, content)
+
+
+async def put_target(request: Request, afforded: PutTarget, base: str) -> Response:
+    """A joint's target as a property: its ``lf:value`` is what the action takes (R0.5)."""
+    offer = afforded.offer
+    iri = base + request.scope["path"]
+    prefer = _prefer(request, offer, base)
+    content, triples = await _read(request, iri, base)
+    values = [t.object for t in triples if t.subject == NamedNode(iri) and t.predicate == LF.value]
+    moved = [Triple(NamedNode(base + offer.path), t.predicate, t.object) for t in triples if t.subject in values]
+    return await _carry_out(request, offer, admit(offer, moved, base), prefer, base, content)
+
+
+async def end_invocation(request: Request, afforded: EndInvocation, base: str) -> Response:
+    """Cancel it, or stop and remove it; both are open to everybody."""
+    actions: Actions = request.app.state.actions
+    if afforded.keep:
+        await actions.cancel(afforded.invocation)
+    else:
+        await actions.remove(afforded.invocation)
+    return Response(status_code=204)
+
+
+def caller(request: Request, body: str = "", digest: str = "") -> Caller:
+    """Who asks; BadRequest for an Idempotency-Key or Lock-Token that is none."""
+    address = request.client.host if request.client else ""
+    return Caller(address, lock_token(request), _key(request), digest, body)
+
+
+def lock_token(request: Request) -> str:
+    """The proof of having a control lease, as it came with it (``Lock-Token``, RFC 4918, 10.5); empty without one."""
+    said = field(request, "lock-token")
+    if said is None:
+        return ""
+    match = _TOKEN.fullmatch(said.strip())
+    if match is None:
+        raise BadRequest("Lock-Token is what the control lease came with, such as <urn:uuid:...>.")
+    return match[1]
+
+
+def _key(request: Request) -> str:
+    said = request.headers.getlist("idempotency-key")
+    if not said:
+        return ""
+    match = _KEY.fullmatch(said[0].strip()) if len(said) == 1 else None
+    if match is None:
+        raise BadRequest("Idempotency-Key is one string of at most 255 visible characters.")
+    return match[1] or match[2]
+
+
+def _prefer(request: Request, offer: Offer, base: str) -> Prefer:
+    """What the client would like; NotAcceptable before the motion or never."""
+    prefer = parse_prefer(field(request, "prefer"))
+    if prefer.return_ == "representation" or prefer.dry_run:
+        # As negotiable as the answer will be.
+        _show(request, offer.path, base)
+    return prefer
+
+
+async def _read(request: Request, iri: str, base: str) -> tuple[bytes, list[Triple]]:
+    """The body as it came, and its triples."""
     media_type = body_type(request)
-    prefer, tree = parse_prefer(field(request, "prefer")), live.tree(base)
-    if prefer.return_ == "representation":
-        # As negotiable as the invocation will be: a 406 comes before the motion or never.
-        _show(request, tree, action.path, base)
-    iri = base + action.path
-    triples = await read_triples(request, media_type, iri, base)
-    quantity = admit(triples, action.joint, iri)
+    content = await read_body(request, MAX_BODY_BYTES)
+    return content, parse_body(content, media_type, iri, base, MAX_TRIPLES)
+
+
+async def _carry_out(request: Request, offer: Offer, body: Body, prefer: Prefer, base: str, content: bytes) -> Response:
+    actions: Actions = request.app.state.actions
+    asking = caller(request, _written(body), _digest(request, content))
+    plan = HANDLERS[offer.definition.iri].plan(Asked(base, body, offer.robot, offer.joint))
+    if isinstance(plan, Later):
+        plan = await actions.compute(plan)
+    if prefer.dry_run:
+        if isinstance(plan, Halt):
+            rehearsed = await actions.rehearse_halt(plan)
+        else:
+            rehearsed = await actions.rehearse(plan, asking)
+        return _rehearsal(request, offer, plan, rehearsed, base)
     try:
-        invocation = await live.invoke(action.robot, action.path, action.motion(quantity.value, quantity.unit))
+        if isinstance(plan, Halt):
+            invocation = await actions.halt(offer.path, plan, asking)
+        else:
+            invocation = await actions.start(offer.path, plan, asking)
     except AgentSilent as error:
         error.headers["location"] = base + error.headers["location"]
         raise
-    status, applied = await _outcome(live, invocation, prefer)
+    return await _answer(request, invocation, prefer, base)
+
+
+async def _answer(request: Request, invocation: Invocation, prefer: Prefer, base: str) -> Response:
+    status, applied = await _outcome(request.app.state.actions, invocation, prefer)
     location = base + invocation_path(invocation)
     headers = {"location": location, "cache-control": "no-store", "vary": "Accept, Prefer"}
     content = b""
     if prefer.return_ == "representation":
         applied.append("return=representation")
-        shown = _show(request, tree, invocation_path(invocation), base)
+        shown = _show(request, invocation_path(invocation), base)
         content, status = shown.body, 201 if status == 204 else status
         headers |= {"content-type": shown.content_type, "content-location": location}
     if applied:
@@ -46,17 +147,49 @@ async def invoke(request: Request, action: JointMotion, live: Live, base: str) -
     return Response(content, status, headers)
 
 
-def _show(request: Request, tree: Tree, path: str, base: str) -> Representation:
-    found = tree.resolve(path)
+def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt, rehearsed: Rehearsed, base: str) -> Response:
+    live: Live = request.app.state.live
+    known = [each for each in map(live.invocations.get, rehearsed.preempts) if each is not None]
+    targets, facts = ({}, {}) if isinstance(plan, Halt) else (plan.targets, plan.facts)
+
+    def describe(graph: Graph) -> None:
+        describe_rehearsal(graph, base, offer.path, offer.robot, targets, facts, rehearsed.duration_s, known)
+
+    shown = negotiated(field(request, "accept"), Resource(offer.path, f"Rehearsal of {offer.name}", describe), base)
+    headers = {"content-type": shown.content_type, "cache-control": "no-store", "vary": "Accept, Prefer"}
+    return Response(shown.body, 200, headers | {"preference-applied": "dry-run"})
+
+
+def _show(request: Request, path: str, base: str) -> Representation:
+    live: Live = request.app.state.live
+    found = live.tree(base).resolve(path)
     assert isinstance(found, Resource)
     return negotiated(field(request, "accept"), found, base)
 
 
-async def _outcome(live: Live, invocation: Invocation, prefer: Prefer) -> tuple[int, list[str]]:
+async def _outcome(actions: Actions, invocation: Invocation, prefer: Prefer) -> tuple[int, list[str]]:
     """Status and the preferences that were followed; 202 when the motion may still go on."""
     if prefer.wait_s is not None:
-        ended = await live.ended(invocation, prefer.wait_s)
+        ended = await actions.ended(invocation, prefer.wait_s)
         return 204 if ended else 202, [f"wait={prefer.wait_s:g}"]
     if prefer.respond_async:
         return 202, ["respond-async"]
     return 204, []
+
+
+def _written(body: Body) -> str:
+    """What the shape could see of the body, as N-Triples about ``_:input``; nothing when it is too long to keep."""
+
+    def own(term: object) -> object:
+        return ROOT if term == body.root else term
+
+    triples = [Triple(*map(own, triple)) for triple in reachable(body.triples, body.root)]  # type: ignore[arg-type]
+    written = serialize(triples, format=RdfFormat.N_TRIPLES)
+    assert written is not None  # nothing is written to a file
+    return written.decode() if len(written) <= _MAX_REMEMBERED else ""
+
+
+def _digest(request: Request, content: bytes) -> str:
+    """What tells a request from another one with the same key: the resource and the very bytes of the body."""
+    said = f"{request.scope['path']}\n{field(request, 'content-type')}\n".encode()
+    return blake2b(said + content, digest_size=16).hexdigest()

@@ -17,6 +17,8 @@ class Prefer:
     return_: Return | None = None
     respond_async: bool = False
     wait_s: float | None = None
+    dry_run: bool = False
+    """Ours: say what the action would do, and do nothing."""
 
 
 def parse_prefer(header: str | None) -> Prefer:
@@ -29,7 +31,8 @@ def parse_prefer(header: str | None) -> Prefer:
         # section 2: an empty value is the same as none
         if TOKEN.fullmatch(name) and (text is not None or value == ""):
             said.setdefault(name.lower(), text or "")
-    return Prefer(_return(said.get("return")), said.get("respond-async") == "", _wait(said.get("wait")))
+    wait_s = _wait(said.get("wait"))
+    return Prefer(_return(said.get("return")), said.get("respond-async") == "", wait_s, "dry-run" in said)
 
 
 def _return(value: str | None) -> Return | None:

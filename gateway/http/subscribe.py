@@ -21,6 +21,7 @@ from gateway.errors import (
     TooManySubscriptions,
     UnprocessableContent,
 )
+from gateway.graph.affordance import CancelSubscription, ResumeSubscription, Subscribe
 from gateway.graph.message import message_types
 from gateway.graph.resource import Resource
 from gateway.graph.serialise import MEDIA_TYPES
@@ -105,10 +106,10 @@ async def subscribe_callback(request: Request, resource: Resource, base: str) ->
     return await _create(request, subscription, base, media_type if media_type in MEDIA_TYPES else MEDIA_TYPES[0])
 
 
-async def post_subscription(request: Request, owner: str, base: str) -> Response:
+async def post_subscription(request: Request, afforded: Subscribe, base: str) -> Response:
     """POST to a Subscriptions container: a callback, or a stream that is opened at its Location."""
     live: Live = request.app.state.live
-    media_type = body_type(request)
+    owner, media_type = afforded.owner, body_type(request)
     accept = field(request, "accept")
     if choose(accept, MEDIA_TYPES) is None:
         raise NotAcceptable(f"Available here: {', '.join(MEDIA_TYPES)}.", offered=MEDIA_TYPES)
@@ -170,14 +171,14 @@ async def _create(request: Request, subscription: Subscription, base: str, media
     return Response(representation.body, 201, headers)
 
 
-async def cancel(request: Request, record: Record) -> Response:
+async def cancel(request: Request, afforded: CancelSubscription, base: str) -> Response:
     subscriptions: Subscriptions = request.app.state.subscriptions
-    return await _carried_out(subscriptions.cancel(record.subscription.id))
+    return await _carried_out(subscriptions.cancel(afforded.record.subscription.id))
 
 
-async def resume(request: Request, record: Record) -> Response:
+async def resume(request: Request, afforded: ResumeSubscription, base: str) -> Response:
     subscriptions: Subscriptions = request.app.state.subscriptions
-    return await _carried_out(subscriptions.resume(record.subscription.id))
+    return await _carried_out(subscriptions.resume(afforded.record.subscription.id))
 
 
 async def _carried_out(change: Awaitable[bool]) -> Response:

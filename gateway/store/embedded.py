@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Self
 from urllib.parse import quote
 
-from gateway.subscriptions.ending import end
+from gateway.ending import end
 
 _log = logging.getLogger(__name__)
 

@@ -14,9 +14,9 @@ from dataclasses import replace
 from typing import TypeVar
 from urllib.parse import urlsplit
 
+from gateway.ending import end
 from gateway.graph.subscription import subscription_path
 from gateway.subscriptions import signature
-from gateway.subscriptions.ending import end
 from gateway.subscriptions.fan_out import FanOut
 from gateway.subscriptions.message import Ending, Message
 from gateway.subscriptions.network import Forbidden, Unresolvable

@@ -7,8 +7,8 @@ import uuid
 from contextlib import suppress
 from types import TracebackType
 
+from gateway.ending import end
 from gateway.subscriptions.callbacks import Callbacks
-from gateway.subscriptions.ending import end
 from gateway.subscriptions.fan_out import FanOut
 from gateway.subscriptions.message import Ending
 from gateway.subscriptions.network import Network

@@ -10,7 +10,7 @@ from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from dataclasses import replace
 
-from gateway.subscriptions.ending import end
+from gateway.ending import end
 from gateway.subscriptions.fan_out import FanOut
 from gateway.subscriptions.message import Ending, Outlet
 from gateway.subscriptions.store import Lost, Store, StoreUnavailable, TooMany

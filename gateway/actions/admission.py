@@ -1,0 +1,51 @@
+"""The guard of a body: the very shape that its action's description links, compiled once (paper 5.4)."""
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+from pyoxigraph import NamedNode, Triple
+
+from gateway.actions.body import Body
+from gateway.actions.definition import Definition
+from gateway.actions.offer import Offer
+from gateway.errors import UnprocessableContent
+from gateway.fleet.model import Joint, RobotModel
+from gateway.fleet.robot import Robot
+from gateway.graph.build import Graph
+from gateway.graph.judge import Judge
+from gateway.graph.validation import root
+
+
+def admit(offer: Offer, triples: Sequence[Triple], base: str) -> Body:
+    """The body as its handler reads it; UnprocessableContent with the validation report when the shape refuses it.
+
+    What the shape does not cover is ignored (paper 5.4).
+    """
+    iri = base + offer.path
+    focus = root(triples, NamedNode(iri))
+    robot = offer.robot
+    model, said = (robot.model, robot.annotations) if robot is not None else (None, "")
+    judge = _judge(offer.definition, base, offer.thing, robot, offer.joint, model, said)
+    report = judge.report(triples, focus, iri)
+    if report is not None:
+        detail, about = report
+        raise UnprocessableContent(
+            f"The body does not conform to the shape of the action: {detail}", report=about, constraint=iri
+        )
+    return Body(triples, focus)
+
+
+@lru_cache(maxsize=1024)
+def _judge(
+    definition: Definition,
+    base: str,
+    thing: str,
+    robot: Robot | None,
+    joint: Joint | None,
+    model: RobotModel | None,
+    annotations: str,
+) -> Judge:
+    """The model and the annotations are in the key, because the shape speaks of them."""
+    graph = Graph()
+    shape = Offer(definition, thing, robot, joint).consumes(graph, base)
+    return Judge(graph.triples, shape)

@@ -1,0 +1,50 @@
+"""What a handler is asked: whose action it is, and what the body says."""
+
+from dataclasses import dataclass
+
+from pyoxigraph import NamedNode
+
+from gateway.actions.body import Body
+from gateway.errors import Offline
+from gateway.fleet.model import Joint, RobotModel
+from gateway.fleet.robot import Robot
+from gateway.graph.paths import part_of, robot_path
+
+
+@dataclass(frozen=True)
+class Asked:
+    """``base``: the URL under which the IRIs in the body stand, without a slash at the end."""
+
+    base: str
+    body: Body
+    robot: Robot | None = None
+    joint: Joint | None = None
+
+    def of_robot(self) -> Robot:
+        assert self.robot is not None
+        return self.robot
+
+    def of_joint(self) -> Joint:
+        assert self.joint is not None
+        return self.joint
+
+    def model(self) -> RobotModel:
+        model = self.of_robot().model
+        if model is None:
+            raise Offline(f"Robot {self.of_robot().name} has no usable description at present.")
+        return model
+
+    def joint_at(self, iri: object) -> Joint:
+        """The joint that an IRI of the body names; the shape has seen to it that it names one."""
+        joint, _ = self._part(iri)
+        assert joint is not None
+        return self.model().joints[joint]
+
+    def link_at(self, iri: object) -> str:
+        _, link = self._part(iri)
+        assert link is not None
+        return link
+
+    def _part(self, iri: object) -> tuple[str | None, str | None]:
+        assert isinstance(iri, NamedNode)
+        return part_of(iri.value.removeprefix(self.base + robot_path(self.of_robot().name)), self.model())

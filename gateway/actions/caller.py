@@ -1,0 +1,15 @@
+"""Who asks for an action, and how: what a request says besides its body."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Caller:
+    """``name``: as it is shown; ``token``: of the control lease; ``key``: an idempotency key, for the request that
+    ``digest`` stands for; ``body``: what was admitted, as N-Triples."""
+
+    name: str = ""
+    token: str = ""
+    key: str = ""
+    digest: str = ""
+    body: str = ""

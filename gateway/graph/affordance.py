@@ -1,0 +1,93 @@
+"""What can be done to a resource besides reading it; one type each, by which requests are dispatched."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from gateway.actions.offer import Offer
+from gateway.fleet.invocations import Invocation
+from gateway.fleet.robot import Robot
+from gateway.graph.setting import Setting
+from gateway.subscriptions.subscription import Record
+
+
+@dataclass(frozen=True)
+class Invoke:
+    """Run an action."""
+
+    offer: Offer
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        return self.offer.methods
+
+    @property
+    def takes_body(self) -> bool:
+        return self.offer.takes_body
+
+
+@dataclass(frozen=True)
+class EndInvocation:
+    """Stop an invocation, by deleting it, or by its own action ``cancel``, after which it stays."""
+
+    invocation: Invocation
+    keep: bool
+    takes_body: ClassVar[bool] = False
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        return ("POST",) if self.keep else ("DELETE",)
+
+
+@dataclass(frozen=True)
+class PutSetting:
+    """Replace the value of a property that clients may set."""
+
+    setting: Setting
+    methods: ClassVar[tuple[str, ...]] = ("PUT",)
+    takes_body: ClassVar[bool] = True
+
+
+@dataclass(frozen=True)
+class PutTarget:
+    """Command a joint by its target property; the same motion as by ``offer``."""
+
+    offer: Offer
+    methods: ClassVar[tuple[str, ...]] = ("PUT",)
+    takes_body: ClassVar[bool] = True
+
+
+@dataclass(frozen=True)
+class Control:
+    """Take, renew or release the control lease of a robot."""
+
+    robot: Robot
+    methods: ClassVar[tuple[str, ...]] = ("PUT", "DELETE")
+    takes_body: ClassVar[bool] = True
+
+
+@dataclass(frozen=True)
+class Subscribe:
+    """Make a subscription of the thing at ``owner``."""
+
+    owner: str
+    methods: ClassVar[tuple[str, ...]] = ("POST",)
+    takes_body: ClassVar[bool] = True
+
+
+@dataclass(frozen=True)
+class CancelSubscription:
+    record: Record
+    methods: ClassVar[tuple[str, ...]] = ("DELETE",)
+    takes_body: ClassVar[bool] = False
+
+
+@dataclass(frozen=True)
+class ResumeSubscription:
+    record: Record
+    methods: ClassVar[tuple[str, ...]] = ("POST",)
+    takes_body: ClassVar[bool] = False
+
+
+Affordance = (
+    Invoke | EndInvocation | PutSetting | PutTarget | Control | Subscribe | CancelSubscription | ResumeSubscription
+)

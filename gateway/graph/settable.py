@@ -1,0 +1,81 @@
+"""Properties that clients may replace: settings of a robot, and the target of a joint."""
+
+from pyoxigraph import Literal, NamedNode
+
+from gateway.actions.completions import Scope, complete
+from gateway.actions.offer import Offer
+from gateway.fleet.robot import Robot
+from gateway.graph.annotations import annotate
+from gateway.graph.build import Graph, integer
+from gateway.graph.kinds import ANGULAR, UNITLESS, kind_of
+from gateway.graph.property import Property
+from gateway.graph.setting import settings
+from gateway.graph.vocab import HYBRIT, LF, SH
+
+ABSOLUTE = (LF.Rotate, LF.Translate)
+"""The actions by which a joint is brought to a target."""
+
+
+def settable(robot: Robot) -> list[Property]:
+    """What clients may set of a robot."""
+    known = settings(robot)
+
+    def title(graph: Graph, iri: NamedNode) -> None:
+        graph.add(iri, LF.value, Literal(robot.title))
+        graph.add(iri, HYBRIT.consumes, LF.TextInput)
+
+    def scale(graph: Graph, iri: NamedNode) -> None:
+        graph.scalar(iri, LF.value, robot.speed_scale, UNITLESS)
+        graph.add(iri, HYBRIT.consumes, LF.SpeedScaleInput)
+
+    def annotations(graph: Graph, iri: NamedNode) -> None:
+        subject = iri.value.removesuffix("annotations")
+        annotate(graph, NamedNode(subject), robot.annotations, subject)
+
+    named = f"of {robot.name}"
+    return [
+        Property(segment, LF.terms[segment], (type_,), shape, f"{words} {named}", describe, put=known[segment])
+        for segment, type_, shape, words, describe in (
+            ("title", LF.TextProperty, LF.TextPropertyShape, "title", title),
+            ("annotations", LF.Annotations, LF.AnnotationsShape, "annotations", annotations),
+            ("maximumSpeedScale", LF.SpeedScale, LF.SpeedScaleShape, "maximum speed scale", scale),
+        )
+    ]
+
+
+def target(robot: Robot, offer: Offer) -> Property:
+    """Where a joint was last commanded to; to put it is to invoke ``offer``."""
+    joint = offer.joint
+    assert joint is not None
+    dimension = kind_of(joint).dimension
+    assert dimension is not None
+    segment = "targetRotation" if dimension is ANGULAR else "targetTranslation"
+
+    def describe(graph: Graph, iri: NamedNode) -> None:
+        graph.scalar(iri, LF.value, robot.targets.get(joint.name), dimension.position)
+        graph.add(iri, HYBRIT.consumes, NamedNode(iri.value + "/blueprint#input"))
+
+    return Property(
+        segment,
+        LF.terms[segment],
+        (LF.TargetPosition,),
+        LF.TargetPositionShape,
+        f"target of {joint.name}",
+        describe,
+        facts=lambda: robot.targets.get(joint.name),
+        put=offer,
+    )
+
+
+def describe_target_input(graph: Graph, iri: NamedNode, offer: Offer, base: str) -> None:
+    """The shape of what may be put as the target of a joint: one ``lf:value``, as the action takes it."""
+    value, scalar = graph.blank(), graph.blank()
+    graph.a(iri, SH.NodeShape)
+    graph.add(iri, SH.property, value)
+    graph.add(value, SH.path, LF.value)
+    graph.add(value, SH.name, Literal("value"))
+    graph.add(value, SH.minCount, integer(1))
+    graph.add(value, SH.maxCount, integer(1))
+    graph.add(value, SH.node, scalar)
+    graph.a(scalar, SH.NodeShape)
+    complete(Scope(base, offer.robot, offer.joint))(graph, scalar, LF.jointPosition)

@@ -1,0 +1,39 @@
+"""The control lease and the settings of a robot: what is put there, and taken away (R0.5)."""
+
+from starlette.requests import Request
+from starlette.responses import Response
+
+from gateway.actions.service import Actions
+from gateway.errors import BadRequest, NotFound
+from gateway.graph.affordance import Control, PutSetting
+from gateway.graph.paths import lease_path
+from gateway.graph.setting import judged
+from gateway.graph.vocab import LF
+from gateway.http.body import body_type, read_triples
+from gateway.http.invoke import lock_token
+
+
+async def control(request: Request, afforded: Control, base: str) -> Response:
+    """PUT takes or renews the lease and answers with its ``Lock-Token``; DELETE releases it with that token."""
+    actions: Actions = request.app.state.actions
+    robot, token = afforded.robot, lock_token(request)
+    if request.method == "DELETE":
+        if not token:
+            raise BadRequest("Releasing control takes the Lock-Token that the lease came with.")
+        if not await actions.release(robot, token):
+            raise NotFound("Nobody has control at present.")
+        return Response(status_code=204)
+    iri = base + lease_path(robot.name)
+    body = judged(await read_triples(request, body_type(request), iri, base), LF.ControlLeaseInput, iri)
+    holder, duration_s = body.text(body.root, LF.holder), body.number(body.root, LF.leaseDuration)
+    assert holder is not None and duration_s is not None
+    _, proof = await actions.take(robot, holder, duration_s, token)
+    return Response(status_code=204, headers={"lock-token": f"<{proof}>", "cache-control": "no-store"})
+
+
+async def put_setting(request: Request, afforded: PutSetting, base: str) -> Response:
+    actions: Actions = request.app.state.actions
+    setting = afforded.setting
+    triples = await read_triples(request, body_type(request), base + setting.path, base)
+    await actions.configure(setting.robot, setting.name, setting.admit(triples, base))
+    return Response(status_code=204)
