@@ -45,6 +45,10 @@ class MujocoRobot:
         commanded = [index for index, joint in enumerate(facts.joints) if joint.mimics is None]
         self._servo = {facts.joints[index].name: servo for servo, index in enumerate(commanded)}
         self._servo_qpos = self._qpos[commanded]
+        # A drive limits its own speed: this far ahead of the joint, the damping of the servo balances it at the limit.
+        speeds = np.array([facts.joints[index].limits.velocity or np.inf for index in commanded])
+        self._reach = speeds * -self._model.actuator_biasprm[:, 2] / self._model.actuator_gainprm[:, 0]
+        self._setpoints = np.zeros(len(commanded))
         self._start_s: float | None = None
         self._place(pose, home_height_m)
 
@@ -70,12 +74,12 @@ class MujocoRobot:
         for name, setpoint in applied.items():
             if not math.isfinite(setpoint):
                 raise ValueError(f"setpoint {setpoint} of joint {name!r} is not finite")
-            self._data.ctrl[self._servo[name]] = setpoint
+            self._setpoints[self._servo[name]] = setpoint
         return applied
 
     def stop(self) -> None:
-        measured, held = self._data.qpos[self._servo_qpos], self._data.ctrl
-        self._data.ctrl[:] = np.where(np.abs(measured - held) > _HOLDING_RAD, measured, held)
+        measured, held = self._data.qpos[self._servo_qpos], self._setpoints
+        self._setpoints[:] = np.where(np.abs(measured - held) > _HOLDING_RAD, measured, held)
 
     def close(self) -> None:
         """Nothing to release: the model is memory only."""
@@ -85,7 +89,7 @@ class MujocoRobot:
             self._data.qpos[address] = pose[joint.name]
         if self._facts.floating:
             self._data.qpos[:7] = (0, 0, height_m, 1, 0, 0, 0)
-        self._data.ctrl[:] = self._data.qpos[self._servo_qpos]
+        self._setpoints[:] = self._data.ctrl[:] = self._data.qpos[self._servo_qpos]
         mujoco.mj_forward(self._model, self._data)
 
     def _advance(self, now_s: float) -> None:
@@ -98,6 +102,8 @@ class MujocoRobot:
             behind_s = MAX_CATCH_UP_S
         steps = int(behind_s / step_s + 1e-6)
         if steps > 0:
+            measured = self._data.qpos[self._servo_qpos]
+            self._data.ctrl[:] = measured + np.clip(self._setpoints - measured, -self._reach, self._reach)
             mujoco.mj_step(self._model, self._data, steps)
 
     def _base(self) -> Base:

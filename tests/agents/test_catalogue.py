@@ -1,0 +1,72 @@
+"""The named poses of the demonstration robots, as their annotations say them."""
+
+from pathlib import Path
+from urllib.parse import unquote
+
+import pytest
+import rdflib
+from rdflib import DCTERMS, Namespace, URIRef
+
+from agents.robot import JointFacts, Limits
+from agents.robots.catalogue import MODELS, Model, facts_of, load, poses_of
+from agents.wire.names import unescape
+
+LF = Namespace("https://w3id.org/linked-fleet#")
+VOM = Namespace("http://vocab.arvida.de/2015/06/vom/vocab#")
+UNIT = Namespace("http://qudt.org/vocab/unit/")
+ROBOT = URIRef("http://fleet.example/robot/")
+
+
+def _said(annotations: str) -> dict[str, dict[str, tuple[float, URIRef]]]:
+    graph = rdflib.Graph().parse(data=annotations, format="turtle", publicID=str(ROBOT))
+    found: dict[str, dict[str, tuple[float, URIRef]]] = {}
+    for pose in graph.objects(ROBOT, LF.namedPose):
+        targets = found[str(graph.value(pose, DCTERMS.title))] = {}
+        for target in graph.objects(pose, LF.target):
+            joint = unescape(unquote(str(graph.value(target, LF.ofJoint)).removeprefix(str(ROBOT))))
+            position, unit = graph.value(target, VOM.numericalValue), graph.value(target, VOM.unit)
+            assert isinstance(unit, URIRef)
+            targets[joint] = (float(str(position)), unit)
+    return found
+
+
+@pytest.mark.parametrize("source", sorted(MODELS))
+def test_the_annotations_name_the_poses_with_their_units_and_within_the_limits(source: str) -> None:
+    facts = load(source, source).describe()
+    joints = {joint.name: joint for joint in facts.joints}
+    said = _said(facts.annotations)
+    assert len(said) > 1
+    assert "home" in said
+    for pose in said.values():
+        for name, (position, unit) in pose.items():
+            assert joints[name].mimics is None
+            assert joints[name].limits.clamp(position) == position
+            assert unit == (UNIT.M if joints[name].linear else UNIT.RAD)
+    poses = poses_of(MODELS[source], facts.joints)
+    assert {title: {name: at for name, (at, _) in pose.items()} for title, pose in said.items()} == poses
+    assert set(said["home"]) == {j.name for j in facts.joints if j.mimics is None and not j.continuous}
+
+
+def test_a_name_that_is_no_plain_segment_is_escaped() -> None:
+    """So is what Turtle would read otherwise."""
+    urdf = (
+        '<robot name="r"><link name="a"/><link name="b"/><joint name="arm 2/&gt;left" type="prismatic">'
+        '<parent link="a"/><child link="b"/><limit lower="0.1" upper="1" velocity="1" effort="1"/></joint></robot>'
+    )
+    model = Model("r.urdf", 'The "r"', "one \\ joint", poses={'the "far" end': {"arm 2/>left": 2.0}})
+    assert _said(facts_of(model, urdf).annotations) == {'the "far" end': {"arm 2/>left": (1.0, UNIT.M)}}
+
+
+def test_home_has_what_is_commanded_and_does_not_turn_endlessly() -> None:
+    joints = (
+        JointFacts("arm", limits=Limits(0.1, 1.0)),
+        JointFacts("wheel", continuous=True),
+        JointFacts("finger", mimics="arm"),
+    )
+    assert poses_of(Model("f", "t", "c", home={"wheel": 1.0}), joints) == {"home": {"arm": 0.1}}
+
+
+def test_a_file_of_somebody_s_own_has_no_named_pose(tmp_path: Path) -> None:
+    file = tmp_path / "door.urdf"
+    file.write_text('<robot name="door"><link name="frame"/></robot>')
+    assert not _said(facts_of(Model(str(file), "door", "c"), file.read_text()).annotations)
