@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from gateway.subscriptions.ending import end
+from gateway.ending import end
 
 
 class _Stubborn:
