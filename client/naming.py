@@ -23,6 +23,9 @@ class Named(Protocol):
     def learn(self) -> object:
         """Have it read its own description, which may know more names than who lists it."""
 
+    def introduce(self) -> None:
+        """Have it read its own description if nobody has said a name of it so far."""
+
 
 T = TypeVar("T", bound=Named)
 
@@ -47,6 +50,15 @@ class Members(Generic[T], Sequence[T]):
         if found is None:
             raise no_such(self._what, name, [member.name for member in self._members])
         return found
+
+    def introduced(self) -> "Members[T]":
+        """The same in the order of their names, when those that came without any have been asked."""
+        for member in self._members:
+            try:
+                member.introduce()
+            except Problem:
+                continue  # it goes by its IRI then
+        return Members(self._members, self._what)
 
     def known(self, name: str) -> T | None:
         """By the names that are known so far, without asking anybody."""

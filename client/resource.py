@@ -31,6 +31,11 @@ class Resource:
         """Its description as it was last read; read now if it never was."""
         return self._document or self.read()
 
+    def introduce(self) -> None:
+        """Have it read its description if nobody has said a name of it so far."""
+        if not self._said(DCTERMS.identifier, *_TITLES) and not self._link():
+            self.learn()
+
     @property
     def known(self) -> bool:
         """Whether its own description has been read."""

@@ -11,9 +11,10 @@ from rdflib.term import Literal, URIRef
 from client.quantity import INTEGERS
 from client.vocabulary import XSD, local_name
 
-# The first that the shape takes is written: exactly what was given, if that can be.
+# The first that the shape takes is written. Decimals are exactly what was given, which matters at a limit: limits are
+# decimals mostly, and the double nearest to 0.8 is more than 0.8.
 _WHOLE = (XSD.integer, XSD.decimal, XSD.double, XSD.float)
-_BROKEN = (XSD.double, XSD.decimal, XSD.float)
+_BROKEN = (XSD.decimal, XSD.double, XSD.float)
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?")
 _WORDS = {"true": True, "false": False}
 

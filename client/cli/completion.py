@@ -70,7 +70,7 @@ def _offered(fleet: Fleet, plain: list[str], last: str) -> Iterator[str]:
         yield from _paths(fleet, last, command)
     elif command == "do" and (thing := fleet.at(arguments[0])) and isinstance(thing, Thing):
         if len(arguments) == 1:
-            yield from (step(action.name) for action in thing.actions)
+            yield from (step(action.name) for action in thing.actions.introduced())
         else:
             yield from _inputs(thing.actions[arguments[1]].fields, last)
 
@@ -80,11 +80,11 @@ def _paths(fleet: Fleet, last: str, command: str) -> Iterator[str]:
     here = fleet.at(above)
     if not isinstance(here, Thing):
         return
-    yield from (f"{above}{slash}{step(part.name)}" for part in here.parts)
+    yield from (f"{above}{slash}{step(part.name)}" for part in here.parts.introduced())
     if command in ("ls", "get", "watch"):
-        yield from (f"{above}{slash}{step(prop.name)}" for prop in here.properties)
+        yield from (f"{above}{slash}{step(prop.name)}" for prop in here.properties.introduced())
     if command in ("ls", "get"):
-        yield from (f"{above}{slash}{step(action.name)}" for action in here.actions)
+        yield from (f"{above}{slash}{step(action.name)}" for action in here.actions.introduced())
 
 
 def _inputs(fields: Sequence[Asked], last: str) -> Iterator[str]:

@@ -38,19 +38,19 @@ def ls(fleet: Fleet, options: Namespace) -> int:
 
 def _rows(thing: Thing, options: Namespace) -> Iterator[dict[str, Any]]:
     document = thing.read()
-    parts = list(thing.parts)
+    parts = list(thing.parts.introduced())
     if options.values:
         with ThreadPoolExecutor(_AT_ONCE) as pool:
             list(pool.map(Thing.learn, parts))
     for part in parts:
         state = _presence(part, thing) or (_live(part, options.unit) if options.values else "")
         yield {"name": part.name, "kind": part.kind, "state": state, "iri": part.iri}
-    for prop in thing.properties_in(document):
+    for prop in thing.properties_in(document).introduced():
         value = prop.within(document)
         value = value if value.values else prop.reading
         row = {"name": prop.name, "kind": kind_of(prop) or "property", "state": show.brief(value, options.unit)}
         yield row | {"iri": prop.iri, "values": show.reading(value, options.unit)}
-    for action in thing.actions:
+    for action in thing.actions.introduced():
         yield _row(action, options)
 
 
@@ -90,11 +90,12 @@ def _described(here: Found, options: Namespace) -> dict[str, Any]:
     said: dict[str, Any] = {"iri": here.iri, "title": here.title, "types": sorted(map(str, here.types))}
     if isinstance(here, Thing):
         said["presence"] = here.presence_in(document)
-        said["parts"] = [part.name for part in here.parts]
+        said["parts"] = [part.name for part in here.parts.introduced()]
         said["properties"] = {
-            prop.name: show.reading(_value(prop, here), options.unit) for prop in here.properties_in(document)
+            prop.name: show.reading(_value(prop, here), options.unit)
+            for prop in here.properties_in(document).introduced()
         }
-        said["actions"] = {action.name: _action(action) for action in here.actions}
+        said["actions"] = {action.name: _action(action) for action in here.actions.introduced()}
     elif isinstance(here, Action):
         said |= _action(here)
     elif isinstance(here, Invocation):
@@ -147,16 +148,16 @@ def _text(here: Found, said: dict[str, Any], options: Namespace) -> Iterator[str
 
 
 def _thing_text(thing: Thing, options: Namespace) -> Iterator[str]:
-    rows = [[step(prop.name), show.brief(_value(prop, thing), options.unit)] for prop in thing.properties]
+    rows = [[step(prop.name), show.brief(_value(prop, thing), options.unit)] for prop in thing.properties.introduced()]
     if rows:
         yield "\nProperties\n" + show.table([["  " + name, value] for name, value in rows])
-    actions = list(thing.actions)
+    actions = list(thing.actions.introduced())
     if actions:
         yield "\nActions"
     for action in actions:
         action.learn()
         yield from ("  " + line for line in [clean(f"{step(action.name)}: {action.title}"), *_input(action)])
-    if parts := [step(part.name) for part in thing.parts]:
+    if parts := [step(part.name) for part in thing.parts.introduced()]:
         yield "\nParts\n  " + clean(" ".join(parts))
 
 

@@ -68,7 +68,7 @@ def _rows(path: str, here: Resource, change: Change) -> Iterator[Row]:
     presence = here.presence_in(change.document)
     if presence:
         yield Row(path, Reading({"presence": presence}, ()), change.missed)
-    for prop in here.properties_in(change.document):
+    for prop in here.properties_in(change.document).introduced():
         yield Row(show.path_of(path, prop.name), prop.within(change.document), change.missed)
 
 

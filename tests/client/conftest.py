@@ -1,9 +1,11 @@
 """Another server of the same vocabularies: other addresses and nesting, more types, fewer predicates."""
 
+import contextlib
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from socketserver import StreamRequestHandler, ThreadingTCPServer
 
 import pytest
 
@@ -177,5 +179,46 @@ def other_tree() -> Iterator[OtherTree]:
         thread = threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True)
         thread.start()
         yield tree
+        server.shutdown()
+        thread.join()
+
+
+@dataclass
+class Script:
+    """What a server says, byte by byte: to each path a list of answers, of which the last is repeated."""
+
+    answers: dict[str, list[bytes]] = field(default_factory=dict)
+    asked: list[tuple[str, str, dict[str, str]]] = field(default_factory=list)
+    url: str = ""
+
+    def at(self, path: str) -> list[dict[str, str]]:
+        """The header fields of each request for ``path``."""
+        return [fields for _, asked, fields in self.asked if asked == path]
+
+
+class Reciter(StreamRequestHandler):
+    script: Script
+
+    def handle(self) -> None:
+        head = b"".join(iter(self.rfile.readline, b"\r\n")).decode()
+        (request, *lines) = head.splitlines() or [""]
+        method, path = [*request.split(), "", ""][:2]
+        fields = {name.strip().lower(): value.strip() for name, _, value in (line.partition(":") for line in lines)}
+        self.rfile.read(int(fields.get("content-length", 0)))
+        self.script.asked.append((method, path, fields))
+        left = self.script.answers.get(path, [b"HTTP/1.1 404 Not Found\r\ncontent-length: 0\r\n\r\n"])
+        answer = left.pop(0) if len(left) > 1 else left[0]
+        with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # the client may have heard enough
+            self.wfile.write(answer)
+
+
+@pytest.fixture
+def script() -> Iterator[Script]:
+    said = Script()
+    with ThreadingTCPServer(("127.0.0.1", 0), type("OwnReciter", (Reciter,), {"script": said})) as server:
+        said.url = f"http://127.0.0.1:{server.server_address[1]}"
+        thread = threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True)
+        thread.start()
+        yield said
         server.shutdown()
         thread.join()

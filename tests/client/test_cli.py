@@ -1,0 +1,171 @@
+"""The command line as its own process, against the tree in which everything is called otherwise."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+from running import ROOT, eventually, free_port
+
+from client.cli.completion import SCRIPTS, completions
+from client.cli.given import BadArgument, given
+from client.cli.show import clean
+
+
+def run(url: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "LINKED_FLEET_URL": url}
+    command = [sys.executable, "-W", "error", "-m", "client.cli.main", *arguments]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60, check=False)
+
+
+def lines(done: subprocess.CompletedProcess[str]) -> list[list[str]]:
+    assert done.returncode == 0, done.stderr
+    return [line.split() for line in done.stdout.splitlines()]
+
+
+def test_ls_lists_parts_properties_and_actions(other_tree: Any) -> None:
+    assert lines(run(other_tree.root, "ls", "cell/lefty")) == [
+        ["NAME", "KIND", "VALUE"],
+        ["Elbow", "Hinge"],
+        ["Two%20fingers", "Gripper"],
+        ["Break", "action", "Break"],
+        ["Rest", "action", "Rest"],
+    ]
+    shown = lines(run(other_tree.root, "ls", "cell/lefty/elbow", "--unit", "rad"))
+    assert ["angle", "Property", "0.218166", "rad"] in shown
+    assert ["load", "Property", "unknown", "N"] in shown
+
+
+def test_get_says_values_and_what_an_action_takes(other_tree: Any) -> None:
+    said = run(other_tree.root, "get", "cell/lefty/elbow").stdout
+    assert "12.5 deg" in said
+    assert "goal  made of  (at least once, up to 2 times)" in said
+    assert "from -10 to less than 90 for axis" in said
+    as_json = json.loads(run(other_tree.root, "--json", "get", "cell/lefty/elbow/angle").stdout)
+    assert as_json["values"]["measured"]["number"] == 12.5
+    assert "blue" in run(other_tree.root, "get", "cell/lefty/elbow/mood").stdout
+
+
+def test_do_has_a_nested_action_done_and_waits(other_tree: Any) -> None:
+    given_ = ("goal[0].axis=Elbow", "goal[0].value=45", "goal[0].unit=deg", "tries=2")
+    done = run(other_tree.root, "do", "cell/lefty/elbow", "bend", *given_, "--json")
+    assert (done.returncode, json.loads(done.stdout)["state"]) == (0, "succeeded"), done.stderr
+    assert len(other_tree.sent("PUT")) == 1
+
+
+def test_no_wait_says_where_to_look(other_tree: Any) -> None:
+    goal = 'goal=[{"axis": "Elbow", "value": 45, "unit": "deg"}]'
+    done = run(other_tree.root, "do", "cell/lefty/elbow", "bend", goal, "--no-wait")
+    assert (done.returncode, done.stdout.split()[-1]) == (0, f"{other_tree.url}/jobs/0")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (["do", "cell/lefty/elbow", "bend", "goal.axis=Elbow", "goal.value=91", "goal.unit=deg"], 1, "less than 90"),
+        (["do", "cell/lefty/elbow", "bend", "goal.axis=Elbow", "--dry-run"], 1, "missing"),
+        (["do", "cell/lefty", "break"], 1, "it is broken"),
+        (["do", "cell/lefty", "rest", "--dry-run"], 1, "dryRun"),
+        (["do", "cell/lefty", "fly"], 4, "Break, Rest"),
+        (["do", "cell/lefty", "rest", "fast"], 2, "name=value"),
+        (["get", "cell/nobody"], 4, "lefty"),
+        (["stop"], 4, "stop"),
+        (["ls", "--wrong"], 2, "usage"),
+        ([], 2, "usage"),
+    ],
+)
+def test_what_cannot_be_done_has_a_code_and_says_why(
+    other_tree: Any, arguments: list[str], code: int, said: str
+) -> None:
+    done = run(other_tree.root, *arguments)
+    assert (done.returncode, said in done.stderr) == (code, True), done.stderr
+    assert "Traceback" not in done.stderr
+    assert other_tree.sent("PUT") == []
+
+
+def test_nobody_there_is_3() -> None:
+    done = run("http://127.0.0.1:1/", "--url", f"http://127.0.0.1:{free_port()}/", "ls")
+    assert (done.returncode, "cannot be reached" in done.stderr) == (3, True)
+
+
+def test_watch_prints_what_changes(other_tree: Any) -> None:
+    done = run(other_tree.root, "watch", "cell/lefty/elbow/angle", "cell/lefty/elbow/load", "--count", "2", "--json")
+    said = {each["path"]: each["values"] for each in map(json.loads, done.stdout.splitlines())}
+    assert said["cell/lefty/elbow/angle"]["measured"]["number"] == 12.5
+    assert said["cell/lefty/elbow/load"]["value"]["number"] is None
+
+
+def test_ctrl_c_cancels_what_is_running(other_tree: Any) -> None:
+    """By the invocation's own action; the process says so and ends with 1."""
+    other_tree.endless = True
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "LINKED_FLEET_URL": other_tree.root}
+    goal = 'goal=[{"axis": "Elbow", "value": 45, "unit": "deg"}]'
+    command = [sys.executable, "-m", "client.cli.main", "do", "cell/lefty/elbow", "bend", goal, "--json"]
+    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as child:
+        eventually(lambda: other_tree.looks.get("/jobs/0", 0) > 2, "somebody looks at the job")
+        child.send_signal(signal.SIGINT)
+        out, err = child.communicate(timeout=60)
+    assert (child.returncode, json.loads(out)["state"]) == (1, "cancelled"), err
+
+
+def test_completion_offers_what_is_there(other_tree: Any) -> None:
+    def offered(*words: str) -> list[str]:
+        return completions(list(words), other_tree.root)
+
+    assert offered("g") == ["get"]
+    assert offered("ls", "cell/le") == ["cell/lefty"]
+    assert offered("ls", "cell/lefty/elbow/l") == ["cell/lefty/elbow/load"]
+    assert offered("do", "cell/lefty/T") == ["cell/lefty/Two%20fingers"]
+    assert offered("do", "cell/lefty", "B") == ["Break"]
+    assert offered("do", "cell/lefty/Elbow", "Bend", "") == ["goal=", "mode=", "tries="]
+    assert offered("do", "cell/lefty/Elbow", "Bend", "mode=") == ["mode=soft", "mode=hard"]
+    assert offered("ls", "nobody/") == []
+    assert offered("--url", other_tree.root, "do", "cell/lefty", "Re") == ["Rest"]
+    assert completions(["ls", ""], f"http://127.0.0.1:{free_port()}/") == []
+    hidden = run(other_tree.root, "complete", "--", "do", "cell/lefty", "--dr")
+    assert hidden.stdout.split() == ["--dry-run"]
+
+
+def test_the_script_for_bash_completes(other_tree: Any) -> None:
+    """In a real bash, with a linked-fleet that is found by its name."""
+    ask = f"""
+linked-fleet() {{ {sys.executable} -m client.cli.main "$@"; }}
+{SCRIPTS["bash"]}
+COMP_LINE='linked-fleet do cell/lefty/Elbow Bend mode=s' COMP_POINT=${{#COMP_LINE}}
+COMP_POINT=${{#COMP_LINE}}
+compopt() {{ :; }}
+_linked_fleet; printf '%s\\n' "${{COMPREPLY[@]}}"
+"""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "LINKED_FLEET_URL": other_tree.root}
+    done = subprocess.run(["bash", "-c", ask], env=environment, capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.split() == ["soft"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "found"),
+    [
+        (["a=1", "b=x=y"], {"a": "1", "b": "x=y"}),
+        (["a=1", "a=2", "a=3"], {"a": ["1", "2", "3"]}),
+        (["a.b=1", "a.c.d=2"], {"a": {"b": "1", "c": {"d": "2"}}}),
+        (["a[1].b=1", "a[0].b=2", "a[0].c=3"], {"a": [{"b": "2", "c": "3"}, {"b": "1"}]}),
+        (["a[0]=x"], {"a": ["x"]}),
+        (['a={"b": [1]}'], {"a": {"b": [1]}}),
+    ],
+)
+def test_arguments_are_a_nested_mapping(arguments: list[str], found: dict[str, Any]) -> None:
+    assert given(arguments) == found
+
+
+@pytest.mark.parametrize(
+    "argument", [["a"], ["=1"], ["a..b=1"], ["a[x]=1"], ["a={"], ["a=1", "a.b=2"], ["a.b=1", "a[0]=1"]]
+)
+def test_other_arguments_are_refused(argument: list[str]) -> None:
+    with pytest.raises(BadArgument):
+        given(argument)
+
+
+def test_nothing_from_the_network_steers_the_terminal() -> None:
+    assert clean("a\x1b[2J\r\n\u202eb\x07") == "a [2J   b "

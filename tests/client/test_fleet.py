@@ -1,0 +1,124 @@
+"""The client and the real fleet."""
+
+import json
+import math
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import pytest
+from conftest import RunningFleet
+from running import ROOT, eventually
+
+from client.errors import InvalidInput, Problem
+from client.fleet import Fleet
+from client.invocation import Invocation
+from client.thing import Thing
+from client.vocabulary import LF
+
+pytestmark = pytest.mark.fleet
+
+
+@pytest.fixture
+def here(fleet: RunningFleet) -> Iterator[Fleet]:
+    with Fleet(fleet.root) as here:
+        yield here
+
+
+@pytest.fixture
+def joint(here: Fleet) -> Thing:
+    return here["baxter"]["right_s1"]
+
+
+def angle(joint: Thing) -> float:
+    number = joint.properties["rotation"].value.to("deg").number
+    assert number is not None
+    return number
+
+
+def test_robots_joints_and_values_are_found(here: Fleet, joint: Thing) -> None:
+    assert [robot.name for robot in here] == ["baxter", "go2", "panda", "tiago", "ur5"]
+    assert {robot.presence for robot in here} == {"online"}
+    value = joint.properties["rotation"].value
+    assert (value.unit_label, value.number is not None, value.time is not None) == ("rad", True, True)
+    limits = joint.properties["limits"].reading.values
+    assert {"lowerLimit", "upperLimit", "velocityLimit", "effortLimit"} <= set(limits)
+    assert here.at("go2/pose").iri == here["go2"].properties["pose"].iri
+
+
+def test_a_joint_is_moved_and_followed_to_its_end(joint: Thing) -> None:
+    run = joint.actions["rotate"](value=10, unit="deg")
+    assert run.wait(60) == "succeeded"
+    assert run.target
+    assert math.isclose(angle(joint), 10, abs_tol=0.5)
+
+
+def test_limits_are_known_before_anything_is_sent(joint: Thing) -> None:
+    rotate = joint.actions["rotate"]
+    with pytest.raises(InvalidInput, match=r"value: 100 is not from -123\.01\d* to 59\.98\d*"):
+        rotate(value=100, unit="deg")
+    with pytest.raises(InvalidInput, match="one of deg, rad"):
+        rotate(value=1)
+
+
+def test_every_action_of_every_joint_has_a_form_that_it_accepts_itself(here: Fleet) -> None:
+    """A body in the middle of each range, in each unit, conforms to the shape that is served."""
+    rotary = [part for part in here["tiago"].parts if "Joint" in part.kind and len(part.actions)]
+    assert len(rotary) > 10
+    for part in rotary:
+        for action in part.actions:
+            fields = {field.name: field for field in action.fields}
+            for limits in fields["value"].limits if "value" in fields else ():
+                assert limits.lower
+                assert limits.upper
+                body = action.build(value=(limits.lower.value + limits.upper.value) / 2, unit=limits.when["unit"][0])
+                action.validate(body)
+
+
+def test_changes_are_told(joint: Thing) -> None:
+    """The first message is the present state; a motion brings more."""
+    rotation = joint.properties["rotation"]
+    feed = iter(rotation.subscribe(timeout_s=60))
+    first = next(feed)
+    assert first.reading.main is not None
+    start = angle(joint)
+    joint.actions["rotate"](value=start - 8 if start > 0 else start + 8, unit="deg")
+    seen = {change.version for change, _ in zip(feed, range(3), strict=False)}
+    assert len(seen) == 3
+    assert first.version not in seen
+
+
+def test_a_subscription_with_an_interval_is_made_in_the_linked_container(joint: Thing) -> None:
+    feed = joint.subscribe(depth=LF.thisAlone, interval_s=0.5, timeout_s=20)
+    change = next(iter(feed))
+    assert (change.resource, change.version is not None) == (joint.node, True)
+
+
+def test_a_refusal_of_the_server_has_its_report(joint: Thing) -> None:
+    action = joint.actions["rotate"]
+    body = action.build(value=1, unit="deg").serialize().replace(" 1", " 500", 1)
+    method, url = action.binding()
+    with pytest.raises(Problem) as refused:
+        joint.web.send(method, url, body.encode(), {"content-type": "text/turtle"})
+    assert (refused.value.status, refused.value.title) == (422, "The content breaks a constraint")
+    assert any(message.startswith("numericalValue: ") for message in refused.value.messages)
+
+
+def test_an_iri_is_what_its_types_say(here: Fleet, joint: Thing) -> None:
+    run = joint.actions["rotate"](value=angle(joint), unit="deg")
+    assert isinstance(here.get(run.iri), Invocation)
+    assert isinstance(here.get(joint.iri), Thing)
+    assert eventually(lambda: run.ended, "the end of the motion")
+
+
+def test_the_command_line_looks_and_moves(fleet: RunningFleet) -> None:
+    def said(*arguments: str) -> str:
+        command = [sys.executable, "-m", "client.cli.main", "--url", fleet.root, *arguments]
+        return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=True).stdout
+
+    assert "baxter  Robot  online" in said("ls")
+    done = json.loads(said("do", "ur5/shoulder_pan_joint", "rotate", "value=5", "unit=deg", "--json"))
+    assert done["state"] == "succeeded"
+    watched = said("watch", "ur5/shoulder_pan_joint/rotation", "--count", "1", "--json", "--unit", "deg")
+    ((values,),) = [list(json.loads(watched)["values"].values())[:1]]
+    assert math.isclose(values["number"], 5, abs_tol=0.5)

@@ -1,0 +1,115 @@
+"""Forms out of shapes: whatever is built conforms to the shape, and whatever is odd about a shape stops nothing."""
+
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rdflib import Graph, Namespace, URIRef
+from rdflib.term import Node
+
+from client.errors import BadAnswer, InvalidInput
+from client.form import asked, build
+from client.quantity import Quantity
+from client.shape import read_shape
+from client.validation import validate
+
+EX = Namespace("https://example.org/ns#")
+HYBRIT = Namespace("https://hybr-it-projekt.de/ns/hybr-it#")
+VOM = Namespace("http://vocab.arvida.de/2015/06/vom/vocab#")
+DEG, RAD = "http://qudt.org/vocab/unit/DEG", "http://qudt.org/vocab/unit/RAD"
+PREFIXES = """
+@prefix ex: <https://example.org/ns#> .
+@prefix rdf: <http://www.w3.org/1999/02/22-rdf-syntax-ns#> .
+@prefix sh: <http://www.w3.org/ns/shacl#> .
+@prefix unit: <http://qudt.org/vocab/unit/> .
+@prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> .
+@prefix xsd: <http://www.w3.org/2001/XMLSchema#> .
+"""
+TURN = """ex:in sh:targetClass ex:Turn ; sh:property
+    [ sh:path vom:numericalValue ; sh:name "value" ; sh:minCount 1 ; sh:maxCount 1 ;
+      sh:or ( [ sh:datatype xsd:float ] [ sh:datatype xsd:decimal ] ) ],
+    [ sh:path vom:unit ; sh:name "unit" ; sh:minCount 1 ; sh:maxCount 1 ; sh:in ( unit:DEG unit:RAD ) ] ;
+  sh:xone ( [ sh:property [ sh:path vom:unit ; sh:hasValue unit:DEG ],
+                 [ sh:path vom:numericalValue ; sh:minInclusive -90.0 ; sh:maxExclusive 45.5 ] ]
+            [ sh:property [ sh:path vom:unit ; sh:hasValue unit:RAD ],
+                 [ sh:path vom:numericalValue ; sh:minExclusive -1.5 ; sh:maxInclusive 0.8 ] ] ) ."""
+
+
+def shapes(text: str) -> Graph:
+    return Graph().parse(data=PREFIXES + text, format="turtle")
+
+
+def nothing(_: str) -> URIRef | None:
+    return None
+
+
+def built(graph: Graph, given_: dict[str, Any], node: Node = EX["in"]) -> Graph:
+    return build(read_shape(graph, node), given_, nothing)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.floats(-100, 100) | st.sampled_from([-90, 45.5, -1.5, 0.8]), st.sampled_from(["deg", "rad"]))
+def test_what_is_built_conforms_and_what_is_refused_would_not(value: float, unit: str) -> None:
+    """The form and pySHACL agree on every number."""
+    graph = shapes(TURN)
+    by_hand = shapes(f'[] vom:numericalValue "{Decimal(repr(value)):f}"^^xsd:decimal ; vom:unit unit:{unit.upper()} .')
+    try:
+        body = built(graph, {"value": value, "unit": unit})
+    except InvalidInput:
+        with pytest.raises(InvalidInput):
+            validate(by_hand, graph, EX["in"])
+    else:
+        validate(body, graph, EX["in"])
+        validate(by_hand, graph, EX["in"])
+
+
+def test_the_shape_of_the_paper_is_a_form() -> None:
+    """Figure 5a, whose unit has but one choice and need not be given."""
+    figure = Graph().parse(Path(__file__).parents[1] / "golden/figure_5a.ttl", publicID="http://example.org/baxter/")
+    node = next(iter(figure.objects(None, HYBRIT.consumes)))
+    fields = {each.name: each for each in asked(read_shape(figure, node))}
+    assert set(fields) == {"numericalValue", "unit"} or set(fields) == {"value", "unit"}
+
+
+def test_a_quantity_says_number_and_unit() -> None:
+    graph = shapes(TURN + " ex:out sh:property [ sh:path ex:at ; sh:minCount 1 ; sh:node ex:in ] .")
+    body = built(graph, {"at": Quantity(12.5, DEG)}, EX.out)
+    assert [str(each) for each in body.objects(None, VOM.unit)] == [DEG]
+    with pytest.raises(InvalidInput, match=r"at\.value is missing"):
+        built(graph, {"at": Quantity(None, RAD)}, EX.out)
+
+
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [
+        ("ex:in sh:property [ sh:path [ sh:alternativePath ( ex:one ex:two ) ] ] .", ["one"]),
+        ("ex:in sh:property [ sh:path [ sh:inversePath ex:one ] ], [ sh:path ex:two ; sh:deactivated true ] .", []),
+        ("ex:in sh:and ( ex:a [ sh:property [ sh:path ex:two ] ] ) . ex:a sh:property [ sh:path ex:one ] .",
+         ["one", "two"]),
+        ("ex:in sh:node ex:in ; sh:property [ sh:path ex:one ; sh:node ex:in ] .", ["one"]),
+        ("ex:in sh:or 5 ; sh:in ex:no ; sh:property [ sh:path ex:one ; sh:minCount ex:x ; sh:in 7 ] .", ["one"]),
+        ("ex:in sh:or ex:l ; sh:property [ sh:path ex:one ] . ex:l rdf:rest ex:l .",
+         ["one"]),
+        ("", []),
+    ],
+)  # fmt: skip
+def test_an_odd_shape_is_read_as_far_as_it_is_one(text: str, names: list[str]) -> None:
+    assert [each.name for each in asked(read_shape(shapes(text), EX["in"]))] == names
+
+
+def test_a_shape_brings_no_program_and_no_broken_validator_down() -> None:
+    """A query in a shape is not run here; what the validator cannot read is the server's bad answer."""
+    query = 'ex:in sh:sparql [ sh:select "SELECT $this WHERE { SERVICE <http://127.0.0.1:1/> { ?s ?p ?o } }" ] .'
+    validate(shapes("[] ex:one 1 ."), shapes(query), EX["in"])
+    with pytest.raises(BadAnswer):
+        validate(shapes("[] ex:one 1 ."), shapes("ex:in sh:property [ sh:minCount 1 ] ."), EX["in"])
+
+
+def test_a_body_needs_one_root() -> None:
+    with pytest.raises(InvalidInput, match="2 roots"):
+        validate(shapes("[] ex:one 1 . [] ex:one 2 ."), shapes(TURN), EX["in"])
+    with pytest.raises(InvalidInput, match="unit: is missing"):
+        validate(Graph(), shapes(TURN), EX["in"])
