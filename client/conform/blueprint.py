@@ -13,7 +13,7 @@ from multiprocessing.connection import Connection
 import rdflib
 from rdflib import RDF, URIRef
 
-from client.conform.rdf import RDFS, SH, be_wary, parsed, types
+from client.conform.rdf import RDFS, SH, parsed, types, wary
 
 _START_S = 20.0
 _PROGRAMS = (SH.sparql, SH.select, SH.ask, SH.construct, SH.jsFunctionName, SH.js, SH.rule, SH.expression)
@@ -63,9 +63,9 @@ def judge(cases: Sequence[Case], patience_s: float) -> list[Conformance]:
 
 
 def _work(cases: list[Case], results: Connection) -> None:
-    be_wary()
-    for case in cases:
-        results.send(_judged(case))
+    with wary():
+        for case in cases:
+            results.send(_judged(case))
 
 
 def _judged(case: Case) -> tuple[bool | None, str]:

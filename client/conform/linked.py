@@ -231,7 +231,7 @@ async def r1_11(subject: Subject) -> Verdict:
     problems, cases = await _cases(subject, having)
     if not cases and not problems:
         return cant_tell(f"{len(having)} blueprints are on other servers, which are left alone")
-    results = await asyncio.to_thread(judge, cases, _VALIDATION_S)
+    results = await asyncio.to_thread(judge, cases, min(_VALIDATION_S, subject.web.left_s))
     told = list(zip(cases, results, strict=True))
     problems += [f"GET {case.url}: does not conform to {case.blueprint}: {_why(result)}" for case, result in told
                  if result.conforms is False]  # fmt: skip

@@ -6,7 +6,7 @@ import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
-from client.conform.rdf import be_wary
+from client.conform.rdf import wary
 from client.conform.report import Report, as_json, earl, table
 from client.conform.requirements import check_all
 from client.conform.subject import Subject
@@ -21,17 +21,20 @@ def command(argv: list[str]) -> int:
     """0 when no must failed, 1 when one did, 2 on wrong usage, 3 when the server cannot be reached."""
     parser = _parser()
     options = parser.parse_args(argv)
-    be_wary()
     try:
-        report = asyncio.run(conform(options))
+        with wary():
+            report = asyncio.run(conform(options))
     except ValueError as error:
         parser.error(str(error))
     except ConnectionError as error:
         print(f"{options.url} cannot be reached: {error}", file=sys.stderr)
         return _UNREACHABLE
-    if options.earl:
-        options.earl.write_text(earl(report), encoding="utf-8")
     print(as_json(report) if options.json else table(report))
+    if options.earl:
+        try:
+            options.earl.write_text(earl(report), encoding="utf-8")
+        except OSError as error:
+            parser.error(f"{options.earl} cannot be written: {error}")
     return _BREAKS if report.breaks else _CONFORMS
 
 
@@ -48,8 +51,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--no-write", action="store_true", help="send no bodies and make no callbacks")
     parser.add_argument("--resources", metavar="N", type=_positive, default=200, help="how many to visit at most (200)")
-    parser.add_argument("--timeout", metavar="S", type=float, default=10.0, help="seconds for one request (10)")
-    parser.add_argument("--limit", metavar="S", type=float, default=300.0, help="seconds for everything (300)")
+    parser.add_argument("--timeout", metavar="S", type=_duration_s, default=10.0, help="seconds for one request (10)")
+    parser.add_argument("--limit", metavar="S", type=_duration_s, default=300.0, help="seconds for everything (300)")
     return parser
 
 
@@ -57,6 +60,12 @@ def _positive(text: str) -> int:
     if (number := int(text)) < 1:
         raise argparse.ArgumentTypeError("at least 1")
     return number
+
+
+def _duration_s(text: str) -> float:
+    if not 0.1 <= (seconds := float(text)) <= 86_400:
+        raise argparse.ArgumentTypeError("between 0.1 and 86400 seconds")
+    return seconds
 
 
 async def conform(options: argparse.Namespace) -> Report:

@@ -1,5 +1,6 @@
 """What servers say, parsed: Turtle, Link fields and link sets. Anything may come, so anything may be refused."""
 
+import contextlib
 import json
 import logging
 import re
@@ -20,17 +21,25 @@ HTTP = rdflib.Namespace("http://www.w3.org/2011/http#")
 DCTERMS, RDFS, SH = rdflib.DCTERMS, rdflib.RDFS, rdflib.SH
 
 _TERMS = ("RoboticThing", "subscriptions")
-_LINK = re.compile(r"<([^>]*)>([^<]*)")
+_LINK = re.compile(r"<([^<>]*)>([^<]*)")
 _LOCAL = re.compile(r"[^#/]*$")
 _REL = re.compile(r';\s*rel\s*=\s*(?:"([^"]*)"|([^\s;,"]+))', re.IGNORECASE)
 
 
-def be_wary() -> None:
-    """Set rdflib up, for this process, for what strangers send: a decimal of 1e999999999 is not to be written out,
-    and what it thinks of their literals is not to be logged.
+@contextlib.contextmanager
+def wary() -> Iterator[None]:
+    """Meanwhile rdflib is ready for what strangers send: it does not write out a decimal of 1e999999999, and does not
+    log what it thinks of their literals.
     """
+    log = logging.getLogger("rdflib")
+    before = rdflib.NORMALIZE_LITERALS, log.level
     rdflib.NORMALIZE_LITERALS = False
-    logging.getLogger("rdflib").setLevel(logging.CRITICAL)
+    log.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        rdflib.NORMALIZE_LITERALS = before[0]
+        log.setLevel(before[1])
 
 
 def turtle(answer: Answer) -> tuple[rdflib.Graph, str]:

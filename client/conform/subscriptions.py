@@ -52,6 +52,10 @@ def _no_callback(subject: Subject) -> Verdict:
     answer = subject.trials.plain.answer
     if answer.status in _NOT_HERE:
         return cant_tell(f"{answer}: refused, perhaps for its receiver: name one it may reach with --callback-host")
+    if subject.trials.plain.left:
+        return cant_tell(
+            f"{answer}: nothing shows that {subject.trials.plain.left} was made, and nothing was delivered"
+        )
     return failed(f"{answer}: Upgrade: callback makes no subscription")
 
 
@@ -83,7 +87,7 @@ async def r0_16(subject: Subject) -> Verdict:
     the request Callback header field to specify a callback URI.
     """
     bare, made = subject.trials.without_callback, subject.trials.plain
-    if bare and (bare.exists or bare.left or bare.answer.status in (101, 201, 202)):
+    if bare and bare.announced:
         return failed(f"{bare.answer}: Upgrade: callback without Callback field is accepted")
     if made is None or not made.exists:
         return _no_callback(subject)

@@ -13,6 +13,8 @@ from client.conform.web import Answer, Web, absolute
 
 _OTHER_TYPES = ("application/ld+json", "application/n-triples", "application/rdf+xml")
 _PATIENCE_S = 5.0
+_DOUBT_S = 1.0
+"""To wait for the first delivery of what was made, and of what was perhaps made: that may come much later, or never."""
 _POSTED = """\
 @prefix hybrit: <{model}> .
 @prefix xsd: <http://www.w3.org/2001/XMLSchema#> .
@@ -35,6 +37,12 @@ class Made:
     delivery: Delivery | None = None
     deleted: Answer | None = None
     left: str = ""
+
+    @property
+    def announced(self) -> bool:
+        """Whether the answer alone says that something was made."""
+        plain = self.answer.status == 200 and not self.answer.header("location")
+        return self.answer.status == 101 or (self.answer.successful and not plain)
 
     @property
     def exists(self) -> bool:
@@ -132,8 +140,9 @@ class _Maker:
         before = await self._members()
         made = Made(await self._web.request(method, url, headers, body), headers.get("accept", ""))
         try:
-            if box and (made.answer.successful or made.answer.status == 101):
-                made.delivery = await box.arrival(min(_PATIENCE_S, self._web.patience_s))
+            if box and (made.announced or made.answer.successful):
+                patience_s = _PATIENCE_S if made.announced else _DOUBT_S
+                made.delivery = await box.arrival(min(patience_s, self._web.patience_s))
         finally:
             await self._undo(made, box, before)
         return made
@@ -141,8 +150,7 @@ class _Maker:
     async def _undo(self, made: Made, box: Mailbox | None, before: frozenset[str]) -> None:
         """Delete what was made, but nothing else, whatever the server claims that it has made."""
         named = absolute(made.answer.url, made.answer.header("location"))
-        created = made.answer.status in (101, 201, 202) or (made.answer.successful and bool(named))
-        if not created and not made.delivery:
+        if not made.announced and not made.answer.successful and not made.delivery:
             return
         new = await self._members() - before
         for url in [named] if named else sorted(new):
@@ -152,7 +160,8 @@ class _Maker:
                 made.allow = (await self._web.request("OPTIONS", url, in_any_case=True)).allow
                 made.deleted = await self._web.request("DELETE", url, in_any_case=True)
                 return
-        made.left = named or "a subscription that no Location names"
+        if made.announced or made.delivery:
+            made.left = named or "a subscription that no Location names"
 
     def _is_ours(self, page: Page, announced: bool, box: Mailbox | None) -> bool:
         if page.url in self._walk.pages or page.asked in self._walk.pages or not page.answer.successful:

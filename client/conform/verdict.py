@@ -54,7 +54,7 @@ def judged(problems: Sequence[str], evidence: str) -> Verdict:
     if not problems:
         return passed(evidence)
     more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-    return failed(shown(problems[0]) + more)
+    return failed(shown(problems[0], _EVIDENCE_LENGTH - len(more)) + more)
 
 
 def shown(text: str, length: int = _EVIDENCE_LENGTH) -> str:

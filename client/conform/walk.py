@@ -13,6 +13,7 @@ from client.conform.rdf import TURTLE, hybrit, linkset, named, related, turtle, 
 from client.conform.web import Answer, Web
 
 _PART_OF_TIME = 0.5
+_MOST_BYTES = 64 * 2**20
 _GONE = (404, 410)
 # To recognise a resource by; that of a blueprint is met on resources that are no things, too.
 _ROLES = ("subscriptions", "property", "action", "blueprint")
@@ -127,6 +128,8 @@ async def walk(web: Web, root: Page, most: int) -> Walk:
 def _limit(web: Web, size: int, most: int) -> str:
     if size >= most:
         return f"only {most} resources are visited"
+    if web.received > _MOST_BYTES:
+        return f"only {size} resources were visited, which have {web.received} bytes"
     return f"only {size} resources were visited in time" if web.used > _PART_OF_TIME else ""
 
 

@@ -55,7 +55,10 @@ class Answer:
 
 
 class Web:
-    """The origin of ``root``, for at most ``limit_s`` seconds, each request within ``patience_s``."""
+    """The origin of ``root``, for at most ``limit_s`` seconds, each request within ``patience_s``.
+
+    ``received`` counts the bytes of bodies.
+    """
 
     def __init__(self, root: str, patience_s: float, limit_s: float) -> None:
         self.root = urldefrag(root).url
@@ -63,6 +66,7 @@ class Web:
         if self.origin is None:
             raise ValueError(f"not an http or https URL: {root}")
         self.patience_s = patience_s
+        self.received = 0
         self._started = time.monotonic()
         self._limit_s = limit_s
         # Neither proxies nor credentials of the environment: it is the server that is judged.
@@ -83,6 +87,10 @@ class Web:
         """Whether a URL is of the server's own origin."""
         return len(url) <= _MAX_URL_LENGTH and _origin(url) == self.origin
 
+    @property
+    def left_s(self) -> float:
+        return max(0.0, (1 - self.used) * self._limit_s)
+
     def in_time(self) -> None:
         if self.used >= 1:
             raise OutOfTimeError(f"not tried within the total limit of {self._limit_s:g} s")
@@ -100,7 +108,7 @@ class Web:
             if not in_any_case:
                 self.in_time()
             answer = await self._once(method, url, headers or {}, body)
-            target = urldefrag(_joined(url, answer.header("location"))).url
+            target = absolute(url, answer.header("location"))
             if answer.fault or answer.status not in _REDIRECTS or method not in _SAFE or not self.ours(target):
                 return answer
             url = target
@@ -115,6 +123,7 @@ class Web:
                 self._client.stream(method, url, headers=dict(headers), content=body) as response,
             ):
                 content, fault = await _bounded(response)
+                self.received += len(content)
                 version = response.http_version
                 return Answer(method, url, response.status_code, response.headers, content, version, fault)
         except TimeoutError:

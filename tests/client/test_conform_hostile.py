@@ -5,6 +5,7 @@ import json
 import socket
 import threading
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 from running import free_port
@@ -192,3 +193,10 @@ def test_what_is_no_url_is_wrong_usage(url: str) -> None:
     with pytest.raises(SystemExit) as ended:
         command([url])
     assert ended.value.code == 2
+
+
+def test_results_that_cannot_be_written_are_still_printed(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    with hostile(NASTY["nothing"]) as server, pytest.raises(SystemExit) as ended:
+        command([server.root, "--earl", str(tmp_path / "missing" / "earl.ttl")])
+    assert ended.value.code == 2
+    assert "R1.12" in capsys.readouterr().out
