@@ -55,9 +55,7 @@ def _move(move: Move, scale: float, starts: Iterable[Start]) -> Plan:
     starts = tuple(starts)
     for start in starts:
         name, full = start.joint.name, cruise_of(start.joint)
-        cruise = cruises[name] = min(full, move.speeds.get(name, math.inf)) * scale
-        if cruise < _SLOWEST:
-            raise ImpossibleError(f"{name} would move at {cruise:.3g} {_unit(start.joint)}/s, which is too slow")
+        cruise = cruises[name] = _visible(start.joint, min(full, move.speeds.get(name, math.inf)) * scale)
         ramp = (full if start.velocity else cruise) / RAMP_S
         limits, target = start.joint.limits, move.targets[name]
         found[name] = reach(start.position, start.velocity, target, cruise, ramp, limits)
@@ -75,7 +73,7 @@ def _follow(follow: Follow, scale: float, starts: Iterable[Start]) -> Plan:
     for column, start in enumerate(starts):
         positions = [row[column] for row in follow.positions]
         trajectory = through(start.position, start.velocity, follow.times_s, positions)
-        allowed, needed = cruise_of(start.joint) * scale, trajectory.fastest
+        allowed, needed = _visible(start.joint, cruise_of(start.joint) * scale), trajectory.fastest
         if not needed <= allowed * (1.0 + _ROUNDING) and needed / allowed > stretch:
             stretch, unit = needed / allowed, _unit(start.joint)
             slowest = f"{start.joint.name} would need {needed:.4g} {unit}/s, and {allowed:.4g} {unit}/s are allowed"
@@ -95,6 +93,12 @@ def _check_extremes(start: Start, trajectory: Trajectory) -> None:
                 f"{start.joint.name} is still moving at {start.velocity:.4g} {_unit(start.joint)}/s and would pass "
                 f"{position:.4g} {_unit(start.joint)}, beyond its limit; stop it first, or give it more time"
             )
+
+
+def _visible(joint: JointFacts, speed: float) -> float:
+    if speed < _SLOWEST:
+        raise ImpossibleError(f"{joint.name} would move at {speed:.3g} {_unit(joint)}/s, which is too slow")
+    return speed
 
 
 def _unit(joint: JointFacts) -> str:

@@ -2,7 +2,6 @@
 
 import asyncio
 import json
-import math
 import os
 import socket
 import subprocess
@@ -10,7 +9,6 @@ import sys
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
-from typing import Any
 
 import pytest
 import zenoh
@@ -18,7 +16,6 @@ import zenoh
 from agents.agent import Agent
 from agents.link import DuplicateNameError, ZenohLink, open_session
 from agents.motion import Sway
-from agents.robot import Facts, JointFacts, Reading, RobotFaultError
 from agents.robots.catalogue import load
 from agents.wire import codec
 from agents.wire.keys import Keys
@@ -27,8 +24,6 @@ from agents.wire.messages import (
     Accepted,
     Command,
     Description,
-    Expectation,
-    Follow,
     Move,
     Progress,
     Refused,
@@ -280,210 +275,6 @@ def test_an_agent_waits_for_its_gateway() -> None:
                 await early
 
     asyncio.run(scenario())
-
-
-class Memory:
-    """A link without a network, for what needs no network to be shown."""
-
-    gateway_present = True
-    arrivals = 1
-
-    def __init__(self) -> None:
-        self.states: list[State] = []
-        self.progress: list[Progress] = []
-
-    def publish_state(self, payload: bytes) -> None:
-        self.states.append(codec.decode_state(payload))
-
-    def publish_progress(self, payload: bytes, final: bool) -> None:
-        self.progress.append(codec.decode(payload, Progress))
-
-
-class Brittle:
-    """A robot of two joints that are where they are told to be, and that can be broken."""
-
-    broken = unstoppable = False
-
-    def __init__(self) -> None:
-        self.positions = {"arm": 0.0, "wheel": 0.0}
-        self.stops = 0
-
-    def describe(self) -> Facts:
-        return Facts("brittle", "<robot/>", (JointFacts("arm"), JointFacts("wheel", continuous=True)))
-
-    def read(self, now_s: float) -> Reading:
-        if self.broken:
-            raise RobotFaultError("cable out")
-        return Reading(tuple(self.positions.values()), (math.nan,) * 2, (math.nan,) * 2)
-
-    def apply(self, setpoints: Mapping[str, float]) -> Mapping[str, float]:
-        self.positions |= setpoints
-        return setpoints
-
-    def stop(self) -> None:
-        self.stops += 1
-        if self.unstoppable:
-            raise RobotFaultError("brake gone")
-
-    def close(self) -> None:
-        pass
-
-
-class Bench:
-    """An agent with a brittle robot, a link without a network and a clock of its own."""
-
-    def __init__(self) -> None:
-        self.now_ns = 1_000_000_000
-        self.robot, self.link = Brittle(), Memory()
-        self.agent = Agent("b", self.robot, monotonic_ns=lambda: self.now_ns)
-        self.tick()
-
-    def tick(self, times: int = 1) -> None:
-        for _ in range(times):
-            self.now_ns += 10_000_000
-            self.agent.tick(self.link)
-
-    def command(self, command_id: str, motion: Move | Follow | None = None, **more: Any) -> Reply:
-        asked = Command(
-            version=1,
-            id=command_id,
-            incarnation=self.agent.incarnation,
-            seen_ns=self.link.states[-1].monotonic_ns,
-            time_to_live_ns=60_000_000_000,
-            motion=motion or Move({"arm": 1.0}),
-            **more,
-        )
-        return codec.decode_reply(self.agent.handle(codec.encode(asked)))
-
-    def stop(self, stop_id: str, **more: Any) -> Reply:
-        return codec.decode_reply(self.agent.handle_stop(codec.encode(Stop(version=1, id=stop_id, **more))))
-
-    def end(self, command_id: str) -> Progress:
-        return [progress for progress in self.link.progress if progress.id == command_id][-1]
-
-
-def _code(reply: Reply) -> str:
-    return reply.code if isinstance(reply, Refused) else "accepted"
-
-
-def test_a_driver_fault_is_survived_and_nothing_is_invented(caplog: pytest.LogCaptureFixture) -> None:
-    """Values become NaN, the motion fails, commands are refused with the fault; afterwards all is well again."""
-    bench = Bench()
-    assert _code(bench.command("a")) == "accepted"
-    bench.robot.broken = True
-    bench.tick()
-    assert math.isnan(bench.link.states[-1].positions[0])
-    assert [(p.id, p.state) for p in bench.link.progress] == [("a", "running"), ("a", "failed")]
-    refused = bench.command("b")
-    assert isinstance(refused, Refused)
-    assert (refused.code, "cable out" in refused.reason) == ("fault", True)
-    assert "cable out" in caplog.text
-    bench.robot.broken = False
-    bench.tick()
-    assert _code(bench.command("c")) == "accepted"
-
-
-@pytest.mark.parametrize("unstoppable", [False, True])
-def test_a_robot_with_a_fault_is_stopped_by_its_driver(unstoppable: bool) -> None:
-    """Accepted always; that it succeeded is said only if the driver could."""
-    bench = Bench()
-    bench.robot.broken, bench.robot.unstoppable = True, unstoppable
-    bench.tick()
-    before = bench.robot.stops
-    assert _code(bench.stop("s")) == "accepted"
-    assert bench.robot.stops == before + 1
-    bench.tick()
-    assert bench.end("s").state == ("failed" if unstoppable else "succeeded")
-    assert ("brake gone" if unstoppable else "cable out") in bench.end("s").reason
-    assert not bench.end("s").positions
-
-
-def test_a_stop_needs_no_gateway_no_time_and_no_run() -> None:
-    """What a command would be refused for does not matter to it; only a joint that is not there does."""
-    bench = Bench()
-    bench.command("a")
-    bench.tick(20)
-    bench.link.gateway_present = False
-    assert _code(bench.stop("s", joints=["arm"])) == _code(bench.stop("s", joints=["arm"])) == "accepted"
-    assert _code(bench.stop("t", joints=["leg"])) == "unknown-joint"
-    bench.tick(100)
-    assert bench.end("a").state == "cancelled"
-    assert bench.end("s").state == "succeeded"
-    assert _code(bench.command("b")) == "fault"
-
-
-def test_a_rehearsal_is_judged_and_answered_and_nothing_moves() -> None:
-    """It says what it would take and end; its id is free, and a refusal is the same as in earnest."""
-    bench = Bench()
-    bench.command("a", Move({"arm": 1.0, "wheel": 1.0}))
-    bench.tick(10)
-    rehearsed = bench.command("b", Move({"arm": 0.5}), rehearsal=True)
-    assert isinstance(rehearsed, Accepted)
-    assert rehearsed.preempts == ("a",)
-    assert bench.stop("s", rehearsal=True).preempts == ("a",)  # type: ignore[union-attr]
-    assert _code(bench.command("b", Move({"arm": 1e9}), rehearsal=True)) == "limits"
-    bench.tick(400)
-    assert bench.end("a").state == "succeeded"
-    assert {progress.id for progress in bench.link.progress} == {"a"}
-    assert _code(bench.command("b", Move({"arm": 0.5}))) == "accepted"
-    bench.robot.broken = True
-    bench.tick()
-    assert _code(bench.command("c", rehearsal=True)) == "fault"
-
-
-def test_what_is_not_as_expected_does_not_move() -> None:
-    """The reason says both; a wheel may be whole turns away."""
-    bench = Bench()
-    bench.robot.positions["wheel"] = 4 * math.pi + 0.01
-    bench.tick()
-    refused = bench.command("a", expects={"arm": Expectation(0.5, 0.1)})
-    assert isinstance(refused, Refused)
-    assert (refused.code, refused.reason) == (
-        "expectation",
-        "'arm' was expected at 0.5 rad, give or take 0.1 rad, but is at 0 rad",
-    )
-    bench.tick(10)
-    assert bench.robot.positions["arm"] == 0.0
-    both = {"arm": Expectation(0.0, 0.0), "wheel": Expectation(0.0, 0.02)}
-    assert _code(bench.command("a", expects=both)) == "accepted"
-
-
-def test_a_path_is_followed_or_refused_with_the_factor_that_would_do() -> None:
-    bench = Bench()
-    refused = bench.command("f", Follow(("arm",), (1.0,), ((1.0,),)))
-    assert isinstance(refused, Refused)
-    assert (refused.code, "by a factor of 3.000" in refused.reason) == ("limits", True)
-    assert bench.command("f", Follow(("arm",), (3.0,), ((1.0,),))) == Accepted("f", 3.0)
-    bench.tick(310)
-    assert bench.end("f").state == "succeeded"
-    assert bench.robot.positions["arm"] == 1.0
-
-
-def test_a_gateway_that_comes_hears_how_motions_ended_and_what_runs() -> None:
-    """Ends of the last minute and what is under way; each once for each that comes, also while others are there."""
-    bench = Bench()
-    bench.command("old")
-    bench.tick(300)
-    bench.now_ns += 50_000_000_000
-    bench.tick()
-    bench.command("new", Move({"arm": 0.0}))
-    bench.tick(300)
-    bench.command("now", Move({"wheel": 100.0}))
-    bench.tick()
-    bench.link.progress.clear()
-    bench.link.arrivals += 1
-    bench.tick()
-    assert [(p.id, p.state) for p in bench.link.progress] == [
-        ("old", "succeeded"),
-        ("new", "succeeded"),
-        ("now", "running"),
-    ]
-    bench.tick()
-    assert len(bench.link.progress) == 3
-    bench.now_ns += 10_000_000_000
-    bench.link.arrivals += 1
-    bench.tick()
-    assert [p.id for p in bench.link.progress[3:]] == ["new", "now"]
 
 
 @pytest.mark.parametrize("module", ["agents.agent", "agents.link", "agents.__main__"])

@@ -44,6 +44,7 @@ def test_the_annotations_name_the_poses_with_their_units_and_within_the_limits(s
             assert unit == (UNIT.M if joints[name].linear else UNIT.RAD)
     poses = poses_of(MODELS[source], facts.joints)
     assert {title: {name: at for name, (at, _) in pose.items()} for title, pose in said.items()} == poses
+    assert not {"wheel_left_joint", "wheel_right_joint"} & said["home"].keys()
     assert set(said["home"]) == {j.name for j in facts.joints if j.mimics is None and not j.continuous}
 
 
