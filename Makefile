@@ -52,6 +52,7 @@ bench: export PYTHONPATH := .:tests:tests/requirements
 bench: .venv/stamp
 	$(BIN)/python -m bench.fan_out
 	$(BIN)/python -m bench.memory --cycles 5000
+	$(BIN)/python -m bench.actions
 
 # One environment for everything. A later start finds it as it is and asks nobody for packages.
 .venv/stamp: pyproject.toml constraints.txt

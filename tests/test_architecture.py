@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from agents.settings import SETTINGS
+from gateway.actions.definition import definitions
 from gateway.graph import kinds
 from gateway.graph.serialise import parse
 from gateway.graph.subscription import requested
@@ -58,7 +59,8 @@ def test_the_table_of_kinds_is_that_of_the_code() -> None:
         type_, position, action = documented[joint.value]
         assert kind.type.value.partition("#")[2] == type_
         assert ([kind.position] if kind.position else []) == [one for one in position if one != "pose"]
-        assert (f"`{kind.action}`" if kind.action else "–") == action.partition(" ")[0]
+        offered = {each.segment for each in definitions() if kind.type in each.offered_by}
+        assert offered == set(re.findall(r"`(\w+)`", action))
 
 
 def test_the_resolutions_are_those_of_the_code() -> None:

@@ -199,7 +199,7 @@ class ActionStore:
     async def news(self) -> AsyncIterator[News]:
         """What other runs did since the first contact, for ever; outages are waited out, and ``lost`` follows each."""
         lost = False
-        while True:
+        while not _cancelled():
             try:
                 await self._tell_rest()
                 told = await self._redis.follow()
@@ -269,6 +269,13 @@ def _read(robot: str, body: bytes) -> Invocation | None:
     except ValueError as error:
         _log.warning("an invocation of %s is left alone, it cannot be read: %r", robot or "the fleet", error)
         return None
+
+
+def _cancelled() -> bool:
+    """Whether this task was told to end: redis-py sends with ``asyncio.wait_for``, which before Python 3.12 loses that
+    when it comes as the sending is done."""
+    task = asyncio.current_task()
+    return task is not None and task.cancelling() > 0
 
 
 def _settings(fields: dict[bytes, bytes]) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""The one table of joint kinds and units: class, shape, predicate, path segment, unit, action, resolution."""
+"""The one table of joint kinds and units: class, shape, predicate, path segment, unit, resolution."""
 
 import math
 from dataclasses import dataclass
@@ -80,24 +80,19 @@ UNITS: dict[NamedNode, Unit] = {
 
 @dataclass(frozen=True)
 class Kind:
-    """A row of the table; ``position`` is the path segment of the joint's position, ``action`` that of its motion."""
+    """A row of the table; ``position`` is the path segment of the joint's position."""
 
     type: NamedNode
     shape: NamedNode
     dimension: Dimension | None = None
     position: str | None = None
     predicate: NamedNode | None = None
-    action: str | None = None
 
 
 KINDS: dict[JointKind, Kind] = {
-    JointKind.REVOLUTE: Kind(ROS.RevoluteJoint, ROS.RevoluteJointShape, ANGULAR, "rotation", ROS.rotation, "rotate"),
-    JointKind.CONTINUOUS: Kind(
-        LF.ContinuousJoint, LF.ContinuousJointShape, ANGULAR, "rotation", ROS.rotation, "rotate"
-    ),
-    JointKind.PRISMATIC: Kind(
-        LF.PrismaticJoint, LF.PrismaticJointShape, LINEAR, "translation", LF.translation, "translate"
-    ),
+    JointKind.REVOLUTE: Kind(ROS.RevoluteJoint, ROS.RevoluteJointShape, ANGULAR, "rotation", ROS.rotation),
+    JointKind.CONTINUOUS: Kind(LF.ContinuousJoint, LF.ContinuousJointShape, ANGULAR, "rotation", ROS.rotation),
+    JointKind.PRISMATIC: Kind(LF.PrismaticJoint, LF.PrismaticJointShape, LINEAR, "translation", LF.translation),
     JointKind.FIXED: Kind(LF.FixedJoint, LF.FixedJointShape),
     JointKind.FLOATING: Kind(LF.FloatingJoint, LF.FloatingJointShape),
     JointKind.PLANAR: Kind(LF.PlanarJoint, LF.PlanarJointShape),

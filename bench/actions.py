@@ -1,0 +1,78 @@
+"""What an action costs, from the POST to the agent's acceptance, and what a refusal costs."""
+
+import argparse
+import contextlib
+import statistics
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import httpx
+from browser import HYBRIT, Browser
+from small_fleet import Place, live
+
+_PREFIXES = """@prefix maths: <http://vocab.arvida.de/2015/06/maths/vocab#> .
+@prefix unit: <http://qudt.org/vocab/unit/> .
+@prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> .
+@prefix lf: <https://w3id.org/linked-fleet#> .
+"""
+_TURTLE = {"content-type": "text/turtle"}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--requests", type=int, default=300)
+    count = parser.parse_args().requests
+    with tempfile.TemporaryDirectory() as folder:
+        place = Place(Path(folder))
+        with place.gateway() as (_, browser), place.ur5():
+            live(browser, "ur5")
+            print(f"{'request':44}{'status':>8}{'p50 ms':>9}{'p99 ms':>9}")
+            for name, send, status in _requests(browser):
+                _measure(name, send, status, count)
+
+
+def _requests(browser: Browser) -> list[tuple[str, Callable[[int], httpx.Response], int]]:
+    joint = browser.part("ur5", "wrist_3_joint")
+    robot = browser.robot("ur5")
+    rotate = next(str(a) for a in joint.graph.objects(joint.iri, HYBRIT.action) if str(a).endswith("/rotate"))
+    actions = {str(a).rpartition("/")[2]: str(a) for a in robot.graph.objects(robot.iri, HYBRIT.action)}
+    links = {str(each).rpartition("/")[2]: str(each) for each in robot.graph.subjects(None, None)}
+    link = links["ee_link"]
+
+    def post(url: str, body: str, **headers: str) -> httpx.Response:
+        return browser.http.post(url, content=_PREFIXES + body, headers=_TURTLE | headers)
+
+    def scalar(value: float) -> str:
+        return f"<> vom:numericalValue {value} ; vom:unit maths:Degree ."
+
+    def pose(x: float) -> str:
+        return (
+            f"<> lf:ofLink <{link}> ; lf:position [ maths:x {x} ; maths:y 200 ; maths:z 400 ; vom:unit unit:MilliM ] ."
+        )
+
+    return [
+        ("rotate, accepted by the agent", lambda n: post(rotate, scalar(n % 7)), 204),
+        ("rotate, rehearsed by the agent", lambda n: post(rotate, scalar(n % 7), prefer="dry-run"), 200),
+        ("rotate, refused by the shape", lambda n: post(rotate, scalar(1000)), 422),
+        ("reach, rehearsed", lambda n: post(actions["reach"], pose(400 + n % 50), prefer="dry-run"), 200),
+        ("reach, out of reach", lambda n: post(actions["reach"], pose(4000)), 422),
+        ("stop, accepted by the agent", lambda n: browser.http.post(actions["stop"]), 204),
+    ]
+
+
+def _measure(name: str, send: Callable[[int], httpx.Response], status: int, count: int) -> None:
+    took = []
+    for number in range(count):
+        begin = time.perf_counter()
+        answer = send(number)
+        took.append((time.perf_counter() - begin) * 1000)
+        assert answer.status_code == status, answer.text
+    cuts = statistics.quantiles(took, n=100)
+    print(f"{name:44}{status:8}{statistics.median(took):9.2f}{cuts[98]:9.2f}", flush=True)
+
+
+if __name__ == "__main__":
+    with contextlib.suppress(KeyboardInterrupt):
+        main()
