@@ -197,18 +197,22 @@ class ActionStore:
     # News
 
     async def news(self) -> AsyncIterator[News]:
-        """What other runs did since the first contact, for ever; outages are waited out, and ``lost`` follows each."""
-        lost = False
-        while not _cancelled():
+        """What other runs did since the first contact, for ever; outages are waited out.
+
+        ``lost`` follows each outage that any method met, so what failed meanwhile may be left to it.
+        """
+        seen_s = float("-inf")
+        while True:
+            _heed_cancellation()
             try:
                 await self._tell_rest()
                 told = await self._redis.follow()
             except StoreUnavailable:
-                lost = True
                 await asyncio.sleep(_BACKOFF_S)
                 continue
+            served_s, now_s = self._redis.served_s, time.monotonic()
+            lost, seen_s = served_s < now_s - seen_s, now_s
             if lost:
-                lost = False
                 yield News("lost")
             for fields in told:
                 what = fields[b"what"].decode()
@@ -271,11 +275,12 @@ def _read(robot: str, body: bytes) -> Invocation | None:
         return None
 
 
-def _cancelled() -> bool:
-    """Whether this task was told to end: redis-py sends with ``asyncio.wait_for``, which before Python 3.12 loses that
-    when it comes as the sending is done."""
+def _heed_cancellation() -> None:
+    """redis-py sends with ``asyncio.wait_for``, which before Python 3.12 loses a cancellation that comes as the sending
+    is done; without this whoever waits for the reader of the news to end would wait for ever."""
     task = asyncio.current_task()
-    return task is not None and task.cancelling() > 0
+    if task is not None and task.cancelling():
+        raise asyncio.CancelledError
 
 
 def _settings(fields: dict[bytes, bytes]) -> dict[str, str]:

@@ -5,9 +5,8 @@ import logging
 import time
 import uuid
 from collections.abc import Awaitable, Callable, Iterator
-from contextlib import aclosing
 from dataclasses import replace
-from typing import Any
+from typing import Any, Self
 
 import pytest
 from redis_servers import Servers, cluster, single
@@ -67,12 +66,43 @@ async def until(probe: Callable[[], Awaitable[Any]], what: str) -> Any:
     return value
 
 
-async def served(store: ActionStore) -> bool:
+async def done(act: Awaitable[Any]) -> bool:
+    """Whether it was served; a connection of a cluster is known to be dead only when it is used."""
     try:
-        await store.load()
+        await act
     except StoreUnavailable:
         return False
     return True
+
+
+class Listener:
+    """All that a store is told, as it comes."""
+
+    def __init__(self, store: ActionStore) -> None:
+        self._store = store
+        self._heard: list[News] = []
+
+    async def __aenter__(self) -> Self:
+        await self._store.load()  # the first contact
+        self._task = asyncio.create_task(self._listen())
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self._task.cancel()
+        await asyncio.wait([self._task])
+
+    async def _listen(self) -> None:
+        async for news in self._store.news():
+            self._heard.append(news)
+
+    async def next(self, count: int) -> list[News]:
+        async def enough() -> bool:
+            assert not self._task.done(), self._task
+            return len(self._heard) >= count
+
+        await until(enough, f"{count} news, only {self._heard}")
+        told, self._heard = self._heard[:count], self._heard[count:]
+        return told
 
 
 async def is_free(store: ActionStore) -> bool:
@@ -159,7 +189,7 @@ def test_what_is_over_is_forgotten_after_its_time_and_what_is_open_not_before_it
 
             await until(forgotten, "what is over is forgotten")
             assert await a.load() == [still]
-            assert await a.open(an_invocation(), key="k", digest="e") is None  # the key is free again
+            assert await a.open(ended(an_invocation()), key="k", digest="e") is None  # the key is free again
             await a.save(ended(still))
             await a.open(later)
 
@@ -403,17 +433,19 @@ def test_whatever_a_robot_is_called_what_is_its_own_is_nobody_else_s(store: Stor
     robots = [*HOSTILE, FLEET, "r"]
 
     async def run() -> None:
-        async with store("a") as a, store("b") as b, aclosing(b.news()) as news:
-            await b.load()
+        async with store("a") as a, store("b") as b, Listener(b) as heard:
             made = {robot: an_invocation(robot=robot, client=robot) for robot in robots}
             for robot, one in made.items():
                 assert await a.open(one, key="k", digest=robot) is None
-                assert await anext(news) == News("invocation", robot, one.id)
                 lease, _ = await a.take(robot, robot, 60)
                 assert lease == await b.lease(robot)
                 assert (lease.robot, lease.holder) == (robot, robot)
                 await a.set_setting(robot, robot, robot)
-                assert [(await anext(news)).what for _ in range(2)] == ["lease", "settings"]
+                assert await heard.next(3) == [
+                    News("invocation", robot, one.id),
+                    News("lease", robot, lease.id),
+                    News("settings", robot, robot),
+                ]
             assert {one.robot: one for one in await b.load()} == made
             assert await b.all_settings() == {robot: {robot: robot} for robot in robots}
 
@@ -442,8 +474,7 @@ def test_a_namespace_that_would_make_keys_ambiguous_is_refused(namespace: str) -
 
 def test_others_hear_what_was_done_and_nobody_what_he_did_himself(store: Stores) -> None:
     async def run() -> None:
-        async with store("a") as a, store("b") as b, aclosing(a.news()) as heard_a, aclosing(b.news()) as heard_b:
-            await asyncio.gather(a.load(), b.load())  # the first contact
+        async with store("a") as a, store("b") as b, Listener(a) as heard_by_a, Listener(b) as heard_by_b:
             one = an_invocation()
             await a.open(one, key="k", digest="d")
             assert await a.open(an_invocation(), key="k", digest="d") == one.id  # nothing new
@@ -457,39 +488,59 @@ def test_others_hear_what_was_done_and_nobody_what_he_did_himself(store: Stores)
             await a.delete(one)
             await a.delete(one)
             await b.set_setting("x", "title", "X")
-            assert [await anext(heard_b) for _ in range(7)] == [
-                News("invocation", "r", one.id),
-                News("invocation", "r", one.id),
+            assert await heard_by_b.next(7) == [
+                *[News("invocation", "r", one.id)] * 2,
                 *[News("lease", "r", lease.id)] * 3,
                 News("settings", "r", "title"),
                 News("deleted", "r", one.id),
             ]
-            assert await anext(heard_a) == News("settings", "x", "title")
+            assert await heard_by_a.next(1) == [News("settings", "x", "title")]
 
     asyncio.run(run())
 
 
 def test_after_an_outage_a_listener_is_told_to_read_anew_and_hears_the_rest(servers: Servers, store: Stores) -> None:
     async def run() -> None:
-        async with store("a") as a, store("b") as b, aclosing(a.news()) as news:
-            await a.load()
+        async with store("a") as a, store("b") as b, Listener(a) as heard, Listener(b):
             await b.set_setting("r", "first", "1")
-            assert await anext(news) == News("settings", "r", "first")
-            waiting = asyncio.ensure_future(anext(news))
+            assert await heard.next(1) == [News("settings", "r", "first")]
             await asyncio.to_thread(servers.kill)
             await asyncio.to_thread(servers.start)
-            await until(lambda: served(b), "b is served again")
-            await b.set_setting("r", "second", "2")
-            assert await waiting == News("lost")
-            assert await anext(news) == News("settings", "r", "second")
+            await until(lambda: done(b.set_setting("r", "second", "2")), "b is served again")
+            assert await heard.next(2) == [News("lost"), News("settings", "r", "second")]
+
+    asyncio.run(run())
+
+
+def test_who_met_an_outage_before_listening_is_told_too(servers: Servers, store: Stores) -> None:
+    async def run() -> None:
+        async with store("a") as a, store("b") as b:
+            await asyncio.to_thread(servers.kill)
+            with pytest.raises(StoreUnavailable):
+                await a.load()
+            await asyncio.to_thread(servers.start)
+            await until(lambda: done(a.load()), "a is served again")
+            async with Listener(a) as heard:
+                await until(lambda: done(b.set_setting("r", "title", "R")), "b is served")
+                assert await heard.next(2) == [News("lost"), News("settings", "r", "title")]
+
+    asyncio.run(run())
+
+
+def test_a_listener_ends_when_it_is_told_to_even_as_news_come(store: Stores) -> None:
+    async def run() -> None:
+        async with store("a") as a, store("b") as b:
+            for number in range(3):
+                async with Listener(a) as heard:
+                    await b.set_setting("r", "title", str(number))
+                    await heard.next(1)
 
     asyncio.run(run())
 
 
 def test_what_could_not_be_told_is_told_later(store: Stores) -> None:
     async def run() -> None:
-        async with store("a") as a, store("b") as b, aclosing(b.news()) as news:
-            await b.load()
+        async with store("a") as a, store("b") as b, Listener(b) as heard:
             tell = a._redis.all
 
             async def away(*_: object) -> Any:
@@ -498,15 +549,12 @@ def test_what_could_not_be_told_is_told_later(store: Stores) -> None:
             a._redis.all = away  # type: ignore[method-assign]
             one = an_invocation()
             await a.open(one)
-            _, token = await a.take("r", "Ada", 60)  # its token is not lost
+            lease, token = await a.take("r", "Ada", 60)  # its token is not lost
             assert await b.read("r", one.id) == one
             a._redis.all = tell  # type: ignore[method-assign]
             await a.check("r", token)
-            async with aclosing(a.news()) as own:
-                listening = asyncio.ensure_future(anext(own))
-                assert [(await anext(news)).what for _ in range(2)] == ["invocation", "lease"]
-                await b.set_setting("r", "title", "R")
-                assert await listening == News("settings", "r", "title")
+            async with Listener(a):
+                assert await heard.next(2) == [News("invocation", "r", one.id), News("lease", "r", lease.id)]
 
     asyncio.run(run())
 
@@ -540,7 +588,7 @@ def test_what_was_accepted_survives_kill_9_of_the_server(servers: Servers, store
                 with pytest.raises(StoreUnavailable):
                     await act()
             await asyncio.to_thread(servers.start)
-            await until(lambda: served(a), "a is served again")
+            await until(lambda: done(a.load()), "a is served again")
             assert await a.load() == made
             assert await a.lease("r") == lease
             assert await a.all_settings() == {"r": {"title": "R"}}
