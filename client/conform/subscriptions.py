@@ -2,6 +2,8 @@
 
 import json
 
+from rdflib import RDF
+
 from client.conform.rdf import parsed
 from client.conform.stream import Stream
 from client.conform.subject import Subject
@@ -31,9 +33,8 @@ async def r0_13(subject: Subject) -> Verdict:
     made = [each for each in subject.trials.made() if each.exists]
     if made:
         return passed(f"{made[0].answer}: {_what_came(made[0])}")
-    listed = subject.walk.model.WebCallback
     for page in subject.walk:
-        if (None, None, listed) in page.graph:
+        if (None, RDF.type, subject.walk.model.WebCallback) in page.graph:
             return passed(f"GET {page.url}: lists callbacks")
     return _no_callback(subject)
 

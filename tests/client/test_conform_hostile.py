@@ -15,7 +15,8 @@ from client.conform.web import MAX_BODY_BYTES
 
 Reply = Callable[[str, str], bytes]
 TYPE = "Content-Type: text/turtle\r\n"
-HYBRIT = "@prefix hybrit: <https://hybr-it-projekt.de/ns/hybr-it#> . @prefix sh: <http://www.w3.org/ns/shacl#> ."
+HYBRIT = """@prefix hybrit: <https://hybr-it-projekt.de/ns/hybr-it#> . @prefix ldp: <http://www.w3.org/ns/ldp#> .
+@prefix sh: <http://www.w3.org/ns/shacl#> ."""
 
 
 def http(status: str, headers: str = "", body: str = "") -> bytes:
@@ -51,7 +52,8 @@ class Hostile:
                 head += part
             line = head.decode("latin-1").partition("\r\n")[0]
             self.lines.append(line)
-            connection.sendall(self.reply(*line.split(" ")[:2]))
+            method, path, *_ = line.split(" ")
+            connection.sendall(self.reply("WEBSOCKET" if b"Upgrade: websocket" in head else method, path))
             if self.stalls:
                 self.over.wait()
             connection.shutdown(socket.SHUT_WR)
@@ -143,6 +145,8 @@ def test_it_never_leaves_the_server(capsys: pytest.CaptureFixture[str]) -> None:
         def reply(method: str, path: str) -> bytes:
             if path == "/away":
                 return http("302 Found", f"Location: {elsewhere.root}\r\n")
+            if method == "WEBSOCKET":
+                return http("302 Found", f"Location: {elsewhere.root.replace('http', 'ws')}\r\n")
             away = f'Link: <{elsewhere.root}>; rel="related"\r\nLocation: {elsewhere.root}\r\n'
             names = f"hybrit:property <{elsewhere.root}p>, </away> ; hybrit:blueprint <{elsewhere.root}b>"
             text = f"{HYBRIT} <> a hybrit:RoboticThing ; hybrit:subscriptions <> ; {names} ."
@@ -154,24 +158,34 @@ def test_it_never_leaves_the_server(capsys: pytest.CaptureFixture[str]) -> None:
         assert elsewhere.lines == []
 
 
-def test_nothing_is_deleted_that_was_there_before(capsys: pytest.CaptureFixture[str]) -> None:
-    """A server that calls its robot a new subscription keeps its robot."""
+@pytest.mark.parametrize("listed", ["", "<> ldp:contains </robot> ."])
+@pytest.mark.parametrize("known", ["/robot", "/other"])
+def test_nothing_is_deleted_that_is_not_surely_ours(
+    known: str, listed: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A server that calls its robot a new subscription keeps its robot, be it a known one or one never linked."""
+    posted: list[str] = []
 
     def reply(method: str, path: str) -> bytes:
-        text = f"{HYBRIT} <> a hybrit:RoboticThing ; hybrit:subscriptions </s> ; hybrit:property </robot> ."
-        headers = TYPE + "Allow: GET, POST, DELETE\r\nLocation: /robot\r\n"
-        return http("201 Created", headers, text if method == "GET" else "")
+        posted.extend([path] if method == "POST" else [])
+        text = f"{HYBRIT} <> a hybrit:RoboticThing ; hybrit:subscriptions </s> ; hybrit:property <{known}> ."
+        text = f"{HYBRIT} <> a ldp:Container . {listed if posted else ''}" if path == "/s" else text
+        headers = TYPE + "Allow: GET, POST, DELETE\r\n" + ("Location: /robot\r\n" if method == "POST" else "")
+        return http("201 Created" if method == "POST" else "200 OK", headers, text if method == "GET" else "")
 
     with hostile(reply) as server:
         found = results(server.root, capsys)
-        assert not [line for line in server.lines if line.startswith("DELETE")]
-    assert found["R0.8"] == "failed"
+        assert posted
+        deleted = [line for line in server.lines if line.startswith("DELETE")]
+    if known == "/robot" or not listed:
+        assert not deleted
+        assert found["R0.8"] == "failed"
 
 
 def test_shapes_with_programs_are_not_run(capsys: pytest.CaptureFixture[str]) -> None:
-    """A blueprint could have SPARQL fetch from anywhere."""
+    """A blueprint could have SPARQL fetch from anywhere, or never end: even what is harmless is left alone."""
     with hostile(lambda method, path: http("200 OK")) as elsewhere:
-        query = f"SELECT $this WHERE {{ SERVICE <{elsewhere.root}> {{ ?s ?p ?o }} }}"
+        query = f"SELECT $this FROM <{elsewhere.root}> WHERE {{ $this <p> <q> }}"
 
         def reply(method: str, path: str) -> bytes:
             shape = f'<#s> a sh:NodeShape ; sh:targetNode </> ; sh:sparql [ sh:select "{query}" ] .'
