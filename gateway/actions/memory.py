@@ -3,16 +3,17 @@
 import asyncio
 import logging
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from types import TracebackType
 from typing import Self
 
 from agents.wire.messages import Progress
+from gateway.actions.refusals import refusals
 from gateway.actions.store import ActionStore, News, StoreUnavailable
 from gateway.ending import end
-from gateway.fleet.fleet import Change
 from gateway.fleet.invocations import Invocation
 from gateway.fleet.lease import Lease
+from gateway.fleet.robot import Robot
 from gateway.graph.invocation import invocation_path
 from gateway.graph.paths import lease_path
 from gateway.live import Live
@@ -32,9 +33,11 @@ class Memory:
     def __init__(self, live: Live, store: ActionStore, stop: StopOne, over: Callable[[Invocation], None]) -> None:
         self._live, self._store, self._stop, self._over = live, store, stop, over
         self._unsaved: dict[str, tuple[Invocation, bool]] = {}
+        self._unasked: set[str] = set()  # nobody was asked for leave, and the store does not know of them yet
         self._to_save = asyncio.Event()
         self._heard_s: dict[str, float] = {}
         self._fetching: set[asyncio.Task[None]] = set()
+        self._stopping: dict[str, asyncio.Task[None]] = {}
         self._tasks: list[asyncio.Task[None]] = []
 
     async def __aenter__(self) -> Self:
@@ -43,27 +46,27 @@ class Memory:
         except StoreUnavailable as error:  # ``news`` says "lost" as soon as it is there
             log.warning("the store is away, nothing is remembered yet: %s", error)
         for task in (self._listen, self._save, self._watch):
-            self._tasks.append(asyncio.create_task(task(), name=f"memory {task.__name__}"))
+            self._tasks.append(asyncio.create_task(self._for_ever(task), name=f"memory {task.__name__}"))
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        await end([*self._tasks, *self._fetching])
-        for invocation, _ in self._unsaved.values():
-            log.warning("what became of invocation %s could not be remembered", invocation.id)
+        await end([*self._tasks, *self._fetching, *self._stopping.values()])
+        for id in self._unsaved:
+            log.warning("what became of invocation %s could not be remembered", id)
 
     # -- invocations ------------------------------------------------------------------------------------------------
 
     def save(self, invocation: Invocation) -> None:
         """Remember what became of an invocation that was opened, as soon as may be."""
-        self._unsaved.setdefault(invocation.id, (invocation, False))
+        self._unsaved.setdefault(invocation.id, (invocation, invocation.id in self._unasked))
         self._to_save.set()
 
     def record(self, invocation: Invocation) -> None:
         """Remember an invocation that needed no leave: stopping."""
-        self._unsaved[invocation.id] = (invocation, True)
-        self._to_save.set()
+        self._unasked.add(invocation.id)
+        self.save(invocation)
 
     def forget(self, invocation: Invocation) -> None:
         self._live.invocations.remove(invocation.id)
@@ -104,30 +107,58 @@ class Memory:
 
     # -- leases and settings ----------------------------------------------------------------------------------------
 
+    async def take(self, robot: Robot, holder: str, duration_s: float, token: str) -> tuple[Lease, str]:
+        """Take or renew control of a robot; the lease and the token that proves it. Controlled, StoreAway."""
+        async with refusals():
+            lease, proof = await self._store.take(robot.name, holder, duration_s, token)
+        self.control(robot.name, lease)
+        return lease, proof
+
+    async def release(self, robot: Robot, token: str) -> bool:
+        """Give control up; False when nobody has it. Controlled, StoreAway."""
+        async with refusals():
+            released = await self._store.release(robot.name, token)
+        self.control(robot.name, None)
+        return released
+
+    async def configure(self, robot: Robot, name: str, value: str) -> None:
+        """Set something of a robot, for all gateways and for good; StoreAway."""
+        async with refusals():
+            await self._store.set_setting(robot.name, name, value)
+            await self.configured(robot.name)
+
     def control(self, robot: str, lease: Lease | None) -> None:
         """Note who has control, as the store has just said."""
         if lease is None:
             self._heard_s.pop(robot, None)
         else:
             self._heard_s[robot] = time.monotonic()
-        self._changed(self._live.fleet.control(robot, lease), lease_path(robot))
+        if self._live.fleet.control(robot, lease):
+            self._live.fan_out.touched(lease_path(robot))
 
     async def configured(self, robot: str) -> None:
-        self._changed(self._live.fleet.configure(robot, await self._store.settings(robot)))
+        self._configure(robot, await self._store.settings(robot))
 
-    def _changed(self, changes: list[Change], *paths: str) -> None:
-        for change in changes:
-            self._live.fan_out.changed(change.robot)
-            for path in paths:
-                self._live.fan_out.touched(path)
+    def _configure(self, robot: str, settings: Mapping[str, str]) -> None:
+        if self._live.fleet.configure(robot, settings):
+            self._live.fan_out.changed(robot)
 
     # -- tasks ------------------------------------------------------------------------------------------------------
+
+    async def _for_ever(self, task: Callable[[], Awaitable[None]]) -> None:
+        while True:
+            try:
+                await task()
+            except Exception:
+                # The boundary of the task: without it nothing would be remembered, or heard of, any more.
+                log.exception("what the gateways remember together is not up to date; it is tried again")
+            await asyncio.sleep(_RETRY_S)
 
     async def _load(self) -> None:
         for invocation in await self._store.load():
             self._put(invocation)
         for robot, settings in (await self._store.all_settings()).items():
-            self._changed(self._live.fleet.configure(robot, settings))
+            self._configure(robot, settings)
         for robot in {*self._live.fleet.robots, *self._live.fleet.leases}:
             self.control(robot, await self._store.lease(robot))
 
@@ -157,16 +188,17 @@ class Memory:
             await self._to_save.wait()
             self._to_save.clear()
             while self._unsaved:
-                id, (invocation, unasked) = next(iter(self._unsaved.items()))
+                # Taken out first: what becomes of it meanwhile is to be saved again.
+                id = next(iter(self._unsaved))
+                invocation, unasked = self._unsaved.pop(id)
                 try:
                     if unasked:
                         await self._store.open(invocation, unasked=True)
+                        self._unasked.discard(id)
                     await self._store.save(invocation)
                 except StoreUnavailable:
+                    self.save(invocation)
                     await asyncio.sleep(_RETRY_S)
-                    continue
-                if self._unsaved.get(id) == (invocation, unasked):
-                    del self._unsaved[id]
 
     async def _watch(self) -> None:
         """Notice leases that end by themselves, and stop what is tied to one that is over."""
@@ -177,11 +209,18 @@ class Memory:
             for robot in {*(robots - known), *self._live.fleet.leases}:
                 await self._look(robot)
             known = robots
-            tied = [one for robot in robots for one in self._live.invocations.open_of(robot) if one.lease]
-            for invocation in tied:
+            for invocation in [one for robot in robots for one in self._live.invocations.open_of(robot) if one.lease]:
                 lease = self._live.fleet.leases.get(invocation.robot)
-                if lease is None or lease.id != invocation.lease:
-                    await self._stop(invocation, "the control lease that it was tied to has ended")
+                if (lease is None or lease.id != invocation.lease) and invocation.id not in self._stopping:
+                    stopping = asyncio.create_task(self._stop_tied(invocation), name=f"stop {invocation.id}")
+                    self._stopping[invocation.id] = stopping
+
+    async def _stop_tied(self, invocation: Invocation) -> None:
+        """Apart from the others: a robot that does not answer holds nobody up."""
+        try:
+            await self._stop(invocation, "the control lease that it was tied to has ended")
+        finally:
+            del self._stopping[invocation.id]
 
     async def _look(self, robot: str) -> None:
         try:

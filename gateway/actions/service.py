@@ -4,10 +4,8 @@ import asyncio
 import logging
 import time
 import uuid
-from collections.abc import AsyncIterator, Iterable
-from contextlib import asynccontextmanager
+from collections.abc import Iterable
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from types import TracebackType
 from typing import Self
 
@@ -15,13 +13,11 @@ from agents.wire.messages import WIRE_VERSION, Accepted, Command, Progress, Refu
 from gateway.actions.caller import Caller
 from gateway.actions.memory import Memory
 from gateway.actions.plan import Halt, Later, Motion
-from gateway.actions.store import ActionStore, KeyReused, LeaseHeld, LeaseOver, StoreUnavailable
+from gateway.actions.refusals import check_live, lease_of, refusal, refusals, silence
+from gateway.actions.store import ActionStore
 from gateway.ending import end
-from gateway.errors import AgentSilent, Changed, Conflict, Controlled, Offline, RefusedByAgent, StoreAway
-from gateway.errors import KeyReused as KeyReusedError
+from gateway.errors import AgentSilent, Conflict, Offline, RefusedByAgent
 from gateway.fleet.invocations import FLEET, Invocation, InvocationState
-from gateway.fleet.lease import Lease
-from gateway.fleet.robot import Robot
 from gateway.graph.invocation import invocation_path
 from gateway.link import NoAnswer
 from gateway.live import Live
@@ -77,7 +73,7 @@ class Actions:
         came: then the invocation is "unknown" until progress or its deadline settles it.
         """
         robot = motion.robot
-        _check_live(robot)
+        check_live(robot)
         now_ns = time.time_ns()
         invocation = Invocation(
             id=str(uuid.uuid4()),
@@ -89,17 +85,22 @@ class Actions:
             client=caller.name,
             body=caller.body,
             facts=dict(motion.facts),
-            lease=_lease_of(robot) if motion.tied else "",
+            lease=lease_of(robot) if motion.tied else "",
         )
         async with refusals():
             first = await self._store.open(invocation, token=caller.token, key=caller.key, digest=caller.digest)
             if first is not None:
                 return await self._first(robot.name, first)
         self._begin(invocation)
-        reply = await self._send(invocation, _command(invocation.id, motion))
+        try:
+            command = _command(invocation.id, motion)
+        except Offline as error:
+            self._refuse(invocation, error.detail)
+            raise
+        reply = await self._send(invocation, command)
         if isinstance(reply, Refused):
             self._refuse(invocation, reply.reason)
-            raise _refusal(robot, reply)
+            raise refusal(robot, reply)
         self._accept(invocation, reply)
         return invocation
 
@@ -111,16 +112,16 @@ class Actions:
     async def rehearse(self, motion: Motion, caller: Caller) -> Rehearsed:
         """What ``start`` would do; raises what it would raise."""
         robot = motion.robot
-        _check_live(robot)
+        check_live(robot)
         async with refusals():
-            await self._store.check(robot.name, caller.token, _lease_of(robot) if motion.tied else "")
+            await self._store.check(robot.name, caller.token, lease_of(robot) if motion.tied else "")
         try:
             command = _command(str(uuid.uuid4()), motion, rehearsal=True)
             reply = await self._live.link.command(robot.name, command, _ANSWER_TIMEOUT_S)
         except NoAnswer as error:
             raise AgentSilent(f"The agent of {robot.name} gave no answer: {error}.") from error
         if isinstance(reply, Refused):
-            raise _refusal(robot, reply)
+            raise refusal(robot, reply)
         return Rehearsed(reply.duration_s, reply.preempts)
 
     async def _send(self, invocation: Invocation, command: Command) -> Reply:
@@ -131,7 +132,7 @@ class Actions:
                 invocation.state = InvocationState.UNKNOWN
                 invocation.reason = "the agent gave no answer; progress or the deadline will settle it"
                 self._news(invocation)
-            raise _silence(invocation, str(error)) from error
+            raise silence(invocation, str(error)) from error
 
     async def _first(self, robot: str, id: str) -> Invocation:
         """The invocation that a repeated request began, which gets the answer that the first one got."""
@@ -139,7 +140,7 @@ class Actions:
         if invocation is None:
             raise Conflict("The first request with this Idempotency-Key has been answered, and its invocation deleted.")
         if invocation.state is InvocationState.UNKNOWN and invocation.started_ns is None:
-            raise _silence(invocation, "not to the first request with this Idempotency-Key either")
+            raise silence(invocation, "not to the first request with this Idempotency-Key either")
         if invocation.state is InvocationState.FAILED and invocation.started_ns is None:
             raise RefusedByAgent(f"The agent of {robot} refused the first request with this key: {invocation.reason}")
         return invocation
@@ -186,10 +187,10 @@ class Actions:
         reply = replies.get(robot)
         if reply is None:
             self._unheard(invocation)
-            raise _silence(invocation, "it did not say that it stops")
+            raise silence(invocation, "it did not say that it stops")
         if isinstance(reply, Refused):
             self._refuse(invocation, reply.reason)
-            raise _refusal(fleet[robot], reply)
+            raise refusal(fleet[robot], reply)
         self._accept(invocation, reply)
         return invocation
 
@@ -267,28 +268,6 @@ class Actions:
         replies = await self._live.link.stop((invocation.robot,), stop, _ANSWER_TIMEOUT_S)
         return replies.get(invocation.robot)
 
-    # -- leases and settings ----------------------------------------------------------------------------------------
-
-    async def take(self, robot: Robot, holder: str, duration_s: float, token: str) -> tuple[Lease, str]:
-        """Take or renew control of a robot; the lease and the token that proves it. Controlled, StoreAway."""
-        async with refusals():
-            lease, proof = await self._store.take(robot.name, holder, duration_s, token)
-        self.memory.control(robot.name, lease)
-        return lease, proof
-
-    async def release(self, robot: Robot, token: str) -> bool:
-        """Give control up; False when nobody has it. Controlled, StoreAway."""
-        async with refusals():
-            released = await self._store.release(robot.name, token)
-        self.memory.control(robot.name, None)
-        return released
-
-    async def configure(self, robot: Robot, name: str, value: str) -> None:
-        """Set something of a robot, for all gateways and for good; StoreAway."""
-        async with refusals():
-            await self._store.set_setting(robot.name, name, value)
-            await self.memory.configured(robot.name)
-
     # -- what the robots say ----------------------------------------------------------------------------------------
 
     def _progressed(self, robot: str, progress: Progress) -> None:
@@ -342,12 +321,6 @@ class Actions:
         self._live.tell(invocation)
 
 
-def _check_live(robot: Robot) -> None:
-    if not robot.online or robot.incarnation is None or robot.frame is None:
-        since = "has not sent a frame yet" if robot.online else "is offline"
-        raise Offline(f"Robot {robot.name} {since}; its actions answer again once it is back.")
-
-
 def _command(id: str, motion: Motion, *, rehearsal: bool = False) -> Command:
     """As fresh as can be: ``seen_ns`` is of the latest frame."""
     robot = motion.robot
@@ -365,45 +338,3 @@ def _command(id: str, motion: Motion, *, rehearsal: bool = False) -> Command:
         expects=dict(motion.expects),
         rehearsal=rehearsal,
     )
-
-
-def _lease_of(robot: Robot) -> str:
-    if robot.lease is None:
-        raise Conflict(f"Nobody has the control lease of {robot.name}; take it, and the motion can be tied to it.")
-    return robot.lease.id
-
-
-def _refusal(robot: Robot, reply: Refused) -> Conflict:
-    if reply.code == "expectation":
-        return Changed(f"The precondition does not hold: {reply.reason}")
-    return RefusedByAgent(f"The agent of {robot.name} refused ({reply.code}): {reply.reason}")
-
-
-def _silence(invocation: Invocation, why: str) -> AgentSilent:
-    return AgentSilent(
-        f"The agent of {invocation.robot} gave no answer: {why}. The invocation stays until that is settled.",
-        headers={"location": invocation_path(invocation)},
-    )
-
-
-@asynccontextmanager
-async def refusals() -> AsyncIterator[None]:
-    """What the store refuses, as it is answered."""
-    try:
-        yield
-    except LeaseHeld as error:
-        lease = error.lease
-        until = datetime.fromtimestamp(lease.expires_ns / 1e9, UTC).isoformat(timespec="seconds")
-        raise Controlled(
-            f"{lease.holder} controls {lease.robot} until {until}; only stopping is open to everybody.",
-            holder=lease.holder,
-            expires=until,
-        ) from error
-    except LeaseOver as error:
-        raise Conflict("The control lease is not held any more; take it, and the motion can be tied to it.") from error
-    except KeyReused as error:
-        raise KeyReusedError(
-            "This Idempotency-Key was used for another request within a day; each request needs its own."
-        ) from error
-    except StoreUnavailable as error:
-        raise StoreAway(f"Redis is away: {error}. Stopping is possible nevertheless.") from error

@@ -5,11 +5,13 @@ from pyoxigraph import Literal, NamedNode
 from gateway.actions.completions import Scope, complete
 from gateway.actions.offer import Offer
 from gateway.fleet.robot import Robot
+from gateway.graph.affordance import PutSetting, PutTarget
 from gateway.graph.annotations import annotate
 from gateway.graph.build import Graph, integer
 from gateway.graph.kinds import ANGULAR, UNITLESS, kind_of
 from gateway.graph.property import Property
-from gateway.graph.setting import settings
+from gateway.graph.resource import Resource
+from gateway.graph.setting import Setting, settings
 from gateway.graph.vocab import HYBRIT, LF, SH
 
 ABSOLUTE = (LF.Rotate, LF.Translate)
@@ -67,7 +69,7 @@ def target(robot: Robot, offer: Offer) -> Property:
     )
 
 
-def describe_target_input(graph: Graph, iri: NamedNode, offer: Offer, base: str) -> None:
+def _describe_target_input(graph: Graph, iri: NamedNode, offer: Offer, base: str) -> None:
     """The shape of what may be put as the target of a joint: one ``lf:value``, as the action takes it."""
     value, scalar = graph.blank(), graph.blank()
     graph.a(iri, SH.NodeShape)
@@ -79,3 +81,16 @@ def describe_target_input(graph: Graph, iri: NamedNode, offer: Offer, base: str)
     graph.add(value, SH.node, scalar)
     graph.a(scalar, SH.NodeShape)
     complete(Scope(base, offer.robot, offer.joint))(graph, scalar, LF.jointPosition)
+
+
+def describe_target_blueprint(blueprint: Resource, offer: Offer, base: str, graph: Graph) -> None:
+    """The blueprint of a target, and the shape of what can be put there, which depends on the joint."""
+    assert blueprint.describe is not None
+    blueprint.describe(graph)
+    _describe_target_input(graph, NamedNode(f"{base}{blueprint.path}#input"), offer, base)
+
+
+def affordance(put: Setting | Offer | None) -> PutSetting | PutTarget | None:
+    if put is None:
+        return None
+    return PutSetting(put) if isinstance(put, Setting) else PutTarget(put)

@@ -11,11 +11,11 @@ from pyoxigraph import NamedNode
 
 from gateway.actions.offer import Offer, fleet_offers, joint_offers, robot_offers
 from gateway.fleet.fleet import Fleet
-from gateway.fleet.invocations import Invocations
+from gateway.fleet.invocations import FLEET, Invocations
 from gateway.fleet.model import Joint, Link
 from gateway.fleet.robot import Robot
 from gateway.graph.action_tree import in_actions, invocation_of
-from gateway.graph.affordance import Control, PutSetting, PutTarget
+from gateway.graph.affordance import Control
 from gateway.graph.build import Graph
 from gateway.graph.describe import Describer, part_paths
 from gateway.graph.invocation import invocation_path
@@ -35,8 +35,7 @@ from gateway.graph.properties import FRAME_MEDIA_TYPE, joint_properties, link_pr
 from gateway.graph.property import Property
 from gateway.graph.reading import Source, presence
 from gateway.graph.resource import CONTAINER, Redirect, Resource, blueprint_of
-from gateway.graph.settable import describe_target_input
-from gateway.graph.setting import Setting
+from gateway.graph.settable import affordance, describe_target_blueprint
 from gateway.graph.shapes import load
 from gateway.graph.subscription import describe_request_shape
 from gateway.graph.subscription_tree import in_subscriptions
@@ -162,7 +161,7 @@ class Tree:
             path,
             robot.name,
             lambda graph: self._say.robot(robot, self._tasks(robot), graph),
-            source=_thing(robot, properties, lambda: (robot.lease, self._tasks(robot))),
+            source=_thing(robot, properties, lambda: self._tasks(robot)),
             own=_own(path, properties, actions),
             parts=tuple(part_paths(robot)),
             has_linkset=True,
@@ -232,7 +231,9 @@ class Tree:
         if not rest[1:]:
             return resource
         whole = blueprint_of(resource, self._base, (item.shape,), _following(resource.source))
-        return replace(whole, describe=partial(_with_input, whole, item.put, self._base))
+        if not isinstance(item.put, Offer):
+            return whole
+        return replace(whole, describe=partial(describe_target_blueprint, whole, item.put, self._base))
 
     def _measurement(self, robot: Robot, owner: str, item: Property) -> Resource:
         path = f"{owner.rstrip('/')}/{item.segment}"
@@ -248,7 +249,7 @@ class Tree:
             source=source,
             own=(path + "/blueprint",),
             documents=documents,
-            affords=_affordance(item.put),
+            affords=affordance(item.put),
         )
 
     # -- all that is below ------------------------------------------------------------------------------------------
@@ -266,6 +267,8 @@ class Tree:
         if path == "/":
             for name in self._fleet.robots:
                 yield from self.below(robot_path(name))
+            for invocation in self._invocations.open_of(FLEET):
+                yield invocation_of(None, invocation, self._invocations, self._base), True
         elif path == root.owner:
             yield from self._below_thing(root)
 
@@ -320,20 +323,6 @@ def _thing(robot: Robot, properties: Sequence[Property], also: Callable[[], obje
 def _following(source: Source) -> Source:
     """What follows from the description alone."""
     return Source() if source.robot is None else _about(source.robot)
-
-
-def _affordance(put: Setting | Offer | None) -> PutSetting | PutTarget | None:
-    if put is None:
-        return None
-    return PutSetting(put) if isinstance(put, Setting) else PutTarget(put)
-
-
-def _with_input(blueprint: Resource, put: Setting | Offer | None, base: str, graph: Graph) -> None:
-    """The blueprint of a property and, if its form depends on the joint, of what can be put there."""
-    assert blueprint.describe is not None
-    blueprint.describe(graph)
-    if isinstance(put, Offer):
-        describe_target_input(graph, NamedNode(f"{base}{blueprint.path}#input"), put, base)
 
 
 def _about(robot: Robot) -> Source:

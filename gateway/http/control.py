@@ -3,6 +3,7 @@
 from starlette.requests import Request
 from starlette.responses import Response
 
+from gateway.actions.memory import Memory
 from gateway.actions.service import Actions
 from gateway.errors import BadRequest, NotFound
 from gateway.graph.affordance import Control, PutSetting
@@ -15,25 +16,30 @@ from gateway.http.invoke import lock_token
 
 async def control(request: Request, afforded: Control, base: str) -> Response:
     """PUT takes or renews the lease and answers with its ``Lock-Token``; DELETE releases it with that token."""
-    actions: Actions = request.app.state.actions
+    memory = _memory(request)
     robot, token = afforded.robot, lock_token(request)
     if request.method == "DELETE":
         if not token:
             raise BadRequest("Releasing control takes the Lock-Token that the lease came with.")
-        if not await actions.release(robot, token):
+        if not await memory.release(robot, token):
             raise NotFound("Nobody has control at present.")
         return Response(status_code=204)
     iri = base + lease_path(robot.name)
     body = judged(await read_triples(request, body_type(request), iri, base), LF.ControlLeaseInput, iri)
     holder, duration_s = body.text(body.root, LF.holder), body.number(body.root, LF.leaseDuration)
     assert holder is not None and duration_s is not None
-    _, proof = await actions.take(robot, holder, duration_s, token)
+    _, proof = await memory.take(robot, holder, duration_s, token)
     return Response(status_code=204, headers={"lock-token": f"<{proof}>", "cache-control": "no-store"})
 
 
-async def put_setting(request: Request, afforded: PutSetting, base: str) -> Response:
+def _memory(request: Request) -> Memory:
     actions: Actions = request.app.state.actions
+    return actions.memory
+
+
+async def put_setting(request: Request, afforded: PutSetting, base: str) -> Response:
+    memory = _memory(request)
     setting = afforded.setting
     triples = await read_triples(request, body_type(request), base + setting.path, base)
-    await actions.configure(setting.robot, setting.name, setting.admit(triples, base))
+    await memory.configure(setting.robot, setting.name, setting.admit(triples, base))
     return Response(status_code=204)

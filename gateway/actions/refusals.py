@@ -1,0 +1,61 @@
+"""What speaks against an action: of the robot, its agent and the store, as it is answered."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from datetime import UTC, datetime
+
+from agents.wire.messages import Refused
+from gateway.actions.store import KeyReused, LeaseHeld, LeaseOver, StoreUnavailable
+from gateway.errors import AgentSilent, Changed, Conflict, Controlled, Offline, RefusedByAgent, StoreAway
+from gateway.errors import KeyReused as KeyReusedError
+from gateway.fleet.invocations import Invocation
+from gateway.fleet.robot import Robot
+from gateway.graph.invocation import invocation_path
+
+
+def check_live(robot: Robot) -> None:
+    if not robot.online or robot.incarnation is None or robot.frame is None:
+        since = "has not sent a frame yet" if robot.online else "is offline"
+        raise Offline(f"Robot {robot.name} {since}; its actions answer again once it is back.")
+
+
+def lease_of(robot: Robot) -> str:
+    if robot.lease is None:
+        raise Conflict(f"Nobody has the control lease of {robot.name}; take it, and the motion can be tied to it.")
+    return robot.lease.id
+
+
+def refusal(robot: Robot, reply: Refused) -> Conflict:
+    if reply.code == "expectation":
+        return Changed(f"The precondition does not hold: {reply.reason}")
+    return RefusedByAgent(f"The agent of {robot.name} refused ({reply.code}): {reply.reason}")
+
+
+def silence(invocation: Invocation, why: str) -> AgentSilent:
+    return AgentSilent(
+        f"The agent of {invocation.robot} gave no answer: {why}. The invocation stays until that is settled.",
+        headers={"location": invocation_path(invocation)},
+    )
+
+
+@asynccontextmanager
+async def refusals() -> AsyncIterator[None]:
+    """What the store refuses, as it is answered."""
+    try:
+        yield
+    except LeaseHeld as error:
+        lease = error.lease
+        until = datetime.fromtimestamp(lease.expires_ns / 1e9, UTC).isoformat(timespec="seconds")
+        raise Controlled(
+            f"{lease.holder} controls {lease.robot} until {until}; only stopping is open to everybody.",
+            holder=lease.holder,
+            expires=until,
+        ) from error
+    except LeaseOver as error:
+        raise Conflict("The control lease is not held any more; take it, and the motion can be tied to it.") from error
+    except KeyReused as error:
+        raise KeyReusedError(
+            "This Idempotency-Key was used for another request within a day; each request needs its own."
+        ) from error
+    except StoreUnavailable as error:
+        raise StoreAway(f"Redis is away: {error}. Stopping is possible nevertheless.") from error
