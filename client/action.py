@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 from rdflib import Graph
 from rdflib.term import Literal, Node, URIRef
@@ -11,15 +11,23 @@ from rdflib.term import Literal, Node, URIRef
 from client.errors import BadAnswer, NoSuchThing, Unsupported
 from client.form import Asked, asked, build
 from client.invocation import Invocation
+from client.reading import Reading, read
 from client.resource import Resource
 from client.shape import Shape, merged, read_shape
 from client.validation import validate
 from client.vocabulary import HTTP, HYBRIT, LF, RDF, RDFS, SH, document_of, is_web, local_name
-from client.web import Answer
+from client.web import Answer, parsed
 
 _METHODS = ("POST", "PUT", "PATCH", "DELETE")
 _MOST_SHAPES = 20
 DRY_RUN = "dry-run"
+
+
+@runtime_checkable
+class Place(Protocol):
+    """Where names lead to something."""
+
+    def at(self, path: str) -> Resource: ...
 
 
 class Action(Resource):
@@ -61,8 +69,8 @@ class Action(Resource):
         answer = self._send(ready, headers)
         return Invocation(self.web, answer.location() if "location" in answer.headers else "")
 
-    def rehearse(self, body: Graph | None = None, **given: Any) -> Answer:
-        """Have it judged and not done; Unsupported if the action does not say that it can be.
+    def rehearse(self, body: Graph | None = None, **given: Any) -> Reading:
+        """What it would do, judged and not done; Unsupported if the action does not say that it can be tried.
 
         A server that does not know the preference would do it: so nothing is sent before the description says so.
         """
@@ -73,7 +81,7 @@ class Action(Resource):
         applied = answer.headers.get("preference-applied", "").lower()
         if DRY_RUN not in [each.strip() for each in applied.split(",")]:
             raise BadAnswer(f"{self.name} was to be tried only, but nothing confirms that: it may have been done")
-        return answer
+        return _rehearsed(answer)
 
     def _ready(self, body: Graph | None, given: Mapping[str, Any]) -> Graph | None:
         """The body, judged; None for an action that takes nothing."""
@@ -122,17 +130,26 @@ class Action(Resource):
         return shapes, [_the_shape(shapes, node) for node in sorted(nodes, key=str)]
 
     def _find(self, name: str) -> URIRef | None:
-        """What is called so around here: a part of the thing that has this action, or of one further up."""
+        """What is called so around here: a path from the thing that has this action, or from one further up."""
         here = self.owner
         while here is not None:
-            parts = getattr(here, "parts", None)
             try:
-                if parts is not None:
-                    return URIRef(str(parts[name].iri))
+                if isinstance(here, Place):
+                    return here.at(name).iri
             except NoSuchThing:
                 pass  # not here; perhaps further up
             here = here.owner
         return None
+
+
+def _rehearsed(answer: Answer) -> Reading:
+    """The values of the answer, as far as it has any."""
+    media_type = answer.headers.get("content-type", "")
+    if not answer.body or not media_type:
+        return Reading({}, ())
+    graph = parsed(answer.body.decode(errors="replace"), media_type, answer.url)
+    objects = set(graph.objects())
+    return read(graph, next((node for node in graph.subjects() if node not in objects), URIRef(answer.url)))
 
 
 def _one(shapes: Graph, nodes: list[Node]) -> Shape:

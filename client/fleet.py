@@ -1,5 +1,6 @@
 """The way in: one URL, and everything else by links."""
 
+from collections.abc import Mapping
 from types import TracebackType
 
 from rdflib.term import URIRef
@@ -14,11 +15,12 @@ from client.web import Web
 class Fleet(Thing):
     """The thing at ``url``, which need not be a fleet, and the connections to its server.
 
-    ``timeout_s`` bounds each connecting and each silence of the server.
+    ``timeout_s`` bounds each connecting and each silence of the server. ``headers`` go with every request, wherever
+    links lead: nothing secret belongs in them unless all that the fleet links may know it.
     """
 
-    def __init__(self, url: str, timeout_s: float = 10.0) -> None:
-        super().__init__(Web(timeout_s), url)
+    def __init__(self, url: str, timeout_s: float = 10.0, headers: Mapping[str, str] | None = None) -> None:
+        super().__init__(Web(timeout_s, headers or {}), url)
 
     def __enter__(self) -> "Fleet":
         return self

@@ -50,7 +50,9 @@ class Asked:
 def asked(shape: Shape) -> tuple[Asked, ...]:
     """The fields of a shape with those of its alternatives: choices joined, limits each with its condition."""
     branches = [branch for group in shape.alternatives for branch in group]
-    return tuple(_asked(each, branches) for each in every_field(shape))
+    fields = every_field(shape)
+    names = {each.path: each.name for each in fields}
+    return tuple(_asked(each, branches, names) for each in fields)
 
 
 def every_field(shape: Shape) -> tuple[Field, ...]:
@@ -64,12 +66,12 @@ def every_field(shape: Shape) -> tuple[Field, ...]:
     return tuple(own.values())
 
 
-def _asked(own: Field, branches: Sequence[Shape]) -> Asked:
+def _asked(own: Field, branches: Sequence[Shape], names: Mapping[URIRef, str]) -> Asked:
     there = [(branch, found) for branch in branches if (found := branch.field(own.path))]
     nested = merged([own.shape, *(found.shape for _, found in there if found.shape.fields)])
     bounded = [(None, own), *there]
     limits = [
-        Limits(found.shape.lower, found.shape.upper, _conditions(branch, own.path) if branch else {})
+        Limits(found.shape.lower, found.shape.upper, _conditions(branch, own.path, names) if branch else {})
         for branch, found in bounded
         if found.shape.lower or found.shape.upper
     ]
@@ -98,8 +100,9 @@ def choices(own: Field, branches: Iterable[Shape]) -> tuple[Node, ...] | None:
     return tuple(dict.fromkeys(each for allowed in known for each in allowed)) if known else None
 
 
-def _conditions(branch: Shape, path: URIRef) -> dict[str, tuple[Node, ...]]:
-    return {each.name: each.allowed for each in branch.fields if each.path != path and each.allowed is not None}
+def _conditions(branch: Shape, path: URIRef, names: Mapping[URIRef, str]) -> dict[str, tuple[Node, ...]]:
+    others = [each for each in branch.fields if each.path != path]
+    return {names[each.path]: each.allowed for each in others if each.allowed is not None}
 
 
 def build(shape: Shape, given: Mapping[str, Any], find: Find) -> Graph:

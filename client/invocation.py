@@ -12,7 +12,7 @@ from rdflib.term import Literal, Node, URIRef
 
 from client.errors import StillRunning, Unsupported
 from client.live import Change, Feed
-from client.quantity import number
+from client.quantity import Quantity
 from client.reading import Value, moment, read
 from client.resource import Resource
 from client.vocabulary import HYBRIT, LF, PROV, document_of, local_name
@@ -113,8 +113,9 @@ def has_ended(graph: Graph, node: Node) -> bool:
 
 
 def progress_in(graph: Graph, node: Node) -> float | None:
-    stated = graph.value(node, LF.progress)
-    value = number(stated) if isinstance(stated, Literal) else None
+    """The share of the way or of the time, whether as a bare number or with its unit."""
+    stated = read(graph, node).values.get(local_name(LF.progress))
+    value = stated.number if isinstance(stated, Quantity) else None
     return None if value is None else min(max(value, 0.0), 1.0)
 
 

@@ -17,7 +17,7 @@ from rdflib.term import Node, URIRef
 from client.errors import BadAnswer, Unreachable, problem
 from client.vocabulary import document_of, is_web
 
-ACCEPT = "text/turtle, application/n-triples;q=0.5"
+ACCEPT = "text/turtle, application/n-triples;q=0.5, application/problem+json"
 _FORMATS = {"text/turtle": "turtle", "application/x-turtle": "turtle", "application/n-triples": "nt"}
 MAX_BODY_BYTES = 8 * 1024 * 1024
 MAX_REDIRECTS = 5

@@ -4,6 +4,7 @@ import math
 import sys
 import time
 from argparse import Namespace
+from collections.abc import Mapping
 
 from client.action import Action
 from client.cli import show
@@ -13,6 +14,8 @@ from client.errors import ClientError, NoSuchThing, StillRunning
 from client.fleet import Fleet
 from client.invocation import Invocation, progress_in
 from client.live import Change
+from client.quantity import Quantity
+from client.reading import Value
 from client.thing import Thing
 from client.vocabulary import LF, local_name
 
@@ -39,10 +42,29 @@ def _action(fleet: Fleet, path: str, name: str) -> Action:
     return here.actions[name]
 
 
+def stop(fleet: Fleet, options: Namespace) -> int:
+    """The action whose name is or begins with ``stop``, of whatever is named: a robot, or all of them."""
+    here = found_at(fleet, options.path)
+    if not isinstance(here, Thing):
+        raise NoSuchThing(f"{options.path} is no thing, so nothing can stop it")
+    actions = here.actions.introduced()
+    found = [action for action in actions if any(name.casefold().startswith("stop") for name in action.names)]
+    if len(found) != 1:
+        raise NoSuchThing(f"{here.name} has {len(found)} actions that stop it", [action.name for action in actions])
+    run = found[0]()
+    if not options.wait or not run.traced:
+        _print(run, options)
+        return 0
+    return _follow(run, options)
+
+
 def _rehearse(action: Action, arguments: dict[str, object], options: Namespace) -> int:
-    answer = action.rehearse(action.build(**arguments))
-    said = {"dryRun": True, "status": answer.status}
-    print(show.as_json(said) if options.json else "it would be done; nothing has moved")
+    would = action.rehearse(action.build(**arguments))
+    if options.json:
+        print(show.as_json({"dryRun": True, "values": show.reading(would)}))
+    else:
+        print("it would be done; nothing has moved")
+        _print_quantities(would.values)
     return 0
 
 
@@ -82,8 +104,14 @@ def _print(run: Invocation, options: Namespace) -> None:
         return
     reason = f": {said['reason']}" if said["reason"] else ""
     print(show.clean(f"{said['state'] or 'sent'}{reason}  {run.iri}"))
-    for key, value in said["result"].items():
-        print(show.clean(f"  {key}  {show.said(value)}"))
+    _print_quantities(said["result"])
+
+
+def _print_quantities(values: Mapping[str, Value]) -> None:
+    known = {key: value for key, value in values.items() if isinstance(value, Quantity)}
+    rows = [[f"  {key.removesuffix('.value')}", str(value)] for key, value in known.items()]
+    if rows:
+        print(show.table(rows))
 
 
 class _Bar:

@@ -91,10 +91,8 @@ def _described(here: Found, options: Namespace) -> dict[str, Any]:
     if isinstance(here, Thing):
         said["presence"] = here.presence_in(document)
         said["parts"] = [part.name for part in here.parts.introduced()]
-        said["properties"] = {
-            prop.name: show.reading(_value(prop, here), options.unit)
-            for prop in here.properties_in(document).introduced()
-        }
+        properties = here.properties_in(document).introduced()
+        said["properties"] = {prop.name: show.reading(_value(prop, here), options.unit) for prop in properties}
         said["actions"] = {action.name: _action(action) for action in here.actions.introduced()}
     elif isinstance(here, Action):
         said |= _action(here)

@@ -25,7 +25,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         from client.conform import command  # has options of its own, and nothing else needs it
 
         return int(command(arguments[1:]))
-    options = _parser().parse_args(arguments)
+    options = _options(arguments)
     try:
         return int(options.run(options))
     except ClientError as error:
@@ -36,6 +36,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # whoever read us has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return OK
+
+
+def _options(arguments: Sequence[str]) -> argparse.Namespace:
+    parser = _parser()
+    options, more = parser.parse_known_args(arguments)
+    # argparse takes what an action takes only in one piece, and people put options in between
+    if any(each.startswith("-") for each in more) or (more and options.command != "do"):
+        parser.error(f"unrecognized arguments: {' '.join(more)}")
+    if more:
+        options.arguments += more
+    return options
 
 
 def exit_code(error: ClientError) -> int:
@@ -98,9 +109,8 @@ def _acting(command: Callable[..., argparse.ArgumentParser]) -> None:
     do.add_argument("arguments", nargs="*", metavar="name=value", help="what it takes, as `get` says")
     do.add_argument("--dry-run", action="store_true", help="have it judged, and not done")
     do.add_argument("--idempotency-key", metavar="KEY", help="the same command with the same key is done once")
-    stop = command("stop", act.do, "the action `stop` of a thing, of the fleet if none is named")
+    stop = command("stop", act.stop, "have a thing stopped by its own action for that, everything if none is named")
     stop.add_argument("path", nargs="?", default="")
-    stop.set_defaults(action="stop", arguments=[], dry_run=False, idempotency_key=None)
     for each in (do, stop):
         each.add_argument("--wait", action=argparse.BooleanOptionalAction, default=True)
         each.add_argument("--seconds", type=_positive, help="wait no longer than this; it goes on")

@@ -13,6 +13,7 @@ from running import ROOT, eventually
 from client.errors import InvalidInput, Problem
 from client.fleet import Fleet
 from client.invocation import Invocation
+from client.quantity import Quantity
 from client.thing import Thing
 from client.vocabulary import LF
 
@@ -101,7 +102,44 @@ def test_a_refusal_of_the_server_has_its_report(joint: Thing) -> None:
     with pytest.raises(Problem) as refused:
         joint.web.send(method, url, body.encode(), {"content-type": "text/turtle"})
     assert (refused.value.status, refused.value.title) == (422, "The content breaks a constraint")
-    assert any(message.startswith("numericalValue: ") for message in refused.value.messages)
+    assert any("numericalValue" in message and "59.98" in message for message in refused.value.messages)
+
+
+def test_joints_are_moved_together_by_name(here: Fleet) -> None:
+    """Nested input, with a thing, a name and a path for the joints."""
+    robot = here["ur5"]
+    elbow, wrist = robot["elbow_joint"], robot["wrist_1_joint"]
+    move = robot.actions["moveJoints"]
+    target = [
+        {"joint": elbow, "value": 20, "unit": "deg"},
+        {"joint": "wrist_1_joint", "value": 0.3, "unit": "rad"},
+        {"joint": "ur5/wrist_2_joint", "value": -10, "unit": "deg"},
+    ]
+    assert move(target=target).wait(60) == "succeeded"
+    assert math.isclose(angle(elbow), 20, abs_tol=0.5)
+    assert math.isclose(angle(wrist), math.degrees(0.3), abs_tol=0.5)
+    with pytest.raises(InvalidInput, match=r"target\[1\]\.value: 500 is not from -?\d+ to \d+"):
+        move(target=[target[0], {"joint": wrist, "value": 500, "unit": "deg"}])
+
+
+def test_a_rehearsal_moves_nothing_and_says_what_would_be(joint: Thing) -> None:
+    before = angle(joint)
+    would = joint.actions["rotate"].rehearse(value=before - 5 if before > 0 else before + 5, unit="deg")
+    duration = would.values["duration"]
+    assert isinstance(duration, Quantity)
+    assert duration.unit_label == "s"
+    assert duration.number
+    assert math.isclose(angle(joint), before, abs_tol=0.01)
+
+
+def test_a_motion_is_cancelled_by_its_own_action(here: Fleet) -> None:
+    pan = here["panda"]["panda_joint1"]
+    run = pan.actions["rotate"](value=120, unit="deg", speed={"value": 2, "unit": "deg/s"})
+    eventually(lambda: run.state == "running", "the motion to begin")
+    run.cancel()
+    assert run.wait(60) == "cancelled"
+    assert run.progress is not None
+    assert run.progress < 1
 
 
 def test_an_iri_is_what_its_types_say(here: Fleet, joint: Thing) -> None:
@@ -116,9 +154,12 @@ def test_the_command_line_looks_and_moves(fleet: RunningFleet) -> None:
         command = [sys.executable, "-m", "client.cli.main", "--url", fleet.root, *arguments]
         return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=True).stdout
 
-    assert "baxter  Robot  online" in said("ls")
+    assert ["baxter", "Robot", "online"] in [line.split() for line in said("ls").splitlines()]
     done = json.loads(said("do", "ur5/shoulder_pan_joint", "rotate", "value=5", "unit=deg", "--json"))
     assert done["state"] == "succeeded"
+    assert "succeeded" in said("stop", "ur5")
+    rehearsed = said("do", "ur5/shoulder_pan_joint", "rotate", "value=9", "--dry-run", "unit=deg", "--json")
+    assert json.loads(rehearsed)["dryRun"]
     watched = said("watch", "ur5/shoulder_pan_joint/rotation", "--count", "1", "--json", "--unit", "deg")
     ((values,),) = [list(json.loads(watched)["values"].values())[:1]]
     assert math.isclose(values["number"], 5, abs_tol=0.5)
