@@ -1,12 +1,16 @@
 """What an admitted body says, as typed values in SI units. The shape has judged it: what it demands is there."""
 
+import re
 from collections.abc import Sequence
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
+from gateway.errors import UnprocessableContent
 from gateway.graph.build import Node
 from gateway.graph.kinds import UNITS
 from gateway.graph.vocab import VOM
+
+_NOT_ZERO = re.compile(r"[^eE]*[1-9]")  # a digit before the exponent
 
 
 class Body:
@@ -29,9 +33,16 @@ class Body:
         found = self._values.get((subject, predicate), ())
         return next((each.value for each in found if isinstance(each, Literal)), None)
 
-    def number(self, subject: Node, predicate: NamedNode) -> float | None:
+    def number(self, subject: Node, predicate: NamedNode, unit: float = 1.0) -> float | None:
+        """In SI, of a number in ``unit``; UnprocessableContent for one above or below zero that no float tells from it.
+
+        A shape admits a speed of 1e-400, and zero would be something else.
+        """
         text = self.text(subject, predicate)
-        return None if text is None else float(text)
+        value = None if text is None else float(text) * unit
+        if text is not None and value == 0.0 and _NOT_ZERO.match(text):
+            raise UnprocessableContent(f"{text[:80]} of {predicate.value} is too near zero; write 0 or more.")
+        return value
 
     def unit(self, subject: Node) -> float:
         """The size in SI of the unit that ``subject`` states; 1 where it states none."""
@@ -40,6 +51,6 @@ class Body:
 
     def quantity(self, subject: Node) -> float:
         """``vom:numericalValue`` in the SI unit."""
-        value = self.number(subject, VOM.numericalValue)
+        value = self.number(subject, VOM.numericalValue, self.unit(subject))
         assert value is not None
-        return value * self.unit(subject)
+        return value
