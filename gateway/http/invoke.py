@@ -15,13 +15,14 @@ from gateway.actions.handlers import HANDLERS
 from gateway.actions.offer import Offer
 from gateway.actions.plan import Halt, Later, Motion
 from gateway.actions.service import Actions, Rehearsed
-from gateway.errors import AgentSilent, BadRequest
+from gateway.errors import AgentSilent, BadRequest, UnprocessableContent
 from gateway.fleet.invocations import Invocation
 from gateway.graph.affordance import EndInvocation, Invoke, PutTarget
 from gateway.graph.build import Graph
 from gateway.graph.invocation import ROOT, describe_rehearsal, invocation_path
 from gateway.graph.judge import reachable
 from gateway.graph.resource import Resource
+from gateway.graph.validation import root
 from gateway.graph.vocab import LF
 from gateway.http.body import body_type, parse_body, read_body
 from gateway.http.fields import field
@@ -51,8 +52,13 @@ async def put_target(request: Request, afforded: PutTarget, base: str) -> Respon
     iri = base + request.scope["path"]
     prefer = _prefer(request, offer, base)
     content, triples = await _read(request, iri, base)
-    values = [t.object for t in triples if t.subject == NamedNode(iri) and t.predicate == LF.value]
-    moved = [Triple(NamedNode(base + offer.path), t.predicate, t.object) for t in triples if t.subject in values]
+    focus = root(triples, NamedNode(iri))
+    values = {t.object for t in triples if t.subject == focus and t.predicate == LF.value}
+    if len(values) != 1:
+        raise UnprocessableContent(f"The body has {len(values)} values of lf:value; one is put.", constraint=iri)
+    (value,) = values
+    action, about = NamedNode(base + offer.path), reachable(triples, value)  # type: ignore[arg-type]
+    moved = [Triple(action if t.subject == value else t.subject, t.predicate, t.object) for t in about]
     return await _carry_out(request, offer, admit(offer, moved, base), prefer, base, content)
 
 
@@ -183,7 +189,8 @@ def _written(body: Body) -> str:
     def own(term: object) -> object:
         return ROOT if term == body.root else term
 
-    triples = [Triple(*map(own, triple)) for triple in reachable(body.triples, body.root)]  # type: ignore[arg-type]
+    said = reachable(body.triples, body.root)
+    triples = [Triple(own(t.subject), t.predicate, own(t.object)) for t in said]  # type: ignore[arg-type]
     written = serialize(triples, format=RdfFormat.N_TRIPLES)
     assert written is not None  # nothing is written to a file
     return written.decode() if len(written) <= _MAX_REMEMBERED else ""
