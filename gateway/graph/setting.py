@@ -1,5 +1,6 @@
 """What clients may set of a robot: title, annotations, maximum speed scale. From a body to what is remembered."""
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -17,6 +18,7 @@ from gateway.graph.validation import root
 from gateway.graph.vocab import LF, VOM
 
 MAX_ANNOTATIONS = 65_536  # characters, as on the wire
+_TERM = re.compile(r'"(?:[^"\\]++|\\.)*+"|<[^>]*>')  # of N-Triples: what is in a literal is no IRI
 
 
 @dataclass(frozen=True)
@@ -88,7 +90,14 @@ def _annotations(triples: Sequence[Triple], base: str, path: str) -> str:
         )
     written = serialize(about, format=RdfFormat.N_TRIPLES)
     assert written is not None  # nothing is written to a file
-    text = written.decode().replace(f"<{base}/", "</")
+    text = _TERM.sub(lambda term: _relative(term[0], base, path), written.decode())
     if len(text) > MAX_ANNOTATIONS:
         raise UnprocessableContent(f"The annotations have {len(text)} characters; {MAX_ANNOTATIONS} are the most.")
     return text
+
+
+def _relative(term: str, base: str, path: str) -> str:
+    """An IRI below the robot as seen from there, one elsewhere in the fleet by its path, any other term as it is."""
+    if term.startswith(f"<{base}{path}"):
+        return f"<./{term.removeprefix(f'<{base}{path}')}"
+    return f"<{term.removeprefix(f'<{base}')}" if re.match(f"<{re.escape(base)}/(?!/)", term) else term
