@@ -25,7 +25,8 @@ def admit(offer: Offer, triples: Sequence[Triple], base: str) -> Body:
     focus = root(triples, NamedNode(iri))
     robot = offer.robot
     model, said = (robot.model, robot.annotations) if robot is not None else (None, "")
-    judge = _judge(offer.definition, base, offer.thing, robot, offer.joint, model, said)
+    joints = robot.description.joints if robot is not None and robot.description is not None else ()
+    judge = _judge(offer.definition, base, offer.thing, robot, offer.joint, model, joints, said)
     report = judge.report(triples, focus, iri)
     if report is not None:
         detail, about = report
@@ -43,9 +44,10 @@ def _judge(
     robot: Robot | None,
     joint: Joint | None,
     model: RobotModel | None,
+    joints: tuple[str, ...],
     annotations: str,
 ) -> Judge:
-    """The model and the annotations are in the key, because the shape speaks of them."""
+    """What the shape speaks of is in the key: a description may list other joints of the same model."""
     graph = Graph()
     shape = Offer(definition, thing, robot, joint).consumes(graph, base)
     return Judge(graph.triples, shape)
