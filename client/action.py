@@ -20,6 +20,7 @@ from client.web import Answer, parsed
 
 _METHODS = ("POST", "PUT", "PATCH", "DELETE")
 _MOST_SHAPES = 20
+_MOST_JUDGED = 500  # triples; pySHACL takes a second for as many
 DRY_RUN = "dry-run"
 
 
@@ -48,10 +49,10 @@ class Action(Resource):
     @property
     def can_rehearse(self) -> bool:
         """Whether it can be tried without anything moving."""
-        stated = self.learn().graph.value(self.node, LF.dryRun)
+        stated = self.read().graph.value(self.node, LF.dryRun)
         return isinstance(stated, Literal) and stated.toPython() is True
 
-    def build(self, **given: Any) -> Graph:
+    def build(self, /, **given: Any) -> Graph:
         """The body with these values, by the names of the fields; InvalidInput with everything that is wrong."""
         shapes, nodes = self._consumed()
         return build(_one(shapes, nodes), given, self._find)
@@ -62,19 +63,20 @@ class Action(Resource):
         for node in nodes:
             validate(body, shapes, node)
 
-    def __call__(self, *, idempotency_key: str | None = None, body: Graph | None = None, **given: Any) -> Invocation:
-        """Have it done, once; the body is ``body``, or built from the other arguments."""
+    def __call__(
+        self, body: Graph | Mapping[str, Any] | None = None, /, *, idempotency_key: str | None = None, **given: Any
+    ) -> Invocation:
+        """Have it done, once. ``body`` is a graph as it is, or values by the names of the fields like ``given``."""
         ready = self._ready(body, given)
         headers = {"idempotency-key": idempotency_key} if idempotency_key else {}
         answer = self._send(ready, headers)
         return Invocation(self.web, answer.location() if "location" in answer.headers else "")
 
-    def rehearse(self, body: Graph | None = None, **given: Any) -> Reading:
+    def rehearse(self, body: Graph | Mapping[str, Any] | None = None, /, **given: Any) -> Reading:
         """What it would do, judged and not done; Unsupported if the action does not say that it can be tried.
 
         A server that does not know the preference would do it: so nothing is sent before the description says so.
         """
-        self.read()
         if not self.can_rehearse:
             raise Unsupported(f"{self.name} cannot be tried without being done: its description has no lf:dryRun true")
         answer = self._send(self._ready(body, given), {"prefer": DRY_RUN})
@@ -83,12 +85,16 @@ class Action(Resource):
             raise BadAnswer(f"{self.name} was to be tried only, but nothing confirms that: it may have been done")
         return _rehearsed(answer)
 
-    def _ready(self, body: Graph | None, given: Mapping[str, Any]) -> Graph | None:
-        """The body, judged; None for an action that takes nothing."""
+    def _ready(self, said: Graph | Mapping[str, Any] | None, given: Mapping[str, Any]) -> Graph | None:
+        """The body, judged by the present shape; None for an action that takes nothing.
+
+        A long one that was built here is left to the server: what it is built from has been looked at already.
+        """
+        self.read()
         shapes, nodes = self._consumed()
-        if body is None:
-            body = build(_one(shapes, nodes), given, self._find)
-        for node in nodes:
+        own = isinstance(said, Graph)
+        body = said if isinstance(said, Graph) else build(_one(shapes, nodes), {**(said or {}), **given}, self._find)
+        for node in nodes if own or len(body) <= _MOST_JUDGED else ():
             validate(body, shapes, node)
         return body if nodes or len(body) else None
 

@@ -86,7 +86,8 @@ class Invocation(Resource):
         for change in self.changes(timeout_s):
             on_change(change)
         if not self.ended:
-            raise StillRunning(f"{self.iri} has not ended within {timeout_s:g} s: it is {self.state}")
+            within = f" within {timeout_s:g} s" if math.isfinite(timeout_s) else ", as far as the server says"
+            raise StillRunning(f"{self.iri} has not ended{within}: it is {self.state}")
         return _word(self.learn().graph.value(self.node, LF.state))
 
     def cancel(self) -> None:

@@ -24,6 +24,8 @@ _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.5, 30.0
 _EVENTS = "text/event-stream"
 # Statuses that say "not as events" rather than "not at all".
 _NO_EVENTS = frozenset({400, 405, 406, 409, 415})
+# A server that has just started may not know yet what it served before; for so many attempts that is no end.
+_GONE, _GONE_TRIES = 404, 6
 _LATER = frozenset({429, 500, 502, 503, 504})
 
 
@@ -107,6 +109,8 @@ class Feed:
             if response.status_code in _NO_EVENTS or (response.is_success and media_type != _EVENTS):
                 self._events = False
                 return False
+            if response.status_code == _GONE and self._versions and self._failures < _GONE_TRIES:
+                raise Unreachable(f"{self.url} is gone for now")
             if not response.is_success:
                 raise problem(self.url, response.status_code, response.headers, self.web.bounded(response))
             self._open = True

@@ -202,8 +202,11 @@ def _links(answer: Answer) -> tuple[tuple[str, str], ...]:
     found = []
     for target, parameters in re.findall(r"<([^>]*)>([^<]*)", answer.headers.get("link", "")):
         said = re.search(r';\s*rel\s*=\s*(?:"([^"]*)"|([^\s;,]+))', parameters)
-        for relation in (said.group(1) or said.group(2) or "").split() if said else ():
-            found.append((str(httpx.URL(answer.url).join(target)), relation))
+        try:
+            absolute = str(httpx.URL(answer.url).join(target))
+        except httpx.InvalidURL:
+            continue  # a link to nowhere; the others may be sound
+        found += [(absolute, relation) for relation in (said.group(1) or said.group(2) or "").split()] if said else []
     return tuple(found)
 
 

@@ -28,7 +28,7 @@ def do(fleet: Fleet, options: Namespace) -> int:
     arguments = given(options.arguments)
     if options.dry_run:
         return _rehearse(action, arguments, options)
-    run = action(body=action.build(**arguments), idempotency_key=options.idempotency_key)
+    run = action(arguments, idempotency_key=options.idempotency_key)
     if not options.wait or not run.traced:
         _print(run, options)
         return 0
@@ -59,7 +59,7 @@ def stop(fleet: Fleet, options: Namespace) -> int:
 
 
 def _rehearse(action: Action, arguments: dict[str, object], options: Namespace) -> int:
-    would = action.rehearse(action.build(**arguments))
+    would = action.rehearse(arguments)
     if options.json:
         print(show.as_json({"dryRun": True, "values": show.reading(would)}))
     else:

@@ -66,7 +66,7 @@ def test_no_wait_says_where_to_look(other_tree: Any) -> None:
     ("arguments", "code", "said"),
     [
         (["do", "cell/lefty/elbow", "bend", "goal.axis=Elbow", "goal.value=91", "goal.unit=deg"], 1, "less than 90"),
-        (["do", "cell/lefty/elbow", "bend", "goal.axis=Elbow", "--dry-run"], 1, "missing"),
+        (["do", "cell/lefty/elbow", "bend", "goal.axis=Elbow"], 1, "goal.value is missing; goal.unit is missing"),
         (["do", "cell/lefty", "break"], 1, "it is broken"),
         (["do", "cell/lefty", "rest", "--dry-run"], 1, "dryRun"),
         (["do", "cell/lefty", "fly"], 4, "Break, Rest"),
