@@ -103,9 +103,8 @@ def test_an_etag_is_shown_again_and_304_is_what_was_seen(script: Any, web: Web) 
 
 
 def test_links_of_the_header_are_absolute(script: Any, web: Web) -> None:
-    script.answers["/x"] = [
-        ok(b"", "text/turtle", 'link: <a>; rel="related next", </b>;rel=up, <http://a:b/>; rel=x, <c>; type="rel=no"')
-    ]
+    said = 'link: <a>; rel="related next", </b>;rel=up, <http://a:b/>; rel=x, <c>; type="rel=no"'
+    script.answers["/x"] = [ok(b"", "text/turtle", said)]
     assert web.get(f"{script.url}/x").links == (
         (f"{script.url}/a", "related"), (f"{script.url}/a", "next"), (f"{script.url}/b", "up"),
     )  # fmt: skip
