@@ -28,7 +28,11 @@ def do(fleet: Fleet, options: Namespace) -> int:
     arguments = given(options.arguments)
     if options.dry_run:
         return _rehearse(action, arguments, options)
-    run = action(arguments, idempotency_key=options.idempotency_key)
+    try:
+        run = action(arguments, idempotency_key=options.idempotency_key)
+    except KeyboardInterrupt:
+        print("interrupted before the server had answered: it may have begun", file=sys.stderr)
+        raise
     if not options.wait or not run.traced:
         _print(run, options)
         return 0
