@@ -9,6 +9,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 from agents.wire.names import unescape
 from gateway.fleet.robot import Robot
 from gateway.graph.kinds import UNITS
+from gateway.graph.paths import RESERVED_IN_ROBOT
 from gateway.graph.serialise import ParseError, parse
 from gateway.graph.vocab import DCTERMS, LF, VOM
 
@@ -64,7 +65,7 @@ def _target(about: list[Triple]) -> tuple[str, float] | None:
     if "/" in segment or unit not in UNITS:
         return None
     try:
-        name, position = unescape(segment), float(value.value) * UNITS[unit].si
+        name, position = unescape(segment, RESERVED_IN_ROBOT), float(value.value) * UNITS[unit].si
     except ValueError:
         return None
     return (name, position) if math.isfinite(position) else None
