@@ -1,0 +1,133 @@
+"""The guard of an action is the shape that its description shows at that moment."""
+
+from typing import Any
+
+import pytest
+from pyoxigraph import NamedNode
+from shacl_findings import pyshacl_finds
+
+from gateway.actions.admission import admit
+from gateway.errors import UnprocessableContent
+from gateway.graph.compiled import Data, compile_shape
+from gateway.graph.judge import Judge
+from gateway.graph.serialise import parse
+from gateway.graph.vocab import HYBRIT, SH
+
+_RANGE = '<limit lower="{}" upper="{}" velocity="1" effort="1"/>'
+_ROTATE = "/r/elbow/actions/rotate"
+_ONE = "<> vom:numericalValue 1 ; vom:unit unit:RAD ."
+
+
+def _elbow(low: float = -1, high: float = 2) -> dict[str, tuple[str, str]]:
+    return {"elbow": ("revolute", _RANGE.format(low, high)), "wrist": ("revolute", _RANGE.format(-1, 1))}
+
+
+def _named(title: str) -> str:
+    target = "lf:target [ lf:ofJoint <elbow> ; vom:numericalValue 1 ; vom:unit unit:RAD ]"
+    return f'<> lf:namedPose [ dcterms:title "{title}" ; {target} ] .'
+
+
+def _move(joint: str) -> str:
+    return f"<> lf:target [ lf:ofJoint </r/{joint}> ; vom:numericalValue 1 ; vom:unit unit:RAD ] ."
+
+
+def test_limits_of_a_new_description_guard_at_once(bench: Any) -> None:
+    """An agent comes back with another URDF: what was admitted is refused, and the other way round."""
+    bench.robot(_elbow())
+    bench.body(_ROTATE, _ONE)
+    bench.robot(_elbow(high=0.5))
+    with pytest.raises(UnprocessableContent, match=r"at most 0\.5"):
+        bench.body(_ROTATE, _ONE)
+    bench.robot(_elbow())
+    bench.body(_ROTATE, _ONE)
+
+
+def test_joints_of_a_new_description_guard_at_once(bench: Any) -> None:
+    """Also when the URDF is the same, and only the joints that the agent lists are others."""
+    bench.robot(_elbow())
+    bench.body("/r/actions/moveJoints", _move("wrist"))
+    bench.robot(_elbow(), listed=["elbow"])
+    with pytest.raises(UnprocessableContent, match="wrist"):
+        bench.body("/r/actions/moveJoints", _move("wrist"))
+
+
+def test_new_annotations_guard_at_once(bench: Any) -> None:
+    """Poses that clients name can be assumed, those that they took away cannot."""
+    bench.robot(_elbow(), annotations=_named("agents"))
+    bench.body("/r/actions/assumePose", '<> lf:poseName "agents" .')
+    bench.fleet.configure("r", {"annotations": bench.prefixed(_named("clients"))})
+    bench.body("/r/actions/assumePose", '<> lf:poseName "clients" .')
+    with pytest.raises(UnprocessableContent, match="agents"):
+        bench.body("/r/actions/assumePose", '<> lf:poseName "agents" .')
+
+
+def test_robots_of_one_model_have_their_own_guards(bench: Any) -> None:
+    """The shape of one names its own joints, under the URL by which the client knows the fleet."""
+    for name in ("r", "s"):
+        bench.robot(_elbow(), name=name)
+    bench.body("/r/actions/moveJoints", _move("elbow"))
+    with pytest.raises(UnprocessableContent, match="joint"):
+        bench.body("/s/actions/moveJoints", _move("elbow"))
+    for base, known in ((bench.base, True), ("http://other.example", False)):
+        turtle = bench.prefixed(_move("elbow")).encode()
+        triples = parse(turtle, "text/turtle", f"{base}/r/actions/moveJoints")
+        offer = bench.offer("/r/actions/moveJoints")
+        assert admit(offer, triples, base).triples == triples
+        if not known:
+            with pytest.raises(UnprocessableContent):
+                admit(offer, triples, bench.base)
+
+
+def test_a_refusal_says_what_and_where(bench: Any) -> None:
+    """In a sentence, as a validation report about the request, and with a link to the shape."""
+    bench.robot(_elbow())
+    with pytest.raises(UnprocessableContent) as caught:
+        bench.body(_ROTATE, "<> vom:numericalValue 3 ; vom:unit unit:RAD .")
+    error = caught.value
+    assert "3 must be at most 2.0" in error.detail
+    assert error.constraint == bench.base + _ROTATE
+    assert NamedNode(bench.base + _ROTATE) in {t.object for t in error.report if t.predicate == SH.focusNode}
+
+
+def test_what_the_shape_does_not_cover_is_ignored(bench: Any) -> None:
+    """Other predicates, other subjects, and the resource itself as a predicate (paper, 5.4)."""
+    bench.robot(_elbow())
+    more = "; <> <> , 1 ; <http://example.org/p> [ lf:speed 1 ] . <x> vom:numericalValue 100 ."
+    body = bench.body(_ROTATE, _ONE.replace(" .", more))
+    assert body.quantity(body.root) == 1
+    assert bench.body(_ROTATE, _ONE.replace("<>", "[]")).root != NamedNode(bench.base + _ROTATE)
+
+
+@pytest.mark.parametrize(
+    "turtle", ["", "[] vom:numericalValue 1 . [] vom:unit unit:RAD .", "_:a lf:p _:b . _:b lf:p _:a ."]
+)
+def test_a_body_needs_one_root(bench: Any, turtle: str) -> None:
+    """The request's resource, or the only subject that nobody refers to."""
+    bench.robot(_elbow())
+    with pytest.raises(UnprocessableContent, match="root"):
+        bench.body(_ROTATE, turtle)
+
+
+def test_every_guard_is_compiled_and_agrees_with_the_shape_that_is_served(bench: Any) -> None:
+    """No shape of an action falls back to pySHACL, which takes a hundred times as long; the verdict is the same."""
+    bench.robot(_elbow(), annotations=_named("up"))
+    joint = ("rotate", "rotateBy")
+    paths = [f"/r/elbow/actions/{each}" for each in joint]
+    paths += [f"/r/actions/{each}" for each in ("moveJoints", "followTrajectory", "reach", "assumePose")]
+    for path in paths:
+        shapes = bench.described(path).triples
+        (shape,) = {t.object for t in shapes if t.predicate == HYBRIT.consumes}
+        focus = NamedNode(bench.base + path)
+        for turtle in (_ONE, _move("elbow"), '<> lf:poseName "up" ; lf:speedScale 2 .', "<> lf:waypoint 1 ."):
+            body = parse(bench.prefixed(turtle).encode(), "text/turtle", focus.value)
+            found = compile_shape(shapes, shape).check(Data(body), focus)
+            assert bool(found) == bool(pyshacl_finds(shapes, shape, body, focus)) == _refused(bench, path, turtle)
+            assert (Judge(shapes, shape).report(body, focus, focus.value) is None) == (not found)
+
+
+def _refused(bench: Any, path: str, turtle: str) -> bool:
+    try:
+        bench.body(path, turtle)
+    except UnprocessableContent:
+        return True
+    return False
