@@ -4,8 +4,6 @@ from typing import Any
 
 import pytest
 from pyoxigraph import Literal, NamedNode
-from rdflib import Graph as Rdflib
-from rdflib.compare import isomorphic
 
 from gateway.actions.definition import definitions
 from gateway.actions.handlers import HANDLERS
@@ -24,7 +22,8 @@ _JOINTS = {
     "flap": ("floating", ""),
     "table": ("planar", ""),
 }
-_POSE = '<> lf:namedPose [ dcterms:title "up" ; lf:target [ lf:ofJoint <elbow> ; vom:numericalValue 1 ; vom:unit unit:RAD ] ] .'
+_TARGET = "lf:target [ lf:ofJoint <elbow> ; vom:numericalValue 1 ; vom:unit unit:RAD ]"
+_POSE = f'<> lf:namedPose [ dcterms:title "up" ; {_TARGET} ] .'
 
 
 def _segments(offers: Any) -> set[str]:
@@ -133,8 +132,6 @@ def test_a_description_is_the_same_each_time(bench: Any) -> None:
     for path in ("/r/elbow/actions/rotate", "/r/actions/reach", "/r/actions/assumePose"):
         first, second = (write(bench.described(path).triples, PREFIXES, base=bench.base + path) for _ in range(2))
         assert first == second
-        document = Rdflib().parse(data=first, format="turtle", publicID=bench.base + path)
-        assert isomorphic(document, Rdflib().parse(data=second, format="turtle", publicID=bench.base + path))
         iri = NamedNode(bench.base + path)
         about = {(t.predicate, t.object) for t in bench.described(path).triples if t.subject == iri}
         assert {(RDF.type, HYBRIT.Action), (RDF.type, bench.offer(path).definition.iri)} <= about
