@@ -25,12 +25,12 @@ def create_app(settings: GatewaySettings) -> Starlette:
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
         async with AsyncExitStack() as stack:
+            live = await stack.enter_async_context(Live(settings))
             url = settings.redis_url or (await stack.enter_async_context(Embedded(settings.state_path))).url
             run = new_run()
-            live = Live(settings)
             remembered = await stack.enter_async_context(ActionStore(url, settings.namespace, run))
             app.state.actions = await stack.enter_async_context(Actions(live, remembered))
-            await stack.enter_async_context(live)
+            await live.join()
             store = await stack.enter_async_context(Store(url, settings.namespace, run))
             network = stack.enter_context(closing(Network(settings.callback_networks)))
             subscriptions = Subscriptions(

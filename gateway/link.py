@@ -93,12 +93,15 @@ class FleetLink:
         self._inbox = Inbox(lambda: self._loop.call_soon_threadsafe(self._drain))
         try:
             self._session = await self._open()
-            await self._in_thread(self._declare)
         except BaseException:
             self._inbox.close()
             self._end_threads()
             raise
         return self
+
+    async def join(self) -> None:
+        """Be seen by the robots, and hear them; until then the link is open and silent."""
+        await self._in_thread(self._declare)
 
     async def __aexit__(self, *_: object) -> None:
         self._inbox.close()

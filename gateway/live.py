@@ -43,6 +43,10 @@ class Live:
         await self.link.__aenter__()
         return self
 
+    async def join(self) -> None:
+        """Have the fleet come in; robots tell at once what has ended lately, so who wants to hear it is there before."""
+        await self.link.join()
+
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:

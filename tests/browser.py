@@ -12,6 +12,7 @@ LF = rdflib.Namespace("https://w3id.org/linked-fleet#")
 LDP = rdflib.Namespace("http://www.w3.org/ns/ldp#")
 VOM = rdflib.Namespace("http://vocab.arvida.de/2015/06/vom/vocab#")
 MATHS = rdflib.Namespace("http://vocab.arvida.de/2015/06/maths/vocab#")
+HTTP = rdflib.Namespace("http://www.w3.org/2011/http#")
 SPATIAL = rdflib.Namespace("http://vocab.arvida.de/2015/06/spatial/vocab#")
 DCTERMS, RDFS, SH, PROV, SOSA = rdflib.DCTERMS, rdflib.RDFS, rdflib.SH, rdflib.PROV, rdflib.SOSA
 
@@ -74,6 +75,13 @@ class Browser:
             if str(page.graph.value(url, DCTERMS.title)) == title:
                 return self.page(str(url))
         raise AssertionError(f"no part {title} in {robot}")
+
+    def action(self, thing: Page, kind: URIRef) -> str:
+        """The action of this kind that a thing links."""
+        for url in thing.graph.objects(thing.iri, HYBRIT.action):
+            if kind in self.page(str(url)).types:
+                return str(url)
+        raise AssertionError(f"{thing.url} has no action of the kind {kind}")
 
 
 def all_live(browser: Browser, count: int) -> bool:

@@ -33,7 +33,7 @@ class Offer:
     @property
     def name(self) -> str:
         part = self.joint.name if self.joint else self.robot.name if self.robot else "the fleet"
-        return f"{self.definition.segment} of {part}"
+        return f"{self.definition.title}: {part}"
 
     @property
     def methods(self) -> tuple[str, ...]:

@@ -171,7 +171,7 @@ class Connection:
             return
         wrong = [f"{name} {found[name]}" for name, value in _DURABLE.items() if found.get(name, value) != value]
         if wrong:
-            _log.warning("Redis may lose subscriptions that were accepted, its settings are %s", " and ".join(wrong))
+            _log.warning("Redis may lose what was accepted, its settings are %s", " and ".join(wrong))
 
 
 def _checked(answers: list[Any]) -> list[Any]:

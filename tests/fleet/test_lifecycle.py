@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from actor import KEYS, stage
-from browser import HYBRIT, LF, ROS, SPATIAL
+from browser import LF, ROS, SPATIAL
 from running import eventually, process
 from small_fleet import Place, live, move, number, offline, property_page
 
@@ -22,7 +22,7 @@ def test_killed_agent_stays_readable_and_comes_back(tmp_path: Path) -> None:
     with place.gateway() as (_, browser):
         with place.ur5() as agent:
             live(browser, "ur5")
-            action = str(browser.part("ur5", _JOINT).one(HYBRIT.action))
+            action = browser.action(browser.part("ur5", _JOINT), LF.Rotate)
             answer = move(browser, action, 0.4, prefer="wait=30")
             assert answer.status_code == 204, answer.text
             agent.send(signal.SIGKILL)
@@ -53,7 +53,7 @@ def test_motion_of_a_killed_agent_is_unknown(tmp_path: Path) -> None:
     with place.gateway() as (_, browser):
         with place.ur5() as agent:
             live(browser, "ur5")
-            action = str(browser.part("ur5", _JOINT).one(HYBRIT.action))
+            action = browser.action(browser.part("ur5", _JOINT), LF.Rotate)
             answer = move(browser, action, 6.0)
             assert answer.status_code == 204, answer.text
             invocation = answer.headers["location"]
@@ -89,7 +89,7 @@ def test_gateway_killed_in_a_motion(tmp_path: Path, capsys: pytest.CaptureFixtur
         )
         with place.gateway() as (gateway, browser):
             live(browser, "ur5")
-            action = str(browser.part("ur5", "shoulder_pan_joint").one(HYBRIT.action))
+            action = browser.action(browser.part("ur5", "shoulder_pan_joint"), LF.Rotate)
             start = number(property_page(browser, "ur5", "shoulder_pan_joint", ROS.rotation), SPATIAL.rotationAngle)
             answer = move(browser, action, 6.2)
             assert answer.status_code == 204, answer.text
@@ -132,7 +132,7 @@ def test_second_agent_of_a_name_refuses_to_start(tmp_path: Path) -> None:
         assert gateway.output.count("robot ur5: appeared") == 1
         assert "vanished" not in gateway.output
         live(browser, "ur5")
-        action = str(browser.part("ur5", _JOINT).one(HYBRIT.action))
+        action = browser.action(browser.part("ur5", _JOINT), LF.Rotate)
         assert move(browser, action, 0.1, prefer="wait=30").status_code == 204
         assert "Traceback" not in first.output
 

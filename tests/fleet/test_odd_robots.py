@@ -136,7 +136,7 @@ def test_before_the_first_frame_and_with_nan(theatre: Theatre, floating: bool) -
     for kind in (LF.velocity, LF.effort):
         assert number(property_page(browser, "r", "elbow", kind), LF.value) == LF.unknown
     assert LF.unknown in set(property_page(browser, "r", "tip", LF.pose).graph.objects())
-    action = str(browser.part("r", "elbow").one(HYBRIT.action))
+    action = browser.action(browser.part("r", "elbow"), LF.Rotate)
     assert move(browser, action, 0.1).status_code == 503
     if not floating:
         actor.stand(math.nan)

@@ -68,6 +68,7 @@ class Gateway:
 async def opened(endpoint: str) -> AsyncIterator[Gateway]:
     gateway = Gateway(endpoint)
     async with gateway.link:
+        await gateway.link.join()
         yield gateway
 
 

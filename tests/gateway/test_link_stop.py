@@ -76,6 +76,7 @@ def run(scenario: Callable[[Gateway, Process], Awaitable[None]]) -> None:
         async with asyncio.timeout(PATIENCE_S):
             gateway = Gateway(endpoint)
             async with gateway.link:
+                await gateway.link.join()
                 await gateway.until(lambda: len(gateway.described) == len(gateway.frames) == 3)
                 await scenario(gateway, other)
 

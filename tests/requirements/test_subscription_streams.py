@@ -79,7 +79,7 @@ def test_r0_15_websocket_follows_a_motion_to_its_end(browser: Browser) -> None:
         first = socket.next()
         assert first.iri == URIRef(rotation)
         goal = first.angle + (0.4 if first.angle < 0.5 else -0.4)
-        answer = move(browser, str(joint.one(HYBRIT.action)), goal)
+        answer = move(browser, browser.action(joint, LF.Rotate), goal)
         assert answer.status_code == 204
         messages = [first]
         while abs(messages[-1].angle - goal) > 0.02:
@@ -104,7 +104,7 @@ def test_r0_15_websocket_on_an_invocation(browser: Browser) -> None:
     joint = browser.part("panda", "panda_joint4")
     rotation = str(joint.one(ROS.rotation))
     present = angle_in(browser.page(rotation).graph, URIRef(rotation))
-    answer = move(browser, str(joint.one(HYBRIT.action)), present + (0.5 if present < -1.5 else -0.5))
+    answer = move(browser, browser.action(joint, LF.Rotate), present + (0.5 if present < -1.5 else -0.5))
     url = answer.headers["location"]
     with Socket(url) as socket:
         states = [socket.next()]

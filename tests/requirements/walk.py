@@ -85,6 +85,7 @@ def _kind(url: str, graph: rdflib.Graph, response: httpx.Response) -> str:
         ("action", HYBRIT.Action),
         ("blueprint", LF.Blueprint),
         ("invocation", LF.Invocation),
+        ("subscription", HYBRIT.Subscription),
         ("container", LDP.Container),
     ):
         if known in types:

@@ -821,5 +821,5 @@ def test_a_server_that_may_lose_what_was_accepted_is_complained_of_once(
     finally:
         node.discard()
     assert [record.getMessage() for record in caplog.records] == [
-        "Redis may lose subscriptions that were accepted, its settings are appendfsync everysec"
+        "Redis may lose what was accepted, its settings are appendfsync everysec"
     ]
