@@ -108,7 +108,10 @@ def _motion(asked: Asked, motion: Move | Follow, targets: Mapping[str, float]) -
     """The motion with what every body may say besides its goal."""
     body, robot = asked.body, asked.of_robot()
     scale = body.number(body.root, LF.speedScale)
-    expects = dict(_expectation(asked, node) for node in body.nodes(body.root, LF.precondition))
+    preconditions = body.nodes(body.root, LF.precondition)
+    expects = dict(_expectation(asked, node) for node in preconditions)
+    if len(expects) < len(preconditions):
+        raise UnprocessableContent("Two preconditions name the same joint; each joint is in one place.")
     tied = body.node(body.root, LF.tiedTo) is not None
     return Motion(robot, motion, targets, min(scale or 1.0, robot.speed_scale), expects, tied)
 
