@@ -47,7 +47,7 @@ def test_joints_of_a_new_description_guard_at_once(bench: Any) -> None:
     bench.robot(_elbow())
     bench.body("/r/actions/moveJoints", _move("wrist"))
     bench.robot(_elbow(), listed=["elbow"])
-    with pytest.raises(UnprocessableContent, match="include <http://example.org/r/elbow>"):
+    with pytest.raises(UnprocessableContent, match=r"include <http://example\.org/r/elbow>"):
         bench.body("/r/actions/moveJoints", _move("wrist"))
 
 

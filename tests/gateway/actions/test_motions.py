@@ -154,6 +154,15 @@ def test_one_joint_has_one_target(bench: Any) -> None:
         bench.plan("/r/actions/moveJoints", f"<> {_target('elbow', 1)} ; {_target('elbow', 0)} .")
 
 
+def test_one_joint_is_expected_in_one_place(bench: Any) -> None:
+    """Of two preconditions on a joint one would go unheard."""
+    bench.robot(_ELBOW)
+    expects = "lf:precondition [ lf:ofJoint </r/elbow> ; vom:numericalValue {} ; vom:unit unit:RAD ; lf:tolerance 1 ]"
+    with pytest.raises(UnprocessableContent, match="Two preconditions"):
+        body = f"<> vom:numericalValue 1 ; {_RAD} ; {expects.format(0)} ; {expects.format(1)} ."
+        bench.plan("/r/elbow/actions/rotate", body)
+
+
 def test_waypoints_are_in_the_order_of_their_times(bench: Any) -> None:
     """However they are written; rows are in the order of the joints, the last row is where the robot ends."""
     bench.robot({**_ELBOW, **_LIFT})
