@@ -1,0 +1,112 @@
+"""One request stops a whole fleet: five simulated robots in full motion, behind one gateway."""
+
+from collections.abc import Iterator
+
+import pytest
+import rdflib
+from browser import LF, Browser
+from commands import Commanded, action_of
+from rdflib import URIRef
+from running import eventually
+from simulated import Simulated, simulated
+from small_fleet import Place, live
+
+pytestmark = pytest.mark.fleet
+
+POSES = {"baxter": "untucked", "ur5": "upright", "panda": "upright", "tiago": "folded", "go2": "crouched"}
+_MOVING, _STANDING = 0.03, 0.01  # rad/s
+
+
+@pytest.fixture(scope="module")
+def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Browser, dict[str, Simulated]]]:
+    place = Place(tmp_path_factory.mktemp("state"))
+    with place.gateway() as (_, browser), simulated(place.zenoh, *POSES) as robots:
+        for name in robots:
+            live(browser, name)
+        yield browser, robots
+
+
+@pytest.fixture
+def robots(fleet: tuple[Browser, dict[str, Simulated]]) -> Iterator[dict[str, Simulated]]:
+    """No test may have one of them exceed a limit of its URDF, or fall over."""
+    _, robots = fleet
+    yield robots
+    for robot in robots.values():
+        robot.check_limits()
+        assert robot.upright() > 0.99
+
+
+def _set_going(browser: Browser, robots: dict[str, Simulated]) -> dict[str, str]:
+    """The invocation of each robot, once all of them move."""
+    clients = {name: Commanded(browser, name) for name in robots}
+    for name, client in clients.items():
+        client.assume("home")
+        robots[name].watch()
+    begun = {
+        name: client.begin(LF.AssumePose, f'<> lf:poseName "{POSES[name]}" ; lf:speedScale 0.05 .')
+        for name, client in clients.items()
+    }
+    eventually(lambda: all(robot.speed() > _MOVING for robot in robots.values()), "five robots moving")
+    return begun
+
+
+def _answers(graph: rdflib.Graph, invocation: URIRef) -> dict[str, str]:
+    """What each robot said, by its IRI."""
+    nodes = graph.objects(invocation, LF.answer)
+    return {str(graph.value(node, LF.ofRobot)): str(graph.value(node, LF.reason)) for node in nodes}
+
+
+def test_stop_all_brings_every_robot_to_rest(
+    fleet: tuple[Browser, dict[str, Simulated]], robots: dict[str, Simulated]
+) -> None:
+    """Each robot answers, rests short of its target and stays; each motion is cancelled, and says by what."""
+    browser, _ = fleet
+    begun = _set_going(browser, robots)
+    url = action_of(browser, browser.page(browser.root), LF.StopAll)
+    answer = browser.http.post(url, headers={"prefer": "wait=60"}, timeout=90)
+    assert answer.status_code == 204, answer.text
+    stop = browser.page(answer.headers["location"])
+    assert stop.one(LF.state) == LF.succeeded, stop.response.text
+    assert _answers(stop.graph, stop.iri) == {robot.url: "succeeded" for robot in browser.robots()}
+    assert set(stop.graph.objects(stop.iri, LF.preempts)) == {URIRef(url) for url in begun.values()}
+    rested = {name: robot.positions() for name, robot in robots.items()}
+    for name, robot in robots.items():
+        assert robot.speed() <= _STANDING, name
+        target = robot.poses[POSES[name]]
+        assert any(abs(rested[name][joint] - target[joint]) > 0.1 for joint in target), name
+        page = browser.page(begun[name])
+        assert (page.one(LF.state), page.one(LF.preemptedBy)) == (LF.cancelled, stop.iri)
+    for robot in robots.values():
+        robot.watch()
+    eventually(lambda: all(len(robot.steps) > 400 for robot in robots.values()), "the simulations going on")
+    for name, robot in robots.items():
+        assert robot.positions() == pytest.approx(rested[name], abs=1e-3), name
+
+
+def test_rehearsed_stop_all_stops_nobody(
+    fleet: tuple[Browser, dict[str, Simulated]], robots: dict[str, Simulated]
+) -> None:
+    """It says how long braking takes and what it would end; all five go on."""
+    browser, _ = fleet
+    begun = _set_going(browser, robots)
+    url = action_of(browser, browser.page(browser.root), LF.StopAll)
+    answer = browser.http.post(url, headers={"prefer": "dry-run"})
+    assert (answer.status_code, answer.headers["preference-applied"]) == (200, "dry-run")
+    graph = rdflib.Graph().parse(data=answer.text, format="turtle")
+    assert {str(each) for each in graph.objects(None, LF.preempts)} == set(begun.values())
+    for robot in robots.values():
+        robot.watch()
+    eventually(lambda: all(len(robot.steps) > 100 for robot in robots.values()), "the simulations going on")
+    assert all(robot.speed() > _MOVING for robot in robots.values())
+    assert {browser.page(url).one(LF.state) for url in begun.values()} == {LF.running}
+
+
+def test_stop_of_one_robot_leaves_the_others_alone(
+    fleet: tuple[Browser, dict[str, Simulated]], robots: dict[str, Simulated]
+) -> None:
+    browser, _ = fleet
+    begun = _set_going(browser, robots)
+    Commanded(browser, "panda").do(LF.StopRobot)
+    assert robots["panda"].speed() <= _STANDING
+    states = {name: browser.page(url).one(LF.state) for name, url in begun.items()}
+    assert states == dict.fromkeys(begun, LF.running) | {"panda": LF.cancelled}
