@@ -319,7 +319,9 @@ def test_subtree_watches_a_robot_on_one_connection(scene: Theatre) -> None:
     with scene.toy() as toy, Socket(toy.page.url + "?depth=subtree") as socket:
         parts = [scene.browser.page(str(part)) for part in toy.page.graph.objects(toy.page.iri, DCTERMS.hasPart)]
         covered = {page.url for page in (toy.page, *parts)}
-        covered |= {str(each) for page in parts for each in page.graph.objects(page.iri, HYBRIT.property)}
+        things = (toy.page, *parts)
+        covered |= {str(each) for page in things for each in page.graph.objects(page.iri, HYBRIT.property)}
+        covered -= {str(toy.page.one(LF.jointState))}  # it repeats the values of the joints
         first = [socket.next() for _ in covered]
         assert {str(message.iri) for message in first} == covered
         for message in first:
