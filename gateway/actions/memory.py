@@ -3,7 +3,8 @@
 import asyncio
 import logging
 import time
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Coroutine, Mapping
+from contextlib import suppress
 from types import TracebackType
 from typing import Self
 
@@ -22,6 +23,7 @@ log = logging.getLogger(__name__)
 
 _WATCH_S = 0.25  # between two looks at leases; a motion that is tied to one stops that much later at most
 _RETRY_S = 0.5
+_FIRST_WORD_S = 1.0
 _MAX_FETCHES = 100
 
 StopOne = Callable[[Invocation, str], Awaitable[object]]
@@ -35,6 +37,7 @@ class Memory:
         self._unsaved: dict[str, tuple[Invocation, bool]] = {}
         self._unasked: set[str] = set()  # nobody was asked for leave, and the store does not know of them yet
         self._to_save = asyncio.Event()
+        self._own: set[str] = set()
         self._heard_s: dict[str, float] = {}
         self._fetching: set[asyncio.Task[None]] = set()
         self._stopping: dict[str, asyncio.Task[None]] = {}
@@ -57,6 +60,28 @@ class Memory:
             log.warning("what became of invocation %s could not be remembered", id)
 
     # -- invocations ------------------------------------------------------------------------------------------------
+
+    def begun(self, invocation: Invocation) -> None:
+        """It is this gateway's own until it has ended."""
+        self._own.add(invocation.id)
+
+    def settle(self, invocation: Invocation) -> None:
+        """Remember how it ended. The gateway that began it knows more of it than the others: it has the first word."""
+        if invocation.id in self._own:
+            self._own.discard(invocation.id)
+            self.save(invocation)
+        else:
+            self._soon(self._settle_for_another(invocation), f"settle {invocation.id}")
+
+    async def _settle_for_another(self, invocation: Invocation) -> None:
+        while True:
+            await asyncio.sleep(_FIRST_WORD_S)
+            with suppress(StoreUnavailable):
+                found = await self._store.read(invocation.robot, invocation.id)
+                break
+        if found is not None and not found.state.terminal:
+            invocation.duration_s, invocation.preempts = found.duration_s, found.preempts
+            self.save(invocation)
 
     def save(self, invocation: Invocation) -> None:
         """Remember what became of an invocation that was opened, as soon as may be."""
@@ -83,9 +108,12 @@ class Memory:
     def fetch_soon(self, robot: str, progress: Progress) -> None:
         """A robot speaks of an invocation that is not known here yet: learn what it is, then take the news."""
         if len(self._fetching) < _MAX_FETCHES:  # beyond that, the end is heard of through the store
-            task = asyncio.create_task(self._fetch_and_apply(robot, progress), name=f"fetch {progress.id}")
-            self._fetching.add(task)
-            task.add_done_callback(self._fetching.discard)
+            self._soon(self._fetch_and_apply(robot, progress), f"fetch {progress.id}")
+
+    def _soon(self, doing: Coroutine[None, None, None], name: str) -> None:
+        task = asyncio.create_task(doing, name=name)
+        self._fetching.add(task)
+        task.add_done_callback(self._fetching.discard)
 
     async def _fetch_and_apply(self, robot: str, progress: Progress) -> None:
         try:
@@ -103,6 +131,7 @@ class Memory:
             self._live.fan_out.appeared(invocation_path(invocation))
         self._live.tell(invocation)
         if invocation.state.terminal:
+            self._own.discard(invocation.id)
             self._over(invocation)
 
     # -- leases and settings ----------------------------------------------------------------------------------------

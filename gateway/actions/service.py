@@ -131,12 +131,13 @@ class Actions:
             if invocation.state is InvocationState.ACCEPTED:
                 invocation.state = InvocationState.UNKNOWN
                 invocation.reason = "the agent gave no answer; progress or the deadline will settle it"
+                self.memory.save(invocation)
                 self._news(invocation)
             raise silence(invocation, str(error)) from error
 
     async def _first(self, robot: str, id: str) -> Invocation:
         """The invocation that a repeated request began, which gets the answer that the first one got."""
-        invocation = self._live.invocations.get(id) or await self.memory.fetch(robot, id)
+        invocation = await self.memory.fetch(robot, id)
         if invocation is None:
             raise Conflict("The first request with this Idempotency-Key has been answered, and its invocation deleted.")
         if invocation.state is InvocationState.UNKNOWN and invocation.started_ns is None:
@@ -228,6 +229,7 @@ class Actions:
     def _unheard(self, invocation: Invocation) -> None:
         if invocation.state is InvocationState.ACCEPTED:
             invocation.state, invocation.reason = InvocationState.UNKNOWN, "the agent gave no answer"
+            self.memory.save(invocation)
             self._news(invocation)
 
     # -- invocations ------------------------------------------------------------------------------------------------
@@ -297,6 +299,7 @@ class Actions:
                 self._settle(invocation)
 
     def _begin(self, invocation: Invocation) -> None:
+        self.memory.begun(invocation)
         self._live.invocations.add(invocation)
         self._live.fan_out.appeared(invocation_path(invocation))
         self._news(invocation)
@@ -307,7 +310,7 @@ class Actions:
             for joint, target in invocation.targets.items():
                 if robot.targets.get(joint) == target:  # nobody is on the way there any more
                     del robot.targets[joint]
-        self.memory.save(invocation)
+        self.memory.settle(invocation)
         self._news(invocation)
         self._over(invocation)
 

@@ -17,7 +17,7 @@ import msgspec
 
 from gateway.actions import scripts
 from gateway.actions.keys import Keys, hashed, robot_of, tag
-from gateway.fleet.invocations import MAX_TERMINAL, Invocation
+from gateway.fleet.invocations import MAX_TERMINAL, Invocation, InvocationState
 from gateway.fleet.lease import Lease
 from gateway.store.connection import Connection, StoreUnavailable
 
@@ -118,11 +118,11 @@ class ActionStore:
     async def save(self, invocation: Invocation) -> bool:
         """Write what became of an invocation; False, and nothing is written, if it was deleted or over already.
 
-        Others are told only of the end: what comes before they hear from the robot.
+        Others are told of the end, and of silence: what comes between they hear from the robot.
         """
         keys = self._keys.invocations(invocation.robot)
         saved = await self._redis.run(scripts.SAVE, keys, *self._written(invocation))
-        if saved and invocation.state.terminal:
+        if saved and (invocation.state.terminal or invocation.state is InvocationState.UNKNOWN):
             await self._tell("invocation", invocation.robot, invocation.id)
         return bool(saved)
 
