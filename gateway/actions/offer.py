@@ -48,6 +48,7 @@ class Offer:
         iri, definition = NamedNode(base + self.path), self.definition
         graph.a(iri, HYBRIT.Action, HYBRIT.AsynchronousAction, definition.iri)
         graph.add(iri, DCTERMS.title, Literal(self.name))
+        graph.add(iri, DCTERMS.identifier, Literal(definition.segment))
         graph.add(iri, RDFS.comment, Literal(definition.comment))
         graph.add(iri, RDFS.seeAlso, NamedNode(base + self.thing))
         if definition.consumes is not None:
