@@ -25,6 +25,8 @@ from agents.wire.keys import Keys
 Array = npt.NDArray[np.float64]
 
 TICK_S = 0.01
+# At rest: a motor stands for the agent below 0.01 rad/s, and what the joint carries may swing a little after that.
+RESTING_RAD_S = 0.02
 _PAUSE_S = 0.004  # between ticks, less than TICK_S: the robots live faster than the test
 _ROOT = 1  # the body of the root link
 

@@ -12,7 +12,7 @@ from browser import DCTERMS, LF, PROV, Browser
 from commands import Commanded, pose_body
 from rdflib import URIRef
 from running import eventually
-from simulated import Simulated, angle_between, simulated
+from simulated import RESTING_RAD_S, Simulated, angle_between, simulated
 from small_fleet import Place, live, number
 
 pytestmark = pytest.mark.fleet
@@ -121,7 +121,7 @@ def test_stop_brings_the_robot_to_rest_on_its_way(robot: Simulated, client: Comm
     motion = client.begin(LF.AssumePose, f'<> lf:poseName "{POSES[robot.name]}" ; lf:speedScale 0.4 .')
     eventually(lambda: any(abs(robot.positions()[j] - start[j]) > 0.05 for j in target), "a motion under way")
     stop = client.do(LF.StopRobot)
-    assert robot.speed() <= 0.01
+    assert robot.speed() <= RESTING_RAD_S
     rested = robot.positions()
     assert any(abs(rested[joint] - target[joint]) > 0.1 for joint in target)
     page = client.browser.page(motion)

@@ -9,7 +9,7 @@ from browser import LF
 from commands import Commanded, scalar
 from rdflib import URIRef
 from running import eventually
-from simulated import Simulated, simulated
+from simulated import RESTING_RAD_S, Simulated, simulated
 from small_fleet import Place, live
 
 pytestmark = pytest.mark.fleet
@@ -133,7 +133,7 @@ def test_hold_stops_the_joint_where_it_is(robot: Simulated, client: Commanded) -
     eventually(lambda: robot.positions()["arm_1_joint"] > 0.6, "a motion under way")
     hold = client.do(LF.Hold, joint="arm_1_joint")
     rested = robot.positions()["arm_1_joint"]
-    assert robot.speed() <= 0.01
+    assert robot.speed() <= RESTING_RAD_S
     assert rested < 1.9
     page = client.browser.page(motion)
     assert (page.one(LF.state), page.one(LF.preemptedBy)) == (LF.cancelled, hold.iri)

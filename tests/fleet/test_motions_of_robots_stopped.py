@@ -8,13 +8,13 @@ from browser import LF, Browser
 from commands import Commanded, action_of
 from rdflib import URIRef
 from running import eventually
-from simulated import Simulated, simulated
+from simulated import RESTING_RAD_S, Simulated, simulated
 from small_fleet import Place, live
 
 pytestmark = pytest.mark.fleet
 
 POSES = {"baxter": "untucked", "ur5": "upright", "panda": "upright", "tiago": "folded", "go2": "crouched"}
-_MOVING, _STANDING = 0.03, 0.01  # rad/s
+_MOVING_RAD_S = 0.03
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def _set_going(browser: Browser, robots: dict[str, Simulated]) -> dict[str, str]
         name: client.begin(LF.AssumePose, f'<> lf:poseName "{POSES[name]}" ; lf:speedScale 0.05 .')
         for name, client in clients.items()
     }
-    eventually(lambda: all(robot.speed() > _MOVING for robot in robots.values()), "five robots moving")
+    eventually(lambda: all(robot.speed() > _MOVING_RAD_S for robot in robots.values()), "five robots moving")
     return begun
 
 
@@ -71,7 +71,7 @@ def test_stop_all_brings_every_robot_to_rest(
     assert set(stop.graph.objects(stop.iri, LF.preempts)) == {URIRef(url) for url in begun.values()}
     rested = {name: robot.positions() for name, robot in robots.items()}
     for name, robot in robots.items():
-        assert robot.speed() <= _STANDING, name
+        assert robot.speed() <= RESTING_RAD_S, name
         target = robot.poses[POSES[name]]
         assert any(abs(rested[name][joint] - target[joint]) > 0.1 for joint in target), name
         page = browser.page(begun[name])
@@ -97,7 +97,7 @@ def test_rehearsed_stop_all_stops_nobody(
     for robot in robots.values():
         robot.watch()
     eventually(lambda: all(len(robot.steps) > 100 for robot in robots.values()), "the simulations going on")
-    assert all(robot.speed() > _MOVING for robot in robots.values())
+    assert all(robot.speed() > _MOVING_RAD_S for robot in robots.values())
     assert {browser.page(url).one(LF.state) for url in begun.values()} == {LF.running}
 
 
@@ -107,6 +107,6 @@ def test_stop_of_one_robot_leaves_the_others_alone(
     browser, _ = fleet
     begun = _set_going(browser, robots)
     Commanded(browser, "panda").do(LF.StopRobot)
-    assert robots["panda"].speed() <= _STANDING
+    assert robots["panda"].speed() <= RESTING_RAD_S
     states = {name: browser.page(url).one(LF.state) for name, url in begun.items()}
     assert states == dict.fromkeys(begun, LF.running) | {"panda": LF.cancelled}
