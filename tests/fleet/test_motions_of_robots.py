@@ -95,6 +95,17 @@ def test_reach_brings_the_link_to_the_pose(robot: Simulated, client: Commanded) 
         assert angle_between(orientation, turned) <= CLOSE_RAD
 
 
+def test_at_full_speed_the_limits_of_the_urdf_hold(robot: Simulated, client: Commanded) -> None:
+    """Velocity and effort of every joint in every step, there and back as fast as the robot goes."""
+    for pose in (POSES[robot.name], "home"):
+        client.assume(pose)
+        measured = robot.positions()
+        for joint, end in robot.poses[pose].items():
+            assert abs(measured[joint] - end) <= _close(robot, joint), joint
+    robot.check_limits()
+    assert max(np.abs(robot.seen(joint, "velocities")[1]).max() for joint in robot.joints) > 0.7
+
+
 def _between(robot: Simulated, share: float) -> dict[str, float]:
     """The joints that move from home to the other pose, when they are that share of the way on."""
     home, there = robot.poses["home"], robot.poses[POSES[robot.name]]
