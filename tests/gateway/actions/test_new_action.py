@@ -1,0 +1,131 @@
+"""shapes/README.md: its blocks, put where it says, are an action of each joint with limits."""
+
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import pytest
+from pyoxigraph import NamedNode, Triple
+
+from agents.wire.messages import Move
+from gateway.actions import handlers
+from gateway.actions.completions import COMPLETIONS
+from gateway.actions.definition import definitions
+from gateway.errors import UnprocessableContent
+from gateway.graph import shapes
+from gateway.graph.judge import Judge
+from gateway.graph.vocab import HYBRIT, LF
+
+_ROOT = Path(__file__).parents[3]
+_README = (_ROOT / "shapes" / "README.md").read_text(encoding="utf-8")
+_CENTRE = NamedNode("https://example.org/actions#Centre")
+_LIMIT = '<limit lower="-1" upper="2" velocity="1" effort="1"/>'
+_JOINTS = {
+    "elbow": ("revolute", _LIMIT),
+    "lift": ("prismatic", _LIMIT),
+    "wheel": ("continuous", ""),
+    "free": ("revolute", ""),
+    "finger": ("revolute", _LIMIT + '<mimic joint="elbow"/>'),
+}
+
+
+def _blocks(language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```$", _README, re.MULTILINE | re.DOTALL)
+
+
+def _forget() -> None:
+    for each in (shapes.load, shapes.load_folder, definitions):
+        each.cache_clear()
+
+
+@pytest.fixture
+def extended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A copy of shapes/ with the file of step 1, the module of step 2 and the line of step 3."""
+    folder = tmp_path / "shapes"
+    shutil.copytree(_ROOT / "shapes", folder)
+    (turtle,) = _blocks("turtle")
+    (folder / "actions" / "centre.ttl").write_text(turtle, encoding="utf-8")
+    module, line = _blocks("python")
+    centre = ModuleType("centre")
+    exec(module, vars(centre))
+    table = eval("{" + line + "}", {**vars(handlers), "centre": centre})
+    monkeypatch.setattr(shapes, "resources", SimpleNamespace(files=lambda package: folder))
+    for kind, handler in table.items():
+        monkeypatch.setitem(handlers.HANDLERS, kind, handler)
+    _forget()
+    yield
+    monkeypatch.undo()
+    _forget()
+
+
+def _body() -> str:
+    (request,) = _blocks("http")
+    return request.partition("\n\n")[2]
+
+
+def test_things_offer_the_new_action(bench: Any, extended: None) -> None:
+    """Those that the file and the handler admit, linked from each and described like every action."""
+    bench.robot(_JOINTS)
+    for joint in _JOINTS:
+        linked = {t.object for t in bench.described(f"/r/{joint}").triples if t.predicate == HYBRIT.action}
+        path = f"/r/{joint}/actions/centre"
+        assert (NamedNode(bench.base + path) in linked) == (joint in ("elbow", "lift")), joint
+        assert (bench.resource(path) is not None) == (joint in ("elbow", "lift")), joint
+    bench.robot(_JOINTS, capabilities=("stop",))
+    assert bench.resource("/r/elbow/actions/centre") is None
+
+
+def test_its_description_conforms(bench: Any, extended: None) -> None:
+    """To the blueprint of actions; both methods, and the invocations are where they always are."""
+    bench.robot(_JOINTS)
+    path = "/r/elbow/actions/centre"
+    blueprints = [triple for about in shapes.load("blueprints.ttl").values() for triple in about]
+    description = bench.described(path).triples
+    iri = NamedNode(bench.base + path)
+    assert Judge(blueprints, LF.ActionShape).report(description, iri, iri.value) is None
+    assert bench.offer(path).methods == ("POST", "PUT")
+    assert bench.offer(path).definition.iri == _CENTRE
+    assert Triple(iri, LF.invocations, NamedNode(f"{iri.value}/invocations")) in description
+    assert bench.resource(path + "/invocations") is not None
+    assert bench.described(path + "/produceshape").triples
+
+
+def test_it_is_planned(bench: Any, extended: None) -> None:
+    """The request of the page brings the joint to the middle, no faster than the robot may go."""
+    bench.robot(_JOINTS)
+    for joint in ("elbow", "lift"):
+        plan = bench.plan(f"/r/{joint}/actions/centre", _body())
+        assert (plan.motion, plan.targets, plan.scale) == (Move({joint: 0.5}), {joint: 0.5}, 0.5)
+    bench.fleet.configure("r", {"maximumSpeedScale": "0.25"})
+    assert bench.plan("/r/elbow/actions/centre", _body()).scale == 0.25
+
+
+@pytest.mark.parametrize("scale", ["", "0", "1.1", '"0.5"', "0.5, 0.6", "true"])
+def test_its_shape_guards(bench: Any, extended: None, scale: str) -> None:
+    """By the rule of the option that it shares with other actions, and by its own: it must be there."""
+    bench.robot(_JOINTS)
+    said = f"<> lf:speedScale {scale} ." if scale else "<> lf:reason 'none' ."
+    with pytest.raises(UnprocessableContent) as caught:
+        bench.plan("/r/elbow/actions/centre", said)
+    assert caught.value.report
+
+
+def test_the_action_is_gone_with_its_file(bench: Any) -> None:
+    """What the tests above add, they take away."""
+    bench.robot(_JOINTS)
+    assert bench.resource("/r/elbow/actions/centre") is None
+    assert _CENTRE not in handlers.HANDLERS
+
+
+def test_the_page_names_all_completions_and_files_that_there_are() -> None:
+    """Neither more nor fewer completions; paths lead somewhere, but for those that the reader is to make."""
+    table = _README.partition("| `lf:completedBy` | adds |\n")[2].partition("\n\n")[0]
+    assert {LF.terms[each] for each in re.findall(r"^\| `lf:(\w+)` \|", table, re.MULTILINE)} == set(COMPLETIONS)
+    named = set(re.findall(r"`((?:gateway|shapes|tests)/[\w/.]+)`", _README))
+    missing = {each for each in named if not (_ROOT / each).exists()}
+    assert missing == {"shapes/actions/centre.ttl", "gateway/actions/centre.py"}
+    files = re.findall(r"^\| `([\w/]+\.ttl)`", _README, re.MULTILINE)
+    assert all((_ROOT / "shapes" / each).exists() for each in files)
