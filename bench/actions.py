@@ -2,14 +2,18 @@
 
 import argparse
 import contextlib
+import multiprocessing
 import statistics
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import httpx
-from browser import HYBRIT, Browser
+from browser import HYBRIT, LF, Browser
+from conftest import ROBOTS
+from running import process
 from small_fleet import Place, live
 
 _PREFIXES = """@prefix maths: <http://vocab.arvida.de/2015/06/maths/vocab#> .
@@ -18,6 +22,7 @@ _PREFIXES = """@prefix maths: <http://vocab.arvida.de/2015/06/maths/vocab#> .
 @prefix lf: <https://w3id.org/linked-fleet#> .
 """
 _TURTLE = {"content-type": "text/turtle"}
+_CLIENTS = 8
 
 
 def main() -> None:
@@ -26,11 +31,21 @@ def main() -> None:
     count = parser.parse_args().requests
     with tempfile.TemporaryDirectory() as folder:
         place = Place(Path(folder))
-        with place.gateway() as (_, browser), place.ur5():
-            live(browser, "ur5")
-            print(f"{'request':44}{'status':>8}{'p50 ms':>9}{'p99 ms':>9}")
+        agents = process("-m", "agents", *(f"--robot={name}" for name in ROBOTS), "--connect", place.zenoh)
+        with place.gateway() as (_, browser), agents:
+            for name in ROBOTS:
+                live(browser, name)
+            print(f"{'request':56}{'status':>8}{'p50 ms':>9}{'p99 ms':>9}{'worst':>9}")
             for name, send, status in _requests(browser):
                 _measure(name, send, status, count)
+            stop_all = browser.action(browser.page(browser.root), LF.StopAll)
+            with _busy(browser):
+                _measure(
+                    "stopAll, while 8 clients ask as fast as they can",
+                    lambda _: browser.http.post(stop_all),
+                    204,
+                    count,
+                )
 
 
 def _requests(browser: Browser) -> list[tuple[str, Callable[[int], httpx.Response], int]]:
@@ -40,6 +55,7 @@ def _requests(browser: Browser) -> list[tuple[str, Callable[[int], httpx.Respons
     actions = {str(a).rpartition("/")[2]: str(a) for a in robot.graph.objects(robot.iri, HYBRIT.action)}
     links = {str(each).rpartition("/")[2]: str(each) for each in robot.graph.subjects(None, None)}
     link = links["ee_link"]
+    stop_all = browser.action(browser.page(browser.root), LF.StopAll)
 
     def post(url: str, body: str, **headers: str) -> httpx.Response:
         return browser.http.post(url, content=_PREFIXES + body, headers=_TURTLE | headers)
@@ -59,7 +75,37 @@ def _requests(browser: Browser) -> list[tuple[str, Callable[[int], httpx.Respons
         ("reach, rehearsed", lambda n: post(actions["reach"], pose(400 + n % 50), prefer="dry-run"), 200),
         ("reach, out of reach", lambda n: post(actions["reach"], pose(4000)), 422),
         ("stop, accepted by the agent", lambda n: browser.http.post(actions["stop"]), 204),
+        ("stopAll, answered by five robots", lambda n: browser.http.post(stop_all), 204),
     ]
+
+
+@contextlib.contextmanager
+def _busy(browser: Browser) -> Iterator[None]:
+    """Clients in a process of their own that read joint states and ask for what takes longest."""
+    robot = browser.robot("ur5")
+    link = next(str(each) for each in robot.graph.subjects() if str(each).endswith("/ee_link"))
+    far = f"<> lf:ofLink <{link}> ; lf:position [ maths:x 4000 ; maths:y 0 ; maths:z 0 ; vom:unit unit:MilliM ] ."
+    asked = (str(robot.one(LF.jointState)), browser.action(robot, LF.Reach), _PREFIXES + far)
+    clients = multiprocessing.get_context("spawn").Process(target=_ask_for_ever, args=asked, daemon=True)
+    clients.start()
+    try:
+        yield
+    finally:
+        clients.kill()
+        clients.join()
+
+
+def _ask_for_ever(state: str, reach: str, body: str) -> None:
+    def ask(number: int) -> None:
+        with httpx.Client(timeout=60) as http:
+            while True:
+                if number == 0:
+                    http.post(reach, content=body, headers=_TURTLE)
+                else:
+                    http.get(state)
+
+    with ThreadPoolExecutor(_CLIENTS) as clients:
+        list(clients.map(ask, range(_CLIENTS)))
 
 
 def _measure(name: str, send: Callable[[int], httpx.Response], status: int, count: int) -> None:
@@ -70,7 +116,7 @@ def _measure(name: str, send: Callable[[int], httpx.Response], status: int, coun
         took.append((time.perf_counter() - begin) * 1000)
         assert answer.status_code == status, answer.text
     cuts = statistics.quantiles(took, n=100)
-    print(f"{name:44}{status:8}{statistics.median(took):9.2f}{cuts[98]:9.2f}", flush=True)
+    print(f"{name:56}{status:8}{statistics.median(took):9.2f}{cuts[98]:9.2f}{max(took):9.2f}", flush=True)
 
 
 if __name__ == "__main__":

@@ -37,6 +37,9 @@ class _Server(uvicorn.Server):
         yield
 
 
+_SWITCH_S = 0.0005
+
+
 def main() -> int:
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
     logging.getLogger("uvicorn.error").addFilter(_is_news)
@@ -46,6 +49,8 @@ def main() -> int:
     except (ValueError, OSError) as error:
         print(f"gateway: {error}", file=sys.stderr)
         return 1
+    # Plans are computed in threads; the event loop is not to wait 5 ms for each piece of their work.
+    sys.setswitchinterval(_SWITCH_S)
     try:
         return uvloop.run(_serve(settings, listener))
     except (LinkError, EmbeddedError, BadUrl) as error:

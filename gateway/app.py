@@ -11,6 +11,7 @@ from gateway.actions.store import ActionStore
 from gateway.graph.vocab import PREFIXES
 from gateway.http.endpoint import resources
 from gateway.http.host import Authorities
+from gateway.http.turns import Turns
 from gateway.live import Live
 from gateway.settings import GatewaySettings
 from gateway.store.embedded import Embedded
@@ -44,5 +45,6 @@ def create_app(settings: GatewaySettings) -> Starlette:
         middleware=[Middleware(Authorities, public_urls=settings.public_urls, prefixes=PREFIXES)],
         lifespan=lifespan,
     )
+    app.state.turns = Turns()
     app.router.default = resources  # no route of its own has ever to know the tree, nor `OPTIONS *`
     return app

@@ -44,7 +44,7 @@ class Live:
         return self
 
     async def join(self) -> None:
-        """Have the fleet come in; robots tell at once what has ended lately, so who wants to hear it is there before."""
+        """Have the fleet come in; robots tell at once what has ended lately, so who wants to hear that comes before."""
         await self.link.join()
 
     async def __aexit__(

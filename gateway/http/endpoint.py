@@ -37,6 +37,7 @@ from gateway.http.problem import problem
 from gateway.http.representation import etags, negotiated
 from gateway.http.streams import EventStream, is_over, open_websocket, wants_events
 from gateway.http.subscribe import cancel, post_subscription, refusals, resume, subscribe_callback, wants_callback
+from gateway.http.turns import Turns
 from gateway.live import Live
 from gateway.subscriptions.service import Subscriptions
 
@@ -55,6 +56,8 @@ async def resources(scope: Scope, receive: Receive, send: Send) -> None:
         await _upgrade(WebSocket(scope, receive, send))
         return
     request = Request(scope, receive)
+    turns: Turns = request.app.state.turns
+    await turns.turn(scope)
     response = await _respond(request)
     await response(scope, receive, send)
 
