@@ -1,0 +1,154 @@
+"""Commands as a client gives them, all by links: which action a thing offers, what it takes, and what became of it."""
+
+import contextlib
+import math
+from collections.abc import Callable, Iterator
+
+import httpx
+from browser import HYBRIT, LDP, LF, ROS, SPATIAL, VOM, Browser, Page
+from rdflib import RDF, URIRef
+from running import Process, eventually, process
+from several import Gateway
+from small_fleet import live
+
+TURTLE = {"content-type": "text/turtle"}
+PREFIXES = """@prefix xsd: <http://www.w3.org/2001/XMLSchema#> .
+@prefix dcterms: <http://purl.org/dc/terms/> .
+@prefix maths: <http://vocab.arvida.de/2015/06/maths/vocab#> .
+@prefix unit: <http://qudt.org/vocab/unit/> .
+@prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> .
+@prefix lf: <https://w3id.org/linked-fleet#> .
+"""
+PROBLEMS = "https://w3id.org/linked-fleet/problems#"
+PAN, LIFT, WRIST = "shoulder_pan_joint", "shoulder_lift_joint", "wrist_3_joint"
+ENDED = (LF.succeeded, LF.failed, LF.cancelled, LF.preempted)
+STILL_RAD = 0.02
+"""What stands may still settle so far."""
+
+
+# -- what to say ----------------------------------------------------------------------------------------------------
+
+
+def radian(value: float, more: str = "") -> str:
+    return PREFIXES + f"<> vom:numericalValue {value} ; vom:unit unit:RAD {more} ."
+
+
+def slowly(value: float, more: str = "", speed: float = 0.1) -> str:
+    """To ``value`` rad, at no more than ``speed`` rad/s."""
+    return radian(value, f"; lf:speed [ vom:numericalValue {speed} ; vom:unit unit:RAD-PER-SEC ] {more}")
+
+
+def expecting(joint: str, value: float, tolerance: float) -> str:
+    """That the joint is there, in rad."""
+    where = f"lf:ofJoint <{joint}> ; vom:numericalValue {value} ; vom:unit unit:RAD ; lf:tolerance {tolerance}"
+    return f"; lf:precondition [ {where} ]"
+
+
+def control(holder: str, duration_s: float) -> str:
+    return PREFIXES + f'<> lf:holder "{holder}" ; lf:leaseDuration {duration_s} .'
+
+
+# -- where to say it ------------------------------------------------------------------------------------------------
+
+
+def action(browser: Browser, thing: Page, kind: URIRef) -> str:
+    """The action of this kind that a thing offers."""
+    urls = [str(url) for url in thing.graph.objects(thing.iri, HYBRIT.action)]
+    (found,) = [url for url in urls if (URIRef(url), RDF.type, kind) in browser.page(url).graph]
+    return found
+
+
+def of_joint(browser: Browser, joint: str, kind: URIRef = LF.Rotate, robot: str = "ur5") -> str:
+    return action(browser, browser.part(robot, joint), kind)
+
+
+def of_robot(browser: Browser, kind: URIRef, robot: str = "ur5") -> str:
+    return action(browser, browser.robot(robot), kind)
+
+
+def put(browser: Browser, url: str, body: str, **fields: str) -> httpx.Response:
+    return browser.http.put(url, content=body, headers=TURTLE | fields, timeout=70)
+
+
+def post(browser: Browser, url: str, body: str = "", **fields: str) -> httpx.Response:
+    headers = TURTLE | fields if body else fields
+    return browser.http.post(url, content=body, headers=headers, timeout=70)
+
+
+def begun(answer: httpx.Response) -> str:
+    """The invocation that the request began."""
+    assert answer.status_code == 204, answer.text
+    return answer.headers["location"]
+
+
+def problem(answer: httpx.Response) -> tuple[int, str]:
+    """Status and code of a problem document."""
+    assert answer.headers["content-type"] == "application/problem+json", answer.text
+    assert answer.json()["detail"]
+    return answer.status_code, answer.json()["type"].removeprefix(PROBLEMS)
+
+
+# -- what became of it ----------------------------------------------------------------------------------------------
+
+
+def angle(browser: Browser, joint: str, robot: str = "ur5") -> float:
+    """Where the joint is, in rad; NaN when that is unknown."""
+    page = browser.page(str(browser.part(robot, joint).one(ROS.rotation)))
+    value = page.graph.value(page.graph.value(page.iri, SPATIAL.rotationAngle), VOM.numericalValue)
+    return math.nan if value == LF.unknown else float(str(value))
+
+
+def moving(browser: Browser, joint: str, robot: str = "ur5", by: float = 0.03) -> None:
+    """Wait until the joint has left where it is."""
+    start = angle(browser, joint, robot)
+    eventually(lambda: abs(angle(browser, joint, robot) - start) > by, f"{joint} moving")
+
+
+def ended(browser: Browser, url: str) -> Page:
+    """Wait until nothing can happen to the invocation any more."""
+
+    def probe() -> Page | None:
+        page = browser.page(url)
+        return page if page.one(LF.state) in ENDED else None
+
+    return eventually(probe, f"the end of {url}")
+
+
+def reason(page: Page) -> str:
+    return str(page.graph.value(page.iri, LF.reason) or "")
+
+
+def state_at(gateway: Gateway, invocation: str) -> URIRef | None:
+    """The state of an invocation as this gateway shows it; None while it does not know it."""
+    answer = gateway.get(gateway.here(invocation))
+    if answer.status_code == 404:
+        return None
+    assert answer.status_code == 200, answer.text
+    return gateway.browser.page(gateway.here(invocation)).one(LF.state)
+
+
+def invocations(browser: Browser, action: str) -> list[str]:
+    """Paths of those that an action lists, in no order."""
+    page = browser.page(str(browser.page(action).one(LF.invocations)))
+    return [httpx.URL(str(each)).path for each in page.graph.objects(page.iri, LDP.contains)]
+
+
+# -- who carries it out ---------------------------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def arm(endpoint: str, *flags: str) -> Iterator[Process]:
+    """The agent of a simulated UR5."""
+    with process("-m", "agents", "--robot=ur5", "--connect", endpoint, *flags) as agent:
+        yield agent
+
+
+def all_see(gateways: list[Gateway], robot: str = "ur5") -> None:
+    for each in gateways:
+        live(each.browser, robot)
+
+
+def at_all(gateways: list[Gateway], probe: Callable[[Gateway], object], what: str) -> None:
+    """Wait until every gateway says so."""
+    for each in gateways:
+        eventually(lambda each=each: probe(each), f"{what} at {each.browser.root}")
