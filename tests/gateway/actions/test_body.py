@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
@@ -20,6 +20,7 @@ def _scalar(text: str, datatype: NamedNode, unit: NamedNode | None) -> Body:
     return Body([number, *([Triple(_ROOT, VOM.unit, unit)] if unit else [])], _ROOT)
 
 
+@settings(derandomize=True, deadline=None)
 @given(st.floats(-1e6, 1e6).filter(lambda x: x == 0 or abs(x) > 1e-300), st.sampled_from(list(UNITS)))
 def test_quantities_are_in_si(value: float, unit: NamedNode) -> None:
     """Whatever unit the body states; none is one."""

@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gateway.actions.completions import COMPLETIONS, MOST_TURNS, bounds, commandable, decimal, moved_links
@@ -34,6 +34,7 @@ def _admitted(bench: Any, path: str, body: str) -> bool:
     return True
 
 
+@settings(derandomize=True, deadline=None)
 @given(_ends, _ends, st.sampled_from([DEGREE, RADIAN, MILLIMETRE, METRE]))
 def test_bounds_are_rounded_inwards(one: float, other: float, unit: Any) -> None:
     """To a millionth of the unit, and never by more; a thousandth of that is forgiven to the binary fraction."""
