@@ -307,8 +307,11 @@ class Actions:
     def _settle(self, invocation: Invocation) -> None:
         robot = self._live.fleet.robots.get(invocation.robot)
         if robot is not None and invocation.state is not InvocationState.SUCCEEDED:
+            successor = self._live.invocations.get(invocation.preempted_by)
+            onward = successor.targets if successor is not None else {}
             for joint, target in invocation.targets.items():
-                if robot.targets.get(joint) == target:  # nobody is on the way there any more
+                # Nobody is on the way there any more.
+                if robot.targets.get(joint) == target and onward.get(joint) != target:
                     del robot.targets[joint]
         self.memory.settle(invocation)
         self._news(invocation)

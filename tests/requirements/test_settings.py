@@ -1,0 +1,302 @@
+"""R0.5: what may be replaced of a robot by PUT, at any gateway and for good; and what may not."""
+
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+import rdflib
+from browser import DCTERMS, HYBRIT, LDP, LF, RDFS, VOM, Browser, Page
+from commanding import (
+    PAN,
+    PREFIXES,
+    STILL_RAD,
+    TURTLE,
+    WRIST,
+    all_see,
+    angle,
+    arm,
+    at_all,
+    begun,
+    of_joint,
+    of_robot,
+    post,
+    problem,
+    put,
+)
+from rdflib import URIRef
+from redis_servers import single
+from running import eventually
+from several import Gateway, gateway, gateways, hub
+
+pytestmark = pytest.mark.fleet
+_READ = "GET, HEAD, OPTIONS"
+_TYPES = "text/turtle, application/ld+json, application/n-triples, application/rdf+xml"
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[list[Gateway]]:
+    folder = tmp_path_factory.mktemp("redis")
+    with hub() as stage, single(folder) as memory, arm(stage.endpoint), gateways(stage, memory.url) as found:
+        all_see(found)
+        yield found
+        assert not [each.process.output for each in found if "Traceback" in each.process.output]
+
+
+@pytest.fixture
+def pair(two: list[Gateway]) -> tuple[Gateway, Gateway]:
+    one, other = two
+    return one, other
+
+
+def _setting(browser: Browser, predicate: URIRef) -> Page:
+    return browser.page(str(browser.robot("ur5").one(predicate)))
+
+
+def _target(browser: Browser, joint: str = WRIST) -> Page:
+    return browser.page(str(browser.part("ur5", joint).one(LF.targetRotation)))
+
+
+def _number(page: Page) -> float | URIRef:
+    value = page.graph.value(page.graph.value(page.iri, LF.value), VOM.numericalValue)
+    return value if isinstance(value, URIRef) else float(str(value))
+
+
+def _text(value: str) -> str:
+    return PREFIXES + f'<> lf:value "{value}" .'
+
+
+def _scalar(value: object, unit: str = "unit:UNITLESS") -> str:
+    return PREFIXES + f"<> lf:value [ vom:numericalValue {value} ; vom:unit {unit} ] ."
+
+
+def _titles(browser: Browser) -> set[str]:
+    """Of the robot: in the fleet, in its own description, and as a property."""
+    fleet, robot = browser.page(browser.root), browser.robot("ur5")
+    setting = _setting(browser, LF.title)
+    return {
+        str(fleet.graph.value(robot.iri, DCTERMS.title)),
+        str(robot.graph.value(robot.iri, DCTERMS.title)),
+        str(setting.graph.value(setting.iri, LF.value)),
+    }
+
+
+def test_a_title_is_shown_everywhere_and_stays(tmp_path: Path) -> None:
+    """In the fleet and at the robot, at both gateways, and after both were killed."""
+    with hub() as stage, single(tmp_path) as memory, arm(stage.endpoint):
+        with gateways(stage, memory.url) as found:
+            all_see(found)
+            answer = put(found[0].browser, _setting(found[0].browser, LF.title).url, _text("Grüße aus Halle 2"))
+            assert (answer.status_code, answer.content) == (204, b"")
+            at_all(found, lambda each: _titles(each.browser) == {"Grüße aus Halle 2"}, "the title")
+            for each in found:
+                each.process.send(signal.SIGKILL)
+        with gateway(stage, "--redis-url", memory.url) as back:
+            all_see([back])
+            assert _titles(back.browser) == {"Grüße aus Halle 2"}
+
+
+@pytest.mark.parametrize("body", ["", "<> lf:value 3 .", '<> lf:value "" .', '<> lf:value "a", "b" .'])
+def test_a_title_is_one_text(pair: tuple[Gateway, Gateway], body: str) -> None:
+    """Anything else is 422, and the title stays."""
+    one, _ = pair
+    before = _titles(one.browser)
+    answer = put(one.browser, _setting(one.browser, LF.title).url, PREFIXES + body)
+    assert problem(answer) == (422, "unprocessable-content")
+    assert _titles(one.browser) == before
+
+
+# -- annotations ----------------------------------------------------------------------------------------------------
+
+
+_POSE = f"""<./> rdfs:comment "borrowed" ; lf:namedPose [ dcterms:title "tucked" ;
+  lf:target [ lf:ofJoint <{WRIST}> ; vom:numericalValue 0.7 ; vom:unit unit:RAD ] ] ."""
+_RDFS = "@prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> .\n"
+
+
+def test_a_pose_in_annotations_can_be_assumed(pair: tuple[Gateway, Gateway]) -> None:
+    """Put at one, offered and assumed at the other; the comment is on the robot there."""
+    one, other = pair
+    answer = put(one.browser, _setting(one.browser, LF.annotations).url, _RDFS + PREFIXES + _POSE)
+    assert answer.status_code == 204, answer.text
+    robot = eventually(lambda: _commented(other, "borrowed"), "the annotation")
+    assert (robot.iri, LF.namedPose, None) in robot.graph
+    action = of_robot(other.browser, LF.AssumePose)
+    assert rdflib.Literal("tucked") in set(other.browser.page(action).graph.objects())
+    begun(put(other.browser, action, PREFIXES + '<> lf:poseName "tucked" .', prefer="wait=30"))
+    assert angle(other.browser, WRIST) == pytest.approx(0.7, abs=STILL_RAD)
+    unknown = put(other.browser, action, PREFIXES + '<> lf:poseName "nowhere" .')
+    assert problem(unknown) == (422, "unprocessable-content")
+
+
+def _commented(gateway: Gateway, text: str) -> Page | None:
+    robot = gateway.browser.robot("ur5")
+    return robot if (robot.iri, RDFS.comment, rdflib.Literal(text)) in robot.graph else None
+
+
+def test_annotations_are_replaced_as_they_were_read(pair: tuple[Gateway, Gateway]) -> None:
+    """GET, PUT of the same, GET: nothing has changed."""
+    one, _ = pair
+    url = _setting(one.browser, LF.annotations).url
+    assert put(one.browser, url, _RDFS + PREFIXES + _POSE).status_code == 204
+    before = one.get(url)
+    assert put(one.browser, url, before.text, **{"if-match": before.headers["etag"]}).status_code == 204
+    assert one.get(url).text == before.text
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        "<./> lf:presence lf:offline .",
+        "<./> a lf:Fleet .",
+        '<./> dcterms:title "mine" .',
+        f"<./> <{HYBRIT.action}> <http://example.org/fly> .",
+        f"<./> <{LDP.contains}> <http://example.org/> .",
+    ],
+)
+def test_the_gateway_alone_says_what_its_terms_mean(pair: tuple[Gateway, Gateway], said: str) -> None:
+    """422 for any of its terms; the annotations stay."""
+    one, _ = pair
+    setting = _setting(one.browser, LF.annotations)
+    answer = put(one.browser, setting.url, PREFIXES + said)
+    assert problem(answer) == (422, "unprocessable-content")
+    assert one.get(setting.url).text == setting.response.text
+
+
+def test_annotations_are_bounded(pair: tuple[Gateway, Gateway]) -> None:
+    """413 for a body beyond what is read, 422 for what is longer when it is written out."""
+    one, _ = pair
+    url = _setting(one.browser, LF.annotations).url
+    comment = '<./> rdfs:comment "{}" .'
+    assert problem(put(one.browser, url, _RDFS + comment.format("x" * 70_000))) == (413, "payload-too-large")
+    many = " , ".join(f'"{number}"' for number in range(900))
+    long = "http://example.org/" + "p" * 200
+    answer = put(one.browser, url, f"<./> <{long}> {many} .")
+    assert problem(answer) == (422, "unprocessable-content")
+    assert "65536" in answer.json()["detail"]
+
+
+# -- speed ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_robot_can_be_slowed_down(pair: tuple[Gateway, Gateway]) -> None:
+    """A maximum speed scale of 0.3 at one gateway makes the same motion take about three times as long at the other."""
+    one, other = pair
+    url = _setting(one.browser, LF.maximumSpeedScale).url
+    durations = []
+    for scale in (1.0, 0.3):
+        assert put(one.browser, url, _scalar(scale)).status_code == 204
+        at_all([one, other], lambda each, scale=scale: _scale(each) == pytest.approx(scale), "the scale")
+        durations.append(_rehearsed(other.browser))
+    assert put(other.browser, url.replace(one.browser.root, other.browser.root), _scalar(1)).status_code == 204
+    assert durations[1] / durations[0] == pytest.approx(1 / 0.3, rel=0.2)
+
+
+def _scale(gateway: Gateway) -> float | URIRef:
+    return _number(_setting(gateway.browser, LF.maximumSpeedScale))
+
+
+def _rehearsed(browser: Browser) -> float:
+    """How long a turn by 2 rad would take, in seconds."""
+    start = angle(browser, PAN)
+    target = start + (2 if start < 0 else -2)
+    body = PREFIXES + f"<> vom:numericalValue {target} ; vom:unit unit:RAD ."
+    answer = put(browser, of_joint(browser, PAN), body, prefer="dry-run")
+    assert answer.status_code == 200, answer.text
+    graph = rdflib.Graph().parse(data=answer.text, format="turtle")
+    ((_, _, duration),) = graph.triples((None, LF.duration, None))
+    return float(graph.value(duration, VOM.numericalValue))
+
+
+@pytest.mark.parametrize("value", ["0", "1.5", "-0.5", '"NaN"^^xsd:double', '"INF"^^xsd:double', '"half"', "0.5 , 0.6"])
+def test_a_speed_scale_is_a_share(pair: tuple[Gateway, Gateway], value: str) -> None:
+    """422 for anything but one number above 0, at most 1."""
+    one, _ = pair
+    before = _scale(one)
+    url = _setting(one.browser, LF.maximumSpeedScale).url
+    assert problem(put(one.browser, url, _scalar(value))) == (422, "unprocessable-content")
+    assert _scale(one) == before
+
+
+# -- where a joint is to be -----------------------------------------------------------------------------------------
+
+
+def test_a_joint_is_moved_by_its_target(pair: tuple[Gateway, Gateway]) -> None:
+    """PUT moves it, and GET shows where to, also when it is put again; once it is stopped, nobody can say."""
+    one, _ = pair
+    browser = one.browser
+    for target in (0.9, 0.4):
+        answer = put(browser, _target(browser).url, _scalar(target, "unit:RAD"), prefer="wait=30")
+        begun(answer)
+        assert angle(browser, WRIST) == pytest.approx(target, abs=STILL_RAD)
+        assert _number(_target(browser)) == pytest.approx(target)
+    start = angle(browser, PAN)
+    far = round(start + (3 if start < 0 else -3), 3)
+    for _ in range(2):
+        begun(put(browser, _target(browser, PAN).url, _scalar(far, "unit:RAD")))
+    first = begun(put(browser, _target(browser, PAN).url, _scalar(far, "unit:RAD")))
+    eventually(lambda: browser.page(first).one(LF.state) == LF.running, "the motion")
+    assert _number(_target(browser, PAN)) == pytest.approx(far)
+    begun(post(browser, of_robot(browser, LF.StopRobot), prefer="wait=30"))
+    eventually(lambda: _number(_target(browser, PAN)) == LF.unknown, "an unknown target")
+    assert _number(_target(browser)) == pytest.approx(0.4)
+
+
+# -- HTTP -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_setting_is_replaced_only_as_it_was_read(pair: tuple[Gateway, Gateway]) -> None:
+    """If-Match: 412 with an old tag, which the other gateway has too; 204 with the present one."""
+    one, other = pair
+    url = _setting(one.browser, LF.title).url
+    old = one.get(url).headers["etag"]
+    assert put(one.browser, url, _text("Ada's"), **{"if-match": old}).status_code == 204
+    at_all([one, other], lambda each: _titles(each.browser) == {"Ada's"}, "the title")
+    for each in pair:
+        answer = put(each.browser, each.here(url), _text("Bob's"), **{"if-match": old})
+        assert problem(answer) == (412, "precondition-failed")
+        assert _titles(each.browser) == {"Ada's"}
+    now = other.get(other.here(url)).headers["etag"]
+    assert put(other.browser, other.here(url), _text("Bob's"), **{"if-match": now}).status_code == 204
+
+
+def _options(browser: Browser, url: str) -> httpx.Headers:
+    answer = browser.http.options(url)
+    assert answer.status_code == 204
+    return answer.headers
+
+
+def test_what_can_be_put_says_so(pair: tuple[Gateway, Gateway]) -> None:
+    """Allow and Accept-Put by OPTIONS and by GET of every property of robot and joint; the rest is 405."""
+    one, _ = pair
+    robot, joint = one.browser.robot("ur5"), one.browser.part("ur5", WRIST)
+    urls = {str(url) for page in (robot, joint) for url in page.graph.objects(page.iri, HYBRIT.property)}
+    settable = {str(robot.one(each)) for each in (LF.title, LF.annotations, LF.maximumSpeedScale)}
+    settable.add(str(joint.one(LF.targetRotation)))
+    assert settable < urls
+    assert len(urls - settable) > 5
+    for url in urls:
+        fields = [_options(one.browser, url), one.get(url).headers]
+        allow, types = (f"{_READ}, PUT", _TYPES) if url in settable else (_READ, None)
+        assert [(each["allow"], each.get("accept-put")) for each in fields] == 2 * [(allow, types)], url
+        if url not in settable:
+            answer = one.browser.http.put(url, content=_scalar(1), headers=TURTLE)
+            assert (*problem(answer), answer.headers["allow"]) == (405, "method-not-allowed", _READ)
+        assert one.browser.http.delete(url).headers["allow"] == allow
+
+
+def test_without_redis_nothing_is_set(tmp_path: Path) -> None:
+    """503, and what was set stays to be seen."""
+    with (
+        hub() as stage,
+        single(tmp_path) as memory,
+        arm(stage.endpoint),
+        gateway(stage, "--redis-url", memory.url) as one,
+    ):
+        all_see([one])
+        url = _setting(one.browser, LF.title).url
+        assert put(one.browser, url, _text("before")).status_code == 204
+        memory.kill()
+        assert problem(put(one.browser, url, _text("after"))) == (503, "store-away")
+        assert _titles(one.browser) == {"before"}
