@@ -9,6 +9,7 @@ from agents.robot import JointFacts
 from agents.trajectory import Trajectory, through
 from agents.wire.messages import Follow, Move
 
+SPEED_SHARE = 0.9  # of the speed that a command allows, for a real joint ripples about its setpoint
 MAX_DURATION_S = 86_400.0
 # Slower than this nothing moves that one could see.
 _SLOWEST = 1e-6
@@ -55,7 +56,7 @@ def _move(move: Move, scale: float, starts: Iterable[Start]) -> Plan:
     starts = tuple(starts)
     for start in starts:
         name, full = start.joint.name, cruise_of(start.joint)
-        cruise = cruises[name] = _visible(start.joint, min(full, move.speeds.get(name, math.inf)) * scale)
+        cruise = cruises[name] = _visible(start.joint, min(full, SPEED_SHARE * move.speeds.get(name, math.inf)) * scale)
         ramp = (full if start.velocity else cruise) / RAMP_S
         limits, target = start.joint.limits, move.targets[name]
         found[name] = reach(start.position, start.velocity, target, cruise, ramp, limits)

@@ -107,7 +107,8 @@ def _size_servos(
         # A stiff servo on a light link must stay within what the timestep resolves.
         inertia = max(inertia, stiffness / _FASTEST_SERVO_RAD_S**2)
         model.dof_armature[dof] += inertia - inertias[dof]
-        damping = 2.0 * np.sqrt(stiffness * inertia)
+        # What the joint's own damping does need not be done by the servo.
+        damping = max(0.0, 2.0 * np.sqrt(stiffness * inertia) - model.dof_damping[dof])
         model.actuator_gainprm[index, 0] = stiffness
         model.actuator_biasprm[index, 1:3] = -stiffness, -damping
     mujoco.mj_setConst(model, mujoco.MjData(model))

@@ -45,9 +45,10 @@ class MujocoRobot:
         commanded = [index for index, joint in enumerate(facts.joints) if joint.mimics is None]
         self._servo = {facts.joints[index].name: servo for servo, index in enumerate(commanded)}
         self._servo_qpos = self._qpos[commanded]
-        # A drive limits its own speed: this far ahead of the joint, the damping of the servo balances it at the limit.
+        # A drive limits its own speed: this far ahead of the joint, all that damps it balances it at the limit.
         speeds = np.array([facts.joints[index].limits.velocity or np.inf for index in commanded])
-        self._reach = speeds * -self._model.actuator_biasprm[:, 2] / self._model.actuator_gainprm[:, 0]
+        damping = self._model.dof_damping[self._dof[commanded]] - self._model.actuator_biasprm[:, 2]
+        self._reach = speeds * damping / self._model.actuator_gainprm[:, 0]
         self._setpoints = np.zeros(len(commanded))
         self._start_s: float | None = None
         self._place(pose, home_height_m)

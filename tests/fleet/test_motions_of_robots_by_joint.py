@@ -98,22 +98,22 @@ def test_rotate_understands_every_unit(robot: Simulated, client: Commanded, valu
 
 
 @pytest.mark.parametrize(
-    ("name", "kind", "joint", "by", "speed", "si", "ripple"),
+    ("name", "kind", "joint", "by", "speed", "si"),
     [
-        ("ur5", LF.RotateBy, "shoulder_pan_joint", 0.4, "15 ; vom:unit unit:DEG-PER-SEC", math.radians(15), 0.02),
-        ("ur5", LF.Rotate, "wrist_3_joint", 0.4, "0.3 ; vom:unit unit:RAD-PER-SEC", 0.3, 0.02),
-        ("tiago", LF.RotateBy, "arm_1_joint", 0.4, "0.3 ; vom:unit unit:RAD-PER-SEC", 0.3, 0.1),
-        ("tiago", LF.TranslateBy, "torso_lift_joint", -0.03, "20 ; vom:unit unit:MilliM-PER-SEC", 0.02, 0.02),
+        ("ur5", LF.RotateBy, "shoulder_pan_joint", 0.4, "15 ; vom:unit unit:DEG-PER-SEC", math.radians(15)),
+        ("ur5", LF.Rotate, "wrist_3_joint", 0.4, "0.3 ; vom:unit unit:RAD-PER-SEC", 0.3),
+        ("tiago", LF.RotateBy, "arm_1_joint", 0.4, "0.3 ; vom:unit unit:RAD-PER-SEC", 0.3),
+        ("tiago", LF.TranslateBy, "torso_lift_joint", -0.03, "20 ; vom:unit unit:MilliM-PER-SEC", 0.02),
     ],
 )
 def test_optional_speed_is_reached_and_not_exceeded(
-    robot: Simulated, client: Commanded, kind: URIRef, joint: str, by: float, speed: str, si: float, ripple: float
+    robot: Simulated, client: Commanded, kind: URIRef, joint: str, by: float, speed: str, si: float
 ) -> None:
-    """No setpoint is faster; the joint ripples with the ticks by 2 %, one with friction and a stiff servo by 10 %."""
+    """The joint is never faster, ripple included, and not much slower."""
     unit = "unit:M" if joint in robot.linear else "unit:RAD"
     client.do(kind, scalar(by, unit, f"lf:speed [ vom:numericalValue {speed} ]"), joint)
     _, speeds = robot.seen(joint, "velocities")
-    assert 0.95 * si <= np.abs(speeds).max() <= (1.0 + ripple) * si
+    assert 0.85 * si <= np.abs(speeds).max() <= si
 
 
 @pytest.mark.parametrize("name", ["ur5"])
@@ -178,7 +178,6 @@ def test_move_joints_arrive_together(robot: Simulated, client: Commanded) -> Non
     _check_together(robot, client, {"arm_1_joint": 1.3, "arm_2_joint": -0.2, "arm_4_joint": 1.0, "head_1_joint": 0.2})
 
 
-@pytest.mark.xfail(reason="the speed limit of the simulated drive leaves the damping of the guide out")
 def test_joints_that_slide_arrive_together_with_those_that_turn(robot: Simulated, client: Commanded) -> None:
     """TIAGo's torso, whose guide damps it more than its servo does."""
     _check_together(robot, client, {"arm_1_joint": 1.3, "head_1_joint": 0.2, "torso_lift_joint": 0.22})
