@@ -1,12 +1,18 @@
 """The real fleet: five simulated robots and a gateway, as their own processes on free loopback ports."""
 
 import contextlib
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import hypothesis
 import pytest
 from browser import Browser, all_live
 from running import Process, eventually, free_port, process
+
+# How long an example takes says nothing on a machine that does other things too. Where runs must agree, they do.
+hypothesis.settings.register_profile("ours", deadline=None, derandomize="CI" in os.environ)
+hypothesis.settings.load_profile("ours")
 
 ROBOTS = ("baxter", "go2", "panda", "tiago", "ur5")
 

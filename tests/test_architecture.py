@@ -16,7 +16,16 @@ from gateway.settings import GatewaySettings
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "ARCHITECTURE.md").read_text()
-PAGES = ("README.md", "ARCHITECTURE.md", "CHANGELOG.md", "agents/wire/PROTOCOL.md", "gateway/subscriptions/PROTOCOL.md")
+PAGES = (
+    "README.md",
+    "ARCHITECTURE.md",
+    "CHANGELOG.md",
+    "agents/wire/PROTOCOL.md",
+    "gateway/actions/PROTOCOL.md",
+    "gateway/subscriptions/PROTOCOL.md",
+    "client/README.md",
+    "client/CONFORMANCE.md",
+)
 FOLDERS = {path.name for path in ROOT.iterdir() if path.is_dir()}
 
 

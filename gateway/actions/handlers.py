@@ -16,7 +16,9 @@ from gateway.graph.vocab import LF
 
 
 def _bounded_joint(robot: Robot, joint: Joint | None) -> bool:
-    return joint is not None and bounded(joint)
+    """Also that the agent takes commands for it: those that its frames carry."""
+    listed = robot.description.joints if robot.description is not None else ()
+    return joint is not None and bounded(joint) and joint.name in listed
 
 
 def _any_joint(robot: Robot, joint: Joint | None) -> bool:

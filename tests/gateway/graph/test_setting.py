@@ -1,5 +1,7 @@
 """What clients set of a robot: what is remembered of a body, and what is refused."""
 
+import contextlib
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -150,6 +152,13 @@ def test_speed_scales(number: str) -> None:
     """Above 0, at most 1, of any type that numbers have."""
     remembered = float(_admit("maximumSpeedScale", f"<> lf:value [ vom:numericalValue {number} ] ."))
     assert 0 < remembered <= 1
+
+
+@pytest.mark.parametrize(("unit", "taken"), [("UNITLESS", True), ("RAD", False)])
+def test_the_unit_of_a_speed_scale(unit: str, taken: bool) -> None:
+    body = f"<> lf:value [ vom:numericalValue 0.5 ; vom:unit <http://qudt.org/vocab/unit/{unit}> ] ."
+    with contextlib.nullcontext() if taken else pytest.raises(UnprocessableContent):
+        _admit("maximumSpeedScale", body)
 
 
 @pytest.mark.parametrize(
