@@ -14,6 +14,8 @@ from gateway.fleet.model import Joint, JointKind
 from gateway.graph.build import Node
 from gateway.graph.vocab import LF
 
+_SETTLING = 2e-4  # rad or m: a joint that was sent to its limit may be measured that far beyond it
+
 # -- joint ----------------------------------------------------------------------------------------------------------
 
 
@@ -29,8 +31,10 @@ def by_distance(asked: Asked) -> Motion:
     joint = asked.of_joint()
     target = _present(asked, joint) + asked.body.quantity(asked.body.root)
     low, high = joint.limits.lower, joint.limits.upper
-    if joint.kind is not JointKind.CONTINUOUS and not (low is not None and high is not None and low <= target <= high):
-        raise Conflict(f"{joint.name} would end at {target:.6g}, outside its limits {low} to {high} (SI units).")
+    if joint.kind is not JointKind.CONTINUOUS:
+        if low is None or high is None or not low - _SETTLING <= target <= high + _SETTLING:
+            raise Conflict(f"{joint.name} would end at {target:.6g}, outside its limits {low} to {high} (SI units).")
+        target = min(max(target, low), high)
     return _motion(asked, Move({joint.name: target}, _speeds(asked, joint)), {joint.name: target})
 
 
