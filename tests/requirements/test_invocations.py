@@ -5,38 +5,76 @@ from collections.abc import Callable
 
 import pytest
 import rdflib
-from browser import HYBRIT, LF, SH, VOM, Browser
+from browser import HYBRIT, LF, MATHS, SH, VOM, Browser
+from commanding import PREFIXES, TURTLE, ended
 from rdflib import URIRef
 from rdflib.collection import Collection
-from running import eventually
 from walk import Visited, Walk
 
 pytestmark = pytest.mark.fleet
 
 _HTTP = rdflib.Namespace("http://www.w3.org/2011/http#")
-_BODY = """@prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> .
-<> vom:numericalValue {value} ; vom:unit <{unit}> ."""
+_ABSOLUTE = (LF.Rotate, LF.Translate)
+_NO_BODY = (LF.Hold, LF.StopRobot, LF.StopAll)
+_OTHERS = (LF.RotateBy, LF.TranslateBy, LF.MoveJoints, LF.FollowTrajectory, LF.Reach, LF.AssumePose)
 
 
-def _invoke_all(tree: Walk, browser: Browser, method: str) -> list[str]:
-    """Locations of one invocation per action, by the binding of that method in its description."""
-    found = []
-    for action in tree.of("action"):
-        bound = [
-            request
-            for request in action.graph.objects(action.iri, HYBRIT.binding)
-            if str(action.graph.value(request, _HTTP.mthd)).endswith(f"#{method}")
-        ]
-        (url,) = [str(action.graph.value(request, _HTTP.requestURI)) for request in bound]
-        body = _stay(tree, browser, action)
-        answer = browser.http.request(method, url, content=body, headers={"content-type": "text/turtle"})
-        assert (answer.status_code, answer.content) == (204, b""), f"{url}: {answer.text}"
-        found.append(answer.headers["location"])
-    return found
+def _kind(action: Visited, *kinds: URIRef) -> bool:
+    return any((action.iri, rdflib.RDF.type, kind) in action.graph for kind in kinds)
+
+
+def _bound(action: Visited, method: str) -> str | None:
+    """Where to send a request by this method, as the description binds it."""
+    for request in action.graph.objects(action.iri, HYBRIT.binding):
+        if str(action.graph.value(request, _HTTP.mthd)).endswith(f"#{method}"):
+            return str(action.graph.value(request, _HTTP.requestURI))
+    return None
 
 
 def _stay(tree: Walk, browser: Browser, action: Visited) -> str:
-    """A body that asks for the present position, in the unit of the shape's last branch (SI), within its bounds."""
+    """A body that asks for no change; of a robot's actions with the first of its joints that is offered one."""
+    if _kind(action, *_NO_BODY):
+        return ""
+    if _kind(action, *_ABSOLUTE):
+        return PREFIXES + f"<> {_place(browser, action)} ."
+    if _kind(action, LF.RotateBy, LF.TranslateBy):
+        unit = "unit:RAD" if _kind(action, LF.RotateBy) else "unit:M"
+        return PREFIXES + f"<> vom:numericalValue 0 ; vom:unit {unit} ."
+    if _kind(action, LF.AssumePose):
+        return PREFIXES + '<> lf:poseName "home" .'
+    robot = str(action.graph.value(action.iri, rdflib.RDFS.seeAlso))
+    if _kind(action, LF.Reach):
+        return PREFIXES + _present_pose(browser, action.graph)
+    joint = next(each for each in tree.of("action") if each.url.startswith(robot) and _kind(each, *_ABSOLUTE))
+    target = (
+        f"lf:target [ lf:ofJoint <{joint.graph.value(joint.iri, rdflib.RDFS.seeAlso)}> ; {_place(browser, joint)} ]"
+    )
+    return PREFIXES + (
+        f"<> {target} ." if _kind(action, LF.MoveJoints) else f"<> lf:waypoint [ lf:atTime 1 ; {target} ] ."
+    )
+
+
+def _present_pose(browser: Browser, shape: rdflib.Graph) -> str:
+    """Where the last link is that the shape of ``reach`` names."""
+    (links,) = [list(Collection(shape, shape.value(each, SH["in"]))) for each in shape.subjects(SH.path, LF.ofLink)]
+    page = browser.page(str(browser.page(str(links[-1])).one(LF.pose)))
+    position = page.graph.value(page.iri, LF.position)
+    x, y, z = (page.graph.value(position, MATHS[axis]) for axis in "xyz")
+    where = f"lf:position [ maths:x {x} ; maths:y {y} ; maths:z {z} ; vom:unit unit:M ]"
+    return f'<> lf:ofLink <{links[-1]}> ; {where} ; lf:frame "{page.graph.value(page.iri, LF.frame)}" .'
+
+
+def _invoke(tree: Walk, browser: Browser, action: Visited, method: str) -> str:
+    """The invocation, which the answer leads to."""
+    url, body = _bound(action, method), _stay(tree, browser, action)
+    assert url is not None
+    answer = browser.http.request(method, url, content=body, headers=TURTLE if body else {})
+    assert (answer.status_code, answer.content) == (204, b""), f"{url}: {answer.text}"
+    return answer.headers["location"]
+
+
+def _place(browser: Browser, action: Visited) -> str:
+    """The present position in the unit of the shape's last branch (SI), within its bounds, as the body says it."""
     unit, low, high, clip = _last_branch(action.graph)
     joint = str(action.graph.value(action.iri, rdflib.RDFS.seeAlso))
     graph = browser.page(joint).graph
@@ -47,7 +85,7 @@ def _stay(tree: Walk, browser: Browser, action: Visited) -> str:
         for scalar in graph.objects(each, None)
         for value in graph.objects(scalar, VOM.numericalValue)
     )
-    return _BODY.format(value=repr(clip(float(position), low, high)), unit=unit)
+    return f"vom:numericalValue {clip(float(position), low, high)!r} ; vom:unit <{unit}>"
 
 
 def _last_branch(graph: rdflib.Graph) -> tuple[str, float, float, Callable[[float, float, float], float]]:
@@ -62,15 +100,35 @@ def _last_branch(graph: rdflib.Graph) -> tuple[str, float, float, Callable[[floa
     return unit, low, float(graph.value(limits, SH.maxInclusive)), lambda value, low, high: min(max(value, low), high)
 
 
+def _all_succeed(browser: Browser, urls: list[str]) -> None:
+    states = {url: ended(browser, url).one(LF.state) for url in urls}
+    assert set(states.values()) <= {LF.succeeded}, [url for url, state in states.items() if state != LF.succeeded]
+
+
 @pytest.mark.parametrize("method", ["POST", "PUT"])
-def test_r0_7_and_r0_8_every_action_answers_204_with_location(tree: Walk, browser: Browser, method: str) -> None:
+def test_r0_7_and_r0_8_every_joint_answers_204_with_location(tree: Walk, browser: Browser, method: str) -> None:
     """R0.7, R0.8: 204 without a body, and Location leads to the invocation, which ends well."""
-    locations = _invoke_all(tree, browser, method)
-    assert len(locations) == len(set(locations)) > 80
+    urls = [_invoke(tree, browser, each, method) for each in tree.of("action") if _kind(each, *_ABSOLUTE)]
+    assert len(urls) == len(set(urls)) > 80
+    _all_succeed(browser, urls)
 
-    def ended(url: str) -> URIRef | None:
-        state = browser.page(url).one(LF.state)
-        return state if state not in (LF.accepted, LF.running) else None
 
-    states = {url: eventually(lambda url=url: ended(url), f"the end of {url}") for url in locations}
-    assert set(states.values()) == {LF.succeeded}, [url for url, state in states.items() if state != LF.succeeded]
+@pytest.mark.parametrize("method", ["POST", "PUT"])
+def test_r0_7_and_r0_8_of_what_else_there_is(tree: Walk, browser: Browser, method: str) -> None:
+    """One kind after the other, at everything that offers it: they would end each other."""
+    done = set()
+    for kind in (*_OTHERS, *_NO_BODY):
+        actions = [each for each in tree.of("action") if _kind(each, kind) and _bound(each, method) is not None]
+        _all_succeed(browser, [_invoke(tree, browser, each, method) for each in actions])
+        done |= {kind} if actions else set()
+    assert done == ({*_OTHERS, *_NO_BODY} if method == "POST" else {LF.MoveJoints, LF.Reach, LF.AssumePose})
+
+
+def test_what_is_bound_to_no_method_is_not_possible(tree: Walk, browser: Browser) -> None:
+    """405 with exactly the methods that the description binds."""
+    for action in tree.of("action"):
+        bound = {method for method in ("POST", "PUT") if _bound(action, method)}
+        for method in {"POST", "PUT", "DELETE"} - bound:
+            answer = browser.http.request(method, action.url)
+            assert answer.status_code == 405, action.url
+            assert set(answer.headers["allow"].split(", ")) == {"GET", "HEAD", "OPTIONS", *bound}
