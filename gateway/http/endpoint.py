@@ -188,8 +188,9 @@ def _read(request: Request, resource: Resource, base: str) -> Response:
         "etag": representation.etag,
         "vary": "Accept",
         "cache-control": "no-cache",
-        "link": _link(resource, base),
     }
+    if link := _link(resource, base):
+        headers["link"] = link
     if not_modified(field(request, "if-none-match"), representation.etag):
         return Response(status_code=304, headers=headers)
     headers["content-type"] = representation.content_type
