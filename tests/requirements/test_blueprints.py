@@ -1,12 +1,17 @@
 """Paper 5.1: every representation conforms to its own blueprint, as both are served; less than that does not."""
 
+from collections.abc import Iterator
+from pathlib import Path
+
 import pyshacl
 import pytest
 import rdflib
-from browser import HYBRIT, SH
-from walk import Visited, Walk
+from browser import HYBRIT, LF, SH, VOM, Browser
+from commanding import action, begun, control, post, put, slowly
+from walk import Visited, Walk, walk
 
 pytestmark = pytest.mark.fleet
+_SHAPES = Path(__file__).parents[2] / "shapes"
 
 
 def _blueprint(tree: Walk, page: Visited) -> rdflib.Graph:
@@ -63,6 +68,84 @@ def test_taking_a_value_away_fails(tree: Walk) -> None:
         less += page.graph
         less.remove(triple)
         assert not _conforms(less, shapes)[0], triple
+
+
+@pytest.fixture(scope="module")
+def moving(tree: Walk, browser: Browser) -> Iterator[Walk]:
+    """All that can be reached while every robot moves and is controlled by somebody."""
+    leases = {}
+    for robot in tree.of("robot"):
+        lease = str(robot.graph.value(robot.iri, LF.lease))
+        answer = put(browser, lease, control("the test", 600))
+        leases[lease] = {"lock-token": answer.headers["lock-token"]}
+        begun(put(browser, _slow(tree, robot), _away(browser, _slow(tree, robot)), **leases[lease]))
+    try:
+        yield walk(browser.root, browser.http)
+    finally:
+        begun(post(browser, action(browser, browser.page(browser.root), LF.StopAll)))
+        for lease, fields in leases.items():
+            browser.http.delete(lease, headers=fields)
+
+
+def _slow(tree: Walk, robot: Visited) -> str:
+    """What turns the first joint of a robot that can be turned."""
+    offered = (each for each in tree.of("action") if each.url.startswith(robot.url))
+    return next(each.url for each in offered if (each.iri, rdflib.RDF.type, LF.Rotate) in each.graph)
+
+
+def _away(browser: Browser, action: str) -> str:
+    """To the middle of its limits, so slowly that it goes on while everything is read."""
+    page = browser.page(action)
+    (joint,) = page.graph.objects(page.iri, rdflib.RDFS.seeAlso)
+    limits = browser.page(str(browser.page(str(joint)).one(LF.limits)))
+    low, high = (
+        float(limits.graph.value(limits.graph.value(limits.iri, each), VOM.numericalValue))
+        for each in (LF.lowerLimit, LF.upperLimit)
+    )
+    return slowly(round(low + 0.6 * (high - low), 3), speed=0.002)
+
+
+def test_everything_conforms_while_robots_move(moving: Walk) -> None:
+    """Things, properties, invocations and leases: whatever links a blueprint conforms to it."""
+    seen: set[object] = set()
+    states: set[object] = set()
+    for page in moving:
+        links = [str(each) for each in page.graph.objects(page.iri, HYBRIT.blueprint)]
+        for url in (each for each in links if each in moving.pages):
+            shapes = moving.pages[url].graph
+            assert _targets(page, shapes), f"{page.url} is no target of its own blueprint"
+            conforms, text = _conforms(page.graph, shapes)
+            assert conforms, f"{page.url}\n{text}"
+            seen |= set(page.graph.objects(page.iri, rdflib.RDF.type))
+            states |= set(page.graph.objects(page.iri, LF.state))
+    assert {LF.Fleet, LF.Robot, LF.Joint, LF.Invocation, LF.ControlLease} <= seen
+    assert {LF.running, LF.held} <= states
+
+
+def test_a_subscription_conforms_to_its_own_blueprint(browser: Browser) -> None:
+    """One that waits for its client, of a robot."""
+    robot = browser.robot("ur5")
+    body = f"<> a <{HYBRIT.Subscription}> ; <{HYBRIT.onResource}> <{robot.url}> ."
+    answer = post(browser, str(robot.one(HYBRIT.subscriptions)), body)
+    assert answer.status_code == 201, answer.text
+    page = browser.page(answer.headers["location"])
+    (url,) = [each for each in page.graph.objects(page.iri, HYBRIT.blueprint) if str(each).startswith(browser.root)]
+    shapes = browser.page(str(url)).graph
+    assert HYBRIT.Subscription in set(shapes.objects(None, SH.targetClass)) & page.types
+    conforms, text = _conforms(page.graph, shapes)
+    assert browser.http.delete(page.url).status_code == 204
+    assert conforms, text
+
+
+def test_every_action_conforms(moving: Walk) -> None:
+    """Figure 5a: each action of fleet, robots, joints and invocations to what the gateway says of actions."""
+    shapes = rdflib.Graph().parse(_SHAPES / "blueprints.ttl")
+    kinds = set()
+    for page in moving.of("action"):
+        conforms, text = _conforms(page.graph, shapes)
+        assert conforms, f"{page.url}\n{text}"
+        kinds |= set(page.graph.objects(page.iri, rdflib.RDF.type))
+    assert {LF.StopAll, LF.Reach, LF.Rotate, LF.Hold, LF.CancelInvocation} <= kinds
 
 
 def _required(shapes: rdflib.Graph, targets: frozenset[object]) -> set[rdflib.URIRef]:
