@@ -18,6 +18,7 @@
     │   └── KeyReused               422     key-reused
     ├── TooManySubscriptions        429     too-many-subscriptions
     ├── Offline                     503     offline
+    ├── Busy                        503     busy
     ├── StoreAway                   503     store-away
     └── AgentSilent                 504     agent-silent
 
@@ -228,6 +229,15 @@ class TooManySubscriptions(FleetError):
 
 class Offline(FleetError):
     status, code, title = 503, "offline", "The robot is offline"
+
+
+class Busy(FleetError):
+    """Too many ask for what takes long; ask again."""
+
+    status, code, title = 503, "busy", "The gateway has too much to plan"
+
+    def __init__(self, detail: str) -> None:
+        super().__init__(detail, headers={"Retry-After": "1"})
 
 
 class StoreAway(FleetError):

@@ -8,12 +8,14 @@ from pyoxigraph import NamedNode, Triple
 from gateway.actions.body import Body
 from gateway.actions.definition import Definition
 from gateway.actions.offer import Offer
+from gateway.actions.poses import poses
 from gateway.errors import UnprocessableContent
 from gateway.fleet.model import Joint, RobotModel
 from gateway.fleet.robot import Robot
 from gateway.graph.build import Graph
 from gateway.graph.judge import Judge
 from gateway.graph.validation import root
+from gateway.graph.vocab import LF
 
 
 def admit(offer: Offer, triples: Sequence[Triple], base: str) -> Body:
@@ -24,9 +26,10 @@ def admit(offer: Offer, triples: Sequence[Triple], base: str) -> Body:
     iri = base + offer.path
     focus = root(triples, NamedNode(iri))
     robot = offer.robot
-    model, said = (robot.model, robot.annotations) if robot is not None else (None, "")
+    model = robot.model if robot is not None else None
+    named = tuple(poses(robot)) if robot is not None and offer.definition.iri == LF.AssumePose else ()
     joints = robot.description.joints if robot is not None and robot.description is not None else ()
-    judge = _judge(offer.definition, base, offer.thing, robot, offer.joint, model, joints, said)
+    judge = _judge(offer.definition, base, offer.thing, robot, offer.joint, model, joints, named)
     report = judge.report(triples, focus, iri)
     if report is not None:
         detail, about = report
@@ -36,7 +39,7 @@ def admit(offer: Offer, triples: Sequence[Triple], base: str) -> Body:
     return Body(triples, focus)
 
 
-@lru_cache(maxsize=1024)
+@lru_cache(maxsize=256)
 def _judge(
     definition: Definition,
     base: str,
@@ -45,9 +48,9 @@ def _judge(
     joint: Joint | None,
     model: RobotModel | None,
     joints: tuple[str, ...],
-    annotations: str,
+    named: tuple[str, ...],
 ) -> Judge:
-    """What the shape speaks of is in the key: a description may list other joints of the same model."""
+    """What the shape speaks of is in the key: a description may list other joints of the same model, or other poses."""
     graph = Graph()
     shape = Offer(definition, thing, robot, joint).consumes(graph, base)
     return Judge(graph.triples, shape)

@@ -5,10 +5,19 @@ from dataclasses import dataclass
 from pyoxigraph import NamedNode
 
 from gateway.actions.body import Body
+from gateway.actions.plan import Moment
 from gateway.errors import Offline
 from gateway.fleet.model import Joint, RobotModel
 from gateway.fleet.robot import Robot
 from gateway.graph.paths import part_of, robot_path
+
+
+def moment_of(robot: Robot | None) -> Moment | None:
+    """None for a robot that cannot be commanded at present."""
+    frame = None if robot is None or not robot.online else robot.frame
+    if robot is None or frame is None or robot.incarnation is None:
+        return None
+    return Moment(robot.incarnation, frame.monotonic_ns)
 
 
 @dataclass(frozen=True)
@@ -19,6 +28,15 @@ class Asked:
     body: Body
     robot: Robot | None = None
     joint: Joint | None = None
+    moment: Moment | None = None
+
+    def of_moment(self) -> Moment:
+        """Offline for a robot that was not there to be seen."""
+        if self.moment is None:
+            robot = self.of_robot()
+            since = "has not sent a frame yet" if robot.online else "is offline"
+            raise Offline(f"Robot {robot.name} {since}; its actions answer again once it is back.")
+        return self.moment
 
     def of_robot(self) -> Robot:
         assert self.robot is not None

@@ -39,7 +39,10 @@ class Body:
         A shape admits a speed of 1e-400, and zero would be something else.
         """
         text = self.text(subject, predicate)
-        value = None if text is None else float(text) * unit
+        try:
+            value = None if text is None else float(text) * unit
+        except ValueError as error:  # where no shape has seen to it
+            raise UnprocessableContent(f"{text!r:.80} of {predicate.value} is no number.") from error
         if text is not None and value == 0.0 and _NOT_ZERO.match(text):
             raise UnprocessableContent(f"{text[:80]} of {predicate.value} is too near zero; write 0 or more.")
         return value

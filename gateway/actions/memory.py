@@ -150,9 +150,10 @@ class Memory:
         self.control(robot.name, None)
         return released
 
-    async def configure(self, robot: Robot, name: str, value: str) -> None:
-        """Set something of a robot, for all gateways and for good; StoreAway."""
+    async def configure(self, robot: Robot, name: str, value: str, token: str) -> None:
+        """Set something of a robot, for all gateways and for good; Controlled, StoreAway."""
         async with refusals():
+            await self._store.check(robot.name, token)
             await self._store.set_setting(robot.name, name, value)
             await self.configured(robot.name)
 

@@ -112,12 +112,14 @@ def _motion(asked: Asked, motion: Move | Follow, targets: Mapping[str, float]) -
     """The motion with what every body may say besides its goal."""
     body, robot = asked.body, asked.of_robot()
     scale = body.number(body.root, LF.speedScale)
+    if scale is not None and not 0 < scale <= 1:  # a shape of one's own may not have said so
+        raise UnprocessableContent(f"lf:speedScale is above 0 and at most 1, not {scale:g}.")
     preconditions = body.nodes(body.root, LF.precondition)
     expects = dict(_expectation(asked, node) for node in preconditions)
     if len(expects) < len(preconditions):
         raise UnprocessableContent("Two preconditions name the same joint; each joint is in one place.")
     tied = body.node(body.root, LF.tiedTo) is not None
-    return Motion(robot, motion, targets, min(scale or 1.0, robot.speed_scale), expects, tied)
+    return Motion(robot, motion, targets, asked.of_moment(), min(scale or 1.0, robot.speed_scale), expects, tied)
 
 
 def _expectation(asked: Asked, node: Node) -> tuple[str, Expectation]:

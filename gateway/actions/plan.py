@@ -8,6 +8,18 @@ from gateway.fleet.robot import Robot
 
 
 @dataclass(frozen=True)
+class Moment:
+    """When something was asked for, by the robot's own clock: its run, and the monotonic time of its latest frame.
+
+    Whatever is waited for after that (a search, Redis, a turn), the command is of that moment, and too late if it took
+    too long or the robot was stopped meanwhile.
+    """
+
+    incarnation: int
+    seen_ns: int
+
+
+@dataclass(frozen=True)
 class Motion:
     """``targets``: where the joints end (rad or m). ``scale``: share of the robot's speed; ``expects``: where joints
     must be at the start. ``tied``: stop when the lease ends. ``facts``: what else is worth telling, by name (SI)."""
@@ -15,6 +27,7 @@ class Motion:
     robot: Robot
     motion: Move | Follow
     targets: Mapping[str, float]
+    asked: "Moment"
     scale: float = 1.0
     expects: Mapping[str, Expectation] = field(default_factory=dict)
     tied: bool = False

@@ -6,17 +6,11 @@ from datetime import UTC, datetime
 
 from agents.wire.messages import Refused
 from gateway.actions.store import KeyReused, LeaseHeld, LeaseOver, StoreUnavailable
-from gateway.errors import AgentSilent, Changed, Conflict, Controlled, Offline, RefusedByAgent, StoreAway
+from gateway.errors import AgentSilent, Changed, Conflict, Controlled, RefusedByAgent, StoreAway
 from gateway.errors import KeyReused as KeyReusedError
 from gateway.fleet.invocations import Invocation
 from gateway.fleet.robot import Robot
 from gateway.graph.invocation import invocation_path
-
-
-def check_live(robot: Robot) -> None:
-    if not robot.online or robot.incarnation is None or robot.frame is None:
-        since = "has not sent a frame yet" if robot.online else "is offline"
-        raise Offline(f"Robot {robot.name} {since}; its actions answer again once it is back.")
 
 
 def lease_of(robot: Robot) -> str:

@@ -13,10 +13,10 @@ from agents.wire.messages import WIRE_VERSION, Accepted, Command, Progress, Refu
 from gateway.actions.caller import Caller
 from gateway.actions.memory import Memory
 from gateway.actions.plan import Halt, Later, Motion
-from gateway.actions.refusals import check_live, lease_of, refusal, refusals, silence
+from gateway.actions.refusals import lease_of, refusal, refusals, silence
 from gateway.actions.store import ActionStore
 from gateway.ending import end
-from gateway.errors import AgentSilent, Conflict, Offline, RefusedByAgent
+from gateway.errors import AgentSilent, Busy, Conflict, RefusedByAgent
 from gateway.fleet.invocations import FLEET, Invocation, InvocationState
 from gateway.graph.invocation import invocation_path
 from gateway.link import NoAnswer
@@ -25,6 +25,7 @@ from gateway.live import Live
 log = logging.getLogger(__name__)
 
 TIME_TO_LIVE_NS = 2_000_000_000
+MOST_PLANS = 16  # of at most 100 ms each
 _ANSWER_TIMEOUT_S = 2.0
 _SETTLING_S = 15.0
 _EXPIRY_INTERVAL_S = 1.0
@@ -49,6 +50,7 @@ class Actions:
         self._ended: dict[str, asyncio.Event] = {}
         self._expiry: asyncio.Task[None] | None = None
         self._computing = asyncio.Semaphore(1)
+        self._planning = 0
         live.on_progress, live.on_lost = self._progressed, self._lost
 
     async def __aenter__(self) -> Self:
@@ -68,12 +70,11 @@ class Actions:
     async def start(self, action: str, motion: Motion, caller: Caller) -> Invocation:
         """Have the robot begin, and return the invocation once its agent accepted; the first one for a repeated key.
 
-        Raises Offline without a live robot, Controlled when somebody else has the lease, Changed when the body's
+        Raises Controlled when somebody else has the lease, Changed when the body's
         precondition does not hold, RefusedByAgent with the agent's reason, StoreAway, and AgentSilent when no answer
         came: then the invocation is "unknown" until progress or its deadline settles it.
         """
         robot = motion.robot
-        check_live(robot)
         now_ns = time.time_ns()
         invocation = Invocation(
             id=str(uuid.uuid4()),
@@ -92,12 +93,7 @@ class Actions:
             if first is not None:
                 return await self._first(robot.name, first)
         self._begin(invocation)
-        try:
-            command = _command(invocation.id, motion)
-        except Offline as error:
-            self._refuse(invocation, error.detail)
-            raise
-        reply = await self._send(invocation, command)
+        reply = await self._send(invocation, _command(invocation.id, motion))
         if isinstance(reply, Refused):
             self._refuse(invocation, reply.reason)
             raise refusal(robot, reply)
@@ -105,14 +101,22 @@ class Actions:
         return invocation
 
     async def compute(self, plan: Later) -> Motion:
-        """Make a plan that takes milliseconds, in a thread; one after another, so that nobody gets all of the time."""
-        async with self._computing:
-            return await asyncio.to_thread(plan.compute)
+        """Make a plan that takes milliseconds, in a thread; one after another, so that nobody gets all of the time.
+
+        Busy when so many wait that a plan would be too late when its turn came.
+        """
+        if self._planning >= MOST_PLANS:
+            raise Busy(f"{MOST_PLANS} plans are being made; ask again in a second.")
+        self._planning += 1
+        try:
+            async with self._computing:
+                return await asyncio.to_thread(plan.compute)
+        finally:
+            self._planning -= 1
 
     async def rehearse(self, motion: Motion, caller: Caller) -> Rehearsed:
         """What ``start`` would do; raises what it would raise."""
         robot = motion.robot
-        check_live(robot)
         async with refusals():
             await self._store.check(robot.name, caller.token, lease_of(robot) if motion.tied else "")
         try:
@@ -328,16 +332,12 @@ class Actions:
 
 
 def _command(id: str, motion: Motion, *, rehearsal: bool = False) -> Command:
-    """As fresh as can be: ``seen_ns`` is of the latest frame."""
-    robot = motion.robot
-    frame = robot.frame
-    if robot.incarnation is None or frame is None:
-        raise Offline(f"Robot {robot.name} went away just now.")
+    """As of the moment at which it was asked for, however long it took since."""
     return Command(
         version=WIRE_VERSION,
         id=id,
-        incarnation=robot.incarnation,
-        seen_ns=frame.monotonic_ns,
+        incarnation=motion.asked.incarnation,
+        seen_ns=motion.asked.seen_ns,
         time_to_live_ns=TIME_TO_LIVE_NS,
         motion=motion.motion,
         scale=motion.scale,

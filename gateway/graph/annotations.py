@@ -25,6 +25,8 @@ def annotate(graph: Graph, subject: NamedNode, turtle: str, base: str) -> None:
     done: set[NamedNode | BlankNode] = set()
     while pending:
         node = pending.pop()
+        if node in done:  # referred to more than once
+            continue
         done.add(node)
         for triple in by_subject.get(node, ()):
             graph.add(triple.subject, triple.predicate, triple.object)  # type: ignore[arg-type]

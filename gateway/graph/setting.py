@@ -17,6 +17,7 @@ from gateway.graph.shapes import load
 from gateway.graph.validation import root
 from gateway.graph.vocab import LF, VOM
 
+_XML_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]*\Z")
 MAX_ANNOTATIONS = 65_536  # characters, as on the wire
 _TERM = re.compile(r'"(?:[^"\\]++|\\.)*+"|<[^>]*>')  # of N-Triples: what is in a literal is no IRI
 
@@ -84,6 +85,11 @@ def _annotations(triples: Sequence[Triple], base: str, path: str) -> str:
     robot = NamedNode(base + path)
     about = [t for t in reachable(triples, robot) if t.subject == robot or isinstance(t.subject, BlankNode)]
     theirs = [triple.predicate.value for triple in about if is_own(triple)]
+    unwritable = [t.predicate.value for t in about if not _XML_NAME.search(t.predicate.value)]
+    if unwritable:
+        raise UnprocessableContent(
+            f"RDF/XML cannot say <{unwritable[0][:200]}>: a predicate ends in a name, such as label or isOwnedBy."
+        )
     if theirs:
         raise UnprocessableContent(
             f"Only the gateway says <{theirs[0][:200]}> of a robot; annotations speak in other vocabularies."

@@ -8,15 +8,19 @@ from gateway.actions.service import Actions
 from gateway.errors import BadRequest, NotFound
 from gateway.graph.affordance import Control, PutSetting
 from gateway.graph.paths import lease_path
+from gateway.graph.resource import Resource
 from gateway.graph.setting import judged
 from gateway.graph.vocab import LF
 from gateway.http.body import body_type, read_triples
-from gateway.http.invoke import lock_token
+from gateway.http.invoke import lock_token, refuse_rehearsal
+from gateway.http.preconditions import check_preconditions
+from gateway.live import Live
 
 
 async def control(request: Request, afforded: Control, base: str) -> Response:
     """PUT takes or renews the lease and answers with its ``Lock-Token``; DELETE releases it with that token."""
     memory = _memory(request)
+    refuse_rehearsal(request)
     robot, token = afforded.robot, lock_token(request)
     if request.method == "DELETE":
         if not token:
@@ -39,7 +43,14 @@ def _memory(request: Request) -> Memory:
 
 async def put_setting(request: Request, afforded: PutSetting, base: str) -> Response:
     memory = _memory(request)
+    refuse_rehearsal(request)
     setting = afforded.setting
     triples = await read_triples(request, body_type(request), base + setting.path, base)
-    await memory.configure(setting.robot, setting.name, setting.admit(triples, base))
+    value = setting.admit(triples, base)
+    # Again, because the value may have changed while the body was on its way.
+    live: Live = request.app.state.live
+    present = live.tree(base).resolve(setting.path)
+    if isinstance(present, Resource):
+        check_preconditions(request, present, base)
+    await memory.configure(setting.robot, setting.name, value, lock_token(request))
     return Response(status_code=204)

@@ -11,7 +11,7 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket
 
-from gateway.errors import BadRequest, FleetError, MethodNotAllowed, NotFound, PreconditionFailed
+from gateway.errors import BadRequest, FleetError, MethodNotAllowed, NotFound
 from gateway.graph.affordance import (
     CancelSubscription,
     Control,
@@ -28,13 +28,14 @@ from gateway.graph.subscription import container_path
 from gateway.graph.tree import EMPTY, Found, Shelf
 from gateway.graph.vocab import PREFIXES
 from gateway.http.body import BODY_TYPES
-from gateway.http.conditional import not_modified, precondition_holds
+from gateway.http.conditional import not_modified
 from gateway.http.control import control, put_setting
 from gateway.http.fields import field
 from gateway.http.invoke import end_invocation, invoke, put_target
 from gateway.http.links import Link, link_header
+from gateway.http.preconditions import check_preconditions
 from gateway.http.problem import problem
-from gateway.http.representation import etags, negotiated
+from gateway.http.representation import negotiated
 from gateway.http.streams import EventStream, is_over, open_websocket, wants_events
 from gateway.http.subscribe import cancel, post_subscription, refusals, resume, subscribe_callback, wants_callback
 from gateway.http.turns import Turns
@@ -102,7 +103,7 @@ async def _answer(request: Request, base: str) -> ASGIApp:
         raise MethodNotAllowed(f"{request.method} is not possible here; {', '.join(allow)} are.", allow=allow)
     if request.method == "OPTIONS":
         return Response(status_code=204, headers=_options(found, allow))
-    _check_preconditions(request, found, base)
+    check_preconditions(request, found, base)
     if request.method not in _READ:
         return await _write(request, found, base)
     if wants_callback(request):
@@ -197,19 +198,6 @@ def _read(request: Request, resource: Resource, base: str) -> Response:
     headers |= _options(resource, _allow(resource))
     # Starlette computes Content-Length from the body; the server itself leaves the body of a HEAD out.
     return Response(representation.body, headers=headers)
-
-
-def _check_preconditions(request: Request, resource: Resource, base: str) -> None:
-    """If-Match, and for writes If-None-Match (RFC 9110, 13.1.1 and 13.1.2)."""
-    wanted = field(request, "if-match")
-    unwanted = None if request.method in _READ else field(request, "if-none-match")
-    if wanted is None and unwanted is None:
-        return
-    present = etags(resource, base)
-    if not precondition_holds(wanted, present):
-        raise PreconditionFailed("The resource has changed since; none of the entity tags in If-Match is current.")
-    if any(not_modified(unwanted, tag) for tag in present):
-        raise PreconditionFailed("If-None-Match names the present state of the resource.")
 
 
 def _allow(resource: Resource) -> tuple[str, ...]:

@@ -1,21 +1,24 @@
 """Invoking an action: body → plan → invocation → answer (flow "action"; R0.7, R0.8, RFC 7240, Idempotency-Key)."""
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import replace
 from hashlib import blake2b
 
-from pyoxigraph import NamedNode, RdfFormat, Triple, serialize
+from pyoxigraph import BlankNode, NamedNode, RdfFormat, Triple, serialize
 from starlette.requests import Request
 from starlette.responses import Response
 
 from gateway.actions.admission import admit
-from gateway.actions.asked import Asked
+from gateway.actions.asked import Asked, moment_of
 from gateway.actions.body import Body
 from gateway.actions.caller import Caller
 from gateway.actions.handlers import HANDLERS
 from gateway.actions.offer import Offer
-from gateway.actions.plan import Halt, Later, Motion
+from gateway.actions.plan import Halt, Later, Moment, Motion
 from gateway.actions.service import Actions, Rehearsed
-from gateway.errors import AgentSilent, BadRequest, UnprocessableContent
+from gateway.errors import AgentSilent, BadRequest, NotAcceptable, UnprocessableContent
 from gateway.fleet.invocations import Invocation
 from gateway.graph.affordance import EndInvocation, Invoke, PutTarget
 from gateway.graph.build import Graph
@@ -23,7 +26,7 @@ from gateway.graph.invocation import ROOT, describe_rehearsal, invocation_path
 from gateway.graph.judge import reachable
 from gateway.graph.resource import Resource
 from gateway.graph.validation import root
-from gateway.graph.vocab import LF
+from gateway.graph.vocab import LF, MATHS, VOM
 from gateway.http.body import body_type, parse_body, read_body
 from gateway.http.fields import field
 from gateway.http.prefer import Prefer, parse_prefer
@@ -32,23 +35,24 @@ from gateway.live import Live
 
 MAX_BODY_BYTES, MAX_TRIPLES = 256 * 1024, 5_000  # of a trajectory: seven joints at some two hundred times
 _MAX_REMEMBERED = 32 * 1024  # characters; what is longer is carried out, and not shown with the invocation
+_TERMS = (VOM.iri, MATHS.iri, LF.iri)
 _KEY = re.compile(r'"([\x20\x21\x23-\x5b\x5d-\x7e]{1,255})"|([!-~]{1,255})')
 _TOKEN = re.compile(r"<?(urn:uuid:[0-9a-f-]{36})>?")
 
 
 async def invoke(request: Request, afforded: Invoke, base: str) -> Response:
     """204 with Location; 201 with the invocation by Prefer: return=representation, 202 by respond-async or wait."""
-    offer = afforded.offer
-    prefer = _prefer(request, offer, base)
+    offer, moment = afforded.offer, moment_of(afforded.offer.robot)
     if not offer.takes_body:
-        return await _carry_out(request, offer, Body((), NamedNode(base + offer.path)), prefer, base, b"")
+        return await _halt(request, offer, base)
+    prefer = _prefer(request, offer, base)
     content, triples = await _read(request, base + offer.path, base)
-    return await _carry_out(request, offer, admit(offer, triples, base), prefer, base, content)
+    return await _carry_out(request, offer, admit(offer, triples, base), moment, prefer, content, base)
 
 
 async def put_target(request: Request, afforded: PutTarget, base: str) -> Response:
     """A joint's target as a property: its ``lf:value`` is what the action takes (R0.5)."""
-    offer = afforded.offer
+    offer, moment = afforded.offer, moment_of(afforded.offer.robot)
     iri = base + request.scope["path"]
     prefer = _prefer(request, offer, base)
     content, triples = await _read(request, iri, base)
@@ -59,11 +63,12 @@ async def put_target(request: Request, afforded: PutTarget, base: str) -> Respon
     (value,) = values
     action, about = NamedNode(base + offer.path), reachable(triples, value)  # type: ignore[arg-type]
     moved = [Triple(action if t.subject == value else t.subject, t.predicate, t.object) for t in about]
-    return await _carry_out(request, offer, admit(offer, moved, base), prefer, base, content)
+    return await _carry_out(request, offer, admit(offer, moved, base), moment, prefer, content, base)
 
 
 async def end_invocation(request: Request, afforded: EndInvocation, base: str) -> Response:
     """Cancel it, or stop and remove it; both are open to everybody."""
+    refuse_rehearsal(request)
     actions: Actions = request.app.state.actions
     if afforded.keep:
         await actions.cancel(afforded.invocation)
@@ -74,8 +79,17 @@ async def end_invocation(request: Request, afforded: EndInvocation, base: str) -
 
 def caller(request: Request, body: str = "", digest: str = "") -> Caller:
     """Who asks; BadRequest for an Idempotency-Key or Lock-Token that is none."""
-    address = request.client.host if request.client else ""
-    return Caller(address, lock_token(request), _key(request), digest, body)
+    return Caller(_address(request), lock_token(request), _key(request), digest, body)
+
+
+def _address(request: Request) -> str:
+    return request.client.host if request.client else ""
+
+
+def refuse_rehearsal(request: Request) -> None:
+    """BadRequest for what cannot be rehearsed: who would rather see it first does not want it done."""
+    if parse_prefer(field(request, "prefer")).dry_run:
+        raise BadRequest("This cannot be rehearsed; it is done without Prefer: dry-run. Nothing has changed.")
 
 
 def lock_token(request: Request) -> str:
@@ -115,27 +129,48 @@ async def _read(request: Request, iri: str, base: str) -> tuple[bytes, list[Trip
     return content, parse_body(content, media_type, iri, base, MAX_TRIPLES)
 
 
-async def _carry_out(request: Request, offer: Offer, body: Body, prefer: Prefer, base: str, content: bytes) -> Response:
+async def _halt(request: Request, offer: Offer, base: str) -> Response:
+    """Nothing that a field says wrongly keeps a robot from being stopped."""
+    actions: Actions = request.app.state.actions
+    prefer = parse_prefer(field(request, "prefer"))
+    plan = HANDLERS[offer.definition.iri].plan(
+        Asked(base, Body((), NamedNode(base + offer.path)), offer.robot, offer.joint)
+    )
+    assert isinstance(plan, Halt)
+    if prefer.dry_run:
+        return _rehearsal(request, offer, plan, await actions.rehearse_halt(plan), base)
+    with _located(base):
+        invocation = await actions.halt(offer.path, plan, Caller(_address(request)))
+    with suppress(NotAcceptable):
+        return await _answer(request, invocation, prefer, base)
+    return await _answer(request, invocation, replace(prefer, return_=None), base)
+
+
+async def _carry_out(
+    request: Request, offer: Offer, body: Body, moment: Moment | None, prefer: Prefer, content: bytes, base: str
+) -> Response:
     actions: Actions = request.app.state.actions
     asking = caller(request, _written(body), _digest(request, content))
-    plan = HANDLERS[offer.definition.iri].plan(Asked(base, body, offer.robot, offer.joint))
+    plan = HANDLERS[offer.definition.iri].plan(Asked(base, body, offer.robot, offer.joint, moment))
     if isinstance(plan, Later):
         plan = await actions.compute(plan)
+    assert isinstance(plan, Motion)  # what takes a body moves
     if prefer.dry_run:
-        if isinstance(plan, Halt):
-            rehearsed = await actions.rehearse_halt(plan)
-        else:
-            rehearsed = await actions.rehearse(plan, asking)
-        return _rehearsal(request, offer, plan, rehearsed, base)
-    try:
-        if isinstance(plan, Halt):
-            invocation = await actions.halt(offer.path, plan, asking)
-        else:
-            invocation = await actions.start(offer.path, plan, asking)
-    except AgentSilent as error:
-        error.headers["location"] = base + error.headers["location"]
-        raise
+        return _rehearsal(request, offer, plan, await actions.rehearse(plan, asking), base)
+    with _located(base):
+        invocation = await actions.start(offer.path, plan, asking)
     return await _answer(request, invocation, prefer, base)
+
+
+@contextmanager
+def _located(base: str) -> Iterator[None]:
+    """Where to look for what becomes of a command that got no answer."""
+    try:
+        yield
+    except AgentSilent as error:
+        if "location" in error.headers:
+            error.headers["location"] = base + error.headers["location"]
+        raise
 
 
 async def _answer(request: Request, invocation: Invocation, prefer: Prefer, base: str) -> Response:
@@ -184,14 +219,21 @@ async def _outcome(actions: Actions, invocation: Invocation, prefer: Prefer) -> 
 
 
 def _written(body: Body) -> str:
-    """What the shape could see of the body, as N-Triples about ``_:input``; nothing when it is too long to keep."""
+    """What the body says of its root and of the blank nodes below in terms of actions, as N-Triples about ``_:input``.
+
+    Nothing when it is too long to keep. What it says besides, or of other resources, is not for us to repeat.
+    """
 
     def own(term: object) -> object:
         return ROOT if term == body.root else term
 
-    said = reachable(body.triples, body.root)
-    triples = [Triple(own(t.subject), t.predicate, own(t.object)) for t in said]  # type: ignore[arg-type]
-    written = serialize(triples, format=RdfFormat.N_TRIPLES)
+    about = [
+        triple
+        for triple in reachable(body.triples, body.root)
+        if triple.predicate.value.startswith(_TERMS)
+        and (triple.subject == body.root or isinstance(triple.subject, BlankNode))
+    ]
+    written = serialize([Triple(*map(own, triple)) for triple in about], format=RdfFormat.N_TRIPLES)  # type: ignore[arg-type]
     assert written is not None  # nothing is written to a file
     return written.decode() if len(written) <= _MAX_REMEMBERED else ""
 

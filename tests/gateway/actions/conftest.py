@@ -9,7 +9,7 @@ from actor import link, robot
 from agents.wire.codec import encode_state, layout
 from agents.wire.messages import Description, State
 from gateway.actions.admission import admit
-from gateway.actions.asked import Asked
+from gateway.actions.asked import Asked, moment_of
 from gateway.actions.body import Body
 from gateway.actions.handlers import HANDLERS
 from gateway.actions.offer import Offer
@@ -115,7 +115,7 @@ class Bench:
     def plan(self, path: str, turtle: str = "") -> Plan:
         offer = self.offer(path)
         body = self.body(path, turtle) if offer.takes_body else Body((), offer.definition.iri)
-        return HANDLERS[offer.definition.iri].plan(Asked(self.base, body, offer.robot, offer.joint))
+        return HANDLERS[offer.definition.iri].plan(Asked(self.base, body, offer.robot, offer.joint, moment_of(offer.robot)))
 
     @staticmethod
     def prefixed(turtle: str) -> str:
