@@ -70,7 +70,7 @@ class Agent:
                 raise ValueError(f"{name} has no joint {sway.joint!r} that takes commands")
         self._motions = Motions(self._joints, sways)
         self._monotonic_ns, self._wall_ns = monotonic_ns, wall_ns
-        self._seen = safety.Remembered()
+        self._seen, self._stops = safety.Remembered(), safety.Stops()
         self._measured = self._unmeasured = Measured(dict.fromkeys(self._names, math.nan))
         self._sequence = 0
         self._stepped_ns: int | None = None
@@ -130,8 +130,11 @@ class Agent:
             incarnation=self.incarnation,
             joints=self._joints,
             seen=self._seen,
+            stops=self._stops,
         )
-        return verdict if isinstance(verdict, Refused) else self._hindrance(command) or self._start(command)
+        return (
+            verdict if isinstance(verdict, Refused) else self._hindrance(command) or self._start(command, verdict.at_ns)
+        )
 
     def _hindrance(self, command: Command) -> Refused | None:
         """Why a command that is right in itself cannot run now."""
@@ -146,7 +149,7 @@ class Agent:
         surprise = safety.unexpected(command.expects, self._measured.positions, self._joints)
         return Refused(command.id, "expectation", surprise[:1024]) if surprise else None
 
-    def _start(self, command: Command) -> Reply:
+    def _start(self, command: Command, at_ns: int) -> Reply:
         motion, measured = safety.clamp(command.motion, self._joints), self._measured.positions
         try:
             made: Plan = plan(motion, command.scale, self._motions.starts(joints_of(motion), measured))
@@ -156,14 +159,19 @@ class Agent:
         if not command.rehearsal:
             self._seen.add(command.id)
             self._outcomes += self._motions.start(command.id, made, measured)
-        return Accepted(command.id, made.duration_s, preempted[:1024])
+        return Accepted(command.id, made.duration_s, preempted[:1024], at_ns)
 
     def _stop(self, stop: Stop) -> Accepted:
+        now_ns = self._monotonic_ns()
         named = [self._leader(name) for name in stop.joints or self._names]
         joints = [name for name in dict.fromkeys(named) if name is not None]
         cancelled = self._motions.stoppable(joints, stop.command)[:1024]
         if stop.rehearsal:
-            return Accepted(stop.id, self._motions.braking_s(joints, stop.command), cancelled)
+            return Accepted(stop.id, self._motions.braking_s(joints, stop.command), cancelled, now_ns)
+        if stop.command:
+            self._stops.cancel(stop.command)
+        else:
+            self._stops.note(joints, now_ns)
         reason = stop.reason or "stopped"
         duration_s, outcomes = self._motions.stop(stop.id, joints, stop.command, reason, self._measured.positions)
         self._outcomes += outcomes
@@ -173,7 +181,7 @@ class Agent:
             said = f"the driver holds the robot, which cannot be measured: {self._fault}"
             self._outcomes += self._motions.conclude(stop.id, "failed" if problem else "succeeded", problem or said)
         _log.warning("%s: stop %s: %s", self.name, stop.id, reason)
-        return Accepted(stop.id, duration_s, cancelled)
+        return Accepted(stop.id, duration_s, cancelled, now_ns)
 
     def _leader(self, name: str) -> str | None:
         """The joint that takes the commands for ``name``; None when the robot has none such."""
@@ -238,6 +246,7 @@ class Agent:
         if self._gateway_present and not present:
             _log.warning("%s: the last gateway is gone; the robot holds", self.name)
             self._outcomes += self._motions.halt("gateway lost")
+            self._stops.note(self._names, self._monotonic_ns())
         elif present and not self._gateway_present:
             _log.info("%s: a gateway is present", self.name)
         self._gateway_present = present

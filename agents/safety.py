@@ -1,12 +1,13 @@
-"""Whether a command may move this robot now. Pure: clocks and facts are passed in, nothing is kept but command ids."""
+"""Whether a command may move this robot now. Pure: clocks and facts are passed in; kept are ids and when it stopped."""
 
 import math
 from collections import OrderedDict
-from collections.abc import Container, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from itertools import pairwise
 
 import msgspec
 
+from agents.plan import joints_of
 from agents.robot import JointFacts
 from agents.wire.messages import Accepted, Command, Expectation, Follow, Move, RefusalCode, Refused, Stop
 
@@ -43,6 +44,32 @@ class Remembered:
             self._ids.popitem(last=False)
 
 
+class Stops:
+    """What was stopped when, so that no motion that was asked for before runs after; monotonic times of the agent.
+
+    Of the commands that were cancelled by their id, the last ``MAX_REMEMBERED`` are known.
+    """
+
+    def __init__(self) -> None:
+        self._stopped_ns: dict[str, int] = {}
+        self._cancelled = Remembered()
+
+    def note(self, joints: Iterable[str], now_ns: int) -> None:
+        self._stopped_ns.update(dict.fromkeys(joints, now_ns))
+
+    def cancel(self, command_id: str) -> None:
+        self._cancelled.add(command_id)
+
+    def overtook(self, command: Command) -> str:
+        """Which stop was executed since ``command`` was asked for, as a sentence; empty when none was."""
+        if command.id in self._cancelled:
+            return f"the command {command.id!r} was cancelled before it came"
+        for name in joints_of(command.motion):
+            if command.seen_ns <= self._stopped_ns.get(name, -1):
+                return f"the robot was stopped after the command was asked for ({name!r}); ask again if it is to move"
+        return ""
+
+
 def judge(
     command: Command,
     *,
@@ -50,6 +77,7 @@ def judge(
     incarnation: int,
     joints: Mapping[str, JointFacts],
     seen: Container[str],
+    stops: Stops,
 ) -> Accepted | Refused:
     """Accept, or refuse with the first thing that is wrong. ``now_ns`` is the agent's own monotonic clock."""
     targets = list(_targets(command.motion))
@@ -57,12 +85,12 @@ def judge(
     problem = (
         _contradiction(command.motion)
         or _wrong_run(command, incarnation, seen)
-        or _late(command, now_ns)
+        or _late(command, now_ns, stops)
         or next(filter(None, (_wrong_joint(name, joints) for name in dict.fromkeys(named))), None)
         or next(filter(None, (_unknown(name, joints) for name in command.expects)), None)
         or next(filter(None, (_beyond(joints[name], target) for name, target in targets)), None)
     )
-    return Accepted(command.id) if problem is None else Refused(command.id, problem[0], problem[1][:1024])
+    return Accepted(command.id, at_ns=now_ns) if problem is None else Refused(command.id, problem[0], problem[1][:1024])
 
 
 def unexpected(
@@ -140,7 +168,7 @@ def _wrong_run(command: Command, incarnation: int, seen: Container[str]) -> _Pro
     return None
 
 
-def _late(command: Command, now_ns: int) -> _Problem:
+def _late(command: Command, now_ns: int, stops: Stops) -> _Problem:
     age_ns = now_ns - command.seen_ns
     if age_ns < 0:
         return "stale", f"seen_ns is {-age_ns} ns ahead of this agent's monotonic clock; take it from a state frame"
@@ -149,7 +177,8 @@ def _late(command: Command, now_ns: int) -> _Problem:
             "stale",
             f"the command is {age_ns / 1e6:.0f} ms old, its time to live {command.time_to_live_ns / 1e6:g} ms",
         )
-    return None
+    overtaken = stops.overtook(command)
+    return ("stale", overtaken) if overtaken else None
 
 
 def _unknown(name: str, joints: Mapping[str, JointFacts]) -> _Problem:

@@ -123,11 +123,15 @@ RefusalCode = Literal[
 
 
 class Accepted(Struct, frozen=True, tag="accepted"):
-    """``duration_s``: how long the motion will take; ``preempts``: the commands that it ends."""
+    """``duration_s``: how long the motion will take; ``preempts``: the commands that it ends.
+
+    ``at_ns``: the agent's monotonic time at which it accepted or stopped, for comparison with that of its frames.
+    """
 
     id: str
     duration_s: Annotated[float, Meta(ge=0)] = 0.0
     preempts: Annotated[tuple[Identifier, ...], Meta(max_length=1024)] = ()
+    at_ns: Unsigned = 0
 
 
 class Refused(Struct, frozen=True, tag="refused"):

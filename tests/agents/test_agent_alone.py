@@ -87,12 +87,14 @@ class Bench:
             self.now_ns += 10_000_000
             self.agent.tick(self.link)
 
-    def command(self, command_id: str, motion: Move | Follow | None = None, **more: Any) -> Reply:
+    def command(
+        self, command_id: str, motion: Move | Follow | None = None, seen_ns: int | None = None, **more: Any
+    ) -> Reply:
         asked = Command(
             version=1,
             id=command_id,
             incarnation=self.agent.incarnation,
-            seen_ns=self.link.states[-1].monotonic_ns,
+            seen_ns=self.link.states[-1].monotonic_ns if seen_ns is None else seen_ns,
             time_to_live_ns=60_000_000_000,
             motion=motion or Move({"arm": 1.0}),
             **more,
@@ -156,6 +158,60 @@ def test_a_stop_needs_no_gateway_no_time_and_no_run() -> None:
     assert _code(bench.command("b")) == "fault"
 
 
+def test_no_motion_runs_after_a_stop_that_was_asked_for_before_it() -> None:
+    """Not on the joints that were stopped; the next frame is late enough, and rehearsals are told the same."""
+    bench = Bench()
+    stopped = bench.stop("s", joints=["arm"])
+    assert isinstance(stopped, Accepted)
+    assert stopped.at_ns == bench.now_ns
+    bench.tick()
+    assert _code(bench.command("a", seen_ns=stopped.at_ns, rehearsal=True)) == "stale"
+    refused = bench.command("a", Move({"wheel": 1.0, "arm": 1.0}), seen_ns=stopped.at_ns)
+    assert isinstance(refused, Refused)
+    assert (refused.code, "stopped after the command was asked for" in refused.reason) == ("stale", True)
+    bench.tick(10)
+    assert bench.robot.positions == {"arm": 0.0, "wheel": 0.0}
+    assert _code(bench.command("b", Move({"wheel": 1.0}), seen_ns=stopped.at_ns)) == "accepted"
+    assert _code(bench.command("a", seen_ns=stopped.at_ns + 10_000_000)) == "accepted"
+
+
+def test_a_stop_of_all_joints_counts_for_each_and_one_that_was_not_carried_out_for_none() -> None:
+    bench = Bench()
+    bench.stop("s", rehearsal=True)
+    bench.stop("t", joints=["arm", "leg"])
+    assert _code(bench.command("a")) == "accepted"
+    bench.stop("u")
+    assert {_code(bench.command("b", Move({name: 1.0}))) for name in ("arm", "wheel")} == {"stale"}
+    bench.tick()
+    assert _code(bench.command("b", Move({"wheel": 1.0}))) == "accepted"
+
+
+def test_a_command_that_is_cancelled_before_it_comes_never_runs() -> None:
+    """Other commands on its joints do, and one that was accepted before is not forgotten by it."""
+    bench = Bench()
+    bench.stop("s", command="a", rehearsal=True)
+    assert _code(bench.command("a", rehearsal=True)) == "accepted"
+    bench.stop("s", command="a")
+    bench.tick()
+    refused = bench.command("a")
+    assert isinstance(refused, Refused)
+    assert (refused.code, "cancelled before it came" in refused.reason) == ("stale", True)
+    assert _code(bench.command("b")) == "accepted"
+    bench.stop("t", command="b")
+    assert _code(bench.command("b")) == "repeated"
+
+
+def test_what_was_asked_for_before_the_last_gateway_went_does_not_run_after_it_is_back() -> None:
+    bench = Bench()
+    bench.link.gateway_present = False
+    bench.tick()
+    lost_ns = bench.now_ns
+    bench.link.gateway_present = True
+    bench.tick()
+    assert _code(bench.command("a", seen_ns=lost_ns)) == "stale"
+    assert _code(bench.command("a")) == "accepted"
+
+
 def test_a_rehearsal_is_judged_and_answered_and_nothing_moves() -> None:
     """It says what it would take and end; its id is free, and a refusal is the same as in earnest."""
     bench = Bench()
@@ -197,7 +253,7 @@ def test_a_path_is_followed_or_refused_with_the_factor_that_would_do() -> None:
     refused = bench.command("f", Follow(("arm",), (1.0,), ((1.0,),)))
     assert isinstance(refused, Refused)
     assert (refused.code, "by a factor of 3.000" in refused.reason) == ("limits", True)
-    assert bench.command("f", Follow(("arm",), (3.0,), ((1.0,),))) == Accepted("f", 3.0)
+    assert bench.command("f", Follow(("arm",), (3.0,), ((1.0,),))) == Accepted("f", 3.0, at_ns=bench.now_ns)
     bench.tick(310)
     assert bench.end("f").state == "succeeded"
     assert bench.robot.positions["arm"] == 1.0

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from agents.robot import JointFacts, Limits
-from agents.safety import Remembered, clamp, judge, judge_stop, unexpected
+from agents.safety import Remembered, Stops, clamp, judge, judge_stop, unexpected
 from agents.wire.messages import WIRE_VERSION, Accepted, Command, Expectation, Follow, Move, Refused, Stop
 
 NOW = 10_000_000_000
@@ -42,19 +42,26 @@ def _follow(
     joints: tuple[str, ...] = ("arm", "wheel"),
     times_s: tuple[float, ...] | None = None,
     incarnation: int = 7,
+    seen_ns: int = NOW,
 ) -> Command:
     times_s = tuple(range(1, len(rows) + 1)) if times_s is None else times_s
-    return _command(Follow(joints, times_s, rows), incarnation=incarnation)
+    return _command(Follow(joints, times_s, rows), seen_ns, incarnation)
 
 
 @pytest.mark.parametrize(
     ("command", "code", "says"),
     [
         (_command({"arm": 2.0, "wheel": 1e6}), None, ""),
-        (_command({"arm": 0.0}, seen_ns=NOW - 1_000), None, ""),
+        (_command({"wheel": 0.0}, seen_ns=NOW - 1_000), None, ""),
         (_command({"arm": 2.0 + 1e-9}), None, ""),
         (_command({"arm": 0.0}, seen_ns=NOW - 1_001), "stale", "time to live"),
         (_command({"arm": 0.0}, seen_ns=NOW + 1), "stale", "ahead"),
+        (_command({"wheel": 0.0, "arm": 0.0}, seen_ns=NOW - 500), "stale", "stopped after the command was asked for"),
+        (_command({"arm": 0.0}, seen_ns=NOW - 499), None, ""),
+        (_command({"wheel": 0.0}, seen_ns=NOW - 500), None, ""),
+        (_command({"wheel": 0.0}, seen_ns=NOW - 500, expects=("arm",)), None, ""),
+        (_follow((0.0, 0.0), seen_ns=NOW - 500), "stale", "'arm'"),
+        (_command({"wheel": 0.0}, command_id="cancelled"), "stale", "cancelled before it came"),
         (_command({"arm": 0.0}, incarnation=8), "incarnation", "run 7"),
         (_command({"arm": 0.0}, command_id="old"), "repeated", "old"),
         (_command({"leg": 0.0}), "unknown-joint", "arm, wheel"),
@@ -85,9 +92,12 @@ def _follow(
 )
 def test_judge(command: Command, code: str | None, says: str) -> None:
     """The first thing that is wrong is named, with what would have been right."""
-    reply = judge(command, now_ns=NOW, incarnation=7, joints=JOINTS, seen={"old"})
+    stops = Stops()
+    stops.note(["arm"], NOW - 500)
+    stops.cancel("cancelled")
+    reply = judge(command, now_ns=NOW, incarnation=7, joints=JOINTS, seen={"old"}, stops=stops)
     if code is None:
-        assert reply == Accepted(command.id)
+        assert reply == Accepted(command.id, at_ns=NOW)
     else:
         assert isinstance(reply, Refused)
         assert (reply.code, says in reply.reason) == (code, True), reply.reason

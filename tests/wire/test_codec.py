@@ -211,7 +211,7 @@ class TestMessages:
         assert codec.decode(codec.encode(message), type(message)) == message
 
     @pytest.mark.parametrize(
-        "reply", [Accepted("a-1"), Accepted("a-1", 1.5, ("b", "c")), Refused("", "malformed", "not JSON")]
+        "reply", [Accepted("a-1"), Accepted("a-1", 1.5, ("b", "c"), 2**63 - 1), Refused("", "malformed", "not JSON")]
     )
     def test_a_reply_comes_back(self, reply: Accepted | Refused) -> None:
         assert codec.decode_reply(codec.encode(reply)) == reply
