@@ -1,10 +1,10 @@
 """What a command means for its joints, before anything moves. Pure; rad, rad/s or m, m/s, and seconds."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from agents.profile import RAMP_S, cruise_of, reach, reach_in
+from agents.profile import RAMP_S, brake, cruise_of, reach, reach_in
 from agents.robot import JointFacts
 from agents.trajectory import Trajectory, through
 from agents.wire.messages import Follow, Move
@@ -14,6 +14,8 @@ MAX_DURATION_S = 86_400.0
 # Slower than this nothing moves that one could see.
 _SLOWEST = 1e-6
 _ROUNDING = 1e-6
+# A cubic that begins at v and lasts T swings at most 4/27 v T beyond its ends; a ramp of t takes v t / 2 to brake.
+_SWING = 27.0 / 8.0
 
 
 class ImpossibleError(ValueError):
@@ -73,8 +75,10 @@ def _follow(follow: Follow, scale: float, starts: Iterable[Start]) -> Plan:
     found, stretch, slowest = {}, 1.0, ""
     for column, start in enumerate(starts):
         positions = [row[column] for row in follow.positions]
-        trajectory = through(start.position, start.velocity, follow.times_s, positions)
-        allowed, needed = _visible(start.joint, cruise_of(start.joint) * scale), trajectory.fastest
+        allowed = _visible(start.joint, cruise_of(start.joint) * scale)
+        _check_speed(start, allowed)
+        trajectory = _path(start, follow.times_s, positions)
+        needed = trajectory.fastest
         if not needed <= allowed * (1.0 + _ROUNDING) and needed / allowed > stretch:
             stretch, unit = needed / allowed, _unit(start.joint)
             slowest = f"{start.joint.name} would need {needed:.4g} {unit}/s, and {allowed:.4g} {unit}/s are allowed"
@@ -84,6 +88,29 @@ def _follow(follow: Follow, scale: float, starts: Iterable[Start]) -> Plan:
         factor = math.ceil(stretch * 1000.0) / 1000.0
         raise ImpossibleError(f"{slowest}; stretch all times by a factor of {factor:.3f}")
     return Plan(found, follow.times_s[-1])
+
+
+def _path(start: Start, times_s: Sequence[float], positions: Sequence[float]) -> Trajectory:
+    """Through ``positions``; a joint that moves already goes no further beyond them than it takes to brake.
+
+    Where its velocity would carry it further in the time up to the first of them, it brakes before it goes there.
+    """
+    velocity, slope = start.velocity, (positions[0] - start.position) / times_s[0]
+    monotone = velocity * slope >= 0.0 and abs(velocity) <= 3.0 * abs(slope)  # by Fritsch and Carlson
+    braking = brake(start.position, velocity, cruise_of(start.joint) / RAMP_S, start.joint.limits)
+    if monotone or times_s[0] <= _SWING * braking.duration_s:
+        return through(start.position, velocity, times_s, positions)
+    rest_s = [time_s - braking.duration_s for time_s in times_s]
+    return braking.then(through(braking.end, 0.0, rest_s, positions))
+
+
+def _check_speed(start: Start, allowed: float) -> None:
+    speed, unit = abs(start.velocity), _unit(start.joint)
+    if speed > allowed * (1.0 + _ROUNDING):
+        raise ImpossibleError(
+            f"{start.joint.name} is still moving at {speed:.4g} {unit}/s, and {allowed:.4g} {unit}/s are allowed; "
+            "stop it first"
+        )
 
 
 def _check_extremes(start: Start, trajectory: Trajectory) -> None:

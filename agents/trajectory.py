@@ -103,7 +103,8 @@ def through(start: float, velocity: float, times_s: Sequence[float], positions: 
     """From ``start`` at ``velocity`` through ``positions`` at increasing ``times_s`` > 0, to a standstill at the last.
 
     A piecewise cubic with the slopes of Fritsch and Carlson (SIAM J. Numer. Anal. 17, 1980; weights of Fritsch and
-    Butland, 1984): between two waypoints it stays between them, unless ``velocity`` carries it beyond at the start.
+    Butland, 1984): between two waypoints it stays between them, unless ``velocity`` carries it beyond at the start
+    (by up to 4/27 of the way that this would be in the time to the first).
     """
     times, values = (0.0, *times_s), (start, *positions)
     steps = [later - earlier for earlier, later in pairwise(times)]

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents.plan import ImpossibleError, Start, joints_of, plan
-from agents.profile import cruise_of
+from agents.profile import RAMP_S, cruise_of
 from agents.robot import JointFacts, Limits
 from agents.wire.messages import Follow, Move
 
@@ -35,6 +35,50 @@ def test_a_path_goes_through_its_waypoints_or_is_refused(rows: list[tuple[float,
             assert min(before, after) - 1e-9 <= position <= max(before, after) + 1e-9
             assert abs(velocity) <= path.fastest + 1e-9 <= cruise_of(ARM) * (1 + 1e-5)
         assert path.at(end)[0] == pytest.approx(after, abs=1e-9)
+
+
+_rows = st.lists(st.tuples(st.floats(0.001, 400.0), st.floats(-2, 2)), min_size=1, max_size=5)
+
+
+@given(_rows, st.sampled_from(["arm", "wheel", "lift"]), st.floats(-2, 2), st.floats(-1, 1))
+def test_a_joint_that_moves_swings_no_further_than_it_takes_to_brake(
+    rows: list[tuple[float, float]], name: str, at: float, share: float
+) -> None:
+    """Beyond start and waypoints; it keeps its speed at first, never jumps, and is at each waypoint in time."""
+    joint, times = JOINTS[name], list(itertools.accumulate(row[0] for row in rows))
+    velocity = share * cruise_of(joint)
+    follow = Follow((name,), tuple(times), tuple((row[1],) for row in rows))
+    try:
+        path = plan(follow, 1.0, [Start(joint, at, velocity)]).trajectories[name]
+    except ImpossibleError as refusal:
+        assert "stretch all times" in str(refusal)
+        return
+    braking, places = velocity**2 * RAMP_S / (2.0 * cruise_of(joint)), [at, *(row[1] for row in rows)]
+    assert min(places) - braking - 1e-6 <= path.extremes[0] <= path.extremes[1] <= max(places) + braking + 1e-6
+    assert path.at(0.0) == (at, pytest.approx(velocity, abs=1e-5))
+    ends = [segment.start_s for segment in path.segments[1:]]
+    for before, begin, end in zip(path.segments, [0.0, *ends], ends, strict=False):
+        assert before.at(end - begin) == pytest.approx(path.at(end), abs=1e-5)
+    for time_s, row in zip(times, rows, strict=True):
+        assert path.at(time_s)[0] == pytest.approx(row[1], abs=1e-5)
+    assert path.fastest <= cruise_of(joint) * (1 + 1e-5)
+
+
+def test_a_joint_that_would_swing_far_brakes_first() -> None:
+    """At full speed towards a waypoint that has half a minute's time: there is time to stop, so nothing is refused."""
+    for name, speed in (("arm", 0.8), ("wheel", -0.5), ("lift", 0.05)):
+        follow = Follow((name,), (30.0,), ((0.01,),))
+        path = plan(follow, 1.0, [Start(JOINTS[name], 0.0, speed)]).trajectories[name]
+        assert path.at(RAMP_S) == pytest.approx((speed * RAMP_S / 2.0, 0.0), abs=1e-9)
+        assert path.at(30.0) == (0.01, 0.0)
+
+
+def test_what_moves_faster_than_is_allowed_must_be_stopped_first() -> None:
+    """No stretching of times would help."""
+    with pytest.raises(
+        ImpossibleError, match=r"still moving at 0\.7 rad/s, and 0\.4 rad/s are allowed; stop it first$"
+    ):
+        plan(Follow(("arm",), (100.0,), ((1.0,),)), 0.5, [Start(ARM, 0.0, -0.7)])
 
 
 @pytest.mark.parametrize(
