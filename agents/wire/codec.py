@@ -101,6 +101,8 @@ def read_header(payload: bytes) -> Header:
         raise WireError(f"{len(payload)} bytes that do not start with a frame header")
     _, version, flags, count, incarnation, sequence, monotonic_ns, wall_ns = _HEADER.unpack_from(payload)
     check_version(version)
+    if incarnation >= 2**63 or monotonic_ns < 0 or wall_ns < 0:
+        raise WireError(f"incarnation {incarnation} or the times {monotonic_ns} and {wall_ns} ns are out of range")
     if flags & ~FLOATING or count > MAX_JOINTS:
         raise WireError(f"flags {flags:#x} or {count} joints are out of range")
     total = (_BASE_VALUES if flags & FLOATING else 0) + 3 * count

@@ -50,10 +50,10 @@ class Base(Struct, frozen=True):
 class State(Struct, frozen=True, kw_only=True):
     """One frame. Arrays are in the order of ``Description.joints``; NaN is unknown. Times in nanoseconds."""
 
-    incarnation: int
+    incarnation: Unsigned
     sequence: int
-    monotonic_ns: int
-    wall_ns: int
+    monotonic_ns: Unsigned
+    wall_ns: Unsigned
     base: Base | None = None
     positions: tuple[float, ...]
     velocities: tuple[float, ...]
@@ -155,7 +155,7 @@ class Progress(Struct, frozen=True, kw_only=True):
     id: Identifier
     incarnation: Unsigned
     state: Literal["running", "succeeded", "failed", "cancelled", "preempted"]
-    wall_ns: int
+    wall_ns: Unsigned
     reason: Annotated[str, Meta(max_length=1024)] = ""
     positions: Annotated[dict[Name, float], Meta(max_length=256)] = {}
     progress: Annotated[float, Meta(ge=0, le=1)] = 0.0

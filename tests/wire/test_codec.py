@@ -43,7 +43,7 @@ def states(draw: st.DrawFn) -> State:
         incarnation=draw(st.integers(0, 2**63 - 1)),
         sequence=draw(st.integers(0, 2**64 - 1)),
         monotonic_ns=draw(st.integers(0, 2**63 - 1)),
-        wall_ns=draw(st.integers(-(2**63), 2**63 - 1)),
+        wall_ns=draw(st.integers(0, 2**63 - 1)),
         base=draw(st.none() | bases),
         positions=draw(row),
         velocities=draw(row),
@@ -151,6 +151,9 @@ class TestState:
             (4, b"\x01\x00", "announces"),
             (6, b"\x03\x00", "announces"),
             (6, b"\xff\xff", "65535 joints"),
+            (14, b"\x00\x80", "out of range"),  # the incarnation and the two times, with their highest bit
+            (30, b"\x00\x80", "out of range"),
+            (38, b"\x00\x80", "out of range"),
         ],
     )
     def test_a_header_that_is_not_true_is_refused(self, offset: int, field: bytes, text: str) -> None:
@@ -280,6 +283,19 @@ class TestMessages:
         codec.decode(json.dumps(whole).encode(), Stop)
         with pytest.raises(WireError):
             codec.decode(json.dumps(whole | changes).encode(), Stop)
+
+    @pytest.mark.parametrize("number", ["-1", "9223372036854775808", "123456789012345678901234567890", "1.5", "1e30"])
+    def test_what_is_no_time_is_refused(self, number: str) -> None:
+        """Below zero, or beyond 63 bits, it is none that a calendar has."""
+        told = Progress(version=1, id="a", incarnation=1, state="succeeded", wall_ns=2**63 - 1)
+        payload = codec.encode(told)
+        assert codec.decode(payload, Progress) == told
+        with pytest.raises(WireError, match="wall_ns"):
+            codec.decode(payload.replace(b"9223372036854775807", number.encode()), Progress)
+        accepted = codec.encode(Accepted("a", at_ns=5))
+        assert codec.decode_reply(accepted) == Accepted("a", at_ns=5)
+        with pytest.raises(WireError, match="at_ns"):
+            codec.decode_reply(accepted.replace(b'"at_ns":5', b'"at_ns":' + number.encode()))
 
     @pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity", "1e999", "-1e999"])
     def test_a_target_that_is_no_number_is_refused(self, number: str) -> None:
