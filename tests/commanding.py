@@ -5,8 +5,8 @@ import math
 from collections.abc import Callable, Iterator
 
 import httpx
-from browser import HYBRIT, LDP, LF, ROS, SPATIAL, VOM, Browser, Page
-from rdflib import RDF, URIRef
+from browser import LDP, LF, ROS, SPATIAL, VOM, Browser, Page
+from rdflib import URIRef
 from running import Process, eventually, process
 from several import Gateway
 from small_fleet import live
@@ -51,19 +51,12 @@ def control(holder: str, duration_s: float) -> str:
 # -- where to say it ------------------------------------------------------------------------------------------------
 
 
-def action(browser: Browser, thing: Page, kind: URIRef) -> str:
-    """The action of this kind that a thing offers."""
-    urls = [str(url) for url in thing.graph.objects(thing.iri, HYBRIT.action)]
-    (found,) = [url for url in urls if (URIRef(url), RDF.type, kind) in browser.page(url).graph]
-    return found
-
-
 def of_joint(browser: Browser, joint: str, kind: URIRef = LF.Rotate, robot: str = "ur5") -> str:
-    return action(browser, browser.part(robot, joint), kind)
+    return browser.action(browser.part(robot, joint), kind)
 
 
 def of_robot(browser: Browser, kind: URIRef, robot: str = "ur5") -> str:
-    return action(browser, browser.robot(robot), kind)
+    return browser.action(browser.robot(robot), kind)
 
 
 def put(browser: Browser, url: str, body: str, **fields: str) -> httpx.Response:

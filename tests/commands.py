@@ -3,7 +3,7 @@
 from collections.abc import Container, Iterable, Mapping
 
 import httpx
-from browser import DCTERMS, HYBRIT, LF, ROS, Browser, Page
+from browser import DCTERMS, LF, ROS, Browser, Page
 from rdflib import RDF, URIRef
 
 PREFIXES = """@prefix xsd: <http://www.w3.org/2001/XMLSchema#> .
@@ -36,14 +36,6 @@ def pose_body(
     )
 
 
-def action_of(browser: Browser, thing: Page, kind: URIRef) -> str:
-    """The action of this kind that ``thing`` links."""
-    for url in thing.graph.objects(thing.iri, HYBRIT.action):
-        if kind in browser.page(str(url)).types:
-            return str(url)
-    raise AssertionError(f"{thing.url} has no action of the kind {kind}")
-
-
 class Commanded:
     """One robot of a fleet: the IRIs of its joints and links by title, and what it and its joints can be asked."""
 
@@ -58,7 +50,7 @@ class Commanded:
     def action(self, kind: URIRef, joint: str = "") -> str:
         if (kind, joint) not in self._actions:
             thing = self.browser.page(self.joints[joint]) if joint else self.page
-            self._actions[kind, joint] = action_of(self.browser, thing, kind)
+            self._actions[kind, joint] = self.browser.action(thing, kind)
         return self._actions[kind, joint]
 
     def ask(

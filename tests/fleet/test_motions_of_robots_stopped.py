@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import pytest
 import rdflib
 from browser import LF, Browser
-from commands import Commanded, action_of
+from commands import Commanded
 from rdflib import URIRef
 from running import eventually
 from simulated import RESTING_RAD_S, Simulated, simulated
@@ -62,7 +62,7 @@ def test_stop_all_brings_every_robot_to_rest(
     """Each robot answers, rests short of its target and stays; each motion is cancelled, and says by what."""
     browser, _ = fleet
     begun = _set_going(browser, robots)
-    url = action_of(browser, browser.page(browser.root), LF.StopAll)
+    url = browser.action(browser.page(browser.root), LF.StopAll)
     answer = browser.http.post(url, headers={"prefer": "wait=60"}, timeout=90)
     assert answer.status_code == 204, answer.text
     stop = browser.page(answer.headers["location"])
@@ -89,7 +89,7 @@ def test_rehearsed_stop_all_stops_nobody(
     """It says how long braking takes and what it would end; all five go on."""
     browser, _ = fleet
     begun = _set_going(browser, robots)
-    url = action_of(browser, browser.page(browser.root), LF.StopAll)
+    url = browser.action(browser.page(browser.root), LF.StopAll)
     answer = browser.http.post(url, headers={"prefer": "dry-run"})
     assert (answer.status_code, answer.headers["preference-applied"]) == (200, "dry-run")
     graph = rdflib.Graph().parse(data=answer.text, format="turtle")

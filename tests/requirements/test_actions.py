@@ -6,7 +6,6 @@ import httpx
 import pytest
 import rdflib
 from browser import HYBRIT, LF, MATHS, PROV, SPATIAL, VOM, Browser, Page
-from commands import action_of
 from rdflib import URIRef
 from running import eventually
 
@@ -23,7 +22,7 @@ _TURTLE = {"content-type": "text/turtle"}
 
 
 def _action(browser: Browser, robot: str, joint: str, kind: URIRef = LF.Rotate) -> str:
-    return action_of(browser, browser.part(robot, joint), kind)
+    return browser.action(browser.part(robot, joint), kind)
 
 
 def _number(graph: rdflib.Graph, subject: object, predicate: URIRef) -> float:

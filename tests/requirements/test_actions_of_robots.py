@@ -5,7 +5,7 @@ import math
 import pytest
 import rdflib
 from browser import HYBRIT, LF, MATHS, ROS, Browser, Page
-from commands import Commanded, action_of, pose_body, scalar
+from commands import Commanded, pose_body, scalar
 from rdflib import RDF, URIRef
 from running import eventually
 from small_fleet import number, property_page
@@ -209,7 +209,7 @@ def test_stop_all_is_answered_by_every_robot(browser: Browser, ur5: Commanded, t
         client.assume("home")
     motions = [ur5.begin(LF.Rotate, scalar(1.5, more=_SLOWLY), "shoulder_pan_joint")]
     motions.append(tiago.begin(LF.Rotate, scalar(1.5, more=_SLOWLY), "arm_1_joint"))
-    url = action_of(browser, browser.page(browser.root), LF.StopAll)
+    url = browser.action(browser.page(browser.root), LF.StopAll)
     answer = browser.http.post(url, headers={"prefer": "wait=15"})
     assert answer.status_code == 204, answer.text
     stop = browser.page(answer.headers["location"])

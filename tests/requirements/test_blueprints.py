@@ -7,7 +7,7 @@ import pyshacl
 import pytest
 import rdflib
 from browser import HYBRIT, LF, SH, VOM, Browser
-from commanding import action, begun, control, post, put, slowly
+from commanding import begun, control, post, put, slowly
 from walk import Visited, Walk, walk
 
 pytestmark = pytest.mark.fleet
@@ -82,7 +82,7 @@ def moving(tree: Walk, browser: Browser) -> Iterator[Walk]:
     try:
         yield walk(browser.root, browser.http)
     finally:
-        begun(post(browser, action(browser, browser.page(browser.root), LF.StopAll)))
+        begun(post(browser, browser.action(browser.page(browser.root), LF.StopAll)))
         for lease, fields in leases.items():
             browser.http.delete(lease, headers=fields)
 

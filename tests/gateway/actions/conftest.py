@@ -115,7 +115,8 @@ class Bench:
     def plan(self, path: str, turtle: str = "") -> Plan:
         offer = self.offer(path)
         body = self.body(path, turtle) if offer.takes_body else Body((), offer.definition.iri)
-        return HANDLERS[offer.definition.iri].plan(Asked(self.base, body, offer.robot, offer.joint, moment_of(offer.robot)))
+        asked = Asked(self.base, body, offer.robot, offer.joint, moment_of(offer.robot))
+        return HANDLERS[offer.definition.iri].plan(asked)
 
     @staticmethod
     def prefixed(turtle: str) -> str:
