@@ -44,8 +44,16 @@ class Gateway:
             self._changed.clear()
             await self._changed.wait()
 
-    async def command(self, robot: str, command_id: str, ttl_s: float, timeout_s: float, **targets: float) -> object:
-        frame = self.frames[robot]
+    async def command(
+        self,
+        robot: str,
+        command_id: str,
+        ttl_s: float,
+        timeout_s: float,
+        seen: State | None = None,
+        **targets: float,
+    ) -> object:
+        frame = seen or self.frames[robot]
         command = Command(
             version=WIRE_VERSION,
             id=command_id,
@@ -138,6 +146,23 @@ def test_only_who_answers_and_says_so_is_in_the_replies() -> None:
         assert isinstance(refused["b"], Refused)
         await gateway.until(lambda: gateway.end("a", "m") == "cancelled" and gateway.end("a", "s") == "succeeded")
         assert gateway.end("b", "m") == "running"
+
+    run(scenario)
+
+
+def test_what_was_asked_for_before_a_stop_does_not_run_after_it() -> None:
+    """However young it is; whoever has a frame later than the reply to the stop can go on."""
+
+    async def scenario(gateway: Gateway, other: Process) -> None:
+        before = gateway.frames["c"]
+        stopped = (await gateway.link.stop(None, Stop(version=WIRE_VERSION, id="s"), 30.0))["c"]
+        assert isinstance(stopped, Accepted)
+        refused = await gateway.command("c", "early", 60.0, 30.0, before, wrist_3_joint=0.2)
+        assert isinstance(refused, Refused)
+        assert refused.code == "stale"
+        await gateway.until(lambda: gateway.frames["c"].monotonic_ns > stopped.at_ns)
+        assert isinstance(await gateway.command("c", "fresh", 60.0, 30.0, wrist_3_joint=0.2), Accepted)
+        await gateway.until(lambda: gateway.end("c", "fresh") == "succeeded")
 
     run(scenario)
 
