@@ -1,12 +1,14 @@
 """The live fleet joined to its link and to those who watch it (flow "state")."""
 
+import asyncio
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
+from contextlib import suppress
 from types import TracebackType
 
 from agents.wire.keys import Keys
-from agents.wire.messages import Progress
+from agents.wire.messages import Accepted, Progress, Reply, Stop
 from gateway.fleet.events import Event
 from gateway.fleet.fleet import Fleet
 from gateway.fleet.invocations import Invocation, Invocations
@@ -16,6 +18,8 @@ from gateway.graph.tree import EMPTY, Shelf, Tree
 from gateway.link import FleetLink
 from gateway.settings import GatewaySettings
 from gateway.subscriptions.fan_out import FanOut
+
+_SEEN_AGAIN_S = 0.3
 
 log = logging.getLogger(__name__)
 
@@ -27,6 +31,7 @@ class Live:
         self.fleet = Fleet()
         self.invocations = Invocations()
         self.fan_out = FanOut(self.tree)
+        self._heard = asyncio.Event()
         # Who carries out actions hears of robots that are lost, and of the progress that robots report.
         self.on_progress: Callable[[str, Progress], None] = lambda robot, progress: None
         self.on_lost: Callable[[str], None] = lambda robot: None
@@ -56,6 +61,25 @@ class Live:
         """The resource tree as it is now, under one base URL; ``shelf`` are the subscriptions that it can show."""
         return Tree(self.fleet, self.invocations, base, shelf)
 
+    async def halt(self, robots: Collection[str] | None, stop: Stop, timeout_s: float) -> dict[str, Reply]:
+        """Stop robots, and wait until they are seen as they are after it: what is asked of them then is no longer late.
+
+        A robot that answered and shows nothing new soon is waited for no longer.
+        """
+        replies = await self.link.stop(robots, stop, timeout_s)
+        stopped = {name: reply.at_ns for name, reply in replies.items() if isinstance(reply, Accepted)}
+        with suppress(TimeoutError):
+            async with asyncio.timeout(_SEEN_AGAIN_S):
+                while not all(self._seen_after(name, at_ns) for name, at_ns in stopped.items()):
+                    self._heard.clear()
+                    await self._heard.wait()
+        return replies
+
+    def _seen_after(self, name: str, at_ns: int) -> bool:
+        robot = self.fleet.robots.get(name)
+        header = robot.header if robot is not None else None
+        return header is None or header.monotonic_ns > at_ns
+
     def _on_events(self, events: list[Event]) -> None:
         now_ns = time.time_ns()
         for event in events:
@@ -67,6 +91,7 @@ class Live:
                 self.fan_out.changed(change.robot)
                 if change.what == "vanished":
                     self.on_lost(change.robot)
+        self._heard.set()
 
     def tell(self, invocation: Invocation) -> None:
         """An invocation is different now, and so are those that speak of it: its container, its robot, its joints."""

@@ -184,7 +184,7 @@ class Actions:
         )
         self._begin(invocation)
         stop = Stop(version=WIRE_VERSION, id=invocation.id, joints=halt.joints, reason="stopped")
-        replies = await self._live.link.stop(halt.robots, stop, _ANSWER_TIMEOUT_S)
+        replies = await self._live.halt(halt.robots, stop, _ANSWER_TIMEOUT_S)
         self.memory.record(invocation)
         if robot == FLEET:
             self._answered(invocation, online, replies)

@@ -5,7 +5,7 @@ import math
 import pytest
 import rdflib
 from browser import HYBRIT, LF, MATHS, ROS, Browser, Page
-from commands import Commanded, pose_body, scalar
+from commands import PREFIXES, Commanded, pose_body, scalar
 from rdflib import RDF, URIRef
 from running import eventually
 from small_fleet import number, property_page
@@ -250,3 +250,14 @@ def test_what_no_shape_covers_is_ignored(ur5: Commanded) -> None:
     answer = ur5.browser.http.post(ur5.action(LF.MoveJoints), json=body, headers=sent)
     assert answer.status_code == 204, answer.text
     assert _positions(ur5)["wrist_3_joint"] == pytest.approx(math.radians(20), abs=CLOSE_RAD)
+
+
+def test_a_motion_right_after_a_stop_is_none_of_those_before(browser: Browser) -> None:
+    """What a stop overtakes is refused as stale; what is asked for once it is answered is not."""
+    robot = Commanded(browser, "ur5")
+    rotate, stop = robot.action(LF.Rotate, "wrist_1_joint"), browser.action(robot.page, LF.StopRobot)
+    for turn in range(20):
+        assert browser.http.post(stop).status_code == 204
+        body = PREFIXES + scalar(-1.5 + 0.02 * (turn % 2))
+        answer = browser.http.put(rotate, content=body, headers={"content-type": "text/turtle"})
+        assert answer.status_code == 204, answer.text
