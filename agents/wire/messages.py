@@ -129,7 +129,7 @@ class Accepted(Struct, frozen=True, tag="accepted"):
     """
 
     id: str
-    duration_s: Annotated[float, Meta(ge=0)] = 0.0
+    duration_s: Annotated[float, Meta(ge=0, le=86_400)] = 0.0
     preempts: Annotated[tuple[Identifier, ...], Meta(max_length=1024)] = ()
     at_ns: Unsigned = 0
 
