@@ -88,6 +88,7 @@ class Live:
                     self.fan_out.moved(change.robot)
                     continue
                 log.info("robot %s: %s", change.robot, change.what)
+                self._retarget(change.robot)
                 self.fan_out.changed(change.robot)
                 if change.what == "vanished":
                     self.on_lost(change.robot)
@@ -100,8 +101,21 @@ class Live:
         if robot is not None:
             robot.tell_news()
             paths.append(robot_path(robot.name))
-            for name in invocation.targets:
-                joint = joint_path(robot.name, name)
-                paths += [joint, f"{joint}/targetRotation", f"{joint}/targetTranslation"]
         for path in paths:
             self.fan_out.touched(path)
+        for name in {invocation.robot, *invocation.robots}:
+            for joint in (*self._retarget(name), *(invocation.targets if name == invocation.robot else ())):
+                joint = joint_path(name, joint)
+                for path in (joint, f"{joint}/targetRotation", f"{joint}/targetTranslation"):
+                    self.fan_out.touched(path)
+
+    def _retarget(self, name: str) -> set[str]:
+        """Where its joints were last commanded to, which the invocations say; the joints of which that changed."""
+        robot = self.fleet.robots.get(name)
+        if robot is None:
+            return set()
+        before, robot.targets = robot.targets, self.invocations.targets(name, robot.incarnation)
+        changed = {joint for joint, _ in before.items() ^ robot.targets.items()}
+        if changed:
+            robot.tell_news()
+        return changed

@@ -25,6 +25,7 @@ _WATCH_S = 0.25  # between two looks at leases; a motion that is tied to one sto
 _RETRY_S = 0.5
 _FIRST_WORD_S = 1.0
 _MAX_FETCHES = 100
+_MAX_UNSAVED = 10_000
 
 StopOne = Callable[[Invocation, str], Awaitable[object]]
 
@@ -32,13 +33,14 @@ StopOne = Callable[[Invocation, str], Awaitable[object]]
 class Memory:
     """The copy that everything is read from; an async context manager."""
 
-    def __init__(self, live: Live, store: ActionStore, stop: StopOne, over: Callable[[Invocation], None]) -> None:
-        self._live, self._store, self._stop, self._over = live, store, stop, over
-        self._unsaved: dict[str, tuple[Invocation, bool]] = {}
+    def __init__(self, live: Live, store: ActionStore, stop: StopOne, changed: Callable[[Invocation], None]) -> None:
+        self._live, self._store, self._stop, self._changed = live, store, stop, changed
+        self._unsaved: dict[str, Invocation] = {}
         self._unasked: set[str] = set()  # nobody was asked for leave, and the store does not know of them yet
         self._to_save = asyncio.Event()
         self._own: set[str] = set()
-        self._heard_s: dict[str, float] = {}
+        self._dropped = False
+        self._ends_s: dict[str, float] = {}  # of leases by robot, monotonic, as far as was last heard
         self._fetching: set[asyncio.Task[None]] = set()
         self._stopping: dict[str, asyncio.Task[None]] = {}
         self._tasks: list[asyncio.Task[None]] = []
@@ -48,7 +50,7 @@ class Memory:
             await self._load()
         except StoreUnavailable as error:  # ``news`` says "lost" as soon as it is there
             log.warning("the store is away, nothing is remembered yet: %s", error)
-        for task in (self._listen, self._save, self._watch):
+        for task in (self._listen, self._save, self._look, self._watch):
             self._tasks.append(asyncio.create_task(self._for_ever(task), name=f"memory {task.__name__}"))
         return self
 
@@ -79,14 +81,39 @@ class Memory:
             with suppress(StoreUnavailable):
                 found = await self._store.read(invocation.robot, invocation.id)
                 break
-        if found is not None and not found.state.terminal:
-            invocation.duration_s, invocation.preempts = found.duration_s, found.preempts
+        if found is not None and not found.over:
+            if self._live.invocations.get(invocation.id) is invocation:
+                self._put(found)
             self.save(invocation)
 
+    def owns(self, invocation: Invocation) -> bool:
+        """Whether this gateway began it, and has not seen it end."""
+        return invocation.id in self._own
+
+    async def is_late(self, invocation: Invocation) -> bool:
+        """Whether an open one is past its deadline by all that the gateways know; StoreUnavailable."""
+        if not self.owns(invocation):
+            await self.fetch(invocation.robot, invocation.id)
+        return not invocation.state.terminal and time.time_ns() > invocation.deadline_ns
+
     def save(self, invocation: Invocation) -> None:
-        """Remember what became of an invocation that was opened, as soon as may be."""
-        self._unsaved.setdefault(invocation.id, (invocation, invocation.id in self._unasked))
+        """Remember what became of an invocation that was opened, as soon as may be.
+
+        Of very many that cannot be remembered because Redis is away the oldest is given up that has ended.
+        """
+        self._unsaved.setdefault(invocation.id, invocation)
         self._to_save.set()
+        if len(self._unsaved) > _MAX_UNSAVED:
+            self._drop()
+
+    def _drop(self) -> None:
+        ended = (id for id, one in self._unsaved.items() if one.state.terminal)
+        id = next(ended, next(iter(self._unsaved)))
+        del self._unsaved[id]
+        self._unasked.discard(id)
+        if not self._dropped:
+            log.warning("more than %d invocations could not be remembered; the oldest are given up", _MAX_UNSAVED)
+        self._dropped = True
 
     def record(self, invocation: Invocation) -> None:
         """Remember an invocation that needed no leave: stopping."""
@@ -95,8 +122,11 @@ class Memory:
 
     def forget(self, invocation: Invocation) -> None:
         self._live.invocations.remove(invocation.id)
+        self._own.discard(invocation.id)
         self._unsaved.pop(invocation.id, None)
+        self._unasked.discard(invocation.id)
         self._live.tell(invocation)
+        self._changed(invocation)
 
     async def fetch(self, robot: str, id: str) -> Invocation | None:
         """An invocation that another gateway began; StoreUnavailable."""
@@ -132,15 +162,16 @@ class Memory:
         self._live.tell(invocation)
         if invocation.state.terminal:
             self._own.discard(invocation.id)
-            self._over(invocation)
+        self._changed(invocation)
 
     # -- leases and settings ----------------------------------------------------------------------------------------
 
     async def take(self, robot: Robot, holder: str, duration_s: float, token: str) -> tuple[Lease, str]:
         """Take or renew control of a robot; the lease and the token that proves it. Controlled, StoreAway."""
+        asked_s = time.monotonic()
         async with refusals():
             lease, proof = await self._store.take(robot.name, holder, duration_s, token)
-        self.control(robot.name, lease)
+        self.control(robot.name, lease, asked_s)
         return lease, proof
 
     async def release(self, robot: Robot, token: str) -> bool:
@@ -157,12 +188,12 @@ class Memory:
             await self._store.set_setting(robot.name, name, value)
             await self.configured(robot.name)
 
-    def control(self, robot: str, lease: Lease | None) -> None:
-        """Note who has control, as the store has just said."""
+    def control(self, robot: str, lease: Lease | None, asked_s: float = 0.0) -> None:
+        """Note who has control, as the store said that was asked at ``asked_s``, monotonic."""
         if lease is None:
-            self._heard_s.pop(robot, None)
+            self._ends_s.pop(robot, None)
         else:
-            self._heard_s[robot] = time.monotonic()
+            self._ends_s[robot] = asked_s + lease.left_s
         if self._live.fleet.control(robot, lease):
             self._live.fan_out.touched(lease_path(robot))
 
@@ -190,7 +221,7 @@ class Memory:
         for robot, settings in (await self._store.all_settings()).items():
             self._configure(robot, settings)
         for robot in {*self._live.fleet.robots, *self._live.fleet.leases}:
-            self.control(robot, await self._store.lease(robot))
+            await self._look_at(robot)
 
     async def _listen(self) -> None:
         async for news in self._store.news():
@@ -209,7 +240,7 @@ class Memory:
             if invocation is not None:
                 self.forget(invocation)
         elif news.what == "lease":
-            self.control(news.robot, await self._store.lease(news.robot))
+            await self._look_at(news.robot)
         else:
             await self.configured(news.robot)
 
@@ -220,25 +251,40 @@ class Memory:
             while self._unsaved:
                 # Taken out first: what becomes of it meanwhile is to be saved again.
                 id = next(iter(self._unsaved))
-                invocation, unasked = self._unsaved.pop(id)
+                invocation = self._unsaved.pop(id)
                 try:
-                    if unasked:
+                    if id in self._unasked:
                         await self._store.open(invocation, unasked=True)
                         self._unasked.discard(id)
                     await self._store.save(invocation)
                 except StoreUnavailable:
-                    self.save(invocation)
+                    self._unsaved = {id: invocation, **self._unsaved}  # still the oldest
                     await asyncio.sleep(_RETRY_S)
+            self._dropped = False
 
-    async def _watch(self) -> None:
-        """Notice leases that end by themselves, and stop what is tied to one that is over."""
+    async def _look(self) -> None:
+        """Notice leases that end, and those of robots that appear."""
         known: set[str] = set()
         while True:
             await asyncio.sleep(_WATCH_S)
             robots = set(self._live.fleet.robots)
             for robot in {*(robots - known), *self._live.fleet.leases}:
-                await self._look(robot)
+                with suppress(StoreUnavailable):
+                    await self._look_at(robot)
             known = robots
+
+    async def _look_at(self, robot: str) -> None:
+        asked_s = time.monotonic()
+        self.control(robot, await self._store.lease(robot), asked_s)
+
+    async def _watch(self) -> None:
+        """Stop what is tied to a lease that is over, whether or not Redis answers: without it nobody can renew."""
+        while True:
+            await asyncio.sleep(_WATCH_S)
+            now_s = time.monotonic()
+            for robot in [robot for robot, ends_s in self._ends_s.items() if now_s > ends_s + _WATCH_S]:
+                self.control(robot, None)
+            robots = list(self._live.fleet.robots)
             for invocation in [one for robot in robots for one in self._live.invocations.open_of(robot) if one.lease]:
                 lease = self._live.fleet.leases.get(invocation.robot)
                 if (lease is None or lease.id != invocation.lease) and invocation.id not in self._stopping:
@@ -251,12 +297,3 @@ class Memory:
             await self._stop(invocation, "the control lease that it was tied to has ended")
         finally:
             del self._stopping[invocation.id]
-
-    async def _look(self, robot: str) -> None:
-        try:
-            self.control(robot, await self._store.lease(robot))
-        except StoreUnavailable:
-            # Nobody can renew it now either: it ends when it would have ended.
-            lease = self._live.fleet.leases.get(robot)
-            if lease is not None and time.monotonic() - self._heard_s.get(robot, 0.0) > lease.duration_s:
-                self.control(robot, None)

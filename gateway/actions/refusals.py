@@ -3,8 +3,9 @@
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from datetime import UTC, datetime
+from typing import cast
 
-from agents.wire.messages import Refused
+from agents.wire.messages import RefusalCode, Refused
 from gateway.actions.store import KeyReused, LeaseHeld, LeaseOver, StoreUnavailable
 from gateway.errors import AgentSilent, Changed, Conflict, Controlled, RefusedByAgent, StoreAway
 from gateway.errors import KeyReused as KeyReusedError
@@ -23,6 +24,19 @@ def refusal(robot: Robot, reply: Refused) -> Conflict:
     if reply.code == "expectation":
         return Changed(f"The precondition does not hold: {reply.reason}")
     return RefusedByAgent(f"The agent of {robot.name} refused ({reply.code}): {reply.reason}")
+
+
+def repeated(robot: Robot, invocation: Invocation) -> None:
+    """Raise what the request that began the invocation was answered with, unless its agent accepted it."""
+    if invocation.refused:
+        raise refusal(robot, Refused(invocation.id, cast(RefusalCode, invocation.refused), invocation.reason))
+    if not invocation.accepted and not invocation.state.terminal:
+        raise silence(invocation, "not to the first request with this Idempotency-Key either")
+    if not invocation.accepted:
+        raise AgentSilent(
+            f"The agent of {robot.name} did not answer the first request with this key; since: {invocation.reason}.",
+            headers={"location": invocation_path(invocation)},
+        )
 
 
 def silence(invocation: Invocation, why: str) -> AgentSilent:

@@ -32,11 +32,11 @@ for _, id in ipairs(redis.call('ZRANGEBYSCORE', KEYS[2], '-inf', now)) do forget
 
 ANYBODY = "anybody"  # in place of the hash of a token: whoever has the lease
 
-# A lease as its id, holder, time taken, time of expiry and duration, all in milliseconds; false without one.
+# A lease as its id, holder, time taken, time of expiry, duration and time left, in milliseconds; false without one.
 _LEASE = """
 local function lease(key)
   local held = redis.call('HMGET', key, 'token', 'id', 'holder', 'taken_ms', 'expires_ms', 'duration_ms')
-  return held[1], {unpack(held, 2)}
+  return held[1], {held[2], held[3], held[4], held[5], held[6], held[1] and tostring(redis.call('PTTL', key))}
 end
 local function refused(key, token, tied)
   local owner, held = lease(key)
@@ -82,8 +82,8 @@ return {'opened'}
 """
 )
 
-# KEYS: invocations, forgotten, over; ARGV: id, body, milliseconds to keep it, 1 if it is over, creation. Whether it is
-# written: there is one, and it was not over.
+# KEYS: invocations, forgotten, over; ARGV: id, body, milliseconds to keep it, 1 if it is over for good, creation.
+# Whether it is written: there is one, and it was not over.
 SAVE = (
     _INVOCATIONS
     + """

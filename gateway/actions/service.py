@@ -11,23 +11,26 @@ from typing import Self
 
 from agents.wire.messages import WIRE_VERSION, Accepted, Command, Progress, Refused, Reply, Stop
 from gateway.actions.caller import Caller
+from gateway.actions.commands import command_of
 from gateway.actions.memory import Memory
 from gateway.actions.plan import Halt, Later, Motion
-from gateway.actions.refusals import lease_of, refusal, refusals, silence
-from gateway.actions.store import ActionStore
+from gateway.actions.refusals import lease_of, refusal, refusals, repeated, silence
+from gateway.actions.store import ActionStore, StoreUnavailable
+from gateway.actions.waiting import Waiting
 from gateway.ending import end
-from gateway.errors import AgentSilent, Busy, Conflict, RefusedByAgent
+from gateway.errors import AgentSilent, Busy, Conflict
 from gateway.fleet.invocations import FLEET, Invocation, InvocationState
+from gateway.fleet.robot import Robot
 from gateway.graph.invocation import invocation_path
 from gateway.link import NoAnswer
 from gateway.live import Live
 
 log = logging.getLogger(__name__)
 
-TIME_TO_LIVE_NS = 2_000_000_000
 MOST_PLANS = 16  # of at most 100 ms each
 _ANSWER_TIMEOUT_S = 2.0
 _SETTLING_S = 15.0
+_LAST_WORD_S = 1.0  # how a motion ended may be heard after the answer to a stop
 _EXPIRY_INTERVAL_S = 1.0
 _PATIENCE = 3.0  # times the duration that the agent states, before a motion is given up
 _SILENT = "unknown: no answer"
@@ -46,8 +49,8 @@ class Actions:
 
     def __init__(self, live: Live, store: ActionStore) -> None:
         self._live, self._store = live, store
-        self.memory = Memory(live, store, self._stop_one, self._over)
-        self._ended: dict[str, asyncio.Event] = {}
+        self._waiting = Waiting()
+        self.memory = Memory(live, store, self.stop_one, self._waiting.wake)
         self._expiry: asyncio.Task[None] | None = None
         self._computing = asyncio.Semaphore(1)
         self._planning = 0
@@ -70,9 +73,9 @@ class Actions:
     async def start(self, action: str, motion: Motion, caller: Caller) -> Invocation:
         """Have the robot begin, and return the invocation once its agent accepted; the first one for a repeated key.
 
-        Raises Controlled when somebody else has the lease, Changed when the body's
-        precondition does not hold, RefusedByAgent with the agent's reason, StoreAway, and AgentSilent when no answer
-        came: then the invocation is "unknown" until progress or its deadline settles it.
+        Raises Controlled when somebody else has the lease, Changed when the body's precondition does not hold,
+        RefusedByAgent with the agent's reason, StoreAway, and AgentSilent when no answer came: then the invocation is
+        "unknown" until progress or its deadline settles it.
         """
         robot = motion.robot
         now_ns = time.time_ns()
@@ -87,18 +90,25 @@ class Actions:
             body=caller.body,
             facts=dict(motion.facts),
             lease=lease_of(robot) if motion.tied else "",
+            incarnation=motion.asked.incarnation,
         )
         async with refusals():
-            first = await self._store.open(invocation, token=caller.token, key=caller.key, digest=caller.digest)
+            try:
+                first = await self._open(invocation, caller)
+            except StoreUnavailable:  # perhaps after it was done
+                first = await self._open(invocation, caller)
             if first is not None:
-                return await self._first(robot.name, first)
-        self._begin(invocation)
-        reply = await self._send(invocation, _command(invocation.id, motion))
+                return await self._first(robot, first)
+        invocation = self._begin(invocation)
+        reply = await self._send(invocation, command_of(invocation.id, motion))
         if isinstance(reply, Refused):
-            self._refuse(invocation, reply.reason)
+            self._refuse(invocation, reply)
             raise refusal(robot, reply)
         self._accept(invocation, reply)
         return invocation
+
+    async def _open(self, invocation: Invocation, caller: Caller) -> str | None:
+        return await self._store.open(invocation, token=caller.token, key=caller.key, digest=caller.digest)
 
     async def compute(self, plan: Later) -> Motion:
         """Make a plan that takes milliseconds, in a thread; one after another, so that nobody gets all of the time.
@@ -120,7 +130,7 @@ class Actions:
         async with refusals():
             await self._store.check(robot.name, caller.token, lease_of(robot) if motion.tied else "")
         try:
-            command = _command(str(uuid.uuid4()), motion, rehearsal=True)
+            command = command_of(str(uuid.uuid4()), motion, rehearsal=True)
             reply = await self._live.link.command(robot.name, command, _ANSWER_TIMEOUT_S)
         except NoAnswer as error:
             raise AgentSilent(f"The agent of {robot.name} gave no answer: {error}.") from error
@@ -132,22 +142,16 @@ class Actions:
         try:
             return await self._live.link.command(invocation.robot, command, _ANSWER_TIMEOUT_S)
         except NoAnswer as error:
-            if invocation.state is InvocationState.ACCEPTED:
-                invocation.state = InvocationState.UNKNOWN
-                invocation.reason = "the agent gave no answer; progress or the deadline will settle it"
-                self.memory.save(invocation)
-                self._news(invocation)
+            self._unheard(invocation)
             raise silence(invocation, str(error)) from error
 
-    async def _first(self, robot: str, id: str) -> Invocation:
-        """The invocation that a repeated request began, which gets the answer that the first one got."""
-        invocation = await self.memory.fetch(robot, id)
+    async def _first(self, robot: Robot, id: str) -> Invocation:
+        """The invocation that a repeated request began, once the first one has its answer, which this one gets too."""
+        invocation = await self.memory.fetch(robot.name, id)
         if invocation is None:
             raise Conflict("The first request with this Idempotency-Key has been answered, and its invocation deleted.")
-        if invocation.state is InvocationState.UNKNOWN and invocation.started_ns is None:
-            raise silence(invocation, "not to the first request with this Idempotency-Key either")
-        if invocation.state is InvocationState.FAILED and invocation.started_ns is None:
-            raise RefusedByAgent(f"The agent of {robot} refused the first request with this key: {invocation.reason}")
+        await self._waiting.until(invocation, _is_answered, _ANSWER_TIMEOUT_S)
+        repeated(robot, invocation)
         return invocation
 
     def _accept(self, invocation: Invocation, accepted: Accepted) -> None:
@@ -155,13 +159,15 @@ class Actions:
         invocation.preempts = accepted.preempts
         if not invocation.state.terminal:
             patience_s = accepted.duration_s * _PATIENCE + _SETTLING_S
-            invocation.deadline_ns = invocation.created_ns + int(patience_s * 1e9)
-            robot = self._live.fleet.robots[invocation.robot]
-            robot.targets.update(invocation.targets)
+            invocation.deadline_ns = max(invocation.deadline_ns, invocation.created_ns + int(patience_s * 1e9))
         self.memory.save(invocation)
         self._news(invocation)
 
-    def _refuse(self, invocation: Invocation, reason: str) -> None:
+    def _refuse(self, invocation: Invocation, reply: Refused) -> None:
+        invocation.refused = reply.code
+        self._fail(invocation, reply.reason)
+
+    def _fail(self, invocation: Invocation, reason: str) -> None:
         invocation.state, invocation.reason, invocation.ended_ns = InvocationState.FAILED, reason, time.time_ns()
         self._settle(invocation)
 
@@ -181,6 +187,8 @@ class Actions:
             deadline_ns=now_ns + int(_SETTLING_S * 1e9),
             client=caller.name,
             robots=dict.fromkeys(online, InvocationState.ACCEPTED.value),
+            stops=halt.joints,
+            incarnation=(fleet[robot].incarnation or 0) if robot in fleet else 0,
         )
         self._begin(invocation)
         stop = Stop(version=WIRE_VERSION, id=invocation.id, joints=halt.joints, reason="stopped")
@@ -194,7 +202,7 @@ class Actions:
             self._unheard(invocation)
             raise silence(invocation, "it did not say that it stops")
         if isinstance(reply, Refused):
-            self._refuse(invocation, reply.reason)
+            self._refuse(invocation, reply)
             raise refusal(fleet[robot], reply)
         self._accept(invocation, reply)
         return invocation
@@ -210,7 +218,7 @@ class Actions:
         return Rehearsed(max((reply.duration_s for reply in accepted), default=0.0), ends)
 
     def _answered(self, invocation: Invocation, online: Iterable[str], replies: dict[str, Reply]) -> None:
-        """Note what each robot said, before any of them reports; a robot without answer stays unknown."""
+        """Note what each robot said; one without answer stays unknown."""
         for name in (*online, *(name for name in replies if name not in invocation.robots)):
             reply = replies.get(name)
             if isinstance(reply, Refused):
@@ -232,7 +240,8 @@ class Actions:
 
     def _unheard(self, invocation: Invocation) -> None:
         if invocation.state is InvocationState.ACCEPTED:
-            invocation.state, invocation.reason = InvocationState.UNKNOWN, "the agent gave no answer"
+            invocation.state = InvocationState.UNKNOWN
+            invocation.reason = "the agent gave no answer; progress or the deadline will settle it"
             self.memory.save(invocation)
             self._news(invocation)
 
@@ -244,8 +253,7 @@ class Actions:
             raise Conflict(f"The invocation has ended already: it {invocation.state}.")
         if invocation.robot == FLEET:
             raise Conflict("Stopping cannot be cancelled; a new motion of a robot ends it.")
-        reply = await self._stop_one(invocation, reason)
-        if reply is None:
+        if await self.stop_one(invocation, reason) is None:
             raise AgentSilent(f"The agent of {invocation.robot} gave no answer; whether it stops is unknown.")
 
     async def remove(self, invocation: Invocation) -> None:
@@ -259,20 +267,20 @@ class Actions:
 
     async def ended(self, invocation: Invocation, timeout_s: float) -> bool:
         """Wait until the invocation has ended; False when ``timeout_s`` passed before."""
-        if invocation.state.terminal:
-            return True
-        event = self._ended.setdefault(invocation.id, asyncio.Event())
-        try:
-            async with asyncio.timeout(timeout_s):
-                await event.wait()
-        except TimeoutError:
-            return False
-        return True
+        return await self._waiting.until(invocation, lambda one: one.state.terminal, timeout_s)
 
-    async def _stop_one(self, invocation: Invocation, reason: str) -> Reply | None:
+    async def stop_one(self, invocation: Invocation, reason: str) -> Reply | None:
+        """Have the robot stop what the invocation began; what its agent answered, if it did.
+
+        An agent that knows no such motion never begins it from now on; what it has just ended, it tells.
+        """
         stop = Stop(version=WIRE_VERSION, id=str(uuid.uuid4()), command=invocation.id, reason=reason)
         replies = await self._live.link.stop((invocation.robot,), stop, _ANSWER_TIMEOUT_S)
-        return replies.get(invocation.robot)
+        reply = replies.get(invocation.robot)
+        unknown = isinstance(reply, Accepted) and invocation.id not in reply.preempts
+        if unknown and invocation.stops is None and not await self.ended(invocation, _LAST_WORD_S):
+            self._fail(invocation, "the agent knows no such motion")
+        return reply
 
     # -- what the robots say ----------------------------------------------------------------------------------------
 
@@ -281,11 +289,17 @@ class Actions:
         if invocation is None:
             self.memory.fetch_soon(robot, progress)
             return
-        before = invocation.state
+        before, guessed = invocation.state, invocation.expired
         if self._live.invocations.apply(robot, progress) is None:
             return
         if invocation.state.terminal:
             self._settle(invocation)
+            return
+        # What the robot says to be at is not over, however long it takes.
+        invocation.deadline_ns = max(invocation.deadline_ns, time.time_ns() + int(_SETTLING_S * 1e9))
+        if guessed:
+            self.memory.save(invocation)
+            self._news(invocation)
         elif invocation.state is not before:
             self._news(invocation)
         else:
@@ -296,51 +310,46 @@ class Actions:
             self._news(invocation)
 
     async def _expire_for_ever(self) -> None:
-        """Fail what nobody has reported the end of."""
+        """Fail what nobody has reported the end of, and what an earlier run of an agent was at."""
         while True:
             await asyncio.sleep(_EXPIRY_INTERVAL_S)
-            for invocation in self._live.invocations.expire(time.time_ns()):
+            try:
+                await self._expire(time.time_ns())
+            except StoreUnavailable as error:
+                log.debug("whether what others began is late is not known: %s", error)
+            except Exception:
+                # The boundary of the task: without it nothing would ever be late any more.
+                log.exception("what is late stays open; it is tried again")
+
+    async def _expire(self, now_ns: int) -> None:
+        invocations = self._live.invocations
+        for robot in self._live.fleet.robots.values():
+            for invocation in invocations.outlived(robot.name, robot.incarnation or 0, now_ns):
+                self._settle(invocation)
+        for invocation in sorted(invocations.late(now_ns), key=self.memory.owns, reverse=True):
+            if await self.memory.is_late(invocation):
+                invocations.expire(invocation, now_ns)
                 self._settle(invocation)
 
-    def _begin(self, invocation: Invocation) -> None:
+    def _begin(self, invocation: Invocation) -> Invocation:
+        """It is known here already if the same request was repeated meanwhile."""
         self.memory.begun(invocation)
-        self._live.invocations.add(invocation)
-        self._live.fan_out.appeared(invocation_path(invocation))
-        self._news(invocation)
+        known = self._live.invocations.get(invocation.id)
+        if known is None:
+            self._live.invocations.add(invocation)
+            self._live.fan_out.appeared(invocation_path(invocation))
+        self._news(known or invocation)
+        return known or invocation
 
     def _settle(self, invocation: Invocation) -> None:
-        robot = self._live.fleet.robots.get(invocation.robot)
-        if robot is not None and invocation.state is not InvocationState.SUCCEEDED:
-            successor = self._live.invocations.get(invocation.preempted_by)
-            onward = successor.targets if successor is not None else {}
-            for joint, target in invocation.targets.items():
-                # Nobody is on the way there any more.
-                if robot.targets.get(joint) == target and onward.get(joint) != target:
-                    del robot.targets[joint]
         self.memory.settle(invocation)
         self._news(invocation)
-        self._over(invocation)
-
-    def _over(self, invocation: Invocation) -> None:
-        """Those who wait for it wait no longer."""
-        event = self._ended.pop(invocation.id, None)
-        if event is not None:
-            event.set()
 
     def _news(self, invocation: Invocation) -> None:
         self._live.tell(invocation)
+        self._waiting.wake(invocation)
 
 
-def _command(id: str, motion: Motion, *, rehearsal: bool = False) -> Command:
-    """As of the moment at which it was asked for, however long it took since."""
-    return Command(
-        version=WIRE_VERSION,
-        id=id,
-        incarnation=motion.asked.incarnation,
-        seen_ns=motion.asked.seen_ns,
-        time_to_live_ns=TIME_TO_LIVE_NS,
-        motion=motion.motion,
-        scale=motion.scale,
-        expects=dict(motion.expects),
-        rehearsal=rehearsal,
-    )
+def _is_answered(invocation: Invocation) -> bool:
+    """Whether the agent has answered who asked for it, or has not in time."""
+    return invocation.accepted or invocation.state is not InvocationState.ACCEPTED

@@ -17,7 +17,7 @@ import msgspec
 
 from gateway.actions import scripts
 from gateway.actions.keys import Keys, hashed, robot_of, tag
-from gateway.fleet.invocations import MAX_TERMINAL, Invocation, InvocationState
+from gateway.fleet.invocations import MAX_TERMINAL, Invocation
 from gateway.fleet.lease import Lease
 from gateway.store.connection import Connection, StoreUnavailable
 
@@ -34,7 +34,7 @@ What = Literal["invocation", "deleted", "lease", "settings", "lost"]
 
 @dataclass(frozen=True)
 class News:
-    """What another run did: opened, ended or deleted the invocation ``id``, took, renewed or released the lease ``id``,
+    """What another run did: opened, wrote or deleted the invocation ``id``, took, renewed or released the lease ``id``,
     or changed the setting named ``id``. ``lost``: Redis was away, there may be more; what is remembered must be read
     anew."""
 
@@ -118,11 +118,11 @@ class ActionStore:
     async def save(self, invocation: Invocation) -> bool:
         """Write what became of an invocation; False, and nothing is written, if it was deleted or over already.
 
-        Others are told of the end, and of silence: what comes between they hear from the robot.
+        Others are told, of an acceptance too: only who asked knows how long it takes, and when it is late.
         """
         keys = self._keys.invocations(invocation.robot)
         saved = await self._redis.run(scripts.SAVE, keys, *self._written(invocation))
-        if saved and (invocation.state.terminal or invocation.state is InvocationState.UNKNOWN):
+        if saved:
             await self._tell("invocation", invocation.robot, invocation.id)
         return bool(saved)
 
@@ -244,8 +244,8 @@ class ActionStore:
         return int(time.time() / self._kept_s)
 
     def _written(self, invocation: Invocation) -> tuple[str | bytes | int, ...]:
-        """Id, body, milliseconds to keep it, whether it is over, creation in microseconds."""
-        over = invocation.state.terminal
+        """Id, body, milliseconds to keep it, whether it is over for good, creation in microseconds."""
+        over = invocation.over
         left_s = 0.0 if over else max(0.0, (invocation.deadline_ns - time.time_ns()) / 1e9)
         body, kept_ms = msgspec.json.encode(invocation), _ms(left_s + self._kept_s)
         return invocation.id, body, kept_ms, int(over), invocation.created_ns // 1000
@@ -262,8 +262,8 @@ def _granted(robot: str, answer: list[bytes], lease: str = "") -> list[bytes]:
 
 def _lease(robot: str, fields: Sequence[bytes]) -> Lease:
     id, holder, *numbers = (field.decode() for field in fields)
-    taken_ms, expires_ms, duration_ms = map(int, numbers)
-    return Lease(id, robot, holder, taken_ms * _MS, expires_ms * _MS, duration_ms / 1000)
+    taken_ms, expires_ms, duration_ms, left_ms = map(int, numbers)
+    return Lease(id, robot, holder, taken_ms * _MS, expires_ms * _MS, duration_ms / 1000, max(0, left_ms) / 1000)
 
 
 def _read(robot: str, body: bytes) -> Invocation | None:

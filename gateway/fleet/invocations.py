@@ -2,81 +2,19 @@
 agent reported (the gateway's own when a deadline ended the invocation)."""
 
 import heapq
-import re
 from collections.abc import Iterable
-from dataclasses import dataclass, field, fields
-from enum import StrEnum
+from dataclasses import fields
 
 from agents.wire.messages import Progress
+from gateway.fleet.invocation import FLEET, Invocation, InvocationState, gather, has_ended, merged, word
+
+__all__ = ["FLEET", "MAX_TERMINAL", "Invocation", "InvocationState", "Invocations"]
 
 MAX_TERMINAL = 1000
-FLEET = ""  # what stands for the robot of an invocation that is the whole fleet's
 
-_WORD = re.compile(r"[a-z]*")
-
-
-class InvocationState(StrEnum):
-    """UNKNOWN: nobody answered the command, or the agent is gone; progress or the deadline will tell."""
-
-    ACCEPTED = "accepted"
-    RUNNING = "running"
-    SUCCEEDED = "succeeded"
-    FAILED = "failed"
-    CANCELLED = "cancelled"
-    PREEMPTED = "preempted"
-    UNKNOWN = "unknown"
-
-    @property
-    def terminal(self) -> bool:
-        return self in _TERMINAL
-
-
-# From the best to the worst: what a fleet's invocation comes to is the worst of what its robots came to.
-_TERMINAL = (
-    InvocationState.SUCCEEDED,
-    InvocationState.CANCELLED,
-    InvocationState.PREEMPTED,
-    InvocationState.FAILED,
-)
-_ENDS = {**{state.value: state for state in _TERMINAL}, "refused": InvocationState.FAILED}
 _KNOWN = (InvocationState.ACCEPTED, InvocationState.RUNNING)
+_STOPPED = ("accepted", "running", "succeeded", "failed", "cancelled", "preempted")  # refused and unknown are not
 _GONE = "the agent is gone; the last known state was"
-
-
-@dataclass
-class Invocation:
-    """One invocation of the action at ``action``, a path such as ``/baxter/right_s1/actions/rotate``.
-
-    ``targets`` are the commanded and ``result`` the last measured positions by joint, in rad or m. ``client`` is who
-    asked, as it is shown, ``body`` what was admitted, as N-Triples, ``lease`` the id of the lease that it ends with.
-    ``duration_s`` is what the agent expects, ``progress`` the share that is done, 0 to 1; of the fleet's invocations
-    the share of robots that have ended. ``facts`` are further numbers with the unit in their names (``residual_m``).
-    ``preempts`` are the ids that it ended, ``preempted_by`` is the one that ended it.
-
-    ``robots`` says of the fleet's invocations what each robot answered: a word, which is a state or ``refused``, and
-    perhaps what a human should know, as in ``failed: the joint is blocked``. Any other word is an open end.
-    """
-
-    id: str
-    robot: str
-    action: str
-    targets: dict[str, float]
-    created_ns: int
-    deadline_ns: int
-    client: str = ""
-    body: str = ""
-    duration_s: float | None = None
-    started_ns: int | None = None
-    ended_ns: int | None = None
-    state: InvocationState = InvocationState.ACCEPTED
-    reason: str = ""
-    progress: float = 0.0
-    result: dict[str, float] = field(default_factory=dict)
-    preempts: tuple[str, ...] = ()
-    preempted_by: str = ""
-    lease: str = ""
-    facts: dict[str, float] = field(default_factory=dict)
-    robots: dict[str, str] = field(default_factory=dict)
 
 
 class Invocations:
@@ -87,6 +25,7 @@ class Invocations:
         self._of_action: dict[str, dict[str, Invocation]] = {}
         self._of_robot: dict[str, dict[str, Invocation]] = {}
         self._open: dict[str, dict[str, Invocation]] = {}  # by robot; some that have ended since, until they are seen
+        self._removed_ns: dict[str, dict[str, int]] = {}  # by robot and joint: the targets before do not hold again
 
     def add(self, invocation: Invocation) -> None:
         """Remember an invocation. Raises ValueError when its id is taken."""
@@ -100,18 +39,21 @@ class Invocations:
     def put(self, invocation: Invocation) -> Invocation | None:
         """Take over what another gateway wrote; the invocation as it is remembered now, None when that is no news.
 
-        One that is remembered stays the same object, whose fields change. What has ended stays so, and what has begun
-        does not go back to accepted.
+        One that is remembered stays the same object, whose fields change. Nothing that is known is lost to an older
+        copy.
         """
         held = self._all.get(invocation.id)
         if held is None:
             self.add(invocation)
             return self._all.get(invocation.id)
-        moved = (held.robot, held.action) != (invocation.robot, invocation.action)
-        if moved or held == invocation or _stage(invocation) < _stage(held):
+        if (held.robot, held.action) != (invocation.robot, invocation.action):
+            return None
+        whole = merged(held, invocation)
+        if whole == held:
             return None
         for each in fields(Invocation):
-            setattr(held, each.name, getattr(invocation, each.name))
+            setattr(held, each.name, getattr(whole, each.name))
+        self._reopen(held)
         return held
 
     def get(self, id: str) -> Invocation | None:
@@ -121,6 +63,9 @@ class Invocations:
         """Forget an invocation; None when there is none of that id."""
         invocation = self._all.pop(id, None)
         if invocation is not None:
+            removed = self._removed_ns.setdefault(invocation.robot, {})
+            for joint in _joints(invocation) if invocation.accepted else ():
+                removed[joint] = max(removed.get(joint, 0), invocation.created_ns)
             for index, key in self._places(invocation):
                 held = index.get(key, {})
                 held.pop(id, None)
@@ -141,29 +86,33 @@ class Invocations:
         return _newest_first(self._still_open(robot).values())
 
     def apply(self, robot: str, progress: Progress) -> Invocation | None:
-        """Take news from a robot; None when it concerns nothing that is open: another's id, or one that is over."""
+        """Take news from a robot; None when it concerns nothing that is open: another's id, or one that is over.
+
+        One that failed because nothing was heard of it is open again, or ends as the robot says.
+        """
         invocation = self._all.get(progress.id)
-        if invocation is None or invocation.state.terminal:
+        if invocation is None or invocation.over:
             return None
         if invocation.robot == robot:
             _advance(invocation, progress)
-        elif invocation.robot == FLEET and robot in invocation.robots and not _ended(invocation.robots[robot]):
+        elif invocation.robot == FLEET and robot in invocation.robots and not has_ended(invocation.robots[robot]):
             invocation.robots[robot] = f"{progress.state}: {progress.reason}" if progress.reason else progress.state
             invocation.state = InvocationState.RUNNING
-            _gather(invocation)
+            gather(invocation)
         else:
             return None
         if invocation.started_ns is None:
             invocation.started_ns = progress.wall_ns
-        if invocation.state.terminal:
-            invocation.ended_ns = progress.wall_ns
+        invocation.expired = False
+        invocation.ended_ns = progress.wall_ns if invocation.state.terminal else None
+        self._reopen(invocation)
         return invocation
 
     def answer(self, invocation: Invocation, robot: str, answer: str) -> None:
         """Note what a robot answered to an invocation of the fleet, unless it has told how it ended already."""
-        if not invocation.state.terminal and not _ended(invocation.robots.get(robot, "")):
+        if not invocation.state.terminal and not has_ended(invocation.robots.get(robot, "")):
             invocation.robots[robot] = answer
-            _gather(invocation)
+            gather(invocation)
 
     def lose(self, robot: str) -> list[Invocation]:
         """Nobody knows any more what became of the open ones of a robot whose agent is gone; return them.
@@ -176,22 +125,69 @@ class Invocations:
             one.state = InvocationState.UNKNOWN
         for one in self.open_of(FLEET):
             part = one.robots.get(robot, InvocationState.UNKNOWN)
-            if not _ended(part) and _word(part) != InvocationState.UNKNOWN:
-                one.robots[robot] = f"{InvocationState.UNKNOWN}: {_GONE} {_word(part)}"
-                _gather(one)
+            if not has_ended(part) and word(part) != InvocationState.UNKNOWN:
+                one.robots[robot] = f"{InvocationState.UNKNOWN}: {_GONE} {word(part)}"
+                gather(one)
                 lost.append(one)
         return lost
 
-    def expire(self, now_ns: int) -> list[Invocation]:
-        """Fail what is still open after its deadline and return it."""
-        late = [
+    def late(self, now_ns: int) -> list[Invocation]:
+        """What is still open after its deadline."""
+        return [
             one for robot in list(self._open) for one in self._still_open(robot).values() if now_ns > one.deadline_ns
         ]
-        for one in late:
-            one.reason = f"the robot reported no end before the deadline; the last known state was {one.state}"
-            one.state = InvocationState.FAILED
-            one.ended_ns = now_ns
-        return late
+
+    def expire(self, invocation: Invocation, now_ns: int) -> None:
+        """Fail one of which nobody has reported the end."""
+        invocation.reason = (
+            f"the robot reported no end before the deadline; the last known state was {invocation.state}"
+        )
+        invocation.state, invocation.expired, invocation.ended_ns = InvocationState.FAILED, True, now_ns
+
+    def outlived(self, robot: str, incarnation: int, now_ns: int) -> list[Invocation]:
+        """Fail what earlier runs of the agent were asked for and return it: the present run knows nothing of it."""
+        old = [one for one in self.open_of(robot) if 0 < one.incarnation < incarnation]
+        for one in old:
+            one.reason = f"the agent was started anew; the last known state was {one.state}"
+            one.state, one.ended_ns = InvocationState.FAILED, now_ns
+        return old
+
+    def targets(self, robot: str, incarnation: int | None) -> dict[str, float]:
+        """Where the joints of a robot were last commanded to (rad or m) by its present run, as far as that holds.
+
+        That of a motion which was stopped, or has failed, holds no longer.
+        """
+        newest: dict[str, Invocation] = {}
+        stopped = self._stops_of(robot, incarnation)
+        for one in self._of_robot.get(robot, {}).values():
+            if one.stops is not None or one.incarnation != incarnation or not one.accepted:
+                continue
+            successor = self._all.get(one.preempted_by)
+            for joint in one.targets:
+                if successor is not None and successor.stops is None and joint in successor.targets:
+                    continue  # whichever was asked for first: that one has the joint
+                if joint not in newest or one.created_ns > newest[joint].created_ns:
+                    newest[joint] = one
+        return {
+            joint: one.targets[joint]
+            for joint, one in newest.items()
+            if (one.state is InvocationState.SUCCEEDED or not one.state.terminal)
+            and one.created_ns > max(stopped.get(joint, 0), stopped.get("", 0))
+        }
+
+    def _stops_of(self, robot: str, incarnation: int | None) -> dict[str, int]:
+        """When each joint was stopped last, "" for all, in gateway wall time."""
+        stopped = dict(self._removed_ns.get(robot, {}))
+        own = (one for one in self._of_robot.get(robot, {}).values() if one.incarnation == incarnation and one.accepted)
+        fleet = (one for one in self._of_robot.get(FLEET, {}).values() if word(one.robots.get(robot, "")) in _STOPPED)
+        for one in (*own, *fleet):
+            for joint in _joints(one) if one.stops is not None else ():
+                stopped[joint] = max(stopped.get(joint, 0), one.created_ns)
+        return stopped
+
+    def _reopen(self, invocation: Invocation) -> None:
+        if not invocation.state.terminal:
+            self._open.setdefault(invocation.robot, {})[invocation.id] = invocation
 
     def _places(self, invocation: Invocation) -> tuple[tuple[dict[str, dict[str, Invocation]], str], ...]:
         """The indexes and the key in each under which it is found."""
@@ -228,32 +224,9 @@ def _advance(invocation: Invocation, progress: Progress) -> None:
     invocation.preempted_by = progress.successor or invocation.preempted_by
 
 
-def _gather(invocation: Invocation) -> None:
-    """What the answers of its robots make of the fleet's invocation."""
-    words = [_word(answer) for answer in invocation.robots.values()]
-    ended = [_ENDS[word] for word in words if word in _ENDS]
-    invocation.progress = len(ended) / len(words)
-    if len(ended) == len(words):
-        worst = max(ended, key=_TERMINAL.index)
-        invocation.state = worst
-        all_well = worst is InvocationState.SUCCEEDED
-        invocation.reason = "" if all_well else f"{ended.count(worst)} of {len(ended)} robots: {worst}"
-    elif words.count(InvocationState.UNKNOWN) == len(words) - len(ended):
-        invocation.state = InvocationState.UNKNOWN
-
-
-def _word(answer: str) -> str:
-    """The state that the answer of one robot begins with."""
-    found = _WORD.match(answer)
-    return found[0] if found else ""
-
-
-def _ended(answer: str) -> bool:
-    return _word(answer) in _ENDS
-
-
-def _stage(invocation: Invocation) -> int:
-    return 2 if invocation.state.terminal else int(invocation.state is not InvocationState.ACCEPTED)
+def _joints(invocation: Invocation) -> Iterable[str]:
+    """Those that it moves or stops; "" for all."""
+    return invocation.targets if invocation.stops is None else invocation.stops or ("",)
 
 
 def _newest_first(invocations: Iterable[Invocation]) -> list[Invocation]:

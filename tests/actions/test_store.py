@@ -159,6 +159,23 @@ def test_the_first_end_is_the_end(store: Stores) -> None:
     asyncio.run(run())
 
 
+def test_an_end_that_was_guessed_gives_way_to_what_the_robot_says(store: Stores) -> None:
+    async def run() -> None:
+        async with store("a") as a, store("b") as b:
+            one = an_invocation()
+            await a.open(one)
+            guess = replace(ended(one, InvocationState.FAILED), expired=True)
+            assert await b.save(guess)
+            assert await a.read("r", one.id) == guess
+            assert await a.save(replace(one, state=InvocationState.RUNNING))
+            assert await b.save(guess)
+            assert await a.save(ended(one))
+            assert not await b.save(guess)
+            assert await b.read("r", one.id) == ended(one)
+
+    asyncio.run(run())
+
+
 def test_what_was_deleted_does_not_come_back(store: Stores) -> None:
     async def run() -> None:
         async with store("a") as a, store("b") as b:
@@ -372,6 +389,24 @@ def test_a_renewal_is_the_same_lease_for_longer(store: Stores) -> None:
     asyncio.run(run())
 
 
+def test_what_is_left_of_a_lease_is_told_by_who_looks_at_it(store: Stores) -> None:
+    async def run() -> None:
+        async with store("a") as a, store("b") as b:
+            lease, token = await a.take("r", "Ada", 60)
+            assert lease.left_s == pytest.approx(60, abs=5)
+            before = lease.left_s
+
+            async def less() -> bool:
+                looked = await b.lease("r")
+                return looked is not None and 0 < looked.left_s < before
+
+            await until(less, "time passes")
+            renewed, _ = await b.take("r", "Ada", 120, token)
+            assert renewed.left_s > before
+
+    asyncio.run(run())
+
+
 def test_an_expired_lease_is_anybody_s_and_its_token_worth_nothing(store: Stores) -> None:
     async def run() -> None:
         async with store("a") as a, store("b") as b:
@@ -478,9 +513,9 @@ def test_others_hear_what_was_done_and_nobody_what_he_did_himself(store: Stores)
             one = an_invocation()
             await a.open(one, key="k", digest="d")
             assert await a.open(an_invocation(), key="k", digest="d") == one.id  # nothing new
-            await a.save(replace(one, state=InvocationState.RUNNING))  # nor is this told
+            await a.save(replace(one, duration_s=30.0))
             await a.save(ended(one))
-            await a.save(ended(one))
+            await a.save(ended(one))  # too late, nothing is written
             lease, token = await a.take("r", "Ada", 60)
             await a.take("r", "Ada", 60, token)
             await a.release("r", token)
@@ -488,8 +523,8 @@ def test_others_hear_what_was_done_and_nobody_what_he_did_himself(store: Stores)
             await a.delete(one)
             await a.delete(one)
             await b.set_setting("x", "title", "X")
-            assert await heard_by_b.next(7) == [
-                *[News("invocation", "r", one.id)] * 2,
+            assert await heard_by_b.next(8) == [
+                *[News("invocation", "r", one.id)] * 3,
                 *[News("lease", "r", lease.id)] * 3,
                 News("settings", "r", "title"),
                 News("deleted", "r", one.id),

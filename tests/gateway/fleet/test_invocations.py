@@ -86,11 +86,35 @@ def test_when_the_agent_is_gone_what_was_open_is_unknown_until_news(state: Invoc
 @pytest.mark.parametrize("state", [InvocationState.ACCEPTED, InvocationState.RUNNING, InvocationState.UNKNOWN])
 def test_what_is_open_after_its_deadline_failed(state: InvocationState) -> None:
     invocations = with_one(state)
-    assert invocations.expire(100) == []
-    (late,) = invocations.expire(101)
+    assert invocations.late(100) == []
+    (late,) = invocations.late(101)
+    invocations.expire(late, 101)
     assert (late.state, late.ended_ns) == (InvocationState.FAILED, 101)
     assert "deadline" in late.reason
-    assert invocations.expire(102) == []
+    assert invocations.late(102) == []
+
+
+def test_what_failed_for_want_of_news_is_open_again_when_the_robot_says_that_it_runs() -> None:
+    invocations = with_one()
+    (one,) = invocations.late(101)
+    invocations.expire(one, 101)
+    assert invocations.open_of("r") == []
+    assert invocations.apply("r", progress("running")) is one
+    assert (one.state, one.ended_ns, invocations.open_of("r")) == (InvocationState.RUNNING, None, [one])
+    invocations.expire(one, 101)
+    assert invocations.apply("r", progress("succeeded", wall_ns=7)) is one
+    assert (one.state, one.ended_ns, one.over) == (InvocationState.SUCCEEDED, 7, True)
+    assert invocations.apply("r", progress("running")) is None
+
+
+def test_what_an_earlier_run_of_the_agent_was_asked_for_has_failed() -> None:
+    invocations = Invocations()
+    for id, incarnation in (("old", 1), ("present", 2), ("later", 3), ("of nobody knows which", 0)):
+        invocations.add(invocation(id, InvocationState.UNKNOWN, incarnation=incarnation))
+    (old,) = invocations.outlived("r", 2, now_ns=50)
+    assert (old.id, old.state, old.ended_ns) == ("old", InvocationState.FAILED, 50)
+    assert "started anew" in old.reason
+    assert invocations.outlived("r", 2, now_ns=50) == invocations.outlived("x", 9, now_ns=50) == []
 
 
 def test_those_of_an_action_and_of_a_robot_come_newest_first() -> None:
@@ -119,7 +143,7 @@ def test_the_open_ones_of_a_robot_are_those_that_are_not_over_whoever_ended_them
     assert [one.id for one in invocations.open_of("r")] == ["i"]
     assert invocations.remove("i") is not None
     assert invocations.open_of("r") == invocations.open_of("nobody") == []
-    assert invocations.expire(101) == [invocations.get("k")]
+    assert invocations.late(101) == [invocations.get("k")]
 
 
 def test_a_removed_one_is_found_nowhere() -> None:
@@ -184,6 +208,116 @@ def test_what_another_gateway_wrote_earlier_takes_nothing_back(held: InvocationS
     assert invocations.get("i") == invocation(state=held)
 
 
+def test_an_older_copy_takes_nothing_away_that_is_known() -> None:
+    invocations = Invocations()
+    held = invocation(state=InvocationState.UNKNOWN, reason="gone", progress=0.6, duration_s=50.0, deadline_ns=900)
+    held.preempts = ("a",)
+    invocations.add(held)
+    assert invocations.put(invocation(state=InvocationState.RUNNING)) is None
+    assert invocations.put(invocation()) is None
+    assert (held.state, held.progress, held.duration_s, held.deadline_ns) == (InvocationState.UNKNOWN, 0.6, 50.0, 900)
+    ended = invocation(state=InvocationState.CANCELLED, ended_ns=9)
+    assert invocations.put(ended) is held
+    assert (held.state, held.duration_s, held.preempts) == (InvocationState.CANCELLED, 50.0, ("a",))
+
+
+def test_what_only_the_gateway_knew_that_asked_joins_what_was_heard_of_the_robot() -> None:
+    invocations = with_one()
+    held = invocations.apply("r", progress("running", progress=0.5))
+    assert held is not None
+    assert invocations.put(invocation(duration_s=50.0, deadline_ns=900, preempts=("a",))) is held
+    assert (held.state, held.progress, held.started_ns) == (InvocationState.RUNNING, 0.5, 10)
+    assert (held.duration_s, held.deadline_ns, held.preempts) == (50.0, 900, ("a",))
+
+
+@pytest.mark.parametrize("first", ["held", "found"])
+def test_of_two_copies_the_guess_counts_of_who_allowed_more_time(first: str) -> None:
+    """Whichever of them is written over the other."""
+    failed = invocation(state=InvocationState.FAILED, expired=True, ended_ns=101)
+    again = invocation(state=InvocationState.RUNNING, deadline_ns=900)
+    invocations = Invocations()
+    for one in (failed, again) if first == "held" else (again, failed):
+        invocations.put(one)
+    (held,) = invocations.of_robot("r")
+    assert (held.state, held.expired, held.deadline_ns) == (InvocationState.RUNNING, False, 900)
+    assert invocations.open_of("r") == [held]
+    invocations.put(invocation(state=InvocationState.FAILED, expired=True, ended_ns=901, deadline_ns=900))
+    assert invocations.open_of("r") == []
+    invocations.put(invocation(state=InvocationState.SUCCEEDED))
+    assert (held.state, held.over) == (InvocationState.SUCCEEDED, True)
+
+
+def test_the_answers_of_robots_that_either_copy_has_are_known() -> None:
+    invocations = Invocations()
+    one = of_fleet("a", "b", "c")
+    invocations.add(one)
+    invocations.apply("a", progress("succeeded", reason=""))
+    other = of_fleet("a", "b", "c")
+    other.robots |= {"b": "unknown: no answer", "c": "refused: no"}
+    assert invocations.put(other) is one
+    assert one.robots == {"a": "succeeded", "b": "unknown: no answer", "c": "refused: no"}
+    assert (one.state, one.progress) == (InvocationState.UNKNOWN, pytest.approx(2 / 3))
+    assert invocations.put(of_fleet("a", "b", "c")) is None
+
+
+# Where joints were last commanded to
+
+
+def moved(created_ns: int, state: InvocationState, **fields: Any) -> Invocation:
+    """An accepted motion of the present run."""
+    given = {"targets": {"elbow": float(created_ns)}, "duration_s": 1.0, "incarnation": 1}
+    return invocation(str(created_ns), state, created_ns=created_ns, **{**given, **fields})
+
+
+def stopped(created_ns: int, *joints: str, **fields: Any) -> Invocation:
+    return moved(created_ns, InvocationState.SUCCEEDED, targets={}, stops=joints, **fields)
+
+
+UNASKED = {"duration_s": None}
+RUNNING, SUCCEEDED, FAILED = InvocationState.RUNNING, InvocationState.SUCCEEDED, InvocationState.FAILED
+
+
+@pytest.mark.parametrize(
+    ("known", "elbow"),
+    [
+        ([moved(1, SUCCEEDED), moved(2, RUNNING)], 2.0),
+        ([moved(2, RUNNING), moved(1, SUCCEEDED)], 2.0),
+        ([moved(1, SUCCEEDED), moved(2, RUNNING, targets={"wrist": 2.0})], 1.0),
+        ([moved(1, SUCCEEDED), moved(2, FAILED, **UNASKED)], 1.0),
+        ([moved(1, SUCCEEDED), moved(2, InvocationState.ACCEPTED, **UNASKED)], 1.0),
+        ([moved(1, SUCCEEDED), moved(2, InvocationState.CANCELLED)], None),
+        ([moved(1, SUCCEEDED), stopped(2)], None),
+        ([moved(1, SUCCEEDED), stopped(2, "elbow")], None),
+        ([moved(1, SUCCEEDED), stopped(2, "wrist")], 1.0),
+        ([moved(1, SUCCEEDED), stopped(2, **UNASKED)], 1.0),
+        ([moved(1, SUCCEEDED), stopped(2, robot="x")], 1.0),
+        ([stopped(1), moved(2, SUCCEEDED)], 2.0),
+        ([moved(1, SUCCEEDED, incarnation=7)], None),
+        ([moved(1, SUCCEEDED), stopped(2, robot=FLEET, incarnation=0, robots={"r": "running"})], None),
+        ([moved(1, SUCCEEDED), stopped(2, robot=FLEET, incarnation=0, robots={"r": "unknown: no answer"})], 1.0),
+        ([moved(1, RUNNING), moved(2, InvocationState.PREEMPTED, preempted_by="1")], 1.0),
+        ([moved(1, InvocationState.PREEMPTED, preempted_by="2"), moved(2, RUNNING, targets={"wrist": 2.0})], None),
+    ],
+)
+def test_the_target_of_a_joint_is_that_of_the_last_motion_that_was_not_stopped(
+    known: list[Invocation], elbow: float | None
+) -> None:
+    invocations = Invocations()
+    for one in known:
+        invocations.add(one)
+    assert invocations.targets("r", 1).get("elbow") == elbow
+
+
+def test_no_target_comes_back_when_what_followed_it_is_removed() -> None:
+    for after in (moved(2, RUNNING), stopped(2), stopped(2, "elbow")):
+        invocations = Invocations()
+        invocations.add(moved(1, SUCCEEDED, targets={"elbow": 1.0, "wrist": 1.0}))
+        invocations.add(after)
+        invocations.remove("2")
+        assert invocations.targets("r", 1).get("elbow") is None
+        assert invocations.targets("r", 1).get("wrist") == (1.0 if after.targets or after.stops else None)
+
+
 def test_an_id_does_not_move_to_another_robot() -> None:
     invocations = with_one()
     assert invocations.put(invocation(robot="x")) is None
@@ -194,7 +328,8 @@ def test_one_is_read_from_json_as_it_was_written_and_what_is_unknown_is_skipped(
     whole = invocation(
         state=InvocationState.PREEMPTED, client="später \0", body="<a> <b> \"c\" .\n", duration_s=0.25, started_ns=1,
         ended_ns=1_764_000_000_123_456_789, reason="x", progress=0.5, result={"elbow": -0.0}, preempts=("a", "b"),
-        preempted_by="c", lease="d", facts={"residual_m": 1e-300}, robots={"r": "failed: x"},
+        preempted_by="c", lease="d", facts={"residual_m": 1e-300}, robots={"r": "failed: x"}, stops=("a",),
+        incarnation=2**63 - 1, refused="stale", expired=True,
     )  # fmt: skip
     text = msgspec.json.encode(whole)
     assert msgspec.json.decode(text, type=Invocation) == whole
@@ -265,5 +400,6 @@ def test_the_fleet_is_unknown_when_all_that_is_open_is() -> None:
     assert one.state is InvocationState.UNKNOWN
     invocations.apply("a", progress("running"))
     assert one.state is InvocationState.RUNNING
-    assert invocations.expire(101) == [one]
+    assert invocations.late(101) == [one]
+    invocations.expire(one, 101)
     assert one.state is InvocationState.FAILED

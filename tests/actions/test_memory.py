@@ -1,0 +1,60 @@
+"""What a gateway keeps in mind until it can be remembered."""
+
+import asyncio
+import logging
+import time
+from pathlib import Path
+
+import pytest
+from redis_servers import single
+from running import PATIENCE_S
+
+from gateway.actions.memory import Memory
+from gateway.actions.store import ActionStore
+from gateway.fleet.invocations import Invocation, InvocationState
+from gateway.live import Live
+from gateway.settings import GatewaySettings
+
+MOST = 10_000
+
+
+def test_what_cannot_be_remembered_is_bounded_and_what_is_open_is_given_up_last(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    async def stop(*_: object) -> None: ...
+
+    memory = Memory(Live(GatewaySettings()), ActionStore("redis://127.0.0.1:1", "n", "run"), stop, lambda _: None)
+    states = [InvocationState.RUNNING] + [InvocationState.SUCCEEDED] * (MOST + 1)
+    made = [
+        Invocation(str(number), "r", "/r/actions/stop", {}, time.time_ns(), time.time_ns(), state=state)
+        for number, state in enumerate(states)
+    ]
+    with caplog.at_level(logging.WARNING):
+        for one in made:
+            memory.record(one)
+    assert set(memory._unsaved) == {one.id for one in made} - {"1", "2"}
+    assert memory._unasked == set(memory._unsaved)
+    assert len([each for each in caplog.records if "given up" in each.message]) == 1
+
+
+def test_a_stop_that_ends_before_it_is_recorded_is_remembered(tmp_path: Path) -> None:
+    """The robot reports the end as it answers: both are taken before anything is written."""
+    stopped = Invocation("i", "r", "/r/actions/stop", {}, time.time_ns(), time.time_ns() + 10**10, stops=())
+
+    async def stop(*_: object) -> None: ...
+
+    async def scenario(url: str) -> None:
+        store, other = (ActionStore(url, "n", run) for run in ("one", "other"))
+        async with store, other, Memory(Live(GatewaySettings()), store, stop, lambda _: None) as memory:
+            await other.load()
+            memory.begun(stopped)
+            stopped.state = InvocationState.SUCCEEDED
+            memory.settle(stopped)
+            memory.record(stopped)
+            async with asyncio.timeout(PATIENCE_S):
+                async for news in other.news():
+                    if (found := await other.read(news.robot, news.id)) is not None and found.over:
+                        break
+
+    with single(tmp_path) as servers:
+        asyncio.run(scenario(servers.url))

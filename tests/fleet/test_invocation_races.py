@@ -1,0 +1,193 @@
+"""What gateways, agents and Redis know at different times comes to the same: no motion is lost, nothing untrue told."""
+
+import signal
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import httpx
+import pytest
+from browser import HYBRIT, LF, Browser
+from commanding import (
+    PAN,
+    PREFIXES,
+    WRIST,
+    all_see,
+    angle,
+    arm,
+    at_all,
+    begun,
+    control,
+    ended,
+    moving,
+    of_joint,
+    of_robot,
+    post,
+    problem,
+    put,
+    radian,
+    reason,
+    slowly,
+    state_at,
+)
+from rdflib import URIRef
+from redis_servers import Servers, single
+from running import eventually
+from several import Gateway, gateway, gateways, hub
+from small_fleet import number, property_page
+
+pytestmark = pytest.mark.fleet
+_KEY = {"idempotency-key": "once"}
+
+
+@pytest.fixture
+def memory(tmp_path: Path) -> Iterator[Servers]:
+    with single(tmp_path) as servers:
+        yield servers
+
+
+def _target(each: Gateway) -> float | URIRef:
+    return number(property_page(each.browser, "ur5", PAN, LF.targetRotation), LF.value)
+
+
+def _tied(each: Gateway, target: float, lease_s: float) -> tuple[str, str, dict[str, str]]:
+    """A motion of 0.1 rad/s that is tied to a lease; its invocation, and the lease with what proves it."""
+    lease = str(each.browser.robot("ur5").one(LF.lease))
+    token = {"lock-token": put(each.browser, lease, control("Ada", lease_s)).headers["lock-token"]}
+    body = slowly(target, f"; lf:tiedTo <{lease}>")
+    return begun(put(each.browser, of_joint(each.browser, PAN), body, **token)), lease, token
+
+
+def _tasks(each: Gateway) -> set[object]:
+    robot = each.browser.robot("ur5")
+    return set(robot.graph.objects(robot.iri, LF.currentTask))
+
+
+def test_a_long_motion_is_under_way_at_both_gateways_until_its_lease_ends(memory: Servers) -> None:
+    """The other one was told of it before the agent had said how long it takes."""
+    with hub() as stage, arm(stage.endpoint), gateways(stage, memory.url) as two:
+        all_see(two)
+        one, other = two
+        url, lease, token = _tied(one, 3.0, 600)
+
+        def far() -> bool:
+            assert {state_at(each, url) for each in two} <= {LF.accepted, LF.running}, reason(one.browser.page(url))
+            return angle(one.browser, PAN) > 2.0
+
+        at_all(two, lambda each: state_at(each, url) == LF.running, "the motion")
+        eventually(far, "twenty seconds of it")
+        assert [_target(each) for each in two] == [3.0, 3.0]
+        assert (URIRef(other.here(url)), HYBRIT.action, None) in other.browser.page(other.here(url)).graph
+        assert one.browser.http.delete(lease, headers=token).status_code == 204
+        at_all(two, lambda each: state_at(each, url) == LF.cancelled, "the end with the lease")
+        at_all(two, lambda each: _target(each) == LF.unknown, "no target")
+
+
+def test_a_lease_ends_without_redis_when_it_would_have_ended(memory: Servers) -> None:
+    """The motion goes as far as what was left of the lease allows, not for the whole of it once more."""
+    with hub() as stage, arm(stage.endpoint), gateways(stage, memory.url) as two:
+        all_see(two)
+        url, _, _ = _tied(two[0], 3.0, 8)
+        eventually(lambda: angle(two[0].browser, PAN) > 0.5, "most of the lease")
+        memory.nodes[0].pause()
+        try:
+            page = ended(two[0].browser, url)
+            assert (page.one(LF.state), "lease" in reason(page)) == (LF.cancelled, True)
+            assert angle(two[0].browser, PAN) < 1.1
+        finally:
+            memory.nodes[0].resume()
+
+
+def test_a_request_repeated_while_the_agent_hangs(memory: Servers) -> None:
+    """At both gateways 504 with the place of the first, before and after that has an answer; nothing has begun."""
+    with hub() as stage, arm(stage.endpoint, "--lease-ms", "30000") as agent, gateways(stage, memory.url) as two:
+        all_see(two)
+        urls = {each.browser.root: of_joint(each.browser, WRIST) for each in two}
+
+        def ask(each: Gateway) -> httpx.Response:
+            return put(each.browser, urls[each.browser.root], radian(0.7), **_KEY)
+
+        agent.send(signal.SIGSTOP)
+        try:
+            with ThreadPoolExecutor(4) as pool:
+                answers = list(pool.map(ask, [*two, *two]))
+            answers += [ask(each) for each in two]
+        finally:
+            agent.send(signal.SIGCONT)
+        assert {problem(answer) for answer in answers} == {(504, "agent-silent")}
+        (path,) = {httpx.URL(answer.headers["location"]).path for answer in answers}
+        eventually(lambda: "stale" in agent.output, "a refusal of what came late")
+        here = answers[-1].headers["location"]
+        cancel = str(two[1].browser.page(here).one(HYBRIT.action))
+        assert post(two[1].browser, cancel).status_code == 204
+        at_all(two, lambda each: state_at(each, path) == LF.failed, "an end, although the agent knows of none")
+        assert "knows no such motion" in reason(two[1].browser.page(here))
+        assert {problem(ask(each)) for each in two} == {(504, "agent-silent")}
+
+
+def test_nobody_refused_what_nobody_answered_in_time(memory: Servers) -> None:
+    """The deadline has passed: a repeated request still hears that there was no answer."""
+    with hub() as stage, gateways(stage, memory.url) as two:
+
+        def ask(each: Gateway) -> httpx.Response:
+            url = of_joint(each.browser, "elbow", robot="toy")
+            return put(each.browser, url, radian(0.5), **_KEY)
+
+        location = ask(two[0]).headers["location"]
+        at_all(two, lambda each: state_at(each, location) == LF.failed, "the deadline")
+        assert {problem(ask(each)) for each in two} == {(504, "agent-silent")}
+
+
+def test_what_an_agent_was_at_fails_when_it_is_started_anew(memory: Servers) -> None:
+    """At both gateways, and at one that comes later; nothing is left for the robot to do."""
+    with hub() as stage, gateways(stage, memory.url) as two:
+        with arm(stage.endpoint) as agent:
+            all_see(two)
+            url = begun(put(two[0].browser, of_joint(two[0].browser, PAN), slowly(3.0, speed=0.01)))
+            at_all(two, lambda each: state_at(each, url) == LF.running, "the motion")
+            agent.send(signal.SIGKILL)
+        with arm(stage.endpoint):
+            at_all(two, lambda each: state_at(each, url) == LF.failed, "an end")
+            with gateway(stage, "--redis-url", memory.url) as third:
+                all_see([*two, third])
+                for each in (*two, third):
+                    eventually(lambda each=each: state_at(each, url) == LF.failed, "an end")
+                    assert "started anew" in reason(each.browser.page(each.here(url)))
+                    assert _tasks(each) == set()
+                    assert _target(each) == LF.unknown
+
+
+def test_a_target_is_the_same_at_both_gateways_and_gone_after_a_stop(memory: Servers) -> None:
+    """However it was reached, whoever asked for it, and at a gateway that comes later too."""
+    with hub() as stage, arm(stage.endpoint), gateways(stage, memory.url) as two:
+        all_see(two)
+        one, other = two
+
+        def same(target: float | URIRef) -> None:
+            at_all(two, lambda each: _target(each) == target, f"the target {target}")
+
+        body = PREFIXES + "<> lf:value [ vom:numericalValue 0.3 ; vom:unit unit:RAD ] ."
+        begun(put(one.browser, property_page(one.browser, "ur5", PAN, LF.targetRotation).url, body, prefer="wait=30"))
+        same(0.3)
+        begun(put(other.browser, of_joint(other.browser, PAN), radian(0.1), prefer="wait=30"))
+        same(0.1)
+        with gateway(stage, "--redis-url", memory.url) as third:
+            all_see([third])
+            eventually(lambda: _target(third) == 0.1, "the target")
+        begun(post(other.browser, of_joint(other.browser, WRIST, LF.Hold)))
+        same(0.1)
+        begun(post(one.browser, of_robot(one.browser, LF.StopRobot)))
+        same(LF.unknown)
+        begun(put(other.browser, of_joint(other.browser, PAN), slowly(2.0)))
+        same(2.0)
+        moving(one.browser, PAN)
+        begun(post(other.browser, of_joint(other.browser, PAN, LF.Hold)))
+        same(LF.unknown)
+        begun(put(one.browser, of_joint(one.browser, PAN), radian(0.2), prefer="wait=30"))
+        same(0.2)
+        begun(post(one.browser, _stop_all(one.browser)))
+        same(LF.unknown)
+
+
+def _stop_all(browser: Browser) -> str:
+    return str(browser.page(browser.root).one(HYBRIT.action))
