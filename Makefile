@@ -3,11 +3,13 @@
 # make test-fast  those without fleets and servers of Redis, in less than two minutes
 # make check   lint, types, the walls between packages, the base install on its own
 # make bench   what many subscribers cost, measured here (bench/README.md)
+# make assets  the scripts and styles of the pages alone
 # make clean   remove what make made
 
 PORT ?= 8000
 PYTEST_ARGS ?=
 BIN := .venv/bin
+ASSETS := gateway/face/assets/manifest.json
 
 # Pins as variables, not as -c: the environment in which pip builds our own wheel reads them too.
 export PIP_CONSTRAINT := constraints.txt
@@ -25,15 +27,15 @@ $$python -c 'import ensurepip' 2>/dev/null || { echo "$$python has no venv: apt 
 $$python -m venv --clear $(1)
 endef
 
-.PHONY: demo test test-fast check bench clean
+.PHONY: demo test test-fast check bench assets clean
 
-demo: .venv/stamp
+demo: .venv/stamp $(ASSETS)
 	@$(BIN)/python -m demo --port $(PORT)
 
-test: .venv/stamp
+test: .venv/stamp $(ASSETS)
 	$(BIN)/python -m pytest $(PYTEST_ARGS)
 
-test-fast: .venv/stamp
+test-fast: .venv/stamp $(ASSETS)
 	$(BIN)/python -m pytest -m "not fleet" --ignore tests/fleet --ignore tests/requirements --ignore tests/subscriptions --ignore tests/store --ignore tests/test_demo.py $(PYTEST_ARGS)
 
 check: .venv/stamp .venv-bare/stamp
@@ -54,6 +56,13 @@ bench: .venv/stamp
 	$(BIN)/python -m bench.memory --cycles 5000
 	$(BIN)/python -m bench.actions
 
+# Scripts and styles of the pages, with three.js and others from npm (face/package.json).
+assets: $(ASSETS)
+
+$(ASSETS): face/package.json face/build face/build.mjs $(wildcard face/src/*) | .venv/stamp
+	@echo "Bundling the scripts of the pages. The first time fetches their packages."
+	@face/build $(BIN)/python
+
 # One environment for everything. A later start finds it as it is and asks nobody for packages.
 .venv/stamp: pyproject.toml constraints.txt
 	@echo "Making .venv: the gateway, the simulation and the tools. The first time takes a minute or two."
@@ -70,4 +79,4 @@ bench: .venv/stamp
 	@touch $@
 
 clean:
-	rm -rf .venv .venv-bare build dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis
+	rm -rf .venv .venv-bare face/node_modules gateway/face/assets build dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis

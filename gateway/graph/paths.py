@@ -6,12 +6,12 @@ from agents.wire.names import escape, unescape
 from gateway.fleet.model import RobotModel
 
 RESERVED_AT_ROOT = frozenset(
-    {"actions", "blueprint", "context", "health", "invocations", "linkset"}
+    {"actions", "assets", "blueprint", "context", "health", "invocations", "linkset"}
     | {"metrics", "query", "rules", "scene", "subscriptions", "vocabulary"}
 )
 RESERVED_IN_ROBOT = frozenset(
     {"actions", "annotations", "blueprint", "invocations", "jointState", "lease"}
-    | {"linkset", "maximumSpeedScale", "meshes", "pose", "subscriptions", "title", "twist"}
+    | {"linkset", "maximumSpeedScale", "meshes", "model", "pose", "subscriptions", "title", "twist"}
 )
 _LINK_MARK = "~link"  # no escape: "~l" is no hexadecimal digit, so the mark cannot be part of a name
 

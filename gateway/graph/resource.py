@@ -21,7 +21,7 @@ CONTAINER = (LDP.Resource, LDP.BasicContainer)
 class Resource:
     """One resource; ``describe`` adds its triples, ``documents`` are its other representations by media type.
 
-    ``affords`` says what can be done to it besides reading.
+    ``affords`` says what can be done to it besides reading; ``immutable``: what is at this path is never anything else.
     """
 
     path: str
@@ -35,6 +35,7 @@ class Resource:
     documents: Mapping[str, Callable[[], bytes]] = field(default_factory=dict)
     linkset_of: "Resource | None" = None
     has_linkset: bool = False
+    immutable: bool = False
 
     @property
     def linkset(self) -> str:

@@ -10,6 +10,7 @@ from types import MappingProxyType
 from pyoxigraph import NamedNode
 
 from gateway.actions.offer import Offer, fleet_offers, joint_offers, robot_offers
+from gateway.face.assets import assets
 from gateway.fleet.fleet import Fleet
 from gateway.fleet.invocations import FLEET, Invocations
 from gateway.fleet.model import Joint, Link
@@ -66,6 +67,8 @@ class Tree:
         # Only such paths can name what the fleet itself owns; the links of all robots are made for nobody else.
         if rest in ([], [""]) and (found := self._at_root(head)) is not None:
             return Redirect(found.path) if rest else found
+        if head == "assets":
+            return _asset(rest)
         if head == "subscriptions":
             return self._of_thing(self._fleet_resource(), [head, *rest], ())
         if head == "actions" and rest:
@@ -333,6 +336,16 @@ def _own(path: str, properties: list[Property], actions: tuple[str, ...] = ()) -
     """Sub-resources in the order of the Link field: subscriptions, blueprint, actions, properties."""
     stem = path.rstrip("/")
     return (stem + "/subscriptions", stem + "/blueprint", *actions, *(f"{stem}/{each.segment}" for each in properties))
+
+
+def _asset(rest: list[str]) -> Resource | None:
+    """A script or style of the pages."""
+    found = assets().files.get("/".join(rest))
+    if found is None:
+        return None
+    media_type, content = found
+    path = "/assets/" + "/".join(rest)
+    return Resource(path, rest[-1], None, (LDP.Resource,), documents={media_type: lambda: content}, immutable=True)
 
 
 def _vocabulary(graph: Graph) -> None:

@@ -12,6 +12,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket
 
 from gateway.errors import BadRequest, FleetError, MethodNotAllowed, NotFound
+from gateway.face.policy import POLICY
 from gateway.graph.affordance import (
     CancelSubscription,
     Control,
@@ -49,6 +50,7 @@ _LINK_BYTES = 3584
 _READ = ("GET", "HEAD", "OPTIONS")
 _METHODS = (*_READ, "POST", "PUT", "DELETE")
 _LONGEST_NAMED = 200
+_FOR_EVER = "public, max-age=31536000, immutable"
 
 
 async def resources(scope: Scope, receive: Receive, send: Send) -> None:
@@ -188,8 +190,11 @@ def _read(request: Request, resource: Resource, base: str) -> Response:
     headers = {
         "etag": representation.etag,
         "vary": "Accept",
-        "cache-control": "no-cache",
+        "cache-control": _FOR_EVER if resource.immutable else "no-cache",
+        "x-content-type-options": "nosniff",
     }
+    if representation.media_type == "text/html":
+        headers["content-security-policy"] = POLICY
     if link := _link(resource, base):
         headers["link"] = link
     if not_modified(field(request, "if-none-match"), representation.etag):

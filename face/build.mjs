@@ -1,0 +1,48 @@
+// Bundles what pages need into ../gateway/face/assets, each file named by its content, and writes down the licences.
+
+import { mkdir, readdir, readFile, rm, writeFile } from "node:fs/promises";
+import path from "node:path";
+import { fileURLToPath } from "node:url";
+
+import { build } from "esbuild";
+
+const here = path.dirname(fileURLToPath(import.meta.url));
+const assets = path.join(here, "..", "gateway", "face", "assets");
+
+await rm(assets, { recursive: true, force: true });
+await mkdir(assets, { recursive: true });
+
+const result = await build({
+  absWorkingDir: here,
+  entryPoints: { page: "src/page.js", style: "src/style.css", icon: "src/icon.svg" },
+  loader: { ".svg": "copy" },
+  bundle: true,
+  splitting: true,
+  format: "esm",
+  target: ["es2022"],
+  minify: true,
+  legalComments: "none",
+  metafile: true,
+  outdir: assets,
+  entryNames: "[name]-[hash]",
+  chunkNames: "[name]-[hash]",
+  logLevel: "warning",
+});
+
+const manifest = {};
+for (const [output, { entryPoint }] of Object.entries(result.metafile.outputs)) {
+  if (entryPoint) manifest[path.basename(entryPoint)] = path.basename(output);
+}
+await writeFile(path.join(assets, "manifest.json"), JSON.stringify(manifest, null, 1));
+
+const { dependencies } = JSON.parse(await readFile(path.join(here, "package.json"), "utf8"));
+const notices = await Promise.all(Object.keys(dependencies).map(notice));
+await writeFile(path.join(assets, "LICENSES.txt"), notices.join(`\n${"-".repeat(80)}\n\n`));
+
+async function notice(name) {
+  const folder = path.join(here, "node_modules", name);
+  const { version, license, homepage } = JSON.parse(await readFile(path.join(folder, "package.json"), "utf8"));
+  const file = (await readdir(folder)).find((each) => /^licen[cs]e/i.test(each));
+  const text = file ? await readFile(path.join(folder, file), "utf8") : "";
+  return `${name} ${version}, ${license}, ${homepage}\n\n${text.trim()}\n`;
+}

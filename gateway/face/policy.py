@@ -1,0 +1,14 @@
+"""What a page may do (Content Security Policy Level 3): run our scripts, speak to us, and nothing else."""
+
+POLICY = "; ".join(
+    (
+        "default-src 'none'",
+        "script-src 'self'",
+        "style-src 'self'",
+        "img-src 'self' data: blob:",  # textures inside of meshes become object URLs
+        "connect-src 'self'",
+        "base-uri 'none'",
+        "form-action 'none'",
+        "frame-ancestors 'none'",
+    )
+)
