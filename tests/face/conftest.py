@@ -1,0 +1,81 @@
+"""A real Chromium on the real pages. What a page complains of, or asks of anybody but its own origin, fails its test."""
+
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+from playwright.sync_api import Browser, ConsoleMessage, Page, Request, ViewportSize, sync_playwright
+from running import PATIENCE_S
+
+CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-browser")
+# There is no sandbox for root and no graphics card in a container; WebGL is drawn by the processor.
+ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+QUIET = ["--disable-background-networking", "--disable-component-update", "--disable-sync", "--no-first-run"]
+DESK: ViewportSize = {"width": 1280, "height": 900}
+PHONE: ViewportSize = {"width": 360, "height": 740}
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Browser]:
+    if CHROMIUM is None:
+        pytest.fail("the tests of the pages need Chromium, which is not there: apt install chromium", pytrace=False)
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=[*ARGUMENTS, *QUIET])
+        yield browser
+        browser.close()
+
+
+class Watched:
+    """What a page did besides what it was asked to do."""
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        self._said: list[str] = []
+        self._asked: set[str] = set()
+        page.on("console", self._console)
+        page.on("pageerror", lambda error: self._said.append(str(error)))
+        page.on("request", self._request)
+
+    def _console(self, message: ConsoleMessage) -> None:
+        if message.type in ("error", "warning"):
+            self._said.append(f"{message.text} ({message.location.get('url')})")
+
+    def _request(self, request: Request) -> None:
+        self._asked.add(request.url)
+
+    def forgive(self, *texts: str) -> None:
+        """Take what the browser itself logs about a failed request, which the test wanted, as said."""
+        self._said = [each for each in self._said if not any(text in each for text in texts)]
+
+    def check(self) -> None:
+        assert not self._said, self._said
+        home = urlsplit(self._page.url).netloc
+        foreign = [each for each in self._asked if urlsplit(each).scheme in ("http", "https", "ws", "wss")]
+        assert {urlsplit(each).netloc for each in foreign} <= {home}, foreign
+
+
+@pytest.fixture
+def page(chromium: Browser) -> Iterator[Page]:
+    """An empty page in a context of its own."""
+    context = chromium.new_context(viewport=DESK, reduced_motion="reduce")
+    context.set_default_timeout(PATIENCE_S * 1000)
+    yield context.new_page()
+    context.close()
+
+
+@pytest.fixture
+def watched(page: Page) -> Iterator[Watched]:
+    """Everything that ``page`` says on its console and asks for; checked when the test is over."""
+    found = Watched(page)
+    yield found
+    found.check()
+
+
+@pytest.fixture(scope="session")
+def axe() -> str:
+    """The source of axe-core, to be evaluated in a page."""
+    source = Path(__file__).parents[2] / "face" / "node_modules" / "axe-core" / "axe.min.js"
+    return source.read_text(encoding="utf-8")
