@@ -1,4 +1,4 @@
-"""A real Chromium on the real pages. What a page complains of, or asks of anybody but its own origin, fails its test."""
+"""A real Chromium on real pages. What a page complains of, or asks of anybody but its origin, fails its test."""
 
 import os
 import shutil
