@@ -1,0 +1,155 @@
+// Subscriptions over WebSocket (gateway/subscriptions/PROTOCOL.md): one connection for all who watch the same.
+
+import { parse } from "./ntriples.js";
+
+const FIRST_PAUSE_MS = 300;
+const LONGEST_PAUSE_MS = 8000;
+// A tab that nobody looks at costs nothing after this.
+const HIDDEN_MS = 60000;
+const CANCELLED = 1000; // somebody deleted the subscription: coming back would overrule them
+const VERSION = "https://w3id.org/linked-fleet#version";
+
+/** @type {Map<string, Channel>} */
+const channels = new Map();
+const listeners = new Set();
+let told = "live";
+
+/**
+ * Watch a resource of this origin. What it is at present comes first, then every change, conflated: each message is all
+ * of it, so the last one is enough. It resumes by itself after an interruption.
+ *
+ * @param {string} iri of the resource, absolute or path-absolute
+ * @param {{protocol?: "lf.ntriples"|"lf.frame", interval?: number, depth?: "this"|"properties"|"subtree"}} options
+ *   `interval`: the least time between two messages in seconds
+ * @param {(message: import("./ntriples.js").Graph|ArrayBuffer) => void} onMessage gets a graph of `lf.ntriples`, parsed
+ *   once for all who watch, or the bytes of an `lf.frame`
+ * @returns {() => void} which stops watching; the last one to stop closes the connection
+ */
+export function watch(iri, { protocol = "lf.ntriples", interval = 0.1, depth = "properties" } = {}, onMessage) {
+  const address = new URL(iri, document.baseURI);
+  address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
+  address.searchParams.set("interval", String(interval));
+  address.searchParams.set("depth", depth);
+  const key = `${protocol} ${address}`;
+  let channel = channels.get(key);
+  if (!channel) channels.set(key, (channel = new Channel(key, address, protocol)));
+  return channel.join(onMessage);
+}
+
+/**
+ * Be told how the connections are: `live`, `lost` (and tried again), or `cancelled` by somebody else. At once and when
+ * that changes.
+ *
+ * @param {(state: "live"|"lost"|"cancelled") => void} listener
+ */
+export function onConnection(listener) {
+  listeners.add(listener);
+  listener(told);
+}
+
+function tell() {
+  const states = new Set([...channels.values()].map((channel) => channel.state));
+  const now = states.has("lost") ? "lost" : states.has("cancelled") ? "cancelled" : "live";
+  if (now === told) return;
+  told = now;
+  for (const listener of listeners) listener(now);
+}
+
+class Channel {
+  constructor(key, address, protocol) {
+    this.key = key;
+    this.address = address;
+    this.protocol = protocol;
+    this.members = new Set();
+    this.last = undefined;
+    this.version = undefined;
+    this.failures = 0;
+    this.state = "live";
+    this.open();
+  }
+
+  join(onMessage) {
+    this.members.add(onMessage);
+    // As the first message of a connection of its own would: later, and only if nothing newer has come.
+    const { last } = this;
+    if (last !== undefined) {
+      queueMicrotask(() => last === this.last && this.members.has(onMessage) && onMessage(last));
+    }
+    return () => {
+      this.members.delete(onMessage);
+      if (!this.members.size) this.end();
+    };
+  }
+
+  open() {
+    clearTimeout(this.timer);
+    const address = new URL(this.address);
+    if (this.version) address.searchParams.set("last-event-id", this.version);
+    const socket = new WebSocket(address, this.protocol);
+    socket.binaryType = "arraybuffer";
+    socket.onopen = () => {
+      this.failures = 0;
+      this.become("live");
+    };
+    socket.onmessage = ({ data }) => this.take(data);
+    socket.onclose = ({ code }) => {
+      this.socket = undefined;
+      if (code === CANCELLED) this.become("cancelled");
+      else this.retry();
+    };
+    this.socket = socket;
+  }
+
+  take(data) {
+    const message = typeof data === "string" ? parse(data) : data;
+    if (typeof data === "string") this.version = message.value(new URL(this.address.pathname, document.baseURI).href, VERSION)?.value;
+    this.last = message;
+    for (const member of [...this.members]) member(message);
+  }
+
+  retry() {
+    this.become("lost");
+    const longest = Math.min(LONGEST_PAUSE_MS, FIRST_PAUSE_MS * 2 ** this.failures++);
+    this.timer = setTimeout(() => this.open(), longest * (0.5 + Math.random() / 2));
+  }
+
+  become(state) {
+    this.state = state;
+    tell();
+  }
+
+  /** Let go of the connection for the time being; `open` takes it up again. */
+  pause() {
+    clearTimeout(this.timer);
+    if (this.socket) {
+      this.socket.onclose = this.socket.onmessage = null;
+      this.socket.close();
+      this.socket = undefined;
+    }
+  }
+
+  resume() {
+    if (!this.socket && this.state !== "cancelled") this.open();
+  }
+
+  end() {
+    channels.delete(this.key);
+    this.pause();
+    tell();
+  }
+}
+
+function all(what) {
+  for (const channel of [...channels.values()]) channel[what]();
+}
+
+let hiding;
+document.addEventListener("visibilitychange", () => {
+  clearTimeout(hiding);
+  if (document.hidden) hiding = setTimeout(() => all("pause"), HIDDEN_MS);
+  else all("resume");
+});
+// A page with open sockets cannot be kept for the Back button.
+addEventListener("pagehide", () => all("pause"));
+addEventListener("pageshow", ({ persisted }) => persisted && all("resume"));
+addEventListener("online", () => all("resume"));
