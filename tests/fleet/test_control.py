@@ -316,7 +316,7 @@ def test_a_lease_outlives_its_gateway(memory: Servers) -> None:
             one.process.send(signal.SIGKILL)
         with gateway(stage, *shared) as back:
             all_see([back])
-            assert _held_by(back, "Ada")
+            at_all([back], lambda each: _held_by(each, "Ada"), "the lease, once the robot is known")
             assert problem(put(back.browser, of_joint(back.browser, WRIST), radian(0.2)))[1] == "controlled"
             begun(put(back.browser, of_joint(back.browser, WRIST), radian(0.2), prefer="wait=30", **mine))
             assert _release(back, **mine).status_code == 204
