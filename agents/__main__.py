@@ -86,6 +86,7 @@ async def _serve(settings: AgentSettings, agents: list[Agent]) -> None:
                 description=agent.description,
                 on_command=agent.handle,
                 on_stop=agent.handle_stop,
+                on_mesh=agent.mesh,
                 lease_ms=settings.lease_ms,
             )
             tasks.create_task(_attend(agent, link))

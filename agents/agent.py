@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable
 from typing import Protocol, TypeVar
 
 from agents import safety
+from agents.meshes import MeshFiles
 from agents.motion import Measured, Motions, Outcome, Sway
 from agents.plan import ImpossibleError, Plan, joints_of, plan
 from agents.report import Report
@@ -78,6 +79,7 @@ class Agent:
         self._fault: str | None = None
         self._outcomes: list[Outcome] = []
         self._report = Report(self.incarnation)
+        self._meshes = MeshFiles(name, self._facts.meshes)
         self.description = codec.encode(self._describe())
 
     async def run(self, link: Link) -> None:
@@ -122,6 +124,10 @@ class Agent:
         if isinstance(reply, Refused):
             _log.warning("%s: stop %s refused (%s): %s", self.name, reply.id, reply.code, reply.reason)
         return codec.encode(reply)
+
+    def mesh(self, question: bytes) -> bytes:
+        """The mesh of a digest, read from disk: to be called in a thread of its own. MeshError."""
+        return self._meshes.read(question)
 
     def _judge(self, command: Command) -> Reply:
         verdict = safety.judge(
@@ -284,6 +290,7 @@ class Agent:
             rate_hz=self.rate_hz,
             capabilities=("move", "follow", "stop"),
             annotations=self._facts.annotations,
+            meshes=self._meshes.offers,
             layout=codec.layout(len(self._names), floating),
         )
 

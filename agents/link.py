@@ -11,6 +11,7 @@ from typing import Any, Literal, Self
 
 import zenoh
 
+from agents.meshes import MeshError
 from agents.wire.keys import Keys
 
 _log = logging.getLogger(__name__)
@@ -18,6 +19,7 @@ _log = logging.getLogger(__name__)
 _OPEN_TIMEOUT_MS = 1_000
 _RETRY_S = 0.3
 _LOOK_TIMEOUT_S = 1.0
+_MOST_MESHES_WAITING = 32
 
 
 class DuplicateNameError(Exception):
@@ -75,7 +77,8 @@ async def open_session(
 class ZenohLink:
     """One robot on a shared session: ``async with ZenohLink(...) as link`` declares it, leaving undeclares it.
 
-    ``on_command`` and ``on_stop`` are called on the event loop with the payload and return the payload of the reply.
+    ``on_command`` and ``on_stop`` are called on the event loop with the payload and return the payload of the reply,
+    ``on_mesh`` in a thread, one call after another; it may raise MeshError.
     Entering raises DuplicateNameError when the name is taken for longer than ``lease_ms``: a token that outlives its
     killed agent is gone by then.
     """
@@ -90,12 +93,15 @@ class ZenohLink:
         description: bytes,
         on_command: Callable[[bytes], bytes],
         on_stop: Callable[[bytes], bytes],
+        on_mesh: Callable[[bytes], bytes] | None = None,
         lease_ms: int = 2_000,
     ) -> None:
         self._session, self._keys = session, keys
         self._robot, self._incarnation, self._lease_ms = robot, incarnation, lease_ms
         self._description = description
         self._answers = {"command": on_command, "stop": on_stop}
+        self._read_mesh = on_mesh
+        self._one_mesh, self._meshes = asyncio.Lock(), set[asyncio.Task[None]]()
         self._gateways: set[str] = set()
         self._arrivals = 0
         self._dropping = False
@@ -174,6 +180,9 @@ class ZenohLink:
         for kind in kinds:
             answer = partial(self._answer, kind)
             declare(session.declare_queryable(keys.robot(robot, kind), hand_over(answer), complete=True))
+        if self._read_mesh is not None:
+            key = keys.robot(robot, "mesh")
+            declare(session.declare_queryable(key, hand_over(self._answer_mesh), complete=True))
         declare(session.liveliness().declare_subscriber(keys.all_gateways, hand_over(self._note_gateway), history=True))
         # Last: whoever sees the robot can ask it.
         declare(session.liveliness().declare_token(keys.presence(robot, self._incarnation)))
@@ -193,10 +202,34 @@ class ZenohLink:
         payload = b"" if query.payload is None else query.payload.to_bytes()
         self._reply(query, self._keys.robot(self._robot, kind), self._answers[kind](payload))
 
-    def _reply(self, query: zenoh.Query, key: str, payload: bytes) -> None:
+    def _answer_mesh(self, query: zenoh.Query) -> None:
+        """Off the event loop: a slow disk or a slow gateway must not hold up the robot."""
+        if len(self._meshes) >= _MOST_MESHES_WAITING:
+            self._reply(query, self._keys.robot(self._robot, "mesh"), MeshError("too many meshes are asked for"))
+            return
+        task = asyncio.get_running_loop().create_task(self._send_mesh(query))
+        self._meshes.add(task)
+        task.add_done_callback(self._meshes.discard)
+
+    async def _send_mesh(self, query: zenoh.Query) -> None:
+        async with self._one_mesh:
+            await asyncio.to_thread(self._read_and_reply, query)
+
+    def _read_and_reply(self, query: zenoh.Query) -> None:
+        assert self._read_mesh is not None
+        try:
+            content: bytes | MeshError = self._read_mesh(b"" if query.payload is None else query.payload.to_bytes())
+        except MeshError as error:
+            content = error
+        self._reply(query, self._keys.robot(self._robot, "mesh"), content)
+
+    def _reply(self, query: zenoh.Query, key: str, payload: bytes | MeshError) -> None:
         try:
             with query:  # dropping the query ends it for the asker
-                query.reply(key, payload)
+                if isinstance(payload, MeshError):
+                    query.reply_err(str(payload).encode())
+                else:
+                    query.reply(key, payload)
         except zenoh.ZError as error:
             _log.warning("%s: a reply on %s could not be sent: %s", self._robot, key, error)
 

@@ -1,7 +1,8 @@
 """What an agent asks of a robot. Angles in radian, lengths in metre, efforts in newton metre or newton."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Protocol
 
 from agents.wire.messages import Base
@@ -43,13 +44,17 @@ class JointFacts:
 
 @dataclass(frozen=True)
 class Facts:
-    """What is known of a robot without touching it; ``joints`` is the order of every array in a Reading."""
+    """What is known of a robot without touching it; ``joints`` is the order of every array in a Reading.
+
+    ``meshes``: files of the meshes that the URDF names, by their URI there; a driver may have none (agents/meshes.py).
+    """
 
     title: str
     urdf: str
     joints: tuple[JointFacts, ...]
     floating: bool = False
     annotations: str = ""
+    meshes: Mapping[str, Path] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,10 @@
 
 import sysconfig
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from agents.meshes import drawn
 from agents.robot import Facts, JointFacts, Robot
 from agents.urdf import UrdfError, joints_of
 from agents.wire.names import escape
@@ -180,6 +181,7 @@ def _simulate(name: str, model: Model, path: Path) -> Robot:
         raise UnavailableError(f"simulated robots need MuJoCo ({error}): pip install 'linked-fleet[sim]'") from error
     try:
         facts = facts_of(model, path.read_text(encoding="utf-8"))
+        facts = replace(facts, meshes=drawn(facts.urdf, path))
         return MujocoRobot(name, facts, model.home, model.home_height_m, path)
     except OSError as error:
         raise UnavailableError(f"{name}: {path} cannot be read: {error.strerror}") from error

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from agents.meshes import locate
 from agents.urdf import parse
 
 _log = logging.getLogger(__name__)
@@ -69,15 +70,7 @@ def _resolve_or_drop(collision: ElementTree.Element, link: ElementTree.Element, 
 
 def find_mesh(uri: str, near: Path) -> Path | None:
     """The file of a mesh URI (package, file or relative) as seen from the URDF ``near``, if MuJoCo can read it."""
-    relative = uri.removeprefix("file://").removeprefix("package://")
-    if Path(relative).suffix.lower() not in (".stl", ".obj"):
-        return None
-    inside = relative.partition("/")[2] if uri.startswith("package://") else relative
-    for folder in near.resolve().parents:
-        for candidate in (folder / relative, folder / inside):
-            if candidate.is_file():
-                return candidate
-    return None
+    return locate(uri, near) if Path(uri).suffix.lower() in (".stl", ".obj") else None
 
 
 def _weld_many_dof_joints(root: ElementTree.Element, robot: str) -> None:

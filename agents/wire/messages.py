@@ -11,6 +11,8 @@ Name = Annotated[str, Meta(min_length=1, max_length=128)]
 Identifier = Annotated[str, Meta(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9-]+\Z")]
 Unsigned = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 Text = Annotated[str, Meta(max_length=65_536)]
+MediaType = Annotated[str, Meta(max_length=64, pattern=r"^[a-z0-9.+-]+/[a-z0-9.+-]+\Z")]
+MAX_MESHES, MAX_MESH_URI, MAX_MESH_BYTES = 1024, 512, 64 * 2**20
 
 
 class Field(Struct, frozen=True, forbid_unknown_fields=True):
@@ -20,6 +22,15 @@ class Field(Struct, frozen=True, forbid_unknown_fields=True):
     type: Literal["char2", "uint16", "uint64", "int64", "float64"]
     offset: Unsigned
     count: Unsigned
+
+
+class Mesh(Struct, frozen=True, kw_only=True):
+    """A mesh that the agent hands out: ``uri`` as an XML parser reads it in the URDF, ``size`` in bytes."""
+
+    uri: Annotated[str, Meta(min_length=1, max_length=MAX_MESH_URI)]
+    sha256: Annotated[str, Meta(pattern=r"^[0-9a-f]{64}\Z")]
+    size: Annotated[int, Meta(gt=0, le=MAX_MESH_BYTES)]
+    type: MediaType
 
 
 class Description(Struct, frozen=True, kw_only=True):
@@ -35,6 +46,7 @@ class Description(Struct, frozen=True, kw_only=True):
     rate_hz: Annotated[float, Meta(gt=0, le=10_000)]
     capabilities: Annotated[tuple[Annotated[str, Meta(max_length=32)], ...], Meta(max_length=64)] = ()
     annotations: Text = ""
+    meshes: Annotated[tuple[Mesh, ...], Meta(max_length=MAX_MESHES)] = ()
     layout: Annotated[tuple[Field, ...], Meta(max_length=64)]
 
 

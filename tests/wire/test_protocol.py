@@ -96,7 +96,7 @@ def test_the_fields_of_a_command_that_have_a_default_are_explained() -> None:
 
 def test_the_key_table_is_what_keys_are_built_from() -> None:
     documented = {row[0] for row in table("key", "kind", "who declares or publishes", "who reads")}
-    built = {Keys().robot("ROBOT", kind) for kind in ("description", "state", "command", "stop", "progress")}
+    built = {Keys().robot("ROBOT", kind) for kind in ("description", "state", "command", "stop", "progress", "mesh")}
     built |= {Keys().presence("ROBOT", 1).replace("/1", "/{incarnation}"), Keys().gateway("GATEWAY")}
     assert documented == {key.replace("ROBOT", "{robot}").replace("GATEWAY", "{gateway}") for key in built}
     for key in documented - {"fleet/gateway/{gateway}"}:
@@ -117,5 +117,5 @@ def test_the_page_is_of_the_version_that_is_spoken() -> None:
 
 def test_the_bounds_are_those_of_the_code() -> None:
     bounds = PAGE[PAGE.rindex("Bounds:") :].replace("\n", " ")
-    for number in (128, codec.MAX_JOINTS, 256, 8_000_000, 65_536, 1024, 512, 1000, 3600):
+    for number in (128, codec.MAX_JOINTS, 256, 8_000_000, 65_536, 1024, 512, 1000, 3600, messages.MAX_MESH_BYTES):
         assert f"{number}" in bounds or f"{number:,}" in bounds
