@@ -16,6 +16,7 @@ export class Graph {
   constructor() {
     /** @type {Map<string, Map<string, Term[]>>} */
     this.subjects = new Map();
+    this.inverse = new Map();
   }
 
   add(subject, predicate, object) {
@@ -46,11 +47,19 @@ export class Graph {
     return term;
   }
 
-  /** Subjects that have this value, as keys. */
-  *having(predicate, value) {
+  /** The first subject that has this value, as its key. */
+  having(predicate, value) {
+    let found = this.inverse.get(predicate);
+    if (!found) this.inverse.set(predicate, (found = this.inverted(predicate)));
+    return found.get(value);
+  }
+
+  inverted(predicate) {
+    const found = new Map();
     for (const [subject, facts] of this.subjects) {
-      if (facts.get(predicate)?.some((term) => term.value === value)) yield subject;
+      for (const term of facts.get(predicate) ?? []) if (!found.has(key(term))) found.set(key(term), subject);
     }
+    return found;
   }
 }
 

@@ -1,1 +1,39 @@
-// What every page does.
+// What every page does. The stop button comes first: nothing else may keep it from working.
+
+import * as stop from "./stop.js";
+import * as notice from "./notice.js";
+import * as region from "./region.js";
+import * as age from "./age.js";
+import * as live from "./live.js";
+import * as connection from "./connection.js";
+import * as form from "./form.js";
+import * as act from "./act.js";
+import * as tasks from "./tasks.js";
+import * as include from "./include.js";
+import * as remove from "./remove.js";
+import * as copy from "./copy.js";
+
+for (const part of [stop, notice, region, live, age, connection, form, act, tasks, include, remove, copy]) {
+  try {
+    part.start();
+  } catch (error) {
+    notice.notice(`Something on this page does not work: ${error.message}`);
+  }
+}
+
+let plotting;
+region.adopt((root) => {
+  if (root.querySelector("figure.plot")) plots();
+});
+
+const scene = document.getElementById("scene");
+if (scene) import("./scene.js").then(({ show }) => show(scene), failed);
+
+/** Plots and the robot are large: only pages that have them fetch them. */
+function plots() {
+  plotting ??= import("./plot.js").then(({ start }) => start(), failed);
+}
+
+function failed(error) {
+  notice.notice(`A part of this page could not be fetched: ${error.message}`);
+}

@@ -1,0 +1,139 @@
+// Sending what a form says, and showing what the gateway answers to it.
+
+import { complain, fieldsFor, read } from "./form.js";
+import { converted, number } from "./format.js";
+import { refresh } from "./region.js";
+import { fresh, send } from "./request.js";
+import { follow } from "./tasks.js";
+import { NUMERICAL_VALUE, RDF_TYPE, TITLE, UNIT, UNKNOWN, lf, localName } from "./vocabulary.js";
+
+export function start() {
+  document.addEventListener("submit", (event) => {
+    if (!event.target.matches("form.invoke")) return;
+    event.preventDefault();
+    submit(event.target, event.submitter);
+  });
+}
+
+async function submit(form, button) {
+  if (form.getAttribute("aria-busy") === "true") return;
+  const asks = form.querySelector("[data-path]") || form.dataset.classes;
+  const body = asks ? read(form) : undefined;
+  if (body === null) {
+    answer(form, "error", "Nothing was sent: see the fields that are marked.");
+    return;
+  }
+  const rehearsal = button?.dataset.prefer === "dry-run";
+  const method = form.dataset.methods?.split(/\s+/)[0] || "POST";
+  const headers = { Prefer: rehearsal ? "dry-run" : "return=representation" };
+  if (!rehearsal && method !== "DELETE") headers["Idempotency-Key"] = key(form, body);
+  form.setAttribute("aria-busy", "true");
+  answer(form, "waiting", rehearsal ? "Trying…" : "Asking…");
+  const got = await send(method, form.dataset.action, { body, headers });
+  form.removeAttribute("aria-busy");
+  // What got no answer may have been done: sent again as it is, it is the same request.
+  if (got.status) delete form.dataset.key;
+  if (got.problem) refused(form, got);
+  else if (rehearsal) rehearsed(form, got.graph);
+  else done(form, got);
+}
+
+function key(form, body) {
+  const [known, said] = JSON.parse(form.dataset.key ?? "[]");
+  const now = said === (body ?? "") ? known : fresh();
+  form.dataset.key = JSON.stringify([now, body ?? ""]);
+  return now;
+}
+
+function done(form, { graph, location }) {
+  delete form.dataset.touched;
+  const made = location && graph;
+  if (made && graph.values(location, RDF_TYPE).some(({ value }) => value === lf("Invocation"))) {
+    follow(location, graph);
+    answer(form, "done", "Accepted.");
+  } else if (location) {
+    answer(form, "done", "Done: ", link(location, graph?.value(location, TITLE)?.value ?? location));
+  } else answer(form, "done", "Done.");
+  refresh();
+}
+
+function refused(form, { problem, location }) {
+  const { title, detail, report = [] } = problem;
+  const left = report.filter((result) => !mark(form, result));
+  const parts = [strong(title), detail ? ` ${detail}` : ""];
+  const messages = [...new Set(left.map(({ message }) => message).filter(Boolean))].filter((each) => !detail?.includes(each));
+  if (messages.length) parts.push(list(messages));
+  answer(form, "error", ...parts);
+  // No word from the robot is no refusal: what becomes of it is seen there.
+  if (location) follow(location);
+}
+
+/** Whether the result of a validation report was said at the field that it is about. */
+function mark(form, { path, message, value }) {
+  if (!path || !message) return false;
+  const fields = fieldsFor(form, path);
+  const meant = fields.find((each) => value !== undefined && each.value === value) ?? (fields.length === 1 ? fields[0] : undefined);
+  if (meant) complain(meant, message);
+  return Boolean(meant);
+}
+
+function rehearsed(form, graph) {
+  const [root, facts] = [...(graph?.subjects ?? [])].find(([, each]) => each.get(RDF_TYPE)?.some(({ value }) => value === lf("Rehearsal"))) ?? [];
+  if (!root) {
+    answer(form, "done", "It would be done; nothing has moved.");
+    return;
+  }
+  const lines = [];
+  for (const [predicate, name] of [["duration", "it would take"], ["positionResidual", "off the position by"], ["orientationResidual", "off the orientation by"]]) {
+    const node = graph.value(root, lf(predicate));
+    if (node) lines.push(`${name} ${quantity(graph, `_:${node.value}`)}`);
+  }
+  for (const target of graph.values(root, lf("target"))) lines.push(targetOf(graph, `_:${target.value}`));
+  for (const { value } of facts.get(lf("preempts")) ?? []) lines.push(`it would end ${localName(value)}`);
+  answer(form, "rehearsed", strong("It would work; nothing has moved."), list(lines));
+}
+
+function targetOf(graph, node) {
+  const joint = graph.value(node, lf("ofJoint"))?.value ?? "";
+  const value = graph.value(node, lf("value"));
+  return `${localName(joint)} would be at ${value ? quantity(graph, `_:${value.value}`) : "an unknown place"}`;
+}
+
+const SYMBOLS = { RAD: "rad", M: "m", SEC: "s", UNITLESS: "" };
+
+function quantity(graph, node) {
+  const value = graph.value(node, NUMERICAL_VALUE)?.value;
+  const name = localName(graph.value(node, UNIT)?.value ?? "");
+  const symbol = SYMBOLS[name] ?? name;
+  if (value === undefined || value === UNKNOWN) return "unknown";
+  const also = converted(Number(value), symbol);
+  return `${number(Number(value))} ${symbol}${also ? ` (${also})` : ""}`.trim();
+}
+
+function answer(form, state, ...parts) {
+  let output = form.querySelector("output.answer");
+  if (!output) {
+    output = document.createElement("output");
+    output.className = "answer";
+    output.setAttribute("role", "status");
+    form.append(output);
+  }
+  output.dataset.state = state;
+  output.replaceChildren(...parts);
+}
+
+function strong(text) {
+  const element = document.createElement("strong");
+  element.textContent = text;
+  return element;
+}
+
+function list(texts) {
+  const element = document.createElement("ul");
+  element.append(...texts.map((text) => Object.assign(document.createElement("li"), { textContent: text })));
+  return element;
+}
+
+function link(href, text) {
+  return Object.assign(document.createElement("a"), { href, textContent: text });
+}

@@ -1,0 +1,23 @@
+// A lost connection is said at once, and no more when it is back.
+
+import { refresh } from "./region.js";
+import { onConnection } from "./socket.js";
+
+const WORDS = {
+  lost: "Connection lost: what you see may be old. Trying again…",
+  cancelled: "Somebody cancelled the subscription of this page: what you see is old. Reload to watch again.",
+};
+
+export function start() {
+  const line = document.getElementById("connection");
+  if (!line) return;
+  let before = "live";
+  onConnection((state) => {
+    document.body.dataset.connection = state;
+    line.hidden = state === "live";
+    line.textContent = WORDS[state] ?? "";
+    // What was missed may be more than values.
+    if (state === "live" && before === "lost") refresh();
+    before = state;
+  });
+}

@@ -1,0 +1,30 @@
+// Buttons that copy what stands beside them.
+
+const SHOWN_MS = 2000;
+
+export function start() {
+  document.addEventListener("click", ({ target }) => {
+    const button = target.closest?.("button[data-copy]");
+    if (button) copy(button);
+  });
+}
+
+async function copy(button) {
+  const source = document.getElementById(button.dataset.copy) ?? button.parentElement.querySelector("code");
+  const text = source?.textContent ?? button.dataset.copy;
+  const copied = await write(text, source);
+  const name = (button.dataset.name ??= button.textContent);
+  button.textContent = copied ? "Copied" : "Press Ctrl+C";
+  setTimeout(() => (button.textContent = name), SHOWN_MS);
+}
+
+/** Browsers have a clipboard for https and for this machine alone; elsewhere the text is selected. */
+async function write(text, source) {
+  try {
+    await navigator.clipboard.writeText(text);
+    return true;
+  } catch {
+    if (source) getSelection().selectAllChildren(source);
+    return false;
+  }
+}

@@ -1,0 +1,208 @@
+// Forms that were generated from shapes: read into triples, and checked before they are sent.
+
+import { write } from "./ntriples.js";
+import { adopt } from "./region.js";
+import { DECIMAL, DOUBLE, RDF_TYPE } from "./vocabulary.js";
+import { applyLimits, outside } from "./limits.js";
+
+const FORM = "form.invoke";
+const LEAF = "input[data-path], select[data-path], textarea[data-path]";
+const NODE = "fieldset[data-path]";
+
+export function start() {
+  adopt(prepare);
+  document.addEventListener("input", ({ target }) => touched(target));
+  document.addEventListener("change", ({ target }) => touched(target));
+  document.addEventListener("click", repeat);
+}
+
+function prepare(root) {
+  for (const form of root.querySelectorAll(FORM)) ready(form);
+}
+
+/** @param {HTMLFormElement} form that has just come to the page */
+export function ready(form) {
+  // The browser's own check would ask for what stands in optional parts that nobody wants to fill.
+  form.noValidate = true;
+  applyLimits(form);
+}
+
+function touched(control) {
+  const form = control.closest?.(FORM);
+  if (!form) return;
+  form.dataset.touched = "";
+  complain(control, "");
+  applyLimits(form);
+}
+
+/** Buttons that add and remove what may be given several times. */
+function repeat({ target }) {
+  const button = target.closest?.("button[data-add], button[data-remove]");
+  const form = button?.closest(FORM);
+  if (!form) return;
+  form.dataset.touched = "";
+  if (button.dataset.remove !== undefined) {
+    const gone = button.closest("[data-repeat]") ?? button.closest(NODE);
+    const near = gone.parentElement.querySelector("button[data-add]") ?? gone.parentElement.closest("fieldset, form");
+    gone.remove();
+    near?.focus();
+    return;
+  }
+  const template = templateOf(button);
+  if (!template) return;
+  const fresh = own(document.importNode(template.content, true));
+  const first = fresh.firstElementChild;
+  template.before(fresh);
+  applyLimits(form);
+  first?.querySelector("input:not([type=hidden]), select, textarea")?.focus();
+}
+
+function templateOf(button) {
+  const named = button.dataset.add && document.getElementById(button.dataset.add);
+  return named || button.parentElement.querySelector(":scope > template") || button.closest("fieldset, form")?.querySelector("template");
+}
+
+let copies = 0;
+
+/** Give a copy of a part of a page names of its own, so that each label still has just one field. */
+export function own(fragment) {
+  const mark = `-${++copies}`;
+  const names = new Set([...fragment.querySelectorAll("[id]")].map((each) => each.id));
+  for (const attribute of ["id", "for", "list", "aria-describedby", "aria-labelledby", "aria-controls", "data-add"]) {
+    for (const each of fragment.querySelectorAll(`[${attribute}]`)) {
+      const renamed = each.getAttribute(attribute).split(" ").map((name) => (names.has(name) ? name + mark : name));
+      each.setAttribute(attribute, renamed.join(" "));
+    }
+  }
+  return fragment;
+}
+
+/**
+ * What a form says, as N-Triples about a blank node, or null if something is wrong, which is then said at its field.
+ *
+ * @param {HTMLFormElement} form
+ * @returns {string|null}
+ */
+export function read(form) {
+  for (const leaf of form.querySelectorAll(LEAF)) complain(leaf, "");
+  for (const node of form.querySelectorAll(NODE)) complain(node, "");
+  const said = new Body();
+  said.node(form, form.dataset.classes);
+  said.wrong[0]?.focus();
+  return said.wrong.length ? null : said.lines.join("");
+}
+
+class Body {
+  constructor() {
+    this.lines = [];
+    this.wrong = [];
+    this.nodes = 0;
+  }
+
+  node(container, classes) {
+    const name = { kind: "blank", value: `n${this.nodes++}` };
+    for (const type of (classes ?? "").split(/\s+/).filter(Boolean)) this.say(name, RDF_TYPE, { kind: "iri", value: type });
+    for (const part of partsOf(container)) {
+      if (part instanceof HTMLFieldSetElement) this.part(name, part);
+      else this.leaf(name, part);
+    }
+    return name;
+  }
+
+  part(name, fieldset) {
+    if (!filled(fieldset) && !(Number(fieldset.dataset.min) > 0)) return;
+    this.say(name, fieldset.dataset.path, this.node(fieldset, fieldset.dataset.classes));
+  }
+
+  leaf(name, control) {
+    const problem = wrongWith(control);
+    if (problem) {
+      complain(control, problem);
+      this.wrong.push(control);
+    } else if (control.type === "checkbox" ? control.checked || control.required : control.value !== "") {
+      this.say(name, control.dataset.path, term(control));
+    }
+  }
+
+  say(subject, predicate, object) {
+    this.lines.push(`${write(subject)} ${write({ kind: "iri", value: predicate })} ${write(object)} .\n`);
+  }
+}
+
+/** Fields and nested nodes of this node, not those of the nodes in it. */
+function partsOf(container) {
+  const owner = (each) => each.parentElement.closest(`${NODE}, ${FORM}`);
+  return [...container.querySelectorAll(`${LEAF}, ${NODE}`)].filter((each) => owner(each) === container && !each.disabled);
+}
+
+/** Whether somebody has filled in anything: what a list has chosen by itself does not count. */
+function filled(fieldset) {
+  return [...fieldset.querySelectorAll(LEAF)].some((each) => {
+    if (each.type === "hidden") return false;
+    if (each.type === "checkbox") return each.checked;
+    if (each instanceof HTMLSelectElement) return each.value !== initial(each);
+    return each.value.trim() !== each.defaultValue || each.validity.badInput;
+  });
+}
+
+function initial(select) {
+  return ([...select.options].find((option) => option.defaultSelected) ?? select.options[0])?.value;
+}
+
+function wrongWith(control) {
+  const { validity } = control;
+  if (control.type === "hidden") return "";
+  if (validity.badInput) return "This is no number.";
+  if (control.value === "") return control.required && control.type !== "checkbox" ? "This is needed." : "";
+  const range = outside(control);
+  if (range) return range;
+  if (validity.patternMismatch) return control.title || "This does not have the right form.";
+  // Steps are for the arrow keys; any number within the limits will do.
+  return validity.typeMismatch || validity.tooLong ? control.validationMessage : "";
+}
+
+function term(control) {
+  const { kind, datatype } = control.dataset;
+  const value = control.type === "checkbox" ? String(control.checked) : control.value.trim();
+  if (kind === "iri") return { kind: "iri", value: new URL(value, document.baseURI).href };
+  if (datatype) return { kind: "literal", value: control.type === "datetime-local" ? new Date(value).toISOString() : value, datatype };
+  const numeric = control.type === "number" || control.inputMode === "decimal";
+  return { kind: "literal", value, datatype: numeric ? (/e/i.test(value) ? DOUBLE : DECIMAL) : undefined };
+}
+
+let complaints = 0;
+
+/** Say what is wrong beside a field; nothing takes it back. */
+export function complain(control, text) {
+  control.setCustomValidity?.(text);
+  const there = document.getElementById(control.dataset.complaint ?? "");
+  if (!text) {
+    there?.remove();
+    if (!control.dataset.complaint) return;
+    describe(control, control.dataset.complaint, false);
+    delete control.dataset.complaint;
+    control.removeAttribute("aria-invalid");
+    return;
+  }
+  const message = there ?? document.createElement("small");
+  message.id ||= `complaint-${++complaints}`;
+  message.className = "error";
+  message.textContent = text;
+  if (!there) (control.closest("label") ?? control)[control instanceof HTMLFieldSetElement ? "append" : "after"](message);
+  control.dataset.complaint = message.id;
+  control.setAttribute("aria-invalid", "true");
+  describe(control, message.id, true);
+}
+
+/** Point to a description of a field, besides those it has, or no more. */
+export function describe(control, id, on) {
+  const ids = new Set((control.getAttribute("aria-describedby") ?? "").split(/\s+/).filter(Boolean));
+  ids[on ? "add" : "delete"](id);
+  if (ids.size) control.setAttribute("aria-describedby", [...ids].join(" "));
+  else control.removeAttribute("aria-describedby");
+}
+
+/** The controls and nodes that a path of a validation report may mean. */
+export function fieldsFor(form, path) {
+  return [...form.querySelectorAll(`${LEAF}, ${NODE}`)].filter((each) => each.dataset.path === path && each.type !== "hidden");
+}

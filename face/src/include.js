@@ -1,0 +1,37 @@
+// Forms of actions come when somebody opens them: a robot has many.
+
+import { own, ready } from "./form.js";
+
+export function start() {
+  // This event does not bubble.
+  document.addEventListener("toggle", ({ target }) => target.matches?.("details[data-include]") && target.open && load(target), true);
+  document.querySelectorAll("details[data-include][open]").forEach(load);
+}
+
+async function load(details) {
+  if (details.dataset.included) return;
+  details.dataset.included = "waiting";
+  const { include } = details.dataset;
+  try {
+    const response = await fetch(include, { headers: { Accept: "text/html" } });
+    const page = new DOMParser().parseFromString(await response.text(), "text/html");
+    const form = page.querySelector("form.invoke");
+    if (!response.ok || !form) throw new Error(page.querySelector("main")?.textContent.trim().slice(0, 300) || response.statusText);
+    const fragment = document.createDocumentFragment();
+    fragment.append(document.importNode(form, true));
+    const inserted = own(fragment).firstElementChild;
+    details.append(inserted);
+    ready(inserted);
+    details.dataset.included = "done";
+  } catch (error) {
+    delete details.dataset.included; // opening it again tries again
+    fail(details, `The form could not be had: ${error.message}`);
+  }
+}
+
+function fail(details, text) {
+  const message = details.querySelector(":scope > p.error") ?? details.appendChild(document.createElement("p"));
+  message.className = "error";
+  message.setAttribute("role", "alert");
+  message.textContent = text;
+}

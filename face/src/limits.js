@@ -1,0 +1,83 @@
+// Limits of numbers that depend on other fields, such as the unit.
+
+import { number } from "./format.js";
+
+/**
+ * @typedef {{when?: Record<string, string[]>, min?: number, max?: number, exclusive?: ("min"|"max")[]}} Limits
+ */
+
+/** Make the limits of every number those that hold for what is chosen at present, and say them beside it. */
+export function applyLimits(form) {
+  for (const input of form.querySelectorAll("input[data-limits]")) {
+    const limits = limitsOf(input);
+    for (const end of ["min", "max"]) {
+      if (limits?.[end] === undefined) input.removeAttribute(end);
+      else input.setAttribute(end, String(limits[end]));
+    }
+    say(input, limits ? range(limits, unitOf(input)) : "");
+  }
+}
+
+/** What is wrong with a number that is out of its limits; empty if it is within. */
+export function outside(input) {
+  const limits = input.dataset?.limits ? limitsOf(input) : plainLimits(input);
+  if (!limits) return "";
+  const value = Number(input.value);
+  if (Number.isNaN(value)) return "This is no number.";
+  const open = (end) => limits.exclusive?.includes(end);
+  const low = limits.min !== undefined && (value < limits.min || (open("min") && value === limits.min));
+  const high = limits.max !== undefined && (value > limits.max || (open("max") && value === limits.max));
+  return low || high ? `This must be ${range(limits, unitOf(input))}.` : "";
+}
+
+function plainLimits(input) {
+  if (input.type !== "number" && input.inputMode !== "decimal") return undefined;
+  const limits = {};
+  for (const end of ["min", "max"]) if (input.getAttribute(end)) limits[end] = Number(input.getAttribute(end));
+  return limits;
+}
+
+/** @returns {Limits|undefined} those whose conditions hold */
+function limitsOf(input) {
+  /** @type {Limits[]} */
+  const all = JSON.parse(input.dataset.limits);
+  return all.find(({ when = {} }) => Object.entries(when).every(([path, values]) => values.includes(sibling(input, path)?.value)));
+}
+
+/** The field of the same node with this path. */
+function sibling(input, path) {
+  const node = (each) => each.parentElement.closest("fieldset[data-path], form.invoke");
+  const home = node(input);
+  return [...home.querySelectorAll("input[data-path], select[data-path]")].find(
+    (each) => each.dataset.path === path && node(each) === home,
+  );
+}
+
+/** As the list of units calls the one that is chosen. */
+function unitOf(input) {
+  const paths = new Set(JSON.parse(input.dataset.limits ?? "[]").flatMap(({ when = {} }) => Object.keys(when)));
+  const units = [...paths].filter((path) => /[#/]unit$/.test(path)).map((path) => sibling(input, path));
+  return units[0]?.selectedOptions?.[0]?.textContent.trim() ?? units[0]?.dataset.label ?? "";
+}
+
+function range({ min, max, exclusive = [] }, unit) {
+  const low = min === undefined ? "" : `${exclusive.includes("min") ? "more than" : "from"} ${number(min)}`;
+  const high = max === undefined ? "" : `${exclusive.includes("max") ? "less than" : low ? "" : "at most"} ${number(max)}`.trim();
+  return `${[low, high].filter(Boolean).join(" to ")} ${unit}`.trim();
+}
+
+let said = 0;
+
+function say(input, text) {
+  let place = document.getElementById(input.dataset.range ?? "");
+  if (!place) {
+    place = document.createElement("small");
+    place.className = "range";
+    place.id = `range-${++said}`;
+    input.dataset.range = place.id;
+    (input.closest("label") ?? input).after(place);
+    const ids = [input.getAttribute("aria-describedby"), place.id].filter(Boolean);
+    input.setAttribute("aria-describedby", ids.join(" "));
+  }
+  if (place.textContent !== text) place.textContent = text;
+}

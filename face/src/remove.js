@@ -1,0 +1,47 @@
+// Buttons that delete a resource, after a question.
+
+import { refresh } from "./region.js";
+import { notice } from "./notice.js";
+import { send } from "./request.js";
+
+export function start() {
+  document.addEventListener("click", ({ target }) => {
+    const button = target.closest?.("button[data-delete]");
+    if (button) ask(button);
+  });
+}
+
+function ask(button) {
+  const { delete: iri, title } = button.dataset;
+  const dialog = document.createElement("dialog");
+  const question = Object.assign(document.createElement("p"), { textContent: `${button.textContent.trim()} ${title ?? iri}?` });
+  const form = Object.assign(document.createElement("form"), { method: "dialog" });
+  for (const [value, text] of [["no", "Keep it"], ["yes", button.textContent.trim()]]) {
+    form.append(Object.assign(document.createElement("button"), { value, textContent: text }));
+  }
+  question.id = "question";
+  dialog.setAttribute("aria-labelledby", question.id);
+  dialog.append(question, form);
+  dialog.addEventListener("close", () => {
+    dialog.remove();
+    button.focus();
+    if (dialog.returnValue === "yes") remove(button, iri);
+  });
+  document.body.append(dialog);
+  dialog.showModal();
+}
+
+async function remove(button, iri) {
+  button.disabled = true;
+  const { problem } = await send("DELETE", iri);
+  button.disabled = false;
+  button.blur(); // or its section would wait for it
+  if (problem) notice(`${problem.title}. ${problem.detail}`);
+  else if (iri === document.body.dataset.resource && document.body.dataset.kind !== "lease") leave();
+  else refresh();
+}
+
+function leave() {
+  const up = document.querySelector("a[rel~=up], link[rel~=up]")?.href ?? document.body.dataset.root;
+  location.assign(up);
+}

@@ -1,0 +1,50 @@
+// Requests that change something, and what the gateway answers, in its own words.
+
+import { parse } from "./ntriples.js";
+import { proof, remember } from "./control.js";
+
+const ACCEPT = "application/n-triples, application/problem+json";
+
+/**
+ * @typedef {{type?: string, title: string, detail: string, status: number, report?: Record<string, string>[]}} Problem
+ * @typedef {{problem?: Problem, graph?: import("./ntriples.js").Graph, location: string|null, status: number}} Answer
+ */
+
+/**
+ * @param {string} method
+ * @param {string} iri
+ * @param {{body?: string, headers?: Record<string, string>}} options `body`: Turtle
+ * @returns {Promise<Answer>} `status` is 0 if nobody answered
+ */
+export async function send(method, iri, { body, headers = {} } = {}) {
+  const fields = { Accept: ACCEPT, ...proof(iri), ...headers };
+  if (body !== undefined) fields["Content-Type"] = "text/turtle";
+  let response;
+  let text;
+  try {
+    response = await fetch(iri, { method, headers: fields, body, cache: "no-store", redirect: "error", keepalive: !body });
+    text = await response.text();
+  } catch {
+    return { problem: { title: "No answer", detail: "The gateway did not answer. Is the connection lost?", status: 0 }, location: null, status: 0 };
+  }
+  remember(method, iri, response);
+  const location = response.headers.get("location");
+  const type = response.headers.get("content-type") ?? "";
+  if (!response.ok) return { problem: problemIn(response, type, text), location, status: response.status };
+  return { graph: type.startsWith("application/n-triples") ? parse(text) : undefined, location, status: response.status };
+}
+
+function problemIn({ status, statusText }, type, text) {
+  const plain = { title: statusText || `Status ${status}`, detail: text.slice(0, 500), status };
+  if (!type.includes("json")) return plain;
+  try {
+    return { ...plain, ...JSON.parse(text) };
+  } catch {
+    return plain;
+  }
+}
+
+/** One text of visible characters that nobody else has; `crypto.randomUUID` is for https alone. */
+export function fresh() {
+  return Array.from(crypto.getRandomValues(new Uint8Array(16)), (byte) => byte.toString(16).padStart(2, "0")).join("");
+}

@@ -1,0 +1,120 @@
+// Cards of what robots are at: progress, state, and a button that ends it.
+
+import { follow as followPage } from "./live.js";
+import { number } from "./format.js";
+import { send } from "./request.js";
+import { watch } from "./socket.js";
+import { ACTION, NUMERICAL_VALUE, TITLE, lf, localName } from "./vocabulary.js";
+
+const INTERVAL_S = 0.2;
+// What went well goes by itself; what did not stays until somebody has read it.
+const SEEN_MS = 8000;
+const OPEN = new Set(["accepted", "running", "unknown"]);
+const STORED = "linked-fleet tasks";
+
+/** @type {Map<string, Card>} */
+const cards = new Map();
+
+export function start() {
+  for (const iri of JSON.parse(sessionStorage.getItem(STORED) ?? "[]")) follow(iri);
+  followPage((graph) => {
+    for (const { value } of graph.values(document.body.dataset.resource, lf("currentTask"))) follow(value);
+  });
+}
+
+/**
+ * Show what becomes of an invocation.
+ *
+ * @param {string} iri
+ * @param {import("./ntriples.js").Graph} [graph] what is known of it
+ */
+export function follow(iri, graph) {
+  const place = document.getElementById("tasks");
+  if (!place || cards.has(iri)) return;
+  const card = new Card(iri, place);
+  cards.set(iri, card);
+  store();
+  if (graph) card.show(graph);
+}
+
+/** Those that go on are shown on the next page too. */
+function store() {
+  sessionStorage.setItem(STORED, JSON.stringify([...cards].filter(([, card]) => card.open).map(([iri]) => iri)));
+}
+
+class Card {
+  constructor(iri, place) {
+    this.iri = iri;
+    this.open = true;
+    this.element = document.createElement("article");
+    this.element.className = "task";
+    this.element.dataset.task = iri;
+    this.link = this.add("a", { href: iri, textContent: localName(iri) });
+    this.state = this.add("span", { className: "state", textContent: "…" });
+    this.progress = this.add("progress", { max: 1, value: 0 });
+    this.progress.setAttribute("aria-label", "progress");
+    this.percent = this.add("small", { className: "percent" });
+    this.reason = this.add("p", { className: "reason", hidden: true });
+    this.cancel = this.add("button", { type: "button", textContent: "Cancel", hidden: true });
+    this.cancel.onclick = () => this.end();
+    this.close = this.add("button", { type: "button", className: "close", textContent: "Dismiss", hidden: true });
+    this.close.onclick = () => this.remove();
+    place.append(this.element);
+    this.stop = watch(iri, { interval: INTERVAL_S }, (message) => this.show(message));
+  }
+
+  add(name, members) {
+    const element = Object.assign(document.createElement(name), members);
+    this.element.append(element);
+    return element;
+  }
+
+  show(graph) {
+    const state = localName(graph.value(this.iri, lf("state"))?.value ?? lf("unknown"));
+    const share = Number(graph.follow(this.iri, [lf("progress"), NUMERICAL_VALUE])?.value) || 0;
+    this.link.textContent = words(graph, this.iri);
+    this.state.textContent = this.state.dataset.state = this.element.dataset.state = state;
+    this.progress.value = share;
+    this.percent.textContent = `${number(Math.round(share * 100))} %`;
+    this.say(graph.value(this.iri, lf("reason"))?.value ?? "");
+    this.action = graph.value(this.iri, ACTION)?.value;
+    this.cancel.hidden = !this.action;
+    if (!OPEN.has(state) && this.open) this.over(state);
+  }
+
+  say(text) {
+    this.reason.textContent = text;
+    this.reason.hidden = !text;
+  }
+
+  over(state) {
+    this.open = false;
+    store();
+    // Whoever watches is calling: they are let go of after that.
+    queueMicrotask(() => this.stop());
+    this.close.hidden = false;
+    if (state === "succeeded") setTimeout(() => this.remove(), SEEN_MS);
+  }
+
+  async end() {
+    this.cancel.disabled = true;
+    const { problem } = await send("POST", this.action);
+    this.cancel.disabled = false;
+    if (problem) this.say(`${problem.title}. ${problem.detail}`);
+  }
+
+  remove() {
+    this.stop();
+    this.element.remove();
+    cards.delete(this.iri);
+    store();
+  }
+}
+
+/** `Invocation 3f… of /baxter/right_s1/actions/rotate` in fewer words. */
+function words(graph, iri) {
+  const title = graph.value(iri, TITLE)?.value ?? localName(iri);
+  const path = title.split(" of ").at(-1);
+  const parts = path.split("/").filter((part) => part && part !== "actions");
+  return parts.length > 1 ? `${parts.at(-1)} ${parts.slice(0, -1).join(" / ")}` : parts[0] ?? title;
+}

@@ -1,0 +1,26 @@
+// The few terms that scripts know; everything else is read from pages.
+
+export const RDF_TYPE = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type";
+export const TITLE = "http://purl.org/dc/terms/title";
+export const RESULT_TIME = "http://www.w3.org/ns/sosa/resultTime";
+export const NUMERICAL_VALUE = "http://vocab.arvida.de/2015/06/vom/vocab#numericalValue";
+export const UNIT = "http://qudt.org/schema/qudt/unit";
+export const ACTION = "https://hybr-it-projekt.de/ns/hybr-it#action";
+
+const XSD = "http://www.w3.org/2001/XMLSchema#";
+export const DECIMAL = `${XSD}decimal`;
+export const DOUBLE = `${XSD}double`;
+
+/** @param {string} name of ours */
+export function lf(name) {
+  return `https://w3id.org/linked-fleet#${name}`;
+}
+
+/** What stands for a value that nobody knows. */
+export const UNKNOWN = lf("unknown");
+
+/** What people call an IRI: what comes after its last `#` or `/`. */
+export function localName(iri) {
+  const end = iri.replace(/[#/]+$/, "");
+  return decodeURIComponent(end.slice(Math.max(end.lastIndexOf("#"), end.lastIndexOf("/")) + 1).replace(/%(?![0-9A-Fa-f]{2})/g, "%25"));
+}
