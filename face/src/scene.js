@@ -1,0 +1,284 @@
+// The robot in 3D: drawn from its URDF in its present pose, moving, with parts that lead to their pages.
+
+import { Vector3 } from "three";
+
+import { converted, number } from "./format.js";
+import { complete, build, fetchModel, loadMeshes } from "./scene_model.js";
+import { Motion } from "./scene_motion.js";
+import { Panel } from "./scene_panel.js";
+import { load, Part, proximity, ramp } from "./scene_parts.js";
+import { Picker } from "./scene_pick.js";
+import { fetchBase, fetchState } from "./scene_state.js";
+import { smooth, View } from "./scene_view.js";
+import { watch } from "./socket.js";
+import { lf } from "./vocabulary.js";
+
+const INTERVAL_S = 0.04;
+const AHEAD = "400px"; // a section that is about to be scrolled to is made ready
+
+/**
+ * Draw a robot in this section, from `data-model` (its URDF), `data-state` (its joint state) and `data-pose` (where its
+ * base is, if that floats). `data-phase` says how far it is: loading, ready or failed; `section.scene` is the drawing.
+ *
+ * @param {HTMLElement} section
+ */
+export function show(section) {
+  section.scene ??= new RobotScene(section);
+}
+
+class RobotScene {
+  constructor(section) {
+    this.section = section;
+    this.mode = "appearance";
+    this.offline = false;
+    this.parts = [];
+    this.efforts = new Map();
+    this.unknown = new Set();
+    this.ending = new AbortController();
+    this.phase("loading");
+    this.sight = new IntersectionObserver((entries) => this.seen(entries.at(-1).isIntersecting), { rootMargin: AHEAD });
+    this.sight.observe(section);
+  }
+
+  phase(phase) {
+    this.section.dataset.phase = phase;
+    this.section.setAttribute("aria-busy", String(phase === "loading"));
+  }
+
+  seen(seen) {
+    if (!this.section.isConnected) return this.dispose();
+    if (seen && !this.started) this.start();
+    this.inSight = seen;
+    this.view?.show(seen);
+    this.listen();
+  }
+
+  async start() {
+    this.started = true;
+    this.panel = new Panel(this.section, { onMode: (mode) => this.colourBy(mode), onFit: () => this.view.fit() });
+    const context = this.panel.canvas.getContext("webgl2", { antialias: true, alpha: true, powerPreference: "low-power" });
+    if (!context) return this.fail("This browser has no WebGL, which drawing the robot takes. All its parts are listed on this page.");
+    this.panel.enter();
+    try {
+      this.view = new View(this.panel.canvas, context, (now) => this.animate(now));
+      this.picker = new Picker(this.view, this.panel.label, { page, describe: (joint) => this.positionOf(joint) });
+      this.panel.canvas.addEventListener("themechange", () => this.paint());
+      await this.load();
+    } catch (error) {
+      if (!this.ending.signal.aborted) this.fail(`The robot cannot be drawn: ${error.message}`);
+    }
+  }
+
+  fail(reason) {
+    this.stop?.();
+    this.view?.dispose();
+    this.view = undefined;
+    this.panel.fail(reason);
+    this.phase("failed");
+  }
+
+  /** Fetch model and state, and draw the robot, first without its meshes. */
+  async load() {
+    const { model } = this.section.dataset;
+    const { signal } = this.ending;
+    const [urdf] = await Promise.all([fetchModel(model, signal), this.describe()]);
+    this.urdf = urdf;
+    const { robot, meshes } = build(urdf, model);
+    this.robot = robot;
+    this.pose();
+    this.view.stage(robot);
+    this.listen();
+    await loadMeshes(meshes, (done, of) => this.arrived(done, of), signal);
+    if (signal.aborted || robot !== this.robot) return;
+    complete(robot, this.view.colours.bone);
+    this.gather();
+    this.view.fit();
+    this.phase("ready");
+  }
+
+  arrived(done, of) {
+    this.panel.progress(done, of);
+    this.gather();
+    if (this.view.untouched) this.view.fit();
+  }
+
+  /** What the joint state says of itself and of the present. */
+  async describe() {
+    const { state, pose } = this.section.dataset;
+    const { signal } = this.ending;
+    const [described, base] = await Promise.all([fetchState(state, signal), pose ? fetchBase(pose, signal) : undefined]);
+    this.state = described;
+    this.present = { ...described.present, base };
+  }
+
+  /** Put the robot as it was when it was described. */
+  pose() {
+    this.names = this.state.joints.map(nameOf);
+    this.motion = new Motion(this.robot, this.names);
+    this.accept(this.present, false);
+    this.motion.step(performance.now());
+  }
+
+  gather() {
+    for (const part of this.parts) part.dispose();
+    this.parts = Object.values(this.robot.links).map((link) => new Part(link)).filter(({ meshes }) => meshes.length);
+    this.picker.set(this.parts);
+    this.paint();
+  }
+
+  /** Follow the robot while somebody can see it. */
+  listen() {
+    if (!this.inSight) {
+      this.stop?.();
+      this.stop = undefined;
+    } else if (!this.stop && this.motion) {
+      const { resource } = document.body.dataset;
+      const frames = watch(this.section.dataset.state, { protocol: "lf.frame", interval: INTERVAL_S }, (frame) => this.take(frame));
+      const presence = watch(resource, { interval: 0.1 }, (graph) => this.presence(graph.value(resource, lf("presence"))?.value));
+      this.stop = () => [frames, presence].forEach((end) => end());
+    }
+  }
+
+  take(frame) {
+    if (!this.section.isConnected) return this.dispose();
+    const values = this.state.decode(frame);
+    const another = this.incarnation !== undefined && values?.incarnation !== this.incarnation;
+    if (!values || another) return this.renew();
+    this.incarnation = values.incarnation;
+    this.accept(values, smooth());
+  }
+
+  accept(values, smoothly) {
+    this.motion.accept(values, performance.now(), smoothly);
+    this.efforts = new Map(this.names.map((name, i) => [name, values.efforts[i]]));
+    this.fresh = true;
+    this.marked();
+    this.view.invalidate();
+  }
+
+  presence(presence) {
+    const offline = presence === lf("offline");
+    if (this.offline && !offline) this.renew();
+    this.offline = offline;
+    this.marked();
+  }
+
+  /** Another run of the agent may have brought another robot. */
+  async renew() {
+    if (this.renewing) return;
+    this.renewing = true;
+    try {
+      const urdf = await fetchModel(this.section.dataset.model, this.ending.signal);
+      await this.describe();
+      this.incarnation = undefined;
+      if (urdf === this.urdf) this.pose();
+      else await this.load();
+    } catch (error) {
+      if (!this.ending.signal.aborted) console.warn("the robot's description cannot be had at present:", error);
+    } finally {
+      this.renewing = false;
+    }
+  }
+
+  /** Say what is not as it should be, where it is drawn and in words. */
+  marked() {
+    this.unknown = new Set(this.motion?.unknown);
+    this.panel.mark({ offline: this.offline, unknown: [...this.unknown] });
+    const title = this.robot?.robotName || "the robot";
+    this.panel.name(`3D drawing of ${title}${this.offline ? ", offline, as it was last seen" : " in its present pose"}`);
+    const faint = [...this.unknown].join("\n");
+    if (faint !== this.faint) this.fade();
+    this.faint = faint;
+  }
+
+  fade() {
+    for (const part of this.parts) part.faint(Boolean(part.joint && this.unknown.has(part.joint.urdfName)));
+    this.view?.invalidate();
+  }
+
+  animate(now) {
+    if (!this.motion) return false;
+    const moved = this.motion.step(now);
+    if (moved) this.view.renderer.shadowMap.needsUpdate = true;
+    if (moved) this.picker.refresh();
+    if ((moved || this.fresh) && this.mode !== "appearance") this.tint();
+    this.fresh = false;
+    return this.motion.moving;
+  }
+
+  colourBy(mode) {
+    this.mode = mode;
+    this.paint();
+  }
+
+  paint() {
+    if (this.mode === "appearance") for (const part of this.parts) part.colour(undefined);
+    else this.tint();
+    this.fade();
+    this.panel.explain(this.mode, this.most ?? "");
+    this.view?.invalidate();
+  }
+
+  /** Colour each link by its joint. */
+  tint() {
+    let [highest, where] = [-1, ""];
+    for (const part of this.parts) {
+      const share = part.joint ? this.share(part.joint) : NaN;
+      part.colour(Number.isFinite(share) ? ramp(share) : this.view.colours.none);
+      if (share > highest) [highest, where] = [share, part.joint.urdfName];
+    }
+    this.most = where && `most: ${where}, ${Math.round(highest * 100)} %`;
+    this.panel.explain(this.mode, this.most);
+  }
+
+  share(joint) {
+    if (this.mode === "effort") return load(joint, this.efforts.get(joint.urdfName) ?? NaN);
+    return this.unknown.has(joint.urdfName) ? NaN : proximity(joint, joint.angle);
+  }
+
+  positionOf(joint) {
+    if (joint.jointType === "fixed") return { value: "", text: "fixed" };
+    if (this.unknown.has(joint.urdfName)) return { value: "", text: "position unknown" };
+    const unit = joint.jointType === "prismatic" ? "m" : "rad";
+    return { value: String(joint.angle), text: `${number(joint.angle)} ${unit} (${converted(joint.angle, unit)})` };
+  }
+
+  /** @returns {Record<string, number>} the position of each joint as it is drawn, in rad or m */
+  positions() {
+    const joints = Object.values(this.robot?.joints ?? {}).filter(({ jointType }) => jointType !== "fixed");
+    return Object.fromEntries(joints.map((joint) => [joint.urdfName, joint.angle]));
+  }
+
+  /** @returns {[number, number, number]|undefined} where the frame of a link is drawn, in metre; z is up */
+  worldOf(link) {
+    const object = Object.hasOwn(this.robot?.links ?? {}, link) ? this.robot.links[link] : undefined;
+    return object?.getWorldPosition(new Vector3()).toArray();
+  }
+
+  /** @returns {string|undefined} the link that is drawn at a place of the window, in CSS pixels */
+  linkAt(clientX, clientY) {
+    return this.picker?.at({ clientX, clientY })?.link.urdfName;
+  }
+
+  dispose() {
+    this.ending.abort();
+    this.sight.disconnect();
+    this.stop?.();
+    this.stop = undefined;
+    for (const part of this.parts) part.dispose();
+    this.view?.dispose();
+    this.panel?.leave();
+    delete this.section.scene;
+  }
+}
+
+/** The parts of the page lead from names to pages and back. */
+function page(kind, name) {
+  const known = document.querySelector(`a[data-part="${CSS.escape(name)}"][data-part-kind="${kind}"]`);
+  return known?.href;
+}
+
+function nameOf(iri) {
+  for (const each of document.querySelectorAll('a[data-part-kind="joint"]')) if (each.href === iri) return each.dataset.part;
+  return undefined;
+}

@@ -1,0 +1,178 @@
+// The robot as an object of three.js: its URDF, made harmless, with its meshes, or what stands in for missing ones.
+
+import { Color, Group, LoadingManager, Mesh, Texture } from "three";
+import { ColladaComposer } from "three/examples/jsm/loaders/collada/ColladaComposer.js";
+import { ColladaParser } from "three/examples/jsm/loaders/collada/ColladaParser.js";
+import { OBJLoader } from "three/examples/jsm/loaders/OBJLoader.js";
+import { STLLoader } from "three/examples/jsm/loaders/STLLoader.js";
+import { toCreasedNormals } from "three/examples/jsm/utils/BufferGeometryUtils.js";
+import URDFLoader from "urdf-loader";
+
+import { skeleton } from "./scene_skeleton.js";
+
+const AT_ONCE = 4;
+const CREASE_RAD = 0.7;
+const PRIMITIVES = "box, cylinder, sphere";
+
+/** @returns {Promise<string>} the URDF at this address */
+export async function fetchModel(address, signal) {
+  const answer = await fetch(address, { headers: { Accept: "application/xml" }, signal });
+  if (!answer.ok) throw new Error(`${address}: ${answer.status} ${answer.statusText}`);
+  return answer.text();
+}
+
+/**
+ * The robot without its meshes, and the work that brings them.
+ *
+ * @param {string} urdf
+ * @param {string} address of the URDF, to which its meshes' are relative
+ * @returns {{robot: import("urdf-loader").URDFRobot, meshes: {url: string, place: (mesh: object) => void}[]}}
+ * @throws {Error} if it is no URDF
+ */
+export function build(urdf, address) {
+  const xml = new DOMParser().parseFromString(urdf, "application/xml");
+  const root = xml.querySelector(":root");
+  if (root?.nodeName !== "robot") throw new Error("the model is no URDF");
+  const declared = new Set([...root.querySelectorAll(":scope > link:has(> visual)")].map((link) => link.getAttribute("name")));
+  harmless(root, address);
+  const meshes = [];
+  const colour = displayed();
+  const loader = new URDFLoader(new LoadingManager());
+  loader.parseCollision = true;
+  loader.loadMeshCb = (url, _manager, material, done) =>
+    meshes.push({ url, place: (mesh) => done(url.endsWith(".dae") ? mesh : painted(mesh, colour(material))) });
+  const robot = loader.parse(xml, "");
+  robot.traverse((each) => each.isMesh && colour(each.material));
+  robot.userData.declared = declared;
+  for (const joint of Object.values(robot.joints)) joint.ignoreLimits = true; // what is measured is true
+  for (const collider of collidersOf(robot)) collider.visible = false;
+  return { robot, meshes };
+}
+
+/** Colours of a URDF are meant as a screen shows them, which urdf-loader does not know. Each material is told once. */
+function displayed() {
+  const known = new Set();
+  return (material) => {
+    if (!known.has(material)) material.color.convertSRGBToLinear();
+    known.add(material);
+    return material;
+  };
+}
+
+/** Leaves of the URDF only what can be drawn without asking another host for anything. */
+function harmless(root, address) {
+  for (const texture of root.querySelectorAll("texture")) texture.remove();
+  for (const mesh of root.querySelectorAll("collision mesh")) mesh.remove();
+  for (const mesh of root.querySelectorAll("visual mesh")) {
+    const url = ownUrl(mesh.getAttribute("filename"), address);
+    if (url) mesh.setAttribute("filename", url);
+    else mesh.remove();
+  }
+  for (const geometry of root.querySelectorAll("geometry")) if (!geometry.children.length) geometry.remove();
+  for (const collision of root.querySelectorAll("collision")) if (!collision.querySelector(PRIMITIVES)) collision.remove();
+}
+
+function ownUrl(filename, address) {
+  const base = new URL(address, document.baseURI);
+  if (!filename || !URL.canParse(filename, base)) return undefined;
+  const url = new URL(filename, base);
+  return url.origin === location.origin && /\.(stl|dae|obj)$/.test(url.pathname) ? url.pathname : undefined;
+}
+
+/**
+ * Fetch the meshes of a robot, each file once, and put each where it belongs as it comes.
+ *
+ * @param {(done: number, of: number) => void} onProgress
+ * @returns {Promise<string[]>} addresses of those that could not be had
+ */
+export async function loadMeshes(meshes, onProgress, signal) {
+  const places = Map.groupBy(meshes, ({ url }) => url);
+  const waiting = [...places];
+  const failed = [];
+  let done = 0;
+  onProgress(0, places.size);
+  const work = async () => {
+    for (let next = waiting.shift(); next && !signal.aborted; next = waiting.shift()) {
+      const [url, users] = next;
+      try {
+        const mesh = await fetchMesh(url, signal);
+        for (const { place } of users) place(mesh.clone());
+      } catch (error) {
+        if (signal.aborted) return;
+        console.warn(`${url} is not drawn:`, error);
+        failed.push(url);
+      }
+      onProgress(++done, places.size);
+    }
+  };
+  await Promise.all(Array.from({ length: AT_ONCE }, work));
+  return failed;
+}
+
+async function fetchMesh(url, signal) {
+  const answer = await fetch(url, { signal });
+  if (!answer.ok) throw new Error(`${answer.status} ${answer.statusText}`);
+  if (url.endsWith(".dae")) return collada(await answer.text());
+  if (url.endsWith(".obj")) return drawable(new OBJLoader().parse(await answer.text()));
+  return new Mesh(toCreasedNormals(new STLLoader().parse(await answer.arrayBuffer()), CREASE_RAD));
+}
+
+// What fetches nothing: pictures on meshes are not served.
+const BLANK = { load: () => new Texture() };
+
+/** The shapes of a Collada file in its own axes, as everybody in robotics reads it, in metre. */
+function collada(text) {
+  const parsed = new ColladaParser().parse(text);
+  if (!parsed) throw new Error("no Collada");
+  const { scene } = new ColladaComposer(parsed.library, parsed.collada, BLANK, BLANK).compose();
+  const sized = new Group();
+  sized.scale.setScalar(parsed.asset.unit);
+  sized.add(drawable(scene));
+  return sized;
+}
+
+/** Without the lights, cameras, lines and skeletons that come with some files. */
+function drawable(object) {
+  const others = [];
+  object.traverse((each) => each !== object && !each.isMesh && !each.isGroup && each.type !== "Object3D" && others.push(each));
+  for (const other of others) if (!other.getObjectByProperty("isMesh", true)) other.removeFromParent();
+  return object;
+}
+
+function painted(object, material) {
+  object.traverse((each) => each.isMesh && (each.material = material));
+  return object;
+}
+
+/** What is drawn of a link: those of its meshes that are not other links'. */
+export function meshesOf(link) {
+  const found = [];
+  for (const child of link.children) {
+    if (child.isURDFJoint || !child.visible) continue;
+    child.traverse((each) => each.isMesh && found.push(each));
+  }
+  return found;
+}
+
+function collidersOf(robot) {
+  const found = [];
+  robot.traverse((each) => each.isURDFCollider && found.push(each));
+  return found;
+}
+
+/**
+ * Once the meshes are there, or not: links that lost theirs get the primitives they collide with, or else their frames.
+ *
+ * @param {Color} colour of what stands in
+ * @returns {number} how many links are drawn from their frames
+ */
+export function complete(robot, colour) {
+  const links = Object.values(robot.links);
+  const nothing = links.every((link) => !meshesOf(link).length);
+  const lost = links.filter((link) => (nothing || robot.userData.declared.has(link.urdfName)) && !meshesOf(link).length);
+  for (const link of lost) for (const child of link.children) if (child.isURDFCollider) child.visible = true;
+  for (const collider of collidersOf(robot)) if (!collider.visible) collider.removeFromParent();
+  const bare = lost.filter((link) => !meshesOf(link).length);
+  skeleton(robot, bare, new Color(colour));
+  return bare.length;
+}

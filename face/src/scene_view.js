@@ -1,0 +1,258 @@
+// The stage: camera, light, floor and controls. It is drawn when something has changed and somebody can see it.
+
+import {
+  ACESFilmicToneMapping,
+  AmbientLight,
+  Box3,
+  Color,
+  DirectionalLight,
+  GridHelper,
+  Mesh,
+  PCFShadowMap,
+  PerspectiveCamera,
+  PlaneGeometry,
+  PMREMGenerator,
+  Scene,
+  ShadowMaterial,
+  Sphere,
+  Vector3,
+  WebGLRenderer,
+} from "three";
+import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
+import { RoomEnvironment } from "three/examples/jsm/environments/RoomEnvironment.js";
+
+const SHARPEST = 2; // device pixel ratio; more costs much and shows nothing
+const SLOW_MS = 55; // a machine that draws no faster gets fewer pixels and no shadows
+const PATIENCE = 12; // so many slow frames in a row
+const TURN_RAD = Math.PI / 24;
+const NEARER = 1.15;
+const FROM = new Vector3(1, -0.75, 0.5).normalize();
+
+const calm = matchMedia("(prefers-reduced-motion: reduce)");
+
+export class View {
+  /**
+   * @param {HTMLCanvasElement} canvas
+   * @param {WebGL2RenderingContext} context of the canvas
+   * @param {(now: number) => boolean} animate moves what is shown and says whether more movement is to come
+   */
+  constructor(canvas, context, animate) {
+    this.canvas = canvas;
+    this.animate = animate;
+    this.seen = true;
+    this.slow = 0;
+    this.quality = 1;
+    this.ending = new AbortController();
+    this.renderer = new WebGLRenderer({ canvas, context, antialias: true, alpha: true });
+    this.renderer.toneMapping = ACESFilmicToneMapping;
+    this.renderer.shadowMap.enabled = true;
+    this.renderer.shadowMap.type = PCFShadowMap;
+    this.renderer.shadowMap.autoUpdate = false;
+    this.scene = new Scene();
+    this.camera = new PerspectiveCamera(35, 1, 0.01, 200);
+    this.camera.up.set(0, 0, 1);
+    this.light();
+    this.control();
+    this.sizes = new ResizeObserver(() => this.resize());
+    this.sizes.observe(canvas.parentElement);
+    this.themed();
+  }
+
+  light() {
+    const generator = new PMREMGenerator(this.renderer);
+    const room = new RoomEnvironment();
+    this.scene.environment = generator.fromScene(room, 0.04).texture;
+    this.scene.environmentRotation.x = Math.PI / 2; // the room's ceiling is where our Z points
+    this.scene.environmentIntensity = 0.55;
+    room.dispose();
+    generator.dispose();
+    this.sun = new DirectionalLight(0xffffff, 1.6);
+    this.sun.castShadow = true;
+    this.sun.shadow.mapSize.set(1024, 1024);
+    this.sun.shadow.radius = 4;
+    this.scene.add(new AmbientLight(0xffffff, 0.25), this.sun, this.sun.target);
+  }
+
+  control() {
+    this.controls = new OrbitControls(this.camera, this.canvas);
+    this.controls.enableDamping = !calm.matches;
+    this.controls.addEventListener("start", () => (this.untouched = false));
+    this.controls.addEventListener("change", () => this.invalidate());
+    this.canvas.style.touchAction = "pan-y"; // a finger that goes up or down scrolls the page
+    const { signal } = this.ending;
+    this.canvas.addEventListener("keydown", (event) => this.key(event), { signal });
+    // The wheel belongs to the page until the view has been clicked.
+    const wheel = (event) => (this.controls.enableZoom = event.ctrlKey || document.activeElement === this.canvas);
+    this.canvas.addEventListener("wheel", wheel, { capture: true, passive: true, signal });
+    document.addEventListener("visibilitychange", () => this.invalidate(), { signal });
+    this.canvas.addEventListener("webglcontextrestored", () => this.invalidate(true), { signal });
+    calm.addEventListener("change", () => (this.controls.enableDamping = !calm.matches), { signal });
+  }
+
+  key(event) {
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    const turns = { ArrowLeft: [-TURN_RAD, 0], ArrowRight: [TURN_RAD, 0], ArrowUp: [0, -TURN_RAD], ArrowDown: [0, TURN_RAD] };
+    const steps = { "+": 1 / NEARER, "=": 1 / NEARER, "-": NEARER };
+    if (event.key in turns) this.turn(...turns[event.key]);
+    else if (event.key in steps) this.zoom(steps[event.key]);
+    else if (event.key === "0" || event.key === "Home") this.fit();
+    else return;
+    this.untouched = event.key === "0" || event.key === "Home";
+    event.preventDefault();
+  }
+
+  turn(around, down) {
+    const { target } = this.controls;
+    const arm = this.camera.position.clone().sub(target);
+    const side = new Vector3().crossVectors(this.camera.up, arm).normalize();
+    const polar = arm.angleTo(this.camera.up) + down;
+    if (polar > 0.05 && polar < Math.PI - 0.05) arm.applyAxisAngle(side, down);
+    this.camera.position.copy(target).add(arm.applyAxisAngle(this.camera.up, around));
+    this.invalidate();
+  }
+
+  zoom(factor) {
+    const { target, minDistance, maxDistance } = this.controls;
+    const arm = this.camera.position.clone().sub(target);
+    this.camera.position.copy(target).add(arm.setLength(Math.min(maxDistance, Math.max(minDistance, arm.length() * factor))));
+    this.invalidate();
+  }
+
+  /** Show a robot, in place of any other, on the floor: at z = 0, or below the lowest part of one that stands on none. */
+  stage(robot) {
+    this.scene.remove(this.robot);
+    this.robot = robot;
+    this.scene.add(robot);
+    this.fit();
+  }
+
+  /** Look at the whole robot, and lay floor and light out for it. */
+  fit() {
+    if (!this.robot) return;
+    this.untouched = true;
+    this.robot.updateMatrixWorld(true);
+    const box = new Box3().setFromObject(this.robot);
+    if (box.isEmpty()) box.set(new Vector3(-0.1, -0.1, 0), new Vector3(0.1, 0.1, 0.2));
+    const ball = box.getBoundingSphere(new Sphere());
+    const half = (this.camera.fov / 2) * (Math.PI / 180);
+    const narrow = Math.atan(Math.tan(half) * Math.min(1, this.camera.aspect));
+    const distance = (ball.radius * 0.92) / Math.sin(narrow);
+    Object.assign(this.controls, { minDistance: ball.radius / 10, maxDistance: distance * 6 });
+    this.controls.target.copy(ball.center);
+    this.camera.position.copy(ball.center).addScaledVector(FROM, distance);
+    Object.assign(this.camera, { near: distance / 100, far: distance * 20 }).updateProjectionMatrix();
+    this.floorAt(Math.abs(box.min.z) < 0.1 * ball.radius ? 0 : Math.min(0, box.min.z), ball);
+    this.invalidate(true);
+  }
+
+  floorAt(height, { center, radius }) {
+    this.sun.position.copy(center).add(new Vector3(0.5, -0.6, 1.4).multiplyScalar(radius * 2));
+    this.sun.target.position.copy(center);
+    const reach = radius * 1.5;
+    Object.assign(this.sun.shadow.camera, { left: -reach, right: reach, top: reach, bottom: -reach, near: 0.01, far: radius * 6 });
+    this.sun.shadow.camera.updateProjectionMatrix();
+    this.sun.shadow.normalBias = radius * 0.004;
+    for (const old of [this.grid, this.floor]) {
+      old?.removeFromParent();
+      old?.geometry.dispose();
+      old?.material.dispose();
+    }
+    const metres = 2 * Math.max(1, Math.ceil(radius * 2));
+    this.grid = new GridHelper(metres, radius < 0.7 ? metres * 10 : metres * 2, this.colours.axis, this.colours.grid);
+    this.grid.rotation.x = Math.PI / 2;
+    this.grid.position.set(Math.round(center.x), Math.round(center.y), height);
+    Object.assign(this.grid.material, { transparent: true, opacity: 0.7, depthWrite: false });
+    this.floor = new Mesh(new PlaneGeometry(metres, metres), new ShadowMaterial({ opacity: 0.28, depthWrite: false }));
+    this.floor.position.copy(this.grid.position);
+    this.floor.receiveShadow = true;
+    this.scene.add(this.floor, this.grid);
+  }
+
+  /** Colours of the page's style, which may be dark or light, now and when that changes. */
+  themed() {
+    const apply = () => {
+      const style = getComputedStyle(this.canvas);
+      const of = (name) => new Color(style.getPropertyValue(`--scene-${name}`).trim() || "#808890");
+      this.colours = Object.fromEntries(["grid", "axis", "highlight", "none", "bone"].map((name) => [name, of(name)]));
+      if (this.robot) this.regrid();
+    };
+    apply();
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", apply, { signal: this.ending.signal });
+    this.root = new MutationObserver(apply);
+    this.root.observe(document.documentElement, { attributes: true });
+  }
+
+  regrid() {
+    const { center, radius } = new Box3().setFromObject(this.robot).getBoundingSphere(new Sphere());
+    this.floorAt(this.grid.position.z, { center, radius });
+    this.canvas.dispatchEvent(new Event("themechange"));
+    this.invalidate(true);
+  }
+
+  resize() {
+    const { clientWidth: width, clientHeight: height } = this.canvas.parentElement;
+    if (!width || !height) return;
+    const first = !this.fitted;
+    this.fitted = true;
+    this.renderer.setPixelRatio(Math.min(devicePixelRatio, SHARPEST) * this.quality);
+    this.renderer.setSize(width, height, false);
+    this.camera.aspect = width / height;
+    this.camera.updateProjectionMatrix();
+    if (first) this.fit();
+    this.draw(performance.now()); // at once: a canvas whose size has changed is empty
+  }
+
+  /** Something has changed; `moved` says that shadows have too. */
+  invalidate(moved = false) {
+    this.renderer.shadowMap.needsUpdate ||= moved;
+    if (this.pending || !this.seen || document.hidden || this.ending.signal.aborted) return;
+    this.pending = requestAnimationFrame((now) => {
+      this.pending = undefined;
+      this.draw(now);
+    });
+  }
+
+  draw(now) {
+    const more = this.animate(now);
+    this.controls.update(); // says "change", and so asks for the next drawing, while it is still gliding
+    this.renderer.render(this.scene, this.camera);
+    if (more) {
+      this.pace(now);
+      this.invalidate();
+    } else this.drawn = undefined;
+  }
+
+  /** Lower the quality, step by step, while movement cannot be drawn smoothly. */
+  pace(now) {
+    if (this.drawn !== undefined) this.slow = now - this.drawn > SLOW_MS ? this.slow + 1 : 0;
+    this.drawn = now;
+    if (this.slow < PATIENCE || this.quality < 0.6) return;
+    this.slow = 0;
+    if (this.sun.castShadow) this.sun.castShadow = false;
+    else this.quality *= 0.8;
+    this.resize();
+  }
+
+  /** Whether anybody can see it. */
+  show(seen) {
+    this.seen = seen;
+    this.invalidate();
+  }
+
+  dispose() {
+    this.ending.abort();
+    cancelAnimationFrame(this.pending);
+    this.sizes.disconnect();
+    this.root.disconnect();
+    this.controls.dispose();
+    this.scene.environment.dispose();
+    this.scene.traverse((each) => each.geometry?.dispose());
+    this.renderer.dispose();
+    this.renderer.forceContextLoss();
+  }
+}
+
+/** Whether movement that only pleases is wanted. */
+export function smooth() {
+  return !calm.matches;
+}
