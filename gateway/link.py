@@ -17,8 +17,8 @@ import zenoh
 
 from agents.wire.codec import WireError, decode, encode
 from agents.wire.keys import Keys, RobotKey
-from agents.wire.messages import Accepted, Command, Description, Progress, Refused, Reply, Stop
-from gateway.fleet.answers import read_description, read_reply
+from agents.wire.messages import Accepted, Command, Description, Mesh, Progress, Refused, Reply, Stop
+from gateway.fleet.answers import read_description, read_mesh, read_reply
 from gateway.fleet.complaints import Complaints
 from gateway.fleet.events import Appeared, Described, Event, Framed, Undescribed, Vanished
 from gateway.fleet.inbox import Inbox, Payload
@@ -43,7 +43,7 @@ class LinkError(Exception):
 
 
 class NoAnswer(Exception):  # noqa: N818 -- it is an outcome, not a defect
-    """No usable answer to a command came; whether it was executed is unknown. ``reason`` is a sentence."""
+    """No usable answer came; whether a command was executed is unknown. ``reason`` is a sentence."""
 
     def __init__(self, reason: str) -> None:
         super().__init__(reason)
@@ -161,11 +161,31 @@ class FleetLink:
 
         async def ask(key: str) -> None:
             with contextlib.suppress(TimeoutError):
-                await self._ask(key, timeout_s, MAX_REPLY_BYTES, encode(stop), note, urgent=True)
+                await self._ask(key, timeout_s, MAX_REPLY_BYTES, encode(stop), note, zenoh.Priority.REAL_TIME)
 
         keys = [self._keys.all_stops] if robots is None else [self._keys.robot(name, "stop") for name in robots]
         await asyncio.gather(*map(ask, keys))
         return replies
+
+    async def mesh(self, robot: str, mesh: Mesh, timeout_s: float) -> bytes:
+        """The bytes, as many as ``mesh`` has, that the agent says are the mesh. Raises NoAnswer."""
+        reasons = [f"no agent hands out meshes of robot {robot!r}"]
+
+        def judge(answer: bytes | str, _: str) -> bytes | None:
+            content, reason = read_mesh(answer, mesh)
+            reasons.append(reason)
+            return content
+
+        content: bytes | None = None
+        key, asked = self._keys.robot(robot, "mesh"), mesh.sha256.encode()
+        try:
+            # What moves and what is measured overtakes it.
+            content = await self._ask(key, timeout_s, mesh.size, asked, judge, zenoh.Priority.BACKGROUND)
+        except TimeoutError:
+            reasons.append(f"robot {robot!r} did not answer within {timeout_s} s")
+        if content is None:
+            raise NoAnswer(reasons[-1])
+        return content
 
     async def _open(self) -> zenoh.Session:
         config = zenoh.Config()
@@ -291,13 +311,14 @@ class FleetLink:
         limit: int,
         payload: bytes | None,
         judge: Callable[[bytes | str, str], _T | None],
-        urgent: bool = False,
+        priority: zenoh.Priority = zenoh.Priority.DATA,
     ) -> _T | None:
         """Ask, and return the first answer that ``judge`` makes something of; None when there are no more.
 
-        An answer is a payload, or a sentence why it has none; its key comes with it. What is ``urgent`` overtakes
-        everything else. Raises TimeoutError after ``timeout_s``.
+        An answer is a payload, or a sentence why it has none; its key comes with it. Answers have the ``priority``
+        of the question. Raises TimeoutError after ``timeout_s``.
         """
+        urgent = priority == zenoh.Priority.REAL_TIME
         answers: asyncio.Queue[_Answer | None] = asyncio.Queue(1 + (MAX_STOP_REPLIES if urgent else MAX_REPLIES))
 
         def put(answer: _Answer | None) -> None:
@@ -322,7 +343,7 @@ class FleetLink:
                 timeout=timeout_s,
                 payload=payload,
                 express=True,
-                priority=zenoh.Priority.REAL_TIME if urgent else zenoh.Priority.DATA,
+                priority=priority,
             )
 
         async with asyncio.timeout(timeout_s):

@@ -16,6 +16,7 @@ from gateway.graph.invocation import invocation_path, invocations_path
 from gateway.graph.paths import joint_path, robot_path
 from gateway.graph.tree import EMPTY, Shelf, Tree
 from gateway.link import FleetLink
+from gateway.meshes import Meshes
 from gateway.settings import GatewaySettings
 from gateway.subscriptions.fan_out import FanOut
 
@@ -43,6 +44,7 @@ class Live:
             self._on_events,
             lambda robot, progress: self.on_progress(robot, progress),
         )
+        self.meshes = Meshes(self.link.mesh)
 
     async def __aenter__(self) -> "Live":
         await self.link.__aenter__()
@@ -55,6 +57,7 @@ class Live:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self.meshes.close()
         await self.link.__aexit__(kind, error, trace)
 
     def tree(self, base: str, shelf: Shelf = EMPTY) -> Tree:

@@ -1,7 +1,7 @@
 """What agents answer, judged: a message, or a sentence that says why it is none."""
 
 from agents.wire.codec import WireError, decode, decode_reply
-from agents.wire.messages import Description, Reply
+from agents.wire.messages import Description, Mesh, Reply
 
 
 def read_reply(answer: bytes | str, id: str) -> tuple[Reply | None, str]:
@@ -12,6 +12,15 @@ def read_reply(answer: bytes | str, id: str) -> tuple[Reply | None, str]:
     except WireError as error:
         return None, f"the answer is no reply: {error}"
     return (reply, "") if reply.id == id else (None, f"the answer is to command {reply.id[:64]!r}")
+
+
+def read_mesh(answer: bytes | str, mesh: Mesh) -> tuple[bytes | None, str]:
+    """Judged by the length alone: a digest takes too long to be computed here."""
+    if isinstance(answer, str):
+        return None, answer
+    if len(answer) != mesh.size:
+        return None, f"the answer has {len(answer)} bytes, but the description says {mesh.size}"
+    return answer, ""
 
 
 def read_description(answer: bytes | str, robot: str, incarnation: int) -> tuple[Description | None, str]:

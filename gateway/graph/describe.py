@@ -11,7 +11,7 @@ from gateway.fleet.robot import Robot
 from gateway.graph.annotations import annotate
 from gateway.graph.build import Graph, timestamp
 from gateway.graph.kinds import kind_of
-from gateway.graph.paths import joint_path, lease_path, link_path, robot_path
+from gateway.graph.paths import joint_path, lease_path, link_path, model_path, robot_path
 from gateway.graph.properties import joint_properties, link_properties, robot_properties
 from gateway.graph.property import Property
 from gateway.graph.vocab import DCTERMS, HYBRIT, LDP, LF, RDFS, ROS, XHV
@@ -64,6 +64,7 @@ class Describer:
             return
         graph.add(iri, LF.baseMobility, Literal(robot.description.base))
         graph.add(iri, LF.rootLink, self.iri(link_path(robot.name, robot.model, robot.model.root)))
+        graph.add(iri, LF.model, self.iri(model_path(robot.name)))
         graph.add(iri, DCTERMS.hasPart, *(self.iri(part) for part in part_paths(robot)))
         self._properties(graph, path, self.robot_properties(robot))
         for joint in robot.model.joints.values():

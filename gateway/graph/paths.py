@@ -32,6 +32,14 @@ def lease_path(robot: str) -> str:
     return robot_path(robot) + "lease"
 
 
+def model_path(robot: str) -> str:
+    return robot_path(robot) + "model"
+
+
+def mesh_path(robot: str, file_name: str) -> str:
+    return f"{robot_path(robot)}meshes/{file_name}"
+
+
 def joint_path(robot: str, joint: str) -> str:
     return robot_path(robot) + _segment(joint, RESERVED_IN_ROBOT)
 

@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 
 from pyoxigraph import NamedNode
 
+from agents.wire.messages import Mesh
+from gateway.fleet.robot import Robot
 from gateway.graph.affordance import Affordance, CancelSubscription, ResumeSubscription, Subscribe
 from gateway.graph.build import Graph
 from gateway.graph.paths import owner_path
@@ -18,10 +20,19 @@ CONTAINER = (LDP.Resource, LDP.BasicContainer)
 
 
 @dataclass(frozen=True)
+class Remote:
+    """A representation that ``robot`` has to be asked for; the rest is known without asking."""
+
+    robot: Robot
+    mesh: Mesh
+
+
+@dataclass(frozen=True)
 class Resource:
     """One resource; ``describe`` adds its triples, ``documents`` are its other representations by media type.
 
-    ``affords`` says what can be done to it besides reading; ``immutable``: what is at this path is never anything else.
+    ``remote``: the one representation there is, where others have it. ``affords`` says what can be done to it besides
+    reading; ``immutable``: what is at this path is never anything else.
     """
 
     path: str
@@ -33,6 +44,7 @@ class Resource:
     parts: tuple[str, ...] = ()
     affords: Affordance | None = None
     documents: Mapping[str, Callable[[], bytes]] = field(default_factory=dict)
+    remote: Remote | None = None
     linkset_of: "Resource | None" = None
     has_linkset: bool = False
     immutable: bool = False

@@ -1,6 +1,5 @@
 """The resource tree: a path is resolved to a resource here, and nowhere else (ARCHITECTURE.md, "The tree")."""
 
-import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -10,15 +9,15 @@ from types import MappingProxyType
 from pyoxigraph import NamedNode
 
 from gateway.actions.offer import Offer, fleet_offers, joint_offers, robot_offers
-from gateway.face.assets import assets
 from gateway.fleet.fleet import Fleet
 from gateway.fleet.invocations import FLEET, Invocations
 from gateway.fleet.model import Joint, Link
 from gateway.fleet.robot import Robot
 from gateway.graph.action_tree import in_actions, invocation_of
 from gateway.graph.affordance import Control
-from gateway.graph.build import Graph
 from gateway.graph.describe import Describer, part_paths
+from gateway.graph.documents import asset, context, vocabulary
+from gateway.graph.geometry import in_geometry
 from gateway.graph.invocation import invocation_path
 from gateway.graph.kinds import kind_of
 from gateway.graph.lease import describe_lease
@@ -28,6 +27,7 @@ from gateway.graph.paths import (
     joint_path,
     lease_path,
     link_path,
+    model_path,
     part_of,
     robot_name,
     robot_path,
@@ -37,10 +37,8 @@ from gateway.graph.property import Property
 from gateway.graph.reading import Source, presence
 from gateway.graph.resource import CONTAINER, Redirect, Resource, blueprint_of
 from gateway.graph.settable import affordance, describe_target_blueprint
-from gateway.graph.shapes import load
-from gateway.graph.subscription import describe_request_shape
 from gateway.graph.subscription_tree import in_subscriptions
-from gateway.graph.vocab import LDP, LF, PREFIXES
+from gateway.graph.vocab import LDP, LF
 from gateway.subscriptions.subscription import Record
 
 Found = Resource | Redirect | None
@@ -68,7 +66,7 @@ class Tree:
         if rest in ([], [""]) and (found := self._at_root(head)) is not None:
             return Redirect(found.path) if rest else found
         if head == "assets":
-            return _asset(rest)
+            return asset(rest)
         if head == "subscriptions":
             return self._of_thing(self._fleet_resource(), [head, *rest], ())
         if head == "actions" and rest:
@@ -109,11 +107,9 @@ class Tree:
 
     def _at_root(self, segment: str) -> Resource | None:
         if segment == "vocabulary":
-            return Resource("/vocabulary", "Vocabulary", _vocabulary)
+            return vocabulary()
         if segment == "context":
-            context = json.dumps({"@context": PREFIXES}, indent=1).encode()
-            document = {"application/ld+json": lambda: context}
-            return Resource("/context", "JSON-LD context", None, (LDP.Resource,), documents=document)
+            return context()
         return self._of_thing(self._fleet_resource(), [segment], (LF.FleetShape,))
 
     # -- robot and its parts ----------------------------------------------------------------------------------------
@@ -125,7 +121,8 @@ class Tree:
             if rest == [""]:
                 return thing
             own = self._property(robot, thing.path, self._say.robot_properties(robot), rest)
-            return own or self._of_robot(robot, rest) or self._of_thing(thing, rest, (LF.RobotShape,))
+            own = own or in_geometry(robot, rest, self._base) or self._of_robot(robot, rest)
+            return own or self._of_thing(thing, rest, (LF.RobotShape,))
         if robot.model is None:
             return None
         try:
@@ -160,6 +157,7 @@ class Tree:
         path = robot_path(robot.name)
         properties = self._say.robot_properties(robot) if robot.model else []
         actions = (*(each.path for each in robot_offers(robot)), lease_path(robot.name))
+        actions += (model_path(robot.name),) if robot.model else ()
         return Resource(
             path,
             robot.name,
@@ -336,20 +334,3 @@ def _own(path: str, properties: list[Property], actions: tuple[str, ...] = ()) -
     """Sub-resources in the order of the Link field: subscriptions, blueprint, actions, properties."""
     stem = path.rstrip("/")
     return (stem + "/subscriptions", stem + "/blueprint", *actions, *(f"{stem}/{each.segment}" for each in properties))
-
-
-def _asset(rest: list[str]) -> Resource | None:
-    """A script or style of the pages."""
-    found = assets().files.get("/".join(rest))
-    if found is None:
-        return None
-    media_type, content = found
-    path = "/assets/" + "/".join(rest)
-    return Resource(path, rest[-1], None, (LDP.Resource,), documents={media_type: lambda: content}, immutable=True)
-
-
-def _vocabulary(graph: Graph) -> None:
-    for triples in load("vocabulary.ttl").values():
-        for triple in triples:
-            graph.add(triple.subject, triple.predicate, triple.object)  # type: ignore[arg-type]
-    describe_request_shape(graph)

@@ -37,7 +37,9 @@ NUMERIC = (
 )  # fmt: skip
 """The types of numbers that bodies may use: 43.6 is a decimal in Turtle, a double in JSON-LD."""
 DCTERMS = Namespace("http://purl.org/dc/terms/", "title description identifier hasPart isPartOf format created")
-LDP = Namespace("http://www.w3.org/ns/ldp#", "Resource RDFSource Container BasicContainer contains constrainedBy")
+LDP = Namespace(
+    "http://www.w3.org/ns/ldp#", "Resource RDFSource NonRDFSource Container BasicContainer contains constrainedBy"
+)
 SH = Namespace(
     "http://www.w3.org/ns/shacl#",
     "NodeShape property path targetClass targetNode minCount maxCount datatype minInclusive"
@@ -79,7 +81,7 @@ LF = Namespace(
     "Fleet Robot Joint ContinuousJoint PrismaticJoint FixedJoint FloatingJoint PlanarJoint Invocation Blueprint"
     " ScalarProperty Translation Limits Pose Twist Point Inertia Mimicry JointState JointSample FrameField Quaternion"
     " Problem Stream WebSocketStream EventStream ActionKind Rehearsal ControlLease TextProperty SpeedScale"
-    " Annotations NamedPose JointTargets JointTrajectory TargetPosition"
+    " Annotations NamedPose JointTargets JointTrajectory TargetPosition Model Mesh"
     # kinds of actions
     " Rotate RotateBy Translate TranslateBy Hold MoveJoints FollowTrajectory Reach AssumePose StopRobot StopAll"
     " CancelInvocation"
@@ -89,7 +91,7 @@ LF = Namespace(
     " MimicryShape JointStateShape InvocationShape RehearsalShape SubscriptionShape SubscriptionResourceShape"
     " ActionShape"
     " ControlLeaseShape ControlLeaseInput TextPropertyShape TextInput AnnotationsShape SpeedScaleShape SpeedScaleInput"
-    " TargetPositionShape"
+    " TargetPositionShape ModelShape MeshShape"
     # individuals
     " unknown online offline accepted running succeeded failed cancelled preempted free held"
     " thisAlone withProperties wholeSubtree active"
@@ -114,7 +116,9 @@ LF = Namespace(
     " position positionUnit velocityUnit effortUnit orientation origin frame w linear angular"
     " ixx ixy ixz iyy iyz izz"
     # predicates: the binary frame (desideratum D5)
-    " frameLayout fieldName fieldType byteOffset valueCount",
+    " frameLayout fieldName fieldType byteOffset valueCount"
+    # predicates: geometry (desideratum D5)
+    " model mesh byteSize sha256",
 )
 
 PREFIXES: dict[str, str] = {

@@ -11,7 +11,7 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket
 
-from gateway.errors import BadRequest, FleetError, MethodNotAllowed, NotFound
+from gateway.errors import BadRequest, FleetError, MethodNotAllowed, NotAcceptable, NotFound, PreconditionFailed
 from gateway.face.policy import POLICY
 from gateway.graph.affordance import (
     CancelSubscription,
@@ -24,16 +24,17 @@ from gateway.graph.affordance import (
     Subscribe,
 )
 from gateway.graph.paths import owner_path
-from gateway.graph.resource import Redirect, Resource
+from gateway.graph.resource import Redirect, Remote, Resource
 from gateway.graph.subscription import container_path
 from gateway.graph.tree import EMPTY, Found, Shelf
 from gateway.graph.vocab import PREFIXES
 from gateway.http.body import BODY_TYPES
-from gateway.http.conditional import not_modified
+from gateway.http.conditional import not_modified, precondition_holds
 from gateway.http.control import control, put_setting
 from gateway.http.fields import field
 from gateway.http.invoke import end_invocation, invoke, put_target
 from gateway.http.links import Link, link_header
+from gateway.http.negotiation import choose
 from gateway.http.preconditions import check_preconditions
 from gateway.http.problem import problem
 from gateway.http.representation import negotiated
@@ -50,6 +51,8 @@ _LINK_BYTES = 3584
 _READ = ("GET", "HEAD", "OPTIONS")
 _METHODS = (*_READ, "POST", "PUT", "DELETE")
 _LONGEST_NAMED = 200
+# Foreign XML and meshes: should a browser take one for a document, it is one that can do nothing.
+_NOTHING = "sandbox; default-src 'none'"
 _FOR_EVER = "public, max-age=31536000, immutable"
 
 
@@ -105,6 +108,8 @@ async def _answer(request: Request, base: str) -> ASGIApp:
         raise MethodNotAllowed(f"{request.method} is not possible here; {', '.join(allow)} are.", allow=allow)
     if request.method == "OPTIONS":
         return Response(status_code=204, headers=_options(found, allow))
+    if found.remote is not None:
+        return await _read_remote(request, found, found.remote, base)
     check_preconditions(request, found, base)
     if request.method not in _READ:
         return await _write(request, found, base)
@@ -187,22 +192,45 @@ def problem_response(request: HTTPConnection, error: FleetError) -> Response:
 
 def _read(request: Request, resource: Resource, base: str) -> Response:
     representation = negotiated(field(request, "accept"), resource, base)
-    headers = {
-        "etag": representation.etag,
-        "vary": "Accept",
-        "cache-control": _FOR_EVER if resource.immutable else "no-cache",
-        "x-content-type-options": "nosniff",
-    }
+    headers = _headers(resource, base, representation.etag)
     if representation.media_type == "text/html":
         headers["content-security-policy"] = POLICY
-    if link := _link(resource, base):
-        headers["link"] = link
+    elif representation.media_type.endswith("xml"):
+        headers["content-security-policy"] = _NOTHING
     if not_modified(field(request, "if-none-match"), representation.etag):
         return Response(status_code=304, headers=headers)
     headers["content-type"] = representation.content_type
     headers |= _options(resource, _allow(resource))
     # Starlette computes Content-Length from the body; the server itself leaves the body of a HEAD out.
     return Response(representation.body, headers=headers)
+
+
+async def _read_remote(request: Request, resource: Resource, remote: Remote, base: str) -> Response:
+    """Only who gets the bytes has the robot asked for them: size and digest are known."""
+    mesh = remote.mesh
+    etag = f'"{mesh.sha256}"'
+    if choose(field(request, "accept"), (mesh.type,)) is None:
+        raise NotAcceptable(f"Available here: {mesh.type}.", offered=(mesh.type,))
+    if not precondition_holds(field(request, "if-match"), {etag}):
+        raise PreconditionFailed(f"The entity tag of this mesh is {etag}.")
+    headers = _headers(resource, base, etag) | {"content-security-policy": _NOTHING}
+    if not_modified(field(request, "if-none-match"), etag):
+        return Response(status_code=304, headers=headers)
+    headers |= {"content-type": mesh.type, "content-length": str(mesh.size)} | _options(resource, _allow(resource))
+    live: Live = request.app.state.live
+    content = b"" if request.method == "HEAD" else await live.meshes.get(remote.robot, mesh)
+    return Response(content, headers=headers)
+
+
+def _headers(resource: Resource, base: str, etag: str) -> dict[str, str]:
+    headers = {
+        "etag": etag,
+        "vary": "Accept",
+        "cache-control": _FOR_EVER if resource.immutable else "no-cache",
+        "x-content-type-options": "nosniff",
+    }
+    link = _link(resource, base)
+    return headers | {"link": link} if link else headers
 
 
 def _allow(resource: Resource) -> tuple[str, ...]:
