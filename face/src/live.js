@@ -3,13 +3,14 @@
 import { refresh as refreshAge } from "./age.js";
 import { converted, number } from "./format.js";
 import { key } from "./ntriples.js";
-import { adopt, refresh, regions } from "./region.js";
+import { adopt, refresh } from "./region.js";
 import { rest } from "./shown.js";
 import { watch } from "./socket.js";
 import { UNKNOWN, localName } from "./vocabulary.js";
 
 const LIVE = "[data-subject][data-path]:not(figure)";
-// Subscriptions cannot be observed: their page asks again.
+// These change and cannot be observed: their page asks again.
+const ASKING = new Set(["subscriptions", "subscription", "lease"]);
 const ASK_AGAIN_MS = 3000;
 
 /** @type {Map<Element, {subject: string, path: string[], shown?: string}>} */
@@ -26,10 +27,10 @@ export function follow(follower) {
 }
 
 export function start() {
-  const { resource, observable } = document.body.dataset;
+  const { resource, observable, kind } = document.body.dataset;
   adopt(collect);
   if (observable !== undefined) watch(resource, { interval: 0.1 }, take);
-  else if (regions()) setInterval(() => document.hidden || refresh(), ASK_AGAIN_MS);
+  else if (ASKING.has(kind)) setInterval(() => document.hidden || refresh(), ASK_AGAIN_MS);
 }
 
 function collect() {
@@ -95,7 +96,7 @@ function write(element, term) {
   if (element instanceof HTMLTimeElement) writeTime(element, term);
   else if (element instanceof HTMLProgressElement) element.value = Number(term.value) || 0;
   else if (element instanceof HTMLDataElement) writeNumber(element, term);
-  else if (element instanceof HTMLMeterElement) element.value = Number(term.value) || element.value;
+  else if (element instanceof HTMLMeterElement) writeMeter(element, Number(term.value));
   else writeState(element, term);
 }
 
@@ -107,6 +108,10 @@ function writeTime(time, term) {
     time.dateTime = term.value;
     refreshAge(time);
   }
+}
+
+function writeMeter(meter, value) {
+  if (Number.isFinite(value)) meter.value = value;
 }
 
 function writeNumber(data, term) {

@@ -8,6 +8,7 @@ import { adopt } from "./region.js";
 import { UNKNOWN } from "./vocabulary.js";
 
 const SPAN_S = 60;
+const MARKS_S = [60, 45, 30, 15, 0];
 const PERIOD_MS = 100;
 const SPOKEN_MS = 2000;
 // Below this width, as in a table, there is no room for axes.
@@ -144,12 +145,12 @@ class Plot {
   }
 
   speak(nowMs) {
-    this.spoken = nowMs;
     const { title = "value", unit = "" } = this.figure.dataset;
     const known = this.data.values.filter((value) => value !== null);
     const text = known.length
       ? `from ${number(Math.min(...known))} to ${number(Math.max(...known))}, now ${number(known.at(-1))} ${unit}`
       : "nothing measured yet";
+    this.spoken = known.length ? nowMs : 0;
     this.figure.setAttribute("aria-label", `${title}, last minute: ${text}`.trim());
   }
 
@@ -168,19 +169,20 @@ function options(width, height) {
   const text = colour("--plot-text", colour("--muted", "#767676"));
   const grid = { stroke: colour("--plot-grid", "#8883"), width: 1 };
   const axis = { stroke: text, grid, ticks: { show: false }, font: "11px system-ui" };
-  const ago = (_, splits) => splits.map((each) => `${Math.round(each - Date.now() / 1000)} s`);
+  const splits = ({ scales }) => MARKS_S.map((past) => scales.x.max - past);
+  const ago = () => MARKS_S.map((past) => (past ? `-${past} s` : "now"));
   const wide = width >= NARROW_PX;
   return {
     width,
     height,
     legend: { show: false },
     cursor: { show: false },
-    padding: wide ? [8, 8, 0, 0] : [2, 0, 2, 0],
+    padding: wide ? [8, 16, 0, 0] : [2, 0, 2, 0],
     scales: { x: { time: false }, y: { range: (_, low, high) => room(low, high) } },
     series: [{}, { stroke: line, width: 1.5, points: { show: false }, fill: colour("--plot-fill", undefined) }],
     axes: wide
       ? [
-          { ...axis, size: 20, values: ago, space: 70 },
+          { ...axis, size: 20, splits, values: ago },
           { ...axis, size: 56, values: (_, splits) => splits.map(number), space: 26 },
         ]
       : [{ show: false }, { show: false }],

@@ -11,7 +11,7 @@ const KEPT = ["details[data-include][open]", "figure.plot", "#scene"];
 /** @type {Map<string, string>} what was served, without the values that are live */
 const served = new Map();
 const adopters = new Set();
-let running;
+let running = false;
 let wanted = false;
 
 /** Have a function called with each part of the page that is new, first with all of it. */
@@ -24,56 +24,66 @@ export function start() {
   for (const region of document.querySelectorAll(REGION)) served.set(region.id, plain(region));
 }
 
-export function regions() {
-  return document.querySelectorAll(REGION).length;
-}
-
-/** Whether anything was replaced. Those who ask while it is under way get one further round together. */
-export function refresh() {
-  if (running) {
-    wanted = true;
-    return running;
+/** Fetch the page again, at once if that was not just done. What is new is given to those who adopt it. */
+export async function refresh() {
+  wanted = true;
+  if (running) return;
+  running = true;
+  try {
+    while (wanted) {
+      wanted = false;
+      await round();
+      await new Promise((resolve) => setTimeout(resolve, SPACING_MS));
+    }
+  } finally {
+    running = false;
   }
-  running = rounds().finally(() => (running = undefined));
-  return running;
-}
-
-async function rounds() {
-  let changed = false;
-  do {
-    wanted = false;
-    changed = (await round()) || changed;
-    await new Promise((resolve) => setTimeout(resolve, changed ? 0 : 1));
-    if (wanted) await new Promise((resolve) => setTimeout(resolve, SPACING_MS));
-  } while (wanted);
-  return changed;
 }
 
 async function round() {
-  let response;
+  let page;
   try {
-    response = await fetch(location.href, { headers: { Accept: "text/html" }, cache: "no-cache" });
+    const response = await fetch(location.href, { headers: { Accept: "text/html" }, cache: "no-cache" });
+    if (!response.ok) return;
+    agree(response);
+    page = new DOMParser().parseFromString(await response.text(), "text/html");
   } catch {
-    return false; // the connection says so
+    return; // that the connection is lost is said elsewhere
   }
-  if (!response.ok) return false;
-  agree(response);
-  const page = new DOMParser().parseFromString(await response.text(), "text/html");
-  return [...page.querySelectorAll(REGION)].filter(renew).length > 0;
+  const fresh = [...page.querySelectorAll(REGION)];
+  for (const old of document.querySelectorAll(REGION)) if (!fresh.some(({ id }) => id === old.id) && !busy(old)) leave(old);
+  fresh.forEach((region, index) => (document.getElementById(region.id) ? renew(region) : enter(region, fresh[index - 1])));
+}
+
+function leave(region) {
+  served.delete(region.id);
+  region.remove();
+  for (const adopter of adopters) adopter(document.createDocumentFragment());
+}
+
+function enter(fresh, before) {
+  const section = document.importNode(fresh, true);
+  const place = before && document.getElementById(before.id);
+  if (place) place.after(section);
+  else document.querySelector("main").append(section);
+  welcome(section, plain(fresh));
+}
+
+function welcome(section, text) {
+  served.set(section.id, text);
+  for (const adopter of adopters) adopter(section);
 }
 
 function renew(fresh) {
   const text = plain(fresh);
   const old = document.getElementById(fresh.id);
-  if (!old || served.get(fresh.id) === text || busy(old)) return false;
-  served.set(fresh.id, text);
+  if (served.get(fresh.id) === text || busy(old)) return;
   const section = document.importNode(fresh, true);
   for (const kept of KEPT.flatMap((each) => [...old.querySelectorAll(each)])) {
     match(section, kept)?.replaceWith(kept);
   }
   old.replaceWith(section);
-  for (const adopter of adopters) adopter(section);
-  return true;
+  welcome(section, text);
 }
 
 /** Nothing is taken away under somebody's hands. It is tried again when something else changes, or they leave it. */

@@ -14,7 +14,8 @@ export function start() {
 function ask(button) {
   const { delete: iri, title } = button.dataset;
   const dialog = document.createElement("dialog");
-  const question = Object.assign(document.createElement("p"), { textContent: `${button.textContent.trim()} ${title ?? iri}?` });
+  const what = button.ariaLabel ?? `${button.textContent.trim()} ${title ?? iri}`;
+  const question = Object.assign(document.createElement("p"), { textContent: `${what}?` });
   const form = Object.assign(document.createElement("form"), { method: "dialog" });
   for (const [value, text] of [["no", "Keep it"], ["yes", button.textContent.trim()]]) {
     form.append(Object.assign(document.createElement("button"), { value, textContent: text }));
