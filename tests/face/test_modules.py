@@ -1,0 +1,97 @@
+"""Scripts of the pages on their own, as a browser runs them: RDF read and written, numbers as the gateway has them."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rdflib
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from playwright.sync_api import Page, Route
+
+from gateway.face import labels
+
+SOURCES = Path(__file__).parents[2] / "face" / "src"
+HOME = "http://face.test/"
+SLOWLY = settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+@pytest.fixture
+def module(page: Page) -> Iterator[Page]:
+    """A page on which the sources can be imported."""
+
+    def serve(route: Route) -> None:
+        name = route.request.url.removeprefix(HOME)
+        if name:
+            route.fulfill(content_type="text/javascript", path=SOURCES / name)
+        else:
+            route.fulfill(content_type="text/html", body="<!DOCTYPE html><title>modules</title>")
+
+    page.route(HOME + "**", serve)
+    page.goto(HOME)
+    yield page
+
+
+def _parsed(module: Page, text: str) -> list[list[Any]]:
+    found: list[list[Any]] = module.evaluate(
+        """async (text) => {
+            const { parse } = await import("/ntriples.js");
+            return [...parse(text).subjects].flatMap(([subject, facts]) =>
+                [...facts].flatMap(([predicate, objects]) => objects.map((each) => [subject, predicate, each])));
+        }""",
+        text,
+    )
+    return found
+
+
+@SLOWLY
+@given(text=st.text(max_size=40))
+def test_any_text_survives_n_triples(module: Page, text: str) -> None:
+    """What another library writes is read, and what is written is read by that library."""
+    if any(0xD800 <= ord(each) <= 0xDFFF for each in text):
+        return
+    graph = rdflib.Graph()
+    graph.add((rdflib.URIRef("http://a/s"), rdflib.URIRef("http://a/p"), rdflib.Literal(text)))
+    ((_, _, found),) = _parsed(module, graph.serialize(format="nt"))
+    assert found["value"] == text
+    written = module.evaluate('async (value) => (await import("/ntriples.js")).write({ kind: "literal", value })', text)
+    (back,) = rdflib.Graph().parse(data=f"<http://a/s> <http://a/p> {written} .", format="turtle").objects()
+    assert str(back) == text
+
+
+def test_terms_of_n_triples_are_told_apart(module: Page) -> None:
+    said = (
+        "_:b1 <http://p> _:b2 .\n\n# a comment\n"
+        '<http://s> <http://p> "1.5"^^<http://t> .\n<http://s> <http://q> "x"@de-AT .'
+    )
+    words = "http://www.w3.org/1999/02/22-rdf-syntax-ns#langString"
+    assert _parsed(module, said) == [
+        ["_:b1", "http://p", {"kind": "blank", "value": "b2"}],
+        ["http://s", "http://p", {"kind": "literal", "value": "1.5", "datatype": "http://t", "language": None}],
+        ["http://s", "http://q", {"kind": "literal", "value": "x", "datatype": words, "language": "de-AT"}],
+    ]
+
+
+def test_what_is_no_n_triples_is_refused(module: Page) -> None:
+    refused = module.evaluate(
+        """async () => {
+            const { parse } = await import("/ntriples.js");
+            try { parse("<http://s> <http://p> .") } catch (error) { return error.name }
+        }"""
+    )
+    assert refused == "SyntaxError"
+
+
+@SLOWLY
+@given(value=st.floats(-1e9, 1e9))
+def test_numbers_are_written_as_the_gateway_does(module: Page, value: float) -> None:
+    written = module.evaluate('async (value) => (await import("/format.js")).number(value)', value)
+    # Halves are rounded to even on one side and away from zero on the other.
+    close = {labels.number(value), labels.number(value * (1 + 1e-9)), labels.number(value * (1 - 1e-9))}
+    assert written in close
+    for unit in ("rad", "m", "kg"):
+        also = module.evaluate(
+            'async ([value, unit]) => (await import("/format.js")).converted(value, unit)', [value, unit]
+        )
+        assert also in {labels.converted(value * factor, unit) for factor in (1, 1 + 1e-9, 1 - 1e-9)}
