@@ -4,27 +4,24 @@ from pyoxigraph import NamedNode
 
 from gateway.graph.build import Graph
 from gateway.graph.resource import Resource
-from gateway.graph.serialise import MEDIA_TYPES, WriteError, render
+from gateway.graph.serialise import RDF_TYPES, WriteError, render
 from gateway.graph.subscription import describe_version
 from gateway.graph.vocab import PREFIXES
 
-# A page for people is no message; Turtle comes first (R1.2).
-_RDF_TYPES = tuple(each for each in MEDIA_TYPES if each != "text/html")
-
 
 def message_types(resource: Resource) -> tuple[str, ...]:
-    """Media types in which messages about ``resource`` can be had; none when it cannot be observed."""
-    return (*_RDF_TYPES, *resource.documents) if resource.observable else ()
+    """Media types in which messages about ``resource`` can be had: no pages, and Turtle first (R1.2)."""
+    return (*RDF_TYPES, *resource.documents) if resource.observable else ()
 
 
 def message_body(resource: Resource, media_type: str, base: str, version: str, previous: str | None) -> bytes:
     """The bytes of a message. Raises WriteError when the syntax cannot say these triples."""
     if media_type in resource.documents:
         return resource.documents[media_type]()
-    if media_type not in MEDIA_TYPES:
+    if media_type not in RDF_TYPES:
         raise WriteError(f"there is no {media_type} of {resource.path} at present")
     graph = Graph()
     if resource.describe is not None:
         resource.describe(graph)
     describe_version(graph, NamedNode(base + resource.path), version, previous)
-    return render(graph.triples, media_type, PREFIXES, base=base + resource.path, title=resource.title)
+    return render(graph.triples, media_type, PREFIXES, base=base + resource.path)

@@ -1,4 +1,4 @@
-"""Triples to bytes in every media type that the gateway offers; the way back is ``gateway.graph.parsing``.
+"""Triples to bytes in every RDF media type that the gateway offers; the way back is ``gateway.graph.parsing``.
 
 The same triples in the same order give the same bytes, so that an ETag can be the hash of the body.
 """
@@ -9,13 +9,14 @@ from typing import TypeVar
 
 from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, serialize
 
-from gateway.graph import jsonld, page, turtle
+from gateway.graph import jsonld, turtle
 from gateway.graph.outline import TYPE, Outline, Term
 from gateway.graph.parsing import ParseError, parse
 
-__all__ = ["MEDIA_TYPES", "ParseError", "WriteError", "parse", "render"]
+__all__ = ["MEDIA_TYPES", "RDF_TYPES", "ParseError", "WriteError", "parse", "render"]
 
-MEDIA_TYPES = ("text/turtle", "application/ld+json", "application/n-triples", "application/rdf+xml", "text/html")
+RDF_TYPES = ("text/turtle", "application/ld+json", "application/n-triples", "application/rdf+xml")
+MEDIA_TYPES = (*RDF_TYPES, "text/html")
 
 _T = TypeVar("_T", bound=Term)
 
@@ -29,10 +30,11 @@ class WriteError(ValueError):
     """The syntax cannot say these triples; another one can."""
 
 
-def render(
-    triples: Sequence[Triple], media_type: str, prefixes: Mapping[str, str], *, base: str, title: str = ""
-) -> bytes:
-    """The document in one of ``MEDIA_TYPES``; ValueError for any other. ``base`` is the IRI it is served under."""
+def render(triples: Sequence[Triple], media_type: str, prefixes: Mapping[str, str], *, base: str) -> bytes:
+    """The document in one of ``RDF_TYPES``; ValueError for any other, HTML too: ``gateway.face`` writes it.
+
+    ``base`` is the IRI it is served under.
+    """
     match media_type:
         case "text/turtle":
             return turtle.write(triples, prefixes, base).encode()
@@ -42,9 +44,7 @@ def render(
             return _oxigraph(_relabelled(triples), RdfFormat.N_TRIPLES, {})
         case "application/rdf+xml":
             return _rdf_xml(triples, prefixes)
-        case "text/html":
-            return page.write(triples, prefixes, base=base, title=title).encode()
-    raise ValueError(f"no writer for {media_type}; there are {', '.join(MEDIA_TYPES)}")
+    raise ValueError(f"no writer for {media_type}; there are {', '.join(RDF_TYPES)}")
 
 
 def _relabelled(triples: Sequence[Triple]) -> list[Triple]:

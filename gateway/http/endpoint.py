@@ -37,7 +37,7 @@ from gateway.http.links import Link, link_header
 from gateway.http.negotiation import choose
 from gateway.http.preconditions import check_preconditions
 from gateway.http.problem import problem
-from gateway.http.representation import negotiated
+from gateway.http.representation import negotiated, preferred
 from gateway.http.streams import EventStream, is_over, open_websocket, wants_events
 from gateway.http.subscribe import cancel, post_subscription, refusals, resume, subscribe_callback, wants_callback
 from gateway.http.turns import Turns
@@ -191,7 +191,8 @@ def problem_response(request: HTTPConnection, error: FleetError) -> Response:
 
 
 def _read(request: Request, resource: Resource, base: str) -> Response:
-    representation = negotiated(field(request, "accept"), resource, base)
+    accept = preferred(field(request, "accept"), request.query_params.get("as"))
+    representation = negotiated(accept, resource, base)
     headers = _headers(resource, base, representation.etag)
     if representation.media_type == "text/html":
         headers["content-security-policy"] = POLICY

@@ -7,6 +7,8 @@ from typing import Any
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from gateway.errors import FleetError
+from gateway.face.page import render as render_page
+from gateway.face.policy import POLICY
 from gateway.graph.serialise import MEDIA_TYPES, render
 from gateway.graph.vocab import DCTERMS, LF, RDF, SH, XSD
 from gateway.http.negotiation import choose, parse_accept, weight
@@ -28,7 +30,10 @@ def problem(
     """Body and header fields, those that the error itself brings included."""
     body, content_type = problem_body(error, accept, instance, prefixes)
     own = {name.lower(): value for name, value in error.headers.items()}
-    return body, {"content-type": content_type, "vary": "Accept", "cache-control": "no-store"} | own
+    headers = {"content-type": content_type, "vary": "Accept", "cache-control": "no-store"}
+    if content_type.startswith("text/html"):
+        headers |= {"content-security-policy": POLICY, "x-content-type-options": "nosniff"}
+    return body, headers | own
 
 
 def problem_body(
@@ -38,7 +43,12 @@ def problem_body(
     media_type = choose(_preferring_json(accept), (PROBLEM_JSON, *MEDIA_TYPES)) or PROBLEM_JSON
     if media_type == PROBLEM_JSON:
         return _json(error, instance), PROBLEM_JSON
-    body = render(_triples(error), media_type, prefixes, base=instance or "", title=error.title)
+    if media_type == "text/html":
+        members = {name: value for name, value in error.members.items() if value}
+        said = _report(error.report) if error.report else []
+        page = render_page("problem.html", error=error, instance=instance, members=members, report=said)
+        return page, f"{media_type}; charset=utf-8"
+    body = render(_triples(error), media_type, prefixes, base=instance or "")
     return body, f"{media_type}; charset=utf-8" if media_type.startswith("text/") else media_type
 
 

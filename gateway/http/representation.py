@@ -5,6 +5,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from gateway.errors import NotAcceptable
+from gateway.face.page import write
+from gateway.face.view import FORMATS
 from gateway.graph.build import Graph
 from gateway.graph.resource import Resource
 from gateway.graph.serialise import MEDIA_TYPES, WriteError, render
@@ -41,6 +43,18 @@ def negotiated(accept: str | None, resource: Resource, base: str) -> Representat
     raise NotAcceptable(f"Available here: {', '.join(offered)}.", offered=offered)
 
 
+def preferred(accept: str | None, picked: str | None) -> str | None:
+    """What stands for Accept: a link cannot set it, so ``?as=turtle`` and its like pick one representation instead.
+
+    NotAcceptable with the words that pick one, for any other.
+    """
+    if picked is None:
+        return accept
+    if picked not in FORMATS:
+        raise NotAcceptable(f"?as= picks one of {', '.join(FORMATS)}.", offered=tuple(FORMATS))
+    return FORMATS[picked][1]
+
+
 def etags(resource: Resource, base: str) -> set[str]:
     """Of every representation: the client may have read JSON-LD and write Turtle."""
     found = set()
@@ -58,15 +72,16 @@ def related(resource: Resource, base: str) -> list[Link]:
 def _represent(resource: Resource, media_type: str, base: str) -> Representation:
     if resource.linkset_of is not None:
         anchor, links = base + resource.linkset_of.path, related(resource.linkset_of, base)
-        write: Callable[..., bytes] = linkset_json if media_type == LINKSET_TYPES[0] else linkset_text
-        return Representation(write(anchor, links), media_type)
+        write_links: Callable[..., bytes] = linkset_json if media_type == LINKSET_TYPES[0] else linkset_text
+        return Representation(write_links(anchor, links), media_type)
     if media_type in resource.documents:
         return Representation(resource.documents[media_type](), media_type)
     graph = Graph()
     if resource.describe is not None:
         resource.describe(graph)
-    body = render(graph.triples, media_type, PREFIXES, base=base + resource.path, title=resource.title)
-    return Representation(body, media_type)
+    if media_type == "text/html":
+        return Representation(write(resource, graph.triples, base), media_type)
+    return Representation(render(graph.triples, media_type, PREFIXES, base=base + resource.path), media_type)
 
 
 def _offered(resource: Resource) -> tuple[str, ...]:
