@@ -3,7 +3,7 @@
 import { Vector3 } from "three";
 
 import { converted, number } from "./format.js";
-import { complete, build, fetchModel, loadMeshes } from "./scene_model.js";
+import { build, complete, fetchModel, loadMeshes, meshesOf } from "./scene_model.js";
 import { Motion } from "./scene_motion.js";
 import { Panel } from "./scene_panel.js";
 import { load, Part, proximity, ramp } from "./scene_parts.js";
@@ -92,14 +92,20 @@ class RobotScene {
     if (signal.aborted || robot !== this.robot) return;
     complete(robot, this.view.colours.bone);
     this.gather();
-    this.view.fit();
+    this.frame();
     this.phase("ready");
   }
 
   arrived(done, of) {
     this.panel.progress(done, of);
     this.gather();
+    this.frame();
+  }
+
+  /** All of the robot is in the view as long as nobody has chosen another. */
+  frame() {
     if (this.view.untouched) this.view.fit();
+    else this.view.invalidate(true);
   }
 
   /** What the joint state says of itself and of the present. */
@@ -119,9 +125,16 @@ class RobotScene {
     this.motion.step(performance.now());
   }
 
+  /** Find what is drawn of each link; those that look as before stay as they are. */
   gather() {
-    for (const part of this.parts) part.dispose();
-    this.parts = Object.values(this.robot.links).map((link) => new Part(link)).filter(({ meshes }) => meshes.length);
+    const before = new Map(this.parts.map((part) => [part.link, part]));
+    this.parts = Object.values(this.robot.links).flatMap((link) => {
+      const old = before.get(link);
+      const meshes = meshesOf(link);
+      if (old?.meshes.length === meshes.length) return [old];
+      return meshes.length ? [new Part(link, meshes)] : [];
+    });
+    for (const part of before.values()) if (!this.parts.includes(part)) part.dispose();
     this.picker.set(this.parts);
     this.paint();
   }

@@ -2,8 +2,6 @@
 
 import { Color, DoubleSide, MeshStandardMaterial } from "three";
 
-import { meshesOf } from "./scene_model.js";
-
 // Viridis without its darkest end: as bright as it is high, so that nobody needs to tell red from green.
 const RAMP = ["#46327e", "#365c8d", "#277f8e", "#1fa187", "#4ac16d", "#a0da39", "#fde725"].map((hex) => new Color(hex));
 const FAINT = 0.35;
@@ -37,18 +35,20 @@ export function jointOf(link) {
 
 /** One link as it is drawn. */
 export class Part {
-  /** @param {Map<object, MeshStandardMaterial>} plain materials of files, and what is used in their place */
-  constructor(link) {
+  /** @param {import("three").Mesh[]} meshes of the link */
+  constructor(link, meshes) {
     this.link = link;
     this.joint = jointOf(link);
-    this.meshes = meshesOf(link);
+    this.meshes = meshes;
     this.tint = new MeshStandardMaterial({ roughness: 0.6, side: DoubleSide });
     const own = new Map();
     const replaced = (material) => {
       if (!own.has(material)) own.set(material, standard(material));
       return own.get(material);
     };
-    this.own = this.meshes.map(({ material }) => (Array.isArray(material) ? material.map(replaced) : replaced(material)));
+    for (const mesh of meshes) mesh.userData.material ??= mesh.material; // as it came
+    const originals = meshes.map((mesh) => mesh.userData.material);
+    this.own = originals.map((each) => (Array.isArray(each) ? each.map(replaced) : replaced(each)));
     this.materials = [this.tint, ...own.values()];
     for (const mesh of this.meshes) prepare(mesh, this);
     this.colour(undefined);

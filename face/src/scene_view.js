@@ -2,16 +2,15 @@
 
 import {
   ACESFilmicToneMapping,
-  AmbientLight,
   Box3,
   Color,
   DirectionalLight,
   GridHelper,
+  HemisphereLight,
   Mesh,
   PCFShadowMap,
   PerspectiveCamera,
   PlaneGeometry,
-  PMREMGenerator,
   Scene,
   ShadowMaterial,
   Sphere,
@@ -19,7 +18,6 @@ import {
   WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
-import { RoomEnvironment } from "three/examples/jsm/environments/RoomEnvironment.js";
 
 const SHARPEST = 2; // device pixel ratio; more costs much and shows nothing
 const SLOW_MS = 55; // a machine that draws no faster gets fewer pixels and no shadows
@@ -59,18 +57,21 @@ export class View {
   }
 
   light() {
-    const generator = new PMREMGenerator(this.renderer);
-    const room = new RoomEnvironment();
-    this.scene.environment = generator.fromScene(room, 0.04).texture;
-    this.scene.environmentRotation.x = Math.PI / 2; // the room's ceiling is where our Z points
-    this.scene.environmentIntensity = 0.55;
-    room.dispose();
-    generator.dispose();
-    this.sun = new DirectionalLight(0xffffff, 1.6);
+    // Light from all around would cost seconds on a machine without a graphics card; these three come near.
+    this.sun = new DirectionalLight(0xfff6ea, 2.1);
     this.sun.castShadow = true;
     this.sun.shadow.mapSize.set(1024, 1024);
     this.sun.shadow.radius = 4;
-    this.scene.add(new AmbientLight(0xffffff, 0.25), this.sun, this.sun.target);
+    const [side, back] = [new DirectionalLight(0xdfeaff, 0.8), new DirectionalLight(0xffffff, 1.5)];
+    side.position.set(0.4, -1, 0.35);
+    back.position.set(-1, 0.6, 0.9);
+    this.scene.add(new HemisphereLight(0xffffff, 0x9aa4b2, 1.25), this.sun, this.sun.target, side, back);
+    this.grid = new GridHelper();
+    this.grid.rotation.x = Math.PI / 2;
+    Object.assign(this.grid.material, { transparent: true, opacity: 0.7, depthWrite: false });
+    this.floor = new Mesh(new PlaneGeometry(), new ShadowMaterial({ opacity: 0.28, depthWrite: false }));
+    this.floor.receiveShadow = true;
+    this.scene.add(this.floor, this.grid);
   }
 
   control() {
@@ -120,7 +121,7 @@ export class View {
 
   /** Show a robot, in place of any other, on the floor: at z = 0, or below the lowest part of one that stands on none. */
   stage(robot) {
-    this.scene.remove(this.robot);
+    if (this.robot) this.scene.remove(this.robot);
     this.robot = robot;
     this.scene.add(robot);
     this.fit();
@@ -134,9 +135,7 @@ export class View {
     const box = new Box3().setFromObject(this.robot);
     if (box.isEmpty()) box.set(new Vector3(-0.1, -0.1, 0), new Vector3(0.1, 0.1, 0.2));
     const ball = box.getBoundingSphere(new Sphere());
-    const half = (this.camera.fov / 2) * (Math.PI / 180);
-    const narrow = Math.atan(Math.tan(half) * Math.min(1, this.camera.aspect));
-    const distance = (ball.radius * 0.92) / Math.sin(narrow);
+    const distance = this.distance(ball.center);
     Object.assign(this.controls, { minDistance: ball.radius / 10, maxDistance: distance * 6 });
     this.controls.target.copy(ball.center);
     this.camera.position.copy(ball.center).addScaledVector(FROM, distance);
@@ -145,27 +144,34 @@ export class View {
     this.invalidate(true);
   }
 
+  /** How far from the robot's middle the camera sees all of it, with some air around. */
+  distance(middle) {
+    const up = Math.tan((this.camera.fov / 2) * (Math.PI / 180)) * 0.9;
+    const across = up * this.camera.aspect;
+    const right = new Vector3().crossVectors(this.camera.up, FROM).normalize();
+    const above = new Vector3().crossVectors(FROM, right);
+    let most = 0.1;
+    for (const arm of cornersOf(this.robot)) {
+      arm.sub(middle);
+      most = Math.max(most, arm.dot(FROM) + Math.max(Math.abs(arm.dot(right)) / across, Math.abs(arm.dot(above)) / up));
+    }
+    return most;
+  }
+
   floorAt(height, { center, radius }) {
     this.sun.position.copy(center).add(new Vector3(0.5, -0.6, 1.4).multiplyScalar(radius * 2));
     this.sun.target.position.copy(center);
     const reach = radius * 1.5;
     Object.assign(this.sun.shadow.camera, { left: -reach, right: reach, top: reach, bottom: -reach, near: 0.01, far: radius * 6 });
     this.sun.shadow.camera.updateProjectionMatrix();
-    this.sun.shadow.normalBias = radius * 0.004;
-    for (const old of [this.grid, this.floor]) {
-      old?.removeFromParent();
-      old?.geometry.dispose();
-      old?.material.dispose();
-    }
+    this.sun.shadow.normalBias = radius * 0.012;
+    this.grid.geometry.dispose();
+    this.floor.geometry.dispose();
     const metres = 2 * Math.max(1, Math.ceil(radius * 2));
-    this.grid = new GridHelper(metres, radius < 0.7 ? metres * 10 : metres * 2, this.colours.axis, this.colours.grid);
-    this.grid.rotation.x = Math.PI / 2;
+    this.grid.geometry = new GridHelper(metres, radius < 0.7 ? metres * 10 : metres * 2, this.colours.axis, this.colours.grid).geometry;
+    this.floor.geometry = new PlaneGeometry(metres, metres);
     this.grid.position.set(Math.round(center.x), Math.round(center.y), height);
-    Object.assign(this.grid.material, { transparent: true, opacity: 0.7, depthWrite: false });
-    this.floor = new Mesh(new PlaneGeometry(metres, metres), new ShadowMaterial({ opacity: 0.28, depthWrite: false }));
     this.floor.position.copy(this.grid.position);
-    this.floor.receiveShadow = true;
-    this.scene.add(this.floor, this.grid);
   }
 
   /** Colours of the page's style, which may be dark or light, now and when that changes. */
@@ -245,10 +251,24 @@ export class View {
     this.sizes.disconnect();
     this.root.disconnect();
     this.controls.dispose();
-    this.scene.environment.dispose();
-    this.scene.traverse((each) => each.geometry?.dispose());
+    this.scene.traverse((each) => {
+      each.geometry?.dispose();
+      for (const material of [each.material ?? []].flat()) material.dispose();
+    });
     this.renderer.dispose();
     this.renderer.forceContextLoss();
+  }
+}
+
+/** The corners of the boxes around the meshes of a robot, in the world. */
+function* cornersOf(robot) {
+  const meshes = [];
+  robot.traverseVisible((each) => each.isMesh && meshes.push(each));
+  for (const { geometry, matrixWorld } of meshes) {
+    if (!geometry.boundingBox) geometry.computeBoundingBox();
+    const { min, max } = geometry.boundingBox;
+    for (const x of [min.x, max.x])
+      for (const y of [min.y, max.y]) for (const z of [min.z, max.z]) yield new Vector3(x, y, z).applyMatrix4(matrixWorld);
   }
 }
 
