@@ -49,12 +49,18 @@ function repeat({ target }) {
     return;
   }
   const template = templateOf(button);
-  if (!template) return;
+  if (!template || full(template.parentElement)) return;
   const fresh = own(document.importNode(template.content, true));
   const first = fresh.firstElementChild;
   template.before(fresh);
   applyLimits(form);
   first?.querySelector("input:not([type=hidden]), select, textarea")?.focus();
+}
+
+/** Whether what may be repeated is there as often as it may be. */
+function full(place) {
+  const most = Number(place.dataset.max ?? Infinity);
+  return [...place.children].filter((each) => each.matches(`${NODE}, .field, [data-repeat]`)).length >= most;
 }
 
 function templateOf(button) {
@@ -88,8 +94,16 @@ export function read(form) {
   for (const node of form.querySelectorAll(NODE)) complain(node, "");
   const said = new Body();
   said.node(form, form.dataset.classes);
+  for (const { parentElement } of said.wrong) open(parentElement);
   said.wrong[0]?.focus();
   return said.wrong.length ? null : said.lines.join("");
+}
+
+/** Nothing can be seen, or get the focus, in what is folded away. */
+function open(element) {
+  for (let details = element.closest("details"); details; details = details.parentElement.closest("details")) {
+    details.open = true;
+  }
 }
 
 class Body {

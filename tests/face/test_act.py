@@ -1,0 +1,192 @@
+"""Forms of actions, as people use them: checked, tried, sent, followed, refused and stopped."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import pytest
+from browser import LF, ROS, SPATIAL, Browser
+from playwright.sync_api import Locator, Page, Request, expect
+from small_fleet import Place, live, number, property_page
+
+pytestmark = pytest.mark.fleet
+JOINT = "wrist_3_joint"
+REFUSED = "Failed to load resource"
+
+
+@dataclass
+class Robot:
+    """A simulated arm, seen by a client that is no browser."""
+
+    browser: Browser
+
+    @property
+    def joint(self) -> str:
+        return self.browser.part("ur5", JOINT).url
+
+    @property
+    def rotate(self) -> str:
+        return self.browser.action(self.browser.part("ur5", JOINT), LF.Rotate)
+
+    @property
+    def angle(self) -> float:
+        found = number(property_page(self.browser, "ur5", JOINT, ROS.rotation), SPATIAL.rotationAngle)
+        assert isinstance(found, float)
+        return found
+
+
+@pytest.fixture(scope="module")
+def ur5(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robot]:
+    place = Place(tmp_path_factory.mktemp("state"))
+    with place.gateway() as (_, browser), place.ur5():
+        live(browser, "ur5")
+        yield Robot(browser)
+
+
+@pytest.fixture
+def form(page: Page, watched: object, ur5: Robot) -> Locator:
+    """The form that rotates one joint, opened on the page of the joint."""
+    page.goto(ur5.joint)
+    details = page.locator(f'details[data-include="{ur5.rotate}"]')
+    details.locator("summary").click()
+    return details.locator("form.invoke")
+
+
+def value(form: Locator) -> Locator:
+    return form.locator('> .field > input[data-path$="numericalValue"]')
+
+
+def unit(form: Locator) -> Locator:
+    return form.locator('> .field > select[data-path$="#unit"]')
+
+
+def fill(form: Locator, text: str, name: str) -> None:
+    unit(form).select_option(label=name)
+    value(form).fill(text)
+
+
+def press(form: Locator, dry: bool = False) -> None:
+    form.locator(f"button[type=submit]{'' if dry else ':not('}[data-prefer]{'' if dry else ')'}").click()
+
+
+def task(page: Page) -> Locator:
+    return page.locator("#tasks .task").last
+
+
+def test_a_joint_is_rotated_by_the_form(page: Page, form: Locator, ur5: Robot) -> None:
+    """The task is shown until it has succeeded, and the value on the page has followed."""
+    fill(form, "30", "°")
+    press(form)
+    expect(task(page).locator(".state")).to_have_text("succeeded")
+    assert ur5.angle == pytest.approx(0.5236, abs=0.01)
+    shown = page.locator(f'data[data-subject="{ur5.joint}/rotation"]').first
+    expect(shown).to_have_text(re.compile(r"^0\.52"))
+
+
+def test_a_motion_is_cancelled(page: Page, form: Locator) -> None:
+    fill(form, "-6", "rad")
+    press(form)
+    task(page).get_by_role("button", name="Cancel").click()
+    expect(task(page).locator(".state")).to_have_text("cancelled")
+    expect(task(page)).to_contain_text("cancelled by a client")
+
+
+def test_what_is_wrong_is_said_before_anything_is_sent(page: Page, form: Locator) -> None:
+    """Beside the field, with the limits; what is missing too."""
+    sent: list[Request] = []
+    page.on("request", lambda request: sent.append(request) if request.method != "GET" else None)
+    fill(form, "4000", "°")
+    press(form)
+    field = value(form)
+    expect(field).to_have_attribute("aria-invalid", "true")
+    expect(field).to_be_focused()
+    expect(form.locator(".error").first).to_have_text(re.compile(r"^This must be from -360 to 360"))
+    field.fill("")
+    press(form)
+    expect(form.locator(".error").first).to_have_text("This is needed.")
+    assert sent == []
+
+
+def test_the_unit_changes_the_limits(form: Locator) -> None:
+    unit(form).select_option(label="°")
+    expect(value(form)).to_have_attribute("max", re.compile("^360"))
+    unit(form).select_option(label="rad")
+    expect(value(form)).to_have_attribute("max", re.compile(r"^6\.28"))
+    expect(form.locator(".range").first).to_contain_text("6.28")
+
+
+def test_a_motion_is_tried_without_moving(page: Page, form: Locator, ur5: Robot) -> None:
+    before = ur5.angle
+    fill(form, "-1.25", "rad")
+    press(form, dry=True)
+    answer = form.locator("output.answer")
+    expect(answer).to_contain_text("nothing has moved")
+    expect(answer).to_contain_text(re.compile(r"it would take [\d.]+ s"))
+    expect(answer).to_contain_text(f"{JOINT} would be at -1.25 rad")
+    assert ur5.angle == pytest.approx(before, abs=0.01)
+
+
+def test_a_refusal_is_shown_in_the_words_of_the_server(
+    form: Locator,
+    watched: "Watched",  # noqa: F821
+    ur5: Robot,
+) -> None:
+    """Somebody else has control."""
+    http = ur5.browser.http
+    lease = str(ur5.browser.robot("ur5").one(LF.lease))
+    said = f'@prefix lf: <{LF}> . <> lf:holder "somebody else" ; lf:leaseDuration 60 .'
+    taken = http.put(lease, content=said, headers={"content-type": "text/turtle"})
+    assert taken.status_code in (200, 201, 204), taken.text
+    try:
+        fill(form, "0.1", "rad")
+        press(form)
+        expect(form.locator("output.answer[data-state=error]")).to_contain_text("somebody else")
+    finally:
+        assert http.delete(lease, headers={"lock-token": taken.headers["lock-token"]}).status_code == 204
+    watched.forgive(REFUSED)
+
+
+@pytest.mark.parametrize("by", ["button", "keyboard"])
+def test_stop_is_always_in_reach(page: Page, form: Locator, by: str) -> None:
+    """It ends what runs, and says so."""
+    fill(form, "6" if by == "button" else "-6", "rad")
+    press(form)
+    expect(task(page).locator(".state")).to_have_text("running")
+    if by == "button":
+        page.locator("form.stop button").click()
+    else:
+        page.keyboard.press("Escape")
+        page.keyboard.press("Escape")
+    expect(page.locator("form.stop output")).to_contain_text("Stop accepted")
+    expect(page.locator("#tasks .task .state", has_text="cancelled")).to_be_visible()
+
+
+def test_a_task_is_followed_on_the_next_page(page: Page, form: Locator, ur5: Robot) -> None:
+    fill(form, "6" if ur5.angle < 0 else "-6", "rad")
+    press(form)
+    expect(task(page).locator(".state")).to_have_text("running")
+    page.goto(ur5.browser.root)
+    expect(task(page).locator(".state")).to_have_text("running")
+    task(page).get_by_role("button", name="Cancel").click()
+    expect(task(page).locator(".state")).to_have_text("cancelled")
+
+
+def test_a_callback_is_made_and_deleted(page: Page, watched: object, ur5: Robot) -> None:
+    """On the page of subscriptions, by the form that the shape gave."""
+    joint = ur5.browser.part("ur5", JOINT)
+    container = joint.url + "/subscriptions"
+    page.goto(container)
+    form = page.locator("form.invoke")
+    url = "http://127.0.0.1:9/nobody"
+    options = form.locator("details:not([open]) > summary")
+    if options.count():
+        options.click()
+    form.locator('[data-path$="onResource"]').first.fill(joint.url + "/rotation")
+    form.locator('[data-path$="callbackURL"]').first.fill(url)
+    press(form)
+    expect(form.locator("output.answer")).to_contain_text("Done")
+    row = page.locator("#watches tr", has_text=url)
+    expect(row).to_be_visible()
+    row.get_by_role("button").click()
+    page.get_by_role("button", name="Delete", exact=True).last.click()
+    expect(row).to_have_count(0)
