@@ -3,6 +3,7 @@
 import math
 import re
 from functools import lru_cache
+from zlib import crc32
 
 from agents.wire.names import unescape
 from client.quantity import unit_label
@@ -86,3 +87,13 @@ def moment(lexical: str) -> str:
     """An xsd:dateTime in UTC to the millisecond, or as it is if it is of another form."""
     found = re.fullmatch(r"(\d{4}-\d\d-\d\d)T(\d\d:\d\d:\d\d)(\.\d+)?Z", lexical)
     return f"{found[1]} {found[2]}{(found[3] or '.000')[:4]} UTC" if found else clean(lexical)
+
+
+def named(iri: str) -> str:
+    """What an IRI to choose is called: a part by its name, a term in words."""
+    return words(iri) if "#" in iri else segment_name(iri.rstrip("/").rpartition("/")[2], 1)
+
+
+def mark(iri: str) -> str:
+    """A short name for ids, the same for the same IRI: several forms may come to one page."""
+    return f"f{crc32(iri.encode()):08x}"

@@ -111,6 +111,7 @@ class Facts:
     """The triples of a resource, and how their terms are shown. ``root`` is the fleet's IRI, with its slash."""
 
     def __init__(self, triples: Sequence[Triple], root: str) -> None:
+        self.triples = triples
         self.outline = Outline(triples)
         self.of = self.outline.properties
         self.root = root
