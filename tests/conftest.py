@@ -44,3 +44,10 @@ def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningFleet]:
 def browser(fleet: RunningFleet) -> Iterator[Browser]:
     with contextlib.closing(Browser(fleet.root)) as browser:
         yield browser
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Beside each other run files, so that what a file sets up is set up once, and all that share the one fleet."""
+    for item in items:
+        shared = "fleet" in getattr(item, "fixturenames", ())
+        item.add_marker(pytest.mark.xdist_group("the fleet" if shared else item.location[0]))

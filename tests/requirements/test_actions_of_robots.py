@@ -228,7 +228,7 @@ def test_dry_run_moves_nothing(ur5: Commanded) -> None:
     assert "location" not in answer.headers
     graph = rdflib.Graph().parse(data=answer.text, format="turtle")
     assert (None, RDF.type, LF.Rehearsal) in graph
-    assert _positions(ur5) == pytest.approx(before, abs=1e-4)
+    assert _positions(ur5) == pytest.approx(before, abs=1e-3)  # it may still settle
 
 
 def test_what_no_shape_covers_is_ignored(ur5: Commanded) -> None:

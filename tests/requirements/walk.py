@@ -1,15 +1,27 @@
 """The whole tree from the root by links only: Link headers, link sets and IRIs in representations."""
 
+import gc
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import httpx
+import pyoxigraph
 import rdflib
-from browser import HYBRIT, LDP, LF, TURTLE, links
-from rdflib import RDF, URIRef
+from browser import HYBRIT, LDP, LF, ROS, TURTLE, links
+from pyoxigraph import RdfFormat
+from rdflib import RDF, BNode, Literal, URIRef
+from rdflib.term import Node
 
-_THINGS = {"fleet": LF.Fleet, "robot": LF.Robot, "joint": LF.Joint, "link": rdflib.Namespace("http://ros.org/#").Link}
+_THINGS = {"fleet": LF.Fleet, "robot": LF.Robot, "joint": LF.Joint, "link": ROS.Link}
+_OTHERS = {
+    "property": HYBRIT.Property,
+    "action": HYBRIT.Action,
+    "blueprint": LF.Blueprint,
+    "invocation": LF.Invocation,
+    "subscription": HYBRIT.Subscription,
+    "container": LDP.Container,
+}
 
 
 @dataclass
@@ -58,16 +70,40 @@ def walk(root: str, http: httpx.Client) -> Walk:
             continue
         response = http.get(url)
         assert response.status_code == 200, f"{url}: {response.status_code} {response.text[:300]}"
-        graph = rdflib.Graph()
-        if response.headers["content-type"].startswith(TURTLE):
-            graph.parse(data=response.text, format="turtle", publicID=url)
-        found.pages[url] = Visited(url, response, graph, _kind(url, graph, response))
-        pending += [target for target in _targets(graph, response, root) if target not in found.pages]
+        triples = _triples(url, response)
+        found.pages[url] = Visited(url, response, _graph(triples), _kind(url, triples))
+        pending += [target for target in _targets(triples, response, root) if target not in found.pages]
+    # Millions of objects, which are not to be looked through for garbage in the middle of another test.
+    gc.collect()
+    gc.freeze()
     return found
 
 
-def _targets(graph: rdflib.Graph, response: httpx.Response, root: str) -> set[str]:
-    named = {str(term) for triple in graph for term in triple if isinstance(term, URIRef)}
+def _triples(url: str, response: httpx.Response) -> list[pyoxigraph.Triple]:
+    """Those of a document in Turtle, none of any other."""
+    if not response.headers["content-type"].startswith(TURTLE):
+        return []
+    return [quad.triple for quad in pyoxigraph.parse(response.content, format=RdfFormat.TURTLE, base_iri=url)]
+
+
+def _graph(triples: list[pyoxigraph.Triple]) -> rdflib.Graph:
+    graph = rdflib.Graph()
+    for triple in triples:
+        graph.add(tuple(map(_term, triple)))  # type: ignore[arg-type]
+    return graph
+
+
+def _term(term: object) -> Node:
+    if isinstance(term, pyoxigraph.NamedNode):
+        return URIRef(term.value)
+    if isinstance(term, pyoxigraph.BlankNode):
+        return BNode(term.value)
+    assert isinstance(term, pyoxigraph.Literal)
+    return Literal(term.value, lang=term.language, datatype=None if term.language else URIRef(term.datatype.value))
+
+
+def _targets(triples: list[pyoxigraph.Triple], response: httpx.Response, root: str) -> set[str]:
+    named = {term.value for triple in triples for term in triple if isinstance(term, pyoxigraph.NamedNode)}
     named |= set(links(response, "related")) | set(links(response, "linkset"))
     if response.headers["content-type"].startswith("application/linkset+json"):
         (context,) = json.loads(response.content)["linkset"]
@@ -75,19 +111,7 @@ def _targets(graph: rdflib.Graph, response: httpx.Response, root: str) -> set[st
     return {url.partition("#")[0] for url in named if url.startswith(root)}
 
 
-def _kind(url: str, graph: rdflib.Graph, response: httpx.Response) -> str:
-    types = set(graph.objects(URIRef(url), RDF.type))
-    for kind, known in _THINGS.items():
-        if known in types:
-            return kind
-    for kind, known in (
-        ("property", HYBRIT.Property),
-        ("action", HYBRIT.Action),
-        ("blueprint", LF.Blueprint),
-        ("invocation", LF.Invocation),
-        ("subscription", HYBRIT.Subscription),
-        ("container", LDP.Container),
-    ):
-        if known in types:
-            return kind
-    return "document"
+def _kind(url: str, triples: list[pyoxigraph.Triple]) -> str:
+    here, a = pyoxigraph.NamedNode(url), pyoxigraph.NamedNode(str(RDF.type))
+    types = {str(triple.object.value) for triple in triples if triple.subject == here and triple.predicate == a}  # type: ignore[union-attr]
+    return next((kind for kind, known in {**_THINGS, **_OTHERS}.items() if str(known) in types), "document")
