@@ -30,7 +30,7 @@ _RDF_TYPE = rdflib.RDF.type
 
 @dataclass(frozen=True)
 class Leaf:
-    """One value. ``input`` is the type of its element; ``limits`` is JSON as `face/src/limits.js` reads it, or empty."""
+    """One value. ``input`` is the type of its element; ``limits`` is JSON for `face/src/limits.js`, or empty."""
 
     path: str
     label: str
@@ -272,7 +272,7 @@ def _option(term: Node) -> str:
 
 def _limits(own: Field, branches: Sequence[Shape]) -> str:
     """Ranges of a number, each with what other fields of its node must be: the narrow ones first."""
-    ranges = [_range(own, branch) for branch in (*branches, Shape())]
+    ranges = [_range(own, branch) for branch in (*(each for each in branches if each.field(own.path)), Shape())]
     bounded = [each for each in ranges if "min" in each or "max" in each]
     return json.dumps(bounded, separators=(",", ":")) if bounded else ""
 
