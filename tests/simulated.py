@@ -70,6 +70,7 @@ class Simulated:
             description=agent.description,
             on_command=self._command,
             on_stop=agent.handle_stop,
+            on_mesh=agent.mesh,
         ) as link:
             while not end.is_set():
                 with self._lock:

@@ -88,9 +88,15 @@ def moving(tree: Walk, browser: Browser) -> Iterator[Walk]:
 
 
 def _slow(tree: Walk, robot: Visited) -> str:
-    """What turns the first joint of a robot that can be turned."""
+    """What turns the first joint of a robot that turns between two limits."""
     offered = (each for each in tree.of("action") if each.url.startswith(robot.url))
-    return next(each.url for each in offered if (each.iri, rdflib.RDF.type, LF.Rotate) in each.graph)
+    rotations = (each for each in offered if (each.iri, rdflib.RDF.type, LF.Rotate) in each.graph)
+    return next(each.url for each in rotations if not _is_endless(tree, each))
+
+
+def _is_endless(tree: Walk, action: Visited) -> bool:
+    (joint,) = action.graph.objects(action.iri, rdflib.RDFS.seeAlso)
+    return (joint, rdflib.RDF.type, LF.ContinuousJoint) in tree.pages[str(joint)].graph
 
 
 def _away(browser: Browser, action: str) -> str:
