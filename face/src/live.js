@@ -58,11 +58,10 @@ function take(graph) {
 function show(graph) {
   const shown = new Set();
   for (const [element, live] of elements) {
-    const node = walk(graph, live.subject, live.path.slice(0, -1));
-    const predicate = live.path.at(-1);
-    const term = node && graph.value(node, predicate);
-    if (!term) continue;
-    shown.add(`${node} ${predicate}`);
+    const found = reach(graph, live.subject, live.path);
+    if (!found) continue;
+    const { node, term } = found;
+    shown.add(`${node} ${live.path.at(-1)}`);
     if (term.value === live.shown) continue;
     live.shown = term.value;
     if (!pending.size) requestAnimationFrame(flush);
@@ -72,18 +71,23 @@ function show(graph) {
 }
 
 /**
- * The node that a path leads to. A hop `^IRI` goes backwards, to what has the node as that value.
+ * What a path leads to, and the node that says it. A hop `^IRI` goes backwards, to what has the node as that value; of
+ * several such, to the first from which the path goes on.
  *
  * @param {import("./ntriples.js").Graph} graph
+ * @returns {{node: string, term: import("./ntriples.js").Term}|undefined}
  */
-export function walk(graph, subject, path) {
-  let node = subject;
-  for (const hop of path) {
-    if (hop.startsWith("^")) node = graph.having(hop.slice(1), node);
-    else node = ((term) => term && key(term))(graph.value(node, hop));
-    if (node === undefined) return undefined;
+export function reach(graph, node, [hop, ...path]) {
+  if (!path.length) {
+    const term = graph.value(node, hop);
+    return term && { node, term };
   }
-  return node;
+  const next = hop.startsWith("^") ? graph.having(hop.slice(1), node) : graph.values(node, hop).map(key);
+  for (const each of next) {
+    const found = reach(graph, each, path);
+    if (found) return found;
+  }
+  return undefined;
 }
 
 function flush() {

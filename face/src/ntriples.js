@@ -47,17 +47,21 @@ export class Graph {
     return term;
   }
 
-  /** The first subject that has this value, as its key. */
-  having(predicate, value) {
+  /** The keys of all subjects that have this node as a value. */
+  having(predicate, node) {
     let found = this.inverse.get(predicate);
     if (!found) this.inverse.set(predicate, (found = this.inverted(predicate)));
-    return found.get(value);
+    return found.get(node) ?? [];
   }
 
   inverted(predicate) {
     const found = new Map();
     for (const [subject, facts] of this.subjects) {
-      for (const term of facts.get(predicate) ?? []) if (!found.has(key(term))) found.set(key(term), subject);
+      for (const term of facts.get(predicate) ?? []) {
+        const there = found.get(key(term));
+        if (there) there.push(subject);
+        else found.set(key(term), [subject]);
+      }
     }
     return found;
   }

@@ -3,7 +3,7 @@
 import uPlot from "uplot";
 
 import { number } from "./format.js";
-import { follow, walk } from "./live.js";
+import { follow, reach } from "./live.js";
 import { adopt } from "./region.js";
 import { UNKNOWN } from "./vocabulary.js";
 
@@ -73,15 +73,13 @@ function take(graph) {
 class Series {
   constructor(subject, path) {
     this.subject = subject;
-    this.way = path.slice(0, -1);
-    this.predicate = path.at(-1);
+    this.path = path;
     this.times = [];
     this.values = [];
   }
 
   take(graph, now) {
-    const node = walk(graph, this.subject, this.way);
-    const term = node && graph.value(node, this.predicate);
+    const term = reach(graph, this.subject, this.path)?.term;
     if (!term) return;
     const value = term.value === UNKNOWN ? null : Number(term.value);
     if (this.times.length && value === this.values.at(-1)) return;

@@ -7,8 +7,9 @@ import { watch } from "./socket.js";
 import { ACTION, NUMERICAL_VALUE, TITLE, lf, localName } from "./vocabulary.js";
 
 const INTERVAL_S = 0.2;
-// What went well goes by itself; what did not stays until somebody has read it.
+// What ended as somebody wanted goes by itself; what failed stays until it has been read.
 const SEEN_MS = 8000;
+const WANTED = new Set(["succeeded", "cancelled", "preempted"]);
 const OPEN = new Set(["accepted", "running", "unknown"]);
 const STORED = "linked-fleet tasks";
 
@@ -93,7 +94,7 @@ class Card {
     // Whoever watches is calling: they are let go of after that.
     queueMicrotask(() => this.stop());
     this.close.hidden = false;
-    if (state === "succeeded") setTimeout(() => this.remove(), SEEN_MS);
+    if (WANTED.has(state)) setTimeout(() => this.remove(), SEEN_MS);
   }
 
   async end() {

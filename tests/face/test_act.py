@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import pytest
 from browser import LF, ROS, SPATIAL, Browser
 from playwright.sync_api import Locator, Page, Request, expect
-from small_fleet import Place, live, number, property_page
+from small_fleet import Place, live, move, number, property_page
 
 pytestmark = pytest.mark.fleet
 JOINT = "wrist_3_joint"
@@ -81,6 +81,17 @@ def test_a_joint_is_rotated_by_the_form(page: Page, form: Locator, ur5: Robot) -
     assert ur5.angle == pytest.approx(0.5236, abs=0.01)
     shown = page.locator(f'data[data-subject="{ur5.joint}/rotation"]').first
     expect(shown).to_have_text(re.compile(r"^0\.52"))
+
+
+def test_the_table_of_joints_follows(page: Page, watched: object, ur5: Robot) -> None:
+    """Positions of joints are told by named poses, too: those do not move."""
+    page.goto(ur5.browser.robot("ur5").url)
+    position = page.locator(f'#joints data[data-subject="{ur5.joint}"]').first
+    for angle in (0.25, -0.25):
+        answer = move(ur5.browser, ur5.rotate, angle, prefer="wait=30")
+        assert answer.status_code == 204, answer.text
+        expect(position).to_have_text(re.compile(r"^-?0\.2[45]"))
+        expect(position).to_have_text(re.compile(r"^-" if angle < 0 else r"^0"))
 
 
 def test_a_motion_is_cancelled(page: Page, form: Locator) -> None:
