@@ -88,7 +88,7 @@ class RobotScene {
     this.pose();
     this.view.stage(robot);
     this.listen();
-    await loadMeshes(meshes, (done, of) => this.arrived(done, of), signal);
+    this.missing = await loadMeshes(meshes, (done, of) => this.arrived(done, of), signal);
     if (signal.aborted || robot !== this.robot) return;
     complete(robot, this.view.colours.bone);
     this.gather();
@@ -184,7 +184,7 @@ class RobotScene {
       const urdf = await fetchModel(this.section.dataset.model, this.ending.signal);
       await this.describe();
       this.incarnation = undefined;
-      if (urdf === this.urdf) this.pose();
+      if (urdf === this.urdf && !this.missing?.length) this.pose();
       else await this.load();
     } catch (error) {
       if (!this.ending.signal.aborted) console.warn("the robot's description cannot be had at present:", error);

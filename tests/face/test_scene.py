@@ -1,0 +1,250 @@
+"""The robot in 3D: where its links are drawn is where the gateway says they are, and its parts lead to their pages."""
+
+import math
+import signal
+from collections.abc import Callable, Iterator
+from typing import TypedDict
+from urllib.parse import urlsplit
+
+import pytest
+from actor import Actor, joint, link, robot, stage
+from browser import LF, MATHS, Browser
+from playwright.sync_api import Page, expect
+from running import Process, eventually
+from small_fleet import Place, live, move
+
+from gateway.fleet.kinematics import Kinematics
+
+pytestmark = pytest.mark.fleet
+TOLERANCE_M = 0.001
+XML = {"accept": "application/xml"}
+
+
+class Drawn(TypedDict):
+    """What a scene showed at one moment: joint positions in rad or m, and links' places in metre."""
+
+    positions: dict[str, float]
+    links: dict[str, list[float]]
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Place, Browser]]:
+    place = Place(tmp_path_factory.mktemp("state"))
+    with place.gateway() as (_, browser):
+        yield place, browser
+
+
+@pytest.fixture
+def ur5(place: tuple[Place, Browser]) -> Iterator[tuple[Browser, Process]]:
+    with place[0].ur5() as agent:
+        live(place[1], "ur5")
+        yield place[1], agent
+
+
+def _show(page: Page, url: str, phase: str = "ready") -> None:
+    page.goto(url)
+    page.locator("#scene").scroll_into_view_if_needed()
+    expect(page.locator("#scene")).to_have_attribute("data-phase", phase)
+
+
+def _drawn(page: Page, links: list[str]) -> Drawn:
+    drawn: Drawn = page.evaluate(
+        """links => {
+            const { scene } = document.getElementById("scene");
+            return { positions: scene.positions(), links: Object.fromEntries(links.map(l => [l, scene.worldOf(l)])) };
+        }""",
+        links,
+    )
+    return drawn
+
+
+def _places(browser: Browser, name: str, links: list[str]) -> dict[str, list[float]]:
+    """Where the gateway says that the links are."""
+    found = {}
+    for each in links:
+        pose = browser.page(str(browser.part(name, each).one(LF.pose)))
+        vector = pose.graph.value(pose.iri, LF.position)
+        found[each] = [float(str(pose.graph.value(vector, axis))) for axis in (MATHS.x, MATHS.y, MATHS.z)]
+    return found
+
+
+def _agree(drawn: dict[str, list[float]], said: dict[str, list[float]]) -> bool:
+    return all(math.dist(drawn[each], said[each]) < TOLERANCE_M for each in said)
+
+
+def _kinematics(browser: Browser, name: str) -> Callable[[dict[str, float]], dict[str, list[float]]]:
+    """Link places from joint positions, as the gateway computes them from the robot's model."""
+    urdf = browser.http.get(str(browser.robot(name).one(LF.model)), headers=XML).text
+    kinematics = Kinematics(urdf, floating=False)
+
+    def places(positions: dict[str, float]) -> dict[str, list[float]]:
+        poses = kinematics.link_poses(positions, None)
+        return {each: list(pose.position_m) for each, pose in poses.items() if pose is not None}
+
+    return places
+
+
+def _spot(page: Page, name: str) -> tuple[float, float]:
+    """A place of the window where a link is seen."""
+    spot = page.evaluate(
+        """name => {
+            const { left, top, width, height } = document.querySelector("#scene canvas").getBoundingClientRect();
+            const { scene } = document.getElementById("scene");
+            const bottom = Math.min(top + height, innerHeight);
+            for (let y = Math.max(top, 0) + 4; y < bottom; y += 6)
+                for (let x = left + 4; x < left + width; x += 6)
+                    if ([0, 3].every((d) => scene.linkAt(x + d, y + d) === name)) return [x + 1.5, y + 1.5];
+        }""",
+        name,
+    )
+    assert spot, f"{name} is nowhere to be seen"
+    return spot[0], spot[1]
+
+
+def test_links_are_drawn_where_the_gateway_says_while_they_move_and_after(
+    page: Page, watched: object, ur5: tuple[Browser, Process]
+) -> None:
+    browser, _ = ur5
+    elbow, links = browser.part("ur5", "elbow_joint"), ["upper_arm_link", "forearm_link", "tool0"]
+    _show(page, browser.robot("ur5").url)
+    eventually(lambda: _agree(_drawn(page, links)["links"], _places(browser, "ur5", links)), "the pose at the start")
+    places = _kinematics(browser, "ur5")
+    start = _drawn(page, links)["positions"]["elbow_joint"]
+    target = start - 1.2
+    assert move(browser, browser.action(elbow, LF.Rotate), target).status_code < 300
+
+    seen = set()
+
+    def there() -> bool:
+        drawn = _drawn(page, links)
+        said = places(drawn["positions"])
+        assert _agree(drawn["links"], {each: said[each] for each in links}), (drawn, said)
+        seen.add(round(drawn["positions"]["elbow_joint"], 2))
+        return abs(drawn["positions"]["elbow_joint"] - target) < TOLERANCE_M
+
+    eventually(there, "the scene follows the elbow")
+    assert any(target + 0.1 < each < start - 0.1 for each in seen), "it was never seen on its way"
+    eventually(lambda: _agree(_drawn(page, links)["links"], _places(browser, "ur5", links)), "the pose at the end")
+
+
+def test_a_part_says_what_it_is_and_a_click_goes_to_its_page(
+    page: Page, watched: object, ur5: tuple[Browser, Process]
+) -> None:
+    browser, _ = ur5
+    home = browser.robot("ur5").url
+    _show(page, home)
+    spot = _spot(page, "forearm_link")
+    page.mouse.move(*spot)
+    label = page.locator(".scene-label")
+    expect(label).to_contain_text("forearm_link")
+    expect(label).to_contain_text("elbow_joint")
+    expect(label.locator("data")).to_contain_text("rad")
+    page.mouse.click(*spot)
+    expect(page).to_have_url(browser.part("ur5", "elbow_joint").url)
+    _show(page, home)
+    page.keyboard.down("Shift")
+    page.mouse.click(*_spot(page, "forearm_link"))
+    expect(page).to_have_url(browser.part("ur5", "forearm_link").url)
+
+
+def test_colours_have_a_legend_in_words(page: Page, watched: object, ur5: tuple[Browser, Process]) -> None:
+    browser, _ = ur5
+    _show(page, browser.robot("ur5").url)
+    legend = page.locator(".scene-legend")
+    expect(legend).to_be_hidden()
+    page.get_by_label("limit proximity").check()
+    expect(legend).to_contain_text("at a limit")
+    expect(legend).to_contain_text("most: ")
+    page.get_by_label("effort").check()
+    expect(legend).to_contain_text("all that is allowed")
+    page.get_by_label("appearance").check()
+    expect(legend).to_be_hidden()
+
+
+def test_keys_turn_and_zoom(page: Page, watched: object, ur5: tuple[Browser, Process]) -> None:
+    browser, _ = ur5
+    _show(page, browser.robot("ur5").url)
+    canvas = page.get_by_role("img", name="3D drawing of")
+    canvas.focus()
+    seen = {str(_camera(page))}
+    for key in ("ArrowLeft", "ArrowUp", "+"):
+        page.keyboard.press(key)
+        seen.add(str(_camera(page)))
+    assert len(seen) == 4
+    page.keyboard.press("0")
+    assert str(_camera(page)) in seen
+
+
+def _camera(page: Page) -> list[float]:
+    place: list[float] = page.evaluate("document.getElementById('scene').scene.view.camera.position.toArray()")
+    return [round(each, 6) for each in place]
+
+
+def test_a_robot_that_left_is_drawn_as_it_was_last_seen(
+    page: Page, watched: object, ur5: tuple[Browser, Process]
+) -> None:
+    browser, agent = ur5
+    url, links = browser.robot("ur5").url, ["forearm_link", "tool0"]
+    _show(page, url)
+    eventually(lambda: _agree(_drawn(page, links)["links"], _places(browser, "ur5", links)), "the present pose")
+    last = _drawn(page, links)["links"]
+    agent.send(signal.SIGKILL)
+    expect(page.locator(".scene-badge")).to_contain_text("offline")
+    assert _agree(_drawn(page, links)["links"], last)
+    _show(page, url)
+    expect(page.locator(".scene-badge")).to_contain_text("offline")
+    assert _agree(_drawn(page, links)["links"], last)
+
+
+def _stick(name: str, child: str, z: float) -> str:
+    return joint(name, "revolute", "base" if name == "hip" else "thigh", child).replace("0 0 1", f"0.2 0 {z}", 1)
+
+
+def test_a_robot_without_meshes_is_drawn_from_its_frames(
+    page: Page, watched: object, place: tuple[Place, Browser]
+) -> None:
+    """What nobody measures is named, and stays where it is."""
+    urdf = robot(link("base"), link("thigh"), link("shin"), _stick("hip", "thigh", 0.5), _stick("knee", "shin", 0.4))
+    with stage(place[0].zenoh) as session:
+        actor = Actor(session, "sticks")
+        actor.appear(actor.description(urdf, ("hip", "knee"))).stand(0.3, math.nan)
+        _show(page, live(place[1], "sticks").url)
+        eventually(lambda: _drawn(page, [])["positions"].get("hip") == 0.3, "the hip is drawn where it is")
+        for each in ("base", "thigh", "shin"):
+            _spot(page, each)
+        expect(page.locator(".scene-unknown")).to_have_text("Position unknown: knee")
+        assert _drawn(page, [])["positions"]["knee"] == 0
+
+
+BODY = "<visual><geometry>{}</geometry></visual>"
+HOSTILE = (
+    BODY.format('<mesh filename="http://192.0.2.1/foreign.stl"/>')
+    + BODY.format('<mesh filename="//192.0.2.1/foreign.dae"/>')
+    + '<visual><geometry><box size="0.2 0.2 0.2"/></geometry>'
+    '<material name="&lt;img src=x onerror=alert(1)&gt;"><texture filename="http://192.0.2.1/t.png"/></material></visual>'
+)
+
+
+def test_nothing_is_asked_of_another_host(page: Page, watched: object, place: tuple[Place, Browser]) -> None:
+    """A primitive is drawn whatever stands beside it; names are text."""
+    name = "<img src=x>"
+    urdf = robot(link("base"), f'<link name="{name.replace("<", "&lt;")}">{HOSTILE}</link>')
+    urdf = urdf.replace("</robot>", joint("elbow", "revolute", "base", name.replace("<", "&lt;")) + "</robot>")
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    with stage(place[0].zenoh) as session:
+        actor = Actor(session, "hostile")
+        actor.appear(actor.description(urdf, ("elbow",))).stand(0.0)
+        _show(page, live(place[1], "hostile").url)
+        page.mouse.move(*_spot(page, name))
+        expect(page.locator(".scene-label")).to_contain_text(f"link {name}")
+        expect(page.locator(".scene-label img")).to_have_count(0)
+    assert {urlsplit(each).netloc for each in asked} == {urlsplit(place[0].root).netloc}
+
+
+def test_without_webgl_the_page_says_so(page: Page, watched: object, ur5: tuple[Browser, Process]) -> None:
+    browser, _ = ur5
+    page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
+    _show(page, browser.robot("ur5").url, "failed")
+    expect(page.locator("#scene [role=status]")).to_contain_text("no WebGL")
+    expect(page.locator("#scene canvas")).to_have_count(0)
