@@ -72,15 +72,15 @@ def described(facts: Facts, subject: Subject) -> Described:
 
 def card(facts: Facts, iri: NamedNode, name: str) -> Card:
     rows = facts.rows(iri, without=_AROUND)
-    alone = len(rows) > 0 and isinstance(rows[0].values[0], Number) and len(rows[0].values) == 1
-    number = rows[0].values[0] if alone else None
+    numbers = [value for row in rows for value in row.values if isinstance(value, Number)]
+    number = numbers[0] if len(numbers) == 1 and rows[0].values == numbers else None
     times = facts.values(iri, SOSA.resultTime)
     measured = isinstance(times[0], Time) if times else False
     return Card(
         name,
         Link(name, iri.value, iri.value),
-        number if isinstance(number, Number) else None,
-        rows[1:] if alone else rows,
+        number,
+        rows if number is None else rows[1:],
         times[0] if times and isinstance(times[0], Time) else None,
         list(_plots(name, rows)) if measured else [],
         facts.one(iri, HYBRIT.consumes) is not None,
@@ -136,8 +136,9 @@ _PRESENCE = frozenset({LF.presence, LF.lastSeen, LF.fault})
 
 
 def actions(facts: Facts, iri: NamedNode) -> list[Link]:
-    found = facts.all(iri, HYBRIT.action)
-    return [facts.link(each) for each in found if isinstance(each, NamedNode)]
+    """Named by the last segment, in words."""
+    found = [each.value for each in facts.all(iri, HYBRIT.action) if isinstance(each, NamedNode)]
+    return [Link(labels.words(each), each, each) for each in found]
 
 
 # -- fleet ----------------------------------------------------------------------------------------------------------
