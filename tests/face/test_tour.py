@@ -1,0 +1,93 @@
+"""What a person does who comes for the first time: look, walk, watch, move, stop. Makes the pictures of the README."""
+
+import os
+import re
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from browser import Browser as Client
+from browser import all_live
+from conftest import ROBOTS
+from playwright.sync_api import Page, expect
+from running import Process, eventually, process
+from small_fleet import Place
+
+pytestmark = pytest.mark.fleet
+PICTURES = os.environ.get("LINKED_FLEET_PICTURES")  # a folder; without it they are made and thrown away
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Client, Process]]:
+    """The robots of the demo; one of them, the UR5, can be taken away."""
+    place = Place(tmp_path_factory.mktemp("state"))
+    others = (f"--robot={name}" for name in ROBOTS if name != "ur5")
+    agents = process("-m", "agents", *others, "--connect", place.zenoh)
+    with place.gateway() as (_, client), place.ur5() as ur5, agents:
+        eventually(lambda: all_live(client, len(ROBOTS)), "five live robots")
+        yield client, ur5
+
+
+def picture(page: Page, name: str, folder: Path) -> None:
+    page.screenshot(path=Path(PICTURES or folder) / f"{name}.png")
+
+
+def _rotate(page: Page, degrees: str, speed: str = "") -> None:
+    """Fill in the form of ``rotate`` on the page of the joint, which is open."""
+    details = page.locator("details.action").filter(has=page.get_by_text("rotate", exact=True))
+    if details.get_attribute("open") is None:
+        details.locator("summary").click()
+    form = details.locator("form.invoke")
+    form.locator('> .field > input[data-path$="numericalValue"]').fill(degrees)
+    if speed:
+        form.get_by_text("Options", exact=True).click()
+        form.locator('input[data-path$="#speedScale"]').fill(speed)
+    form.get_by_role("button", name="rotate", exact=True).click()
+
+
+def _drawn(page: Page, joint: str) -> float:
+    return float(page.evaluate("joint => document.getElementById('scene').scene.positions()[joint]", joint))
+
+
+def test_from_the_root_to_a_joint_that_moves(
+    page: Page, watched: object, demo: tuple[Client, Process], tmp_path: Path
+) -> None:
+    """The value changes without a reload, the drawn robot stands like the real one, and a motion can be cancelled."""
+    client, _ = demo
+    page.goto(client.root)
+    expect(page.locator("#robots .state[data-state=online]")).to_have_count(len(ROBOTS))
+    picture(page, "fleet", tmp_path)
+
+    page.get_by_role("link", name="Baxter").click()
+    expect(page.locator("#scene")).to_have_attribute("data-phase", "ready")
+    before = _drawn(page, "right_s1")
+    picture(page, "robot", tmp_path)
+
+    page.get_by_role("link", name="right_s1", exact=True).click()
+    page.evaluate("window.untouched = true")
+    _rotate(page, "-60")
+    expect(page.locator("#tasks .state").first).to_have_text("succeeded")
+    expect(page.locator("#lead .figure .converted")).to_have_text(re.compile(r"^.(60|59\.9)"))
+    picture(page, "joint", tmp_path)
+
+    _rotate(page, "20", speed="0.05")
+    card = page.locator("#tasks .task[data-state=running]")
+    card.get_by_role("button", name="Cancel").click()
+    expect(page.locator("#tasks .task[data-state=cancelled]")).to_be_visible()
+    assert page.evaluate("window.untouched")
+
+    page.get_by_role("link", name="baxter", exact=True).first.click()
+    page.wait_for_function("document.getElementById('scene').scene?.positions().right_s1 < -0.8")
+    assert _drawn(page, "right_s1") < before - 0.2
+
+
+def test_a_robot_that_left_is_marked(page: Page, watched: object, demo: tuple[Client, Process]) -> None:
+    client, ur5 = demo
+    page.goto(client.root)
+    card = page.locator("#robots .robot", has_text="UR5")
+    expect(card.locator(".state")).to_have_text("online")
+    ur5.send(signal.SIGKILL)
+    expect(card.locator(".state")).to_have_text("offline")
+    card.get_by_role("link").click()
+    expect(page.locator("#presence .state")).to_have_text("offline")
