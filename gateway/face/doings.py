@@ -2,13 +2,13 @@
 
 from dataclasses import dataclass
 
-from pyoxigraph import NamedNode
+from pyoxigraph import BlankNode, NamedNode
 
 from gateway.face.form import form_of_action, form_of_subscription
 from gateway.face.things import Part, actions
 from gateway.face.values import Facts, Link, Number, Value
 from gateway.graph.outline import Term
-from gateway.graph.vocab import DCTERMS, HYBRIT, LDP, LF, RDFS
+from gateway.graph.vocab import DCTERMS, HTTP, HYBRIT, LDP, LF, RDFS
 
 _PREDICATES_OF_SUBSCRIPTION = (HYBRIT.onResource, LF.deliveryState, LF.lastDelivery, LF.failures, LF.reason)
 
@@ -19,7 +19,9 @@ def action(facts: Facts, iri: NamedNode) -> Part:
         "form": form_of_action(facts, iri),
         "invocations": getattr(facts.one(iri, LF.invocations), "value", ""),
     }
-    return Part(more, {RDFS.comment, HYBRIT.consumes, HYBRIT.binding, LF.invocations})
+    # Both requests of a binding refer to one body, which has nothing to say.
+    bodies = {each for each in facts.all(iri, HYBRIT.binding, HTTP.body) if isinstance(each, BlankNode)}
+    return Part(more, {RDFS.comment, HYBRIT.consumes, HYBRIT.binding, LF.invocations}, bodies)
 
 
 # -- invocation -----------------------------------------------------------------------------------------------------
