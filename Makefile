@@ -2,7 +2,8 @@
 # make test    the tests (PYTEST_ARGS="-k wire" for some of them)
 # make test-fast  those without fleets and servers of Redis, in less than two minutes
 # make check   lint, types, the walls between packages, the base install on its own
-# make bench   what many subscribers cost, measured here (bench/README.md)
+# make bench   what subscribers, actions and pages cost, measured here (bench/README.md)
+# make pictures  those of README.md, from the running demo
 # make assets  the scripts and styles of the pages alone
 # make clean   remove what make made
 
@@ -27,7 +28,7 @@ $$python -c 'import ensurepip' 2>/dev/null || { echo "$$python has no venv: apt 
 $$python -m venv --clear $(1)
 endef
 
-.PHONY: demo test test-fast check bench assets chromium clean
+.PHONY: demo test test-fast check bench assets pictures chromium clean
 
 demo: .venv/stamp $(ASSETS)
 	@$(BIN)/python -m demo --port $(PORT)
@@ -58,10 +59,15 @@ check: .venv/stamp .venv-bare/stamp
 
 # Tests lend their robots, gateways and clients. On loopback alone, in less than three minutes.
 bench: export PYTHONPATH := .:tests:tests/requirements
-bench: .venv/stamp
+bench: .venv/stamp $(ASSETS) chromium
 	$(BIN)/python -m bench.fan_out
 	$(BIN)/python -m bench.memory --cycles 5000
 	$(BIN)/python -m bench.actions
+	$(BIN)/python -m bench.pages
+
+# The pictures of README.md.
+pictures: .venv/stamp $(ASSETS) chromium
+	LINKED_FLEET_PICTURES=docs $(BIN)/python -m pytest tests/face/test_tour.py
 
 # Scripts and styles of the pages, with three.js and others from npm (face/package.json).
 assets: $(ASSETS)

@@ -78,7 +78,7 @@ def test_from_the_root_to_a_joint_that_moves(
     assert page.evaluate("window.untouched")
 
     page.get_by_role("link", name="baxter", exact=True).first.click()
-    page.wait_for_function("document.getElementById('scene').scene?.positions().right_s1 < -0.8")
+    page.wait_for_function("() => document.getElementById('scene').scene?.positions().right_s1 < -0.8")
     assert _drawn(page, "right_s1") < before - 0.2
 
 
