@@ -83,7 +83,7 @@ def card(facts: Facts, iri: NamedNode, name: str) -> Card:
         rows if number is None else rows[1:],
         times[0] if times and isinstance(times[0], Time) else None,
         list(_plots(name, rows)) if measured else [],
-        facts.one(iri, HYBRIT.consumes) is not None,
+        form_of_setting(facts, iri) is not None,
     )
 
 
