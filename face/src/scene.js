@@ -14,6 +14,7 @@ import { watch } from "./socket.js";
 import { lf } from "./vocabulary.js";
 
 const INTERVAL_S = 0.04;
+const RESOLUTION = 1e-4; // rad or m: what is less is noise to a reader
 const AHEAD = "400px"; // a section that is about to be scrolled to is made ready
 
 /**
@@ -212,7 +213,7 @@ class RobotScene {
   animate(now) {
     if (!this.motion) return false;
     const moved = this.motion.step(now);
-    if (moved) this.view.renderer.shadowMap.needsUpdate = true;
+    if (moved) this.view.moved(now);
     if (moved) this.picker.refresh();
     if ((moved || this.fresh) && this.mode !== "appearance") this.tint();
     this.fresh = false;
@@ -253,7 +254,8 @@ class RobotScene {
     if (joint.jointType === "fixed") return { value: "", text: "fixed" };
     if (this.unknown.has(joint.urdfName)) return { value: "", text: "position unknown" };
     const unit = joint.jointType === "prismatic" ? "m" : "rad";
-    return { value: String(joint.angle), text: `${number(joint.angle)} ${unit} (${converted(joint.angle, unit)})` };
+    const position = Math.round(joint.angle / RESOLUTION) * RESOLUTION;
+    return { value: String(position), text: `${number(position)} ${unit} (${converted(position, unit)})` };
   }
 
   /** @returns {Record<string, number>} the position of each joint as it is drawn, in rad or m */

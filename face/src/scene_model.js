@@ -8,6 +8,7 @@ import { STLLoader } from "three/examples/jsm/loaders/STLLoader.js";
 import { toCreasedNormals } from "three/examples/jsm/utils/BufferGeometryUtils.js";
 import URDFLoader from "urdf-loader";
 
+import { weld } from "./scene_geometry.js";
 import { skeleton } from "./scene_skeleton.js";
 
 const AT_ONCE = 4;
@@ -96,6 +97,7 @@ export async function loadMeshes(meshes, onProgress, signal) {
       const [url, users] = next;
       try {
         const mesh = await fetchMesh(url, signal);
+        mesh.traverse((each) => each.isMesh && weld(each.geometry));
         for (const { place } of users) place(mesh.clone());
       } catch (error) {
         if (signal.aborted) return;

@@ -85,8 +85,6 @@ export class Part {
 function prepare(mesh, part) {
   mesh.userData.part = part;
   mesh.castShadow = mesh.receiveShadow = true;
-  mesh.geometry.deleteAttribute("color");
-  if (!mesh.geometry.attributes.normal) mesh.geometry.computeVertexNormals();
 }
 
 /** Files bring many kinds of material; the light of the stage is made for this one. */

@@ -12,10 +12,7 @@ export class Picker {
     const { canvas, ending } = view;
     const on = (target, type, listener) => target.addEventListener(type, listener, { signal: ending.signal });
     on(canvas, "pointermove", (event) => event.pointerType !== "touch" && !event.buttons && this.soon(event));
-    on(canvas, "pointerdown", (event) => {
-      this.down = event;
-      canvas.focus({ preventScroll: true });
-    });
+    on(canvas, "pointerdown", (event) => (this.down = event));
     on(canvas, "pointerup", (event) => this.up(event));
     on(canvas, "auxclick", (event) => event.button === 1 && this.go(event, true));
     on(canvas, "pointerleave", (event) => event.pointerType !== "touch" && !label.contains(event.relatedTarget) && this.point(undefined));

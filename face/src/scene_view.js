@@ -19,9 +19,17 @@ import {
 } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 
+import { detail } from "./scene_geometry.js";
+
 const SHARPEST = 2; // device pixel ratio; more costs much and shows nothing
-const SLOW_MS = 55; // a machine that draws no faster gets fewer pixels and no shadows
-const PATIENCE = 12; // so many slow frames in a row
+// What moves on a machine that draws more slowly than this is a sketch: at first without shadows, then with coarser
+// shapes, then with fewer pixels. As soon as it stands it is drawn as well as can be.
+const SLOW_MS = 55;
+const PATIENCE_MS = 300;
+const STILL_MS = 400;
+const SKETCHIEST = 3;
+const FEWER = 0.7; // pixels along each side
+const CELL = 1 / 110; // of the robot's size
 const TURN_RAD = Math.PI / 24;
 const NEARER = 1.15;
 const FROM = new Vector3(1, -0.75, 0.5).normalize();
@@ -39,7 +47,8 @@ export class View {
     this.animate = animate;
     this.seen = true;
     this.slow = 0;
-    this.quality = 1;
+    this.level = 0; // how much of a sketch movement takes here
+    this.sketch = 0; // how much of one is drawn now
     this.ending = new AbortController();
     this.renderer = new WebGLRenderer({ canvas, context, antialias: true, alpha: true });
     this.renderer.toneMapping = ACESFilmicToneMapping;
@@ -135,6 +144,7 @@ export class View {
     const box = new Box3().setFromObject(this.robot);
     if (box.isEmpty()) box.set(new Vector3(-0.1, -0.1, 0), new Vector3(0.1, 0.1, 0.2));
     const ball = box.getBoundingSphere(new Sphere());
+    this.size = ball.radius;
     const distance = this.distance(ball.center);
     Object.assign(this.controls, { minDistance: ball.radius / 10, maxDistance: distance * 6 });
     this.controls.target.copy(ball.center);
@@ -200,7 +210,7 @@ export class View {
     if (!width || !height) return;
     const first = !this.fitted;
     this.fitted = true;
-    this.renderer.setPixelRatio(Math.min(devicePixelRatio, SHARPEST) * this.quality);
+    this.renderer.setPixelRatio(Math.min(devicePixelRatio, SHARPEST) * (this.sketch === SKETCHIEST ? FEWER : 1));
     this.renderer.setSize(width, height, false);
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
@@ -222,21 +232,38 @@ export class View {
     const more = this.animate(now);
     this.controls.update(); // says "change", and so asks for the next drawing, while it is still gliding
     this.renderer.render(this.scene, this.camera);
-    if (more) {
-      this.pace(now);
-      this.invalidate();
-    } else this.drawn = undefined;
+    if (more) this.invalidate();
   }
 
-  /** Lower the quality, step by step, while movement cannot be drawn smoothly. */
-  pace(now) {
-    if (this.drawn !== undefined) this.slow = now - this.drawn > SLOW_MS ? this.slow + 1 : 0;
-    this.drawn = now;
-    if (this.slow < PATIENCE || this.quality < 0.6) return;
+  /** What is shown has moved at this time. */
+  moved(now) {
+    clearTimeout(this.still);
+    this.still = setTimeout(() => this.apply(0), STILL_MS);
+    this.apply(this.level);
+    requestAnimationFrame((then) => this.pace(then - now)); // which comes when this has been drawn
+  }
+
+  pace(took) {
+    this.slow = took > SLOW_MS ? this.slow + took : 0;
+    if (this.slow < PATIENCE_MS || this.level === SKETCHIEST) return;
     this.slow = 0;
-    if (this.sun.castShadow) this.sun.castShadow = false;
-    else this.quality *= 0.8;
-    this.resize();
+    this.level = Math.min(SKETCHIEST, this.level + (took > PATIENCE_MS ? 2 : 1));
+  }
+
+  apply(sketch) {
+    this.renderer.shadowMap.needsUpdate ||= sketch === 0;
+    if (sketch === this.sketch || this.ending.signal.aborted) return;
+    const before = this.sketch;
+    this.sketch = sketch;
+    this.sun.shadow.intensity = sketch ? 0 : 1;
+    if (sketch > 1 !== before > 1) this.detail();
+    if ((sketch === SKETCHIEST) !== (before === SKETCHIEST)) this.resize();
+    else this.invalidate();
+  }
+
+  detail() {
+    const cell = this.sketch > 1 ? CELL * this.size : 0;
+    this.robot?.traverse((each) => each.isMesh && detail(each.geometry, cell / each.matrixWorld.getMaxScaleOnAxis()));
   }
 
   /** Whether anybody can see it. */
@@ -247,6 +274,7 @@ export class View {
 
   dispose() {
     this.ending.abort();
+    clearTimeout(this.still);
     cancelAnimationFrame(this.pending);
     this.sizes.disconnect();
     this.root.disconnect();
