@@ -1,6 +1,6 @@
 // Numbers as people read them; gateway/face/labels.py writes the same.
 
-const LARGE = 1e4;
+const LARGE = 1e6;
 const SMALL = 1e-4;
 const DECIMALS = 4;
 

@@ -10,7 +10,7 @@ from client.quantity import unit_label
 from gateway.graph.paths import RESERVED_AT_ROOT, RESERVED_IN_ROBOT
 from gateway.graph.vocab import ROS, XHV
 
-_LARGE, _SMALL, _DECIMALS = 1e4, 1e-4, 4
+_LARGE, _SMALL, _DECIMALS = 1e6, 1e-4, 4
 _CONVERTED = {"rad": (180 / math.pi, "°", 1), "m": (1000.0, " mm", 1)}
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z0-9.]+|[^A-Za-z0-9\s_-]+")
 _CONTROL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ufffe\uffff]")

@@ -69,6 +69,7 @@ def test_from_the_root_to_a_joint_that_moves(
     _rotate(page, "-60")
     expect(page.locator("#tasks .state").first).to_have_text("succeeded")
     expect(page.locator("#lead .figure .converted")).to_have_text(re.compile(r"^.(60|59\.9)"))
+    page.mouse.wheel(0, -5000)
     picture(page, "joint", tmp_path)
 
     _rotate(page, "20", speed="0.05")
