@@ -10,7 +10,7 @@ import pytest
 from actor import Actor, joint, link, robot, stage
 from browser import LF, MATHS, Browser
 from playwright.sync_api import Page, expect
-from running import Process, eventually
+from running import Process, eventually, process
 from small_fleet import Place, live, move
 
 from gateway.fleet.kinematics import Kinematics
@@ -125,6 +125,15 @@ def test_links_are_drawn_where_the_gateway_says_while_they_move_and_after(
     eventually(there, "the scene follows the elbow")
     assert any(target + 0.1 < each < start - 0.1 for each in seen), "it was never seen on its way"
     eventually(lambda: _agree(_drawn(page, links)["links"], _places(browser, "ur5", links)), "the pose at the end")
+
+
+def test_a_robot_that_walks_is_drawn_where_it_stands(page: Page, watched: object, place: tuple[Place, Browser]) -> None:
+    there, browser = place
+    links = ["base", "FL_foot", "RR_calf"]
+    with process("-m", "agents", "--robot=go2", "--connect", there.zenoh):
+        _show(page, live(browser, "go2").url)
+        eventually(lambda: _agree(_drawn(page, links)["links"], _places(browser, "go2", links)), "it stands")
+        assert _drawn(page, links)["links"]["base"][2] > 0.2
 
 
 def test_a_part_says_what_it_is_and_a_click_goes_to_its_page(
