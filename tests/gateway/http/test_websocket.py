@@ -1,6 +1,7 @@
 """RFC 6455 as the gateway's channel has it: it only sends, and no reader, slow, dead or hostile, costs much."""
 
 import asyncio
+import itertools
 import base64
 import socket
 import struct
@@ -193,6 +194,7 @@ TEXT, BINARY, CONT, PING, CLOSE = Opcode.TEXT, Opcode.BINARY, Opcode.CONT, Opcod
         (masked(CLOSE, struct.pack("!H", 1005)), 1002),  # a code that is never sent
         (masked(TEXT, b"hello") + Frame(TEXT, b"unmasked").serialize(mask=False), 1002),
     ],
+    ids=map(str, itertools.count()),  # masks are random, names of tests are not
 )
 def test_what_a_client_must_not_send(sent: bytes, code: int) -> None:
     """7.4.1; the close frame arrives although the server does not read what comes after, and nothing follows it."""
