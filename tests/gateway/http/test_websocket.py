@@ -1,8 +1,8 @@
 """RFC 6455 as the gateway's channel has it: it only sends, and no reader, slow, dead or hostile, costs much."""
 
 import asyncio
-import itertools
 import base64
+import itertools
 import socket
 import struct
 from collections.abc import AsyncIterator
