@@ -46,6 +46,7 @@ def browser(fleet: RunningFleet) -> Iterator[Browser]:
         yield browser
 
 
+@pytest.hookimpl(tryfirst=True)  # the marks are read in this very hook
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Beside each other run files, so that what a file sets up is set up once, and all that share the one fleet."""
     for item in items:
