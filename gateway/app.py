@@ -13,6 +13,7 @@ from gateway.http.endpoint import resources
 from gateway.http.host import Authorities
 from gateway.http.turns import Turns
 from gateway.live import Live
+from gateway.observe.front import Front
 from gateway.settings import GatewaySettings
 from gateway.store.embedded import Embedded
 from gateway.subscriptions.network import Network
@@ -42,7 +43,7 @@ def create_app(settings: GatewaySettings) -> Starlette:
             yield
 
     app = Starlette(
-        middleware=[Middleware(Authorities, public_urls=settings.public_urls, prefixes=PREFIXES)],
+        middleware=[Middleware(Front), Middleware(Authorities, public_urls=settings.public_urls, prefixes=PREFIXES)],
         lifespan=lifespan,
     )
     app.state.turns = Turns()

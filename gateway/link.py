@@ -79,6 +79,12 @@ class FleetLink:
         self._tell_progress = on_progress
         self._complaints = Complaints(_log)
         self._fetches: dict[RobotKey, asyncio.Task[None]] = {}
+        self._declared: tuple[object, ...] = ()
+
+    @property
+    def joined(self) -> bool:
+        """Whether robots can be heard: of a gateway that is to connect somewhere, whether anybody is connected."""
+        return bool(self._declared) and (not self._connect or bool(self._session.info.transports()))
 
     @property
     def malformed(self) -> dict[str, int]:

@@ -4,7 +4,6 @@ import asyncio
 import logging
 import time
 import uuid
-from contextlib import suppress
 from types import TracebackType
 
 from gateway.ending import end
@@ -12,7 +11,7 @@ from gateway.subscriptions.callbacks import Callbacks
 from gateway.subscriptions.fan_out import FanOut
 from gateway.subscriptions.message import Ending
 from gateway.subscriptions.network import Network
-from gateway.subscriptions.store import News, Store, StoreUnavailable
+from gateway.subscriptions.store import LEASE_S, News, Store, StoreUnavailable
 from gateway.subscriptions.streams import Streams
 from gateway.subscriptions.subscription import Record
 
@@ -32,6 +31,7 @@ class Subscriptions:
         self.streams = Streams(store, run, fan_out, limit)
         self.callbacks = Callbacks(store, run, fan_out, network, limit, consent)
         self._tasks: list[asyncio.Task[None]] = []
+        self._renewed_s = float("-inf")
 
     async def __aenter__(self) -> "Subscriptions":
         self._tasks = [
@@ -50,6 +50,11 @@ class Subscriptions:
             await self._store.leave()
         except StoreUnavailable as outage:
             log.info("the store could not be told that this gateway ends: %s", outage)
+
+    @property
+    def store_answers(self) -> bool:
+        """Whether the lease of this gateway could be renewed lately."""
+        return time.monotonic() - self._renewed_s < LEASE_S
 
     async def of(self, owner: str) -> list[Record]:
         """All subscriptions of a thing, at whichever gateway; StoreUnavailable."""
@@ -99,8 +104,11 @@ class Subscriptions:
     async def _live(self) -> None:
         """Renew the lease, also while a thousand callbacks are taken over; outages are told of elsewhere."""
         while True:
-            with suppress(StoreUnavailable):
+            try:
                 await self._store.renew()
+                self._renewed_s = time.monotonic()
+            except StoreUnavailable:
+                self._renewed_s = float("-inf")
             await asyncio.sleep(KEEP_S)
 
     async def _keep(self) -> None:

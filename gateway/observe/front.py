@@ -1,0 +1,59 @@
+"""What an operator asks of a gateway, answered before the tree: whether it lives, is ready, and what it counts.
+
+Outside of the tree and under reserved names, so that no robot can be called like them, and whatever the ``Host``: who
+probes a gateway asks it by its own address, which is no public URL of the fleet.
+"""
+
+from collections.abc import Awaitable, Callable
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from gateway.observe.context import begin
+from gateway.observe.health import live, ready
+
+REQUEST_ID = "X-Request-Id"
+_STARTS = ("http.response.start", "websocket.http.response.start", "websocket.accept")
+_READ = ("GET", "HEAD", "OPTIONS")
+_PAGES: dict[str, Callable[[Request], Awaitable[Response]]] = {"/health/live": live, "/health/ready": ready}
+
+
+class Front:
+    """ASGI middleware, the outermost: gives each request its id, and answers operators."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] not in ("http", "websocket"):
+            await self.app(scope, receive, send)
+            return
+        asked = begin(Headers(scope=scope).get(REQUEST_ID, ""))
+
+        async def answer(message: Message) -> None:
+            if message["type"] in _STARTS:
+                asked.answered = True
+                MutableHeaders(scope=message).append(REQUEST_ID, asked.id)
+            await send(message)
+
+        page = _PAGES.get(scope["path"]) if scope["type"] == "http" else None
+        if page is None:
+            await self.app(scope, receive, answer)
+        else:
+            response = await _answer(page, Request(scope, receive))
+            await response(scope, receive, answer)
+
+
+async def _answer(page: Callable[[Request], Awaitable[Response]], request: Request) -> Response:
+    allow = {"allow": ", ".join(_READ)}
+    if request.method not in _READ:
+        text = f"{request.method} is not possible here; {allow['allow']} are."
+        return JSONResponse({"status": 405, "detail": text}, 405, allow, "application/problem+json")
+    if request.method == "OPTIONS":
+        return Response(status_code=204, headers=allow)
+    response = await page(request)
+    response.headers["cache-control"] = "no-store"
+    response.headers["x-content-type-options"] = "nosniff"
+    return response
