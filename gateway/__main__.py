@@ -11,6 +11,7 @@ from contextlib import contextmanager
 
 import uvicorn
 import uvloop
+from starlette.applications import Starlette
 
 from gateway.app import create_app
 from gateway.http.protocol import HttpProtocol, WebSocketProtocol
@@ -19,7 +20,7 @@ from gateway.settings import GatewaySettings
 from gateway.store.connection import BadUrl
 from gateway.store.embedded import EmbeddedError
 
-_FAREWELL_S = 1
+_DRAIN_S = 5  # for requests under way; 2 s may go by before a robot that does not answer is given up
 # An Upgrade that is ignored, and each WebSocket that comes and goes.
 _ORDINARY = ("Unsupported upgrade request.", '%s - "WebSocket %s"', "connection open", "connection closed",
              "connection rejected", "HTTP response sent")  # fmt: skip
@@ -31,6 +32,19 @@ _BACKLOG = 2048  # uvicorn's
 
 class _Server(uvicorn.Server):
     """Leaves signals to us: uvicorn raises them again after serving, which would cut the lifespan short."""
+
+    def __init__(self, config: uvicorn.Config, app: Starlette) -> None:
+        super().__init__(config)
+        self._app = app
+
+    def leave(self, number: int) -> None:
+        """Take no more work, and end when that under way is done; from now on the gateway is not ready."""
+        self._app.state.draining = True
+        self.handle_exit(number, None)
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        self._app.state.actions.waiting.hurry()
+        await super().shutdown(sockets)
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
@@ -71,7 +85,7 @@ async def _serve(settings: GatewaySettings, listener: socket.socket) -> int:
     config = uvicorn.Config(
         app, lifespan="off", log_config=None, access_log=False, server_header=False,
         proxy_headers=False,  # whoever is on loopback could say to be anybody
-        timeout_graceful_shutdown=_FAREWELL_S,
+        timeout_graceful_shutdown=_DRAIN_S,
         # On h11. httptools loses the body of a request whose Upgrade is ignored (uvicorn issue 2722), and the authority
         # of an absolute request target, and makes a 400 of every method that it does not know.
         http=HttpProtocol,
@@ -79,9 +93,10 @@ async def _serve(settings: GatewaySettings, listener: socket.socket) -> int:
         ws=WebSocketProtocol, ws_per_message_deflate=False, ws_max_size=_WEBSOCKET_BYTES,
         ws_ping_interval=_PING_S, ws_ping_timeout=_PING_S,
     )  # fmt: skip
-    server = _Server(config)
+    app.state.draining = False
+    server = _Server(config, app)
     for number in (signal.SIGINT, signal.SIGTERM):
-        asyncio.get_running_loop().add_signal_handler(number, server.handle_exit, number, None)
+        asyncio.get_running_loop().add_signal_handler(number, server.leave, number)
     async with app.router.lifespan_context(app):
         print(f"serving {settings.public_urls[0]}/", flush=True)
         await server.serve(sockets=[listener])

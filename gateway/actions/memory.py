@@ -26,6 +26,7 @@ _RETRY_S = 0.5
 _FIRST_WORD_S = 1.0
 _MAX_FETCHES = 100
 _MAX_UNSAVED = 10_000
+_LAST_S = 1.0  # to remember the rest when this gateway ends
 
 StopOne = Callable[[Invocation, str], Awaitable[object]]
 
@@ -58,6 +59,10 @@ class Memory:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         await end([*self._tasks, *self._fetching, *self._stopping.values()])
+        with suppress(StoreUnavailable, TimeoutError):
+            async with asyncio.timeout(_LAST_S):
+                while self._unsaved:
+                    await self._save_oldest()
         for id in self._unsaved:
             log.warning("what became of invocation %s could not be remembered", id)
 
@@ -249,18 +254,24 @@ class Memory:
             await self._to_save.wait()
             self._to_save.clear()
             while self._unsaved:
-                # Taken out first: what becomes of it meanwhile is to be saved again.
-                id = next(iter(self._unsaved))
-                invocation = self._unsaved.pop(id)
                 try:
-                    if id in self._unasked:
-                        await self._store.open(invocation, unasked=True)
-                        self._unasked.discard(id)
-                    await self._store.save(invocation)
+                    await self._save_oldest()
                 except StoreUnavailable:
-                    self._unsaved = {id: invocation, **self._unsaved}  # still the oldest
                     await asyncio.sleep(_RETRY_S)
             self._dropped = False
+
+    async def _save_oldest(self) -> None:
+        # Taken out first: what becomes of it meanwhile is to be saved again.
+        id = next(iter(self._unsaved))
+        invocation = self._unsaved.pop(id)
+        try:
+            if id in self._unasked:
+                await self._store.open(invocation, unasked=True)
+                self._unasked.discard(id)
+            await self._store.save(invocation)
+        except BaseException:  # cancelled as well
+            self._unsaved = {id: invocation, **self._unsaved}  # still the oldest
+            raise
 
     async def _look(self) -> None:
         """Notice leases that end, and those of robots that appear."""

@@ -49,8 +49,8 @@ class Actions:
 
     def __init__(self, live: Live, store: ActionStore) -> None:
         self._live, self._store = live, store
-        self._waiting = Waiting()
-        self.memory = Memory(live, store, self.stop_one, self._waiting.wake)
+        self.waiting = Waiting()
+        self.memory = Memory(live, store, self.stop_one, self.waiting.wake)
         self._expiry: asyncio.Task[None] | None = None
         self._computing = asyncio.Semaphore(1)
         self._planning = 0
@@ -150,7 +150,7 @@ class Actions:
         invocation = await self.memory.fetch(robot.name, id)
         if invocation is None:
             raise Conflict("The first request with this Idempotency-Key has been answered, and its invocation deleted.")
-        await self._waiting.until(invocation, _is_answered, _ANSWER_TIMEOUT_S)
+        await self.waiting.until(invocation, _is_answered, _ANSWER_TIMEOUT_S)
         repeated(robot, invocation)
         return invocation
 
@@ -267,7 +267,7 @@ class Actions:
 
     async def ended(self, invocation: Invocation, timeout_s: float) -> bool:
         """Wait until the invocation has ended; False when ``timeout_s`` passed before."""
-        return await self._waiting.until(invocation, lambda one: one.state.terminal, timeout_s)
+        return await self.waiting.until(invocation, lambda one: one.state.terminal, timeout_s)
 
     async def stop_one(self, invocation: Invocation, reason: str) -> Reply | None:
         """Have the robot stop what the invocation began; what its agent answered, if it did.
@@ -347,7 +347,7 @@ class Actions:
 
     def _news(self, invocation: Invocation) -> None:
         self._live.tell(invocation)
-        self._waiting.wake(invocation)
+        self.waiting.wake(invocation)
 
 
 def _is_answered(invocation: Invocation) -> bool:

@@ -1,6 +1,7 @@
 """A subscription as a stream of server-sent events (WHATWG HTML, 9.2)."""
 
 import asyncio
+import random
 import re
 from collections.abc import Awaitable, Callable
 
@@ -19,6 +20,8 @@ _LINE_ENDS = re.compile(rb"\r\n|\n|\r")
 # has sent, nothing yet if the client resumed with the present version (9.2.6).
 _HEARTBEAT = b":\n"
 _OPENING = b": linked fleet\nretry: 2000\n"
+_RETURN = b"retry: %d\n"
+_RETURN_MS = (100, 1000)  # not all clients of a gateway that ends at the same moment
 _FINAL = b"id: " + CANCELLED_ID.encode() + b"\n\n"  # without data it sets the id and dispatches no event
 _HEADERS = [
     (b"content-type", b"text/event-stream"),
@@ -55,12 +58,13 @@ class EventStreamOutlet:
             self._append(message.framed(framed))
 
     def end(self, ending: Ending) -> None:
-        """The last block is what keeps an EventSource from coming back; after a shutdown it shall come back.
+        """The last block is what keeps an EventSource from coming back; after a shutdown it shall come back, and soon.
 
         One that was replaced shall not, or two pages would take the subscription from each other for ever.
         """
-        if not self._ended and ending is not Ending.SHUTDOWN:
-            self._append(_FINAL)
+        if not self._ended:
+            soon = _RETURN % random.randint(*_RETURN_MS)  # noqa: S311 (jitter is no secret)
+            self._append(soon if ending is Ending.SHUTDOWN else _FINAL)
         self.stop()
 
     def stop(self) -> None:
@@ -107,6 +111,8 @@ async def serve_event_stream(
     http: HttpProtocol | None = scope.get("extensions", {}).get(HTTP)
     if http is not None and not http.transport.is_closing():
         http.on_shutdown = lambda: outlet.end(Ending.SHUTDOWN)
+        if http.ending:
+            outlet.end(Ending.SHUTDOWN)
         # The server's own buffer is to be a small part of what waits; what it lets wait counts in the outlet.
         http.transport.set_write_buffer_limits(high=HIGH_WATER_BYTES // 4)
     listener = asyncio.create_task(_listen(receive, outlet))

@@ -211,7 +211,7 @@ def _show(request: Request, path: str, base: str) -> Representation:
 async def _outcome(actions: Actions, invocation: Invocation, prefer: Prefer) -> tuple[int, list[str]]:
     """Status and the preferences that were followed; 202 when the motion may still go on."""
     if prefer.wait_s is not None:
-        ended = await actions.ended(invocation, prefer.wait_s)
+        ended = await actions.waiting.at_leisure(invocation, lambda one: one.state.terminal, prefer.wait_s)
         return 204 if ended else 202, [f"wait={prefer.wait_s:g}"]
     if prefer.respond_async:
         return 202, ["respond-async"]

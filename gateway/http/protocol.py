@@ -26,6 +26,8 @@ class HttpProtocol(H11Protocol):
 
     stall_s = STALL_S
     on_shutdown: Callable[[], None] | None = None
+    ending = False
+    """Whether the server shuts down: what begins now has not been told."""
     watch: StallWatch
 
     def connection_made(self, transport: Transport) -> None:  # type: ignore[override]  # as uvicorn has it
@@ -54,6 +56,7 @@ class HttpProtocol(H11Protocol):
 
     def shutdown(self) -> None:
         super().shutdown()
+        self.ending = True
         if self.on_shutdown is not None:
             self.on_shutdown()
             self.loop.call_later(_FAREWELL_S, self.transport.abort)  # its reader may have stalled

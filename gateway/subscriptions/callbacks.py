@@ -1,7 +1,6 @@
 """The callbacks that this gateway serves: those that were made here, and those of gateways that are gone."""
 
 import asyncio
-import logging
 import ssl
 
 from gateway.subscriptions.courier import Courier
@@ -10,8 +9,6 @@ from gateway.subscriptions.network import Network, Unresolvable
 from gateway.subscriptions.receiver import Receiver
 from gateway.subscriptions.store import Store, StoreUnavailable
 from gateway.subscriptions.subscription import Delivery, DeliveryState, Kind, Record, Subscription
-
-log = logging.getLogger(__name__)
 
 
 class Callbacks:
@@ -65,16 +62,11 @@ class Callbacks:
             await self._store.remove(id)
             self._refused.discard(id)
 
-    async def take_over(self, run: str) -> None:
+    async def adopted(self, record: Record) -> None:
         """Serve what a dead gateway held."""
-        count = 0
-        async for record in self._store.adopt(run):
-            count += 1
-            # We may have served it before we were thought dead; what is known from then is out of date.
-            await self.drop(record.subscription.id)
-            self._serve(record)
-        if count:
-            log.info("took %d callbacks over from gateway run %s", count, run)
+        # We may have served it before we were thought dead; what is known from then is out of date.
+        await self.drop(record.subscription.id)
+        self._serve(record)
 
     async def compare(self, held: dict[str, Record]) -> None:
         """With what the store says this run holds."""

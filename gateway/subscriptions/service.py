@@ -21,6 +21,7 @@ KEEP_S = 0.5
 """Between two looks at leases; with the store's lease of 3 s a dead gateway's callbacks move within 5 s."""
 NOTE_S = 5.0
 RECONCILE_S = 10.0
+_LEAVE_S = 1.0
 
 
 class Subscriptions:
@@ -47,8 +48,9 @@ class Subscriptions:
         await end(self._tasks)
         await asyncio.gather(self.streams.aclose(), self.callbacks.aclose())
         try:
-            await self._store.leave()
-        except StoreUnavailable as outage:
+            async with asyncio.timeout(_LEAVE_S):
+                await self._store.leave()
+        except (StoreUnavailable, TimeoutError) as outage:
             log.info("the store could not be told that this gateway ends: %s", outage)
 
     @property
@@ -111,6 +113,17 @@ class Subscriptions:
                 self._renewed_s = float("-inf")
             await asyncio.sleep(KEEP_S)
 
+    async def _take_over(self, run: str) -> None:
+        count = 0
+        async for record in self._store.adopt(run):
+            count += 1
+            if record.subscription.kind.streams:
+                self.streams.adopted(record.subscription.id)
+            else:
+                await self.callbacks.adopted(record)
+        if count:
+            log.info("took %d subscriptions over from gateway run %s", count, run)
+
     async def _keep(self) -> None:
         away, note_s, compare_s = False, 0.0, 0.0
         while True:
@@ -118,7 +131,7 @@ class Subscriptions:
                 await self.callbacks.catch_up()
                 await self.streams.catch_up()
                 for run in await self._store.dead_runs():
-                    await self.callbacks.take_over(run)
+                    await self._take_over(run)
                 if time.monotonic() >= note_s:
                     await self.streams.note()
                     note_s = time.monotonic() + NOTE_S

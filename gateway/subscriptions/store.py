@@ -41,7 +41,7 @@ __all__ = ["LEASE_S", "Backlog", "Entry", "Lost", "News", "Outgoing", "Store", "
 _log = logging.getLogger(__name__)
 
 LEASE_S = 3.0  # after that long without a word a run counts as dead
-_AT_ONCE = 64  # callbacks that are taken over together, before they are served
+_AT_ONCE = 64  # subscriptions that are taken over together, before they are served
 _GONE_MS = 30_000  # longer than it takes to clear a subscription away
 _ATTEMPTS, _CLEARING_S = 20, 0.05  # to add what others are clearing away
 _NEWS = 1_000  # are kept, about
@@ -91,7 +91,7 @@ class Store:
         return await self._runs.dead()
 
     async def adopt(self, dead_run: str) -> AsyncIterator[Record]:
-        """Take over the callbacks of a dead run, each given as soon as this run has won it, and clear its streams away.
+        """Take over what outlives a dead run, each given as soon as this run has won it, and clear its streams away.
 
         Several gateways may do so at once, and die meanwhile. After StoreUnavailable, or when not all is waited for,
         ``held`` tells what was won.
@@ -103,11 +103,11 @@ class Store:
         if dead_run in living:
             return
         orphans = [record for record in found if record.holder not in living]
-        callbacks = [record for record in orphans if not record.subscription.kind.streams]
-        streams = {record.subscription.id: record.holder for record in orphans if record.subscription.kind.streams}
+        lasting = [record for record in orphans if record.lasts]
+        streams = {record.subscription.id: record.holder for record in orphans if not record.lasts}
         rest = set(records)
-        for first in range(0, len(callbacks), _AT_ONCE):
-            won = await self._take(callbacks[first : first + _AT_ONCE], held)
+        for first in range(0, len(lasting), _AT_ONCE):
+            won = await self._take(lasting[first : first + _AT_ONCE], held)
             for record in won:
                 yield record
             done = {record.subscription.id for record in won}

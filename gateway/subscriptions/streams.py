@@ -21,6 +21,7 @@ log = logging.getLogger(__name__)
 
 UNOPENED_S = 60.0
 """How long a stream that was made by POST waits to be opened, at first and again after each connection."""
+_LAST_S = 1.0  # to tell the store of streams that closed when this gateway ends
 
 
 class Streams:
@@ -111,9 +112,12 @@ class Streams:
         self._open.clear()
 
     async def aclose(self) -> None:
+        """Once all connections are closed; streams that were made by POST are left to wait at another gateway."""
         self.end_all()
         for timer in self._expiries.values():
             timer.cancel()
+        if self._background:
+            await asyncio.wait(self._background, timeout=_LAST_S)
         await end(self._background)
 
     # -- between connections ------------------------------------------------------------------------------------------
@@ -128,6 +132,11 @@ class Streams:
             self._ended.add(subscription.id)  # it may be there, although its client is told that it is not
             raise
         self._expire(subscription.id)
+
+    def adopted(self, id: str) -> None:
+        """A stream of a gateway that is gone waits here now."""
+        if not self._here(id):
+            self._expire(id)
 
     async def _offer_again(self, subscription: Subscription, last_ns: int | None) -> None:
         id, unopened = subscription.id, replace(subscription, kind=Kind.STREAM)

@@ -14,7 +14,7 @@ class Kind(StrEnum):
 
     @property
     def streams(self) -> bool:
-        """Whether it lives no longer than the gateway that holds it."""
+        """Whether its messages leave on a connection that the client opens; that lives no longer than its gateway."""
         return self is not Kind.CALLBACK
 
 
@@ -91,3 +91,8 @@ class Record:
     subscription: Subscription
     delivery: Delivery
     holder: str
+
+    @property
+    def lasts(self) -> bool:
+        """Whether it outlives its gateway: a callback does, and a stream that waits to be opened."""
+        return not self.subscription.kind.streams or self.delivery.state is DeliveryState.WAITING

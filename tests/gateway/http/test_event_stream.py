@@ -162,6 +162,7 @@ def test_endings(ending: Ending, last: str) -> None:
                 pass
             assert source.events == [("7-1", TURTLE.body.decode())]
             assert source.last_event_id == last
+            assert (source.retry < 2000) == (ending is Ending.SHUTDOWN)
             await until(lambda: app.returned)
 
     run(test)
