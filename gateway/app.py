@@ -13,7 +13,10 @@ from gateway.http.endpoint import resources
 from gateway.http.host import Authorities
 from gateway.http.turns import Turns
 from gateway.live import Live
+from gateway.observe.counts import Requests
 from gateway.observe.front import Front
+from gateway.observe.metrics import Numbers, registry
+from gateway.observe.sampler import Sampler
 from gateway.settings import GatewaySettings
 from gateway.store.embedded import Embedded
 from gateway.subscriptions.network import Network
@@ -40,10 +43,16 @@ def create_app(settings: GatewaySettings) -> Starlette:
                 consent=settings.callback_consent == "on", limit=int(settings.subscriptions_per_client),
             )  # fmt: skip
             app.state.live, app.state.subscriptions = live, await stack.enter_async_context(subscriptions)
+            sampler = await stack.enter_async_context(Sampler(live.fleet))
+            app.state.registry = registry(Numbers(live, subscriptions, app.state.actions, requests, sampler))
             yield
 
+    requests = Requests()
     app = Starlette(
-        middleware=[Middleware(Front), Middleware(Authorities, public_urls=settings.public_urls, prefixes=PREFIXES)],
+        middleware=[
+            Middleware(Front, requests=requests),
+            Middleware(Authorities, public_urls=settings.public_urls, prefixes=PREFIXES),
+        ],
         lifespan=lifespan,
     )
     app.state.turns = Turns()

@@ -32,6 +32,7 @@ class Live:
         self.fleet = Fleet()
         self.invocations = Invocations()
         self.fan_out = FanOut(self.tree)
+        self.frames = 0
         self._heard = asyncio.Event()
         # Who carries out actions hears of robots that are lost, and of the progress that robots report.
         self.on_progress: Callable[[str, Progress], None] = lambda robot, progress: None
@@ -88,6 +89,7 @@ class Live:
         for event in events:
             for change in self.fleet.apply(event, now_ns):
                 if change.what == "frame":
+                    self.frames += 1
                     self.fan_out.moved(change.robot)
                     continue
                 log.info("robot %s: %s", change.robot, change.what)

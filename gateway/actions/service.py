@@ -24,6 +24,7 @@ from gateway.fleet.robot import Robot
 from gateway.graph.invocation import invocation_path
 from gateway.link import NoAnswer
 from gateway.live import Live
+from gateway.observe.counts import Commands
 
 log = logging.getLogger(__name__)
 
@@ -54,6 +55,7 @@ class Actions:
         self._expiry: asyncio.Task[None] | None = None
         self._computing = asyncio.Semaphore(1)
         self._planning = 0
+        self.commands = Commands()
         live.on_progress, live.on_lost = self._progressed, self._lost
 
     async def __aenter__(self) -> Self:
@@ -140,10 +142,13 @@ class Actions:
 
     async def _send(self, invocation: Invocation, command: Command) -> Reply:
         try:
-            return await self._live.link.command(invocation.robot, command, _ANSWER_TIMEOUT_S)
+            reply = await self._live.link.command(invocation.robot, command, _ANSWER_TIMEOUT_S)
         except NoAnswer as error:
+            self.commands.replied(invocation.robot, None)
             self._unheard(invocation)
             raise silence(invocation, str(error)) from error
+        self.commands.replied(invocation.robot, reply)
+        return reply
 
     async def _first(self, robot: Robot, id: str) -> Invocation:
         """The invocation that a repeated request began, once the first one has its answer, which this one gets too."""
@@ -193,6 +198,8 @@ class Actions:
         self._begin(invocation)
         stop = Stop(version=WIRE_VERSION, id=invocation.id, joints=halt.joints, reason="stopped")
         replies = await self._live.halt(halt.robots, stop, _ANSWER_TIMEOUT_S)
+        for name in {*(halt.robots or online), *replies}:
+            self.commands.replied(name, replies.get(name))
         self.memory.record(invocation)
         if robot == FLEET:
             self._answered(invocation, online, replies)
@@ -277,6 +284,7 @@ class Actions:
         stop = Stop(version=WIRE_VERSION, id=str(uuid.uuid4()), command=invocation.id, reason=reason)
         replies = await self._live.link.stop((invocation.robot,), stop, _ANSWER_TIMEOUT_S)
         reply = replies.get(invocation.robot)
+        self.commands.replied(invocation.robot, reply)
         unknown = isinstance(reply, Accepted) and invocation.id not in reply.preempts
         if unknown and invocation.stops is None and not await self.ended(invocation, _LAST_WORD_S):
             self._fail(invocation, "the agent knows no such motion")

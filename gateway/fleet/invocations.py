@@ -56,6 +56,11 @@ class Invocations:
         self._reopen(held)
         return held
 
+    @property
+    def open(self) -> int:
+        """How many have not ended."""
+        return sum(not one.state.terminal for held in list(self._open.values()) for one in list(held.values()))
+
     def get(self, id: str) -> Invocation | None:
         return self._all.get(id)
 

@@ -4,6 +4,7 @@ Outside of the tree and under reserved names, so that no robot can be called lik
 probes a gateway asks it by its own address, which is no public URL of the fleet.
 """
 
+import time
 from collections.abc import Awaitable, Callable
 
 from starlette.datastructures import Headers, MutableHeaders
@@ -12,33 +13,43 @@ from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from gateway.observe.context import begin
+from gateway.observe.counts import Requests
 from gateway.observe.health import live, ready
+from gateway.observe.metrics import metrics
 
 REQUEST_ID = "X-Request-Id"
 _STARTS = ("http.response.start", "websocket.http.response.start", "websocket.accept")
 _READ = ("GET", "HEAD", "OPTIONS")
-_PAGES: dict[str, Callable[[Request], Awaitable[Response]]] = {"/health/live": live, "/health/ready": ready}
+_PAGES: dict[str, Callable[[Request], Awaitable[Response]]] = {
+    "/health/live": live,
+    "/health/ready": ready,
+    "/metrics": metrics,
+}
 
 
 class Front:
-    """ASGI middleware, the outermost: gives each request its id, and answers operators."""
+    """ASGI middleware, the outermost: gives each request its id, counts it, and answers operators without counting."""
 
-    def __init__(self, app: ASGIApp) -> None:
-        self.app = app
+    def __init__(self, app: ASGIApp, requests: Requests) -> None:
+        self.app, self._requests = app, requests
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
+        page = _PAGES.get(scope["path"]) if scope["type"] == "http" else None
         asked = begin(Headers(scope=scope).get(REQUEST_ID, ""))
 
         async def answer(message: Message) -> None:
             if message["type"] in _STARTS:
                 asked.answered = True
+                if page is None:
+                    took_s = time.monotonic() - asked.begun_s
+                    self._requests.add(scope.get("method", "GET"), message.get("status", 101), took_s)
+                message.setdefault("headers", [])
                 MutableHeaders(scope=message).append(REQUEST_ID, asked.id)
             await send(message)
 
-        page = _PAGES.get(scope["path"]) if scope["type"] == "http" else None
         if page is None:
             await self.app(scope, receive, answer)
         else:

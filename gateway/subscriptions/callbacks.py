@@ -3,6 +3,7 @@
 import asyncio
 import ssl
 
+from gateway.observe.counts import Deliveries
 from gateway.subscriptions.courier import Courier
 from gateway.subscriptions.fan_out import FanOut
 from gateway.subscriptions.network import Network, Unresolvable
@@ -18,8 +19,18 @@ class Callbacks:
         self._store, self._run, self._fan_out, self._network = store, run, fan_out, network
         self._limit, self._consent = limit, consent
         self._couriers: dict[str, Courier] = {}
+        self.deliveries = Deliveries()
         self._refused: set[str] = set()
         self._tls = ssl.create_default_context()
+
+    @property
+    def served(self) -> int:
+        return len(self._couriers)
+
+    @property
+    def suspended(self) -> int:
+        """How many of those served wait for somebody to resume them."""
+        return sum(each.delivery.state is DeliveryState.SUSPENDED for each in list(self._couriers.values()))
 
     async def accept(self, subscription: Subscription) -> Record:
         """Make a callback subscription; it is in the store when this returns.
@@ -84,7 +95,9 @@ class Callbacks:
         if record.subscription.id in self._couriers:
             return
         receiver = self._receiver(record.subscription)
-        courier = Courier(record, self._store, self._fan_out, receiver, consent=self._consent)
+        courier = Courier(
+            record, self._store, self._fan_out, receiver, consent=self._consent, deliveries=self.deliveries
+        )
         self._couriers[record.subscription.id] = courier
         courier.start()
 

@@ -16,6 +16,7 @@ from urllib.parse import urlsplit
 
 from gateway.ending import end
 from gateway.graph.subscription import subscription_path
+from gateway.observe.counts import Deliveries
 from gateway.subscriptions import signature
 from gateway.subscriptions.fan_out import FanOut
 from gateway.subscriptions.message import Ending, Message
@@ -33,11 +34,21 @@ _STORE_PAUSE_S = 0.25
 class Courier:
     """Serves one callback subscription that this run holds, from ``start`` until ``stop`` or until it is lost."""
 
-    def __init__(self, record: Record, store: Store, fan_out: FanOut, receiver: Receiver, *, consent: bool) -> None:
+    def __init__(
+        self,
+        record: Record,
+        store: Store,
+        fan_out: FanOut,
+        receiver: Receiver,
+        *,
+        consent: bool,
+        deliveries: Deliveries | None = None,
+    ) -> None:
         self.subscription = record.subscription
         self.delivery = record.delivery
         self._store, self._fan_out, self._receiver = store, fan_out, receiver
         self._consent_needed = consent
+        self._deliveries = deliveries or Deliveries()
         self._message: Message | None = None
         self._idle = False
         self._news = asyncio.Event()
@@ -159,6 +170,7 @@ class Courier:
                 await self._failed(DeliveryState.AWAITING_CONSENT, Outcome(Verdict.RETRY, None, None, str(error)))
                 continue
             if outcome.verdict is Verdict.DELIVERED:
+                self._deliveries.taken += 1
                 self._not_before_s = time.monotonic() + self.delivery.allowed_interval_s
                 self._became(DeliveryState.ACTIVE, outcome.status)
                 return
@@ -219,6 +231,7 @@ class Courier:
 
     async def _failed(self, state: DeliveryState, outcome: Outcome) -> None:
         """Note a failure and wait as long as it takes: a while, or until somebody resumes the subscription."""
+        self._deliveries.failed += 1
         failures = self.delivery.failures + 1
         over = outcome.verdict is Verdict.GONE or failures >= SUSPEND_AFTER
         self._became(DeliveryState.SUSPENDED if over else state, outcome.status, failures, outcome.reason)

@@ -46,6 +46,7 @@ class FanOut:
         self._dirty: dict[Topic, bool] = {}
         self._runnable: deque[Watcher] = deque()
         self._turn_due = False
+        self.renders = self.messages = self.conflated = 0
 
     def watch(
         self, subscription: Subscription, outlet: Outlet, sent: dict[str, str] | None = None, *, patient: bool = False
@@ -122,7 +123,11 @@ class FanOut:
             self._take_turn_soon()
 
     def message(self, topic: Topic, subscription: Subscription) -> Message:
-        return topic.message(subscription.media_type, subscription.base, self._tree)
+        before = topic.renders
+        message = topic.message(subscription.media_type, subscription.base, self._tree)
+        self.renders += topic.renders - before
+        self.messages += 1
+        return message
 
     def freshen(self, topic: Topic) -> None:
         if topic in self._dirty:
@@ -177,6 +182,7 @@ class FanOut:
     def _refresh(self, topic: Topic) -> None:
         if topic.refresh():
             for watcher in list(topic.watchers):
+                self.conflated += watcher.waits(topic.path)
                 watcher.news(topic)
 
     def _renew(self, topic: Topic) -> bool:

@@ -6,6 +6,7 @@ between its connections, for a while.
 
 import asyncio
 import logging
+from collections import Counter
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from dataclasses import replace
@@ -40,6 +41,10 @@ class Streams:
         self._strays: set[str] = set()
         self._noted: dict[str, int | None] = {}
         self._background: set[asyncio.Task[None]] = set()
+
+    def kinds(self) -> Counter[str]:
+        """How many are open here, by kind."""
+        return Counter(watcher.subscription.kind.value for watcher in list(self._open.values()))
 
     # -- connections --------------------------------------------------------------------------------------------------
 

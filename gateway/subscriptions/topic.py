@@ -25,6 +25,7 @@ class Topic:
         self.path, self.values = path, values
         self.watchers: dict[Watcher, None] = {}
         self.previous: str | None = None
+        self.renders = 0
         self._resource = resource
         self._resources: dict[str, Resource] = {}
         self._messages: dict[tuple[str, str], Message] = {}
@@ -71,6 +72,7 @@ class Topic:
             if resource is None or resource.documents:
                 found = tree(base).resolve(self.path)
                 resource = self._resources[base] = found if isinstance(found, Resource) else self._resource
+            self.renders += 1
             body = message_body(resource, media_type, base, self.reading.version, self.previous)
             message = self._messages[media_type, base] = Message(self.path, self.reading.version, media_type, body)
         return message
