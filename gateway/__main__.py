@@ -16,6 +16,7 @@ from starlette.applications import Starlette
 from gateway.app import create_app
 from gateway.http.protocol import HttpProtocol, WebSocketProtocol
 from gateway.link import LinkError
+from gateway.observe.log import configure
 from gateway.settings import GatewaySettings
 from gateway.store.connection import BadUrl
 from gateway.store.embedded import EmbeddedError
@@ -55,10 +56,10 @@ _SWITCH_S = 0.0005
 
 
 def main() -> int:
-    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
     logging.getLogger("uvicorn.error").addFilter(_is_news)
     try:
         settings = GatewaySettings.read(os.environ, sys.argv[1:])
+        configure(settings.log_format)
         listener = _listen(settings.host, settings.port_number)
     except (ValueError, OSError) as error:
         print(f"gateway: {error}", file=sys.stderr)

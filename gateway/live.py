@@ -92,7 +92,7 @@ class Live:
                     self.frames += 1
                     self.fan_out.moved(change.robot)
                     continue
-                log.info("robot %s: %s", change.robot, change.what)
+                log.info("robot %s: %s", change.robot, change.what, extra={"robot": change.robot})
                 self._retarget(change.robot)
                 self.fan_out.changed(change.robot)
                 if change.what == "vanished":

@@ -8,6 +8,7 @@ from ipaddress import IPv4Network, IPv6Network, ip_network
 from pathlib import Path
 
 from agents.wire.keys import Keys as ZenohKeys
+from gateway.observe.log import FORMS
 from gateway.subscriptions.keys import Keys
 
 
@@ -45,6 +46,8 @@ class GatewaySettings:
         "LINKED_FLEET_SUBSCRIPTIONS_PER_CLIENT", "1000", "subscriptions that one client address may have at once"
     )
 
+    log_format: str = _setting("LINKED_FLEET_LOG_FORMAT", "text", "form of the log: text or json")
+
     def __post_init__(self) -> None:
         if not self.port.isdecimal() or not 0 < int(self.port) < 65536:
             raise ValueError(f"LINKED_FLEET_PORT is a port number from 1 to 65535, not {self.port!r}")
@@ -54,6 +57,8 @@ class GatewaySettings:
             raise ValueError(
                 f"LINKED_FLEET_SUBSCRIPTIONS_PER_CLIENT is a number, not {self.subscriptions_per_client!r}"
             )
+        if self.log_format not in FORMS:
+            raise ValueError(f"LINKED_FLEET_LOG_FORMAT is text or json, not {self.log_format!r}")
         ZenohKeys(self.namespace), Keys(self.namespace)  # ValueError
         for network in _items(self.callback_allow):
             try:

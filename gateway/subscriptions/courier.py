@@ -47,6 +47,7 @@ class Courier:
         self.subscription = record.subscription
         self.delivery = record.delivery
         self._store, self._fan_out, self._receiver = store, fan_out, receiver
+        self._about = {"subscription": record.subscription.id}
         self._consent_needed = consent
         self._deliveries = deliveries or Deliveries()
         self._message: Message | None = None
@@ -93,10 +94,12 @@ class Courier:
         try:
             await self._serve()
         except Lost:
-            log.info("callback %s is served by another gateway now, or deleted", self.subscription.id)
+            log.info(
+                "callback %s is served by another gateway now, or deleted", self.subscription.id, extra=self._about
+            )
         except Exception:
             # The boundary of the task: nobody else would ever see it, and the subscription would be silent.
-            log.exception("callback %s stopped for an unforeseen reason", self.subscription.id)
+            log.exception("callback %s stopped for an unforeseen reason", self.subscription.id, extra=self._about)
 
     async def _serve(self) -> None:
         id = self.subscription.id
@@ -238,7 +241,7 @@ class Courier:
         self._woken.clear()
         await self._note()
         if over:
-            log.info("callback %s is suspended: %s", self.subscription.id, outcome.reason)
+            log.info("callback %s is suspended: %s", self.subscription.id, outcome.reason, extra=self._about)
             await self._sleep(None)
         else:
             pause_s = delay_s(failures, random.random())  # noqa: S311 (jitter is no secret)

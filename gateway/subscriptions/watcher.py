@@ -147,7 +147,8 @@ class Watcher:
         try:
             message = self._schedule.message(topic, self.subscription)
         except WriteError as error:
-            _log.warning("subscription %s gets no message: %s", self.subscription.id, error)
+            id = self.subscription.id
+            _log.warning("subscription %s gets no message: %s", id, error, extra={"subscription": id})
             return
         self._sent[topic.path] = topic.reading
         self.last_ns = self._schedule.wall_ns()

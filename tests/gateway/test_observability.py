@@ -2,19 +2,28 @@
 
 import contextlib
 import json
+import logging
+import re
+import sys
 from collections.abc import Iterator
+from datetime import datetime
 from pathlib import Path
 
 import httpx
 import pytest
 import zenoh
 from actor import Actor, stage
-from browser import Browser
+from browser import HYBRIT, ROS, Browser, Page
 from prometheus_client.parser import text_string_to_metric_families
 from prometheus_client.samples import Sample
+from receivers import Answer, receiving
 from redis_servers import Server
 from running import Process, eventually, free_port, process
-from small_fleet import Place, live, move
+from small_fleet import Place, live, move, presence
+from websockets.sync.client import connect as websocket
+
+from gateway.observe.log import JsonFormatter, TextFormatter
+from gateway.settings import GatewaySettings
 
 
 @pytest.fixture(scope="module")
@@ -168,6 +177,41 @@ def test_commands_streams_and_open_invocations_are_counted(place: Place, http: h
     eventually(lambda: sample(http, "linked_fleet_robots", presence="offline") > 0, "the robot offline")
 
 
+def test_what_becomes_of_callbacks_is_counted_and_logged_by_subscription(tmp_path: Path) -> None:
+    place = Place(tmp_path)
+    with (
+        receiving() as receiver,
+        gateway(place, "--log-format=json") as (child, http),
+        stage(place.zenoh) as session,
+        contextlib.closing(Browser(place.root)) as browser,
+    ):
+        robot = Actor(session, "toy").appear()
+        joint = eventually(lambda: presence(browser, "toy") and _part(browser), "its joint")
+        receiver.script(Answer(204), Answer(410))
+        body = (
+            f"@prefix hybrit: <{HYBRIT}> . [] a hybrit:Subscription, hybrit:WebCallback ; "
+            f'hybrit:onResource <{joint.one(ROS.rotation)}> ; hybrit:callbackURL "{receiver.url()}" .'
+        )
+        container = str(joint.one(HYBRIT.subscriptions))
+        made = http.post(container, content=body, headers={"content-type": "text/turtle"})
+        assert made.status_code == 201, made.text
+        eventually(lambda: sample(http, "linked_fleet_deliveries_total") == 1, "one delivery")
+        assert sample(http, "linked_fleet_subscribers", kind="callback") == 1
+        robot.put("state", robot.frame([0.5]))
+        eventually(lambda: sample(http, "linked_fleet_callbacks_suspended") == 1, "one that is suspended")
+        assert sample(http, "linked_fleet_delivery_failures_total") == 1
+        id = made.headers["location"].rstrip("/").rpartition("/")[2]
+        eventually(lambda: [line for line in log(child) if line.get("subscription") == id], "a line about it")
+
+
+def _part(browser: Browser) -> Page | None:
+    """The joint, once the robot is described."""
+    try:
+        return browser.part("toy", "elbow")
+    except (AssertionError, ValueError):
+        return None
+
+
 def samples(http: httpx.Client) -> list[Sample]:
     answer = http.get("/metrics")
     assert answer.status_code == 200
@@ -193,3 +237,60 @@ def unready(http: httpx.Client) -> list[str]:
         return answer.json()["reasons"] if answer.status_code == 503 else None
 
     return eventually(probe, "a gateway that is not ready")
+
+
+# -- the log ----------------------------------------------------------------------------------------------------------
+
+
+def test_lines_about_a_request_bear_its_id_and_its_robot(tmp_path: Path) -> None:
+    place = Place(tmp_path)
+    with gateway(place, "--log-format=json") as (child, http), stage(place.zenoh) as session:
+        robot = Actor(session, "mute\nrobot").appear()
+        eventually(lambda: http.get("/mute~0Arobot/elbow").status_code == 200, "the robot")
+        answer = http.post("/actions/stopAll", headers={"x-request-id": "from-the-front.1"})
+        assert (answer.status_code, answer.headers["x-request-id"]) == (204, "from-the-front.1")
+        (line,) = eventually(
+            lambda: [each for each in log(child) if each.get("request") == "from-the-front.1"], "a line about it"
+        )
+        assert (line["robot"], line["level"], line["logger"]) == (robot.name, "info", "gateway.observe.counts")
+        assert line["message"] == "robot mute\nrobot: command silent"
+        assert datetime.fromisoformat(line["time"]).tzinfo is not None
+        assert [each["robot"] for each in log(child) if "appeared" in each["message"]] == [robot.name]
+
+
+@pytest.mark.parametrize("sent", ["", "two words", "x" * 65, "a/b", "ä"])
+def test_a_request_without_a_usable_id_is_given_one(http: httpx.Client, sent: str) -> None:
+    answers = [http.get(path, headers={"x-request-id": sent.encode()}) for path in ("/", "/nobody/", "/health/live")]
+    given = [answer.headers["x-request-id"] for answer in answers]
+    assert len({*given, sent}) == 4
+    assert all(re.fullmatch("[0-9a-f]{32}", id) for id in given)
+
+
+def test_a_handshake_is_answered_with_its_id(http: httpx.Client, place: Place) -> None:
+    url = place.root.replace("http", "ws", 1)
+    with websocket(url, additional_headers={"X-Request-Id": "shake"}) as channel:
+        assert channel.response is not None
+        assert channel.response.headers["x-request-id"] == "shake"
+    assert sample(http, "linked_fleet_http_requests_total", method="GET", status="1xx") >= 1
+
+
+def test_only_known_forms_of_log_are_taken() -> None:
+    with pytest.raises(ValueError, match="text or json"):
+        GatewaySettings(log_format="xml")
+
+
+def test_text_and_traceback_of_a_record() -> None:
+    record = logging.LogRecord("gateway.x", logging.ERROR, "", 0, "robot %s", ("a\nb\x1b[2J",), None)
+    assert TextFormatter("%(levelname)s %(message)s").format(record) == "ERROR robot a\\x0ab\\x1b[2J"
+    try:
+        raise OSError("gone")
+    except OSError:
+        record.exc_info = sys.exc_info()
+    said = json.loads(JsonFormatter().format(record))
+    assert said["message"] == "robot a\nb\x1b[2J"
+    assert said["exception"].endswith("OSError: gone")
+
+
+def log(child: Process) -> list[dict[str, str]]:
+    """The lines of a gateway that writes JSON; all that it writes but its greeting is that."""
+    return [json.loads(line) for line in child.output.splitlines() if not line.startswith("serving ")]
