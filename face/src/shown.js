@@ -14,21 +14,23 @@ const PASSING = new Set([lf("version"), lf("previousVersion"), lf("lastFrame"), 
  */
 export function rest(graph, live) {
   const parts = [];
-  const node = (subject, depth) => {
+  // Each node is read once: of nodes that share nodes there are more paths than anybody has time for.
+  const pending = [...graph.subjects.keys()].filter((subject) => !subject.startsWith("_:"));
+  const numbers = new Map();
+  const numbered = (blank) => {
+    if (!numbers.has(blank)) {
+      numbers.set(blank, `_:${numbers.size}`);
+      pending.push(blank);
+    }
+    return numbers.get(blank);
+  };
+  for (const subject of pending) {
+    parts.push(numbers.get(subject) ?? subject);
     for (const [predicate, objects] of graph.subjects.get(subject) ?? []) {
       if (PASSING.has(predicate) || live.has(`${subject} ${predicate}`)) continue;
-      parts.push(predicate);
-      for (const term of objects) {
-        if (term.kind !== "blank") parts.push(term.value);
-        else if (depth < 32) node(key(term), depth + 1);
-      }
+      parts.push(predicate, ...objects.map((term) => (term.kind === "blank" ? numbered(key(term)) : term.value)));
     }
     parts.push(";");
-  };
-  for (const subject of graph.subjects.keys()) {
-    if (subject.startsWith("_:")) continue;
-    parts.push(subject);
-    node(subject, 0);
   }
   return parts.join("\n");
 }

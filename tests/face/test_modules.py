@@ -95,3 +95,26 @@ def test_numbers_are_written_as_the_gateway_does(module: Page, value: float) -> 
             'async ([value, unit]) => (await import("/format.js")).converted(value, unit)', [value, unit]
         )
         assert also in {labels.converted(value * factor, unit) for factor in (1, 1 + 1e-9, 1 - 1e-9)}
+
+
+def test_nodes_that_share_nodes_are_read_once(module: Page) -> None:
+    """Thirty of them, each named three times by the one before: along every path there would be no end to it."""
+    steps = [f"_:b{i} <http://{p}> _:b{i + 1} ." for i in range(30) for p in "pqr"]
+    said = "\n".join(["<http://s> <http://p> _:b0 .", *steps, '_:b30 <http://p> "VALUE" .'])
+    same = module.evaluate(
+        """async (texts) => {
+            const [{ parse }, { rest }] = await Promise.all([import("/ntriples.js"), import("/shown.js")]);
+            return texts.map((text) => {
+                const graph = parse(text);
+                const { subjects } = graph;
+                let left = 1000;
+                graph.subjects = { keys: () => subjects.keys(), get: (subject) => {
+                    if (!left--) throw new Error("the same nodes are read over and over");
+                    return subjects.get(subject);
+                } };
+                return rest(graph, new Set());
+            });
+        }""",
+        [said.replace("VALUE", "1"), said.replace("VALUE", "2"), said.replace("VALUE", "1").replace("_:b", "_:c")],
+    )
+    assert same[0] == same[2] != same[1]
