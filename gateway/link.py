@@ -109,6 +109,16 @@ class FleetLink:
         """Be seen by the robots, and hear them; until then the link is open and silent."""
         await self._in_thread(self._declare)
 
+    async def roll_call(self, timeout_s: float) -> set[str]:
+        """Names of the robots that are there now, as far as is known within ``timeout_s``."""
+
+        def ask() -> list[str]:
+            replies = self._session.liveliness().get(self._keys.all_presence, timeout=timeout_s)
+            return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+
+        found = [self._parse(key) for key in await self._in_thread(ask)]
+        return {robot.robot for robot in found if robot is not None}
+
     async def __aexit__(self, *_: object) -> None:
         self._inbox.close()
         fetches = list(self._fetches.values())

@@ -21,6 +21,8 @@ from gateway.settings import GatewaySettings
 from gateway.subscriptions.fan_out import FanOut
 
 _SEEN_AGAIN_S = 0.3
+_MEETING_S = 2.0  # before a gateway serves although it does not know all robots yet
+_PAUSE_S = 0.05
 
 log = logging.getLogger(__name__)
 
@@ -54,6 +56,22 @@ class Live:
     async def join(self) -> None:
         """Have the fleet come in; robots tell at once what has ended lately, so who wants to hear that comes before."""
         await self.link.join()
+        with suppress(TimeoutError):
+            async with asyncio.timeout(_MEETING_S):
+                await self._meet()
+
+    async def _meet(self) -> None:
+        """Wait for the robots that are there already: a gateway in the place of another is to know what that knew."""
+        while not self.link.joined:  # noqa: ASYNC110 - Zenoh tells nobody
+            await asyncio.sleep(_PAUSE_S)
+        present = await self.link.roll_call(_MEETING_S)
+        while not all(self._is_known(name) for name in present):
+            self._heard.clear()
+            await self._heard.wait()
+
+    def _is_known(self, name: str) -> bool:
+        robot = self.fleet.robots.get(name)
+        return robot is not None and (robot.model is not None or bool(robot.fault) or not robot.online)
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

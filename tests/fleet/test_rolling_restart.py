@@ -1,0 +1,232 @@
+"""Gateways that end in good order: what is under way is answered, and the others go on with all the rest."""
+
+import contextlib
+import signal
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import httpx
+import pytest
+from browser import DCTERMS, HYBRIT, LF
+from commanding import (
+    ENDED,
+    PAN,
+    PREFIXES,
+    TURTLE,
+    WRIST,
+    all_see,
+    arm,
+    at_all,
+    control,
+    ended,
+    invocations,
+    moving,
+    of_joint,
+    problem,
+    put,
+    radian,
+    slowly,
+    state_at,
+)
+from load import EventFollower, Front, Mover, Reader, SocketFollower, going_on
+from receivers import Answer, receiving
+from redis_servers import Servers, cluster, single
+from running import Process, eventually, free_port
+from several import Gateway, Hub, arrived, deliveries, gateway, gateways, hub
+from subscribers import Socket, events
+
+pytestmark = pytest.mark.fleet
+_UNWELCOME = ("Traceback", "Exception", "ERROR", "could not be remembered", "never retrieved")
+
+
+@pytest.fixture
+def stage() -> Iterator[Hub]:
+    with hub() as stage:
+        yield stage
+
+
+@pytest.fixture
+def memory(tmp_path: Path) -> Iterator[Servers]:
+    with single(tmp_path) as servers:
+        yield servers
+
+
+def calmly(process: Process) -> None:
+    """End it; its log tells of nothing that went wrong."""
+    assert process.stop() == 0, process.output
+    assert not [line for line in process.lines if any(word in line for word in _UNWELCOME)], process.output
+
+
+def path(url: str) -> str:
+    return httpx.URL(url).path
+
+
+# -- one that ends --------------------------------------------------------------------------------------------------
+
+
+def test_who_waits_for_a_motion_is_answered_and_it_goes_on(stage: Hub, memory: Servers) -> None:
+    with arm(stage.endpoint), gateways(stage, memory.url) as two, ThreadPoolExecutor(1) as pool:
+        all_see(two)
+        one, other = two
+        url = of_joint(one.browser, PAN)
+        waiting = pool.submit(put, one.browser, url, slowly(0.5), prefer="wait=60")
+        moving(other.browser, PAN)
+        calmly(one.process)
+        answer = waiting.result()
+        assert answer.status_code == 202, answer.text
+        invocation = other.here(answer.headers["location"])
+        assert state_at(other, invocation) == LF.running
+        assert ended(other.browser, invocation).one(LF.state) == LF.succeeded
+
+
+def test_a_request_that_waits_for_a_robot_is_answered(stage: Hub, memory: Servers) -> None:
+    """The agent hangs: the gateway says so before it ends, and the other one knows."""
+    with (
+        arm(stage.endpoint, "--lease-ms", "30000") as agent,
+        gateways(stage, memory.url) as two,
+        ThreadPoolExecutor(1) as pool,
+    ):
+        all_see(two)
+        one, other = two
+        url, there = of_joint(one.browser, WRIST), of_joint(other.browser, WRIST)
+        agent.send(signal.SIGSTOP)
+        try:
+            waiting = pool.submit(put, one.browser, url, radian(1.0))
+            eventually(lambda: invocations(other.browser, there), "the request under way")
+            calmly(one.process)
+            answer = waiting.result()
+            assert problem(answer) == (504, "agent-silent")
+            at_all([other], lambda each: state_at(each, answer.headers["location"]) == LF.unknown, "silence")
+        finally:
+            agent.send(signal.SIGCONT)
+
+
+def test_streams_are_told_to_come_back_and_find_the_latest_value(stage: Hub, memory: Servers) -> None:
+    """Those that were made by POST as well, also when they were never opened: they wait at the other gateway."""
+    with gateways(stage, memory.url) as (one, other):
+        made, unopened = (posted(one) for _ in range(2))
+        with Socket(one.rotation) as socket, Socket(made) as again, events(one.rotation) as stream:
+            for each in (socket, again, stream):
+                each.next()
+            calmly(one.process)
+            assert socket.until_closed()[0] == again.until_closed()[0] == 1012
+            assert stream.ended()
+            assert stream.last_event_id not in ("", "cancelled")
+        stage.step()
+        for iri in (made, unopened):
+            eventually(lambda iri=iri: path(iri) in other.listed(), "it waits at the other gateway")
+            assert other.description(iri).one(LF.deliveryState) == LF.waiting
+            with Socket(other.here(iri)) as socket:
+                assert socket.next().angle == stage.angle
+        with events(other.here(one.rotation), last=stream.last_event_id) as stream:
+            assert stream.next().angle == stage.angle
+        for iri in (made, unopened):
+            assert other.browser.http.delete(other.here(iri)).status_code == 204
+        assert other.listed() == set()
+
+
+def posted(gateway: Gateway) -> str:
+    """The IRI of a stream that nobody has opened."""
+    body = f"<> a <{HYBRIT.Subscription}> ; <{HYBRIT.onResource}> <{gateway.rotation}> ."
+    answer = gateway.browser.http.post(gateway.container, content=body, headers=TURTLE)
+    assert answer.status_code == 201, answer.text
+    return answer.headers["location"]
+
+
+def test_a_delivery_under_way_is_handed_over(stage: Hub, memory: Servers) -> None:
+    """Its receiver does not answer: another gateway repeats it while the lease of the first would still last."""
+    with receiving() as receiver, gateways(stage, memory.url) as (one, other):
+        iri = one.subscribed(receiver.url())
+        receiver.wait(1)
+        receiver.script(Answer(stalls=True))
+        stage.step()
+        receiver.wait(2)
+        calmly(one.process)
+        stage.step()
+        arrived(receiver, "/callback", stage.angle)
+        deliveries(receiver.log())
+        assert other.listed() == {path(iri)}
+
+
+# -- all of them, one after another ---------------------------------------------------------------------------------
+
+
+@pytest.fixture(params=[single, cluster])
+def engine(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Servers]:
+    with request.param(tmp_path / "redis") as servers:
+        yield servers
+
+
+def test_a_rolling_restart_under_load_loses_nothing(stage: Hub, engine: Servers) -> None:
+    """Motions, reads, streams and callbacks go on; what was answered holds at each gateway, old and new."""
+    ports = [free_port(), free_port()]
+    roots = [f"http://127.0.0.1:{port}/" for port in ports]
+    with contextlib.ExitStack() as stack:
+        receiver = stack.enter_context(receiving())
+        stack.enter_context(arm(stage.endpoint))
+        running = [stack.enter_context(gateway(stage, "--redis-url", engine.url, port=port)) for port in ports]
+        all_see(running)
+        callbacks = [path(each.subscribed(receiver.url(f"/{index}"))) for index, each in enumerate(running)]
+        token = made_known(running[0])
+        fronts = [stack.enter_context(contextlib.closing(Front(roots))) for _ in range(4)]
+        rotation = path(running[0].rotation)
+        action = of_joint(running[0].browser, WRIST)
+        mover = Mover(fronts[0], path(action), **token)
+        reader = Reader(fronts[1], stage, rotation)
+        followers = (SocketFollower(fronts[2], rotation), EventFollower(fronts[3], rotation))
+        with going_on(*followers, wake=stage.step):
+            with going_on(mover, reader, wake=lambda: None):
+                for index, port in enumerate(ports):
+                    some(mover, reader)
+                    calmly(running[index].process)
+                    some(mover, reader)
+                    running[index] = stack.enter_context(gateway(stage, "--redis-url", engine.url, port=port))
+                    all_see([running[index]])
+                some(mover, reader)
+            for each in followers:
+                eventually(lambda each=each: each.last == stage.angle, "the latest value")
+        for each in followers:
+            assert each.ends
+            assert set(each.ends) <= {1012}
+        for each in running:
+            same(each, mover, each.here(action))
+            assert each.listed() >= set(callbacks)
+            eventually(lambda each=each: each.listed() == set(callbacks), "the callbacks alone")
+        for index in range(len(callbacks)):
+            arrived(receiver, f"/{index}", stage.angle)
+            deliveries(receiver.log(f"/{index}"))
+        for each in running:
+            calmly(each.process)
+
+
+def some(mover: Mover, reader: Reader) -> None:
+    """Wait until clients have had more of what they want."""
+    moved, read = len(mover.answered), reader.steps
+    eventually(lambda: len(mover.answered) > moved + 1 and reader.steps > read + 1, "clients that go on")
+
+
+def made_known(gateway: Gateway) -> dict[str, str]:
+    """Take control of the arm and give it a title; the field that proves the control."""
+    robot = gateway.browser.robot("ur5")
+    answer = put(gateway.browser, str(robot.one(LF.lease)), control("Ada", 600))
+    assert answer.status_code == 204, answer.text
+    token = {"lock-token": answer.headers["lock-token"]}
+    said = put(gateway.browser, str(robot.one(LF.title)), PREFIXES + '<> lf:value "Left arm" .', **token)
+    assert said.status_code == 204, said.text
+    return token
+
+
+def same(gateway: Gateway, mover: Mover, action: str) -> None:
+    """What was made before the restart is known, and every motion that was asked for was begun once."""
+    robot = gateway.browser.robot("ur5")
+    assert str(robot.graph.value(robot.iri, DCTERMS.title)) == "Left arm"
+    lease = gateway.browser.page(str(robot.one(LF.lease)))
+    assert str(lease.graph.value(lease.iri, LF.holder)) == "Ada"
+    assert problem(put(gateway.browser, action, radian(0.0))) == (409, "controlled")
+    listed = invocations(gateway.browser, action)
+    assert len(mover.answered) == len(set(mover.answered)) == mover.asked == len(listed)
+    assert set(listed) == set(mover.answered)
+    for each in mover.answered:
+        eventually(lambda each=each: state_at(gateway, each) in ENDED, "an end")
+        assert state_at(gateway, each) in (LF.succeeded, LF.preempted)
