@@ -122,8 +122,11 @@ class Channel {
   pause() {
     clearTimeout(this.timer);
     if (this.socket) {
-      this.socket.onclose = this.socket.onmessage = null;
-      this.socket.close();
+      const { socket } = this;
+      socket.onclose = socket.onmessage = null;
+      // Closed before it is open it would be an error to the browser.
+      if (socket.readyState === WebSocket.CONNECTING) socket.onopen = () => socket.close();
+      else socket.close();
       this.socket = undefined;
     }
   }

@@ -41,7 +41,8 @@ class Watched:
         page.on("request", self._request)
 
     def _console(self, message: ConsoleMessage) -> None:
-        if message.type in ("error", "warning"):
+        # A page that is left while it connects is no fault of the page.
+        if message.type in ("error", "warning") and "closed before the connection is established" not in message.text:
             self._said.append(f"{message.text} ({message.location.get('url')})")
 
     def _request(self, request: Request) -> None:

@@ -32,7 +32,7 @@ def pages(fleet: RunningFleet, browser: Browser) -> dict[str, str]:
         "property": str(next(joint.graph.objects(joint.iri, LF.velocity))),
         "action": rotate,
         "nested action": browser.action(robot, LF.FollowTrajectory),
-        "invocation": browser.http.post(stop).headers["location"],
+        "invocation": browser.http.post(stop, headers={"prefer": "wait=30"}).headers["location"],
         "subscriptions": str(joint.one(HYBRIT.subscriptions)),
         "blueprint": rotate.removesuffix("/actions/rotate") + "/blueprint",
         "vocabulary": str(browser.page(browser.root).one(LF.vocabulary)),
