@@ -11,6 +11,7 @@ from pathlib import Path
 
 import httpx
 import pytest
+import yaml
 import zenoh
 from actor import Actor, stage
 from browser import HYBRIT, ROS, Browser, Page
@@ -18,7 +19,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from prometheus_client.samples import Sample
 from receivers import Answer, receiving
 from redis_servers import Server
-from running import Process, eventually, free_port, process
+from running import ROOT, Process, eventually, free_port, process
 from small_fleet import Place, live, move, presence
 from websockets.sync.client import connect as websocket
 
@@ -237,6 +238,54 @@ def unready(http: httpx.Client) -> list[str]:
         return answer.json()["reasons"] if answer.status_code == 503 else None
 
     return eventually(probe, "a gateway that is not ready")
+
+
+# -- what is drawn and alarmed ----------------------------------------------------------------------------------------
+
+
+def expressions() -> list[str]:
+    """What the dashboard and the alerts ask Prometheus for."""
+    dashboard = json.loads((ROOT / "deploy/grafana/dashboard.json").read_text())
+    alerts = yaml.safe_load((ROOT / "deploy/prometheus/alerts.yml").read_text())
+    asked = [target["expr"] for panel in dashboard["panels"] for target in panel.get("targets", ())]
+    variables = [each["query"]["query"] for each in dashboard["templating"]["list"] if each["type"] == "query"]
+    return [*asked, *variables, *(rule["expr"] for group in alerts["groups"] for rule in group["rules"])]
+
+
+def test_dashboard_alerts_and_page_name_what_is_exported_and_all_of_it(http: httpx.Client) -> None:
+    http.get("/")  # so that there is something of each method and status
+    text = http.get("/metrics").text
+    families = list(text_string_to_metric_families(text))
+    declared = {
+        name
+        for family in families
+        for name in (
+            [f"{family.name}_{end}" for end in ("bucket", "count", "sum")]
+            if family.type == "histogram"
+            else [f"{family.name}_total"]
+            if family.type == "counter" and not family.name.endswith("_total")
+            else [family.name]
+        )
+    }
+    asked = {name for each in expressions() for name in re.findall(r"\b(?:linked_fleet|process)_\w+", each)}
+    assert len(asked) > 15
+    assert asked <= declared, asked - declared
+    ours = {family.name for family in families if family.name.startswith("linked_fleet_")}
+    drawn = {re.sub("_(total|bucket)$", "", name) for name in asked}
+    assert ours <= drawn, ours - drawn
+    page = (ROOT / "gateway/observe/OPERATING.md").read_text()
+    told = {f"linked_fleet_{name.removesuffix('_total')}" for row in re.findall(r"^\| (`.+?) \|", page, re.M)
+            for name in re.findall(r"`([a-z_]+)`", row)}  # fmt: skip
+    assert told == ours
+
+
+def test_expressions_select_and_group_by_labels_that_there_are() -> None:
+    known = {"instance", "job", "le", "robot", "presence", "method", "status", "kind", "outcome", "code"}
+    for each in expressions():
+        selected = set(re.findall(r"(\w+)(?:=~|!=|!~|=)\"", each))
+        grouped = {label.strip() for group in re.findall(r"by \(([^)]*)\)", each) for label in group.split(",")}
+        assert selected | grouped <= known, each
+        assert each.count("(") == each.count(")")
 
 
 # -- the log ----------------------------------------------------------------------------------------------------------
