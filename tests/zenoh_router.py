@@ -1,0 +1,29 @@
+"""A Zenoh router as a process of its own, as ``zenohd`` would be: LISTEN and endpoints of other routers."""
+
+import json
+import signal
+import sys
+
+import zenoh
+
+
+def main(listen: str, *others: str) -> None:
+    config = zenoh.Config()
+    for name, value in {
+        "mode": "router",
+        "listen/endpoints": [listen],
+        "connect/endpoints": list(others),
+        "connect/timeout_ms": -1,
+        "connect/exit_on_failure": False,
+        "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5},
+        "scouting/multicast/enabled": False,
+    }.items():
+        config.insert_json5(name, json.dumps(value))
+    with zenoh.open(config):
+        print("routing", flush=True)
+        signal.sigwait({signal.SIGTERM, signal.SIGINT})
+
+
+if __name__ == "__main__":
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM, signal.SIGINT})
+    main(*sys.argv[1:])
