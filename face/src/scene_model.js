@@ -4,15 +4,17 @@ import { Color, Group, LoadingManager, Mesh, Texture } from "three";
 import { ColladaComposer } from "three/examples/jsm/loaders/collada/ColladaComposer.js";
 import { ColladaParser } from "three/examples/jsm/loaders/collada/ColladaParser.js";
 import { OBJLoader } from "three/examples/jsm/loaders/OBJLoader.js";
-import { STLLoader } from "three/examples/jsm/loaders/STLLoader.js";
 import { toCreasedNormals } from "three/examples/jsm/utils/BufferGeometryUtils.js";
 import URDFLoader from "urdf-loader";
 
+import { Budget, checkCollada, checkObj, checkSize, stl } from "./scene_files.js";
 import { weld } from "./scene_geometry.js";
 import { skeleton } from "./scene_skeleton.js";
 
 const AT_ONCE = 4;
 const CREASE_RAD = 0.7;
+const CREASED = 6e5; // corners; to look for creases in more takes seconds
+const MOST_SHAPES = 4096;
 const PRIMITIVES = "box, cylinder, sphere";
 
 /** @returns {Promise<string>} the URDF at this address */
@@ -62,6 +64,7 @@ function displayed() {
 
 /** Leaves of the URDF only what can be drawn without asking another host for anything. */
 function harmless(root, address) {
+  if (root.querySelectorAll("geometry").length > MOST_SHAPES) throw new Error(`the model has more than ${MOST_SHAPES} shapes`);
   for (const texture of root.querySelectorAll("texture")) texture.remove();
   for (const mesh of root.querySelectorAll("collision mesh")) mesh.remove();
   for (const mesh of root.querySelectorAll("visual mesh")) {
@@ -90,6 +93,7 @@ export async function loadMeshes(meshes, onProgress, signal) {
   const places = Map.groupBy(meshes, ({ url }) => url);
   const waiting = [...places];
   const failed = [];
+  const budget = new Budget();
   let done = 0;
   onProgress(0, places.size);
   const work = async () => {
@@ -97,6 +101,7 @@ export async function loadMeshes(meshes, onProgress, signal) {
       const [url, users] = next;
       try {
         const mesh = await fetchMesh(url, signal);
+        budget.spend(mesh, users.length);
         mesh.traverse((each) => each.isMesh && weld(each.geometry));
         for (const { place } of users) place(mesh.clone());
       } catch (error) {
@@ -114,9 +119,18 @@ export async function loadMeshes(meshes, onProgress, signal) {
 async function fetchMesh(url, signal) {
   const answer = await fetch(url, { signal });
   if (!answer.ok) throw new Error(`${answer.status} ${answer.statusText}`);
+  checkSize(answer);
   if (url.endsWith(".dae")) return collada(await answer.text());
-  if (url.endsWith(".obj")) return drawable(new OBJLoader().parse(await answer.text()));
-  return new Mesh(toCreasedNormals(new STLLoader().parse(await answer.arrayBuffer()), CREASE_RAD));
+  if (url.endsWith(".obj")) return object(await answer.text());
+  const geometry = stl(await answer.arrayBuffer());
+  if (geometry.attributes.position.count <= CREASED) return new Mesh(toCreasedNormals(geometry, CREASE_RAD));
+  geometry.computeVertexNormals();
+  return new Mesh(geometry);
+}
+
+function object(text) {
+  checkObj(text);
+  return drawable(new OBJLoader().parse(text));
 }
 
 // What fetches nothing: pictures on meshes are not served.
@@ -126,6 +140,7 @@ const BLANK = { load: () => new Texture() };
 function collada(text) {
   const parsed = new ColladaParser().parse(text);
   if (!parsed) throw new Error("no Collada");
+  checkCollada(parsed.library);
   const { scene } = new ColladaComposer(parsed.library, parsed.collada, BLANK, BLANK).compose();
   const sized = new Group();
   sized.scale.setScalar(parsed.asset.unit);

@@ -1,0 +1,88 @@
+"""Robots that mean ill: whatever they bring, their pages go on working, the Stop button first."""
+
+import hashlib
+from collections.abc import Iterator
+
+import pytest
+import zenoh
+from actor import KEYS, Actor, joint, link, robot, stage
+from browser import Browser
+from playwright.sync_api import ConsoleMessage, Page, expect
+from small_fleet import Place, live
+
+from agents.wire.codec import encode, layout
+from agents.wire.messages import WIRE_VERSION, Description, Mesh
+
+pytestmark = pytest.mark.fleet
+COLLADA = (
+    '<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1"><asset><unit meter="1"/></asset>'
+    "<library_nodes>{nodes}</library_nodes><library_visual_scenes><visual_scene id='s'><node id='top'>"
+    "<instance_node url='#n0'/></node></visual_scene></library_visual_scenes>"
+    "<scene><instance_visual_scene url='#s'/></scene></COLLADA>"
+)
+
+
+def _doubling() -> bytes:
+    """Each of forty nodes is two of the next."""
+    twice = [f"<node id='n{i}'>{f'''<instance_node url='#n{i + 1}'/>''' * 2}</node>" for i in range(40)]
+    return COLLADA.format(nodes="".join(twice) + "<node id='n40'/>").encode()
+
+
+# Each would keep a script that reads it in the usual way from ever, or for minutes, doing anything else.
+FILES = {
+    "nodes that repeat nodes": ("a.dae", "model/vnd.collada+xml", _doubling()),
+    "facets that never end": ("a.stl", "model/stl", b"solid x " + b"facet " * 400_000 + b" endsolid x"),
+    "more facets than there are": ("a.stl", "model/stl", bytes(80) + (10**8).to_bytes(4, "little") + bytes(500)),
+    "a million objects": ("a.obj", "model/obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\n" + b"o a\nf 1 2 3\n" * 1_000_000),
+}
+
+
+@pytest.fixture(scope="module")
+def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[zenoh.Session, Browser]]:
+    place = Place(tmp_path_factory.mktemp("state"))
+    with place.gateway() as (_, browser), stage(place.zenoh) as session:
+        yield session, browser
+
+
+def _appear(session: zenoh.Session, name: str, file: str, media_type: str, content: bytes) -> None:
+    """A robot whose base looks like this file."""
+    actor = Actor(session, name)
+    mesh = Mesh(uri=file, sha256=hashlib.sha256(content).hexdigest(), size=len(content), type=media_type)
+    key = KEYS.robot(name, "mesh")
+    actor.keep(session.declare_queryable(key, lambda query: query.reply(key, content), complete=True))
+    base = f'<link name="base"><visual><geometry><mesh filename="{file}"/></geometry></visual></link>'
+    said = Description(
+        version=WIRE_VERSION,
+        robot=name,
+        incarnation=actor.incarnation,
+        title=name,
+        urdf=robot(base, link("tip"), joint("elbow", "revolute", "base", "tip")),
+        joints=("elbow",),
+        rate_hz=100,
+        capabilities=("move", "stop"),
+        meshes=(mesh,),
+        layout=layout(1, False),
+    )
+    actor.appear(encode(said)).stand(0.1)
+
+
+@pytest.mark.parametrize("kind", FILES)
+def test_a_mesh_that_cannot_be_read_in_time_is_not_drawn(
+    page: Page, gateway: tuple[zenoh.Session, Browser], kind: str
+) -> None:
+    """The rest of the robot is, and the page goes on."""
+    session, browser = gateway
+    _appear(session, kind, *FILES[kind])
+    said: list[str] = []
+
+    def note(message: ConsoleMessage) -> None:
+        said.append(message.text)
+
+    page.on("console", note)
+    page.goto(live(browser, kind).url)
+    page.locator("#scene").scroll_into_view_if_needed()
+    expect(page.locator("#scene")).to_have_attribute("data-phase", "ready")
+    if kind != "facets that never end":  # of which none is left
+        assert any("is not drawn" in each for each in said), said
+    page.locator("form.stop button").click()
+    expect(page.locator("form.stop output")).not_to_be_empty()
