@@ -14,6 +14,7 @@ import pytest
 from redis_servers import Server, Servers, cluster, single
 from running import PATIENCE_S
 
+from gateway.ending import end
 from gateway.subscriptions.keys import Key, Keys
 from gateway.subscriptions.store import Backlog, Entry, Lost, News, Outgoing, Store, StoreUnavailable, TooMany
 from gateway.subscriptions.subscription import Delivery, DeliveryState, Depth, Kind, Record, Subscription
@@ -651,7 +652,7 @@ def test_a_run_goes_on_renewing_its_lease_while_it_adopts(store: Callable[..., S
             async for _ in b.adopt("a"):
                 found += 1
                 before.append(renewals)
-            renewing.cancel()
+            await end([renewing])
             assert found == 1200
             # Its turn comes between any two parts that are taken over, 64 each.
             assert len(set(before)) >= 1200 // 64
@@ -666,6 +667,7 @@ def test_a_long_container_is_listed_in_few_steps(store: Callable[..., Store]) ->
             await a.renew()
             made = [a_subscription(created_ns=number, kind=list(Kind)[number % 4]) for number in range(600)]
             await asyncio.gather(*(a.add(one, Delivery(), 1000) for one in made))
+            await a.renew()  # streams are listed while the lease lasts
             trips = count_trips(a)
             assert [record.subscription for record in await a.of(made[0].owner)] == made
             assert trips() == 2 + 3  # parts of 256
@@ -693,6 +695,30 @@ def test_streams_vanish_with_the_lease_of_their_gateway_and_callbacks_stay(store
             assert await a.held() == []
             await a.add(stream, Delivery(), LIMIT)
             assert [record.subscription for record in await b.of(stream.owner)] == [stream, callback]
+
+    asyncio.run(run())
+
+
+def test_a_stream_that_waits_goes_to_the_gateway_that_adopts_it(
+    servers: Servers, namespace: str, store: Callable[..., Store], stream: Subscription
+) -> None:
+    """It is listed there, counts for its client as before, and vanishes when it is removed."""
+
+    async def run() -> None:
+        async with store("a") as a, store("b") as b:
+            waiting = Delivery(DeliveryState.WAITING, last_ns=7)
+            await b.renew()
+            await a.renew()
+            await a.add(stream, waiting, 1)
+            await a.leave()
+            assert await adopted(b, "a") == [Record(stream, waiting, "b")]
+            assert await b.of(stream.owner) == await b.held() == [Record(stream, waiting, "b")]
+            assert (await ids_held(a), await ids_held(b)) == (set(), {stream.id})
+            with pytest.raises(TooMany):
+                await b.add(a_subscription(), Delivery(), 1)
+            await b.remove(stream.id, own=True)
+            await b.leave()
+            assert {*servers.lasting_keys(f"{namespace}:*")} <= {Keys(namespace).news}
 
     asyncio.run(run())
 
