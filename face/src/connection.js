@@ -5,6 +5,7 @@ import { onConnection } from "./socket.js";
 
 const WORDS = {
   lost: "Connection lost: what you see may be old. Trying again…",
+  gone: "There is no such resource at present: what you see may be old. Trying again…",
   cancelled: "Somebody cancelled the subscription of this page: what you see is old. Reload to watch again.",
 };
 
@@ -17,7 +18,7 @@ export function start() {
     line.hidden = state === "live";
     line.textContent = WORDS[state] ?? "";
     // What was missed may be more than values.
-    if (state === "live" && before === "lost") refresh();
+    if (state === "live" && before !== "live") refresh();
     before = state;
   });
 }

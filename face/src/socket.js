@@ -7,6 +7,7 @@ const LONGEST_PAUSE_MS = 8000;
 // A tab that nobody looks at costs nothing after this.
 const HIDDEN_MS = 60000;
 const CANCELLED = 1000; // somebody deleted the subscription: coming back would overrule them
+const NOT_FOUND = 404;
 const VERSION = "https://w3id.org/linked-fleet#version";
 
 /** @type {Map<string, Channel>} */
@@ -19,13 +20,13 @@ let told = "live";
  * of it, so the last one is enough. It resumes by itself after an interruption.
  *
  * @param {string} iri of the resource, absolute or path-absolute
- * @param {{protocol?: "lf.ntriples"|"lf.frame", interval?: number, depth?: "this"|"properties"|"subtree"}} options
- *   `interval`: the least time between two messages in seconds
+ * @param {{protocol?: "lf.ntriples"|"lf.frame", interval?: number, depth?: "this"|"properties"|"subtree", onGone?: () => void}} options
+ *   `interval`: the least time between two messages in seconds; `onGone` is called when there is no such resource
  * @param {(message: import("./ntriples.js").Graph|ArrayBuffer) => void} onMessage gets a graph of `lf.ntriples`, parsed
  *   once for all who watch, or the bytes of an `lf.frame`
  * @returns {() => void} which stops watching; the last one to stop closes the connection
  */
-export function watch(iri, { protocol = "lf.ntriples", interval = 0.1, depth = "properties" } = {}, onMessage) {
+export function watch(iri, { protocol = "lf.ntriples", interval = 0.1, depth = "properties", onGone } = {}, onMessage) {
   const address = new URL(iri, document.baseURI);
   address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
   address.searchParams.set("interval", String(interval));
@@ -33,14 +34,14 @@ export function watch(iri, { protocol = "lf.ntriples", interval = 0.1, depth = "
   const key = `${protocol} ${address}`;
   let channel = channels.get(key);
   if (!channel) channels.set(key, (channel = new Channel(key, address, protocol)));
-  return channel.join(onMessage);
+  return channel.join(onMessage, onGone);
 }
 
 /**
- * Be told how the connections are: `live`, `lost` (and tried again), or `cancelled` by somebody else. At once and when
- * that changes.
+ * Be told how the connections are: `live`, `lost` (and tried again), `gone` if there is no such resource (and tried
+ * again, for robots come back), or `cancelled` by somebody else. At once and when that changes.
  *
- * @param {(state: "live"|"lost"|"cancelled") => void} listener
+ * @param {(state: "live"|"lost"|"gone"|"cancelled") => void} listener
  */
 export function onConnection(listener) {
   listeners.add(listener);
@@ -49,7 +50,7 @@ export function onConnection(listener) {
 
 function tell() {
   const states = new Set([...channels.values()].map((channel) => channel.state));
-  const now = states.has("lost") ? "lost" : states.has("cancelled") ? "cancelled" : "live";
+  const now = ["lost", "gone", "cancelled"].find((state) => states.has(state)) ?? "live";
   if (now === told) return;
   told = now;
   for (const listener of listeners) listener(now);
@@ -60,7 +61,7 @@ class Channel {
     this.key = key;
     this.address = address;
     this.protocol = protocol;
-    this.members = new Set();
+    this.members = new Map();
     this.last = undefined;
     this.version = undefined;
     this.failures = 0;
@@ -68,8 +69,8 @@ class Channel {
     this.open();
   }
 
-  join(onMessage) {
-    this.members.add(onMessage);
+  join(onMessage, onGone) {
+    this.members.set(onMessage, onGone);
     // As the first message of a connection of its own would: later, and only if nothing newer has come.
     const { last } = this;
     if (last !== undefined) {
@@ -82,7 +83,7 @@ class Channel {
   }
 
   open() {
-    clearTimeout(this.timer);
+    this.rest();
     const address = new URL(this.address);
     if (this.version) address.searchParams.set("last-event-id", this.version);
     const socket = new WebSocket(address, this.protocol);
@@ -104,13 +105,26 @@ class Channel {
     const message = typeof data === "string" ? parse(data) : data;
     if (typeof data === "string") this.version = message.value(new URL(this.address.pathname, document.baseURI).href, VERSION)?.value;
     this.last = message;
-    for (const member of [...this.members]) member(message);
+    for (const member of [...this.members.keys()]) member(message);
   }
 
   retry() {
-    this.become("lost");
+    if (this.state !== "gone") this.become("lost");
     const longest = Math.min(LONGEST_PAUSE_MS, FIRST_PAUSE_MS * 2 ** this.failures++);
-    this.timer = setTimeout(() => this.open(), longest * (0.5 + Math.random() / 2));
+    const timer = setTimeout(() => this.again(timer), longest * (0.5 + Math.random() / 2));
+    this.timer = timer;
+  }
+
+  /** A handshake that is refused gives scripts no reason; an ordinary request does. */
+  async again(timer) {
+    const status = await statusOf(this.address.pathname);
+    if (this.timer !== timer) return; // meanwhile somebody else has seen to it
+    if (status !== NOT_FOUND) this.open();
+    else {
+      this.become("gone");
+      for (const onGone of [...this.members.values()]) onGone?.();
+      if (this.members.size) this.retry();
+    }
   }
 
   become(state) {
@@ -118,15 +132,17 @@ class Channel {
     tell();
   }
 
+  rest() {
+    clearTimeout(this.timer);
+    this.timer = undefined;
+  }
+
   /** Let go of the connection for the time being; `open` takes it up again. */
   pause() {
-    clearTimeout(this.timer);
+    this.rest();
     if (this.socket) {
-      const { socket } = this;
-      socket.onclose = socket.onmessage = null;
-      // Closed before it is open it would be an error to the browser.
-      if (socket.readyState === WebSocket.CONNECTING) socket.onopen = () => socket.close();
-      else socket.close();
+      this.socket.onclose = this.socket.onmessage = null;
+      this.socket.close();
       this.socket = undefined;
     }
   }
@@ -139,6 +155,15 @@ class Channel {
     channels.delete(this.key);
     this.pause();
     tell();
+  }
+}
+
+/** 0 if nobody answers. */
+async function statusOf(path) {
+  try {
+    return (await fetch(path, { method: "HEAD", cache: "no-store" })).status;
+  } catch {
+    return 0;
   }
 }
 

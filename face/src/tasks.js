@@ -61,7 +61,8 @@ class Card {
     this.close = this.add("button", { type: "button", className: "close", textContent: "Dismiss", hidden: true });
     this.close.onclick = () => this.remove();
     place.append(this.element);
-    this.stop = watch(iri, { interval: INTERVAL_S }, (message) => this.show(message));
+    // An invocation that was deleted is nobody's task.
+    this.stop = watch(iri, { interval: INTERVAL_S, onGone: () => this.remove() }, (message) => this.show(message));
   }
 
   add(name, members) {

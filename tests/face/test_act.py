@@ -182,6 +182,26 @@ def test_a_task_is_followed_on_the_next_page(page: Page, form: Locator, ur5: Rob
     expect(task(page).locator(".state")).to_have_text("cancelled")
 
 
+def test_a_task_that_is_gone_is_forgotten(
+    page: Page,
+    form: Locator,
+    watched: "Watched",  # noqa: F821
+    ur5: Robot,
+) -> None:
+    """It was deleted between two pages: the next one neither shows it for ever nor says that a connection is lost."""
+    fill(form, "6" if ur5.angle < 0 else "-6", "rad")
+    press(form)
+    expect(task(page).locator(".state")).to_have_text("running")
+    invocation = str(task(page).get_attribute("data-task"))
+    page.goto("about:blank")
+    assert ur5.browser.http.delete(invocation).status_code == 204
+    page.goto(ur5.browser.root)
+    expect(page.locator("body[data-connection]")).to_have_count(1)
+    expect(page.locator("#tasks .task")).to_have_count(0)
+    expect(page.locator("#connection")).to_be_hidden()
+    watched.forgive(REFUSED, "WebSocket connection")
+
+
 def test_a_callback_is_made_and_deleted(page: Page, watched: object, ur5: Robot) -> None:
     """On the page of subscriptions, by the form that the shape gave."""
     joint = ur5.browser.part("ur5", JOINT)
