@@ -1,13 +1,13 @@
 """What an operator sees of a gateway: whether it lives, whether it is ready, what it counts and what it writes."""
 
+import asyncio
 import contextlib
 import json
-import logging
 import re
-import sys
 from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
+from types import SimpleNamespace
 
 import httpx
 import pytest
@@ -21,10 +21,10 @@ from receivers import Answer, receiving
 from redis_servers import Server
 from running import ROOT, Process, eventually, free_port, process
 from small_fleet import Place, live, move, presence
+from starlette.requests import Request
 from websockets.sync.client import connect as websocket
 
-from gateway.observe.log import JsonFormatter, TextFormatter
-from gateway.settings import GatewaySettings
+from gateway.observe.health import ready
 
 
 @pytest.fixture(scope="module")
@@ -230,6 +230,14 @@ def sample(http: httpx.Client, name: str, default: float | None = None, **labels
     return value
 
 
+def test_a_gateway_that_ends_is_not_ready() -> None:
+    """Asked on a connection that is still open: it takes no new ones."""
+    up = SimpleNamespace(link=SimpleNamespace(joined=True), store_answers=True)
+    app = SimpleNamespace(state=SimpleNamespace(live=up, subscriptions=up, draining=True))
+    answer = asyncio.run(ready(Request({"type": "http", "app": app})))
+    assert (answer.status_code, json.loads(answer.body)["reasons"]) == (503, ["the gateway is ending"])
+
+
 def unready(http: httpx.Client) -> list[str]:
     """Why the gateway is not ready, as soon as it is not."""
 
@@ -321,23 +329,6 @@ def test_a_handshake_is_answered_with_its_id(http: httpx.Client, place: Place) -
         assert channel.response is not None
         assert channel.response.headers["x-request-id"] == "shake"
     assert sample(http, "linked_fleet_http_requests_total", method="GET", status="1xx") >= 1
-
-
-def test_only_known_forms_of_log_are_taken() -> None:
-    with pytest.raises(ValueError, match="text or json"):
-        GatewaySettings(log_format="xml")
-
-
-def test_text_and_traceback_of_a_record() -> None:
-    record = logging.LogRecord("gateway.x", logging.ERROR, "", 0, "robot %s", ("a\nb\x1b[2J",), None)
-    assert TextFormatter("%(levelname)s %(message)s").format(record) == "ERROR robot a\\x0ab\\x1b[2J"
-    try:
-        raise OSError("gone")
-    except OSError:
-        record.exc_info = sys.exc_info()
-    said = json.loads(JsonFormatter().format(record))
-    assert said["message"] == "robot a\nb\x1b[2J"
-    assert said["exception"].endswith("OSError: gone")
 
 
 def log(child: Process) -> list[dict[str, str]]:
