@@ -12,6 +12,7 @@
     ├── PreconditionFailed          412     precondition-failed
     ├── PayloadTooLarge             413     payload-too-large
     ├── UnsupportedMediaType        415     unsupported-media-type
+    ├── ForeignOrigin               403     foreign-origin
     ├── MisdirectedRequest          421     misdirected-request
     ├── UnprocessableContent        422     unprocessable-content
     │   ├── OutOfReach              422     out-of-reach
@@ -172,6 +173,10 @@ class UnsupportedMediaType(FleetError):
     @property
     def members(self) -> Members:
         return {"offered": list(self.offered)} if self.offered else {}
+
+
+class ForeignOrigin(FleetError):
+    status, code, title = 403, "foreign-origin", "A page of another site may not do this"
 
 
 class MisdirectedRequest(FleetError):

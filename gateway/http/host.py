@@ -1,11 +1,14 @@
-"""Which fleet is meant: no ``Host`` ever decides an IRI, it only picks one of the known public URLs (RFC 9110, 7.4)."""
+"""Which fleet is meant: no ``Host`` ever decides an IRI, it only picks one of the known public URLs (RFC 9110, 7.4).
+
+And whose page asks: that of another site neither does anything here nor listens (RFC 6455, 10.2).
+"""
 
 import re
 from collections.abc import Awaitable, Callable, Mapping, MutableMapping
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
-from gateway.errors import BadRequest, FleetError, MisdirectedRequest
+from gateway.errors import BadRequest, FleetError, ForeignOrigin, MisdirectedRequest
 from gateway.http.problem import problem
 
 Scope = MutableMapping[str, Any]
@@ -18,6 +21,7 @@ App = Callable[[Scope, Receive, Send], Awaitable[None]]
 _HOST = re.compile(r"(\[[0-9A-Fa-f:.]+\]|(?:[\w.~!$&'()*+,;=-]|%[0-9A-Fa-f]{2})+)(?::([0-9]{0,5}))?", re.ASCII)
 # RFC 9112, 3.2.2: the request target may be a whole URL
 _ABSOLUTE = re.compile(r"https?://([^/]*)(/.*)?", re.IGNORECASE | re.DOTALL)
+_READ, _EVENTS = ("GET", "HEAD", "OPTIONS"), b"text/event-stream"
 _DEFAULT_PORTS = {"http": 80, "ws": 80, "https": 443, "wss": 443}
 
 
@@ -31,6 +35,7 @@ class Authorities:
             parts = urlsplit(url)
             key = ((parts.hostname or "").lower(), parts.port or _DEFAULT_PORTS[parts.scheme])
             self._bases.setdefault(key, url.rstrip("/"))
+        self._origins = {"://".join(urlsplit(url)[:2]).lower() for url in self._bases.values()}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] not in ("http", "websocket"):
@@ -43,6 +48,7 @@ class Authorities:
             scope = {**scope, "path": unquote(path), "raw_path": path.encode("latin-1")}
         try:
             base = self._base(scope, hosts)
+            self._check_origin(scope)
         except FleetError as error:
             await self._refuse(error, scope, send)
             return
@@ -60,6 +66,16 @@ class Authorities:
             if (name, port) in self._bases:
                 return self._bases[name, port]
         raise MisdirectedRequest(f"this fleet is not known as {fields[0]}, only as {', '.join(self._bases.values())}")
+
+    def _check_origin(self, scope: Scope) -> None:
+        """Only browsers say whose page asks, and none lets a page say something else."""
+        origins = {value.decode("latin-1").lower() for name, value in scope["headers"] if name == b"origin"}
+        accepts = (value for name, value in scope["headers"] if name == b"accept")
+        reads = scope["type"] == "http" and scope["method"] in _READ and not any(_EVENTS in each for each in accepts)
+        if not reads and not origins <= self._origins:
+            raise ForeignOrigin(
+                f"pages of {', '.join(self._bases.values())} may do this, and clients that are no pages"
+            )
 
     async def _refuse(self, error: FleetError, scope: Scope, send: Send) -> None:
         accept = b", ".join(value for name, value in scope["headers"] if name == b"accept").decode("latin-1")

@@ -18,8 +18,8 @@ async def base(request: Request) -> PlainTextResponse:
     return PlainTextResponse(request.state.base)
 
 
-def ask(*hosts: str, kind: str = "http", **extra: object) -> list[Message]:
-    """What the application sends for a request with these Host fields."""
+def ask(*hosts: str, kind: str = "http", more: tuple[tuple[bytes, bytes], ...] = (), **extra: object) -> list[Message]:
+    """What the application sends for a request with these Host fields, and more."""
     sent: list[Message] = []
 
     async def receive() -> Message:
@@ -28,9 +28,11 @@ def ask(*hosts: str, kind: str = "http", **extra: object) -> list[Message]:
     async def send(message: Message) -> None:
         sent.append(message)
 
-    headers = [(b"host", host.encode("latin-1")) for host in hosts]
+    headers = [*((b"host", host.encode("latin-1")) for host in hosts), *more]
     scope: Scope = {"type": kind, "method": "GET", "path": "/", "headers": headers, "query_string": b"", **extra}
-    app = Authorities(Starlette(routes=[Route("/", base)]), URLS, {})
+    app = Authorities(
+        Starlette(routes=[Route("/", base, methods=["GET", "HEAD", "OPTIONS", "POST", "PUT", "DELETE"])]), URLS, {}
+    )
     asyncio.run(app(scope, receive, send))
     return sent
 
@@ -70,3 +72,33 @@ def test_websocket() -> None:
     """A handshake is refused in the same way where the server can, else closed."""
     assert ask("evil.example", kind="websocket", extensions={"websocket.http.response": {}})[0]["status"] == 421
     assert ask("evil.example", kind="websocket") == [{"type": "websocket.close", "code": 1008}]
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE"])
+@pytest.mark.parametrize(
+    ("origins", "status"),
+    [
+        ((), 200),
+        ((b"http://127.0.0.1:8000",), 200),
+        ((b"https://fleet.example",), 200),
+        ((b"http://127.0.0.1:9000",), 403),
+        ((b"https://127.0.0.1:8000",), 403),
+        ((b"https://fleet.example.evil.example",), 403),
+        ((b"null",), 403),
+        ((b"",), 403),
+        ((b"http://127.0.0.1:8000", b"http://evil.example"), 403),
+    ],
+)
+def test_pages_of_other_sites_do_nothing(method: str, origins: tuple[bytes, ...], status: int) -> None:
+    more = tuple((b"origin", each) for each in origins)
+    assert ask("127.0.0.1:8000", method=method, more=more)[0]["status"] == status
+
+
+def test_pages_of_other_sites_read_and_do_not_listen() -> None:
+    """Reading is open to whoever may see the answer, which the browser decides."""
+    foreign = ((b"origin", b"http://evil.example"),)
+    assert ask("127.0.0.1:8000", more=foreign)[0]["status"] == 200
+    events = ask("127.0.0.1:8000", more=(*foreign, (b"accept", b"text/event-stream")))
+    assert (events[0]["status"], json.loads(events[1]["body"])["type"].rpartition("#")[2]) == (403, "foreign-origin")
+    (close,) = ask("127.0.0.1:8000", kind="websocket", more=foreign)
+    assert close == {"type": "websocket.close", "code": 1008}
