@@ -11,8 +11,8 @@ from gateway.fleet.robot import Robot
 from gateway.link import NoAnswer
 
 MAX_HELD_BYTES = 64 * 2**20
-MAX_UNDER_WAY = 256
 # A robot that does not answer must not keep others from being asked.
+MAX_UNDER_WAY, MAX_UNDER_WAY_OF_A_ROBOT = 256, 64
 _AT_ONCE, _AT_ONCE_OF_A_ROBOT = 8, 2
 _TIMEOUT_S = 15.0
 
@@ -40,7 +40,8 @@ class Meshes:
         key = (robot.name, mesh.sha256)
         task = self._under_way.get(key)
         if task is None:
-            if len(self._under_way) >= MAX_UNDER_WAY:
+            of_robot = sum(name == robot.name for name, _ in self._under_way)
+            if len(self._under_way) >= MAX_UNDER_WAY or of_robot >= MAX_UNDER_WAY_OF_A_ROBOT:
                 raise Busy("Too many meshes are being asked for; ask again in a moment.")
             task = self._under_way[key] = asyncio.create_task(self._fetch(robot.name, mesh))
             task.add_done_callback(lambda done: self._ended(key, done))

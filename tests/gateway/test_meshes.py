@@ -134,12 +134,17 @@ def test_memory_is_bounded_and_the_one_not_used_for_longest_goes(monkeypatch: py
 
 def test_a_silent_robot_holds_up_nobody_and_too_many_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(meshes, "MAX_UNDER_WAY", 12)
+    monkeypatch.setattr(meshes, "MAX_UNDER_WAY_OF_A_ROBOT", 11)
 
     async def test() -> None:
         contents = [b"%d" % number for number in range(13)]
         agents = Agents(*contents)
         agents.open.clear()
         waiting = [asyncio.create_task(agents.meshes.get(_robot("silent"), _mesh(each))) for each in contents[:11]]
+        while len(agents.asked) < 2:  # noqa: ASYNC110 - as above
+            await asyncio.sleep(0)
+        with pytest.raises(Busy):
+            await agents.meshes.get(_robot("silent"), _mesh(contents[12]))
         other = asyncio.create_task(agents.meshes.get(_robot("other"), _mesh(contents[11])))
         while ("other", _mesh(contents[11]).sha256) not in agents.asked:  # noqa: ASYNC110 - as above
             await asyncio.sleep(0)
