@@ -51,7 +51,7 @@ class Subscriptions:
             async with asyncio.timeout(_LEAVE_S):
                 await self._store.leave()
         except (StoreUnavailable, TimeoutError) as outage:
-            log.info("the store could not be told that this gateway ends: %s", outage)
+            log.info("the store could not be told that this gateway ends: %s", str(outage) or "no answer in time")
 
     @property
     def store_answers(self) -> bool:

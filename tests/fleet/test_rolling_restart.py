@@ -149,6 +149,26 @@ def test_a_delivery_under_way_is_handed_over(stage: Hub, memory: Servers) -> Non
         assert other.listed() == {path(iri)}
 
 
+def test_a_gateway_ends_while_redis_hangs(stage: Hub, memory: Servers) -> None:
+    """Its streams are told, and another has its callbacks once Redis answers again."""
+    (node,) = memory.nodes
+    with receiving() as receiver, gateways(stage, memory.url) as (one, other):
+        one.subscribed(receiver.url())
+        receiver.wait(1)
+        with Socket(one.rotation) as socket, Socket(posted(one)) as made:
+            socket.next()
+            made.next()
+            node.pause()
+            try:
+                calmly(one.process)
+            finally:
+                node.resume()
+            assert socket.until_closed()[0] == made.until_closed()[0] == 1012
+        stage.step()
+        arrived(receiver, "/callback", stage.angle)
+        eventually(lambda: other.get(other.container).status_code == 200, "Redis")
+
+
 # -- all of them, one after another ---------------------------------------------------------------------------------
 
 
