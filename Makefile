@@ -4,11 +4,13 @@
 # make check   lint, types, the walls between packages, the base install on its own
 # make bench   what subscribers, actions and pages cost, measured here (bench/README.md)
 # make pictures  those of README.md, from the running demo
+# make fleet-check  the compose fleet, started and checked from outside (COMPOSE="docker compose")
 # make assets  the scripts and styles of the pages alone
 # make clean   remove what make made
 
 PORT ?= 8000
 PYTEST_ARGS ?=
+COMPOSE ?=
 BIN := .venv/bin
 ASSETS := gateway/face/assets/manifest.json
 
@@ -28,7 +30,7 @@ $$python -c 'import ensurepip' 2>/dev/null || { echo "$$python has no venv: apt 
 $$python -m venv --clear $(1)
 endef
 
-.PHONY: demo test test-fast check bench assets pictures chromium clean
+.PHONY: demo test test-fast check fleet-check bench assets pictures chromium clean
 
 demo: .venv/stamp $(ASSETS)
 	@$(BIN)/python -m demo --port $(PORT)
@@ -56,6 +58,10 @@ check: .venv/stamp .venv-bare/stamp
 	  { echo "constraints.txt holds exact names and versions only"; exit 1; }
 	@! git grep --untracked -nIE 'index[-]url|find[-]links|(^|[^A-Za-z0-9_.])/(home|root|work)/[A-Za-z]' || \
 	  { echo "no address of a package index and no path of one machine belongs in here"; exit 1; }
+
+# With docker compose where it works, else podman-compose, else the command that COMPOSE names. Always takes the fleet down.
+fleet-check: .venv/stamp
+	@$(BIN)/python deploy/fleet_check --compose '$(COMPOSE)'
 
 # Tests lend their robots, gateways and clients. On loopback alone, in less than three minutes.
 bench: export PYTHONPATH := .:tests:tests/requirements

@@ -1,0 +1,61 @@
+# The agent for a robot:   docker build -f deploy/agent.Dockerfile --target agent .
+# with simulated robots:   docker build -f deploy/agent.Dockerfile --target agent-sim .
+# Where packages come from is the business of the machine: its PIP_* variables are build arguments.
+
+FROM python:3.11-slim AS packages
+ARG PIP_INDEX_URL
+ARG PIP_EXTRA_INDEX_URL
+ENV PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=ignore \
+    PIP_CONSTRAINT=/build/constraints.txt PIP_BUILD_CONSTRAINT=/build/constraints.txt
+WORKDIR /build
+COPY pyproject.toml constraints.txt ./
+# An empty package first: what it needs is then fetched again only when pyproject.toml or constraints.txt change.
+RUN mkdir agents && touch agents/__init__.py README.md LICENSE \
+ && python -m venv --without-pip /opt/linked-fleet \
+ && pip --python /opt/linked-fleet/bin/python install -q .
+
+FROM packages AS packages-sim
+ARG PIP_INDEX_URL
+ARG PIP_EXTRA_INDEX_URL
+RUN pip --python /opt/linked-fleet/bin/python install -q '.[sim]'
+
+FROM packages AS built
+ARG PIP_INDEX_URL
+ARG PIP_EXTRA_INDEX_URL
+COPY README.md LICENSE ./
+COPY agents agents
+COPY deploy/bill_of_materials.py deploy/
+RUN pip --python /opt/linked-fleet/bin/python install -q --no-deps --force-reinstall . \
+ && rm /opt/linked-fleet/bin/linked-fleet \
+ && /opt/linked-fleet/bin/python deploy/bill_of_materials.py /opt/doc
+
+FROM packages-sim AS built-sim
+ARG PIP_INDEX_URL
+ARG PIP_EXTRA_INDEX_URL
+COPY README.md LICENSE ./
+COPY agents agents
+COPY deploy/bill_of_materials.py deploy/
+RUN pip --python /opt/linked-fleet/bin/python install -q --no-deps --force-reinstall . \
+ && rm /opt/linked-fleet/bin/linked-fleet \
+ && /opt/linked-fleet/bin/python deploy/bill_of_materials.py /opt/doc
+
+FROM python:3.11-slim AS run
+LABEL org.opencontainers.image.version="0.1.0" \
+      org.opencontainers.image.licenses="Apache-2.0" \
+      org.opencontainers.image.source="https://w3id.org/linked-fleet"
+ENV PATH=/opt/linked-fleet/bin:$PATH PYTHONUNBUFFERED=1 PYTHONDONTWRITEBYTECODE=1
+COPY deploy/linked.py /usr/local/lib/linked-fleet/linked.py
+USER 10001:10001
+WORKDIR /tmp
+HEALTHCHECK --interval=5s --timeout=5s --start-period=30s CMD ["python", "/usr/local/lib/linked-fleet/linked.py"]
+ENTRYPOINT ["python", "-P", "-m", "agents"]
+
+FROM run AS agent-sim
+LABEL org.opencontainers.image.title="Linked Fleet agent with simulated robots"
+COPY --from=built-sim /opt/doc /usr/share/doc/linked-fleet
+COPY --from=built-sim /opt/linked-fleet /opt/linked-fleet
+
+FROM run AS agent
+LABEL org.opencontainers.image.title="Linked Fleet agent"
+COPY --from=built /opt/doc /usr/share/doc/linked-fleet
+COPY --from=built /opt/linked-fleet /opt/linked-fleet

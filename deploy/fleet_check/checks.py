@@ -1,0 +1,257 @@
+"""What must hold of the running fleet, each seen from outside as a user would see it."""
+
+import math
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from http.client import HTTPException
+from typing import TypeVar
+
+from front import Front, deliveries
+from rdflib import URIRef
+from stack import Stack, StackError
+
+HYBRIT, LF = "https://hybr-it-projekt.de/ns/hybr-it#", "https://w3id.org/linked-fleet#"
+HAS_PART = "http://purl.org/dc/terms/hasPart"
+LDP_CONTAINS = "http://www.w3.org/ns/ldp#contains"
+ROBOTS = ("baxter", "go2", "panda", "tiago", "ur5")
+_SWAYING = "ur5/shoulder_pan_joint/rotation"
+_MOVING = "baxter/right_s1/rotation"
+_NUMBER = "http://vocab.arvida.de/2015/06/vom/vocab#numericalValue"
+_PATIENCE_S = 120.0
+_POLL_S = 0.25
+_LOAD_S = 6.0
+_ANGLE = """@prefix maths: <http://vocab.arvida.de/2015/06/maths/vocab#> .
+@prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> .
+[] a maths:Scalar ; vom:numericalValue %s ; vom:unit maths:Degree ."""
+T = TypeVar("T")
+
+
+@dataclass
+class Fleet:
+    """The fleet under check, and what checks leave for later ones: the IRIs of a subscription and of an invocation."""
+
+    stack: Stack
+    front: Front
+    receiver_port: int
+    subscription: str = ""
+    invocation: str = ""
+
+
+def eventually(probe: Callable[[], T], what: str) -> T:
+    """The first true value of ``probe``; AssertionError naming ``what`` when it does not come in two minutes."""
+    deadline, last = time.monotonic() + _PATIENCE_S, "it is not so"
+    while time.monotonic() < deadline:
+        try:
+            if value := probe():
+                return value
+        except (AssertionError, OSError, HTTPException, StackError) as error:
+            last = str(error)
+        time.sleep(_POLL_S)
+    raise AssertionError(f"{what}: {last}")
+
+
+def browsable(fleet: Fleet) -> None:
+    """five robots are online, over https with the fleet's own certificate authority"""
+    eventually(lambda: _online(fleet) >= set(ROBOTS), "five robots online")
+
+
+def walk(fleet: Fleet) -> None:
+    """links lead from the root to a robot, a joint, its value and its page"""
+    front = fleet.front
+    robot = front.follow(front.root, LDP_CONTAINS, "/baxter/")
+    joint = front.follow(robot, HAS_PART, "/right_s1")
+    rotation = front.follow(joint, HYBRIT + "property", "/rotation")
+    assert b"numericalValue" in front.ask(rotation, Accept="text/turtle").body, f"{rotation} has no value"
+    page = front.ask(joint, Accept="text/html")
+    assert page.status == 200 and b"<html" in page.body, f"the page of {joint} answered {page.status}"
+
+
+def http2(fleet: Fleet) -> None:
+    """HTTP/2 is spoken where a client offers it"""
+    assert fleet.front.http_version() == "2 200", f"curl says {fleet.front.http_version()}"
+
+
+def http3(fleet: Fleet) -> None:
+    """HTTP/3 is announced, and QUIC answers on the port"""
+    announced = fleet.front.ask(fleet.front.root).fields.get("alt-svc", "nothing")
+    assert f'h3=":{fleet.front.port}"' in announced, f"Alt-Svc has {announced}"
+    assert fleet.front.speaks_quic(), "no QUIC packet came back"
+
+
+def private(fleet: Fleet) -> None:
+    """health and metrics are not for the world"""
+    for path in ("health/ready", "metrics"):
+        assert fleet.front.ask(fleet.front.root + path).status == 404, path
+
+
+def events(fleet: Fleet) -> None:
+    """a value is followed as an event stream"""
+    with fleet.front.events(fleet.front.root + _SWAYING) as stream:
+        seen = [next(stream) for _ in range(3)]
+    assert len(set(seen)) == 3, "the value does not change"
+
+
+def websocket(fleet: Fleet) -> None:
+    """a value is followed on a WebSocket"""
+    with fleet.front.socket(fleet.front.root + _SWAYING) as socket:
+        seen = [socket.recv(timeout=20) for _ in range(3)]
+    assert len(set(seen)) == 3, "the value does not change"
+
+
+def callback(fleet: Fleet) -> None:
+    """a value is followed by callbacks"""
+    answer = fleet.front.ask(
+        f"{fleet.front.root}{_SWAYING}?interval=0.5",
+        Connection="Upgrade", Upgrade="callback", Callback="http://receiver:9000/",
+    )  # fmt: skip
+    assert answer.status == 201, f"subscribing answered {answer.status}: {answer.body[:300]!r}"
+    fleet.subscription = answer.fields["location"]
+    _more_callbacks(fleet)
+
+
+def moves(fleet: Fleet) -> None:
+    """a robot moves, and says when it is there"""
+    measured = []
+    for degrees in (10, 30):
+        fleet.invocation = _rotate(fleet, degrees)
+        values = fleet.front.graph(fleet.front.root + _MOVING).objects(None, URIRef(_NUMBER))
+        measured.append(math.degrees(float(next(iter(values)))))
+    assert abs(measured[0] - 10) < 1 and abs(measured[1] - 30) < 1, f"it is at {measured} and not at 10 and 30 degrees"
+
+
+def every_gateway(fleet: Fleet) -> None:
+    """each of two gateways knows the invocation and the subscription"""
+    gateways = fleet.stack.containers("gateway")
+    assert len(gateways) == 2, f"{len(gateways)} gateways run"
+    for gateway in gateways:
+        for iri in (fleet.invocation, fleet.subscription):
+            said = fleet.stack.execute(gateway, "python", "-c", _ASK, iri)
+            assert said.strip() == "200", f"gateway {gateway[:12]} answers {said.strip()} to {iri}"
+
+
+def gateway_dies(fleet: Fleet) -> None:
+    """a gateway is killed: no read fails, callbacks go on, robots move"""
+    victim = fleet.stack.containers("gateway")[0]
+    reads = _Reads(fleet.front)
+    fleet.stack.kill(victim)
+    try:
+        time.sleep(_LOAD_S)
+        answered, failed = reads.end()
+        assert answered and not failed, f"{answered} reads were answered, these were not: {failed[:3]}"
+        _more_callbacks(fleet)
+        _rotate(fleet, 10)
+    finally:
+        fleet.stack.start(victim)
+    eventually(lambda: _ready(fleet) == 2, "both gateways ready")
+
+
+def router_restarts(fleet: Fleet) -> None:
+    """the router restarts: robots come back, and move"""
+    fleet.stack.restart("router")
+    eventually(lambda: _online(fleet) >= set(ROBOTS) and _ready(fleet) == 2, "five robots online")
+    eventually(lambda: _rotate(fleet, 20), "a motion that succeeds")
+
+
+def redis_restarts(fleet: Fleet) -> None:
+    """Redis restarts: subscription and invocation are still there, callbacks go on"""
+    fleet.stack.restart("redis")
+    for iri in (fleet.subscription, fleet.invocation):
+        eventually(lambda iri=iri: fleet.front.graph(iri), f"{iri} is there")  # type: ignore[misc]
+    eventually(lambda: _more_callbacks(fleet), "callbacks")
+
+
+def agent_stops(fleet: Fleet) -> None:
+    """an agent is stopped: its robot is offline and readable, and online again after a start"""
+    container = fleet.stack.containers("panda")[0]
+    fleet.stack.stop(container)
+    try:
+        eventually(lambda: "panda" not in _online(fleet), "panda offline")
+        assert len(fleet.front.graph(fleet.front.root + "panda/")), "panda is not readable"
+        assert set(ROBOTS) - {"panda"} <= _online(fleet), "other robots went with it"
+    finally:
+        fleet.stack.start(container)
+    eventually(lambda: "panda" in _online(fleet), "panda online")
+
+
+def scales(fleet: Fleet) -> None:
+    """one more gateway and two more robots, named after their containers, by --scale"""
+    fleet.stack.scale("gateway", 3)
+    eventually(lambda: _ready(fleet) == 3, "three gateways ready")
+    fleet.stack.scale("arm", 2)
+    eventually(lambda: len(_online(fleet) - set(ROBOTS)) == 2, "two more robots online")
+
+
+CHECKS = (browsable, walk, http2, http3, private, events, websocket, callback, moves, every_gateway,
+          gateway_dies, router_restarts, redis_restarts, agent_stops, scales)  # fmt: skip
+
+# Run in a gateway's container: the status of a GET of its argument, from that gateway.
+_ASK = """
+import http.client, sys, urllib.parse
+url = urllib.parse.urlsplit(sys.argv[1])
+c = http.client.HTTPConnection("127.0.0.1", 8000, timeout=10)
+c.request("GET", url.path, headers={"Host": url.netloc})
+print(c.getresponse().status)
+"""
+
+
+class _Reads:
+    """A user who reads again and again, until told to end."""
+
+    def __init__(self, front: Front) -> None:
+        self._front, self._over = front, threading.Event()
+        self._answered, self._failed = 0, list[str]()
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+
+    def _read(self) -> None:
+        while not self._over.is_set():
+            try:
+                status = self._front.ask(self._front.root + _SWAYING).status
+            except (OSError, HTTPException) as error:
+                self._failed.append(repr(error))
+                continue
+            if status == 200:
+                self._answered += 1
+            else:
+                self._failed.append(str(status))
+
+    def end(self) -> tuple[int, list[str]]:
+        """How many were answered, and what became of the others."""
+        self._over.set()
+        self._thread.join()
+        return self._answered, self._failed
+
+
+def _online(fleet: Fleet) -> set[str]:
+    root = fleet.front.root
+    rows = fleet.front.graph(root).subjects(URIRef(LF + "presence"), URIRef(LF + "online"))
+    return {str(robot).removeprefix(root).rstrip("/") for robot in rows}
+
+
+def _ready(fleet: Fleet) -> int:
+    """How many gateways say that they are ready."""
+    script = _ASK.replace("url.path", "'/health/ready'")
+    gateways = fleet.stack.containers("gateway")
+    said = [fleet.stack.execute(gateway, "python", "-c", script, fleet.front.root) for gateway in gateways]
+    return sum(one.strip() == "200" for one in said)
+
+
+def _rotate(fleet: Fleet, degrees: float) -> str:
+    """Turns a joint and waits for the end; the IRI of the invocation, which has succeeded."""
+    answer = fleet.front.ask(
+        f"{fleet.front.root}baxter/right_s1/actions/rotate", "POST", _ANGLE % degrees, timeout_s=40,
+        Content_Type="text/turtle", Prefer="wait=30, return=representation",
+    )  # fmt: skip
+    assert answer.status == 201, f"rotate answered {answer.status}: {answer.body[:300]!r}"
+    iri = answer.fields["location"]
+    states = {str(state) for state in answer.graph(iri).objects(URIRef(iri), URIRef(LF + "state"))}
+    assert states == {LF + "succeeded"}, f"{iri} ended as {states}"
+    return iri
+
+
+def _more_callbacks(fleet: Fleet) -> bool:
+    """Three more than there are now; AssertionError when they do not come."""
+    before = len(deliveries(fleet.receiver_port))
+    return eventually(lambda: len(deliveries(fleet.receiver_port)) >= before + 3, "three more callbacks")

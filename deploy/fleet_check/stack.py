@@ -1,0 +1,107 @@
+"""The compose project under check: started, hurt and taken down by docker, or by podman where that is at hand."""
+
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+
+PROJECT = "linked-fleet-check"
+_FILES = ("-f", "docker-compose.yml", "-f", "deploy/fleet_check/compose.yaml", "-p", PROJECT)
+_START_S = 1800.0  # images are built the first time
+_COMMAND_S = 120.0
+
+
+class StackError(Exception):
+    """A command of the engine failed; the message is what it said."""
+
+
+class Stack:
+    """``compose`` is the words of a compose command; ``environment`` what the compose files read."""
+
+    def __init__(self, compose: Sequence[str], environment: Mapping[str, str]) -> None:
+        self._compose = tuple(compose)
+        self._engine = "docker" if compose[0] == "docker" else "podman"
+        self._environment = {**os.environ, **environment}
+
+    def build(self) -> None:
+        """Both images, each by one of the services that share it: podman-compose would build it once for each."""
+        self._run(*self._compose, *_FILES, "build", "gateway", "baxter", timeout_s=_START_S, shown=True)
+
+    def up(self) -> None:
+        self._run(*self._compose, *_FILES, "up", "-d", timeout_s=_START_S)
+
+    def down(self) -> None:
+        self._run(*self._compose, *_FILES, "down", "-v", "-t", "5", "--remove-orphans", timeout_s=_COMMAND_S)
+
+    def scale(self, service: str, replicas: int) -> None:
+        words = ("up", "-d", "--no-deps", "--no-recreate", "--scale", f"{service}={replicas}", service)
+        self._run(*self._compose, *_FILES, *words)
+
+    def read(self, service: str, path: str) -> str:
+        """A file of a service's container."""
+        return self._run(self._engine, "exec", self.containers(service)[0], "cat", path)
+
+    def execute(self, container: str, *words: str) -> str:
+        return self._run(self._engine, "exec", container, *words)
+
+    def containers(self, service: str) -> list[str]:
+        """Ids of the running containers of a service."""
+        labels = (f"com.docker.compose.project={PROJECT}", f"com.docker.compose.service={service}")
+        filters = [word for label in labels for word in ("--filter", f"label={label}")]
+        return self._run(self._engine, "ps", "-q", "--no-trunc", *filters).split()
+
+    def kill(self, container: str) -> None:
+        """As a power cut would: no farewell."""
+        self._run(self._engine, "kill", "--signal", "KILL", container)
+
+    def start(self, container: str) -> None:
+        self._run(self._engine, "start", container)
+
+    def stop(self, container: str) -> None:
+        self._run(self._engine, "stop", container)
+
+    def restart(self, service: str) -> None:
+        for container in self.containers(service):
+            self._run(self._engine, "restart", container)
+
+    def logs(self, service: str, lines: int = 15) -> str:
+        return "".join(
+            self._run(self._engine, "logs", "--tail", str(lines), container, merged=True)
+            for container in self.containers(service)
+        )
+
+    def _run(self, *words: str, timeout_s: float = _COMMAND_S, shown: bool = False, merged: bool = False) -> str:
+        try:
+            done = subprocess.run(  # noqa: S603 (the user's own engine, no shell)
+                words,
+                env=self._environment,
+                stdout=sys.stderr if shown else subprocess.PIPE,
+                stderr=None if shown else subprocess.STDOUT if merged else subprocess.PIPE,
+                text=True,
+                errors="replace",
+                timeout=timeout_s,
+                check=False,
+            )
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise StackError(f"{shlex.join(words)}: {error}") from error
+        if done.returncode:
+            said = (done.stderr or done.stdout or "").strip()[-1500:]
+            raise StackError(f"{shlex.join(words)} ended with exit code {done.returncode}: {said}")
+        return done.stdout or ""
+
+
+def compose_command(given: str) -> list[str]:
+    """The words of ``given``; else docker compose, else podman-compose. StackError when there is neither."""
+    if given:
+        return shlex.split(given)
+    if shutil.which("docker") and _works("docker", "compose", "version") and _works("docker", "info"):
+        return ["docker", "compose"]
+    if shutil.which("podman-compose"):
+        return ["podman-compose"]
+    raise StackError("neither docker compose nor podman-compose works here; name another: make fleet-check COMPOSE=...")
+
+
+def _works(*words: str) -> bool:
+    return subprocess.run(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False).returncode == 0  # noqa: S603
