@@ -1,0 +1,71 @@
+"""The driver in deploy/README.md is one, and the contract tells what is none."""
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+from driver_contract import check_driver
+
+from agents.robot import Reading, RobotFaultError
+from agents.robots.catalogue import load
+
+PAGE = (Path(__file__).parents[2] / "deploy" / "README.md").read_text()
+DRIVER, EXAMPLE = re.findall(r"^```python\n(.*?)^```$", PAGE, re.M | re.S)
+
+
+@pytest.fixture
+def door() -> dict[str, Any]:
+    """The names of the page's door.py."""
+    names: dict[str, Any] = {"__name__": "door"}
+    exec(compile(DRIVER, "door.py", "exec"), names)
+    return names
+
+
+def test_the_driver_of_the_page_keeps_the_contract(door: dict[str, Any], tmp_path: Path) -> None:
+    """By the test of the page, too."""
+    names: dict[str, Any] = {}
+    exec(EXAMPLE.replace("from door import Door\n", ""), names)
+    names["Door"] = door["Door"]
+    names["test_my_driver"](tmp_path)
+    assert (tmp_path / "enable").read_text() == "0"
+
+
+def test_its_fault_is_told(door: dict[str, Any], tmp_path: Path) -> None:
+    with pytest.raises(RobotFaultError, match="potentiometer"):
+        door["Door"](tmp_path, tmp_path / "angle").read(0.0)
+
+
+def test_a_simulated_robot_keeps_the_contract() -> None:
+    check_driver(load("ur5", "ur5"))
+
+
+def _unlimited(door: Any, tmp_path: Path) -> Any:
+    class Unlimited(door):  # type: ignore[misc]
+        def apply(self, setpoints: Mapping[str, float]) -> Mapping[str, float]:
+            super().apply(setpoints)
+            return dict(setpoints)
+
+    return Unlimited(tmp_path, tmp_path / "angle")
+
+
+def _forgetful(door: Any, tmp_path: Path) -> Any:
+    class Forgetful(door):  # type: ignore[misc]
+        def read(self, now_s: float) -> Reading:
+            return Reading((), (), ())
+
+    return Forgetful(tmp_path, tmp_path / "angle")
+
+
+@pytest.mark.parametrize(("broken", "reason"), [(_unlimited, "within the limits"), (_forgetful, "one value for each")])
+def test_what_is_no_driver_is_found_out(door: dict[str, Any], tmp_path: Path, broken: Any, reason: str) -> None:
+    (tmp_path / "angle").write_text("0")
+    with pytest.raises(AssertionError, match=reason):
+        check_driver(broken(door["Door"], tmp_path))
+
+
+def test_a_robot_that_does_not_move_is_found_out(door: dict[str, Any], tmp_path: Path) -> None:
+    (tmp_path / "angle").write_text("0")
+    with pytest.raises(AssertionError, match="did not get there"):
+        check_driver(door["Door"](tmp_path, tmp_path / "angle"))
