@@ -9,6 +9,8 @@ import hypothesis
 import pytest
 from browser import Browser, all_live
 from running import Process, eventually, free_port, process
+from xdist.remote import Producer
+from xdist.scheduler.loadscope import LoadScopeScheduling
 
 # How long an example takes says nothing on a machine that does other things too. Where runs must agree, they do.
 hypothesis.settings.register_profile("ours", deadline=None, derandomize="CI" in os.environ)
@@ -46,9 +48,18 @@ def browser(fleet: RunningFleet) -> Iterator[Browser]:
         yield browser
 
 
-@pytest.hookimpl(tryfirst=True)  # the marks are read in this very hook
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+# These share the session's one fleet.
+_OF_THE_FLEET = ("tests/requirements/", "tests/client/", "tests/face/test_access.py", "tests/gateway/test_endpoint.py")
+
+
+class Scheduling(LoadScopeScheduling):
     """Beside each other run files, so that what a file sets up is set up once, and all that share the one fleet."""
-    for item in items:
-        shared = "fleet" in getattr(item, "fixturenames", ())
-        item.add_marker(pytest.mark.xdist_group("the fleet" if shared else item.location[0]))
+
+    def _split_scope(self, nodeid: str) -> str:
+        file = nodeid.partition("::")[0]
+        return "the fleet" if file.startswith(_OF_THE_FLEET) else file
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> Scheduling:
+    return Scheduling(config, log)
