@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 PROJECT = "linked-fleet-check"
 _FILES = ("-f", "docker-compose.yml", "-f", "deploy/fleet_check/compose.yaml", "-p", PROJECT)
@@ -22,7 +23,7 @@ class Stack:
 
     def __init__(self, compose: Sequence[str], environment: Mapping[str, str]) -> None:
         self._compose = tuple(compose)
-        self._engine = "docker" if compose[0] == "docker" else "podman"
+        self._engine = "docker" if any(Path(word).name.startswith("docker") for word in compose) else "podman"
         self._environment = {**os.environ, **environment}
 
     def build(self) -> None:
