@@ -14,6 +14,7 @@ PREFIXES = """@prefix xsd: <http://www.w3.org/2001/XMLSchema#> .
 """
 _TURTLE = {"content-type": "text/turtle"}
 _PATIENCE_S = 90.0
+_ATTEMPTS = 5
 
 
 def scalar(value: object, unit: str = "unit:RAD", more: str = "") -> str:
@@ -56,11 +57,18 @@ class Commanded:
     def ask(
         self, kind: URIRef, body: str = "", joint: str = "", method: str = "POST", **headers: str
     ) -> httpx.Response:
-        """Invoke the action; an empty body is none."""
+        """Invoke the action; an empty body is none.
+
+        Where robots live faster than the test, a gateway kept waiting is soon too late for them, and is asked again.
+        """
         content = (PREFIXES + body).encode() if body else b""
         sent = (_TURTLE if body else {}) | {name.replace("_", "-"): value for name, value in headers.items()}
         url = self.action(kind, joint)
-        return self.browser.http.request(method, url, content=content, headers=sent, timeout=_PATIENCE_S)
+        for _ in range(_ATTEMPTS):
+            answer = self.browser.http.request(method, url, content=content, headers=sent, timeout=_PATIENCE_S)
+            if answer.status_code != 409 or "refused (stale)" not in answer.text:
+                break
+        return answer
 
     def begin(self, kind: URIRef, body: str = "", joint: str = "") -> str:
         """The invocation of a motion that has been accepted."""

@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import signal
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -15,6 +16,9 @@ from xdist.scheduler.loadscope import LoadScopeScheduling
 # How long an example takes says nothing on a machine that does other things too. Where runs must agree, they do.
 hypothesis.settings.register_profile("ours", deadline=None, derandomize="CI" in os.environ)
 hypothesis.settings.load_profile("ours")
+
+# A shell lets what it runs in the background ignore Ctrl-C, and whatever is started there inherits that.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ROBOTS = ("baxter", "go2", "panda", "tiago", "ur5")
 

@@ -34,6 +34,7 @@ GROWTH_KIB = 6 * 1024
 KERNEL_BYTES = 192 * 1024
 """What is on its way in the kernel: what the receiver lets in, 16 KiB that the gateway lets wait, one segment more."""
 RECEIVE_BUFFER = 4096
+TEXT, PING, PONG, MASKED = 0x81, 0x89, 0x8A, 0x80
 
 
 class Reader:
@@ -69,18 +70,16 @@ class Reader:
         data = self.sock.recv(1 << 18)
         assert data, "the gateway closed the connection"
         self.bytes += len(data)
-        self._rest += data
-        self.parse()
-
-    def parse(self) -> None:
-        while (found := self.cut(self._rest)) is not None:
-            message, self._rest = found
+        data, start = self._rest + data, 0
+        while (found := self.cut(data, start)) is not None:
+            message, start = found
             if message:
                 self.last = message
                 self.count += 1
+        self._rest = data[start:]
 
-    def cut(self, data: bytes) -> tuple[bytes, bytes] | None:
-        """The first message, empty when it is none for the subscriber, and the rest; None while it is not whole."""
+    def cut(self, data: bytes, start: int) -> tuple[bytes, int] | None:
+        """The message that begins there, empty when it is none for the subscriber, and its end; None: not whole yet."""
         raise NotImplementedError
 
     def shows(self, value: float) -> bool:
@@ -96,16 +95,20 @@ class SocketReader(Reader):
     )
     ANSWER = b"HTTP/1.1 101"
 
-    def cut(self, data: bytes) -> tuple[bytes, bytes] | None:
-        if len(data) < 2:
+    def cut(self, data: bytes, start: int) -> tuple[bytes, int] | None:
+        if len(data) < start + 2:
             return None
-        wide = {126: 2, 127: 8}.get(data[1], 0)
-        start = 2 + wide
-        size = int.from_bytes(data[2:start]) if wide else data[1]
-        if len(data) < start + size or len(data) < start:
+        first, size, body = data[start], data[start + 1], start + 2
+        if wide := {126: 2, 127: 8}.get(size, 0):
+            size, body = int.from_bytes(data[body : body + wide]), body + wide
+        end = body + size
+        if len(data) < end:
             return None
-        assert data[0] in (0x81, 0x89), f"a frame that begins with {data[0]:#x}"
-        return (data[start : start + size] if data[0] == 0x81 else b""), data[start + size :]
+        if first == PING:
+            self.sock.sendall(bytes([PONG, MASKED | size]) + bytes(4) + data[body:end])
+        else:
+            assert first == TEXT, f"a frame that begins with {first:#x}: {data[body:end]!r}"
+        return (data[body:end] if first == TEXT else b""), end
 
 
 class EventReader(Reader):
@@ -114,11 +117,12 @@ class EventReader(Reader):
     FIELDS = "Accept: text/event-stream\r\n"
     ANSWER = b"HTTP/1.1 200"
 
-    def cut(self, data: bytes) -> tuple[bytes, bytes] | None:
-        event, end, rest = data.partition(b"\n\n")
-        if not end:
+    def cut(self, data: bytes, start: int) -> tuple[bytes, int] | None:
+        end = data.find(b"\n\n", start)
+        if end < 0:
             return None
-        return (event if b"\ndata: " in event else b""), rest
+        event = data[start:end]
+        return (event if b"\ndata: " in event else b""), end + 2
 
 
 class Mover:
@@ -232,7 +236,7 @@ def reading(readers: list[Reader]) -> Iterator[Callable[[Callable[[Reader], bool
 
 
 @pytest.mark.parametrize("kind", [SocketReader, EventReader])
-def test_one_that_stops_reading_among_fifty_that_do_not(scene: Stage, kind: type[Reader]) -> None:
+def test_one_that_hardly_reads_among_fifty_that_do_not(scene: Stage, kind: type[Reader]) -> None:
     """R0.12, R0.15, R0.16: it costs a bounded number of bytes, and catches up at once when it reads again."""
     slow = kind(scene.joint_state, RECEIVE_BUFFER)
     while not slow.count:
@@ -242,6 +246,7 @@ def test_one_that_stops_reading_among_fifty_that_do_not(scene: Stage, kind: type
             wait(lambda reader: reader.bytes > FLOOD_BYTES / 10, "buffers and caches of the usual size")
             before = highest = scene.rss_kib()
             for tenth in range(2, 11):
+                slow.read()  # a few KiB: who takes nothing at all for half a minute is dropped
                 wait(lambda reader, tenth=tenth: reader.bytes > FLOOD_BYTES * tenth / 10, "the flood")
                 highest = max(highest, scene.rss_kib())
             scene.others_are_served()
