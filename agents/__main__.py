@@ -11,6 +11,7 @@ from agents.agent import Agent
 from agents.link import DuplicateNameError, ZenohLink, open_session
 from agents.robots.catalogue import UnavailableError, load
 from agents.settings import AgentSettings, SettingsError, read_settings
+from agents.tracing import Tracing, TracingUnavailableError, open_tracing
 
 _log = logging.getLogger("agents")
 
@@ -20,15 +21,19 @@ def main() -> int:
     try:
         settings = read_settings(sys.argv[1:], os.environ, socket.gethostname())
         logging.basicConfig(level=settings.log_level, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
+        tracing = open_tracing(os.environ)
         agents = [_make_agent(settings, index) for index in range(len(settings.robots))]
-    except (SettingsError, UnavailableError) as error:
+    except (SettingsError, UnavailableError, TracingUnavailableError) as error:
         print(f"agents: {error}", file=sys.stderr)
         return 2
     try:
-        asyncio.run(_run(settings, agents))
+        asyncio.run(_run(settings, agents, tracing))
     except DuplicateNameError as error:
         print(f"agents: {error}", file=sys.stderr)
         return 3
+    finally:
+        if tracing is not None:
+            tracing.close()
     return 0
 
 
@@ -50,13 +55,13 @@ def _make_agent(settings: AgentSettings, index: int) -> Agent:
         raise SettingsError(f"--sway: {error}") from error
 
 
-async def _run(settings: AgentSettings, agents: list[Agent]) -> None:
+async def _run(settings: AgentSettings, agents: list[Agent], tracing: Tracing | None) -> None:
     """Serve all robots until a signal comes or one of them fails."""
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
-    serving = asyncio.create_task(_serve(settings, agents))
+    serving = asyncio.create_task(_serve(settings, agents, tracing))
     stopping = asyncio.create_task(stop.wait())
     await asyncio.wait({serving, stopping}, return_when=asyncio.FIRST_COMPLETED)
     stopping.cancel()
@@ -72,7 +77,7 @@ async def _run(settings: AgentSettings, agents: list[Agent]) -> None:
         raise next(error for error in taken.exceptions) from None
 
 
-async def _serve(settings: AgentSettings, agents: list[Agent]) -> None:
+async def _serve(settings: AgentSettings, agents: list[Agent], tracing: Tracing | None) -> None:
     async with (
         open_session(settings.zenoh_connect, settings.zenoh_listen, settings.lease_ms) as session,
         asyncio.TaskGroup() as tasks,
@@ -88,6 +93,7 @@ async def _serve(settings: AgentSettings, agents: list[Agent]) -> None:
                 on_stop=agent.handle_stop,
                 on_mesh=agent.mesh,
                 lease_ms=settings.lease_ms,
+                tracing=tracing,
             )
             tasks.create_task(_attend(agent, link))
 

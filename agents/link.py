@@ -12,6 +12,8 @@ from typing import Any, Literal, Self
 import zenoh
 
 from agents.meshes import MeshError
+from agents.tracing import Tracing
+from agents.wire import traceparent
 from agents.wire.keys import Keys
 
 _log = logging.getLogger(__name__)
@@ -95,11 +97,13 @@ class ZenohLink:
         on_stop: Callable[[bytes], bytes],
         on_mesh: Callable[[bytes], bytes] | None = None,
         lease_ms: int = 2_000,
+        tracing: Tracing | None = None,
     ) -> None:
         self._session, self._keys = session, keys
         self._robot, self._incarnation, self._lease_ms = robot, incarnation, lease_ms
         self._description = description
         self._answers = {"command": on_command, "stop": on_stop}
+        self._tracing = tracing
         self._read_mesh = on_mesh
         self._one_mesh, self._meshes = asyncio.Lock(), set[asyncio.Task[None]]()
         self._gateways: set[str] = set()
@@ -200,7 +204,12 @@ class ZenohLink:
 
     def _answer(self, kind: Literal["command", "stop"], query: zenoh.Query) -> None:
         payload = b"" if query.payload is None else query.payload.to_bytes()
-        self._reply(query, self._keys.robot(self._robot, kind), self._answers[kind](payload))
+        answer = self._answers[kind]
+        if self._tracing is None:
+            reply = answer(payload)
+        else:
+            reply = self._tracing.take(kind, self._robot, _attached(query), payload, answer)
+        self._reply(query, self._keys.robot(self._robot, kind), reply)
 
     def _answer_mesh(self, query: zenoh.Query) -> None:
         """Off the event loop: a slow disk or a slow gateway must not hold up the robot."""
@@ -259,6 +268,12 @@ class ZenohLink:
             f"the robot name {self._robot!r} is taken: another agent (run {incarnation}) is alive; "
             "stop it or choose another name"
         )
+
+
+def _attached(query: zenoh.Query) -> bytes | None:
+    """What may be a traceparent."""
+    attached = query.attachment
+    return None if attached is None or len(attached) > traceparent.MAX_BYTES else attached.to_bytes()
 
 
 def _incarnation(keys: Keys, key: str) -> int | None:

@@ -11,7 +11,7 @@ COPY pyproject.toml constraints.txt ./
 # An empty package first: what it needs is then fetched again only when pyproject.toml or constraints.txt change.
 RUN mkdir gateway && touch gateway/__init__.py README.md LICENSE \
  && python -m venv --without-pip /opt/linked-fleet \
- && pip --python /opt/linked-fleet/bin/python install -q '.[gateway]'
+ && pip --python /opt/linked-fleet/bin/python install -q '.[gateway,tracing]'
 
 # The scripts and styles of the pages; Node.js is not in the image that runs.
 FROM packages AS pages

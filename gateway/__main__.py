@@ -17,6 +17,7 @@ from gateway.app import create_app
 from gateway.http.protocol import HttpProtocol, WebSocketProtocol
 from gateway.link import LinkError
 from gateway.observe.log import configure
+from gateway.observe.tracing import Tracing, TracingUnavailable, open_tracing
 from gateway.settings import GatewaySettings
 from gateway.store.connection import BadUrl
 from gateway.store.embedded import EmbeddedError
@@ -60,19 +61,25 @@ def main() -> int:
     try:
         settings = GatewaySettings.read(os.environ, sys.argv[1:])
         configure(settings.log_format)
+        tracing = open_tracing(os.environ, settings.gateway_name)
         listener = _listen(settings.host, settings.port_number)
     except (ValueError, OSError) as error:
         print(f"gateway: {error}", file=sys.stderr)
         return 1
+    except TracingUnavailable as error:
+        print(f"gateway: {error}", file=sys.stderr)
+        return 2
     # Plans are computed in threads; the event loop is not to wait 5 ms for each piece of their work.
     sys.setswitchinterval(_SWITCH_S)
     try:
-        return uvloop.run(_serve(settings, listener))
+        return uvloop.run(_serve(settings, listener, tracing))
     except (LinkError, EmbeddedError, BadUrl) as error:
         print(f"gateway: {error}", file=sys.stderr)
         return 1
     finally:
         listener.close()
+        if tracing is not None:
+            tracing.close()
 
 
 def _is_news(record: logging.LogRecord) -> bool:
@@ -80,8 +87,8 @@ def _is_news(record: logging.LogRecord) -> bool:
     return not str(record.msg).startswith(_ORDINARY)
 
 
-async def _serve(settings: GatewaySettings, listener: socket.socket) -> int:
-    app = create_app(settings)
+async def _serve(settings: GatewaySettings, listener: socket.socket, tracing: Tracing | None) -> int:
+    app = create_app(settings, tracing)
     # The lifespan is entered here, not by the server: its errors stay exceptions, and the address is printed when true.
     config = uvicorn.Config(
         app, lifespan="off", log_config=None, access_log=False, server_header=False,

@@ -17,6 +17,7 @@ from gateway.observe.counts import Requests
 from gateway.observe.front import Front
 from gateway.observe.metrics import Numbers, registry
 from gateway.observe.sampler import Sampler
+from gateway.observe.tracing import Tracing
 from gateway.settings import GatewaySettings
 from gateway.store.embedded import Embedded
 from gateway.subscriptions.network import Network
@@ -24,7 +25,7 @@ from gateway.subscriptions.service import Subscriptions, new_run
 from gateway.subscriptions.store import Store
 
 
-def create_app(settings: GatewaySettings) -> Starlette:
+def create_app(settings: GatewaySettings, tracing: Tracing | None = None) -> Starlette:
     """The ASGI application; entering its lifespan joins the fleet."""
 
     @asynccontextmanager
@@ -50,7 +51,7 @@ def create_app(settings: GatewaySettings) -> Starlette:
     requests = Requests()
     app = Starlette(
         middleware=[
-            Middleware(Front, requests=requests),
+            Middleware(Front, requests=requests, tracing=tracing),
             Middleware(Authorities, public_urls=settings.public_urls, prefixes=PREFIXES),
         ],
         lifespan=lifespan,

@@ -22,6 +22,7 @@ from gateway.fleet.answers import read_description, read_mesh, read_reply
 from gateway.fleet.complaints import Complaints
 from gateway.fleet.events import Appeared, Described, Event, Framed, Undescribed, Vanished
 from gateway.fleet.inbox import Inbox, Payload
+from gateway.observe.context import step
 from gateway.session import open_failure, port_is_taken, settings
 
 _log = logging.getLogger(__name__)
@@ -149,16 +150,22 @@ class FleetLink:
             return reply
 
         reply: Reply | None = None
-        try:
-            key = self._keys.robot(robot, "command")
-            reply = await self._ask(key, timeout_s, MAX_REPLY_BYTES, encode(command), judge)
-        except TimeoutError:
-            reasons.append(f"robot {robot!r} did not answer within {timeout_s} s")
-        if reply is not None:
-            return reply
-        if refusals:
-            return refusals[0]
-        raise NoAnswer(reasons[-1])
+        about = {"robot": robot, "command": command.id} | ({} if command.rehearsal else {"invocation": command.id})
+        with step("send command", asks=True, **about) as span:
+            traceparent = None if span is None else span.traceparent
+            try:
+                key = self._keys.robot(robot, "command")
+                reply = await self._ask(
+                    key, timeout_s, MAX_REPLY_BYTES, encode(command), judge, traceparent=traceparent
+                )
+            except TimeoutError:
+                reasons.append(f"robot {robot!r} did not answer within {timeout_s} s")
+            reply = reply or next(iter(refusals), None)
+            if span is not None:
+                span.replied(reply)
+            if reply is None:
+                raise NoAnswer(reasons[-1])
+        return reply
 
     async def stop(self, robots: Collection[str] | None, stop: Stop, timeout_s: float) -> dict[str, Reply]:
         """Stop these robots, or all there are: what those of them replied that did within ``timeout_s``.
@@ -175,12 +182,20 @@ class FleetLink:
             elif robot is not None and not isinstance(replies.get(robot.robot), Accepted):  # two runs may answer
                 replies[robot.robot] = reply
 
-        async def ask(key: str) -> None:
+        async def ask(key: str, traceparent: bytes | None) -> None:
             with contextlib.suppress(TimeoutError):
-                await self._ask(key, timeout_s, MAX_REPLY_BYTES, encode(stop), note, zenoh.Priority.REAL_TIME)
+                await self._ask(
+                    key, timeout_s, MAX_REPLY_BYTES, encode(stop), note, zenoh.Priority.REAL_TIME, traceparent
+                )
 
         keys = [self._keys.all_stops] if robots is None else [self._keys.robot(name, "stop") for name in robots]
-        await asyncio.gather(*map(ask, keys))
+        about = {"command": stop.id} | ({} if stop.rehearsal else {"invocation": stop.command or stop.id})
+        (only,) = robots if robots is not None and len(robots) == 1 else (None,)
+        with step("send stop", asks=True, **about, **({} if only is None else {"robot": only})) as span:
+            traceparent = None if span is None else span.traceparent
+            await asyncio.gather(*(ask(key, traceparent) for key in keys))
+            if span is not None and only is not None:
+                span.replied(replies.get(only))
         return replies
 
     async def mesh(self, robot: str, mesh: Mesh, timeout_s: float) -> bytes:
@@ -328,6 +343,7 @@ class FleetLink:
         payload: bytes | None,
         judge: Callable[[bytes | str, str], _T | None],
         priority: zenoh.Priority = zenoh.Priority.DATA,
+        traceparent: bytes | None = None,
     ) -> _T | None:
         """Ask, and return the first answer that ``judge`` makes something of; None when there are no more.
 
@@ -358,6 +374,7 @@ class FleetLink:
                 consolidation=zenoh.ConsolidationMode.NONE,  # two runs of an agent answer under one key
                 timeout=timeout_s,
                 payload=payload,
+                attachment=traceparent,
                 express=True,
                 priority=priority,
             )

@@ -32,6 +32,7 @@ from gateway.http.fields import field
 from gateway.http.prefer import Prefer, parse_prefer
 from gateway.http.representation import Representation, negotiated
 from gateway.live import Live
+from gateway.observe.context import step, traced
 
 MAX_BODY_BYTES, MAX_TRIPLES = 256 * 1024, 5_000  # of a trajectory: seven joints at some two hundred times
 _MAX_REMEMBERED = 32 * 1024  # characters; what is longer is carried out, and not shown with the invocation
@@ -43,17 +44,21 @@ _TOKEN = re.compile(r"<?(urn:uuid:[0-9a-f-]{36})>?")
 async def invoke(request: Request, afforded: Invoke, base: str) -> Response:
     """204 with Location; 201 with the invocation by Prefer: return=representation, 202 by respond-async or wait."""
     offer, moment = afforded.offer, moment_of(afforded.offer.robot)
+    _trace(offer, f"actions/{offer.definition.segment}")
     if not offer.takes_body:
         return await _halt(request, offer, base)
     prefer = _prefer(request, offer, base)
     content, triples = await _read(request, base + offer.path, base)
-    return await _carry_out(request, offer, admit(offer, triples, base), moment, prefer, content, base)
+    with step("guard"):
+        body = admit(offer, triples, base)
+    return await _carry_out(request, offer, body, moment, prefer, content, base)
 
 
 async def put_target(request: Request, afforded: PutTarget, base: str) -> Response:
     """A joint's target as a property: its ``lf:value`` is what the action takes (R0.5)."""
     offer, moment = afforded.offer, moment_of(afforded.offer.robot)
     iri = base + request.scope["path"]
+    _trace(offer, iri.rpartition("/")[2])
     prefer = _prefer(request, offer, base)
     content, triples = await _read(request, iri, base)
     focus = root(triples, NamedNode(iri))
@@ -63,7 +68,9 @@ async def put_target(request: Request, afforded: PutTarget, base: str) -> Respon
     (value,) = values
     action, about = NamedNode(base + offer.path), reachable(triples, value)  # type: ignore[arg-type]
     moved = [Triple(action if t.subject == value else t.subject, t.predicate, t.object) for t in about]
-    return await _carry_out(request, offer, admit(offer, moved, base), moment, prefer, content, base)
+    with step("guard"):
+        body = admit(offer, moved, base)
+    return await _carry_out(request, offer, body, moment, prefer, content, base)
 
 
 async def end_invocation(request: Request, afforded: EndInvocation, base: str) -> Response:
@@ -80,6 +87,16 @@ async def end_invocation(request: Request, afforded: EndInvocation, base: str) -
 def caller(request: Request, body: str = "", digest: str = "") -> Caller:
     """Who asks; BadRequest for an Idempotency-Key or Lock-Token that is none."""
     return Caller(_address(request), lock_token(request), _key(request), digest, body)
+
+
+def _trace(offer: Offer, end: str) -> None:
+    """Names are left open in the route of a trace; ``end`` is one of few."""
+    if (trace := traced()) is None:
+        return
+    thing = ("/{robot}" if offer.robot else "") + ("/{joint}" if offer.joint else "")
+    trace.routed(f"{thing}/{end}")
+    if offer.robot is not None:
+        trace.about({"robot": offer.robot.name})
 
 
 def _address(request: Request) -> str:
@@ -151,9 +168,10 @@ async def _carry_out(
 ) -> Response:
     actions: Actions = request.app.state.actions
     asking = caller(request, _written(body), _digest(request, content))
-    plan = HANDLERS[offer.definition.iri].plan(Asked(base, body, offer.robot, offer.joint, moment))
-    if isinstance(plan, Later):
-        plan = await actions.compute(plan)
+    with step("plan"):
+        plan = HANDLERS[offer.definition.iri].plan(Asked(base, body, offer.robot, offer.joint, moment))
+        if isinstance(plan, Later):
+            plan = await actions.compute(plan)
     assert isinstance(plan, Motion)  # what takes a body moves
     if prefer.dry_run:
         return _rehearsal(request, offer, plan, await actions.rehearse(plan, asking), base)

@@ -16,10 +16,13 @@ from gateway.observe.context import begin
 from gateway.observe.counts import Requests
 from gateway.observe.health import live, ready
 from gateway.observe.metrics import metrics
+from gateway.observe.tracing import Tracing
 
 REQUEST_ID = "X-Request-Id"
 _STARTS = ("http.response.start", "websocket.http.response.start", "websocket.accept")
 _READ = ("GET", "HEAD", "OPTIONS")
+_TRACED = ("POST", "PUT", "DELETE")
+_LONGEST_PATH = 1024
 _PAGES: dict[str, Callable[[Request], Awaitable[Response]]] = {
     "/health/live": live,
     "/health/ready": ready,
@@ -28,17 +31,22 @@ _PAGES: dict[str, Callable[[Request], Awaitable[Response]]] = {
 
 
 class Front:
-    """ASGI middleware, the outermost: gives each request its id, counts it, and answers operators without counting."""
+    """ASGI middleware, the outermost: gives each request its id, counts and traces it; operators are just answered."""
 
-    def __init__(self, app: ASGIApp, requests: Requests) -> None:
-        self.app, self._requests = app, requests
+    def __init__(self, app: ASGIApp, requests: Requests, tracing: Tracing | None = None) -> None:
+        self.app, self._requests, self._tracing = app, requests, tracing
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
         page = _PAGES.get(scope["path"]) if scope["type"] == "http" else None
-        asked = begin(Headers(scope=scope).get(REQUEST_ID, ""))
+        headers = Headers(scope=scope)
+        asked = begin(headers.get(REQUEST_ID, ""))
+        if self._tracing is not None and page is None and scope.get("method") in _TRACED:
+            path = scope["raw_path"].decode("latin-1")[:_LONGEST_PATH]
+            parents = headers.getlist("traceparent")
+            asked.trace = self._tracing.begin(scope["method"], scope["scheme"], path, parents, asked.id)
 
         async def answer(message: Message) -> None:
             if message["type"] in _STARTS:
@@ -46,15 +54,22 @@ class Front:
                 if page is None:
                     took_s = time.monotonic() - asked.begun_s
                     self._requests.add(scope.get("method", "GET"), message.get("status", 101), took_s)
+                if asked.trace is not None:
+                    asked.trace.answered(message["status"])
                 message.setdefault("headers", [])
                 MutableHeaders(scope=message).append(REQUEST_ID, asked.id)
             await send(message)
 
-        if page is None:
-            await self.app(scope, receive, answer)
-        else:
-            response = await _answer(page, Request(scope, receive))
-            await response(scope, receive, answer)
+        try:
+            if page is None:
+                await self.app(scope, receive, answer)
+            else:
+                response = await _answer(page, Request(scope, receive))
+                await response(scope, receive, answer)
+        finally:
+            if asked.trace is not None:
+                asked.trace.end()
+                asked.trace = None  # contexts that were inherited live longer
 
 
 async def _answer(page: Callable[[Request], Awaitable[Response]], request: Request) -> Response:

@@ -25,16 +25,22 @@ def configure(form: str) -> None:
 
 
 class TextFormatter(logging.Formatter):
-    """The message, and at its end the id of the request that is being answered."""
+    """The message, and at its end the id of the request that is being answered, and of its trace."""
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 -- the name of the library
         asked = present()
         line = super().formatMessage(record).translate(_VISIBLE)
-        return line if asked is None else f"{line} [request {asked.id}]"
+        if asked is None:
+            return line
+        trace = "" if asked.trace is None else f" trace {asked.trace.id}"
+        return f"{line} [request {asked.id}{trace}]"
 
 
 class JsonFormatter(logging.Formatter):
-    """``time`` (RFC 3339), ``level``, ``logger``, ``message``; where known ``robot``, ``subscription``, ``request``."""
+    """``time`` (RFC 3339), ``level``, ``logger``, ``message``;
+
+    where known ``robot``, ``subscription``, ``request``, ``trace_id``, ``exception``.
+    """
 
     def format(self, record: logging.LogRecord) -> str:
         said = {
@@ -46,6 +52,8 @@ class JsonFormatter(logging.Formatter):
         said |= {name: str(getattr(record, name)) for name in _FIELDS if hasattr(record, name)}
         if (asked := present()) is not None:
             said["request"] = asked.id
+            if asked.trace is not None:
+                said["trace_id"] = asked.trace.id
         if record.exc_info:
             said["exception"] = self.formatException(record.exc_info)
         return json.dumps(said)
