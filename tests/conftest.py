@@ -21,6 +21,15 @@ hypothesis.settings.load_profile("ours")
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ROBOTS = ("baxter", "go2", "panda", "tiago", "ur5")
+# These share the session's one fleet: in another process it would be a second one, and as long as the session is.
+_OF_THE_FLEET = (
+    "tests/requirements/",
+    "tests/client/",
+    "tests/face/test_access.py",
+    "tests/gateway/face/test_forms.py",
+    "tests/gateway/face/test_pages_of_robots.py",
+    "tests/gateway/test_endpoint.py",
+)
 
 
 @dataclass(frozen=True)
@@ -33,6 +42,7 @@ class RunningFleet:
 
 @pytest.fixture(scope="session")
 def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningFleet]:
+    assert os.environ["PYTEST_CURRENT_TEST"].startswith(_OF_THE_FLEET), "a file that uses the fleet is named above"
     port, zenoh = free_port(), f"tcp/127.0.0.1:{free_port()}"
     state = ("--state-dir", str(tmp_path_factory.mktemp("state")), "--callback-allow", "127.0.0.0/8")
     with (
@@ -50,10 +60,6 @@ def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningFleet]:
 def browser(fleet: RunningFleet) -> Iterator[Browser]:
     with contextlib.closing(Browser(fleet.root)) as browser:
         yield browser
-
-
-# These share the session's one fleet.
-_OF_THE_FLEET = ("tests/requirements/", "tests/client/", "tests/face/test_access.py", "tests/gateway/test_endpoint.py")
 
 
 class Scheduling(LoadScopeScheduling):
