@@ -9,6 +9,7 @@ import asyncio
 import contextlib
 import json
 import logging
+import threading
 from collections.abc import Callable, Collection
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Self, TypeVar
@@ -21,7 +22,7 @@ from agents.wire.messages import Accepted, Command, Description, Mesh, Progress,
 from gateway.fleet.answers import read_description, read_mesh, read_reply
 from gateway.fleet.complaints import Complaints
 from gateway.fleet.events import Appeared, Described, Event, Framed, Undescribed, Vanished
-from gateway.fleet.inbox import Inbox, Payload
+from gateway.fleet.inbox import MAX_KEYS, Inbox, Payload
 from gateway.observe.context import step
 from gateway.session import open_failure, port_is_taken, settings
 
@@ -80,6 +81,7 @@ class FleetLink:
         self._tell_progress = on_progress
         self._complaints = Complaints(_log)
         self._fetches: dict[RobotKey, asyncio.Task[None]] = {}
+        self._expected: dict[str, zenoh.KeyExpr] = {}
         self._declared: tuple[object, ...] = ()
 
     @property
@@ -114,8 +116,12 @@ class FleetLink:
         """Names of the robots that are there now, as far as is known within ``timeout_s``."""
 
         def ask() -> list[str]:
-            replies = self._session.liveliness().get(self._keys.all_presence, timeout=timeout_s)
-            return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+            # Those that are known are told before ``get`` returns: a channel of Zenoh is full at 256, and blocks it.
+            replies, over = list[zenoh.Reply](), threading.Event()
+            handler: Any = zenoh.handlers.Callback(replies.append, drop=over.set, indirect=False)
+            self._session.liveliness().get(self._keys.all_presence, handler, timeout=timeout_s)
+            over.wait(timeout_s)
+            return [str(reply.ok.key_expr) for reply in list(replies) if reply.ok is not None]
 
         found = [self._parse(key) for key in await self._in_thread(ask)]
         return {robot.robot for robot in found if robot is not None}
@@ -306,6 +312,7 @@ class FleetLink:
 
     async def _fetch(self, robot: str, incarnation: int) -> None:
         """Ask for the description until a usable one comes; the task is cancelled when the token goes."""
+        await self._in_thread(self._expect, robot)
         told = ""
         attempt = 0
         while True:
@@ -319,6 +326,11 @@ class FleetLink:
                 told = reason or "the agent is present but does not answer when asked for its description"
                 self._on_events([Undescribed(robot, incarnation, told)])
             await asyncio.sleep(DESCRIPTION_BACKOFF_S[min(attempt, len(DESCRIPTION_BACKOFF_S)) - 1])
+
+    def _expect(self, robot: str) -> None:
+        """Have Zenoh keep the way of its frames: that of a key nobody declared it seeks for each, among all robots."""
+        if robot not in self._expected and len(self._expected) < MAX_KEYS:
+            self._expected[robot] = self._session.declare_keyexpr(self._keys.robot(robot, "state"))
 
     async def _describe(self, robot: str, incarnation: int) -> tuple[Description | None, str]:
         """One round of asking: the description, or why what came was none ("" when nothing came)."""

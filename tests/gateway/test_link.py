@@ -321,3 +321,18 @@ def test_agents_see_the_gateway_while_it_is_there(endpoint: str) -> None:
                 assert [str(reply.ok.key_expr) for reply in tokens if reply.ok] == [KEYS.gateway("g")]
 
     run(seen)
+
+
+async def _roll_call_of_many(endpoint: str) -> None:
+    names = {f"r{number}" for number in range(300)}  # more than a channel of Zenoh holds
+    async with opened(endpoint) as gateway:
+        with session(endpoint) as agent:
+            for name in names:
+                agent.declare(KEYS.presence(name, 1))
+            for name in names:
+                await gateway.seen(Appeared(name, 1))
+            assert await gateway.link.roll_call(2.0) == names
+
+
+def test_a_roll_call_hears_of_all_robots_however_many(endpoint: str) -> None:
+    run(_roll_call_of_many, endpoint)
