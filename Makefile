@@ -2,6 +2,7 @@
 # make test    the tests (PYTEST_ARGS="-k wire" for some of them)
 # make test-fast  those without fleets and servers of Redis, in less than two minutes
 # make check   lint, types, the walls between packages, the base install on its own
+# make bench-robots  what a thousand robots cost one gateway and two (docs/SCALE.md)
 # make bench   what subscribers, actions and pages cost, measured here (bench/README.md)
 # make pictures  those of README.md, from the running demo
 # make fleet-check  the compose fleet, started and checked from outside (COMPOSE="docker compose")
@@ -30,7 +31,7 @@ $$python -c 'import ensurepip' 2>/dev/null || { echo "$$python has no venv: apt 
 $$python -m venv --clear $(1)
 endef
 
-.PHONY: demo test test-fast check fleet-check bench assets pictures chromium clean
+.PHONY: demo test test-fast check fleet-check bench bench-robots assets pictures chromium clean
 
 demo: .venv/stamp $(ASSETS)
 	@$(BIN)/python -m demo --port $(PORT)
@@ -70,6 +71,11 @@ bench: .venv/stamp $(ASSETS) chromium
 	$(BIN)/python -m bench.memory --cycles 5000
 	$(BIN)/python -m bench.actions
 	$(BIN)/python -m bench.pages
+
+# In less than four minutes.
+bench-robots: export PYTHONPATH := .:tests:tests/requirements
+bench-robots: .venv/stamp $(ASSETS)
+	$(BIN)/python -m bench.robots
 
 # The pictures of README.md.
 pictures: .venv/stamp $(ASSETS) chromium

@@ -1,0 +1,182 @@
+"""Who takes part when thousands of robots are measured: the process with the robots, gateways, Redis, and a probe."""
+
+import contextlib
+import http.client
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import httpx
+import redis
+from prometheus_client.parser import text_string_to_metric_families
+from redis_servers import Server
+from running import PATIENCE_S, ROOT, free_port, process
+
+from bench.scene import pid_of
+
+_PAUSE_S = 0.1  # to ask is not to be what the gateway is busy with
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much is measured: robots, joints of each, seconds of each measurement, requests of each kind."""
+
+    robots: int = 1000
+    joints: int = 18
+    seconds: float = 4.0
+    requests: int = 200
+    rates_hz: Sequence[float] = (1, 10, 100)
+
+
+class Crowd:
+    """The process with the robots."""
+
+    def __init__(self, endpoint: str, robots: int, joints: int) -> None:
+        command = [sys.executable, "-m", "bench.synthetic", endpoint, str(robots), str(joints)]
+        environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+        self._child = subprocess.Popen(  # noqa: S603
+            command, cwd=ROOT, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        assert self._child.stdin is not None and self._child.stdout is not None
+        self._in, self._out = self._child.stdin, self._child.stdout
+        self.epoch_ns: int = json.loads(self._out.readline())["epoch_ns"]
+
+    def ask(self, line: str = "") -> dict[str, Any]:
+        self._in.write(line + "\n")
+        self._in.flush()
+        answer: dict[str, Any] = json.loads(self._out.readline())
+        return answer
+
+    def age_ms(self, value: str, now_ns: int) -> float:
+        """How old a frame was at ``now_ns``, of which ``value`` is where the first joint stood."""
+        return (now_ns - self.epoch_ns) / 1e6 - float(value) * 1e3
+
+    def close(self) -> None:
+        self._in.close()
+        self._child.wait()
+        self._out.close()
+
+
+@dataclass
+class Gateway:
+    """A gateway process, and a client of it."""
+
+    port: int
+    pid: int = 0
+    http: httpx.Client = field(default_factory=lambda: httpx.Client(timeout=60))
+
+    def get(self, path: str, accept: str = "text/turtle") -> httpx.Response:
+        answer = self.http.get(f"http://127.0.0.1:{self.port}{path}", headers={"accept": accept})
+        return answer.raise_for_status()
+
+    def numbers(self) -> dict[str, float]:
+        """Of /metrics; of all that are there once for each robot their count."""
+        found: dict[str, float] = {}
+        for family in text_string_to_metric_families(self.get("/metrics", "*/*").text):
+            for sample in family.samples:
+                name = sample.name.removeprefix("linked_fleet_")
+                bound = sample.labels.get("le")
+                if name == "robot_frame_age_seconds":
+                    found[name] = found.get(name, 0) + 1
+                elif bound is None or not sample.labels.keys() - {"le"}:
+                    found[name if bound is None else f"{name} {float(bound)}"] = sample.value
+        return found
+
+    def meet(self, robots: int) -> None:
+        """Wait until each robot has described itself and has a value."""
+        deadline = time.monotonic() + PATIENCE_S
+        while self.numbers().get("robot_frame_age_seconds", 0) < robots:
+            assert time.monotonic() < deadline, f"never happened: {robots} robots"
+            time.sleep(_PAUSE_S)
+
+
+@dataclass
+class Scene:
+    size: Size
+    crowd: Crowd
+    store: redis.Redis
+    gateways: list[Gateway]
+    restart: Callable[[], Gateway]
+    """End the first gateway, and start another in its place."""
+
+    def redis(self) -> dict[str, Any]:
+        found: dict[str, Any] = self.store.info()
+        return found
+
+
+@contextlib.contextmanager
+def stage(size: Size, count: int) -> Iterator[Scene]:
+    """Redis, the router with robots that have not appeared yet, and gateways that serve."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with contextlib.ExitStack() as stack:
+        server = Server(Path(stack.enter_context(tempfile.TemporaryDirectory())))
+        stack.callback(server.discard)
+        server.start()
+        store = stack.enter_context(redis.Redis(port=server.port))
+        crowd = stack.enter_context(contextlib.closing(Crowd(endpoint, size.robots, size.joints)))
+        first = stack.enter_context(contextlib.ExitStack())
+
+        def start(where: contextlib.ExitStack) -> Gateway:
+            port = free_port()
+            shared = ("--zenoh-connect", endpoint, "--redis-url", server.url)
+            child = where.enter_context(process("-m", "gateway", "--port", str(port), *shared))
+            one = Gateway(port, pid_of(child))
+            where.callback(one.http.close)
+            if where is first:
+                scene.gateways[:1] = [one]
+            child.said("serving")
+            return one
+
+        def restart() -> Gateway:
+            first.close()
+            return start(first)
+
+        scene = Scene(size, crowd, store, [], restart)
+        start(first)
+        scene.gateways += [start(stack) for _ in range(count - 1)]
+        yield scene
+
+
+class Probe:
+    """Asks a gateway for next to nothing, again and again: how long others wait for the event loop."""
+
+    def __init__(self, one: Gateway, pause_s: float = 0.002) -> None:
+        self._connection = http.client.HTTPConnection("127.0.0.1", one.port)
+        self._pause_s = pause_s
+        self._took_ms: list[float] = []
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+
+    def __enter__(self) -> "Probe":
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self._thread.join()
+        self._connection.close()
+
+    @property
+    def worst_ms(self) -> float:
+        return max(self._took_ms)
+
+    @property
+    def p99_ms(self) -> float:
+        return sorted(self._took_ms)[len(self._took_ms) * 99 // 100]
+
+    def _run(self) -> None:
+        while True:
+            begin = time.perf_counter()
+            self._connection.request("GET", "/health/live")
+            self._connection.getresponse().read()
+            self._took_ms.append((time.perf_counter() - begin) * 1e3)
+            if self._ended.wait(self._pause_s):
+                return
