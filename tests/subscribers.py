@@ -121,11 +121,12 @@ class Socket:
         """Where the subscription is described."""
         return self.connection.response.headers["link"].partition(">")[0].removeprefix("<")
 
-    def raw(self) -> bytes | str:
-        return self.connection.recv(timeout=PATIENCE_S)
+    def raw(self, patience_s: float = PATIENCE_S) -> bytes | str:
+        """TimeoutError when nothing has come."""
+        return self.connection.recv(timeout=patience_s)
 
-    def next(self, media_type: str = "text/turtle") -> Said:
-        body = self.raw()
+    def next(self, media_type: str = "text/turtle", patience_s: float = PATIENCE_S) -> Said:
+        body = self.raw(patience_s)
         assert isinstance(body, str)  # RDF comes in text frames
         return said(body, media_type, self.url)
 
