@@ -60,8 +60,16 @@ check: .venv/stamp .venv-bare/stamp
 	@! git grep --untracked -nIE 'index[-]url|find[-]links|(^|[^A-Za-z0-9_.])/(home|root|work)/[A-Za-z]' || \
 	  { echo "no address of a package index and no path of one machine belongs in here"; exit 1; }
 
+# Docker is whoever's machine it is; podman needs nobody's leave.
+compose:
+	@[ -n '$(COMPOSE)' ] || docker info >/dev/null 2>&1 || command -v podman-compose >/dev/null || { \
+	  echo "Installing podman and podman-compose to run the fleet in containers."; \
+	  run=; [ "$$(id -u)" = 0 ] || run="sudo -n"; \
+	  { $$run apt-get update -qq && $$run apt-get install -qqy --no-install-recommends podman podman-compose; } >/dev/null || \
+	  { echo "Neither docker nor podman-compose is here, and none can be installed: apt install podman-compose"; exit 1; }; }
+
 # With docker compose where it works, else podman-compose, else the command that COMPOSE names. Always takes the fleet down.
-fleet-check: .venv/stamp
+fleet-check: .venv/stamp compose
 	@$(BIN)/python deploy/fleet_check --compose '$(COMPOSE)'
 
 # Tests lend their robots, gateways and clients. On loopback alone, in less than three minutes.

@@ -25,6 +25,7 @@ from starlette.requests import Request
 from websockets.sync.client import connect as websocket
 
 from gateway.observe.health import ready
+from gateway.settings import GatewaySettings
 
 
 @pytest.fixture(scope="module")
@@ -295,6 +296,17 @@ def test_expressions_select_and_group_by_labels_that_there_are() -> None:
         grouped = {label.strip() for group in re.findall(r"by \(([^)]*)\)", each) for label in group.split(",")}
         assert selected | grouped <= known, each
         assert each.count("(") == each.count(")")
+
+
+def test_what_prometheus_scrapes_is_what_the_alerts_are_about_and_the_gateways_of_the_compose_fleet() -> None:
+    config = yaml.safe_load((ROOT / "deploy/prometheus/prometheus.yml").read_text())
+    (scraped,) = config["scrape_configs"]
+    assert {job for each in expressions() for job in re.findall(r'job="([^"]+)"', each)} == {scraped["job_name"]}
+    assert all((ROOT / "deploy/prometheus" / name).is_file() for name in config["rule_files"])
+    services = yaml.safe_load((ROOT / "docker-compose.yml").read_text())["services"]
+    (found,) = scraped["dns_sd_configs"]
+    assert set(found["names"]) <= set(services)
+    assert found["port"] == GatewaySettings().port_number
 
 
 # -- the log ----------------------------------------------------------------------------------------------------------
