@@ -5,8 +5,9 @@ dead one ended), the highest incarnation is the present one.
 """
 
 import logging
+from bisect import insort
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Literal
@@ -55,13 +56,34 @@ class _Entry:
     runs: dict[int, Description | str | None] = field(default_factory=dict)
 
 
+class _ByName(Mapping[str, Robot]):
+    """In the order of the names. Who goes through it is not disturbed by robots that come meanwhile."""
+
+    def __init__(self) -> None:
+        self._robots: dict[str, Robot] = {}
+        self._names: list[str] = []
+
+    def __getitem__(self, name: str) -> Robot:
+        return self._robots[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names.copy())
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def add(self, robot: Robot) -> None:
+        self._robots[robot.name] = robot
+        insort(self._names, robot.name)  # to sort all of them for each that comes would cost most of its joining
+
+
 class Fleet:
     """Every robot that was ever seen. ``malformed`` and ``dropped`` count, by robot, what was not taken:
     malformed things are faults of the sender, dropped ones (late, of another run) happen in good order."""
 
     def __init__(self) -> None:
         self._entries: dict[str, _Entry] = {}
-        self._robots: dict[str, Robot] = {}
+        self._robots = _ByName()
         self._complaints = Complaints(_log)
         self._settings: dict[str, Mapping[str, str]] = {}
         self._leases: dict[str, Lease] = {}
@@ -77,7 +99,7 @@ class Fleet:
     @property
     def robots(self) -> Mapping[str, Robot]:
         """By name, in the order of the names; a view that is never to be changed by the reader."""
-        return MappingProxyType(self._robots)
+        return self._robots
 
     @property
     def malformed(self) -> Counter[str]:
@@ -216,5 +238,5 @@ class Fleet:
         if entry is None and len(self._entries) < MAX_ROBOTS:
             entry = self._entries[name] = _Entry(Robot(name, self._complaints.add))
             entry.robot.settings, entry.robot.lease = self._settings.get(name, {}), self._leases.get(name)
-            self._robots = {key: self._entries[key].robot for key in sorted(self._entries)}
+            self._robots.add(entry.robot)
         return entry

@@ -7,6 +7,7 @@ until proven otherwise: sizes are bounded and nothing recurses over its depth.
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Self
+from weakref import WeakValueDictionary
 from xml.etree.ElementTree import Element
 
 from gateway.fleet.xml import (
@@ -129,6 +130,14 @@ class RobotModel:
     links: dict[str, Link]
 
     @classmethod
+    def of(cls, urdf: str) -> "RobotModel":
+        """As ``parse``; robots of one URDF share one model, for as long as any of them has it."""
+        model = _shared.get(urdf)
+        if model is None:
+            model = _shared[urdf] = cls.parse(urdf)
+        return model
+
+    @classmethod
     def parse(cls, urdf: str) -> Self:
         """Read a URDF. Raises ModelError, whose text says what is wrong and where."""
         robot = parse_xml(urdf)
@@ -144,6 +153,10 @@ class RobotModel:
             below[joint.parent].append(joint.name)
         links = {name: Link(name, inertials[name], above.get(name), tuple(below[name])) for name in inertials}
         return cls(name_of(robot, "the robot"), root, joints, links)
+
+
+# A fleet has many robots and few models, which are most of what a robot costs in memory and in joining.
+_shared: WeakValueDictionary[str, RobotModel] = WeakValueDictionary()
 
 
 def _inertials(robot: Element) -> dict[str, Inertial | None]:

@@ -172,7 +172,7 @@ class Robot:
             self.model = self._kinematics = self._kinematics_fault = None
         self.description, self._fault = description, None
         try:
-            self.model = self.model or RobotModel.parse(description.urdf)
+            self.model = self.model or RobotModel.of(description.urdf)
         except ModelError as error:
             self._fault = str(error)
         else:

@@ -1,6 +1,8 @@
 """What the fleet makes of events: presence, runs, descriptions, frames, and the policy of change."""
 
+import gc
 import math
+import weakref
 
 import msgspec
 import pytest
@@ -86,6 +88,37 @@ def test_robots_are_in_the_order_of_their_names() -> None:
     for name in ("c", "a", "b"):
         fleet.apply(Appeared(name, 1), 1)
     assert list(fleet.robots) == ["a", "b", "c"]
+    assert [robot.name for robot in fleet.robots.values()] == ["a", "b", "c"]
+
+
+def test_a_robot_that_comes_disturbs_nobody_who_goes_through_them() -> None:
+    fleet = Fleet()
+    for name in ("b", "d"):
+        fleet.apply(Appeared(name, 1), 1)
+    seen = []
+    for name in fleet.robots:
+        seen.append(name)
+        fleet.apply(Appeared("a", 1), 1)
+        fleet.apply(Appeared("c", 1), 1)
+    assert (seen, list(fleet.robots)) == (["b", "d"], ["a", "b", "c", "d"])
+
+
+def test_robots_of_one_urdf_share_its_model_as_long_as_one_of_them_has_it() -> None:
+    fleet = Fleet()
+    for name in ("r", "s"):
+        fleet.apply(Appeared(name, 5), 1)
+        fleet.apply(Described(said(robot=name)), 1)
+    robots = fleet.robots
+    assert robots["r"].model is not None and robots["r"].model is robots["s"].model
+    shared = weakref.ref(robots["r"].model)
+    other = URDF.replace("upper='1'", "upper='2'")
+    fleet.apply(Described(said(urdf=other)), 2)
+    model = robots["r"].model
+    assert model is not None and model.joints["slide"].limits.upper == 2 and shared() is robots["s"].model
+    fleet.apply(Described(said(robot="s", urdf=other)), 2)
+    assert robots["s"].model is model
+    gc.collect()
+    assert shared() is None
 
 
 def test_before_the_first_frame_every_value_is_unknown() -> None:
