@@ -27,10 +27,12 @@ _PAUSE_S = 0.1  # to ask is not to be what the gateway is busy with
 
 @dataclass(frozen=True)
 class Size:
-    """How much is measured: robots, joints of each, seconds of each measurement, requests of each kind."""
+    """How much is measured: robots, joints of each, how many URDFs they have among them, seconds of each measurement,
+    requests of each kind."""
 
     robots: int = 1000
     joints: int = 18
+    models: int = 20
     seconds: float = 4.0
     requests: int = 200
     rates_hz: Sequence[float] = (1, 10, 100)
@@ -39,8 +41,9 @@ class Size:
 class Crowd:
     """The process with the robots."""
 
-    def __init__(self, endpoint: str, robots: int, joints: int) -> None:
-        command = [sys.executable, "-m", "bench.synthetic", endpoint, str(robots), str(joints)]
+    def __init__(self, endpoint: str, size: Size) -> None:
+        numbers = map(str, (size.robots, size.joints, size.models))
+        command = [sys.executable, "-m", "bench.synthetic", endpoint, *numbers]
         environment = {**os.environ, "PYTHONPATH": str(ROOT)}
         self._child = subprocess.Popen(  # noqa: S603
             command, cwd=ROOT, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
@@ -121,7 +124,7 @@ def stage(size: Size, count: int) -> Iterator[Scene]:
         stack.callback(server.discard)
         server.start()
         store = stack.enter_context(redis.Redis(port=server.port))
-        crowd = stack.enter_context(contextlib.closing(Crowd(endpoint, size.robots, size.joints)))
+        crowd = stack.enter_context(contextlib.closing(Crowd(endpoint, size)))
         first = stack.enter_context(contextlib.ExitStack())
 
         def start(where: contextlib.ExitStack) -> Gateway:

@@ -37,16 +37,16 @@ _PAGES = (
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    for name, value in (("robots", 1000), ("joints", 18), ("requests", 200)):
+    for name, value in (("robots", 1000), ("joints", 18), ("models", 20), ("requests", 200)):
         parser.add_argument(f"--{name}", type=int, default=value)
     parser.add_argument("--seconds", type=float, default=4.0, help="of each measurement")
     parser.add_argument("--gateways", type=int, nargs="+", default=[1, 2], help="a column each")
     parser.add_argument("--rates", type=float, nargs="+", default=[1, 10, 100], help="frames a second and robot")
     asked = parser.parse_args()
-    size = Size(asked.robots, asked.joints, asked.seconds, asked.requests, asked.rates)
+    size = Size(asked.robots, asked.joints, asked.models, asked.seconds, asked.requests, asked.rates)
     load = Path("/proc/loadavg").read_text().split()[0]
     machine = f"{os.cpu_count()} processors, on which {load} processes were running before"
-    print(f"{size.robots} robots of {size.joints} joints, {machine}\n")
+    print(f"{size.robots} robots of {size.joints} joints and {size.models} models, {machine}\n")
     print(table({f"{count} gateway{'s' * (count > 1)}": measure(size, count) for count in asked.gateways}))
 
 

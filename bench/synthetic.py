@@ -1,8 +1,8 @@
 """Many robots without bodies in one process: what agents say on the wire, and nothing that moves.
 
-``python -m bench.synthetic ENDPOINT COUNT JOINTS`` is a Zenoh router at ENDPOINT; gateways connect to it. Each line on
-its standard input is answered with one line of JSON: ``appear`` brings the robots in, ``rate HZ`` has each send so many
-frames a second from then on, an empty line asks what has been done since the last one. It ends with its input.
+``python -m bench.synthetic ENDPOINT COUNT JOINTS MODELS`` is a Zenoh router at ENDPOINT; gateways connect to it. Each
+line on its standard input is answered with one line of JSON: ``appear`` brings the robots in, ``rate HZ`` has each send
+so many frames a second from then on, an empty line asks what has been done since the last one. It ends with its input.
 
 The first joint of every robot stands at the time of its frame, in seconds since the ``epoch_ns`` of CLOCK_MONOTONIC,
 as radian: whoever reads it knows how old it is.
@@ -42,8 +42,8 @@ def name_of(number: int) -> str:
     return f"robot-{number:05}"
 
 
-def urdf(joints: int) -> str:
-    """An arm of so many continuous joints, which is a chain of links with all that URDF says of them."""
+def urdf(joints: int, model: int = 0) -> str:
+    """An arm of so many continuous joints, a chain of links with all that URDF says of them. Each model is another."""
     link = (
         '<link name="link_{0}"><inertial><origin xyz="0 0 0.05" rpy="0 0 0"/><mass value="1.5"/>'
         '<inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.005"/></inertial>'
@@ -56,7 +56,7 @@ def urdf(joints: int) -> str:
         '<dynamics friction="0.1" damping="0.2"/></joint>'
     )
     links = "".join(link.format(number) for number in range(joints + 1))
-    return f'<robot name="synthetic">{links}{"".join(joint.format(n, n + 1) for n in range(joints))}</robot>'
+    return f'<robot name="synthetic-{model}">{links}{"".join(joint.format(n, n + 1) for n in range(joints))}</robot>'
 
 
 @dataclass
@@ -96,14 +96,14 @@ def robot(name: str, joints: int, model: str) -> Robot:
 class Crowd:
     """All robots on one session. Frames leave in one thread, answers in those of Zenoh."""
 
-    def __init__(self, session: zenoh.Session, count: int, joints: int) -> None:
+    def __init__(self, session: zenoh.Session, count: int, joints: int, models: int) -> None:
         self.epoch_ns = time.monotonic_ns()
         self.rate_hz = 0.0
         self._session = session
         self._done: Counter[str] = Counter()
-        model = urdf(joints)
+        made = [urdf(joints, number) for number in range(models)]
         self._here: list[Robot] = []
-        self._all = [robot(name_of(number), joints, model) for number in range(count)]
+        self._all = [robot(name_of(number), joints, made[number % models]) for number in range(count)]
         self._ended = threading.Event()
         self._questions: queue.SimpleQueue[tuple[Any, str, Answer] | None] = queue.SimpleQueue()
         self._ends: queue.SimpleQueue[tuple[Robot, bytes] | None] = queue.SimpleQueue()
@@ -195,7 +195,7 @@ def _stand(payload: bytes) -> bytes:
 
 
 def main() -> None:
-    endpoint, count, joints = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
+    endpoint, (count, joints, models) = sys.argv[1], map(int, sys.argv[2:5])
     config = zenoh.Config()
     for key, value in {
         "mode": "router",
@@ -205,7 +205,7 @@ def main() -> None:
     }.items():
         config.insert_json5(key, json.dumps(value))
     with zenoh.open(config) as session:
-        crowd = Crowd(session, count, joints)
+        crowd = Crowd(session, count, joints, models)
         print(json.dumps({"epoch_ns": crowd.epoch_ns, "pid": os.getpid()}), flush=True)
         try:
             for line in sys.stdin:
