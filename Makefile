@@ -47,7 +47,7 @@ chromium:
 	  echo "Chromium cannot be installed here; the tests of the pages will fail: apt install chromium"; }
 
 test-fast: .venv/stamp $(ASSETS)
-	$(BIN)/python -m pytest -m "not fleet" --ignore tests/fleet --ignore tests/requirements --ignore tests/subscriptions --ignore tests/store --ignore tests/face --ignore tests/test_demo.py $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -m "not fleet" --ignore tests/fleet --ignore tests/requirements --ignore tests/subscriptions --ignore tests/store --ignore tests/face --ignore tests/bench --ignore tests/test_demo.py $(PYTEST_ARGS)
 
 check: .venv/stamp .venv-bare/stamp
 	$(BIN)/ruff check .
