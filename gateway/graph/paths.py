@@ -15,8 +15,9 @@ RESERVED_IN_ROBOT = frozenset(
 )
 _LINK_MARK = "~link"  # no escape: "~l" is no hexadecimal digit, so the mark cannot be part of a name
 
-# A robot has over a hundred parts, each named in every description of it.
-_segment = lru_cache(maxsize=4096)(escape)
+# A robot has over a hundred parts, each named in every description of it; and a fleet names all its robots in turn, of
+# which a cache that is too small for them holds none.
+_segment = lru_cache(maxsize=32_768)(escape)
 
 
 def robot_path(robot: str) -> str:

@@ -22,6 +22,7 @@ from gateway.graph.invocation import invocation_path
 from gateway.graph.kinds import kind_of
 from gateway.graph.lease import describe_lease
 from gateway.graph.paths import (
+    RESERVED_AT_ROOT,
     RESERVED_IN_ROBOT,
     is_below,
     joint_path,
@@ -63,7 +64,8 @@ class Tree:
             return self._fleet_resource()
         head, *rest = path[1:].split("/")
         # Only such paths can name what the fleet itself owns; the links of all robots are made for nobody else.
-        if rest in ([], [""]) and (found := self._at_root(head)) is not None:
+        reserved = head in RESERVED_AT_ROOT and rest in ([], [""])
+        if reserved and (found := self._at_root(head)) is not None:
             return Redirect(found.path) if rest else found
         if head == "assets":
             return asset(rest)
