@@ -53,7 +53,20 @@ def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningFleet]:
         running = RunningFleet(f"http://127.0.0.1:{port}/", zenoh, gateway, agents)
         with contextlib.closing(Browser(running.root)) as browser:
             eventually(lambda: all_live(browser, len(ROBOTS)), "five live robots")
+        _running.append(running)
         yield running
+
+
+_running: list[RunningFleet] = []
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown(nextitem: pytest.Item | None) -> None:
+    """A third of a core is free for the other tests as soon as all that need the fleet have had it."""
+    if "PYTEST_XDIST_WORKER" in os.environ and nextitem and not nextitem.nodeid.startswith(_OF_THE_FLEET):
+        for running in _running:
+            running.agents.stop()
+            running.gateway.stop()
 
 
 @pytest.fixture(scope="session")
