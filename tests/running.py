@@ -27,13 +27,13 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def eventually(probe: Callable[[], T | None], what: str) -> T:
+def eventually(probe: Callable[[], T | None], what: str | Callable[[], str]) -> T:
     """The first true value of ``probe``; AssertionError naming ``what`` when it never comes."""
     deadline = time.monotonic() + PATIENCE_S
     while True:
         if value := probe():
             return value
-        assert time.monotonic() < deadline, f"never happened: {what}"
+        assert time.monotonic() < deadline, f"never happened: {what if isinstance(what, str) else what()}"
         time.sleep(0.01)
 
 

@@ -150,7 +150,14 @@ def test_r1_8_ten_thousand_subscriptions_leave_nothing_behind(tmp_path_factory: 
         emptied(browser, container)
         assert _rss_kib(pid) - before < GROWTH_KIB
         eventually(lambda: _files(pid) <= files + TO_REDIS, "connections closed")
-        eventually(lambda: _lasting_keys(place.state) <= keys | {"fleet:news"}, "nothing left in Redis")
+        left: set[str] = set()
+
+        def nothing_left() -> bool:
+            left.clear()
+            left.update(_lasting_keys(place.state) - keys - {"fleet:news"})
+            return not left
+
+        eventually(nothing_left, lambda: f"nothing left in Redis of {left}")
         assert "Traceback" not in gateway.output, gateway.output
 
 
