@@ -28,7 +28,7 @@ def complaints(
     if open_endpoints and "plain-zenoh" not in allowed:
         found.append(
             f"anybody who reaches {', '.join(open_endpoints)} could be a robot or move one: listen on tls/… or quic/… "
-            "with LINKED_FLEET_ZENOH_CA, …_CERT, …_KEY and …_ACCESS, on loopback, or not at all (…_CONNECT to a router), "
+            "with LINKED_FLEET_ZENOH_CA, …_CERT, …_KEY and …_ACCESS, on loopback, or nowhere (…_CONNECT to a router), "
             "or say LINKED_FLEET_ALLOW=plain-zenoh"
         )
     return found

@@ -35,18 +35,19 @@ _LEASE_MS = 2_000
 
 @dataclass(frozen=True)
 class Agent:
-    """``robots`` are those that it may be; None: any."""
+    """``robots`` are those that it may be, None for any; ``hosts`` where it listens, if it does."""
 
     name: str
     robots: tuple[str, ...] | None
+    hosts: tuple[str, ...] = ()
 
     @classmethod
     def parse(cls, text: str) -> "Agent":
-        name, separator, robots = text.partition("=")
+        said, _, host = text.partition("@")
+        name, separator, robots = said.partition("=")
         common_name(name)  # ValueError
-        if robots == "*":
-            return cls(name, None)
-        return cls(name, tuple(robots.split("+")) if separator else (name,))
+        own = tuple(robots.split("+")) if separator else (name,)
+        return cls(name, None if robots == "*" else own, (host,) if host else ())
 
 
 def main() -> int:
@@ -71,7 +72,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("folder", type=Path)
     for flag, default, meaning in (
-        ("agent", "", "NAME: the robot of that name; NAME=ROBOT+ROBOT: these robots; NAME=*: any robot"),
+        (
+            "agent",
+            "",
+            "NAME: the robot of that name; NAME=ROBOT+ROBOT: these robots; NAME=*: any robot; …@HOST: it listens there",
+        ),
         ("router", "localhost,127.0.0.1", "names and addresses by which routers are reached"),
         ("gateway", "", "those by which gateways are, where agents connect to them"),
         ("listen", "tls/[::]:7447", "endpoints on which the router listens"),
@@ -94,7 +99,7 @@ def _make(authority: Authority, agents: Sequence[Agent], routers: Sequence[str],
     authority.certify("gateway", GATEWAY, gateways)
     for agent in agents:
         name = common_name(agent.name)
-        authority.certify(f"agents/{name}", name)
+        authority.certify(f"agents/{name}", name, agent.hosts)
 
 
 def _router(folder: Path, listen: Sequence[str], connect: Sequence[str], access: object) -> dict[str, object]:
