@@ -17,10 +17,11 @@ from agents.wire.trust import is_loopback, open_to_all
 from gateway.app import create_app
 from gateway.exposure import complaints
 from gateway.http.protocol import HttpProtocol, WebSocketProtocol
-from gateway.http.tls import Certificate
+from gateway.http.tls import Certificate, secured
 from gateway.link import LinkError
 from gateway.observe.log import configure
 from gateway.observe.tracing import Tracing, TracingUnavailable, open_tracing
+from gateway.session import trust
 from gateway.settings import GatewaySettings
 from gateway.store.connection import BadUrl
 from gateway.store.embedded import EmbeddedError
@@ -88,7 +89,8 @@ def main() -> int:
 
 
 def _refuse_exposure(settings: GatewaySettings) -> None:
-    """ValueError, in one line, for what may not be reached from other machines as it is."""
+    """ValueError, in one line, for what may not be reached from other machines as it is, or proves nothing."""
+    trust(settings.credentials, settings.zenoh_access)
     # Whom a certificate names does not matter where nobody has said what each of them may do.
     proof = settings.credentials if settings.zenoh_access else None
     found = complaints(
@@ -118,11 +120,10 @@ async def _serve(
         timeout_graceful_shutdown=_DRAIN_S,
         # On h11. httptools loses the body of a request whose Upgrade is ignored (uvicorn issue 2722), and the authority
         # of an absolute request target, and makes a 400 of every method that it does not know.
-        http=HttpProtocol,
+        http=secured(HttpProtocol, certificate.context) if certificate else HttpProtocol,
         # One framed buffer serves all subscribers, so there is no compression; and clients have nothing to say.
         ws=WebSocketProtocol, ws_per_message_deflate=False, ws_max_size=_WEBSOCKET_BYTES,
         ws_ping_interval=_PING_S, ws_ping_timeout=_PING_S,
-        ssl_context_factory=(lambda *_: certificate.context) if certificate else None,
     )  # fmt: skip
     app.state.draining = False
     server = _Server(config, app)

@@ -1,15 +1,23 @@
-"""The gateway's own TLS, whose certificate can be replaced while it serves."""
+"""The gateway's own TLS: a certificate that can be replaced, and connections of which one knows what waits in them."""
 
 import asyncio
 import logging
 import ssl
+from asyncio.sslproto import SSLProtocol
+from asyncio.transports import BaseTransport, Transport
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any, cast
 
 from agents.wire.trust import check_pair
 
 log = logging.getLogger(__name__)
 LOOK_S = 10.0
 """How often the files are looked at."""
+_HANDSHAKE_S = 10
+_FAREWELL_S = 10  # for the other side's part of it, and for what still waits
+_ENCRYPTED_BYTES = 16 * 1024
+_BENEATH = "linked-fleet.beneath"
 
 
 class Certificate:
@@ -54,3 +62,38 @@ class Certificate:
             except OSError:  # in the middle of being replaced, or gone: reload says so
                 state.append(None)
         return state
+
+
+class TlsProtocol(SSLProtocol):
+    """TLS on top of a connection, of which one can ask what waits beneath.
+
+    This is asyncio's own, which is written in Python: uvloop's does not tell what it has given to TCP, so nobody would
+    see that a reader has stalled.
+    """
+
+    def connection_made(self, transport: BaseTransport) -> None:
+        self._extra[_BENEATH] = transport
+        cast(Transport, transport).set_write_buffer_limits(high=_ENCRYPTED_BYTES)
+        super().connection_made(transport)
+
+
+def unsent(transport: BaseTransport) -> int:
+    """Bytes that wait in this process for the reader, in whichever form.
+
+    Under TLS ``get_write_buffer_size``, by which a protocol is told to pause, leaves out what is beneath.
+    """
+    above = cast(Transport, transport)
+    beneath: Transport | None = above.get_extra_info(_BENEATH)
+    return above.get_write_buffer_size() + (0 if beneath is None else beneath.get_write_buffer_size())
+
+
+def secured(inner: Callable[..., asyncio.Protocol], context: ssl.SSLContext) -> Any:
+    """What the server makes for each connection in the place of ``inner``, which then has it once hands are shaken."""
+
+    def make(**arguments: Any) -> asyncio.BaseProtocol:
+        return TlsProtocol(
+            asyncio.get_running_loop(), inner(**arguments), context, None, server_side=True,  # type: ignore[arg-type]  # nobody waits for it
+            ssl_handshake_timeout=_HANDSHAKE_S, ssl_shutdown_timeout=_FAREWELL_S,
+        )  # fmt: skip
+
+    return make
