@@ -41,10 +41,10 @@ class Certificate:
         else:
             log.info("new connections get the certificate of %s as it is now", self._certificate)
 
-    async def follow(self) -> None:
+    async def follow(self, look_s: float = LOOK_S) -> None:
         """Reload whenever the files have changed, until cancelled."""
         while True:
-            await asyncio.sleep(LOOK_S)
+            await asyncio.sleep(look_s)
             if self._state() != self._seen:
                 self.reload()
 

@@ -195,6 +195,29 @@ def test_a_certificate_is_replaced_while_it_is_in_use(folder: Path) -> None:
     run(test)
 
 
+def test_files_that_change_are_noticed(folder: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """Half a change, a certificate without its key, is none yet."""
+    pair = {ending: tmp_path / f"used.{ending}" for ending in ("pem", "key")}
+
+    def put(name: str, ending: str) -> None:
+        pair[ending].write_bytes((folder / f"{name}.{ending}").read_bytes())
+
+    async def test() -> None:
+        for ending in pair:
+            put("router", ending)
+        used = Certificate(str(pair["pem"]), str(pair["key"]))
+        following = asyncio.create_task(used.follow(0.01))
+        with caplog.at_level("INFO", "gateway.http.tls"):
+            put("gateway", "pem")
+            await until(lambda: "the certificate in use stays" in caplog.text)
+            assert "new connections" not in caplog.text
+            put("gateway", "key")
+            await until(lambda: "new connections get the certificate" in caplog.text)
+        following.cancel()
+
+    run(test)
+
+
 def test_no_old_tls_and_nothing_in_the_clear(folder: Path, certificate: Certificate) -> None:
     async def test() -> None:
         async with serving(App(), http=secured(HttpProtocol, certificate.context)) as (server, port):
