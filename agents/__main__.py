@@ -79,7 +79,9 @@ async def _run(settings: AgentSettings, agents: list[Agent], tracing: Tracing | 
 
 async def _serve(settings: AgentSettings, agents: list[Agent], tracing: Tracing | None) -> None:
     async with (
-        open_session(settings.zenoh_connect, settings.zenoh_listen, settings.lease_ms) as session,
+        open_session(
+            settings.zenoh_connect, settings.zenoh_listen, settings.lease_ms, settings.credentials, settings.keys
+        ) as session,
         asyncio.TaskGroup() as tasks,
     ):
         for agent in agents:

@@ -14,7 +14,9 @@ import zenoh
 from agents.meshes import MeshError
 from agents.tracing import Tracing
 from agents.wire import traceparent
+from agents.wire.access import of_agent
 from agents.wire.keys import Keys
+from agents.wire.trust import Credentials
 
 _log = logging.getLogger(__name__)
 
@@ -28,8 +30,17 @@ class DuplicateNameError(Exception):
     """Another agent with the same robot name is alive; the message says which run of it."""
 
 
-def configuration(connect: tuple[str, ...], listen: tuple[str, ...], lease_ms: int) -> zenoh.Config:
-    """A client of the endpoints in ``connect``; a peer when it listens itself. Multicast scouting is off."""
+def configuration(
+    connect: tuple[str, ...],
+    listen: tuple[str, ...],
+    lease_ms: int,
+    credentials: Credentials | None = None,
+    keys: Keys | None = None,
+) -> zenoh.Config:
+    """A client of the endpoints in ``connect``; a peer when it listens itself. Multicast scouting is off.
+
+    A peer with ``credentials`` takes commands, under ``keys``, from those alone who prove to be gateways or routers.
+    """
     config = zenoh.Config()
     values: dict[str, object] = {
         # Clients see each other through one router or peer, so a second agent of the same name is noticed.
@@ -43,6 +54,10 @@ def configuration(connect: tuple[str, ...], listen: tuple[str, ...], lease_ms: i
         "scouting/multicast/enabled": False,
         "transport/link/tx/lease": lease_ms,
     }
+    if credentials is not None:
+        values |= credentials.configuration()
+        if listen:
+            values["access_control"] = of_agent(keys or Keys())
     for key, value in values.items():
         config.insert_json5(key, json.dumps(value))
     return config
@@ -50,13 +65,17 @@ def configuration(connect: tuple[str, ...], listen: tuple[str, ...], lease_ms: i
 
 @asynccontextmanager
 async def open_session(
-    connect: tuple[str, ...], listen: tuple[str, ...] = (), lease_ms: int = 2_000
+    connect: tuple[str, ...],
+    listen: tuple[str, ...] = (),
+    lease_ms: int = 2_000,
+    credentials: Credentials | None = None,
+    keys: Keys | None = None,
 ) -> AsyncIterator[zenoh.Session]:
     """A session that several links may share. Waits until an endpoint answers, however long that takes.
 
     Afterwards zenoh itself reconnects and declares everything again. A wrong endpoint syntax is a zenoh.ZError.
     """
-    config = configuration(connect, listen, lease_ms)
+    config = configuration(connect, listen, lease_ms, credentials, keys)
     session, waiting = None, False
     while session is None:
         try:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from agents.motion import Sway
 from agents.wire.keys import Keys
 from agents.wire.names import escape
+from agents.wire.trust import Credentials, open_to_all
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,10 @@ SETTINGS = (
     Setting("LINKED_FLEET_NAMESPACE", "fleet", "prefix of every Zenoh key"),
     Setting("LINKED_FLEET_ZENOH_CONNECT", "tcp/127.0.0.1:7447", "endpoints of gateways or routers, comma-separated"),
     Setting("LINKED_FLEET_ZENOH_LISTEN", "", "endpoints to listen on as a Zenoh peer, comma-separated"),
+    Setting("LINKED_FLEET_ZENOH_CA", "", "certificate of the authority whose word counts on tls and quic links"),
+    Setting("LINKED_FLEET_ZENOH_CERT", "", "certificate by which the others know this process"),
+    Setting("LINKED_FLEET_ZENOH_KEY", "", "its private key"),
+    Setting("LINKED_FLEET_ALLOW", "", "plain-zenoh: listen beyond loopback although anybody may then move the robots"),
     Setting("LINKED_FLEET_ROBOT", "", "robots, comma-separated: NAME, NAME=MODEL or NAME=FILE.urdf[:floating]", True),
     Setting("LINKED_FLEET_SWAY", "", "demonstration, comma-separated: ROBOT:JOINT goes to and fro", True),
     Setting("LINKED_FLEET_RATE_HZ", "100", "state frames per second and robot"),
@@ -62,6 +67,7 @@ class AgentSettings:
     keys: Keys = field(default_factory=Keys)
     zenoh_connect: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
     zenoh_listen: tuple[str, ...] = ()
+    credentials: Credentials | None = None
     sways: tuple[tuple[str, Sway], ...] = ()
     rate_hz: float = 100.0
     lease_ms: int = 2_000
@@ -80,11 +86,14 @@ def read_settings(arguments: Sequence[str], environment: Mapping[str, str], host
     names = [robot.name for robot in robots]
     if not robots or len(set(names)) != len(names):
         raise SettingsError(f"--robot: at least one, and no name twice; got {names}")
+    credentials = _credentials(text["ca"], text["cert"], text["key"])
+    _check_exposure(_parts(text["listen"]), credentials, _parts(text["allow"]))
     return AgentSettings(
         robots=robots,
         keys=_keys(text["namespace"]),
         zenoh_connect=_parts(text["connect"]),
         zenoh_listen=_parts(text["listen"]),
+        credentials=credentials,
         sways=tuple(_sway(part, names, host) for part in _parts(text["sway"])),
         rate_hz=_number("LINKED_FLEET_RATE_HZ", text["rate_hz"], 1, 1_000),
         lease_ms=int(_number("LINKED_FLEET_LEASE_MS", text["lease_ms"], 200, 60_000)),
@@ -131,6 +140,24 @@ def _keys(namespace: str) -> Keys:
         return Keys(namespace)
     except ValueError as error:
         raise SettingsError(f"LINKED_FLEET_NAMESPACE: {error}") from error
+
+
+def _credentials(authority: str, certificate: str, key: str) -> Credentials | None:
+    try:
+        return Credentials.given(authority, certificate, key)
+    except ValueError as error:
+        raise SettingsError(str(error)) from error
+
+
+def _check_exposure(listen: Sequence[str], credentials: Credentials | None, allowed: Sequence[str]) -> None:
+    if not set(allowed) <= {"plain-zenoh"}:
+        raise SettingsError(f"LINKED_FLEET_ALLOW: plain-zenoh is all that can be allowed, not {', '.join(allowed)}")
+    exposed = open_to_all(listen, credentials)
+    if exposed and not allowed:
+        raise SettingsError(
+            f"anybody who reaches {', '.join(exposed)} could move the robots: listen on tls/… or quic/… with "
+            "LINKED_FLEET_ZENOH_CA, …_CERT and …_KEY, on loopback, or not at all; or say LINKED_FLEET_ALLOW=plain-zenoh"
+        )
 
 
 def _number(variable: str, text: str, least: float, most: float) -> float:

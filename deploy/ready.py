@@ -2,11 +2,16 @@
 
 import http.client
 import os
+import ssl
 import sys
 
 
 def main() -> int:
-    connection = http.client.HTTPConnection("127.0.0.1", int(os.environ.get("LINKED_FLEET_PORT", "8000")), timeout=4)
+    port = int(os.environ.get("LINKED_FLEET_PORT", "8000"))
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=4)
+    if os.environ.get("LINKED_FLEET_TLS_CERT"):
+        # It is this very container that is asked; its certificate names it as others know it.
+        connection = http.client.HTTPSConnection("127.0.0.1", port, timeout=4, context=_unverified())
     try:
         connection.request("GET", "/health/ready")
         answer = connection.getresponse()
@@ -15,6 +20,12 @@ def main() -> int:
         print(error)
         return 1
     return 0 if answer.status == http.client.OK else 1
+
+
+def _unverified() -> ssl.SSLContext:
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+    return context
 
 
 if __name__ == "__main__":

@@ -6,18 +6,22 @@ import os
 import signal
 import socket
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager
 
 import uvicorn
 import uvloop
 from starlette.applications import Starlette
 
+from agents.wire.trust import is_loopback, open_to_all
 from gateway.app import create_app
+from gateway.exposure import complaints
 from gateway.http.protocol import HttpProtocol, WebSocketProtocol
+from gateway.http.tls import Certificate, secured
 from gateway.link import LinkError
 from gateway.observe.log import configure
 from gateway.observe.tracing import Tracing, TracingUnavailable, open_tracing
+from gateway.session import trust
 from gateway.settings import GatewaySettings
 from gateway.store.connection import BadUrl
 from gateway.store.embedded import EmbeddedError
@@ -61,6 +65,8 @@ def main() -> int:
     try:
         settings = GatewaySettings.read(os.environ, sys.argv[1:])
         configure(settings.log_format)
+        _refuse_exposure(settings)
+        certificate = Certificate(settings.tls_cert, settings.tls_key) if settings.tls_cert else None
         tracing = open_tracing(os.environ, settings.gateway_name)
         listener = _listen(settings.host, settings.port_number)
     except (ValueError, OSError) as error:
@@ -72,7 +78,7 @@ def main() -> int:
     # Plans are computed in threads; the event loop is not to wait 5 ms for each piece of their work.
     sys.setswitchinterval(_SWITCH_S)
     try:
-        return uvloop.run(_serve(settings, listener, tracing))
+        return uvloop.run(_serve(settings, listener, certificate, tracing))
     except (LinkError, EmbeddedError, BadUrl) as error:
         print(f"gateway: {error}", file=sys.stderr)
         return 1
@@ -82,12 +88,30 @@ def main() -> int:
             tracing.close()
 
 
+def _refuse_exposure(settings: GatewaySettings) -> None:
+    """ValueError, in one line, for what may not be reached from other machines as it is, or proves nothing."""
+    trust(settings.credentials, settings.zenoh_access)
+    # Whom a certificate names does not matter where nobody has said what each of them may do.
+    proof = settings.credentials if settings.zenoh_access else None
+    found = complaints(
+        exposed=not is_loopback(settings.host),
+        tls=bool(settings.tls_cert),
+        identities=bool(settings.identities),
+        open_endpoints=open_to_all(settings.listen_endpoints, proof),
+        allowed=settings.allowed,
+    )
+    if found:
+        raise ValueError(f"refused: {'; '.join(found)}")
+
+
 def _is_news(record: logging.LogRecord) -> bool:
     """Whether a message of uvicorn is worth a line."""
     return not str(record.msg).startswith(_ORDINARY)
 
 
-async def _serve(settings: GatewaySettings, listener: socket.socket, tracing: Tracing | None) -> int:
+async def _serve(
+    settings: GatewaySettings, listener: socket.socket, certificate: Certificate | None, tracing: Tracing | None
+) -> int:
     app = create_app(settings, tracing)
     # The lifespan is entered here, not by the server: its errors stay exceptions, and the address is printed when true.
     config = uvicorn.Config(
@@ -96,7 +120,7 @@ async def _serve(settings: GatewaySettings, listener: socket.socket, tracing: Tr
         timeout_graceful_shutdown=_DRAIN_S,
         # On h11. httptools loses the body of a request whose Upgrade is ignored (uvicorn issue 2722), and the authority
         # of an absolute request target, and makes a 400 of every method that it does not know.
-        http=HttpProtocol,
+        http=secured(HttpProtocol, certificate.context) if certificate else HttpProtocol,
         # One framed buffer serves all subscribers, so there is no compression; and clients have nothing to say.
         ws=WebSocketProtocol, ws_per_message_deflate=False, ws_max_size=_WEBSOCKET_BYTES,
         ws_ping_interval=_PING_S, ws_ping_timeout=_PING_S,
@@ -105,10 +129,24 @@ async def _serve(settings: GatewaySettings, listener: socket.socket, tracing: Tr
     server = _Server(config, app)
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, server.leave, number)
-    async with app.router.lifespan_context(app):
+    async with app.router.lifespan_context(app), _followed(certificate):
         print(f"serving {settings.public_urls[0]}/", flush=True)
         await server.serve(sockets=[listener])
     return 0
+
+
+@asynccontextmanager
+async def _followed(certificate: Certificate | None) -> AsyncIterator[None]:
+    """Meanwhile a new certificate is taken when its files change, and at once on SIGHUP."""
+    if certificate is None:
+        yield
+        return
+    asyncio.get_running_loop().add_signal_handler(signal.SIGHUP, certificate.reload)
+    following = asyncio.create_task(certificate.follow())
+    try:
+        yield
+    finally:
+        following.cancel()
 
 
 def _listen(host: str, port: int) -> socket.socket:

@@ -10,8 +10,9 @@ import contextlib
 import json
 import logging
 import threading
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from types import MappingProxyType
 from typing import Any, Self, TypeVar
 
 import zenoh
@@ -61,7 +62,8 @@ def _bounded(payload: zenoh.ZBytes, limit: int) -> Payload:
 class FleetLink:
     """An open link, as an async context manager. Raises LinkError on entry.
 
-    ``on_events`` and ``on_progress`` are called in the event loop, one batch after another.
+    ``on_events`` and ``on_progress`` are called in the event loop, one batch after another. ``trust`` is Zenoh's
+    configuration of who proves what to whom.
     """
 
     def __init__(
@@ -72,11 +74,13 @@ class FleetLink:
         connect: tuple[str, ...],
         on_events: Callable[[list[Event]], None],
         on_progress: Callable[[str, Progress], None],
+        trust: Mapping[str, object] = MappingProxyType({}),
     ) -> None:
         self._keys = keys
         self._gateway_name = gateway_name
         self._listen = listen
         self._connect = connect
+        self._trust = trust
         self._on_events = on_events
         self._tell_progress = on_progress
         self._complaints = Complaints(_log)
@@ -226,8 +230,11 @@ class FleetLink:
 
     async def _open(self) -> zenoh.Session:
         config = zenoh.Config()
-        for name, value in settings(self._listen, self._connect).items():
-            config.insert_json5(name, json.dumps(value))
+        for name, value in settings(self._listen, self._connect, self._trust).items():
+            try:
+                config.insert_json5(name, json.dumps(value))
+            except zenoh.ZError as error:
+                raise LinkError(f"Zenoh does not take {name}: {str(error).splitlines()[0]}") from error
         patience = self._loop.time() + BIND_PATIENCE_S
         while True:
             try:

@@ -46,6 +46,7 @@ class Live:
             settings.connect_endpoints,
             self._on_events,
             lambda robot, progress: self.on_progress(robot, progress),
+            settings.trust,
         )
         self.meshes = Meshes(self.link.mesh)
 

@@ -1,11 +1,31 @@
 """How the gateway's Zenoh session is set up, and what is said when it does not open. Pure."""
 
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+from agents.wire.trust import Credentials
+
 LEASE_MS = 2_500
 
 
-def settings(listen: tuple[str, ...], connect: tuple[str, ...]) -> dict[str, object]:
+def trust(credentials: Credentials | None, access_file: str) -> dict[str, object]:
+    """What ``settings`` has besides where neighbours prove who they are. ValueError for a file that is none."""
+    values = credentials.configuration() if credentials is not None else {}
+    if access_file:
+        try:
+            values["access_control"] = json.loads(Path(access_file).read_text())
+        except OSError as error:
+            raise ValueError(f"LINKED_FLEET_ZENOH_ACCESS: {access_file} cannot be read: {error.strerror}") from None
+        except ValueError as error:
+            raise ValueError(f"LINKED_FLEET_ZENOH_ACCESS: {access_file} is no JSON: {error}") from None
+    return values
+
+
+def settings(listen: tuple[str, ...], connect: tuple[str, ...], trust: Mapping[str, object]) -> dict[str, object]:
     """Router mode, because a peer hears no other peer through a router and a client cannot open without one."""
     return {
+        **trust,
         "mode": "router",
         "listen/endpoints": list(listen),
         "listen/exit_on_failure": True,

@@ -8,7 +8,10 @@ from ipaddress import IPv4Network, IPv6Network, ip_network
 from pathlib import Path
 
 from agents.wire.keys import Keys as ZenohKeys
+from agents.wire.trust import Credentials
+from gateway.exposure import EXPOSURES
 from gateway.observe.log import FORMS
+from gateway.session import trust
 from gateway.subscriptions.keys import Keys
 
 
@@ -27,11 +30,31 @@ class GatewaySettings:
         "",
         "base URLs under which the fleet is known, comma-separated (default: the address)",
     )
+    tls_cert: str = _setting("LINKED_FLEET_TLS_CERT", "", "certificate chain (PEM) for HTTPS")
+    tls_key: str = _setting("LINKED_FLEET_TLS_KEY", "", "private key (PEM) of that certificate")
+    identities: str = _setting("LINKED_FLEET_IDENTITIES", "", "file of those who may use the fleet")
+    allow: str = _setting(
+        "LINKED_FLEET_ALLOW",
+        "",
+        "what would be refused beyond loopback: plain-http, anonymous, plain-zenoh; comma-separated",
+    )
     namespace: str = _setting("LINKED_FLEET_NAMESPACE", "fleet", "prefix of every Zenoh and Redis key")
     zenoh_listen: str = _setting(
         "LINKED_FLEET_ZENOH_LISTEN", "", "Zenoh endpoints to listen on (default: tcp/127.0.0.1:7447 without a router)"
     )
     zenoh_connect: str = _setting("LINKED_FLEET_ZENOH_CONNECT", "", "Zenoh endpoints to connect to, comma-separated")
+    zenoh_ca: str = _setting(
+        "LINKED_FLEET_ZENOH_CA", "", "certificate of the authority whose word counts on tls and quic links"
+    )
+    zenoh_cert: str = _setting(
+        "LINKED_FLEET_ZENOH_CERT", "", "certificate by which robots and routers know the gateway"
+    )
+    zenoh_key: str = _setting("LINKED_FLEET_ZENOH_KEY", "", "its private key")
+    zenoh_access: str = _setting(
+        "LINKED_FLEET_ZENOH_ACCESS",
+        "",
+        "who may say what to a gateway that listens: access.json of deploy/certificates",
+    )
     redis_url: str = _setting("REDIS_URL", "", "Redis or Valkey that remembers subscriptions (default: embedded)")
     state_dir: str = _setting(
         "LINKED_FLEET_STATE_DIR", "", "folder of the embedded server's data (default: $XDG_STATE_HOME/linked-fleet)"
@@ -59,6 +82,10 @@ class GatewaySettings:
             )
         if self.log_format not in FORMS:
             raise ValueError(f"LINKED_FLEET_LOG_FORMAT is text or json, not {self.log_format!r}")
+        if bool(self.tls_cert) != bool(self.tls_key):
+            raise ValueError("LINKED_FLEET_TLS_CERT and LINKED_FLEET_TLS_KEY are given together, or neither")
+        if unknown := [name for name in self.allowed if name not in EXPOSURES]:
+            raise ValueError(f"LINKED_FLEET_ALLOW is of {', '.join(EXPOSURES)}, not {', '.join(unknown)}")
         ZenohKeys(self.namespace), Keys(self.namespace)  # ValueError
         for network in _items(self.callback_allow):
             try:
@@ -76,9 +103,10 @@ class GatewaySettings:
         if self.public_url:
             return tuple(url.rstrip("/") for url in _items(self.public_url))
         host = f"[{self.host}]" if ":" in self.host else self.host
-        urls = [f"http://{host}:{self.port}"]
+        scheme = "https" if self.tls_cert else "http"
+        urls = [f"{scheme}://{host}:{self.port}"]
         if self.host in ("127.0.0.1", "::1", "localhost"):
-            urls += [f"http://{name}:{self.port}" for name in ("127.0.0.1", "localhost", "[::1]")]
+            urls += [f"{scheme}://{name}:{self.port}" for name in ("127.0.0.1", "localhost", "[::1]")]
         return tuple(dict.fromkeys(urls))
 
     @property
@@ -90,6 +118,20 @@ class GatewaySettings:
     @property
     def connect_endpoints(self) -> tuple[str, ...]:
         return _items(self.zenoh_connect)
+
+    @property
+    def allowed(self) -> tuple[str, ...]:
+        return _items(self.allow)
+
+    @property
+    def credentials(self) -> Credentials | None:
+        """By which Zenoh's neighbours know the gateway, and it them; ValueError for files that are none."""
+        return Credentials.given(self.zenoh_ca, self.zenoh_cert, self.zenoh_key)
+
+    @property
+    def trust(self) -> dict[str, object]:
+        """Zenoh's configuration of who proves what to whom; ValueError for files that are none."""
+        return trust(self.credentials, self.zenoh_access)
 
     @property
     def state_path(self) -> Path:

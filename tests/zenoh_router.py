@@ -1,4 +1,4 @@
-"""A Zenoh router as a process of its own, as ``zenohd`` would be: LISTEN and endpoints of other routers."""
+"""A Zenoh router as a process of its own, as ``zenohd`` would be: LISTEN and endpoints of other routers, or a file."""
 
 import json
 import signal
@@ -8,6 +8,13 @@ import zenoh
 
 
 def main(listen: str, *others: str) -> None:
+    config = zenoh.Config.from_file(listen) if listen.endswith(".json5") else _configuration(listen, *others)
+    with zenoh.open(config):
+        print("routing", flush=True)
+        signal.sigwait({signal.SIGTERM, signal.SIGINT})
+
+
+def _configuration(listen: str, *others: str) -> zenoh.Config:
     config = zenoh.Config()
     for name, value in {
         "mode": "router",
@@ -19,9 +26,7 @@ def main(listen: str, *others: str) -> None:
         "scouting/multicast/enabled": False,
     }.items():
         config.insert_json5(name, json.dumps(value))
-    with zenoh.open(config):
-        print("routing", flush=True)
-        signal.sigwait({signal.SIGTERM, signal.SIGINT})
+    return config
 
 
 if __name__ == "__main__":

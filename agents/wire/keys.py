@@ -44,21 +44,35 @@ class Keys:
         return f"{self.namespace}/robot/{escape(robot)}/presence/*"
 
     @property
+    def everything(self) -> str:
+        return f"{self.namespace}/**"
+
+    def everything_of(self, robot: str) -> str:
+        return f"{self.namespace}/robot/{escape(robot)}/**"
+
+    @property
+    def everything_of_robots(self) -> str:
+        return f"{self.namespace}/robot/*/**"
+
+    def of_all_robots(self, kind: str) -> str:
+        return f"{self.namespace}/robot/*/{kind}"
+
+    @property
     def all_presence(self) -> str:
         return f"{self.namespace}/robot/*/presence/*"
 
     @property
     def all_states(self) -> str:
-        return f"{self.namespace}/robot/*/state"
+        return self.of_all_robots("state")
 
     @property
     def all_progress(self) -> str:
-        return f"{self.namespace}/robot/*/progress"
+        return self.of_all_robots("progress")
 
     @property
     def all_stops(self) -> str:
         """One question on this key reaches every robot."""
-        return f"{self.namespace}/robot/*/stop"
+        return self.of_all_robots("stop")
 
     def gateway(self, gateway: str) -> str:
         """The liveliness token of a gateway; a robot holds when the last of them is gone."""

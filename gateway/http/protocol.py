@@ -11,6 +11,7 @@ from websockets.http11 import Request
 from websockets.protocol import State
 
 from gateway.http.slow import HIGH_WATER_BYTES, STALL_S, StallWatch
+from gateway.http.tls import unsent
 from gateway.subscriptions.message import Ending
 
 HTTP, WEBSOCKET = "linked-fleet.http", "linked-fleet.websocket"
@@ -171,7 +172,7 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
         self._abort_later()
 
     def keepalive_timeout(self) -> None:
-        if self.buffered:  # the ping may wait among the rest: whether the peer still reads, the watch will see
+        if unsent(self.transport):  # the ping may wait among the rest: whether the peer still reads, the watch will see
             self.stop_keepalive()
             self.watch.arm()
             self.schedule_ping()

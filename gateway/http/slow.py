@@ -3,8 +3,11 @@
 import asyncio
 from asyncio.transports import Transport
 
+from gateway.http.tls import unsent
+
 HIGH_WATER_BYTES = 64 * 1024
-"""What may wait for one reader when a message is added; so a channel holds at most this and one message."""
+"""What may wait for one reader when a message is added; so a channel holds at most this and one message, and over TLS
+as much again that is encrypted."""
 STALL_S = 30.0
 
 
@@ -25,7 +28,7 @@ class StallWatch:
     def arm(self) -> None:
         """Look after the connection until nothing waits any more."""
         if self._timer is None:
-            self._mark = self._written - self._transport.get_write_buffer_size()
+            self._mark = self._written - unsent(self._transport)
             self._timer = asyncio.get_running_loop().call_later(self._stall_s, self._look)
 
     def stop(self) -> None:
@@ -36,7 +39,7 @@ class StallWatch:
 
     def _look(self) -> None:
         self._timer = None
-        waiting = self._transport.get_write_buffer_size()
+        waiting = unsent(self._transport)
         if waiting and self._written - waiting <= self._mark:
             self._transport.abort()
         elif waiting:

@@ -1,0 +1,285 @@
+"""With certificates a robot speaks for itself alone, and gateways alone command: by a router and without one."""
+
+import contextlib
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+import zenoh
+from actor import Actor
+from browser import Browser
+from certificates import made
+from commanding import PAN, STILL_RAD, WRIST, angle, begun, moving, of_joint, put, radian, slowly
+from running import Process, eventually, free_port, process
+from small_fleet import live, presence
+
+from agents.wire.codec import encode
+from agents.wire.keys import Keys
+from agents.wire.messages import WIRE_VERSION, Accepted, Stop
+from agents.wire.trust import mutual_tls
+from gateway.fleet.answers import read_reply
+
+pytestmark = pytest.mark.fleet
+KEYS = Keys()
+FORGED, HONEST = b"forged", b"honest"
+_ASK_S = 5.0
+
+
+def tls_of(folder: Path, who: str) -> dict[str, object]:
+    return mutual_tls(*(str(folder / name) for name in ("ca.pem", f"{who}.pem", f"{who}.key")))
+
+
+def words(folder: Path, who: str, prefix: str = "--") -> tuple[str, ...]:
+    files = {"ca": "ca.pem", "cert": f"{who}.pem", "key": f"{who}.key"}
+    return tuple(word for flag, name in files.items() for word in (f"{prefix}{flag}", str(folder / name)))
+
+
+@contextlib.contextmanager
+def linked(endpoint: str, tls: dict[str, object]) -> Iterator[zenoh.Session]:
+    """A client's session; zenoh.ZError when nobody lets it in."""
+    config = zenoh.Config()
+    for name, value in {
+        "mode": "client",
+        "connect/endpoints": [endpoint],
+        "connect/timeout_ms": 2000,
+        "scouting/multicast/enabled": False,
+        "transport/link/tls": tls,
+    }.items():
+        config.insert_json5(name, json.dumps(value))
+    session = zenoh.open(config)
+    try:
+        yield session
+    finally:
+        session.close()
+
+
+@dataclass
+class Scene:
+    """A fleet whose robot is called a, and sessions of those who mean it well or not."""
+
+    folder: Path
+    endpoint: str
+    browser: Browser
+
+    def linked(self, who: str) -> contextlib.AbstractContextManager[zenoh.Session]:
+        return linked(self.endpoint, tls_of(self.folder, who))
+
+    def agent(self, *more: str) -> contextlib.AbstractContextManager[Process]:
+        return process("-m", "agents", "--connect", self.endpoint, *more)
+
+
+@contextlib.contextmanager
+def hub(folder: Path, by_router: bool) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Where agents connect, and what tells the gateway of it."""
+    endpoint = f"tls/127.0.0.1:{free_port()}"
+    made(folder, "--agent", "a,b,c", "--listen", endpoint, "--gateway", "127.0.0.1")
+    if by_router:
+        with process("tests/zenoh_router.py", str(folder / "router.json5")) as router:
+            router.said("routing")
+            yield endpoint, ("--zenoh-connect", endpoint)
+    else:
+        yield endpoint, ("--zenoh-listen", endpoint, "--zenoh-access", str(folder / "access.json"))
+
+
+@pytest.fixture(scope="module", params=[True, False], ids=["router", "gateway"])
+def scene(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
+    folder = tmp_path_factory.mktemp("wire")
+    port = free_port()
+    with hub(folder, request.param) as (endpoint, told):
+        command = ("--port", str(port), "--state-dir", str(folder / "state"), *told)
+        with (
+            process("-m", "gateway", *command, *words(folder, "gateway", "--zenoh-")) as gateway,
+            contextlib.closing(Browser(f"http://127.0.0.1:{port}/")) as browser,
+        ):
+            gateway.said("serving")
+            here = Scene(folder, endpoint, browser)
+            with here.agent("--robot=a=ur5", *words(folder, "agents/a")):
+                live(browser, "a")
+                yield here
+
+
+# -- those who are who they say -------------------------------------------------------------------------------------
+
+
+def test_a_robot_with_its_certificate_moves(scene: Scene) -> None:
+    begun(put(scene.browser, of_joint(scene.browser, WRIST, robot="a"), radian(0.3), prefer="wait=30"))
+    assert angle(scene.browser, WRIST, "a") == pytest.approx(0.3, abs=STILL_RAD)
+
+
+def test_another_robot_joins_with_its_own(scene: Scene) -> None:
+    """What the other tests see refused is not refused because nothing works."""
+    with scene.linked("agents/b") as session:
+        Actor(session, "b").appear().stand(0.5)
+        live(scene.browser, "b")
+
+
+# -- an impostor: the certificate of b ------------------------------------------------------------------------------
+
+
+def test_it_publishes_nothing_as_another(scene: Scene) -> None:
+    """Neither state nor progress; what it then says of itself arrives, so that would have come before."""
+    with scene.linked("gateway") as gateway, scene.linked("agents/b") as impostor:
+        heard: list[tuple[str, bytes]] = []
+        kept = [
+            gateway.declare_subscriber(key, lambda said: heard.append((str(said.key_expr), said.payload.to_bytes())))
+            for key in (KEYS.all_states, KEYS.all_progress)
+        ]
+        eventually(lambda: heard, "frames of a")
+
+        def both() -> bool:
+            for robot, payload in (("a", FORGED), ("b", HONEST)):
+                impostor.put(KEYS.robot(robot, "state"), payload)
+                impostor.put(KEYS.robot(robot, "progress"), payload)
+            honest = {key for key, payload in list(heard) if payload == HONEST}
+            return honest == {KEYS.robot("b", "state"), KEYS.robot("b", "progress")}
+
+        eventually(both, "what it says of itself")
+        assert FORGED not in {payload for _, payload in heard}
+        assert len(kept) == 2
+
+
+@pytest.mark.parametrize("kind", ["description", "command", "stop"])
+def test_it_answers_nothing_for_another(scene: Scene, kind: str) -> None:
+    """Neither what the other is asked, nor with the other's key what it is asked itself."""
+    with scene.linked("gateway") as gateway, scene.linked("agents/b") as impostor:
+        theirs, own = KEYS.robot("a", kind), KEYS.robot("b", kind)  # type: ignore[arg-type]
+
+        def deceive(query: zenoh.Query) -> None:
+            query.reply(theirs, FORGED)
+            query.reply(own, HONEST)
+
+        kept = [
+            impostor.declare_queryable(theirs, lambda query: query.reply(theirs, FORGED)),
+            impostor.declare_queryable(own, deceive),
+        ]
+
+        def answers() -> set[tuple[str, bytes]]:
+            found = set()
+            for key in (theirs, own, KEYS.of_all_robots(kind)):
+                replies = gateway.get(
+                    key,
+                    target=zenoh.QueryTarget.ALL,
+                    consolidation=zenoh.ConsolidationMode.NONE,
+                    timeout=_ASK_S,
+                    payload=b"{}",
+                )
+                found |= {(str(each.ok.key_expr), each.ok.payload.to_bytes()) for each in replies if each.ok}
+            return found
+
+        found = eventually(lambda: (said := answers()) and (own, HONEST) in said and said, "its own answer")
+        assert FORGED not in {payload for _, payload in found}
+        assert theirs in {key for key, _ in found}, "the robot itself answers"
+        assert len(kept) == 2
+
+
+def test_it_is_seen_neither_as_another_nor_as_a_gateway(scene: Scene) -> None:
+    """A token of a later run would take the robot over, one of a gateway would have robots move on without any."""
+    with scene.linked("gateway") as gateway, scene.linked("agents/c") as robot, scene.linked("agents/b") as impostor:
+        late = 2**62
+        forged = (KEYS.presence("a", late), KEYS.gateway("evil"))
+        kept = [impostor.liveliness().declare_token(key) for key in (*forged, KEYS.presence("b", late))]
+
+        def seen() -> set[str]:
+            return _tokens(gateway, KEYS.all_presence) | _tokens(robot, KEYS.all_gateways)
+
+        found = eventually(lambda: (now := seen()) and KEYS.presence("b", late) in now and now, "its own token")
+        assert not found & set(forged)
+        assert any(key.startswith("fleet/gateway/") for key in found), "the real one is seen"
+        assert len(kept) == 3
+    assert presence(scene.browser, "a") is not None
+
+
+def _tokens(session: zenoh.Session, key: str) -> set[str]:
+    return {str(each.ok.key_expr) for each in session.liveliness().get(key, timeout=_ASK_S) if each.ok}
+
+
+_STOP = encode(Stop(version=WIRE_VERSION, id="9c4c3a6e", reason="a test"))
+
+
+def _stopped(session: zenoh.Session) -> list[type]:
+    """What the robot a replies to a stop."""
+    replies = session.get(KEYS.robot("a", "stop"), timeout=_ASK_S, payload=_STOP)
+    return [type(read_reply(each.ok.payload.to_bytes(), "9c4c3a6e")[0]) for each in replies if each.ok]
+
+
+def test_nobody_but_gateways_commands(scene: Scene) -> None:
+    """A robot that another asks to stop moves on; one that a gateway asks stops."""
+    begun(put(scene.browser, of_joint(scene.browser, PAN, robot="a"), slowly(angle(scene.browser, PAN, "a") + 1.5)))
+    moving(scene.browser, PAN, "a")
+    with scene.linked("gateway") as gateway, scene.linked("agents/b") as impostor:
+        replies: list[zenoh.Reply] = []
+        for key in (KEYS.robot("a", "stop"), KEYS.all_stops, KEYS.robot("a", "command"), "fleet/**"):
+            impostor.get(key, replies.append, target=zenoh.QueryTarget.ALL, timeout=_ASK_S, payload=_STOP)
+        kept = impostor.liveliness().declare_token(KEYS.presence("b", 1))
+        eventually(lambda: _tokens(gateway, KEYS.presence_of("b")), "what it said after it had asked")
+        moving(scene.browser, PAN, "a")
+        assert [reply for reply in replies if reply.ok] == []
+        assert _stopped(gateway) == [Accepted]
+        kept.undeclare()
+
+
+def test_it_hears_nothing_of_another(scene: Scene) -> None:
+    with scene.linked("gateway") as gateway, scene.linked("agents/b") as impostor:
+        spied: list[str] = []
+        kept = [impostor.declare_subscriber(key, lambda said: spied.append(str(said.key_expr)))
+                for key in (KEYS.robot("a", "state"), "fleet/**", "**")]  # fmt: skip
+        own = impostor.liveliness().declare_token(KEYS.presence("b", 1))
+        eventually(lambda: _tokens(gateway, KEYS.presence_of("b")), "what it said after it had asked")
+        heard: list[bytes] = []
+        subscriber = gateway.declare_subscriber(KEYS.robot("a", "state"), lambda said: heard.append(said.payload))
+        eventually(lambda: len(heard) > 20, "frames at the gateway")
+        assert spied == []
+        del kept, own, subscriber
+
+
+# -- those who are nobody -------------------------------------------------------------------------------------------
+
+
+def test_without_a_certificate_of_the_authority_there_is_no_link(scene: Scene, tmp_path: Path) -> None:
+    """None at all, one of a foreign authority, or in the clear: the agent hears nothing, and the fleet has no robot."""
+    foreign = made(tmp_path / "foreign", "--agent", "c")
+    ours, theirs = words(scene.folder, "agents/c"), words(foreign, "agents/c")
+    nothing = mutual_tls(str(scene.folder / "ca.pem"), "", "")
+    for tls in ({"root_ca_certificate": nothing["root_ca_certificate"]}, tls_of(foreign, "agents/c")):
+        with pytest.raises(zenoh.ZError), linked(scene.endpoint, tls):
+            pass
+    plain = scene.endpoint.replace("tls/", "tcp/")
+    for more in (theirs, (*ours[:2], *theirs[2:]), (*theirs[:2], *ours[2:]), ("--connect", plain)):
+        with scene.agent("--robot=c=ur5", *more) as agent:
+            agent.said("nothing answers")
+            assert presence(scene.browser, "c") is None
+    with scene.agent("--robot=c=ur5", *ours):
+        live(scene.browser, "c")
+
+
+def test_a_robot_takes_no_other_for_its_router(tmp_path: Path) -> None:
+    """The certificate of a robot is none to listen with: whoever could would command all who connect."""
+    folder = made(tmp_path / "wire", "--agent", "a,b")
+    endpoint = f"tls/127.0.0.1:{free_port()}"
+    trap = json.loads((folder / "router.json5").read_text())
+    trap |= {"listen": {"endpoints": [endpoint]}, "access_control": {"enabled": False}}
+    trap["transport"]["link"]["tls"] = tls_of(folder, "agents/b")
+    (folder / "trap.json5").write_text(json.dumps(trap))
+    with process("tests/zenoh_router.py", str(folder / "trap.json5")) as router:
+        router.said("routing")
+        with process("-m", "agents", "--robot=a=ur5", "--connect", endpoint, *words(folder, "agents/a")) as agent:
+            agent.said("nothing answers")
+            with pytest.raises(zenoh.ZError), linked(endpoint, tls_of(folder, "agents/a")):
+                pass
+
+
+def test_a_robot_that_listens_obeys_gateways_alone(tmp_path: Path) -> None:
+    folder = made(tmp_path / "wire", "--agent", "a@127.0.0.1,b")
+    endpoint = f"tls/127.0.0.1:{free_port()}"
+    listening = ("--robot=a=ur5", "--connect", "", "--listen", endpoint)
+    with process("-m", "agents", *listening, *words(folder, "agents/a")) as agent:
+        agent.said("connected")
+        with linked(endpoint, tls_of(folder, "gateway")) as gateway:
+            token = gateway.liveliness().declare_token(KEYS.gateway("g"))
+            eventually(lambda: _stopped(gateway), "an answer to a gateway")
+            with linked(endpoint, tls_of(folder, "agents/b")) as impostor:
+                assert _stopped(impostor) == []
+            assert _stopped(gateway) == [Accepted]
+            token.undeclare()

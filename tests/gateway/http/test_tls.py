@@ -1,0 +1,236 @@
+"""TLS beneath the gateway's protocol classes: what waits is seen, and a certificate is replaced without a restart."""
+
+import asyncio
+import socket
+import ssl
+from pathlib import Path
+
+import pytest
+from certificates import made
+from serving import Channel, run, serving, until
+from starlette.types import Receive, Scope, Send
+from starlette.websockets import WebSocket
+from websockets.asyncio.client import connect as client
+
+from gateway.http.event_stream import serve_event_stream
+from gateway.http.protocol import HTTP, WEBSOCKET, HttpProtocol, WebSocketProtocol
+from gateway.http.slow import HIGH_WATER_BYTES
+from gateway.http.tls import Certificate, secured, unsent
+from gateway.http.websocket import serve_websocket
+from gateway.subscriptions.message import Message
+
+LARGE = 20_000
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two pairs for this machine, of one authority."""
+    folder = made(tmp_path_factory.mktemp("tls"), "--router", "127.0.0.1", "--gateway", "127.0.0.1")
+    for name in ("used.pem", "used.key"):
+        (folder / name).write_bytes((folder / name.replace("used", "router")).read_bytes())
+    return folder
+
+
+@pytest.fixture
+def certificate(folder: Path) -> Certificate:
+    return Certificate(str(folder / "router.pem"), str(folder / "router.key"))
+
+
+class App(Channel):
+    def __init__(self) -> None:
+        super().__init__()
+        self.transports: list[asyncio.Transport] = []
+        self.schemes: list[str] = []
+        self.returned = 0
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        self.schemes.append(scope["scheme"])
+        kind = HTTP if scope["type"] == "http" else WEBSOCKET
+        self.transports.append(scope["extensions"][kind].transport)
+        try:
+            if kind == HTTP:
+                await serve_event_stream(scope, receive, send, [], self.start)
+            else:
+                await serve_websocket(WebSocket(scope, receive, send), None, [], self.start)
+        finally:
+            self.returned += 1
+
+
+class ImpatientHttp(HttpProtocol):
+    stall_s = 0.1
+
+
+class ImpatientWebSocket(WebSocketProtocol):
+    stall_s = 0.1
+
+
+EVENTS = b"GET /a HTTP/1.1\r\nHost: x\r\nAccept: text/event-stream\r\n\r\n"
+UPGRADE = (
+    b"GET /a HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+    b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n"
+)
+
+
+def _opened(port: int, folder: Path, request: bytes) -> ssl.SSLSocket:
+    """A client that has sent its request and reads nothing by itself."""
+    sock = socket.socket()
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 8192)
+    sock.settimeout(20)
+    sock.connect(("127.0.0.1", port))
+    secure = ssl.create_default_context(cafile=folder / "ca.pem").wrap_socket(sock, server_hostname="127.0.0.1")
+    secure.sendall(request)
+    return secure
+
+
+def _large(number: int) -> Message:
+    return Message("/a", str(number), "text/turtle", b"%09d" % number + b"x" * LARGE)
+
+
+async def _fill(app: App) -> None:
+    """Until the one reader takes no more for a good while."""
+    (outlet,) = app.outlets
+    for number in range(100):
+        if outlet.writable():
+            outlet.write(_large(number))
+        await asyncio.sleep(0.001)
+    assert not outlet.writable()
+
+
+@pytest.mark.parametrize("request_", [EVENTS, UPGRADE], ids=["events", "websocket"])
+def test_who_never_reads_is_dropped_and_costs_little(folder: Path, certificate: Certificate, request_: bytes) -> None:
+    async def test() -> None:
+        app = App()
+        http = secured(ImpatientHttp, certificate.context)
+        async with serving(app, http=http, ws=ImpatientWebSocket) as (server, port):
+            with await asyncio.to_thread(_opened, port, folder, request_):
+                await until(lambda: app.outlets)
+                await _fill(app)
+                assert 0 < unsent(app.transports[0]) < 2 * (HIGH_WATER_BYTES + LARGE) + 1000
+                await until(lambda: app.returned and not server.server_state.connections)
+            assert app.schemes == ["https" if request_ is EVENTS else "wss"]
+
+    run(test)
+
+
+def test_what_is_encrypted_already_is_seen_to_wait(folder: Path, certificate: Certificate) -> None:
+    """Of a reader that stalls with little left, nothing waits above TLS; it is dropped nevertheless."""
+
+    async def test() -> None:
+        app = App()
+        async with serving(app, http=secured(HttpProtocol, certificate.context), ws=ImpatientWebSocket) as (_, port):
+            with await asyncio.to_thread(_opened, port, folder, UPGRADE):
+                await until(lambda: app.outlets)
+                (outlet,), (transport,) = app.outlets, app.transports
+                number = 0
+                while not unsent(transport):
+                    outlet.write(_large(number := number + 1))
+                    await asyncio.sleep(0.01)
+                assert transport.get_write_buffer_size() == 0
+                await until(lambda: app.returned)
+
+    run(test)
+
+
+def test_a_reader_that_catches_up_has_the_latest(folder: Path, certificate: Certificate) -> None:
+    async def test() -> None:
+        app = App()
+        async with serving(app, http=secured(HttpProtocol, certificate.context)) as (_, port):
+            with await asyncio.to_thread(_opened, port, folder, UPGRADE) as slow:
+                await until(lambda: app.outlets)
+                (outlet,) = app.outlets
+                await _fill(app)
+                readies = app.readies[outlet]
+                reading = asyncio.create_task(asyncio.to_thread(_read_until, slow, b"latest"))
+                await until(lambda: app.readies[outlet] > readies and outlet.writable())
+                outlet.write(Message("/a", "x", "text/turtle", b"latest"))
+                await reading
+
+    run(test)
+
+
+def _read_until(sock: ssl.SSLSocket, end: bytes) -> None:
+    data = b""
+    while not data.endswith(end):
+        more = sock.recv(65536)
+        assert more
+        data = (data + more)[-64:]
+
+
+def test_fifty_hear_the_same_and_are_told_of_the_end(folder: Path, certificate: Certificate) -> None:
+    async def test() -> None:
+        app, trusted = App(), ssl.create_default_context(cafile=folder / "ca.pem")
+        async with serving(app, http=secured(HttpProtocol, certificate.context)) as (server, port):
+            sockets = [await client(f"wss://127.0.0.1:{port}/a", ssl=trusted) for _ in range(50)]
+            await until(lambda: len(app.outlets) == 50)
+            for number in range(20):
+                assert len(app.publish(_large(number))) == 50
+                assert {(await each.recv())[:9] for each in sockets} == {f"{number:09}"}
+            server.should_exit = True
+            for each in sockets:
+                await each.wait_closed()
+            assert {each.close_code for each in sockets} == {1012}
+
+    run(test)
+
+
+def test_a_certificate_is_replaced_while_it_is_in_use(folder: Path) -> None:
+    """New connections see the new one; files that are no pair change nothing."""
+    used = Certificate(str(folder / "used.pem"), str(folder / "used.key"))
+
+    def shown(port: int) -> str:
+        with _opened(port, folder, EVENTS) as sock:
+            (((_, name),),) = sock.getpeercert()["subject"]  # type: ignore[index]
+            return str(name)
+
+    async def test() -> None:
+        async with serving(App(), http=secured(HttpProtocol, used.context)) as (_, port):
+            assert await asyncio.to_thread(shown, port) == "router"
+            for name, expected in (("used.pem", "router"), ("used.key", "gateway")):
+                fresh = folder / "fresh"
+                fresh.write_bytes((folder / name.replace("used", "gateway")).read_bytes())
+                fresh.replace(folder / name)
+                used.reload()
+                assert await asyncio.to_thread(shown, port) == expected
+
+    run(test)
+
+
+def test_files_that_change_are_noticed(folder: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """Half a change, a certificate without its key, is none yet."""
+    pair = {ending: tmp_path / f"used.{ending}" for ending in ("pem", "key")}
+
+    def put(name: str, ending: str) -> None:
+        pair[ending].write_bytes((folder / f"{name}.{ending}").read_bytes())
+
+    async def test() -> None:
+        for ending in pair:
+            put("router", ending)
+        used = Certificate(str(pair["pem"]), str(pair["key"]))
+        following = asyncio.create_task(used.follow(0.01))
+        with caplog.at_level("INFO", "gateway.http.tls"):
+            put("gateway", "pem")
+            await until(lambda: "the certificate in use stays" in caplog.text)
+            assert "new connections" not in caplog.text
+            put("gateway", "key")
+            await until(lambda: "new connections get the certificate" in caplog.text)
+        following.cancel()
+
+    run(test)
+
+
+def test_no_old_tls_and_nothing_in_the_clear(folder: Path, certificate: Certificate) -> None:
+    async def test() -> None:
+        async with serving(App(), http=secured(HttpProtocol, certificate.context)) as (server, port):
+            old = ssl.create_default_context(cafile=folder / "ca.pem")
+            with pytest.warns(DeprecationWarning):
+                old.minimum_version = ssl.TLSVersion.TLSv1
+                old.maximum_version = ssl.TLSVersion.TLSv1_1
+            with pytest.raises(OSError):
+                await asyncio.open_connection("127.0.0.1", port, ssl=old, server_hostname="127.0.0.1")
+            reader, writer = await asyncio.open_connection("127.0.0.1", port)
+            writer.write(EVENTS)
+            assert b"HTTP" not in await reader.read()
+            writer.close()
+            assert not server.server_state.connections
+
+    run(test)

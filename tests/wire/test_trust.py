@@ -1,0 +1,56 @@
+"""Which endpoints let in whoever comes, and what is said of files that are no credentials."""
+
+from pathlib import Path
+
+import pytest
+from certificates import made
+
+from agents.wire.access import common_name, of_agent, of_router
+from agents.wire.keys import Keys
+from agents.wire.trust import Credentials, open_to_all
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return made(tmp_path_factory.mktemp("certificates"), "--agent", "a")
+
+
+def test_endpoints_that_other_machines_reach_without_proof(folder: Path) -> None:
+    proof = Credentials(*(str(folder / name) for name in ("ca.pem", "gateway.pem", "gateway.key")))
+    local = ("tcp/127.0.0.1:7447", "udp/localhost:1", "tls/[::1]:7447#so_rcvbuf=1", "unixsock-stream//tmp/x")
+    reached = ("tcp/[::]:7447", "tcp/192.0.2.1:7447", "udp/robot:7447", "ws/0.0.0.0:1", "serial/ttyUSB0", "nonsense")
+    proven = ("tls/0.0.0.0:7447", "quic/[::]:7447?prio=1#iface=eth0")
+    assert open_to_all((*local, *reached, *proven), proof) == reached
+    assert open_to_all((*local, *reached, *proven), None) == (*reached, *proven)
+
+
+def test_files_that_are_no_credentials(folder: Path) -> None:
+    """One line each, which names the file."""
+    ca, certificate, key = (str(folder / name) for name in ("ca.pem", "gateway.pem", "gateway.key"))
+    assert Credentials.given("", "", "") is None
+    for given, said in (
+        ((ca, "", key), "given together"),
+        ((ca, certificate, str(folder / "router.key")), "gateway.pem and .*router.key are no certificate and its key"),
+        ((ca, str(folder / "missing"), key), "missing cannot be read: No such file"),
+        ((key, certificate, key), "gateway.key is no certificate of an authority"),
+    ):
+        with pytest.raises(ValueError, match=said) as caught:
+            Credentials.given(*given)
+        assert "\n" not in str(caught.value)
+
+
+def test_no_agent_is_called_as_those_who_command() -> None:
+    for name in ("gateway", "router"):
+        with pytest.raises(ValueError, match="taken for one"):
+            of_router(Keys(), {name: [name]})
+    assert common_name("hall 2") == "hall~202"
+
+
+def test_every_subject_has_a_name() -> None:
+    """Zenoh takes one without any for everybody."""
+    for access in (of_router(Keys(), {}), of_router(Keys(), {"a": ["a"], "sim": None}), of_agent(Keys())):
+        assert access["default_permission"] == "deny"
+        subjects = access["subjects"]
+        assert isinstance(subjects, list)
+        assert subjects
+        assert all(subject["cert_common_names"] for subject in subjects)
