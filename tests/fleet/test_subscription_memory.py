@@ -16,6 +16,8 @@ from running import eventually
 from small_fleet import Place, live
 from websockets.frames import Frame, Opcode
 
+from gateway.subscriptions.keys import Keys
+
 pytestmark = pytest.mark.fleet
 
 WARM_UP, CYCLES = 1000, 10_000
@@ -139,7 +141,6 @@ def test_r1_8_ten_thousand_subscriptions_leave_nothing_behind(tmp_path_factory: 
         live(browser, "toy")
         part = browser.part("toy", "elbow")
         rotation, container = str(part.one(ROS.rotation)), str(part.one(HYBRIT.subscriptions))
-        keys = _lasting_keys(place.state)
         client = Client(rotation)
 
         asyncio.run(client.run(WARM_UP))
@@ -154,7 +155,7 @@ def test_r1_8_ten_thousand_subscriptions_leave_nothing_behind(tmp_path_factory: 
 
         def nothing_left() -> bool:
             left.clear()
-            left.update(_lasting_keys(place.state) - keys - {"fleet:news"})
+            left.update(_lasting_keys(place.state) - {Keys().runs, Keys().news})
             return not left
 
         eventually(nothing_left, lambda: f"nothing left in Redis of {left}")
