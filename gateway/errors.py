@@ -2,6 +2,8 @@
 
     FleetError                      status  code
     ├── BadRequest                  400     bad-request
+    ├── Unauthenticated             401     unauthenticated
+    ├── InsufficientScope           403     insufficient-scope
     ├── NotFound                    404     not-found
     ├── MethodNotAllowed            405     method-not-allowed
     ├── NotAcceptable               406     not-acceptable
@@ -18,9 +20,11 @@
     │   ├── OutOfReach              422     out-of-reach
     │   └── KeyReused               422     key-reused
     ├── TooManySubscriptions        429     too-many-subscriptions
+    ├── TooManyLogins               429     too-many-logins
     ├── Offline                     503     offline
     ├── Busy                        503     busy
     ├── StoreAway                   503     store-away
+    ├── IssuerAway                  503     issuer-away
     └── AgentSilent                 504     agent-silent
 
 The problem type (RFC 9457, 3.1.1) of each is ``PROBLEMS`` followed by its code; ``gateway.http.problem`` renders them.
@@ -37,6 +41,7 @@ from gateway.graph.vocab import LDP
 
 Members = dict[str, str | int | float | list[str]]
 PROBLEMS = "https://w3id.org/linked-fleet/problems#"
+REALM = "linked-fleet"
 
 
 class FleetError(Exception):
@@ -87,6 +92,32 @@ class BadRequest(FleetError):
     def members(self) -> Members:
         known = {"line": self.line, "column": self.column}
         return {name: value for name, value in known.items() if value is not None}
+
+
+class Unauthenticated(FleetError):
+    """RFC 6750, 3: ``wrong`` says that credentials came, and were none or hold no longer."""
+
+    status, code, title = 401, "unauthenticated", "Say who you are"
+
+    def __init__(self, detail: str, *, wrong: bool = False) -> None:
+        error = ', error="invalid_token"' if wrong else ""
+        super().__init__(detail, headers={"WWW-Authenticate": f'Bearer realm="{REALM}"{error}'})
+        self.wrong = wrong
+
+
+class InsufficientScope(FleetError):
+    """``scope`` is the right that is missing (RFC 6750, 3.1)."""
+
+    status, code, title = 403, "insufficient-scope", "You have no right to this"
+
+    def __init__(self, detail: str, *, scope: str) -> None:
+        challenge = f'Bearer realm="{REALM}", error="insufficient_scope", scope="{scope}"'
+        super().__init__(detail, headers={"WWW-Authenticate": challenge})
+        self.scope = scope
+
+    @property
+    def members(self) -> Members:
+        return {"scope": self.scope}
 
 
 class NotFound(FleetError):
@@ -232,6 +263,13 @@ class TooManySubscriptions(FleetError):
     status, code, title = 429, "too-many-subscriptions", "The client has too many subscriptions"
 
 
+class TooManyLogins(FleetError):
+    status, code, title = 429, "too-many-logins", "Too many attempts to log in"
+
+    def __init__(self, detail: str, *, retry_after_s: int) -> None:
+        super().__init__(detail, headers={"Retry-After": str(retry_after_s)})
+
+
 class Offline(FleetError):
     status, code, title = 503, "offline", "The robot is offline"
 
@@ -252,6 +290,15 @@ class StoreAway(FleetError):
 
     def __init__(self, detail: str) -> None:
         super().__init__(detail, headers={"Retry-After": "2"})
+
+
+class IssuerAway(FleetError):
+    """Who signed the token cannot be asked for its keys."""
+
+    status, code, title = 503, "issuer-away", "The issuer of the token cannot be reached"
+
+    def __init__(self, detail: str) -> None:
+        super().__init__(detail, headers={"Retry-After": "5"})
 
 
 class AgentSilent(FleetError):

@@ -15,6 +15,7 @@ from gateway.fleet.invocations import Invocation, Invocations
 from gateway.graph.invocation import invocation_path, invocations_path
 from gateway.graph.paths import joint_path, robot_path
 from gateway.graph.tree import EMPTY, Shelf, Tree
+from gateway.identity.rights import ALL, View
 from gateway.link import FleetLink
 from gateway.meshes import Meshes
 from gateway.settings import GatewaySettings
@@ -80,9 +81,9 @@ class Live:
         self.meshes.close()
         await self.link.__aexit__(kind, error, trace)
 
-    def tree(self, base: str, shelf: Shelf = EMPTY) -> Tree:
-        """The resource tree as it is now, under one base URL; ``shelf`` are the subscriptions that it can show."""
-        return Tree(self.fleet, self.invocations, base, shelf)
+    def tree(self, base: str, sees: View = ALL, shelf: Shelf = EMPTY) -> Tree:
+        """The resource tree as it is now to who ``sees`` it, under one base URL; ``shelf``: subscriptions to show."""
+        return Tree(self.fleet, self.invocations, base, shelf, sees)
 
     async def halt(self, robots: Collection[str] | None, stop: Stop, timeout_s: float) -> dict[str, Reply]:
         """Stop robots, and wait until they are seen as they are after it: what is asked of them then is no longer late.

@@ -2,14 +2,17 @@
 
 from dataclasses import dataclass
 
+from gateway.identity.rights import ALL, View
+
 
 @dataclass(frozen=True)
 class Caller:
     """``name``: as it is shown; ``token``: of the control lease; ``key``: an idempotency key, for the request that
-    ``digest`` stands for; ``body``: what was admitted, as N-Triples."""
+    ``digest`` stands for; ``body``: what was admitted, as N-Triples; ``stops``: robots that it may stop."""
 
     name: str = ""
     token: str = ""
     key: str = ""
     digest: str = ""
     body: str = ""
+    stops: View = ALL

@@ -22,6 +22,7 @@ from gateway.errors import AgentSilent, Busy, Conflict
 from gateway.fleet.invocations import FLEET, Invocation, InvocationState
 from gateway.fleet.robot import Robot
 from gateway.graph.invocation import invocation_path
+from gateway.identity.rights import ALL, View
 from gateway.link import NoAnswer
 from gateway.live import Live
 from gateway.observe.counts import Commands
@@ -181,8 +182,9 @@ class Actions:
     async def halt(self, action: str, halt: Halt, caller: Caller) -> Invocation:
         """Stop robots, whoever has a lease and whether or not Redis is there; AgentSilent when one robot is silent."""
         fleet, now_ns = self._live.fleet.robots, time.time_ns()
-        robot = FLEET if halt.robots is None else halt.robots[0]
-        online = [name for name, each in fleet.items() if each.online] if halt.robots is None else []
+        robot, asked = FLEET if halt.robots is None else halt.robots[0], self._reached(halt, caller.stops)
+        of_fleet = fleet if asked is None else asked
+        online = [name for name in of_fleet if fleet[name].online] if halt.robots is None else []
         invocation = Invocation(
             id=str(uuid.uuid4()),
             robot=robot,
@@ -197,7 +199,7 @@ class Actions:
         )
         self._begin(invocation)
         stop = Stop(version=WIRE_VERSION, id=invocation.id, joints=halt.joints, reason="stopped")
-        replies = await self._live.halt(halt.robots, stop, _ANSWER_TIMEOUT_S)
+        replies = await self._live.halt(asked, stop, _ANSWER_TIMEOUT_S)
         for name in {*(halt.robots or online), *replies}:
             self.commands.replied(name, replies.get(name))
         self.memory.record(invocation)
@@ -214,10 +216,16 @@ class Actions:
         self._accept(invocation, reply)
         return invocation
 
-    async def rehearse_halt(self, halt: Halt) -> Rehearsed:
+    def _reached(self, halt: Halt, stops: View) -> tuple[str, ...] | None:
+        """Of the robots that are to stop those that may be stopped; None for all that there are, known or not."""
+        if halt.robots is not None or stops.all:
+            return halt.robots
+        return tuple(name for name in self._live.fleet.robots if stops.sees(name))
+
+    async def rehearse_halt(self, halt: Halt, stops: View = ALL) -> Rehearsed:
         """What ``halt`` would end."""
         stop = Stop(version=WIRE_VERSION, id=str(uuid.uuid4()), joints=halt.joints, rehearsal=True)
-        replies = await self._live.link.stop(halt.robots, stop, _ANSWER_TIMEOUT_S)
+        replies = await self._live.link.stop(self._reached(halt, stops), stop, _ANSWER_TIMEOUT_S)
         accepted = [reply for reply in replies.values() if isinstance(reply, Accepted)]
         if halt.robots is not None and not accepted:
             raise AgentSilent(f"The agent of {halt.robots[0]} gave no answer.")

@@ -3,10 +3,11 @@
 from collections.abc import Sequence
 
 from gateway.actions.offer import Offer, offer_at
-from gateway.fleet.invocations import Invocation, Invocations
+from gateway.fleet.invocations import Invocation
 from gateway.fleet.robot import Robot
 from gateway.graph.affordance import EndInvocation, Invoke
 from gateway.graph.build import Graph
+from gateway.graph.in_view import InvocationsInView
 from gateway.graph.invocation import (
     cancel_path,
     describe_cancel,
@@ -20,7 +21,7 @@ from gateway.graph.vocab import LF
 
 
 def in_actions(
-    offers: Sequence[Offer], rest: Sequence[str], invocations: Invocations, source: Source, base: str
+    offers: Sequence[Offer], rest: Sequence[str], invocations: InvocationsInView, source: Source, base: str
 ) -> Resource | None:
     """What is at ``rest`` below ``actions/`` of a thing that offers ``offers``."""
     offer = offer_at(offers, rest[0])
@@ -41,11 +42,11 @@ def in_actions(
     return _in_invocation(invocation_of(offer.robot, invocation, invocations, base), invocation, rest[3:], base)
 
 
-def invocation_of(robot: Robot | None, invocation: Invocation, invocations: Invocations, base: str) -> Resource:
+def invocation_of(robot: Robot | None, invocation: Invocation, invocations: InvocationsInView, base: str) -> Resource:
     def describe(graph: Graph) -> None:
         ids = (*invocation.preempts, invocation.preempted_by)
         others = {id: other for id in ids if (other := invocations.get(id)) is not None}
-        describe_invocation(graph, base, robot, invocation, others)
+        describe_invocation(graph, base, robot, invocation, others, invocations.answers(invocation))
 
     path = invocation_path(invocation)
     return Resource(
@@ -79,7 +80,7 @@ def _action(offer: Offer, source: Source, base: str) -> Resource:
     )
 
 
-def _invocations(offer: Offer, invocations: Invocations, base: str) -> Resource:
+def _invocations(offer: Offer, invocations: InvocationsInView, base: str) -> Resource:
     members = invocations.of(offer.path)
     return Resource(
         offer.path + "/invocations",

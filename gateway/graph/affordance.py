@@ -1,4 +1,7 @@
-"""What can be done to a resource besides reading it; one type each, by which requests are dispatched."""
+"""What can be done to a resource besides reading it; one type each, by which requests are dispatched.
+
+``needs`` are the rights of which one is needed for it.
+"""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -7,6 +10,7 @@ from gateway.actions.offer import Offer
 from gateway.fleet.invocations import Invocation
 from gateway.fleet.robot import Robot
 from gateway.graph.setting import Setting
+from gateway.identity.rights import Right
 from gateway.subscriptions.subscription import Record
 
 
@@ -24,6 +28,11 @@ class Invoke:
     def takes_body(self) -> bool:
         return self.offer.takes_body
 
+    @property
+    def needs(self) -> tuple[Right, ...]:
+        """What takes a body moves; the others stop."""
+        return (Right.ACT,) if self.takes_body else (Right.STOP,)
+
 
 @dataclass(frozen=True)
 class EndInvocation:
@@ -37,6 +46,10 @@ class EndInvocation:
     def methods(self) -> tuple[str, ...]:
         return ("POST",) if self.keep else ("DELETE",)
 
+    @property
+    def needs(self) -> tuple[Right, ...]:
+        return (Right.STOP,) if self.keep else (Right.ACT,)
+
 
 @dataclass(frozen=True)
 class PutSetting:
@@ -45,6 +58,7 @@ class PutSetting:
     setting: Setting
     methods: ClassVar[tuple[str, ...]] = ("PUT",)
     takes_body: ClassVar[bool] = True
+    needs: ClassVar[tuple[Right, ...]] = (Right.ADMIN,)
 
 
 @dataclass(frozen=True)
@@ -54,6 +68,7 @@ class PutTarget:
     offer: Offer
     methods: ClassVar[tuple[str, ...]] = ("PUT",)
     takes_body: ClassVar[bool] = True
+    needs: ClassVar[tuple[Right, ...]] = (Right.ACT,)
 
 
 @dataclass(frozen=True)
@@ -63,6 +78,7 @@ class Control:
     robot: Robot
     methods: ClassVar[tuple[str, ...]] = ("PUT", "DELETE")
     takes_body: ClassVar[bool] = True
+    needs: ClassVar[tuple[Right, ...]] = (Right.ACT,)
 
 
 @dataclass(frozen=True)
@@ -72,6 +88,7 @@ class Subscribe:
     owner: str
     methods: ClassVar[tuple[str, ...]] = ("POST",)
     takes_body: ClassVar[bool] = True
+    needs: ClassVar[tuple[Right, ...]] = (Right.SUBSCRIBE,)
 
 
 @dataclass(frozen=True)
@@ -79,6 +96,7 @@ class CancelSubscription:
     record: Record
     methods: ClassVar[tuple[str, ...]] = ("DELETE",)
     takes_body: ClassVar[bool] = False
+    needs: ClassVar[tuple[Right, ...]] = (Right.SUBSCRIBE, Right.ADMIN)
 
 
 @dataclass(frozen=True)
@@ -86,6 +104,7 @@ class ResumeSubscription:
     record: Record
     methods: ClassVar[tuple[str, ...]] = ("POST",)
     takes_body: ClassVar[bool] = False
+    needs: ClassVar[tuple[Right, ...]] = (Right.SUBSCRIBE, Right.ADMIN)
 
 
 Affordance = (

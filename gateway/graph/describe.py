@@ -1,11 +1,10 @@
 """Descriptions of fleet, robot, joint, link and property as triples (paper figures 2b and 3, R1.3 to R1.12)."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from pyoxigraph import Literal, NamedNode
 
 from gateway.actions.offer import Offer, fleet_offers, joint_offers, robot_offers
-from gateway.fleet.fleet import Fleet
 from gateway.fleet.model import Joint, Link
 from gateway.fleet.robot import Robot
 from gateway.graph.annotations import annotate
@@ -30,14 +29,14 @@ class Describer:
 
     # -- the things -------------------------------------------------------------------------------------------------
 
-    def fleet(self, fleet: Fleet, graph: Graph) -> None:
+    def fleet(self, members: Mapping[str, Robot], graph: Graph) -> None:
         root = self.iri("/")
         graph.a(root, HYBRIT.RoboticThing, LF.Fleet, LDP.BasicContainer, LDP.Container)
         graph.add(root, DCTERMS.title, Literal("Linked Fleet"))
         self._interface(graph, "/", LF.FleetShape)
         self._actions(graph, root, fleet_offers())
         graph.add(root, LF.vocabulary, self.iri("/vocabulary"))
-        robots = [robot for _, robot in sorted(fleet.robots.items())]
+        robots = [robot for _, robot in sorted(members.items())]
         graph.add(root, LDP.contains, *(self.iri(robot_path(robot.name)) for robot in robots))
         for robot in robots:
             iri = self.iri(robot_path(robot.name))

@@ -29,9 +29,15 @@ ROOT = BlankNode("input")
 
 
 def describe_invocation(
-    graph: Graph, base: str, robot: Robot | None, invocation: Invocation, others: Mapping[str, Invocation]
+    graph: Graph,
+    base: str,
+    robot: Robot | None,
+    invocation: Invocation,
+    others: Mapping[str, Invocation],
+    answers: Mapping[str, str],
 ) -> None:
-    """``others``: the invocations that this one ended, and the one that ended it, as far as they are known."""
+    """``others``: the invocations that this one ended, and the one that ended it, as far as they are known;
+    ``answers``: of the robots, to one of the fleet."""
     iri = NamedNode(base + invocation_path(invocation))
     graph.a(iri, PROV.Activity, LF.Invocation)
     graph.add(iri, DCTERMS.title, Literal(f"Invocation {invocation.id} of {invocation.action}"))
@@ -60,7 +66,7 @@ def describe_invocation(
     if robot is not None:
         positions(graph, iri, LF.target, base, robot, invocation.targets)
         positions(graph, iri, LF.result, base, robot, invocation.result)
-    for name, answer in sorted(invocation.robots.items()):
+    for name, answer in sorted(answers.items()):
         node = graph.blank()
         graph.add(iri, LF.answer, node)
         graph.add(node, LF.ofRobot, NamedNode(base + robot_path(name)))

@@ -6,7 +6,7 @@ from agents.wire.names import escape, unescape
 from gateway.fleet.model import RobotModel
 
 RESERVED_AT_ROOT = frozenset(
-    {"actions", "assets", "blueprint", "context", "health", "invocations", "linkset"}
+    {"actions", "assets", "audit", "blueprint", "context", "health", "invocations", "linkset", "login", "logout"}
     | {"metrics", "query", "rules", "scene", "subscriptions", "vocabulary"}
 )
 RESERVED_IN_ROBOT = frozenset(
@@ -27,6 +27,20 @@ def robot_path(robot: str) -> str:
 def robot_name(segment: str) -> str:
     """ValueError when ``segment`` is no robot's."""
     return unescape(segment, RESERVED_AT_ROOT)
+
+
+def robot_of(path: str) -> str | None:
+    """The robot whose resource is at ``path``, None for the fleet's own."""
+    try:
+        segment, slash, _ = path[1:].partition("/")
+        return robot_name(segment) if slash else None
+    except ValueError:
+        return None
+
+
+def is_public(path: str) -> bool:
+    """Whether the resource at ``path`` says nothing about any fleet: anybody may read it."""
+    return path in ("/vocabulary", "/context") or path.startswith("/assets/")
 
 
 def lease_path(robot: str) -> str:

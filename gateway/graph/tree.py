@@ -18,6 +18,7 @@ from gateway.graph.affordance import Control
 from gateway.graph.describe import Describer, part_paths
 from gateway.graph.documents import asset, context, vocabulary
 from gateway.graph.geometry import in_geometry
+from gateway.graph.in_view import InvocationsInView, RobotsInView
 from gateway.graph.invocation import invocation_path
 from gateway.graph.kinds import kind_of
 from gateway.graph.lease import describe_lease
@@ -40,6 +41,7 @@ from gateway.graph.resource import CONTAINER, Redirect, Resource, blueprint_of
 from gateway.graph.settable import affordance, describe_target_blueprint
 from gateway.graph.subscription_tree import in_subscriptions
 from gateway.graph.vocab import LDP, LF
+from gateway.identity.rights import ALL, View
 from gateway.subscriptions.subscription import Record
 
 Found = Resource | Redirect | None
@@ -49,11 +51,13 @@ EMPTY: Shelf = MappingProxyType({})
 
 
 class Tree:
-    """Resolves paths against the live fleet, for descriptions under one base URL."""
+    """Resolves paths against what ``sees`` shows of the live fleet, for descriptions under one base URL."""
 
-    def __init__(self, fleet: Fleet, invocations: Invocations, base: str, shelf: Shelf = EMPTY) -> None:
-        self._fleet = fleet
-        self._invocations = invocations
+    def __init__(
+        self, fleet: Fleet, invocations: Invocations, base: str, shelf: Shelf = EMPTY, sees: View = ALL
+    ) -> None:
+        self._robots: Mapping[str, Robot] = fleet.robots if sees.all else RobotsInView(fleet.robots, sees)
+        self._invocations = InvocationsInView(invocations, sees)
         self._shelf = shelf
         self._say = Describer(base)
         self._base = base
@@ -74,7 +78,7 @@ class Tree:
         if head == "actions" and rest:
             return in_actions(fleet_offers(), rest, self._invocations, Source(), self._base)
         try:
-            robot = self._fleet.robots.get(robot_name(head))
+            robot = self._robots.get(robot_name(head))
         except ValueError:
             return None
         if robot is None:
@@ -91,21 +95,23 @@ class Tree:
     # -- fleet ------------------------------------------------------------------------------------------------------
 
     def _fleet_resource(self) -> Resource:
-        robots = tuple(robot_path(name) for name in sorted(self._fleet.robots))
+        robots = tuple(robot_path(name) for name in sorted(self._robots))
         return Resource(
             "/",
             "Linked Fleet",
-            lambda graph: self._say.fleet(self._fleet, graph),
+            lambda graph: self._say.fleet(self._robots, graph),
             CONTAINER,
             # When a robot was last seen is what each gateway saw for itself.
-            Source(self._robots, digest=lambda: [(*named, here, fault) for *named, (here, _, fault) in self._robots()]),
+            Source(
+                self._members, digest=lambda: [(*named, here, fault) for *named, (here, _, fault) in self._members()]
+            ),
             own=("/subscriptions", "/blueprint", *(each.path for each in fleet_offers()), "/vocabulary", "/context"),
             parts=robots,
             has_linkset=True,
         )
 
-    def _robots(self) -> list[tuple[str, str, tuple[bool, int | None, str | None]]]:
-        return [(name, robot.title, presence(robot)) for name, robot in self._fleet.robots.items()]
+    def _members(self) -> list[tuple[str, str, tuple[bool, int | None, str | None]]]:
+        return [(name, robot.title, presence(robot)) for name, robot in self._robots.items()]
 
     def _at_root(self, segment: str) -> Resource | None:
         if segment == "vocabulary":
@@ -268,7 +274,7 @@ class Tree:
             return
         yield root, path != root.owner
         if path == "/":
-            for name in self._fleet.robots:
+            for name in self._robots:
                 yield from self.below(robot_path(name))
             for invocation in self._invocations.open_of(FLEET):
                 yield invocation_of(None, invocation, self._invocations, self._base), True
@@ -277,7 +283,7 @@ class Tree:
 
     def _below_thing(self, root: Resource) -> Iterator[tuple[Resource, bool]]:
         head, part = root.path[1:].split("/")
-        robot = self._fleet.robots[robot_name(head)]
+        robot = self._robots[robot_name(head)]
         if robot.model is not None:
             joint, link = (None, None) if not part else part_of(part, robot.model)
             for thing, properties in self._things(robot, joint, link):
@@ -307,7 +313,7 @@ class Tree:
     def may_come(self, path: str) -> bool:
         """Whether there may be a resource at ``path`` as soon as its robot has said what it is."""
         try:
-            robot = self._fleet.robots.get(robot_name(path[1:].partition("/")[0]))
+            robot = self._robots.get(robot_name(path[1:].partition("/")[0]))
         except ValueError:
             return False
         return robot is not None and robot.model is None

@@ -14,7 +14,7 @@ from gateway.graph.vocab import LF
 from gateway.http.body import body_type, read_triples
 from gateway.http.invoke import lock_token, refuse_rehearsal
 from gateway.http.preconditions import check_preconditions
-from gateway.live import Live
+from gateway.http.rights import tree_of
 
 
 async def control(request: Request, afforded: Control, base: str) -> Response:
@@ -48,8 +48,7 @@ async def put_setting(request: Request, afforded: PutSetting, base: str) -> Resp
     triples = await read_triples(request, body_type(request), base + setting.path, base)
     value = setting.admit(triples, base)
     # Again, because the value may have changed while the body was on its way.
-    live: Live = request.app.state.live
-    present = live.tree(base).resolve(setting.path)
+    present = tree_of(request, base).resolve(setting.path)
     if isinstance(present, Resource):
         check_preconditions(request, present, base)
     await memory.configure(setting.robot, setting.name, value, lock_token(request))

@@ -2,7 +2,7 @@
 
 import logging
 import uuid
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from typing import Any
 from urllib.parse import quote as percent
 
@@ -23,7 +23,7 @@ from gateway.graph.affordance import (
     ResumeSubscription,
     Subscribe,
 )
-from gateway.graph.paths import owner_path
+from gateway.graph.paths import owner_path, robot_of
 from gateway.graph.resource import Redirect, Remote, Resource
 from gateway.graph.subscription import container_path
 from gateway.graph.tree import EMPTY, Found, Shelf
@@ -38,9 +38,11 @@ from gateway.http.negotiation import choose
 from gateway.http.preconditions import check_preconditions
 from gateway.http.problem import problem
 from gateway.http.representation import negotiated, preferred
+from gateway.http.rights import caller_of, demand, shown, tree_of
 from gateway.http.streams import EventStream, is_over, open_websocket, wants_events
 from gateway.http.subscribe import cancel, post_subscription, refusals, resume, subscribe_callback, wants_callback
 from gateway.http.turns import Turns
+from gateway.identity.rights import Right
 from gateway.live import Live
 from gateway.subscriptions.service import Subscriptions
 
@@ -74,6 +76,8 @@ async def _upgrade(websocket: WebSocket) -> None:
     try:
         found = await _find(websocket, base)
         if isinstance(found, Resource):
+            demand(websocket, found.path, (Right.READ,))
+            demand(websocket, found.path, (Right.SUBSCRIBE,))
             await open_websocket(websocket, found, base)
         else:
             await websocket.send_denial_response(_moved(websocket, found, base))
@@ -104,6 +108,8 @@ async def _answer(request: Request, base: str) -> ASGIApp:
     if isinstance(found, Redirect):
         return _moved(request, found, base)
     allow = _allow(found)
+    # What must not be done is refused before what cannot be done: a refusal by method would tell what can.
+    demand(request, found.path, _needed(request, found))
     if request.method not in allow:
         raise MethodNotAllowed(f"{request.method} is not possible here; {', '.join(allow)} are.", allow=allow)
     if request.method == "OPTIONS":
@@ -114,23 +120,29 @@ async def _answer(request: Request, base: str) -> ASGIApp:
     if request.method not in _READ:
         return await _write(request, found, base)
     if wants_callback(request):
+        demand(request, found.path, (Right.SUBSCRIBE,))
         return await subscribe_callback(request, found, base)
     if (found.observable or found.subscription is not None) and wants_events(request):
+        demand(request, found.path, (Right.SUBSCRIBE,))
         stream = EventStream(request, found, base)
         await stream.register()
         return stream
     return _read(request, found, base)
 
 
+def _needed(request: Request, resource: Resource) -> Sequence[Right]:
+    writes = resource.affords is not None and request.method in resource.affords.methods
+    return resource.affords.needs if writes and resource.affords is not None else (Right.READ,)
+
+
 async def _find(connection: HTTPConnection, base: str) -> Resource | Redirect:
     """What the request is about; NotFound, BadRequest, StoreAway."""
-    live: Live = connection.app.state.live
     path: str = connection.scope["path"]
     if not path.startswith("/"):
         raise BadRequest(f"The request target is no path, such as /, and no URL below {base}/.")
     # An encoded slash separates nothing (RFC 3986, 2.2), and no name in the tree has one.
     encoded_slash = b"%2f" in connection.scope["raw_path"].lower()
-    found: Found = None if encoded_slash else live.tree(base, await _shelf(connection, path)).resolve(path)
+    found: Found = None if encoded_slash else tree_of(connection, base, await _shelf(connection, path)).resolve(path)
     if found is None:
         raise NotFound(f"There is no resource at {path[:_LONGEST_NAMED]}; browse from {base}/.")
     return found
@@ -140,15 +152,18 @@ async def _shelf(connection: HTTPConnection, path: str) -> Shelf:
     """The subscriptions that the resource at ``path`` is about, if it is about any."""
     owner = owner_path(path)
     head, _, rest = path.removeprefix(container_path(owner)).partition("/")
-    if head or not path.startswith(container_path(owner)):
+    robot = robot_of(owner)
+    if head or not path.startswith(container_path(owner)) or not caller_of(connection).may(Right.READ, robot):
         return EMPTY
     subscriptions: Subscriptions = connection.app.state.subscriptions
     async with refusals():
         if not rest:
-            return {owner: await subscriptions.of(owner)}
+            return {owner: shown(connection, await subscriptions.of(owner), owner)}
         id = _uuid(rest.partition("/")[0])
         record = None if id is None else await subscriptions.record(id)
-        return {owner: [record]} if record is not None and record.subscription.owner == owner else EMPTY
+        if record is None or record.subscription.owner != owner:
+            return EMPTY
+        return {owner: shown(connection, [record], owner)}
 
 
 def _uuid(text: str) -> str | None:

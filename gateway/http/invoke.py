@@ -22,6 +22,7 @@ from gateway.errors import AgentSilent, BadRequest, NotAcceptable, Unprocessable
 from gateway.fleet.invocations import Invocation
 from gateway.graph.affordance import EndInvocation, Invoke, PutTarget
 from gateway.graph.build import Graph
+from gateway.graph.in_view import InvocationsInView
 from gateway.graph.invocation import ROOT, describe_rehearsal, invocation_path
 from gateway.graph.judge import reachable
 from gateway.graph.resource import Resource
@@ -31,6 +32,8 @@ from gateway.http.body import body_type, parse_body, read_body
 from gateway.http.fields import field
 from gateway.http.prefer import Prefer, parse_prefer
 from gateway.http.representation import Representation, negotiated
+from gateway.http.rights import caller_of, name_of, tree_of
+from gateway.identity.rights import Right
 from gateway.live import Live
 from gateway.observe.context import step, traced
 
@@ -86,7 +89,7 @@ async def end_invocation(request: Request, afforded: EndInvocation, base: str) -
 
 def caller(request: Request, body: str = "", digest: str = "") -> Caller:
     """Who asks; BadRequest for an Idempotency-Key or Lock-Token that is none."""
-    return Caller(_address(request), lock_token(request), _key(request), digest, body)
+    return Caller(name_of(request), lock_token(request), _key(request), digest, body)
 
 
 def _trace(offer: Offer, end: str) -> None:
@@ -97,10 +100,6 @@ def _trace(offer: Offer, end: str) -> None:
     trace.routed(f"{thing}/{end}")
     if offer.robot is not None:
         trace.about({"robot": offer.robot.name})
-
-
-def _address(request: Request) -> str:
-    return request.client.host if request.client else ""
 
 
 def refuse_rehearsal(request: Request) -> None:
@@ -154,10 +153,11 @@ async def _halt(request: Request, offer: Offer, base: str) -> Response:
         Asked(base, Body((), NamedNode(base + offer.path)), offer.robot, offer.joint)
     )
     assert isinstance(plan, Halt)
+    stops = caller_of(request).over(Right.STOP)
     if prefer.dry_run:
-        return _rehearsal(request, offer, plan, await actions.rehearse_halt(plan), base)
+        return _rehearsal(request, offer, plan, await actions.rehearse_halt(plan, stops), base)
     with _located(base):
-        invocation = await actions.halt(offer.path, plan, Caller(_address(request)))
+        invocation = await actions.halt(offer.path, plan, Caller(name_of(request), stops=stops))
     with suppress(NotAcceptable):
         return await _answer(request, invocation, prefer, base)
     return await _answer(request, invocation, replace(prefer, return_=None), base)
@@ -208,7 +208,8 @@ async def _answer(request: Request, invocation: Invocation, prefer: Prefer, base
 
 def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt, rehearsed: Rehearsed, base: str) -> Response:
     live: Live = request.app.state.live
-    known = [each for each in map(live.invocations.get, rehearsed.preempts) if each is not None]
+    seen = InvocationsInView(live.invocations, caller_of(request).sees)
+    known = [each for each in map(seen.get, rehearsed.preempts) if each is not None]
     targets, facts = ({}, {}) if isinstance(plan, Halt) else (plan.targets, plan.facts)
 
     def describe(graph: Graph) -> None:
@@ -220,8 +221,7 @@ def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt, rehearsed: R
 
 
 def _show(request: Request, path: str, base: str) -> Representation:
-    live: Live = request.app.state.live
-    found = live.tree(base).resolve(path)
+    found = tree_of(request, base).resolve(path)
     assert isinstance(found, Resource)
     return negotiated(field(request, "accept"), found, base)
 

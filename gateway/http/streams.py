@@ -3,7 +3,7 @@
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
 
-from starlette.requests import Request
+from starlette.requests import HTTPConnection, Request
 from starlette.types import Receive, Scope, Send
 from starlette.websockets import WebSocket
 
@@ -14,6 +14,7 @@ from gateway.graph.serialise import MEDIA_TYPES
 from gateway.http.event_stream import CANCELLED_ID, serve_event_stream
 from gateway.http.fields import field
 from gateway.http.negotiation import choose, parse_accept, weight
+from gateway.http.rights import caller_of
 from gateway.http.subscribe import new_subscription, observable_types, options, refusals, seen, subscription_link
 from gateway.http.websocket import serve_websocket
 from gateway.subscriptions.message import Feed, Outlet
@@ -55,7 +56,7 @@ class EventStream:
         self._seen = seen(request)
         self._posted = resource.subscription
         if self._posted is not None:
-            self._subscription = _opened(resource, Kind.EVENT_STREAM)
+            self._subscription = _opened(request, resource, Kind.EVENT_STREAM)
         else:
             media_type = _type_in_events(request, resource)
             self._subscription = new_subscription(
@@ -87,7 +88,7 @@ async def open_websocket(websocket: WebSocket, resource: Resource, base: str) ->
     """Serve a WebSocket on the resource (R0.15); refusals come before the handshake."""
     subscriptions: Subscriptions = websocket.app.state.subscriptions
     if resource.subscription is not None:
-        subscription = _opened(resource, Kind.WEBSOCKET)
+        subscription = _opened(websocket, resource, Kind.WEBSOCKET)
         _, subprotocol = _type_of_frames(websocket, (subscription.media_type,))
     else:
         media_type, subprotocol = _type_of_frames(websocket, observable_types(resource))
@@ -123,15 +124,17 @@ async def _live(
         subscriptions.streams.close(subscription, watcher, reopenable=posted)
 
 
-def _opened(resource: Resource, kind: Kind) -> Subscription:
+def _opened(connection: HTTPConnection, resource: Resource, kind: Kind) -> Subscription:
     """The subscription that was made by POST, on the connection that now opens it."""
     assert resource.subscription is not None
     subscription = resource.subscription.subscription
+    if subscription.creator != caller_of(connection).name:
+        raise Conflict("Only who made this subscription can open it.")
     if not subscription.kind.streams:
         raise Conflict("This is a callback subscription: its messages go to its receiver alone.")
     if kind is Kind.EVENT_STREAM and subscription.media_type == FRAME_MEDIA_TYPE:
         raise NotAcceptable("Binary frames cannot be sent as events; open a WebSocket.", offered=())
-    return replace(subscription, kind=kind)
+    return replace(subscription, kind=kind, sees=caller_of(connection).sees.patterns)
 
 
 def _type_in_events(request: Request, resource: Resource) -> str:

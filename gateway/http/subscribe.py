@@ -32,7 +32,7 @@ from gateway.http.fields import field
 from gateway.http.links import Link, link_header
 from gateway.http.negotiation import choose
 from gateway.http.representation import negotiated
-from gateway.live import Live
+from gateway.http.rights import caller_of, name_of, tree_of
 from gateway.subscriptions.network import Forbidden, callback_url
 from gateway.subscriptions.service import Subscriptions
 from gateway.subscriptions.store import StoreUnavailable, TooMany
@@ -108,14 +108,13 @@ async def subscribe_callback(request: Request, resource: Resource, base: str) ->
 
 async def post_subscription(request: Request, afforded: Subscribe, base: str) -> Response:
     """POST to a Subscriptions container: a callback, or a stream that is opened at its Location."""
-    live: Live = request.app.state.live
     owner, media_type = afforded.owner, body_type(request)
     accept = field(request, "accept")
     if choose(accept, MEDIA_TYPES) is None:
         raise NotAcceptable(f"Available here: {', '.join(MEDIA_TYPES)}.", offered=MEDIA_TYPES)
     iri = base + container_path(owner)
     wanted = requested(await read_triples(request, media_type, iri, base), iri, base)
-    resource = live.tree(base).resolve(unquote(wanted.resource[len(base) :]))
+    resource = tree_of(request, base).resolve(unquote(wanted.resource[len(base) :]))
     if not isinstance(resource, Resource):
         raise _unprocessable(f"There is no resource at {wanted.resource}; browse from {base}/.", iri)
     if not resource.observable:
@@ -144,7 +143,6 @@ def _from_body(request: Request, wanted: Wanted, resource: Resource, base: str, 
 
 async def _create(request: Request, subscription: Subscription, base: str, media_type: str | None) -> Response:
     """201 with Location and description; ``media_type`` of the description where not Accept alone decides."""
-    live: Live = request.app.state.live
     subscriptions: Subscriptions = request.app.state.subscriptions
     iri = base + container_path(subscription.owner)
     async with refusals():
@@ -157,7 +155,7 @@ async def _create(request: Request, subscription: Subscription, base: str, media
         except Forbidden as error:
             raise _unprocessable(str(error), iri) from error
     path = subscription_path(subscription)
-    shown = live.tree(base, {subscription.owner: [record]}).resolve(path)
+    shown = tree_of(request, base, {subscription.owner: [record]}).resolve(path)
     assert isinstance(shown, Resource)
     representation = negotiated(media_type or field(request, "accept"), shown, base)
     headers = {
@@ -199,11 +197,13 @@ def new_subscription(
         kind=kind,
         media_type=media_type,
         base=base,
-        client=connection.client.host if connection.client else "",
+        client=name_of(connection),
         created_ns=time.time_ns(),
         depth=asked.depth,
         interval_s=asked.interval_s,
         deadband=asked.deadband,
+        creator=caller_of(connection).name,
+        sees=caller_of(connection).sees.patterns,
     )
 
 

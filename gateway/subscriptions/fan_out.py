@@ -10,8 +10,9 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from typing import Protocol
 
-from gateway.graph.paths import is_below, robot_name
+from gateway.graph.paths import is_below, robot_of
 from gateway.graph.resource import Redirect, Resource
+from gateway.identity.rights import View
 from gateway.subscriptions.message import Ending, Message, Outlet
 from gateway.subscriptions.subscription import Depth, Subscription
 from gateway.subscriptions.topic import Topic
@@ -22,7 +23,7 @@ _DONE = object()
 
 
 class Tree(Protocol):
-    """The resource tree under one base URL."""
+    """The resource tree under one base URL, as somebody sees it."""
 
     def resolve(self, path: str) -> Resource | Redirect | None: ...
 
@@ -32,11 +33,11 @@ class Tree(Protocol):
 
 
 class FanOut:
-    """All that is watched at this gateway. ``tree`` gives the present tree for a base URL."""
+    """All that is watched at this gateway. ``tree`` gives the present tree for a base URL and who sees it."""
 
-    def __init__(self, tree: Callable[[str], Tree]) -> None:
+    def __init__(self, tree: Callable[[str, View], Tree]) -> None:
         self._tree = tree
-        self._topics: dict[tuple[str, bool], Topic] = {}
+        self._topics: dict[str, dict[tuple[bool, View], Topic]] = {}
         self._of_robot: dict[str | None, dict[Topic, None]] = {}
         self._subtrees: dict[Watcher, None] = {}
         self._absent: dict[Watcher, None] = {}
@@ -78,10 +79,10 @@ class FanOut:
     def changed(self, robot: str) -> None:
         """Something else became different about a robot: presence, description, fault."""
         for watcher in list(self._absent):
-            if _robot(watcher.subscription.resource) in (robot, None):
+            if robot_of(watcher.subscription.resource) in (robot, None):
                 self._find(watcher)
         for watcher in self._subtrees:
-            if _robot(watcher.subscription.resource) in (robot, None):
+            if robot_of(watcher.subscription.resource) in (robot, None):
                 self._scan_soon(watcher)
         for name in (robot, None):
             self._dirty.update(dict.fromkeys(self._of_robot.get(name, ()), True))
@@ -91,17 +92,16 @@ class FanOut:
         """One resource became different."""
         for watcher in [each for each in self._absent if each.subscription.resource == path]:
             self._find(watcher)
-        for values in (True, False):
-            if (topic := self._topics.get((path, values))) is not None:
-                self._dirty[topic] = True
-                self._take_turn_soon()
+        for topic in self._topics.get(path, {}).values():
+            self._dirty[topic] = True
+            self._take_turn_soon()
 
     def appeared(self, path: str) -> None:
         """There is a resource that was not there before, and that subtrees above it cover."""
         for watcher in self._subtrees:
             subscription = watcher.subscription
             if is_below(path, subscription.resource) and path not in watcher.topics:
-                resource = self._resolve(path, subscription.base)
+                resource = self._resolve(path, subscription)
                 if resource is not None:
                     self._join(watcher, resource, values=True)
 
@@ -136,12 +136,15 @@ class FanOut:
     def drop(self, watcher: Watcher, path: str) -> None:
         topic = watcher.leave(path)
         if not topic.watchers:
-            del self._topics[topic.path, topic.values]
+            places = self._topics[topic.path]
+            del places[topic.values, topic.sees]
+            if not places:
+                del self._topics[topic.path]
             self._dirty.pop(topic, None)
-            group = self._of_robot[_robot(topic.path)]
+            group = self._of_robot[robot_of(topic.path)]
             del group[topic]
             if not group:
-                del self._of_robot[_robot(topic.path)]
+                del self._of_robot[robot_of(topic.path)]
 
     def forget(self, watcher: Watcher) -> None:
         self._subtrees.pop(watcher, None)
@@ -188,7 +191,7 @@ class FanOut:
     def _renew(self, topic: Topic) -> bool:
         """Resolve a resource again: its constants, its members or its very existence may be different."""
         watcher = next(iter(topic.watchers))
-        resource = self._resolve(topic.path, watcher.subscription.base)
+        resource = self._resolve(topic.path, watcher.subscription)
         if resource is not None:
             topic.replace(resource)
             return True
@@ -200,27 +203,31 @@ class FanOut:
 
     # -- topics -----------------------------------------------------------------------------------------------------
 
-    def _resolve(self, path: str, base: str) -> Resource | None:
-        found = self._tree(base).resolve(path)
+    def _tree_of(self, subscription: Subscription) -> Tree:
+        return self._tree(subscription.base, subscription.view)
+
+    def _resolve(self, path: str, subscription: Subscription) -> Resource | None:
+        found = self._tree_of(subscription).resolve(path)
         return found if isinstance(found, Resource) else None
 
-    def _topic(self, path: str, values: bool, resource: Resource) -> Topic:
-        topic = self._topics.get((path, values))
+    def _topic(self, path: str, values: bool, resource: Resource, sees: View) -> Topic:
+        places = self._topics.setdefault(path, {})
+        topic = places.get((values, sees))
         if topic is None:
-            topic = self._topics[path, values] = Topic(path, values, resource)
-            self._of_robot.setdefault(_robot(path), {})[topic] = None
+            topic = places[values, sees] = Topic(path, values, resource, sees)
+            self._of_robot.setdefault(robot_of(path), {})[topic] = None
         else:
             self._refresh(topic)
         return topic
 
     def _join(self, watcher: Watcher, resource: Resource, values: bool) -> None:
-        watcher.join(self._topic(resource.path, values, resource))
+        watcher.join(self._topic(resource.path, values, resource, watcher.subscription.view))
         watcher.ready()
 
     def _find(self, watcher: Watcher) -> None:
         """Join the one resource that the watcher is about, or wait for it."""
         subscription = watcher.subscription
-        resource = self._resolve(subscription.resource, subscription.base)
+        resource = self._resolve(subscription.resource, subscription)
         if resource is None:
             self._lose(watcher)
             return
@@ -231,7 +238,7 @@ class FanOut:
     def _lose(self, watcher: Watcher) -> None:
         """What the watcher is about is not there: wait for it if it may come, or end."""
         subscription = watcher.subscription
-        if not watcher.patient and not self._tree(subscription.base).may_come(subscription.resource):
+        if not watcher.patient and not self._tree_of(subscription).may_come(subscription.resource):
             watcher.end(Ending.GONE)
         elif not watcher.subtree:  # those look again by themselves
             self._absent[watcher] = None
@@ -257,7 +264,7 @@ class FanOut:
     def _scan(self, watcher: Watcher) -> Iterator[None]:
         """One resource at a time."""
         covered = set()
-        for resource, values in self._tree(watcher.subscription.base).below(watcher.subscription.resource):
+        for resource, values in self._tree_of(watcher.subscription).below(watcher.subscription.resource):
             covered.add(resource.path)
             if resource.path not in watcher.topics:
                 self._join(watcher, resource, values)
@@ -268,12 +275,3 @@ class FanOut:
                 self.drop(watcher, path)
         if watcher.subscription.resource not in covered:
             self._lose(watcher)
-
-
-def _robot(path: str) -> str | None:
-    """The robot whose resource is at ``path``, None for the fleet's own."""
-    try:
-        segment, slash, _ = path[1:].partition("/")
-        return robot_name(segment) if slash else None
-    except ValueError:
-        return None

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from enum import StrEnum
 
+from gateway.identity.rights import ALL, EVERY, View, view
+
 
 class Kind(StrEnum):
     """How messages reach the subscriber. STREAM: made by POST and opened, by either protocol, at its own address."""
@@ -52,7 +54,7 @@ class Subscription:
     base: str
     """Public URL under which the client asked, without slash; the IRIs in messages begin with it."""
     client: str
-    """Network address of who asked; its subscriptions are counted."""
+    """Name or network address of who asked; its subscriptions are counted."""
     created_ns: int
     depth: Depth = Depth.PROPERTIES
     interval_s: float = 0.0
@@ -63,6 +65,14 @@ class Subscription:
     """URL of the receiver; only a callback has one."""
     secret: str = ""
     """Standard Webhooks secret (``whsec_`` and base64); empty: deliveries are not signed. Never shown."""
+    creator: str = ""
+    """Name of the identity that asked for it; empty where none were configured."""
+    sees: tuple[str, ...] = (EVERY,)
+    """Patterns of the robots that its creator may read: messages tell of no others."""
+
+    @property
+    def view(self) -> View:
+        return ALL if EVERY in self.sees else view(frozenset(self.sees), self.creator)
 
 
 @dataclass(frozen=True)

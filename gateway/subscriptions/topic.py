@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Protocol
 from gateway.graph.message import message_body
 from gateway.graph.reading import Reading
 from gateway.graph.resource import Redirect, Resource
+from gateway.identity.rights import ALL, View
 from gateway.subscriptions.message import Message
 
 if TYPE_CHECKING:
@@ -19,10 +20,13 @@ class Resolver(Protocol):
 
 
 class Topic:
-    """A resource that at least one subscriber watches. ``values``: whether measured values count as its change."""
+    """A resource that at least one subscriber watches, as those see it who share ``sees``.
 
-    def __init__(self, path: str, values: bool, resource: Resource) -> None:
-        self.path, self.values = path, values
+    ``values``: whether measured values count as its change.
+    """
+
+    def __init__(self, path: str, values: bool, resource: Resource, sees: View = ALL) -> None:
+        self.path, self.values, self.sees = path, values, sees
         self.watchers: dict[Watcher, None] = {}
         self.previous: str | None = None
         self.renders = 0
@@ -63,14 +67,14 @@ class Topic:
             self._compared = (sent, sent is None or not self.reading.same(sent))
         return self._compared[1]
 
-    def message(self, media_type: str, base: str, tree: Callable[[str], Resolver]) -> Message:
+    def message(self, media_type: str, base: str, tree: Callable[[str, View], Resolver]) -> Message:
         """The message about the present reading; WriteError when the syntax cannot say it."""
         message = self._messages.get((media_type, base))
         if message is None:
             resource = self._resources.get(base)
             # A document is there or not from one frame to the next.
             if resource is None or resource.documents:
-                found = tree(base).resolve(self.path)
+                found = tree(base, self.sees).resolve(self.path)
                 resource = self._resources[base] = found if isinstance(found, Resource) else self._resource
             self.renders += 1
             body = message_body(resource, media_type, base, self.reading.version, self.previous)

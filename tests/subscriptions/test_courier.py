@@ -44,7 +44,7 @@ class Toy:
 
     def __init__(self) -> None:
         self.fact = 0
-        self.fan_out = FanOut(lambda base: self)
+        self.fan_out = FanOut(lambda base, sees: self)
 
     def resolve(self, path: str) -> Resource | None:
         facts = Source(facts=lambda: self.fact)

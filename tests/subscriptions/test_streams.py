@@ -54,7 +54,7 @@ class Toy:
     def __init__(self) -> None:
         self.fleet, self._sequence = Fleet(), 0
         invocations = Invocations()
-        self.fan_out = FanOut(lambda base: Tree(self.fleet, invocations, base))
+        self.fan_out = FanOut(lambda base, sees: Tree(self.fleet, invocations, base, sees=sees))
         self.fleet.apply(Appeared("r", 1), 1)
         self.fleet.apply(
             Described(

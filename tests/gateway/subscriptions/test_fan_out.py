@@ -108,7 +108,7 @@ class World:
 
     def __init__(self) -> None:
         self.fleet, self.invocations = Fleet(), Invocations()
-        self.fan_out = Clocked(lambda base: Tree(self.fleet, self.invocations, base))
+        self.fan_out = Clocked(lambda base, sees: Tree(self.fleet, self.invocations, base, sees=sees))
         self._sequence = itertools.count()
 
     async def apply(self, *events: Event) -> None:

@@ -1,0 +1,46 @@
+"""Who asks, what he sees of the tree, and what he may do there."""
+
+from collections.abc import Sequence
+
+from starlette.requests import HTTPConnection
+
+from gateway.errors import InsufficientScope
+from gateway.graph.paths import is_public, robot_of
+from gateway.graph.tree import EMPTY, Shelf, Tree
+from gateway.identity.rights import EVERYBODY, Identity, Right
+from gateway.live import Live
+from gateway.subscriptions.subscription import Record
+
+
+def caller_of(connection: HTTPConnection) -> Identity:
+    """As ``gateway.http.callers`` found out; where no identities are configured, everybody may do everything."""
+    caller: Identity = connection.scope.get("state", {}).get("caller", EVERYBODY)
+    return caller
+
+
+def name_of(connection: HTTPConnection) -> str:
+    """The name of who asks, as it is shown and counted; without identities the network address."""
+    address = connection.client.host if connection.client else ""
+    return caller_of(connection).name or address
+
+
+def tree_of(connection: HTTPConnection, base: str, shelf: Shelf = EMPTY) -> Tree:
+    """The tree as far as who asks may see it."""
+    live: Live = connection.app.state.live
+    return live.tree(base, caller_of(connection).sees, shelf)
+
+
+def demand(connection: HTTPConnection, path: str, scopes: Sequence[Right]) -> None:
+    """InsufficientScope unless who asks has one of ``scopes`` over what is at ``path``, which he may find."""
+    if is_public(path) or caller_of(connection).may_any(scopes, robot_of(path)):
+        return
+    wanted = " or ".join(scopes)
+    raise InsufficientScope(f"This takes the right to {wanted} here, which you do not have.", scope=scopes[0])
+
+
+def shown(connection: HTTPConnection, records: Sequence[Record], owner: str) -> list[Record]:
+    """The subscriptions of a thing that are one's own; to ``admin`` all of them."""
+    caller = caller_of(connection)
+    if caller.may(Right.ADMIN, robot_of(owner)):
+        return list(records)
+    return [each for each in records if caller.name and each.subscription.creator == caller.name]
