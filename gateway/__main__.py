@@ -18,6 +18,7 @@ from gateway.app import create_app
 from gateway.exposure import complaints
 from gateway.http.protocol import HttpProtocol, WebSocketProtocol
 from gateway.http.tls import Certificate, secured
+from gateway.identity.roster import BadRoster
 from gateway.link import LinkError
 from gateway.observe.log import configure
 from gateway.observe.tracing import Tracing, TracingUnavailable, open_tracing
@@ -79,7 +80,7 @@ def main() -> int:
     sys.setswitchinterval(_SWITCH_S)
     try:
         return uvloop.run(_serve(settings, listener, certificate, tracing))
-    except (LinkError, EmbeddedError, BadUrl) as error:
+    except (LinkError, EmbeddedError, BadUrl, BadRoster) as error:
         print(f"gateway: {error}", file=sys.stderr)
         return 1
     finally:

@@ -2,6 +2,7 @@
 
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager, closing
+from pathlib import Path
 
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
@@ -9,9 +10,12 @@ from starlette.middleware import Middleware
 from gateway.actions.service import Actions
 from gateway.actions.store import ActionStore
 from gateway.graph.vocab import PREFIXES
+from gateway.http.callers import Callers
 from gateway.http.endpoint import resources
 from gateway.http.host import Authorities
 from gateway.http.turns import Turns
+from gateway.identity.service import Identities
+from gateway.identity.store import SessionKey
 from gateway.live import Live
 from gateway.observe.counts import Requests
 from gateway.observe.front import Front
@@ -34,6 +38,11 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None) -> Sta
             live = await stack.enter_async_context(Live(settings))
             url = settings.redis_url or (await stack.enter_async_context(Embedded(settings.state_path))).url
             run = new_run()
+            app.state.identities = None
+            if settings.identities:
+                key = SessionKey(url, settings.namespace, settings.session_key_file)
+                identities = Identities(Path(settings.identities), key)
+                app.state.identities = await stack.enter_async_context(identities)
             remembered = await stack.enter_async_context(ActionStore(url, settings.namespace, run))
             app.state.actions = await stack.enter_async_context(Actions(live, remembered))
             await live.join()
@@ -42,6 +51,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None) -> Sta
             subscriptions = Subscriptions(
                 store, run, live.fan_out, network,
                 consent=settings.callback_consent == "on", limit=int(settings.subscriptions_per_client),
+                vouches=app.state.identities.vouches if app.state.identities else lambda *_: True,
             )  # fmt: skip
             app.state.live, app.state.subscriptions = live, await stack.enter_async_context(subscriptions)
             sampler = await stack.enter_async_context(Sampler(live.fleet))
@@ -53,6 +63,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None) -> Sta
         middleware=[
             Middleware(Front, requests=requests, tracing=tracing),
             Middleware(Authorities, public_urls=settings.public_urls, prefixes=PREFIXES),
+            Middleware(Callers),
         ],
         lifespan=lifespan,
     )

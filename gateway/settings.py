@@ -69,6 +69,14 @@ class GatewaySettings:
         "LINKED_FLEET_SUBSCRIPTIONS_PER_CLIENT", "1000", "subscriptions that one client address may have at once"
     )
 
+    identities: str = _setting(
+        "LINKED_FLEET_IDENTITIES", "", "file of who may do what (default: everybody, everything)"
+    )
+    session_key_file: str = _setting(
+        "LINKED_FLEET_SESSION_KEY_FILE",
+        "",
+        "file with the key of sessions, 32 bytes in base64 (default: made, in Redis)",
+    )
     log_format: str = _setting("LINKED_FLEET_LOG_FORMAT", "text", "form of the log: text or json")
 
     def __post_init__(self) -> None:

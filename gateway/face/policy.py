@@ -12,3 +12,6 @@ POLICY = "; ".join(
         "frame-ancestors 'none'",
     )
 )
+
+FORMS = POLICY.replace("form-action 'none'", "form-action 'self'")
+"""Of pages that can send a form without a script: those where people log in or out."""

@@ -50,7 +50,7 @@ class Authorities:
             base = self._base(scope, hosts)
             self._check_origin(scope)
         except FleetError as error:
-            await self._refuse(error, scope, send)
+            await refuse(error, scope, send, self.prefixes)
             return
         scope.setdefault("state", {})["base"] = base
         await self.app(scope, receive, send)
@@ -77,14 +77,16 @@ class Authorities:
                 f"pages of {', '.join(self._bases.values())} may do this, and clients that are no pages"
             )
 
-    async def _refuse(self, error: FleetError, scope: Scope, send: Send) -> None:
-        accept = b", ".join(value for name, value in scope["headers"] if name == b"accept").decode("latin-1")
-        body, fields = problem(error, accept or None, None, self.prefixes)
-        if scope["type"] == "websocket" and "websocket.http.response" not in scope.get("extensions", {}):
-            await send({"type": "websocket.close", "code": 1008})  # the server can only answer 403
-            return
-        start = "websocket.http.response" if scope["type"] == "websocket" else "http.response"
-        fields["content-length"] = str(len(body))
-        headers = [(name.encode(), value.encode()) for name, value in fields.items()]
-        await send({"type": f"{start}.start", "status": error.status, "headers": headers})
-        await send({"type": f"{start}.body", "body": body})
+
+async def refuse(error: FleetError, scope: Scope, send: Send, prefixes: Mapping[str, str]) -> None:
+    """Answer with a problem before anything else has looked at the request."""
+    accept = b", ".join(value for name, value in scope["headers"] if name == b"accept").decode("latin-1")
+    body, fields = problem(error, accept or None, None, prefixes)
+    if scope["type"] == "websocket" and "websocket.http.response" not in scope.get("extensions", {}):
+        await send({"type": "websocket.close", "code": 1008})  # the server can only answer 403
+        return
+    start = "websocket.http.response" if scope["type"] == "websocket" else "http.response"
+    fields["content-length"] = str(len(body))
+    headers = [(name.encode(), value.encode()) for name, value in fields.items()]
+    await send({"type": f"{start}.start", "status": error.status, "headers": headers})
+    await send({"type": f"{start}.body", "body": body})

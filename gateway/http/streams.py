@@ -1,6 +1,7 @@
 """Subscriptions that live on a connection: which is asked for, in which media type, and its life in the registry."""
 
 from collections.abc import Awaitable, Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 
 from starlette.requests import HTTPConnection, Request
@@ -8,6 +9,7 @@ from starlette.types import Receive, Scope, Send
 from starlette.websockets import WebSocket
 
 from gateway.errors import Conflict, NotAcceptable
+from gateway.graph.paths import robot_of
 from gateway.graph.properties import FRAME_MEDIA_TYPE
 from gateway.graph.resource import Resource
 from gateway.graph.serialise import MEDIA_TYPES
@@ -17,6 +19,7 @@ from gateway.http.negotiation import choose, parse_accept, weight
 from gateway.http.rights import caller_of
 from gateway.http.subscribe import new_subscription, observable_types, options, refusals, seen, subscription_link
 from gateway.http.websocket import serve_websocket
+from gateway.identity.service import Identities
 from gateway.subscriptions.message import Feed, Outlet
 from gateway.subscriptions.service import Subscriptions
 from gateway.subscriptions.subscription import Kind, Subscription
@@ -53,7 +56,7 @@ class EventStream:
 
     def __init__(self, request: Request, resource: Resource, base: str) -> None:
         self._subscriptions: Subscriptions = request.app.state.subscriptions
-        self._seen = seen(request)
+        self._request, self._seen = request, seen(request)
         self._posted = resource.subscription
         if self._posted is not None:
             self._subscription = _opened(request, resource, Kind.EVENT_STREAM)
@@ -81,7 +84,7 @@ class EventStream:
         async def serve(start: _Start) -> None:
             await serve_event_stream(scope, receive, send, headers, start)
 
-        await _live(self._subscriptions, self._subscription, self._seen, self._posted is not None, serve)
+        await _live(self._request, self._subscription, self._seen, self._posted is not None, serve)
 
 
 async def open_websocket(websocket: WebSocket, resource: Resource, base: str) -> None:
@@ -100,17 +103,18 @@ async def open_websocket(websocket: WebSocket, resource: Resource, base: str) ->
     async def serve(start: _Start) -> None:
         await serve_websocket(websocket, subprotocol, headers, start)
 
-    await _live(subscriptions, subscription, seen(websocket), resource.subscription is not None, serve)
+    await _live(websocket, subscription, seen(websocket), resource.subscription is not None, serve)
 
 
 async def _live(
-    subscriptions: Subscriptions,
+    connection: HTTPConnection,
     subscription: Subscription,
     last: str | None,
     posted: bool,
     serve: Callable[[_Start], Awaitable[None]],
 ) -> None:
     """From the registration to the end of the connection, however it ends."""
+    subscriptions: Subscriptions = connection.app.state.subscriptions
     watcher: Watcher | None = None
 
     async def start(outlet: Outlet) -> Feed:
@@ -119,9 +123,20 @@ async def _live(
         return watcher
 
     try:
-        await serve(start)
+        with _guarded(connection, subscription):
+            await serve(start)
     finally:
         subscriptions.streams.close(subscription, watcher, reopenable=posted)
+
+
+def _guarded(connection: HTTPConnection, subscription: Subscription) -> AbstractContextManager[None]:
+    """End the stream as soon as its client may not have it any more."""
+    identities: Identities | None = connection.app.state.identities
+    if identities is None:
+        return nullcontext()
+    subscriptions: Subscriptions = connection.app.state.subscriptions
+    robot, id = robot_of(subscription.resource), subscription.id
+    return identities.guarding(caller_of(connection), robot, lambda: subscriptions.streams.revoke(id))
 
 
 def _opened(connection: HTTPConnection, resource: Resource, kind: Kind) -> Subscription:

@@ -176,6 +176,8 @@ async def cancel(request: Request, afforded: CancelSubscription, base: str) -> R
 
 async def resume(request: Request, afforded: ResumeSubscription, base: str) -> Response:
     subscriptions: Subscriptions = request.app.state.subscriptions
+    if not subscriptions.callbacks.entitled(afforded.record.subscription):
+        raise Conflict("The rights of its creator ended: it can only be deleted.")
     return await _carried_out(subscriptions.resume(afforded.record.subscription.id))
 
 

@@ -11,8 +11,14 @@ from gateway.subscriptions.message import Ending, Feed, Message, Outlet
 
 BINARY_TYPES = frozenset({"application/vnd.linked-fleet.frame"})
 
-# RFC 6455, 7.4: 1012 asks to come back, 4000 to 4999 are for private use.
-_CODES = {Ending.CANCELLED: 1000, Ending.GONE: 4404, Ending.REPLACED: 4409, Ending.SHUTDOWN: 1012}
+# RFC 6455, 7.4: 1008 is of policy, 1012 asks to come back, 4000 to 4999 are for private use.
+_CODES = {
+    Ending.CANCELLED: 1000,
+    Ending.UNENTITLED: 1008,
+    Ending.GONE: 4404,
+    Ending.REPLACED: 4409,
+    Ending.SHUTDOWN: 1012,
+}
 
 
 def framed(message: Message) -> bytes:

@@ -29,7 +29,7 @@ class BadRoster(ValueError):  # noqa: N818 -- it reads as what it is
 
 class _Rights(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     scopes: list[_ScopeName]
-    robots: list[str] = [EVERY]
+    robots: list[str] = msgspec.field(default_factory=lambda: [EVERY])
 
 
 class _Token(_Rights):
@@ -159,7 +159,8 @@ def read_roster(path: Path) -> Roster:
             raise BadRoster(f"{path}: the file is longer than {_MOST_BYTES} bytes")
         return parse_roster(content.decode(), path.parent)
     except OSError as error:
-        raise BadRoster(f"{path}: {error.strerror}") from error
+        where = f" {error.filename}" if error.filename != str(path) else ""
+        raise BadRoster(f"{path}:{where} {error.strerror}") from error
     except ValueError as error:  # of TOML, of its types, of UTF-8
         raise BadRoster(f"{path}: {error}" if str(path) not in str(error) else str(error)) from error
 

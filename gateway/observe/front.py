@@ -12,6 +12,11 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from gateway.errors import FleetError, InsufficientScope
+from gateway.graph.vocab import PREFIXES
+from gateway.http.callers import authenticate
+from gateway.http.problem import problem
+from gateway.identity.rights import Right
 from gateway.observe.context import begin
 from gateway.observe.counts import Requests
 from gateway.observe.health import live, ready
@@ -64,12 +69,26 @@ class Front:
             if page is None:
                 await self.app(scope, receive, answer)
             else:
-                response = await _answer(page, Request(scope, receive))
+                response = await _admitted(page, Request(scope, receive))
                 await response(scope, receive, answer)
         finally:
             if asked.trace is not None:
                 asked.trace.end()
                 asked.trace = None  # contexts that were inherited live longer
+
+
+async def _admitted(page: Callable[[Request], Awaitable[Response]], request: Request) -> Response:
+    """The numbers name all robots: where there are identities, they are for who may administer all of them."""
+    identities = request.app.state.identities
+    if page is metrics and identities is not None:
+        try:
+            caller = await authenticate(identities, request.scope)
+            if not caller.may(Right.ADMIN, None):
+                raise InsufficientScope("The numbers are for who may administer all robots.", scope=Right.ADMIN)
+        except FleetError as error:
+            body, headers = problem(error, request.headers.get("accept"), None, PREFIXES)
+            return Response(body, error.status, headers)
+    return await _answer(page, request)
 
 
 async def _answer(page: Callable[[Request], Awaitable[Response]], request: Request) -> Response:

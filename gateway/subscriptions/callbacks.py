@@ -2,7 +2,10 @@
 
 import asyncio
 import ssl
+from collections.abc import Callable
 
+from gateway.graph.paths import robot_of
+from gateway.identity.rights import View
 from gateway.observe.counts import Deliveries
 from gateway.subscriptions.courier import Courier
 from gateway.subscriptions.fan_out import FanOut
@@ -11,11 +14,25 @@ from gateway.subscriptions.receiver import Receiver
 from gateway.subscriptions.store import Store, StoreUnavailable
 from gateway.subscriptions.subscription import Delivery, DeliveryState, Kind, Record, Subscription
 
+Vouches = Callable[[str, str | None, View], bool]
+UNENTITLED = "the rights of its creator ended"
+
 
 class Callbacks:
-    """``limit`` is the number of subscriptions that one client may have, ``consent`` whether receivers are asked."""
+    """``limit`` is the number of subscriptions that one client may have, ``consent`` whether receivers are asked,
+    ``vouches`` whether a creator still may have the robot told of that he asked for, and sees what he saw."""
 
-    def __init__(self, store: Store, run: str, fan_out: FanOut, network: Network, limit: int, consent: bool) -> None:
+    def __init__(
+        self,
+        store: Store,
+        run: str,
+        fan_out: FanOut,
+        network: Network,
+        limit: int,
+        consent: bool,
+        vouches: Vouches = lambda *_: True,
+    ) -> None:
+        self._vouches = vouches
         self._store, self._run, self._fan_out, self._network = store, run, fan_out, network
         self._limit, self._consent = limit, consent
         self._couriers: dict[str, Courier] = {}
@@ -62,6 +79,17 @@ class Callbacks:
         if (courier := self._couriers.get(id)) is not None:
             courier.wake()
 
+    def entitled(self, subscription: Subscription) -> bool:
+        """Whether its creator may have it."""
+        return self._vouches(subscription.creator, robot_of(subscription.resource), subscription.view)
+
+    async def suspend_unentitled(self) -> None:
+        """Those whose creator may not have them any more, whoever resumed them."""
+        for courier in list(self._couriers.values()):
+            suspended = courier.delivery.state is DeliveryState.SUSPENDED
+            if not suspended and not self.entitled(courier.subscription):
+                await courier.suspend(UNENTITLED)
+
     async def drop(self, id: str) -> None:
         """Serve it no longer, if it is served here."""
         if (courier := self._couriers.pop(id, None)) is not None:
@@ -99,7 +127,10 @@ class Callbacks:
             record, self._store, self._fan_out, receiver, consent=self._consent, deliveries=self.deliveries
         )
         self._couriers[record.subscription.id] = courier
-        courier.start()
+        if self.entitled(record.subscription) or record.delivery.state is DeliveryState.SUSPENDED:
+            courier.start()
+        else:
+            courier.start_suspended(UNENTITLED)
 
     def _receiver(self, subscription: Subscription) -> Receiver:
         return Receiver(self._network, subscription.callback, ssl_context=self._tls)

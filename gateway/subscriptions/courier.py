@@ -71,6 +71,19 @@ class Courier:
         self.delivery = replace(self.delivery, state=DeliveryState.ACTIVE, failures=0, reason="")
         self._woken.set()
 
+    async def suspend(self, reason: str) -> None:
+        """Deliver nothing more until somebody resumes it."""
+        if self._task is not None:
+            await end([self._task])
+        self.start_suspended(reason)
+
+    def start_suspended(self, reason: str) -> None:
+        """``start``, and wait until somebody resumes it."""
+        self._message, self._idle = None, False
+        self._woken.clear()
+        self._became(DeliveryState.SUSPENDED, self.delivery.last_status, self.delivery.failures, reason)
+        self._task = asyncio.create_task(self._run(note=True), name=f"callback {self.subscription.id}")
+
     async def stop(self) -> None:
         if self._task is not None:
             await end([self._task])
@@ -90,8 +103,11 @@ class Courier:
 
     # -- the work -----------------------------------------------------------------------------------------------------
 
-    async def _run(self) -> None:
+    async def _run(self, *, note: bool = False) -> None:
+        """``note``: what it is like has not been noted yet."""
         try:
+            if note:
+                await self._note()
             await self._serve()
         except Lost:
             log.info(

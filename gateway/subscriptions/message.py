@@ -30,6 +30,7 @@ class Ending(Enum):
 
     CANCELLED = "the subscription was deleted"
     GONE = "the resource does not exist any more"
+    UNENTITLED = "the right to subscribe has ended"
     REPLACED = "the subscription was opened on another connection"
     SHUTDOWN = "the gateway is shutting down"
 

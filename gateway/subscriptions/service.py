@@ -7,7 +7,7 @@ import uuid
 from types import TracebackType
 
 from gateway.ending import end
-from gateway.subscriptions.callbacks import Callbacks
+from gateway.subscriptions.callbacks import Callbacks, Vouches
 from gateway.subscriptions.fan_out import FanOut
 from gateway.subscriptions.message import Ending
 from gateway.subscriptions.network import Network
@@ -27,10 +27,20 @@ _LEAVE_S = 1.0
 class Subscriptions:
     """An async context manager; ``limit`` is per client address, ``consent`` whether receivers are asked first."""
 
-    def __init__(self, store: Store, run: str, fan_out: FanOut, network: Network, *, consent: bool, limit: int) -> None:
+    def __init__(
+        self,
+        store: Store,
+        run: str,
+        fan_out: FanOut,
+        network: Network,
+        *,
+        consent: bool,
+        limit: int,
+        vouches: Vouches = lambda *_: True,
+    ) -> None:
         self._store, self._run = store, run
         self.streams = Streams(store, run, fan_out, limit)
-        self.callbacks = Callbacks(store, run, fan_out, network, limit, consent)
+        self.callbacks = Callbacks(store, run, fan_out, network, limit, consent, vouches)
         self._tasks: list[asyncio.Task[None]] = []
         self._renewed_s = float("-inf")
 
@@ -128,6 +138,7 @@ class Subscriptions:
         away, note_s, compare_s = False, 0.0, 0.0
         while True:
             try:
+                await self.callbacks.suspend_unentitled()
                 await self.callbacks.catch_up()
                 await self.streams.catch_up()
                 for run in await self._store.dead_runs():

@@ -110,6 +110,12 @@ class Streams:
         else:
             self._later(lambda: self._forget(id))
 
+    def revoke(self, id: str) -> None:
+        """End a stream whose client has lost the right to it, for good; harmless when it is over."""
+        if id in self._open:
+            self.drop(id, Ending.UNENTITLED)
+            self._later(lambda: self._forget(id))
+
     def end_all(self) -> None:
         """Close every stream, because the gateway ends; their clients reconnect to another or later."""
         for watcher in list(self._open.values()):

@@ -1,0 +1,166 @@
+"""Who asks, and whether he still may: the file as it is now, tokens of issuers, sessions, what ends with a right."""
+
+import asyncio
+import logging
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from gateway.ending import end
+from gateway.identity.jwts import BadToken, expiry_ns, issuer_named, verified
+from gateway.identity.keys import IssuerKeys
+from gateway.identity.rights import Credential, Identity, Right, View
+from gateway.identity.roster import BadRoster, Issuer, Roster, read_roster
+from gateway.identity.seal import open_session, seal_session
+from gateway.identity.store import SessionKey
+from gateway.identity.web import Web
+
+log = logging.getLogger(__name__)
+
+LOOK_S = 1.0
+"""Between two looks at the file and at what rights have ended."""
+_Stamp = tuple[int, int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class _Guarded:
+    """Something that goes on for as long as ``identity`` may have it."""
+
+    identity: Identity
+    robot: str | None
+    end: Callable[[], None]
+
+
+class Identities:
+    """An async context manager. BadRoster when the file is unusable at first; later the one before it stays."""
+
+    def __init__(self, path: Path, key: SessionKey) -> None:
+        self._path, self.key = path, key
+        self._stamp = _stamp(path)
+        self.roster: Roster = read_roster(path)
+        self.web = Web()
+        self._keys: dict[str, IssuerKeys] = {}
+        self._guarded: set[_Guarded] = set()
+        self._complaint = ""
+        self._task: asyncio.Task[None] | None = None
+
+    async def __aenter__(self) -> Self:
+        self._task = asyncio.create_task(self._look_for_ever(), name="look at identities")
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._task is not None:
+            await end([self._task])
+        await self.web.aclose()
+        await self.key.aclose()
+
+    # -- who ----------------------------------------------------------------------------------------------------------
+
+    async def bearer(self, text: str) -> Identity:
+        """Who brings a token; BadToken, IssuerSilent."""
+        return self._known(self.roster.token(text) or await self._issued(text))
+
+    async def session(self, sealed: str) -> Identity | None:
+        """Who has logged in; None when the session is none, or over. StoreUnavailable."""
+        return self.roster.identity(open_session(sealed, await self.key.get()), time.time_ns())
+
+    async def seal(self, credential: Credential) -> str:
+        """What the browser of who has logged in keeps; StoreUnavailable."""
+        return seal_session(credential, await self.key.get(), time.time_ns())
+
+    def keys(self, issuer: Issuer) -> IssuerKeys:
+        return self._keys.setdefault(issuer.url, IssuerKeys(self.web, issuer.url))
+
+    async def _issued(self, text: str) -> Credential:
+        issuer = self.roster.issuers.get(issuer_named(text) or "")
+        if issuer is None:
+            raise BadToken("it is unknown")
+        said = await verified(text, issuer, self.keys(issuer), issuer.audience)
+        claims = issuer.claims(said, expiry_ns(said))
+        if claims is None:
+            raise BadToken(f"it has no usable claim {issuer.name_claim}")
+        return claims
+
+    def _known(self, credential: Credential) -> Identity:
+        found = self.roster.identity(credential, time.time_ns())
+        if found is None:
+            raise BadToken("it has expired")
+        return found
+
+    # -- as long as --------------------------------------------------------------------------------------------------
+
+    @contextmanager
+    def guarding(self, identity: Identity, robot: str | None, end: Callable[[], None]) -> Iterator[None]:
+        """Call ``end``, again and again, once ``identity`` may not subscribe any more, or sees other robots."""
+        guarded = _Guarded(identity, robot, end)
+        self._guarded.add(guarded)
+        try:
+            yield
+        finally:
+            self._guarded.discard(guarded)
+
+    def lasts(self, identity: Identity, robot: str | None) -> bool:
+        """Whether what was subscribed to with the rights of ``identity`` may go on."""
+        now = self.roster.identity(identity.credential, time.time_ns())
+        return now is not None and _subscribes(now, robot, identity.sees)
+
+    def vouches(self, creator: str, robot: str | None, sees: View) -> bool:
+        """Whether a callback of ``creator`` may go on, who saw the robots of ``sees`` when he asked for it.
+
+        Who came with a token of an issuer is not asked again: nobody knows what the issuer would say now.
+        """
+        subject, at, issuer = creator.rpartition("@")
+        if at:
+            return bool(subject) and any(each.name == issuer for each in self.roster.issuers.values())
+        now = self.roster.holder(creator, time.time_ns())
+        return now is not None and _subscribes(now, robot, sees)
+
+    # -- the file ------------------------------------------------------------------------------------------------------
+
+    async def _look_for_ever(self) -> None:
+        while True:
+            await asyncio.sleep(LOOK_S)
+            try:
+                await self._look()
+                self._end_what_must()
+            except Exception:
+                # The boundary of the task: without it no right would ever be taken away again.
+                log.exception("identities could not be looked at; it is tried again")
+
+    async def _look(self) -> None:
+        try:
+            stamp = _stamp(self._path)
+            if stamp == self._stamp:
+                return
+            self.roster = await asyncio.to_thread(read_roster, self._path)
+        except BadRoster as error:
+            if str(error) != self._complaint:
+                log.error("the identities stay as they were: %s", error)
+            self._complaint = str(error)
+            return
+        self._stamp, self._complaint = stamp, ""
+        log.info("identities read anew: %d tokens, %d issuers", len(self.roster.tokens), len(self.roster.issuers))
+
+    def _end_what_must(self) -> None:
+        for each in list(self._guarded):
+            if not self.lasts(each.identity, each.robot):
+                each.end()
+
+
+def _subscribes(now: Identity, robot: str | None, sees: View) -> bool:
+    return now.may(Right.SUBSCRIBE, robot) and now.may(Right.READ, robot) and now.sees == sees
+
+
+def _stamp(path: Path) -> _Stamp:
+    """What changes with the file; BadRoster when there is none."""
+    try:
+        found = path.stat()
+    except OSError as error:
+        raise BadRoster(f"{path}: {error.strerror}") from error
+    return found.st_mtime_ns, found.st_size, found.st_ino

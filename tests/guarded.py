@@ -1,0 +1,138 @@
+"""A gateway that knows who asks, with two robots, one of which some do not see."""
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+
+from browser import Browser
+from issuer import AUDIENCE, CLIENT, SECRET, Issuer
+from running import Process, eventually, process
+from small_fleet import Place, live
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.http11 import Response
+from websockets.sync.client import connect
+
+from gateway.identity.__main__ import new_token
+
+ALL = ("read", "subscribe", "stop", "act", "admin")
+SEEN, HIDDEN = "lab-1", "hall-1"
+"""The robots: whoever is limited sees ``lab-*`` alone."""
+PATIENCE_S = 15.0
+
+
+@dataclass
+class Guarded:
+    """``tables`` of the file by name, as they are at present; ``tokens`` by name."""
+
+    place: Place
+    file: Path
+    gateway: Process | None = None
+    tables: dict[str, str] = field(default_factory=dict)
+    tokens: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def root(self) -> str:
+        return self.place.root
+
+    def add(self, name: str, *scopes: str, robots: tuple[str, ...] = ("*",), expires: str = "") -> None:
+        self.tokens[name], self.tables[name] = new_token(name, scopes, robots, expires)
+        self.write()
+
+    def admit(self, issuer: Issuer, *scopes: str, robots: str = "*") -> None:
+        """Operators that ``issuer`` knows."""
+        secret = self.file.with_name("secret")
+        secret.write_text(SECRET)
+        self.tables["issuer"] = (
+            f'[[issuer]]\nname = "plant"\nurl = "{issuer.url}"\naudience = "{AUDIENCE}"\n'
+            f'client_id = "{CLIENT}"\nclient_secret_file = "secret"\n'
+            f'[[issuer.grant]]\nclaim = "groups"\nvalue = "operators"\n'
+            f'scopes = {list(scopes)}\nrobots = ["{robots}"]\n'
+        )
+        self.write()
+
+    def revoke(self, name: str) -> None:
+        del self.tables[name]
+        self.write()
+
+    def write(self, text: str | None = None) -> None:
+        """In one step, as an editor or a secret's mount does it."""
+        new = self.file.with_suffix(".new")
+        new.write_text("\n".join(self.tables.values()) if text is None else text)
+        new.replace(self.file)
+
+    @contextlib.contextmanager
+    def browsing(self, name: str | None) -> Iterator[Browser]:
+        """A client with the token of that name."""
+        with contextlib.closing(Browser(self.root)) as browser:
+            if name is not None:
+                browser.http.headers["authorization"] = f"Bearer {self.tokens[name]}"
+            yield browser
+
+    def known(self, name: str) -> None:
+        """Wait until the gateway has taken the token in."""
+        with self.browsing(name) as browser:
+            eventually(lambda: browser.http.get(self.root).status_code != 401, f"{name} known")
+
+
+@contextlib.contextmanager
+def guarded(folder: Path, robots: bool = True, issuer: Issuer | None = None) -> Iterator[Guarded]:
+    place, file = Place(folder / "state"), folder / "identities.toml"
+    here = Guarded(place, file)
+    here.add("root", *ALL)
+    if issuer is not None:
+        here.admit(issuer, "read", "subscribe", "act")
+    flags = ("--identities", str(file))
+    names = (f"--robot={SEEN}=ur5", f"--robot={HIDDEN}=ur5")
+    with contextlib.ExitStack() as stack:
+        here.gateway = stack.enter_context(process(*place.command(), *flags))
+        if robots:
+            stack.enter_context(process("-m", "agents", *names, "--connect", place.zenoh))
+        here.gateway.said("serving")
+        with here.browsing("root") as browser:
+            for name in (SEEN, HIDDEN) if robots else ():
+                live(browser, name)
+        yield here
+
+
+class Listening:
+    """A WebSocket with headers of the test's own."""
+
+    def __init__(self, url: str, **headers: str) -> None:
+        self._open = contextlib.ExitStack()
+        opening = connect(
+            "ws" + url.removeprefix("http"), additional_headers=headers, compression=None, proxy=None,
+            open_timeout=PATIENCE_S, origin=None,
+        )  # fmt: skip
+        self._connection = self._open.enter_context(opening)
+
+    def __enter__(self) -> "Listening":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._open.close()
+
+    def next(self) -> str:
+        said = self._connection.recv(timeout=PATIENCE_S)
+        assert isinstance(said, str)
+        return said
+
+    def until_closed(self) -> int:
+        try:
+            while True:
+                self.next()
+        except ConnectionClosed as end:
+            assert end.rcvd is not None
+            return end.rcvd.code
+
+
+def refusal(url: str, **headers: str) -> Response:
+    """The answer to a WebSocket handshake that is not accepted."""
+    try:
+        with Listening(url, **headers):
+            raise AssertionError(f"{url} was opened")
+    except InvalidStatus as error:
+        return error.response

@@ -1,0 +1,174 @@
+"""What one may not read one does not find: not in listings, links, streams or errors."""
+
+import json
+from collections.abc import Iterator
+
+import httpx
+import pytest
+from browser import HYBRIT, LDP, LF, Browser, links
+from guarded import HIDDEN, SEEN, Guarded, Listening, refusal
+from rdflib import URIRef
+from running import eventually, process
+from small_fleet import live
+from walk import walk
+
+pytestmark = pytest.mark.fleet
+_TURTLE = {"content-type": "text/turtle"}
+_PREFIXES = f"@prefix hybrit: <{HYBRIT}> . @prefix lf: <{LF}> .\n"
+
+
+@pytest.fixture(scope="module")
+def lab(here: Guarded) -> Iterator[Browser]:
+    """All rights, but to one robot alone."""
+    with here.browsing("lab") as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def root(here: Guarded) -> Iterator[Browser]:
+    with here.browsing("root") as browser:
+        yield browser
+
+
+def test_a_walk_of_everything_meets_no_hidden_robot(lab: Browser) -> None:
+    found = walk(lab.root, lab.http)
+    assert len(found.things()) > 10
+    for page in found:
+        assert HIDDEN not in page.response.text and HIDDEN not in str(page.response.headers), page.url
+
+
+def test_the_fleet_lists_what_is_seen(here: Guarded, lab: Browser, root: Browser) -> None:
+    def listed(browser: Browser) -> set[str]:
+        page = browser.page(browser.root)
+        names = {str(each).removeprefix(browser.root) for each in page.graph.objects(page.iri, LDP.contains)}
+        linked = {each.removeprefix(browser.root) for each in links(page.response, "related")}
+        (context,) = json.loads(browser.http.get(browser.root + "linkset").content)["linkset"]
+        linkset = {each["href"].removeprefix(browser.root) for each in context["related"]}
+        assert names <= linked and names <= linkset
+        return names
+
+    assert listed(root) == {f"{SEEN}/", f"{HIDDEN}/"}
+    assert listed(lab) == {f"{SEEN}/"}
+
+
+def _told(answer: httpx.Response, path: str) -> tuple[object, ...]:
+    """Everything but what must differ."""
+    headers = {
+        name: value for name, value in answer.headers.items() if name not in ("x-request-id", "date", "content-length")
+    }
+    return answer.status_code, headers, answer.text.replace(path, "")
+
+
+@pytest.mark.parametrize("method", ["GET", "HEAD", "OPTIONS", "POST", "PUT", "DELETE", "PATCH"])
+@pytest.mark.parametrize(
+    "rest", ["", "/", "/wrist_3_joint", "/actions/stop", "/subscriptions", "/lease", "/title", "/linkset", "/x/"]
+)
+def test_a_hidden_robot_is_like_none(lab: Browser, method: str, rest: str) -> None:
+    told = [
+        _told(lab.http.request(method, lab.root + name + rest, headers=_TURTLE), f"{name}{rest}")
+        for name in (HIDDEN, "none-1")
+    ]
+    assert told[0] == told[1] and told[0][0] == 404
+
+
+@pytest.mark.parametrize("headers", [{"accept": "text/event-stream"}, {"accept": "text/html"}, {"accept": "x/y"}])
+def test_however_one_asks(lab: Browser, headers: dict[str, str]) -> None:
+    told = [_told(lab.http.get(lab.root + name + "/", headers=headers), name) for name in (HIDDEN, "none-1")]
+    assert told[0] == told[1] and told[0][0] == 404
+
+
+def test_a_websocket_to_a_hidden_robot_is_refused_like_one_to_none(here: Guarded) -> None:
+    bearer = f"Bearer {here.tokens['lab']}"
+    answers = [refusal(f"{here.root}{name}/", Authorization=bearer) for name in (HIDDEN, "none-1")]
+    assert [each.status_code for each in answers] == [404, 404]
+    bodies = [
+        (each.body or b"").decode().replace(name, "") for each, name in zip(answers, (HIDDEN, "none-1"), strict=True)
+    ]
+    assert bodies[0] == bodies[1]
+
+
+def test_nothing_hidden_can_be_subscribed_to(lab: Browser) -> None:
+    told = []
+    for name in (HIDDEN, "none-1"):
+        body = _PREFIXES + f"[] a hybrit:Subscription ; hybrit:onResource <{lab.root}{name}/> ."
+        answer = lab.http.post(lab.root + "subscriptions", content=body, headers=_TURTLE)
+        told.append(_told(answer, name))
+    assert told[0] == told[1] and told[0][0] == 422
+
+
+def test_a_subtree_shows_what_is_seen_and_also_what_comes(here: Guarded, root: Browser) -> None:
+    """A robot of each kind comes later: one is told of, the other is not."""
+    url = here.root + "?depth=subtree"
+    with (
+        Listening(url, Authorization=f"Bearer {here.tokens['lab-subscriber']}") as narrow,
+        Listening(url, Authorization=f"Bearer {here.tokens['subscriber']}") as wide,
+        process(
+            "-m", "agents", "--robot=hall-2=ur5", "--robot=lab-2=ur5", "--connect", here.place.zenoh
+        ),
+    ):  # fmt: skip
+        live(root, "hall-2")
+        live(root, "lab-2")
+        assert any("/hall-2/wrist_3_joint" in wide.next() for _ in range(20_000))
+        told = ""
+        while "/lab-2/wrist_3_joint" not in told:
+            told = narrow.next()
+            assert "hall-" not in told
+
+
+def test_stop_all_reaches_whom_one_may_stop_and_tells_of_those_alone(
+    here: Guarded, lab: Browser, root: Browser
+) -> None:
+    stop_all = root.action(root.page(root.root), LF.StopAll)
+    invocations = str(root.page(stop_all).one(LF.invocations))
+
+    def stopped(browser: Browser, url: str) -> set[str]:
+        page = browser.page(url)
+        return {str(each).removeprefix(here.root) for each in page.graph.objects(None, LF.ofRobot)}
+
+    def listed(browser: Browser) -> set[str]:
+        page = browser.page(invocations)
+        return {str(each) for each in page.graph.objects(page.iri, LDP.contains)}
+
+    mine = lab.http.post(stop_all).headers["location"]
+    whole = root.http.post(stop_all).headers["location"]
+    assert stopped(root, mine) == {f"{SEEN}/"} and stopped(lab, mine) == {f"{SEEN}/"}
+    assert {f"{SEEN}/", f"{HIDDEN}/"} <= stopped(root, whole)
+    assert {mine, whole} <= listed(root)
+    assert mine in listed(lab) and whole not in listed(lab)
+    assert lab.http.get(whole).status_code == 404
+    with here.browsing("button") as button:  # may stop and nothing else
+        answer = button.http.post(stop_all)
+        assert answer.status_code == 204
+        assert stopped(root, answer.headers["location"]) == {f"{SEEN}/"}
+        assert button.http.get(here.root).status_code == 403
+
+
+def test_what_a_motion_ended_is_told_to_who_sees_it(lab: Browser, root: Browser) -> None:
+    """The stop of the whole fleet, which has a hidden robot in it, is no link for who does not see that."""
+    rotate = root.action(root.part(SEEN, "wrist_3_joint"), LF.Rotate)
+    body = (
+        "@prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> . @prefix unit: <http://qudt.org/vocab/unit/> .\n"
+        "<> vom:numericalValue -3.0 ; vom:unit unit:RAD ."
+    )
+    moving = root.http.post(rotate, content=body, headers=_TURTLE).headers["location"]
+    stop = root.http.post(root.action(root.page(root.root), LF.StopAll)).headers["location"]
+
+    def ended_by(browser: Browser) -> list[URIRef]:
+        page = browser.page(moving)
+        return [URIRef(str(each)) for each in page.graph.objects(page.iri, LF.preemptedBy)]
+
+    ended = eventually(lambda: root.page(moving).one(LF.state) not in (LF.accepted, LF.running), "the motion ended")
+    assert ended
+    assert ended_by(root) in ([URIRef(stop)], [])
+    assert ended_by(lab) == []
+
+
+def test_the_version_of_the_fleet_is_of_what_one_sees(here: Guarded, lab: Browser, root: Browser) -> None:
+    def etag(browser: Browser) -> str:
+        return str(browser.http.get(browser.root).headers["etag"])
+
+    assert etag(lab) != etag(root)
+    with process("-m", "agents", "--robot=hall-3=ur5", "--connect", here.place.zenoh):
+        before = etag(lab)
+        live(root, "hall-3")
+        assert etag(lab) == before

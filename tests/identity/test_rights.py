@@ -1,0 +1,47 @@
+"""Who may do what to which robots."""
+
+import pytest
+
+from gateway.identity.rights import ALL, EVERYBODY, NOBODY, Grant, Identity, Right, view
+
+
+def identity(*grants: tuple[str, tuple[str, ...]]) -> Identity:
+    """With the rights that each grant names, to robots of its patterns."""
+    return Identity("ada", tuple(Grant(frozenset(map(Right, rights.split())), robots) for rights, robots in grants))
+
+
+@pytest.mark.parametrize("right", Right)
+def test_everybody_may_do_everything_and_nobody_nothing(right: Right) -> None:
+    assert EVERYBODY.may(right, "ur5") and EVERYBODY.may(right, None)
+    assert not NOBODY.may(right, "ur5") and not NOBODY.may(right, None)
+
+
+def test_to_act_is_to_stop_and_nothing_else_includes_anything() -> None:
+    given = {"read": {"read"}, "subscribe": {"subscribe"}, "stop": {"stop"}, "act": {"act", "stop"}, "admin": {"admin"}}
+    for name, expected in given.items():
+        assert {right.value for right in Right if identity((name, ("*",))).may(right, "ur5")} == expected
+
+
+def test_patterns_are_of_whole_names_and_case_counts() -> None:
+    who = identity(("read", ("lab-*", "ur?")))
+    assert [name for name in ("lab-1", "lab-", "ur5", "Lab-1", "my-lab-1", "ur10", "lab") if who.sees.sees(name)] == [
+        "lab-1", "lab-", "ur5",
+    ]  # fmt: skip
+    assert identity(("read", ("lab-*",))).sees.sees("lab-1\nhall")  # whatever a name is made of
+
+
+def test_rights_of_several_grants_stay_apart() -> None:
+    who = identity(("read", ("*",)), ("act", ("lab-*",)))
+    assert who.may(Right.READ, "hall") and not who.may(Right.ACT, "hall") and who.may(Right.ACT, "lab-1")
+
+
+def test_of_the_fleet_one_robot_is_enough_but_not_to_administer() -> None:
+    assert identity(("read stop admin", ("lab-*",))).may(Right.STOP, None)
+    assert not identity(("read stop admin", ("lab-*",))).may(Right.ADMIN, None)
+    assert identity(("admin", ("*",))).may(Right.ADMIN, None)
+
+
+def test_who_sees_all_sees_the_same() -> None:
+    assert identity(("read", ("lab-*", "*"))).sees is ALL
+    assert view(frozenset({"a"}), "ada") is view(frozenset({"a"}), "ada")
+    assert view(frozenset({"a"}), "ada") != view(frozenset({"a"}), "bob")  # each has invocations of the fleet as well

@@ -1,0 +1,189 @@
+"""Every right at every affordance, found by links."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import httpx
+import pytest
+import rdflib
+from browser import HYBRIT, LDP, LF, Browser, links
+from guarded import SEEN, Guarded, Listening, refusal
+from rdflib import URIRef
+from small_fleet import live
+from subscribers import PATIENCE_S
+
+pytestmark = pytest.mark.fleet
+
+NAMES = ("reader", "subscriber", "stopper", "actor", "admin")
+_JOINT = "wrist_3_joint"
+_PREFIXES = f"@prefix lf: <{LF}> . @prefix hybrit: <{HYBRIT}> . @prefix unit: <http://qudt.org/vocab/unit/> .\n"
+_ROTATE = (
+    "@prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> . @prefix unit: <http://qudt.org/vocab/unit/> .\n"
+    "<> vom:numericalValue 0.1 ; vom:unit unit:RAD ."
+)
+
+
+@dataclass
+class Deed:
+    """A request, and the rights with which it is not forbidden."""
+
+    name: str
+    allowed: tuple[str, ...]
+    method: str
+    url: str
+    body: str = ""
+
+    def do(self, http: httpx.Client) -> httpx.Response:
+        headers = {"content-type": "text/turtle", "prefer": "respond-async"} if self.body else {}
+        return http.request(self.method, self.url, content=self.body or None, headers=headers)
+
+
+@pytest.fixture(scope="module")
+def root(here: Guarded) -> Iterator[Browser]:
+    with here.browsing("root") as browser:
+        yield browser
+
+
+def _deeds(browser: Browser) -> list[Deed]:
+    robot, joint = live(browser, SEEN), browser.part(SEEN, _JOINT)
+    fleet = browser.page(browser.root)
+
+    def action(thing: object, kind: URIRef) -> str:
+        return browser.action(thing, kind)  # type: ignore[arg-type]
+
+    rotate, container = action(joint, LF.Rotate), str(joint.one(HYBRIT.subscriptions))
+    stream = _PREFIXES + f"[] a hybrit:Subscription ; hybrit:onResource <{joint.url}> ."
+    lease = _PREFIXES + '<> lf:holder "a" ; lf:leaseDuration 1.0 .'
+    target = (
+        "@prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> . @prefix unit: <http://qudt.org/vocab/unit/> .\n"
+        f"@prefix lf: <{LF}> . <> lf:value [ vom:numericalValue 0.1 ; vom:unit unit:RAD ] ."
+    )
+    title, scale = str(robot.one(LF.title)), str(robot.one(LF.maximumSpeedScale))
+    act, stop, admin = ("actor",), ("stopper", "actor"), ("admin",)
+    return [
+        Deed("read the fleet", NAMES, "GET", browser.root),
+        Deed("read a joint", NAMES, "HEAD", joint.url),
+        Deed("ask for options", NAMES, "OPTIONS", rotate),
+        Deed("rotate", act, "POST", rotate, _ROTATE),
+        Deed("rotate by its target", act, "PUT", str(joint.one(LF.targetRotation)), target),
+        Deed("hold", stop, "POST", action(joint, LF.Hold)),
+        Deed("stop", stop, "POST", action(robot, LF.StopRobot)),
+        Deed("stop all", stop, "POST", action(fleet, LF.StopAll)),
+        Deed("take control", act, "PUT", str(robot.one(LF.lease)), lease),
+        Deed("release control", act, "DELETE", str(robot.one(LF.lease))),
+        Deed("rename", admin, "PUT", title, _PREFIXES + '<> lf:value "x" .'),
+        Deed("slow down", admin, "PUT", scale, _PREFIXES + "<> lf:value 1.0 ."),
+        Deed("subscribe", ("subscriber",), "POST", container, stream),
+        Deed("subscribe to events", ("subscriber",), "GET", joint.url + "?events"),
+    ]
+
+
+def test_each_right_opens_what_it_says_and_nothing_else(here: Guarded, root: Browser) -> None:
+    for deed in _deeds(root):
+        for name in NAMES:
+            with here.browsing(name) as browser:
+                if deed.url.endswith("?events"):
+                    status, challenge = _events(browser.http, deed.url.removesuffix("?events"))
+                else:
+                    answer = deed.do(browser.http)
+                    status, challenge = answer.status_code, answer.headers.get("www-authenticate", "")
+            if name in deed.allowed:
+                assert status not in (401, 403), f"{name} may {deed.name}: {status}"
+            else:
+                assert status == 403, f"{name} may not {deed.name}: {status}"
+                assert 'error="insufficient_scope"' in challenge and "scope=" in challenge
+
+
+def _events(http: httpx.Client, url: str) -> tuple[int, str]:
+    with http.stream("GET", url, headers={"accept": "text/event-stream"}, timeout=PATIENCE_S) as response:
+        return response.status_code, response.headers.get("www-authenticate", "")
+
+
+def test_invocations_are_cancelled_by_who_may_stop_and_deleted_by_who_may_act(here: Guarded, root: Browser) -> None:
+    rotate = root.action(root.part(SEEN, _JOINT), LF.Rotate)
+    with here.browsing("actor") as actor, here.browsing("stopper") as stopper, here.browsing("reader") as reader:
+        deed = Deed("rotate", (), "POST", rotate, _ROTATE.replace("0.1", "3.0"))
+        invocation = deed.do(actor.http).headers["location"]
+        said = reader.page(invocation)
+        agent = said.graph.value(said.iri, rdflib.PROV.wasAssociatedWith)
+        assert str(said.graph.value(agent, rdflib.DCTERMS.title)) == "actor"  # who asked, by name and no address
+        cancel = str(said.one(HYBRIT.action))
+        assert reader.http.post(cancel).status_code == 403
+        assert stopper.http.delete(invocation).status_code == 403
+        assert stopper.http.post(cancel).status_code in (204, 409)
+        assert actor.http.delete(invocation).status_code == 204
+
+
+def test_websockets_are_for_who_may_subscribe(here: Guarded, root: Browser) -> None:
+    url = root.part(SEEN, _JOINT).url
+    assert refusal(url).status_code == 401
+    assert refusal(url, Authorization=f"Bearer {here.tokens['reader']}").status_code == 403
+    assert refusal(url, Authorization="Bearer nonsense").status_code == 401
+    with Listening(url, Authorization=f"Bearer {here.tokens['subscriber']}") as open_:
+        assert _JOINT in open_.next()
+
+
+def test_callbacks_by_upgrade_are_for_who_may_subscribe(here: Guarded, root: Browser) -> None:
+    url = root.part(SEEN, _JOINT).url
+    headers = {"connection": "upgrade", "upgrade": "callback", "callback": "http://127.0.0.1:9/"}
+    with here.browsing("reader") as reader:
+        assert reader.http.get(url, headers=headers).status_code == 403
+    with here.browsing("subscriber") as subscriber:
+        answer = subscriber.http.get(url, headers=headers)
+        assert answer.status_code == 201
+        assert subscriber.http.delete(answer.headers["location"]).status_code == 204
+
+
+def test_who_says_nothing_or_nonsense_is_told_how_to_say_it(here: Guarded, root: Browser) -> None:
+    with here.browsing(None) as nobody:
+        for path in ("", "no-such-robot", "hall-1/", "audit"):
+            answer = nobody.http.get(here.root + path)
+            assert answer.status_code == 401
+            assert answer.headers["www-authenticate"] == 'Bearer realm="linked-fleet"'
+            assert answer.headers["content-type"].startswith("application/problem+json")
+        for said in ("Bearer x", "Bearer", "Basic YTpi", f"Bearer {here.tokens['over']}", "Bearer a.b.c"):
+            answer = nobody.http.get(here.root, headers={"authorization": said})
+            assert answer.status_code == 401 and 'error="invalid_token"' in answer.headers["www-authenticate"], said
+        for path in ("vocabulary", "context", "health/live", "login"):
+            assert nobody.http.get(here.root + path).status_code == 200
+
+
+def test_answers_are_for_who_asked(here: Guarded, root: Browser) -> None:
+    answer = root.http.get(here.root)
+    assert answer.headers["cache-control"] == "private, no-cache"
+    assert answer.headers["vary"] == "Accept, Authorization, Cookie"
+    mesh = next((each for each in links(root.http.get(root.robot(SEEN).url), "related") if "meshes" in each), None)
+    assert mesh is None or "private" in root.http.head(mesh).headers["cache-control"]
+
+
+@pytest.mark.parametrize(
+    ("name", "status"), [(None, 401), ("reader", 403), ("lab", 403), ("scraper", 200), ("admin", 200)]
+)
+def test_the_numbers_are_for_who_administers_all(here: Guarded, name: str | None, status: int) -> None:
+    with here.browsing(name) as browser:
+        answer = browser.http.get(here.root + "metrics")
+        assert answer.status_code == status
+        assert ("linked_fleet_robots" in answer.text) == (status == 200)
+
+
+def test_a_subscription_is_seen_by_its_creator_and_by_who_administers(here: Guarded, root: Browser) -> None:
+    joint = root.part(SEEN, _JOINT)
+    container = str(joint.one(HYBRIT.subscriptions))
+    body = _PREFIXES + f"[] a hybrit:Subscription ; hybrit:onResource <{joint.url}> ."
+
+    def seen(name: str) -> set[str]:
+        with here.browsing(name) as browser:
+            page = browser.page(container)
+            return {str(each) for each in page.graph.objects(page.iri, LDP.contains)}
+
+    with here.browsing("subscriber") as subscriber, here.browsing("all") as other:
+        made = subscriber.http.post(container, content=body, headers={"content-type": "text/turtle"})
+        mine = made.headers["location"]
+        assert mine in seen("subscriber") & seen("admin") & seen("lab") and mine not in seen("lab-subscriber")
+        with here.browsing("lab-subscriber") as stranger:
+            for answer in (stranger.http.get(mine), stranger.http.delete(mine)):
+                assert answer.status_code == 404
+        with other.http.stream("GET", mine, headers={"accept": "text/event-stream"}) as opened:
+            assert opened.status_code == 409  # what it tells is for who made it
+        assert other.http.delete(mine).status_code == 204
+        assert mine not in seen("subscriber")
