@@ -46,7 +46,8 @@ FORMATS: Mapping[str, tuple[str, str]] = {
 
 @dataclass(frozen=True)
 class View:
-    """``crumbs`` are names with IRIs, the last without; ``stop`` is whom the Stop button stops, and by which action."""
+    """``crumbs`` are names with IRIs, the last without; ``stop`` is whom the Stop button stops, and by which action;
+    ``reader`` is who has logged in."""
 
     iri: str
     root: str
@@ -63,6 +64,7 @@ class View:
     more: Mapping[str, Any]
     rows: Sequence[Row]
     others: Sequence[Described]
+    reader: str
 
     @property
     def formats(self) -> list[tuple[str, str, str]]:
@@ -99,6 +101,7 @@ def view_of(resource: Resource, triples: Sequence[Triple], base: str) -> View:
         more=part.more,
         rows=facts.rows(iri, without=_FRAME | part.shown),
         others=[described(facts, each) for each in facts.outline.headings if each != iri and each not in part.done],
+        reader=resource.reader,
     )
 
 

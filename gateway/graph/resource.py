@@ -48,6 +48,8 @@ class Resource:
     linkset_of: "Resource | None" = None
     has_linkset: bool = False
     immutable: bool = False
+    reader: str = ""
+    """Who has logged in and reads it as a page, which says so."""
 
     @property
     def linkset(self) -> str:

@@ -3,6 +3,7 @@
 import logging
 import uuid
 from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import replace
 from typing import Any
 from urllib.parse import quote as percent
 
@@ -12,7 +13,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket
 
 from gateway.errors import BadRequest, FleetError, MethodNotAllowed, NotAcceptable, NotFound, PreconditionFailed
-from gateway.face.policy import POLICY
+from gateway.face.policy import FORMS, POLICY
 from gateway.graph.affordance import (
     CancelSubscription,
     Control,
@@ -145,6 +146,8 @@ async def _find(connection: HTTPConnection, base: str) -> Resource | Redirect:
     found: Found = None if encoded_slash else tree_of(connection, base, await _shelf(connection, path)).resolve(path)
     if found is None:
         raise NotFound(f"There is no resource at {path[:_LONGEST_NAMED]}; browse from {base}/.")
+    if isinstance(found, Resource) and getattr(connection.state, "session", False):
+        return replace(found, reader=caller_of(connection).name)
     return found
 
 
@@ -210,7 +213,7 @@ def _read(request: Request, resource: Resource, base: str) -> Response:
     representation = negotiated(accept, resource, base)
     headers = _headers(resource, base, representation.etag)
     if representation.media_type == "text/html":
-        headers["content-security-policy"] = POLICY
+        headers["content-security-policy"] = FORMS if resource.reader else POLICY
     elif representation.media_type.endswith("xml"):
         headers["content-security-policy"] = _NOTHING
     if not_modified(field(request, "if-none-match"), representation.etag):

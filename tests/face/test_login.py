@@ -1,0 +1,129 @@
+"""People log in on a page, by a token or at an issuer, with and without scripts, and out again."""
+
+import re
+from collections.abc import Iterator
+
+import pytest
+from browser import LF
+from guarded import ALL, HIDDEN, SEEN, Guarded, guarded
+from issuer import Issuer, issuing
+from playwright.sync_api import Browser, Page, expect
+from running import eventually
+from subscribers import members
+
+pytestmark = pytest.mark.fleet
+REFUSED = "Failed to load resource"
+
+
+@pytest.fixture(scope="module")
+def issuer() -> Iterator[Issuer]:
+    with issuing() as one:
+        yield one
+
+
+@pytest.fixture(scope="module")
+def own(tmp_path_factory: pytest.TempPathFactory, issuer: Issuer) -> Iterator[Guarded]:
+    with guarded(tmp_path_factory.mktemp("guarded"), issuer=issuer) as one:
+        one.add("lab", *ALL, robots=("lab-*",))
+        one.known("lab")
+        yield one
+
+
+def _log_in(page: Page, own: Guarded, name: str) -> None:
+    page.get_by_label("Token", exact=True).fill(own.tokens[name])
+    page.get_by_role("button", name="Log in").click()
+
+
+def test_a_token_opens_what_it_is_for(page: Page, watched: object, own: Guarded) -> None:
+    """The page that was asked for comes after the login; it is live, and a robot is stopped from it."""
+    page.goto(f"{own.root}{SEEN}/")
+    expect(page).to_have_url(re.compile("/login"))
+    _log_in(page, own, "lab")
+    expect(page).to_have_url(f"{own.root}{SEEN}/")
+    expect(page.locator("#who")).to_have_text("lab")
+    with own.browsing("root") as root:
+        invocations = str(root.page(root.action(root.robot(SEEN), LF.StopRobot)).one(LF.invocations))
+        page.get_by_role("button", name=f"Stop {SEEN}").click()
+        eventually(lambda: members(root.page(invocations)), "the robot stopped")
+    page.goto(own.root)
+    expect(page.get_by_role("link", name=f"The {SEEN}").or_(page.get_by_text(SEEN)).first).to_be_visible()
+    assert HIDDEN not in page.content()
+
+
+def test_a_page_of_a_session_is_live(page: Page, watched: object, own: Guarded) -> None:
+    """Its WebSocket or event stream takes the cookie."""
+    page.goto(f"{own.root}{SEEN}/")
+    _log_in(page, own, "lab")
+    expect(page).to_have_url(f"{own.root}{SEEN}/")
+    page.evaluate("window.marked = true")
+    with own.browsing("root") as root:
+        title = str(root.robot(SEEN).one(LF.title))
+        body = f'<> <{LF}value> "Renamed" .'
+        put = root.http.put(title, content=body, headers={"content-type": "text/turtle"})
+        assert put.status_code == 204, put.text
+    expect(page.get_by_text("Renamed").first).to_be_visible()
+    assert page.evaluate("window.marked") is True
+
+
+def test_one_logs_out(page: Page, watched: object, own: Guarded) -> None:
+    page.goto(own.root)
+    _log_in(page, own, "lab")
+    page.get_by_role("button", name="Log out").click()
+    expect(page).to_have_url(own.root + "login")
+    page.goto(own.root)
+    expect(page).to_have_url(re.compile("/login"))
+
+
+def test_a_wrong_token_says_so(page: Page, watched: object, own: Guarded) -> None:
+    page.goto(own.root + "login")
+    page.get_by_label("Token", exact=True).fill("wrong")
+    page.get_by_role("button", name="Log in").click()
+    expect(page.get_by_role("alert")).to_contain_text("not accepted")
+    watched.forgive(REFUSED)  # type: ignore[attr-defined]
+
+
+def test_without_scripts(chromium: Browser, own: Guarded) -> None:
+    context = chromium.new_context(java_script_enabled=False)
+    page = context.new_page()
+    page.goto(f"{own.root}{SEEN}/")
+    _log_in(page, own, "lab")
+    expect(page).to_have_url(f"{own.root}{SEEN}/")
+    page.get_by_role("button", name="Log out").click()
+    expect(page).to_have_url(own.root + "login")
+    context.close()
+
+
+def test_an_issuer_says_who_one_is(page: Page, own: Guarded, issuer: Issuer) -> None:
+    page.goto(f"{own.root}{SEEN}/")
+    page.get_by_role("link", name="Log in at plant").click()
+    expect(page).to_have_url(f"{own.root}{SEEN}/")
+    expect(page.locator("#who")).to_have_text("ada@plant")
+    names = {cookie["name"] for cookie in page.context.cookies()}
+    assert names == {"linked-fleet"}  # that of the login under way is gone
+
+
+def test_who_the_issuer_gives_no_rights_finds_nothing(page: Page, own: Guarded, issuer: Issuer) -> None:
+    issuer.subject, issuer.claims = "eve", {"groups": ["visitors"]}
+    try:
+        page.goto(f"{own.root}{SEEN}/")
+        page.get_by_role("link", name="Log in at plant").click()
+        expect(page.get_by_role("heading", name="There is no such resource")).to_be_visible()
+    finally:
+        issuer.subject, issuer.claims = "ada", {"groups": ["operators"]}
+
+
+def test_a_login_of_another_browser_is_not_taken_over(
+    page: Page, chromium: Browser, own: Guarded, issuer: Issuer
+) -> None:
+    """Login CSRF: the address to which an issuer sends one browser back is worth nothing to another."""
+    returned: list[str] = []
+    page.on("request", lambda request: returned.append(request.url))
+    page.goto(own.root + "login")
+    page.get_by_role("link", name="Log in at plant").click()
+    expect(page).to_have_url(own.root)
+    (back,) = [url for url in returned if "/login/return" in url]
+    context = chromium.new_context()
+    other = context.new_page()
+    answer = other.goto(back)
+    assert answer is not None and answer.status == 401 and not context.cookies()
+    context.close()

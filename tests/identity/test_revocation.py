@@ -1,0 +1,169 @@
+"""What ends with a right: streams and callbacks, and what a file that cannot be read changes."""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+from browser import HYBRIT, LF, Browser
+from guarded import ALL, SEEN, Guarded, Listening, guarded
+from issuer import Issuer, issuing
+from receivers import CallbackReceiver, receiving
+from running import eventually, process
+from small_fleet import Place
+from subscribers import Events
+
+pytestmark = pytest.mark.fleet
+_TURTLE = {"content-type": "text/turtle"}
+_PREFIXES = f"@prefix hybrit: <{HYBRIT}> . @prefix lf: <{LF}> .\n"
+
+
+@pytest.fixture(scope="module")
+def issuer() -> Iterator[Issuer]:
+    with issuing() as one:
+        yield one
+
+
+@pytest.fixture(scope="module")
+def own(tmp_path_factory: pytest.TempPathFactory, issuer: Issuer) -> Iterator[Guarded]:
+    """Of this file alone, since the file of identities changes all the time."""
+    with guarded(tmp_path_factory.mktemp("guarded"), issuer=issuer) as one:
+        yield one
+
+
+@pytest.fixture
+def root(own: Guarded) -> Iterator[Browser]:
+    with own.browsing("root") as browser:
+        yield browser
+
+
+@pytest.fixture
+def receiver() -> Iterator[CallbackReceiver]:
+    with receiving() as receiver:
+        yield receiver
+
+
+def _joint(browser: Browser) -> str:
+    return browser.part(SEEN, "wrist_3_joint").url
+
+
+def _bearer(own: Guarded, name: str) -> str:
+    return f"Bearer {own.tokens[name]}"
+
+
+def test_a_websocket_ends_with_the_token(own: Guarded, root: Browser) -> None:
+    own.add("short", "read", "subscribe")
+    own.known("short")
+    with Listening(_joint(root), Authorization=_bearer(own, "short")) as open_:
+        open_.next()
+        own.revoke("short")
+        assert open_.until_closed() == 1008
+    with own.browsing("short") as browser:
+        assert browser.http.get(own.root).status_code == 401
+
+
+@pytest.mark.parametrize("change", ["fewer rights", "other robots"])
+def test_a_websocket_ends_when_rights_change(own: Guarded, root: Browser, change: str) -> None:
+    own.add("changing", "read", "subscribe")
+    own.known("changing")
+    with Listening(_joint(root), Authorization=_bearer(own, "changing")) as open_:
+        open_.next()
+        before = own.tables["changing"]
+        own.tables["changing"] = (
+            before.replace(', "subscribe"', "") if change == "fewer rights" else before.replace('["*"]', '["lab-*"]')
+        )
+        own.write()
+        assert open_.until_closed() == 1008
+
+
+def test_an_event_stream_ends_with_the_token_and_does_not_come_back(own: Guarded, root: Browser) -> None:
+    own.add("listener", "read", "subscribe")
+    own.known("listener")
+    headers = {"accept": "text/event-stream", "authorization": _bearer(own, "listener")}
+    with httpx.Client(timeout=20) as http, http.stream("GET", _joint(root), headers=headers) as response:
+        stream = Events(response)
+        stream.next()
+        own.revoke("listener")
+        assert stream.ended()
+        assert stream.last_event_id == "cancelled"  # which is answered with 204 to who may ask, and ends EventSource
+
+
+def test_a_stream_ends_when_a_token_of_an_issuer_expires(own: Guarded, root: Browser, issuer: Issuer) -> None:
+    token = issuer.token(exp=int(time.time()) - 25)  # within the leeway of 30 s
+    with Listening(_joint(root), Authorization=f"Bearer {token}") as open_:
+        open_.next()
+        assert open_.until_closed() == 1008
+
+
+def test_a_stream_that_is_still_allowed_goes_on(own: Guarded, root: Browser) -> None:
+    own.add("lasting", "read", "subscribe")
+    own.known("lasting")
+    with Listening(own.root, Authorization=_bearer(own, "lasting")) as lasting:
+        lasting.next()
+        with Listening(own.root, Authorization=_bearer(own, "root")) as other:
+            other.next()
+            own.tables["another"] = (
+                own.tables["lasting"]
+                .replace("lasting", "another")
+                .replace(own.tables["lasting"].split('sha256 = "')[1][:64], "0" * 64)
+            )
+            own.write()
+            with process("-m", "agents", "--robot=lab-9=ur5", "--connect", own.place.zenoh):
+                while "lab-9" not in lasting.next():
+                    pass
+
+
+def test_a_callback_is_suspended_with_the_token_of_who_made_it(
+    own: Guarded, root: Browser, receiver: CallbackReceiver
+) -> None:
+    own.add("caller", "read", "subscribe")
+    own.known("caller")
+    container = str(root.part(SEEN, "wrist_3_joint").one(HYBRIT.subscriptions))
+    body = (
+        _PREFIXES + f"[] a hybrit:Subscription, hybrit:WebCallback ; hybrit:onResource <{_joint(root)}> ; "
+        f'hybrit:callbackURL "{receiver.url()}" .'
+    )
+    with own.browsing("caller") as caller:
+        made = caller.http.post(container, content=body, headers=_TURTLE)
+        assert made.status_code == 201, made.text
+        receiver.wait(1, method="POST")
+    own.revoke("caller")
+    mine = made.headers["location"]
+
+    def reason() -> str | None:
+        page = root.page(mine)
+        return str(page.one(LF.reason)) if page.one(LF.deliveryState) == LF.suspended else None
+
+    assert eventually(reason, "suspended") == "the rights of its creator ended"
+    resume = str(root.page(mine).one(HYBRIT.action))
+    assert root.http.post(resume).status_code == 409
+    own.add("caller", "read", "subscribe")  # another token of that name: the same identity
+    own.known("caller")
+    count = len(receiver.log(method="POST"))
+    assert root.http.post(resume).status_code == 204
+    # What it has had is no news; what is new is: the robot's agent goes on, so its deliveries do.
+    assert eventually(lambda: root.page(mine).one(LF.deliveryState) == LF.active, "active again")
+    assert len(receiver.log(method="POST")) >= count
+    assert root.http.delete(mine).status_code == 204
+
+
+def test_a_bad_file_leaves_everything_as_it_was(own: Guarded, root: Browser) -> None:
+    assert own.gateway is not None
+    own.write("[[token")
+    own.gateway.said("the identities stay as they were")
+    assert root.http.get(own.root).status_code == 200
+    own.write()
+    own.add("after", *ALL)
+    own.known("after")
+
+
+@pytest.mark.parametrize("text", [None, "[[token", '[[token]]\nname = "a"\n'])
+def test_a_gateway_does_not_start_with_a_bad_file(tmp_path: Path, text: str | None) -> None:
+    file = tmp_path / "identities.toml"
+    if text is not None:
+        file.write_text(text)
+    with process(*Place(tmp_path).command(), "--identities", str(file)) as gateway:
+        assert gateway.ended() == 1
+        (line,) = [each for each in gateway.lines if each.startswith("gateway: ")]
+        assert str(file) in line and "Traceback" not in gateway.output

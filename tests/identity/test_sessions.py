@@ -1,0 +1,155 @@
+"""Sessions of browsers: what their cookie opens, and what it does not open to pages of others."""
+
+from collections.abc import Iterator
+from urllib.parse import urlsplit
+
+import httpx
+import pytest
+from browser import LF
+from guarded import SEEN, Guarded, Listening, refusal
+from running import eventually
+
+pytestmark = pytest.mark.fleet
+_HTML = "text/html,application/xhtml+xml,*/*;q=0.8"
+
+
+@pytest.fixture
+def http(here: Guarded) -> Iterator[httpx.Client]:
+    """Like a browser with a session of ``all``; it says nothing about itself by itself."""
+    with httpx.Client(timeout=20) as client:
+        answer = log_in(here, client, here.tokens["all"])
+        assert answer.status_code == 303 and answer.headers["location"] == here.root
+        yield client
+
+
+def log_in(here: Guarded, client: httpx.Client, token: str, then: str = "/") -> httpx.Response:
+    return client.post(here.root + "login", data={"token": token, "then": then}, headers={"origin": here.root[:-1]})
+
+
+def _stop_all(here: Guarded) -> str:
+    with here.browsing("root") as browser:
+        return browser.action(browser.page(browser.root), LF.StopAll)
+
+
+def test_people_are_sent_to_the_login_and_back(here: Guarded) -> None:
+    with httpx.Client() as client:
+        sent = client.get(here.root + f"{SEEN}/?as=turtle", headers={"accept": _HTML})
+        assert sent.status_code == 303
+        page = client.get(sent.headers["location"], headers={"accept": _HTML})
+        assert page.status_code == 200 and 'name="then" value="/lab-1/?as=turtle"' in page.text
+        back = log_in(here, client, here.tokens["all"], "/lab-1/?as=turtle")
+        assert back.headers["location"] == f"{here.root}lab-1/?as=turtle"
+        assert client.get(back.headers["location"], headers={"accept": _HTML}).status_code == 200
+
+
+def test_the_cookie_is_for_the_browser_alone(here: Guarded) -> None:
+    with httpx.Client() as client:
+        said = log_in(here, client, here.tokens["all"]).headers["set-cookie"]
+    assert said.startswith("linked-fleet=") and here.tokens["all"] not in said
+    assert {"HttpOnly", "Path=/", "SameSite=lax"} <= set(said.split("; "))
+
+
+def test_a_session_reads(here: Guarded, http: httpx.Client) -> None:
+    page = http.get(here.root, headers={"accept": _HTML})
+    assert page.status_code == 200 and SEEN in page.text
+    assert page.headers["cache-control"] == "private, no-cache"
+
+
+@pytest.mark.parametrize(
+    ("headers", "status"),
+    [
+        ({}, 403),
+        ({"origin": "https://evil.example"}, 403),
+        ({"origin": "null"}, 403),
+        ({"sec-fetch-site": "cross-site"}, 403),
+        ({"sec-fetch-site": "same-site"}, 403),
+        ({"sec-fetch-site": "same-origin"}, 204),
+        ({"origin": "OURS"}, 204),
+    ],
+)
+def test_a_session_acts_for_our_pages_alone(
+    here: Guarded, http: httpx.Client, headers: dict[str, str], status: int
+) -> None:
+    said = {name: value.replace("OURS", here.root[:-1]) for name, value in headers.items()}
+    assert http.post(_stop_all(here), headers=said).status_code == status
+
+
+def test_a_session_listens_for_our_pages_alone(here: Guarded, http: httpx.Client) -> None:
+    cookie, ours = f"linked-fleet={http.cookies['linked-fleet']}", here.root[:-1]
+    for origin in ({}, {"Origin": "https://evil.example"}, {"Origin": "null"}):
+        assert refusal(here.root, Cookie=cookie, **origin).status_code == 403
+    with Listening(here.root, Cookie=cookie, Origin=ours) as open_:
+        assert SEEN in open_.next()
+    events = {"accept": "text/event-stream"}
+    for headers, status in (
+        ({}, 403),
+        ({"sec-fetch-site": "cross-site"}, 403),
+        ({"sec-fetch-site": "same-origin"}, 200),
+    ):
+        with http.stream("GET", here.root, headers=events | headers) as response:
+            assert response.status_code == status
+    callback = {"connection": "upgrade", "upgrade": "callback", "callback": "http://127.0.0.1:9/"}
+    assert http.get(here.root, headers=callback).status_code == 403
+
+
+def test_a_foreign_page_opens_no_websocket_whatever_it_brings(here: Guarded) -> None:
+    bearer = f"Bearer {here.tokens['all']}"
+    assert refusal(here.root, Authorization=bearer, Origin="https://evil.example").status_code == 403
+
+
+def test_one_logs_out_and_the_session_is_over(here: Guarded, http: httpx.Client) -> None:
+    assert http.post(here.root + "logout").status_code == 403  # of a foreign page
+    out = http.post(here.root + "logout", headers={"origin": here.root[:-1]})
+    assert out.status_code == 303 and "Max-Age=0" in out.headers["set-cookie"]
+    assert http.get(here.root, headers={"accept": "text/turtle"}).status_code == 401
+
+
+def test_a_session_lives_no_longer_than_its_token(here: Guarded) -> None:
+    here.add("passing", "read")
+    here.known("passing")
+    with httpx.Client() as client:
+        log_in(here, client, here.tokens["passing"])
+        assert client.get(here.root).status_code == 200
+        here.revoke("passing")
+        assert eventually(lambda: client.get(here.root).status_code == 401, "the session over")
+
+
+@pytest.mark.parametrize("value", ["", "x", "a.b.c", "eyJhbGciOiJub25lIn0.eyJ0b2tlbiI6IjAwIiwiYXVkIjoic2Vzc2lvbiJ9."])
+def test_a_cookie_of_ones_own_making_is_none(here: Guarded, value: str) -> None:
+    answer = httpx.get(here.root, headers={"cookie": f"linked-fleet={value}"})
+    assert answer.status_code == 401
+
+
+@pytest.mark.parametrize("then", ["//evil.example/", "https://evil.example/", "/\\evil.example", "x", "/a\r\nX: y"])
+def test_the_login_leads_to_us_and_nowhere_else(here: Guarded, then: str) -> None:
+    with httpx.Client() as client:
+        there = log_in(here, client, here.tokens["all"], then).headers["location"]
+    assert urlsplit(there).netloc == urlsplit(here.root).netloc and "X:" not in there.partition("/a")[1]
+
+
+def test_nobody_is_logged_in_by_a_foreign_page(here: Guarded) -> None:
+    for headers in ({}, {"origin": "https://evil.example"}, {"sec-fetch-site": "cross-site"}):
+        form = {"token": here.tokens["all"]}
+        assert httpx.post(here.root + "login", data=form, headers=headers).status_code == 403
+
+
+@pytest.mark.parametrize("path", ["login", "login/start", "login/return", "logout"])
+def test_the_pages_have_their_methods_and_no_others(here: Guarded, path: str) -> None:
+    answer = httpx.request("DELETE", here.root + path)
+    assert answer.status_code == 405 and answer.headers["allow"]
+
+
+def test_a_return_without_a_beginning_is_refused(here: Guarded) -> None:
+    answer = httpx.get(here.root + "login/return?code=x&state=y", headers={"accept": _HTML})
+    assert answer.status_code == 401 and "set-cookie" not in answer.headers
+    assert httpx.get(here.root + "login/start?issuer=none").status_code == 404
+
+
+def test_guessing_is_slowed_down(here: Guarded) -> None:
+    """Last in this file: from here on this address waits."""
+    with httpx.Client() as client:
+        answers = [log_in(here, client, f"guess{n}") for n in range(12)]
+        statuses = [each.status_code for each in answers]
+        assert statuses[0] == 401 and statuses[-1] == 429
+        assert int(answers[-1].headers["retry-after"]) > 0
+        assert client.get(here.root, headers={"authorization": f"Bearer {here.tokens['all']}"}).status_code == 200
