@@ -17,6 +17,7 @@ from gateway.http.turns import Turns
 from gateway.identity.service import Identities
 from gateway.identity.store import SessionKey
 from gateway.live import Live
+from gateway.observe.audit import Audit
 from gateway.observe.counts import Requests
 from gateway.observe.front import Front
 from gateway.observe.metrics import Numbers, registry
@@ -38,6 +39,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None) -> Sta
             live = await stack.enter_async_context(Live(settings))
             url = settings.redis_url or (await stack.enter_async_context(Embedded(settings.state_path))).url
             run = new_run()
+            app.state.audit = await stack.enter_async_context(Audit(url, settings.namespace))
             app.state.identities = None
             if settings.identities:
                 key = SessionKey(url, settings.namespace, settings.session_key_file)

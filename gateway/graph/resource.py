@@ -48,6 +48,8 @@ class Resource:
     linkset_of: "Resource | None" = None
     has_linkset: bool = False
     immutable: bool = False
+    followed: bool = True
+    """Whether anything follows it as it changes."""
     reader: str = ""
     """Who has logged in and reads it as a page, which says so."""
 
@@ -58,7 +60,7 @@ class Resource:
     @property
     def observable(self) -> bool:
         """Whether it can be subscribed to. Subscriptions cannot: they change with every message about them."""
-        return self.describe is not None and not isinstance(self.affords, _OF_SUBSCRIPTIONS)
+        return self.describe is not None and self.followed and not isinstance(self.affords, _OF_SUBSCRIPTIONS)
 
     @property
     def subscription(self) -> Record | None:

@@ -29,6 +29,8 @@ from gateway.graph.resource import Redirect, Remote, Resource
 from gateway.graph.subscription import container_path
 from gateway.graph.tree import EMPTY, Found, Shelf
 from gateway.graph.vocab import PREFIXES
+from gateway.http.audit import NEEDS as AUDIT_NEEDS
+from gateway.http.audit import audit_resource, is_audit, note
 from gateway.http.body import BODY_TYPES
 from gateway.http.conditional import not_modified, precondition_holds
 from gateway.http.control import control, put_setting
@@ -87,6 +89,13 @@ async def _upgrade(websocket: WebSocket) -> None:
 
 
 async def _respond(request: Request) -> ASGIApp:
+    answer = await _answered(request)
+    if isinstance(answer, Response) and (request.method not in _READ or wants_callback(request)):
+        note(request, request.method, answer.status_code, answer.headers.get("location", ""))
+    return answer
+
+
+async def _answered(request: Request) -> ASGIApp:
     base: str = request.state.base
     try:
         return await _answer(request, base)
@@ -132,6 +141,8 @@ async def _answer(request: Request, base: str) -> ASGIApp:
 
 
 def _needed(request: Request, resource: Resource) -> Sequence[Right]:
+    if is_audit(resource.path):
+        return AUDIT_NEEDS
     writes = resource.affords is not None and request.method in resource.affords.methods
     return resource.affords.needs if writes and resource.affords is not None else (Right.READ,)
 
@@ -141,6 +152,9 @@ async def _find(connection: HTTPConnection, base: str) -> Resource | Redirect:
     path: str = connection.scope["path"]
     if not path.startswith("/"):
         raise BadRequest(f"The request target is no path, such as /, and no URL below {base}/.")
+    if is_audit(path):
+        demand(connection, path, AUDIT_NEEDS)
+        return await audit_resource(connection, base)
     # An encoded slash separates nothing (RFC 3986, 2.2), and no name in the tree has one.
     encoded_slash = b"%2f" in connection.scope["raw_path"].lower()
     found: Found = None if encoded_slash else tree_of(connection, base, await _shelf(connection, path)).resolve(path)

@@ -13,6 +13,8 @@ from gateway.graph.paths import robot_of
 from gateway.graph.properties import FRAME_MEDIA_TYPE
 from gateway.graph.resource import Resource
 from gateway.graph.serialise import MEDIA_TYPES
+from gateway.graph.subscription import subscription_path
+from gateway.http.audit import note
 from gateway.http.event_stream import CANCELLED_ID, serve_event_stream
 from gateway.http.fields import field
 from gateway.http.negotiation import choose, parse_accept, weight
@@ -122,10 +124,12 @@ async def _live(
         watcher = subscriptions.streams.open(subscription, outlet, last)
         return watcher
 
+    note(connection, "subscribe", 101 if subscription.kind is Kind.WEBSOCKET else 200, subscription_path(subscription))
     try:
         with _guarded(connection, subscription):
             await serve(start)
     finally:
+        note(connection, "unsubscribe", None, subscription_path(subscription))
         subscriptions.streams.close(subscription, watcher, reopenable=posted)
 
 

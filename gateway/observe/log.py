@@ -9,7 +9,7 @@ from gateway.observe.context import present
 
 Form = Literal["text", "json"]
 FORMS: tuple[str, ...] = get_args(Form)
-_FIELDS = ("robot", "subscription")
+_FIELDS = ("robot", "subscription", "who", "what", "target", "outcome", "result")
 _TEXT = "%(asctime)s %(levelname)s %(name)s: %(message)s"
 # Names come from the network: none of them begins a line of its own, or moves a cursor.
 _VISIBLE = {code: f"\\x{code:02x}" for code in (*range(0x20), *range(0x7F, 0xA0))} | {
@@ -39,7 +39,8 @@ class TextFormatter(logging.Formatter):
 class JsonFormatter(logging.Formatter):
     """``time`` (RFC 3339), ``level``, ``logger``, ``message``;
 
-    where known ``robot``, ``subscription``, ``request``, ``trace_id``, ``exception``.
+    where known ``robot``, ``subscription``, ``request``, ``trace_id``, ``exception``;
+    of the audit ``who``, ``what``, ``target``, ``outcome``, ``result``.
     """
 
     def format(self, record: logging.LogRecord) -> str:

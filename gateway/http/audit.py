@@ -1,0 +1,82 @@
+"""What is noted of requests, and ``/audit`` and its further pages, where who administers the fleet reads it."""
+
+from urllib.parse import quote, urlsplit
+
+from pyoxigraph import Literal, NamedNode
+from starlette.requests import HTTPConnection
+
+from gateway.errors import NotFound, StoreAway
+from gateway.graph.build import Graph, integer, timestamp
+from gateway.graph.paths import robot_of, robot_path
+from gateway.graph.resource import CONTAINER, Resource
+from gateway.graph.vocab import DCTERMS, LDP, LF, PROV, RDFS, XHV
+from gateway.http.rights import name_of
+from gateway.identity.rights import Right
+from gateway.observe.audit import PAGE, Audit, Entry
+from gateway.observe.context import present
+from gateway.store.connection import StoreUnavailable
+
+PATH = "/audit"
+NEEDS = (Right.ADMIN,)
+_NOTHING_DONE = (401, 404, 405)
+_LONGEST = 500
+
+
+def note(connection: HTTPConnection, what: str, status: int | None, location: str = "") -> None:
+    """Something was asked for: done, or refused to who had found it."""
+    if status in _NOTHING_DONE:
+        return
+    audit: Audit = connection.app.state.audit
+    asked, path = present(), connection.scope["path"][:_LONGEST]
+    audit.note(
+        name_of(connection), what, path, robot_of(path) or "", "" if status is None else str(status),
+        "" if asked is None else asked.id, urlsplit(location).path,
+    )  # fmt: skip
+
+
+async def audit_resource(connection: HTTPConnection, base: str) -> Resource:
+    """A page of entries, the newest first; NotFound, StoreAway."""
+    path: str = connection.scope["path"]
+    audit: Audit = connection.app.state.audit
+    try:
+        entries = await audit.page(path.removeprefix(PATH).removeprefix("/"))
+    except ValueError as error:
+        raise NotFound(f"There is no such page: {error}.") from error
+    except StoreUnavailable as error:
+        raise StoreAway("The server that keeps the audit is away; the log of each gateway has its own part.") from error
+    return Resource(path, "Audit", lambda graph: _describe(graph, base, path, entries), CONTAINER, followed=False)
+
+
+def is_audit(path: str) -> bool:
+    return path == PATH or path.startswith(PATH + "/")
+
+
+def _describe(graph: Graph, base: str, path: str, entries: list[tuple[str, Entry]]) -> None:
+    iri = NamedNode(base + path)
+    graph.a(iri, LDP.BasicContainer, LDP.Container)
+    graph.add(iri, DCTERMS.title, Literal("Audit"))
+    graph.add(iri, RDFS.seeAlso, NamedNode(base + "/"))
+    if len(entries) == PAGE:
+        graph.add(iri, XHV.next, NamedNode(f"{base}{PATH}/{entries[-1][0]}"))
+    for id, entry in entries:
+        one = NamedNode(f"{base}{PATH}#{id}")
+        graph.add(iri, LDP.contains, one)
+        _describe_entry(graph, base, one, entry)
+
+
+def _describe_entry(graph: Graph, base: str, iri: NamedNode, entry: Entry) -> None:
+    graph.a(iri, PROV.Activity)
+    graph.add(iri, DCTERMS.title, Literal(f"{entry.what} {entry.target}"))
+    graph.add(iri, DCTERMS.created, timestamp(entry.at_ns))
+    agent = graph.blank(PROV.Agent)
+    graph.add(iri, PROV.wasAssociatedWith, agent)
+    graph.add(agent, DCTERMS.title, Literal(entry.who))
+    graph.add(
+        iri, RDFS.seeAlso, *(NamedNode(base + quote(each, safe="/~")) for each in (entry.target, entry.result) if each)
+    )
+    if entry.robot:
+        graph.add(iri, LF.ofRobot, NamedNode(base + robot_path(entry.robot)))
+    if entry.outcome:
+        graph.add(iri, LF.status, integer(int(entry.outcome)))
+    if entry.request:
+        graph.add(iri, DCTERMS.identifier, Literal(entry.request))

@@ -1,0 +1,68 @@
+"""Who did what is noted, and read by who administers all."""
+
+import pytest
+import rdflib
+from browser import LDP, LF, Browser
+from guarded import SEEN, Guarded, Listening
+from rdflib import DCTERMS, PROV, URIRef
+from running import eventually
+
+pytestmark = pytest.mark.fleet
+
+
+def noted(browser: Browser, root: str) -> list[tuple[str, str, str]]:
+    """Who, what and the status of each entry, of all pages."""
+    found, url = [], root + "audit"
+    while url:
+        graph = rdflib.Graph().parse(data=browser.http.get(url).text, format="turtle", publicID=url)
+        here = URIRef(url)
+        for entry in graph.objects(here, LDP.contains):
+            who = graph.value(graph.value(entry, PROV.wasAssociatedWith), DCTERMS.title)
+            found.append((str(who), str(graph.value(entry, DCTERMS.title)), str(graph.value(entry, LF.status))))
+        url = str(graph.value(here, URIRef("http://www.w3.org/1999/xhtml/vocab#next")) or "")
+    return found
+
+
+def test_commands_and_subscriptions_are_noted(here: Guarded) -> None:
+    with here.browsing("all") as browser, here.browsing("reader") as reader:
+        robot = browser.robot(SEEN)
+        stop = browser.action(robot, LF.StopRobot)
+        path = stop.removeprefix(here.root[:-1])
+        answer = browser.http.post(stop, headers={"x-request-id": "the-stop"})
+        assert answer.status_code == 204
+        reader.http.post(stop)
+        reader.http.post(here.root + "hall-9/actions/stop")  # there is none
+        with Listening(robot.url, Authorization=f"Bearer {here.tokens['all']}") as listening:
+            listening.next()
+        expected = {
+            ("all", f"POST {path}", "204"),
+            ("reader", f"POST {path}", "403"),
+            ("all", f"subscribe /{SEEN}/", "101"),
+            ("all", f"unsubscribe /{SEEN}/", "None"),
+        }
+        eventually(lambda: expected <= set(noted(browser, here.root)), "all of it noted")
+        assert not [each for each in noted(browser, here.root) if "hall-9" in each[1]]
+        said = browser.http.get(here.root + "audit").text
+        assert "the-stop" in said and answer.headers["location"].rpartition("/")[2] in said
+    assert here.gateway is not None
+    here.gateway.said(f"gateway.audit: all: POST {path} 204")
+
+
+def test_more_than_a_page_is_linked(here: Guarded) -> None:
+    with here.browsing("all") as browser:
+        stop = browser.action(browser.robot(SEEN), LF.StopRobot)
+        before = len(noted(browser, here.root))
+        for _ in range(105):
+            assert browser.http.post(stop, headers={"prefer": "dry-run"}).status_code == 200
+        eventually(lambda: len(noted(browser, here.root)) >= before + 105, "all pages")
+        assert browser.http.get(here.root + "audit/x").status_code == 404
+        page = browser.http.get(here.root + "audit", headers={"accept": "text/html"})
+        assert page.status_code == 200 and "Audit" in page.text
+
+
+@pytest.mark.parametrize(
+    ("name", "status"), [(None, 401), ("reader", 403), ("lab", 403), ("actor", 403), ("admin", 200), ("scraper", 200)]
+)
+def test_the_audit_is_for_who_administers_all(here: Guarded, name: str | None, status: int) -> None:
+    with here.browsing(name) as browser:
+        assert browser.http.get(here.root + "audit").status_code == status
