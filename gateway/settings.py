@@ -32,7 +32,7 @@ class GatewaySettings:
     )
     tls_cert: str = _setting("LINKED_FLEET_TLS_CERT", "", "certificate chain (PEM) for HTTPS")
     tls_key: str = _setting("LINKED_FLEET_TLS_KEY", "", "private key (PEM) of that certificate")
-    identities: str = _setting("LINKED_FLEET_IDENTITIES", "", "file of those who may use the fleet")
+    identities: str = _setting("LINKED_FLEET_IDENTITIES", "", "file of who may do what (default: everybody may do everything)")
     allow: str = _setting(
         "LINKED_FLEET_ALLOW",
         "",
@@ -66,12 +66,9 @@ class GatewaySettings:
         "LINKED_FLEET_CALLBACK_CONSENT", "on", "whether a receiver is asked before its first delivery: on or off"
     )
     subscriptions_per_client: str = _setting(
-        "LINKED_FLEET_SUBSCRIPTIONS_PER_CLIENT", "1000", "subscriptions that one client address may have at once"
+        "LINKED_FLEET_SUBSCRIPTIONS_PER_CLIENT", "1000", "subscriptions that one client may have at once"
     )
 
-    identities: str = _setting(
-        "LINKED_FLEET_IDENTITIES", "", "file of who may do what (default: everybody, everything)"
-    )
     session_key_file: str = _setting(
         "LINKED_FLEET_SESSION_KEY_FILE",
         "",

@@ -24,6 +24,7 @@ PAGES = (
     "gateway/actions/PROTOCOL.md",
     "gateway/subscriptions/PROTOCOL.md",
     "client/README.md",
+    "docs/IDENTITIES.md",
     "client/CONFORMANCE.md",
 )
 FOLDERS = {path.name for path in ROOT.iterdir() if path.is_dir()}

@@ -319,10 +319,15 @@ def test_lines_about_a_request_bear_its_id_and_its_robot(tmp_path: Path) -> None
         eventually(lambda: http.get("/mute~0Arobot/elbow").status_code == 200, "the robot")
         answer = http.post("/actions/stopAll", headers={"x-request-id": "from-the-front.1"})
         assert (answer.status_code, answer.headers["x-request-id"]) == (204, "from-the-front.1")
-        (line,) = eventually(
-            lambda: [each for each in log(child) if each.get("request") == "from-the-front.1"], "a line about it"
-        )
-        assert (line["robot"], line["level"], line["logger"]) == (robot.name, "info", "gateway.observe.counts")
+
+        def said(logger: str) -> list[dict[str, str]]:
+            lines = [each for each in log(child) if each.get("request") == "from-the-front.1"]
+            return [each for each in lines if each["logger"] == logger]
+
+        (line,) = eventually(lambda: said("gateway.observe.counts"), "a line about it")
+        assert (line["robot"], line["level"]) == (robot.name, "info")
+        (noted,) = eventually(lambda: said("gateway.audit"), "a line of the audit")
+        assert (noted["what"], noted["target"], noted["outcome"]) == ("POST", "/actions/stopAll", "204")
         assert line["message"] == "robot mute\nrobot: command silent"
         assert datetime.fromisoformat(line["time"]).tzinfo is not None
         assert [each["robot"] for each in log(child) if "appeared" in each["message"]] == [robot.name]
