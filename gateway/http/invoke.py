@@ -77,7 +77,7 @@ async def put_target(request: Request, afforded: PutTarget, base: str) -> Respon
 
 
 async def end_invocation(request: Request, afforded: EndInvocation, base: str) -> Response:
-    """Cancel it, or stop and remove it; both are open to everybody."""
+    """Cancel it, or stop and remove it; by whoever may, not only by who began it."""
     refuse_rehearsal(request)
     actions: Actions = request.app.state.actions
     if afforded.keep:
@@ -126,7 +126,9 @@ def _key(request: Request) -> str:
     match = _KEY.fullmatch(said[0].strip()) if len(said) == 1 else None
     if match is None:
         raise BadRequest("Idempotency-Key is one string of at most 255 visible characters.")
-    return match[1] or match[2]
+    # Two who happen to choose the same key mean two things.
+    name = caller_of(request).name
+    return f"{name} {match[1] or match[2]}" if name else match[1] or match[2]
 
 
 def _prefer(request: Request, offer: Offer, base: str) -> Prefer:

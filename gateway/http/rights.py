@@ -9,7 +9,7 @@ from gateway.graph.paths import is_public, robot_of
 from gateway.graph.tree import EMPTY, Shelf, Tree
 from gateway.identity.rights import EVERYBODY, Identity, Right
 from gateway.live import Live
-from gateway.subscriptions.subscription import Record
+from gateway.subscriptions.subscription import Depth, Record
 
 
 def caller_of(connection: HTTPConnection) -> Identity:
@@ -36,6 +36,13 @@ def demand(connection: HTTPConnection, path: str, scopes: Sequence[Right]) -> No
         return
     wanted = " or ".join(scopes)
     raise InsufficientScope(f"This takes the right to {wanted} here, which you do not have.", scope=scopes[0])
+
+
+def demand_all(connection: HTTPConnection, path: str, depth: Depth) -> None:
+    """InsufficientScope for all below the fleet, unless who asks may subscribe to whatever he may read."""
+    caller = caller_of(connection)
+    if path == "/" and depth is Depth.SUBTREE and not caller.over(Right.SUBSCRIBE).covers(caller.sees):
+        raise InsufficientScope("You may read robots that you may not subscribe to.", scope=Right.SUBSCRIBE)
 
 
 def shown(connection: HTTPConnection, records: Sequence[Record], owner: str) -> list[Record]:

@@ -32,7 +32,7 @@ from gateway.http.fields import field
 from gateway.http.links import Link, link_header
 from gateway.http.negotiation import choose
 from gateway.http.representation import negotiated
-from gateway.http.rights import caller_of, name_of, tree_of
+from gateway.http.rights import caller_of, demand_all, name_of, tree_of
 from gateway.subscriptions.network import Forbidden, callback_url
 from gateway.subscriptions.service import Subscriptions
 from gateway.subscriptions.store import StoreUnavailable, TooMany
@@ -192,6 +192,7 @@ async def _carried_out(change: Awaitable[bool]) -> Response:
 def new_subscription(
     connection: HTTPConnection, resource: Resource, kind: Kind, media_type: str, base: str, asked: Options
 ) -> Subscription:
+    demand_all(connection, resource.path, asked.depth)
     return Subscription(
         id=str(uuid.uuid4()),
         owner=resource.owner,

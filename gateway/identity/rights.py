@@ -39,6 +39,10 @@ class View:
     def sees(self, robot: str) -> bool:
         return self._patterns.match(robot) is not None
 
+    def covers(self, other: "View") -> bool:
+        """Whether it surely shows all that ``other`` does, by the patterns alone."""
+        return self.all or set(other.patterns) <= set(self.patterns)
+
     @cached_property
     def _patterns(self) -> re.Pattern[str]:
         # Case matters and nothing depends on the platform; without patterns nothing matches.

@@ -4,7 +4,7 @@ import asyncio
 import logging
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -16,7 +16,7 @@ from gateway.identity.keys import IssuerKeys
 from gateway.identity.rights import Credential, Identity, Right, View
 from gateway.identity.roster import BadRoster, Issuer, Roster, read_roster
 from gateway.identity.seal import open_session, seal_session
-from gateway.identity.store import SessionKey
+from gateway.identity.store import SessionKey, StoreUnavailable
 from gateway.identity.web import Web
 
 log = logging.getLogger(__name__)
@@ -49,6 +49,8 @@ class Identities:
         self._task: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> Self:
+        with suppress(StoreUnavailable):
+            await self.key.get()
         self._task = asyncio.create_task(self._look_for_ever(), name="look at identities")
         return self
 
@@ -134,6 +136,9 @@ class Identities:
                 log.exception("identities could not be looked at; it is tried again")
 
     async def _look(self) -> None:
+        if not self.key.known:  # as soon as it can be had: sessions are to outlive an outage of Redis
+            with suppress(StoreUnavailable):
+                await self.key.get()
         try:
             stamp = _stamp(self._path)
             if stamp == self._stamp:

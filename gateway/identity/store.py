@@ -27,6 +27,10 @@ class SessionKey:
     async def aclose(self) -> None:
         await self._redis.close()
 
+    @property
+    def known(self) -> bool:
+        return bool(self._key)
+
     async def get(self) -> bytes:
         """StoreUnavailable before it was ever read."""
         async with self._turn:

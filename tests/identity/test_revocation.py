@@ -167,3 +167,16 @@ def test_a_gateway_does_not_start_with_a_bad_file(tmp_path: Path, text: str | No
         assert gateway.ended() == 1
         (line,) = [each for each in gateway.lines if each.startswith("gateway: ")]
         assert str(file) in line and "Traceback" not in gateway.output
+
+
+def test_all_below_the_fleet_is_for_who_may_subscribe_to_all_that_he_reads(own: Guarded, issuer: Issuer) -> None:
+    """Else he would hear of robots to which he may not subscribe."""
+    grant = '[[issuer.grant]]\nclaim = "groups"\nvalue = "visitors"\n'
+    own.tables["issuer"] += grant + 'scopes = ["read"]\n' + grant + 'scopes = ["subscribe"]\nrobots = ["lab-*"]\n'
+    own.write()
+    bearer = f"Bearer {issuer.token(sub='eve', groups=['visitors'])}"
+    with httpx.Client(timeout=20, headers={"authorization": bearer}) as eve:
+        assert eventually(lambda: eve.get(own.root).status_code == 200, "eve known")
+        for path, status in (("?depth=subtree", 403), ("", 200), ("lab-1/?depth=subtree", 200), ("hall-1/", 403)):
+            with eve.stream("GET", own.root + path, headers={"accept": "text/event-stream"}) as response:
+                assert response.status_code == status, path

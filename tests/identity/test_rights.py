@@ -45,3 +45,11 @@ def test_who_sees_all_sees_the_same() -> None:
     assert identity(("read", ("lab-*", "*"))).sees is ALL
     assert view(frozenset({"a"}), "ada") is view(frozenset({"a"}), "ada")
     assert view(frozenset({"a"}), "ada") != view(frozenset({"a"}), "bob")  # each has invocations of the fleet as well
+
+
+def test_a_view_covers_another_by_its_patterns() -> None:
+    """Else who may subscribe to fewer robots than he reads would hear of all of them through the fleet."""
+    assert identity(("read subscribe", ("lab-*",))).sees.covers(view(frozenset({"lab-*"}), "x"))
+    assert ALL.covers(view(frozenset({"lab-*"}), "x"))
+    both = identity(("read", ("*",)), ("subscribe", ("lab-*",)))
+    assert not both.over(Right.SUBSCRIBE).covers(both.sees)
