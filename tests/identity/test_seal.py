@@ -1,0 +1,74 @@
+"""What browsers keep for us, and the key with which gateways seal it."""
+
+import asyncio
+import base64
+import time
+from pathlib import Path
+
+import pytest
+from redis_servers import single
+
+from gateway.identity.rights import Claims, TokenHash
+from gateway.identity.roster import BadRoster
+from gateway.identity.seal import Underway, open_login, open_session, seal_login, seal_session
+from gateway.identity.store import SessionKey, StoreUnavailable, read_key
+
+_KEY, _OTHER = b"k" * 32, b"o" * 32
+_LOGIN = Underway("https://id.example", "state", "nonce", "verifier", "/ur5/")
+_HOUR_NS = 3600 * 10**9
+
+
+def test_a_session_is_what_was_sealed_and_for_nobody_else() -> None:
+    token = TokenHash("ab" * 32)
+    sealed = seal_session(token, _KEY, time.time_ns())
+    assert open_session(sealed, _KEY) == token
+    assert open_session(sealed, _OTHER) is None
+    assert open_session(sealed[:-2], _KEY) is None
+    assert open_session("", _KEY) is None
+
+
+def test_a_session_of_an_issuer_ends_after_a_shift() -> None:
+    now_ns = time.time_ns()
+    claims = Claims("https://id.example", "ada", frozenset({("groups", "operators")}), now_ns + 24 * _HOUR_NS)
+    opened = open_session(seal_session(claims, _KEY, now_ns), _KEY)
+    assert isinstance(opened, Claims)
+    assert (opened.issuer, opened.subject, opened.facts) == (claims.issuer, claims.subject, claims.facts)
+    assert 0 < opened.expires_ns - now_ns <= 8 * _HOUR_NS
+    assert open_session(seal_session(claims, _KEY, now_ns - 9 * _HOUR_NS), _KEY) is None
+
+
+def test_what_is_sealed_for_one_purpose_is_nothing_for_another() -> None:
+    now_ns = time.time_ns()
+    assert open_login(seal_login(_LOGIN, _KEY, now_ns), _KEY) == _LOGIN
+    assert open_session(seal_login(_LOGIN, _KEY, now_ns), _KEY) is None
+    assert open_login(seal_session(TokenHash("ab" * 32), _KEY, now_ns), _KEY) is None
+    assert open_login(seal_login(_LOGIN, _KEY, now_ns - _HOUR_NS), _KEY) is None
+
+
+def test_gateways_share_a_key_and_keep_it_while_redis_is_away(tmp_path: Path) -> None:
+    async def read() -> None:
+        with single(tmp_path) as servers:
+            one, other = (SessionKey(servers.url, "fleet", "") for _ in range(2))
+            elsewhere = SessionKey(servers.url, "another", "")
+            first, second, third = await asyncio.gather(one.get(), other.get(), elsewhere.get())
+            assert first == second and len(first) == 32 and third != first
+            late = SessionKey(servers.url, "fleet", "")
+        assert await one.get() == first
+        with pytest.raises(StoreUnavailable):
+            await late.get()
+        for each in (one, other, elsewhere, late):
+            await each.aclose()
+
+    asyncio.run(read())
+
+
+def test_a_key_may_be_in_a_file(tmp_path: Path) -> None:
+    file = tmp_path / "key"
+    file.write_bytes(base64.b64encode(_KEY) + b"\n")
+    assert read_key(file) == _KEY
+    for text in (b"", b"?", base64.b64encode(b"short")):
+        file.write_bytes(text)
+        with pytest.raises(BadRoster, match="key"):
+            read_key(file)
+    with pytest.raises(BadRoster, match="none"):
+        read_key(tmp_path / "none")
