@@ -32,7 +32,9 @@ class GatewaySettings:
     )
     tls_cert: str = _setting("LINKED_FLEET_TLS_CERT", "", "certificate chain (PEM) for HTTPS")
     tls_key: str = _setting("LINKED_FLEET_TLS_KEY", "", "private key (PEM) of that certificate")
-    identities: str = _setting("LINKED_FLEET_IDENTITIES", "", "file of who may do what (default: everybody may do everything)")
+    identities: str = _setting(
+        "LINKED_FLEET_IDENTITIES", "", "file of who may do what (default: everybody may do everything)"
+    )
     allow: str = _setting(
         "LINKED_FLEET_ALLOW",
         "",
