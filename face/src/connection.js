@@ -7,6 +7,7 @@ const WORDS = {
   lost: "Connection lost: what you see may be old. Trying again…",
   gone: "There is no such resource at present: what you see may be old. Trying again…",
   cancelled: "Somebody cancelled the subscription of this page: what you see is old. Reload to watch again.",
+  forbidden: "You have no right to watch this page change: what you see is as old as the page. Reload to see it anew.",
 };
 
 export function start() {

@@ -7,6 +7,8 @@ const LONGEST_PAUSE_MS = 8000;
 // A tab that nobody looks at costs nothing after this.
 const HIDDEN_MS = 60000;
 const CANCELLED = 1000; // somebody deleted the subscription: coming back would overrule them
+const UNAUTHENTICATED = 401; // the session is over: the page, loaded again, leads to the login
+const FORBIDDEN = 403; // who may read but not subscribe has the page as it is
 const NOT_FOUND = 404;
 const VERSION = "https://w3id.org/linked-fleet#version";
 
@@ -39,9 +41,9 @@ export function watch(iri, { protocol = "lf.ntriples", interval = 0.1, depth = "
 
 /**
  * Be told how the connections are: `live`, `lost` (and tried again), `gone` if there is no such resource (and tried
- * again, for robots come back), or `cancelled` by somebody else. At once and when that changes.
+ * again, for robots come back), `cancelled` by somebody else, or `forbidden`. At once and when that changes.
  *
- * @param {(state: "live"|"lost"|"gone"|"cancelled") => void} listener
+ * @param {(state: "live"|"lost"|"gone"|"cancelled"|"forbidden") => void} listener
  */
 export function onConnection(listener) {
   listeners.add(listener);
@@ -50,7 +52,7 @@ export function onConnection(listener) {
 
 function tell() {
   const states = new Set([...channels.values()].map((channel) => channel.state));
-  const now = ["lost", "gone", "cancelled"].find((state) => states.has(state)) ?? "live";
+  const now = ["lost", "gone", "cancelled", "forbidden"].find((state) => states.has(state)) ?? "live";
   if (now === told) return;
   told = now;
   for (const listener of listeners) listener(now);
@@ -119,7 +121,9 @@ class Channel {
   async again(timer) {
     const status = await statusOf(this.address.pathname);
     if (this.timer !== timer) return; // meanwhile somebody else has seen to it
-    if (status !== NOT_FOUND) this.open();
+    if (status === UNAUTHENTICATED) location.reload();
+    else if (status === FORBIDDEN) this.become("forbidden");
+    else if (status !== NOT_FOUND) this.open();
     else {
       this.become("gone");
       for (const onGone of [...this.members.values()]) onGone?.();
@@ -148,7 +152,7 @@ class Channel {
   }
 
   resume() {
-    if (!this.socket && this.state !== "cancelled") this.open();
+    if (!this.socket && this.state !== "cancelled" && this.state !== "forbidden") this.open();
   }
 
   end() {
@@ -158,10 +162,10 @@ class Channel {
   }
 }
 
-/** 0 if nobody answers. */
+/** 0 if nobody answers. That of an event stream, which takes the same rights; HEAD makes none. */
 async function statusOf(path) {
   try {
-    return (await fetch(path, { method: "HEAD", cache: "no-store" })).status;
+    return (await fetch(path, { method: "HEAD", cache: "no-store", headers: { accept: "text/event-stream" } })).status;
   } catch {
     return 0;
   }

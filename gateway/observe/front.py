@@ -79,7 +79,7 @@ class Front:
 
 async def _admitted(page: Callable[[Request], Awaitable[Response]], request: Request) -> Response:
     """The numbers name all robots: where there are identities, they are for who may administer all of them."""
-    identities = request.app.state.identities
+    identities = getattr(request.app.state, "identities", None)
     if page is metrics and identities is not None:
         try:
             caller = await authenticate(identities, request.scope)

@@ -127,3 +127,22 @@ def test_a_login_of_another_browser_is_not_taken_over(
     answer = other.goto(back)
     assert answer is not None and answer.status == 401 and not context.cookies()
     context.close()
+
+
+def test_a_page_whose_session_is_over_leads_to_the_login(page: Page, own: Guarded) -> None:
+    own.add("passing", "read", "subscribe")
+    own.known("passing")
+    page.goto(f"{own.root}{SEEN}/")
+    _log_in(page, own, "passing")
+    expect(page).to_have_url(f"{own.root}{SEEN}/")
+    own.revoke("passing")
+    expect(page).to_have_url(re.compile("/login"))
+
+
+def test_who_may_not_subscribe_is_told_that_the_page_stands_still(page: Page, own: Guarded) -> None:
+    own.add("reader", "read")
+    own.known("reader")
+    page.goto(f"{own.root}{SEEN}/")
+    _log_in(page, own, "reader")
+    expect(page.locator("#connection")).to_contain_text("You have no right to watch")
+    expect(page.locator("#who")).to_have_text("reader")

@@ -99,7 +99,8 @@ def test_a_refused_command_is_marked_and_its_line_in_the_log_names_the_trace(tra
 
     def lines() -> list[dict[str, str]]:
         said = [json.loads(line) for line in traced.gateway.output.splitlines() if line.startswith("{")]
-        return [line for line in said if line.get("trace_id") == trace]
+        commands = [line for line in said if line["logger"] == "gateway.observe.counts"]
+        return [line for line in commands if line.get("trace_id") == trace]
 
     (line,) = eventually(lines, "a line about it")
     assert line["message"] == "robot ur5: command refused (expectation)"
