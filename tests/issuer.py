@@ -42,6 +42,8 @@ class Issuer:
         self.keys = [Key("first")]
         self.subject, self.claims = "ada", {"groups": ["operators"]}
         self.fetched = 0
+        self.silent = False
+        self._released = threading.Event()
         self._codes: dict[str, dict[str, str]] = {}
         handler = type("Handler", (_Handler,), {"issuer": self})
         self._server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
@@ -49,7 +51,18 @@ class Issuer:
         self._thread = threading.Thread(target=self._server.serve_forever, kwargs={"poll_interval": 0.01})
         self._thread.start()
 
+    def release(self) -> None:
+        """Let go of whom it has kept waiting, and be silent no more."""
+        self.silent = False
+        self._released.set()
+
+    def wait(self) -> None:
+        """For the server: nothing is said while it is silent."""
+        if self.silent:
+            self._released.wait(60)
+
     def close(self) -> None:
+        self.release()
         self._server.shutdown()
         self._thread.join()
         self._server.server_close()
@@ -95,6 +108,7 @@ class _Handler(BaseHTTPRequestHandler):
     issuer: Issuer
 
     def do_GET(self) -> None:
+        self.issuer.wait()
         parts = urlsplit(self.path)
         if parts.path == "/.well-known/openid-configuration":
             self._say(self.issuer.document())

@@ -7,10 +7,12 @@ from urllib.parse import urlsplit
 
 import jwt
 
+from gateway.ending import end
 from gateway.identity.web import IssuerSilent, Web
 
 STALE_S = 600.0  # after which a key that the issuer has withdrawn is looked for
 RETRY_S = 30.0
+FIRST_S = 2.0  # between two attempts as long as nothing is known
 # By the key, never by what a token says: a public key is not to be taken for a shared secret.
 _ALGORITHMS = {("RSA", None): "RS256", ("EC", "P-256"): "ES256", ("OKP", "Ed25519"): "EdDSA"}
 _LEAST_RSA_BITS = 2048
@@ -23,31 +25,47 @@ class IssuerKeys:
         self._web, self._url = web, url
         self.metadata: dict[str, Any] = {}
         self._keys: dict[str, tuple[jwt.PyJWK, str]] = {}
-        self._fetched_s = self._tried_s = float("-inf")
+        self._fetched_s = self._tried_s = self._asked_s = float("-inf")
         self._turn = asyncio.Lock()
+        self._refreshing: asyncio.Task[None] | None = None
 
     async def find(self, kid: str) -> tuple[jwt.PyJWK, str] | None:
         """A key and its one algorithm; None when the issuer has none of that id. IssuerSilent without any keys.
 
         An unknown id has the keys fetched again, but at most every 30 s; known ones outlive an issuer that is away.
         """
-        if kid not in self._keys or time.monotonic() - self._fetched_s > STALE_S:
+        if kid not in self._keys:
             await self._fetch_again(kid)
+        elif self._stale and (self._refreshing is None or self._refreshing.done()):
+            # Beside the request, which may be to stop a robot.
+            self._refreshing = asyncio.create_task(self._fetch_again(kid), name=f"keys of {self._url}")
         if not self._keys:
             raise IssuerSilent(f"the keys of {self._url} could not be fetched")
         return self._keys.get(kid)
+
+    async def aclose(self) -> None:
+        if self._refreshing is not None:
+            await end([self._refreshing])
+
+    @property
+    def _stale(self) -> bool:
+        return time.monotonic() - self._fetched_s > STALE_S
 
     async def described(self) -> dict[str, Any]:
         """The discovery document; IssuerSilent."""
         async with self._turn:
             if not self.metadata:
+                if time.monotonic() - self._asked_s < FIRST_S:
+                    raise IssuerSilent(f"{self._url} did not answer a moment ago")
+                self._asked_s = time.monotonic()
                 self.metadata = await self._discover()
         return self.metadata
 
     async def _fetch_again(self, kid: str) -> None:
         async with self._turn:
             now_s = time.monotonic()
-            if now_s - self._tried_s < RETRY_S or (kid in self._keys and now_s - self._fetched_s <= STALE_S):
+            pause_s = RETRY_S if self._keys else FIRST_S
+            if now_s - self._tried_s < pause_s or (kid in self._keys and not self._stale):
                 return
             self._tried_s = now_s
             try:

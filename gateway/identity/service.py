@@ -59,6 +59,8 @@ class Identities:
     ) -> None:
         if self._task is not None:
             await end([self._task])
+        for keys in self._keys.values():
+            await keys.aclose()
         await self.web.aclose()
         await self.key.aclose()
 

@@ -145,3 +145,22 @@ def test_an_issuer_that_calls_itself_otherwise_is_none(issuer: Issuer) -> None:
 @pytest.mark.parametrize("text", ["", "..", "a.b.c", "x" * 20_000, "e30.e30.", "W10.W10.x", "é.é.é"])
 def test_no_text_is_too_strange_to_look_at(text: str) -> None:
     assert issuer_named(text) is None
+
+
+def test_a_known_key_waits_for_nobody(issuer: Issuer, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An issuer that is gone delays no request and takes no right away, though its keys are to be looked at again."""
+    monkeypatch.setattr(identity_keys, "STALE_S", 0.0)
+    monkeypatch.setattr(identity_keys, "RETRY_S", 0.0)
+
+    async def read() -> None:
+        web = Web()
+        keys = IssuerKeys(web, issuer.url)
+        assert await keys.find("first") is not None
+        issuer.silent = True
+        for _ in range(3):
+            assert await asyncio.wait_for(keys.find("first"), 2) is not None
+        issuer.release()
+        await keys.aclose()
+        await web.aclose()
+
+    asyncio.run(read())
