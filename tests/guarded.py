@@ -77,13 +77,13 @@ class Guarded:
 
 
 @contextlib.contextmanager
-def guarded(folder: Path, robots: bool = True, issuer: Issuer | None = None) -> Iterator[Guarded]:
+def guarded(folder: Path, *more: str, robots: bool = True, issuer: Issuer | None = None) -> Iterator[Guarded]:
     place, file = Place(folder / "state"), folder / "identities.toml"
     here = Guarded(place, file)
     here.add("root", *ALL)
     if issuer is not None:
         here.admit(issuer, "read", "subscribe", "act")
-    flags = ("--identities", str(file))
+    flags = ("--identities", str(file), *more)
     names = (f"--robot={SEEN}=ur5", f"--robot={HIDDEN}=ur5")
     with contextlib.ExitStack() as stack:
         here.gateway = stack.enter_context(process(*place.command(), *flags))

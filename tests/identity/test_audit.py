@@ -1,10 +1,13 @@
 """Who did what is noted, and read by who administers all."""
 
+from pathlib import Path
+
 import pytest
 import rdflib
 from browser import LDP, LF, Browser
-from guarded import SEEN, Guarded, Listening
+from guarded import SEEN, Guarded, Listening, guarded
 from rdflib import DCTERMS, PROV, URIRef
+from redis_servers import single
 from running import eventually
 
 pytestmark = pytest.mark.fleet
@@ -66,3 +69,24 @@ def test_more_than_a_page_is_linked(here: Guarded) -> None:
 def test_the_audit_is_for_who_administers_all(here: Guarded, name: str | None, status: int) -> None:
     with here.browsing(name) as browser:
         assert browser.http.get(here.root + "audit").status_code == status
+
+
+def test_nothing_waits_for_redis_and_nothing_is_forgotten(tmp_path: Path) -> None:
+    with (
+        single(tmp_path / "redis") as servers,
+        guarded(tmp_path, "--redis-url", servers.url) as own,
+        own.browsing("root") as root,
+    ):
+        stop = root.action(root.robot(SEEN), LF.StopRobot)
+        servers.kill()
+        assert root.http.post(stop).status_code == 204
+        assert root.http.get(own.root + "audit").status_code == 503
+        assert own.gateway is not None
+        own.gateway.said("gateway.audit: root: POST /lab-1/actions/stop 204")
+        servers.start()
+
+        def remembered() -> bool:
+            answer = root.http.get(own.root + "audit")
+            return answer.status_code == 200 and "POST /lab-1/actions/stop" in answer.text
+
+        assert eventually(remembered, "the stop noted")

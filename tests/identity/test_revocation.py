@@ -28,7 +28,7 @@ def issuer() -> Iterator[Issuer]:
 @pytest.fixture(scope="module")
 def own(tmp_path_factory: pytest.TempPathFactory, issuer: Issuer) -> Iterator[Guarded]:
     """Of this file alone, since the file of identities changes all the time."""
-    with guarded(tmp_path_factory.mktemp("guarded"), issuer=issuer) as one:
+    with guarded(tmp_path_factory.mktemp("guarded"), "--subscriptions-per-client=8", issuer=issuer) as one:
         yield one
 
 
@@ -180,3 +180,19 @@ def test_all_below_the_fleet_is_for_who_may_subscribe_to_all_that_he_reads(own: 
         for path, status in (("?depth=subtree", 403), ("", 200), ("lab-1/?depth=subtree", 200), ("hall-1/", 403)):
             with eve.stream("GET", own.root + path, headers={"accept": "text/event-stream"}) as response:
                 assert response.status_code == status, path
+
+
+def test_subscriptions_are_counted_by_who_makes_them(own: Guarded, root: Browser) -> None:
+    """Not by the address, which is the same for all of them here."""
+    own.add("eager", "read", "subscribe")
+    own.add("modest", "read", "subscribe")
+    own.known("modest")
+    container = str(root.part(SEEN, "wrist_3_joint").one(HYBRIT.subscriptions))
+    body = _PREFIXES + f"[] a hybrit:Subscription ; hybrit:onResource <{_joint(root)}> ."
+
+    def subscribe(name: str) -> int:
+        with own.browsing(name) as browser:
+            return browser.http.post(container, content=body, headers=_TURTLE).status_code
+
+    assert [subscribe("eager") for _ in range(9)] == [201] * 8 + [429]
+    assert subscribe("modest") == 201
