@@ -9,18 +9,21 @@ from client.action import Action
 from client.invocation import Invocation
 from client.thing import Property, Thing
 from client.vocabulary import HYBRIT, LF, PROV, RDF
-from client.web import Web
+from client.web import Bearer, Web
 
 
 class Fleet(Thing):
     """The thing at ``url``, which need not be a fleet, and the connections to its server.
 
     ``timeout_s`` bounds each connecting and each silence of the server. ``headers`` go with every request, wherever
-    links lead: nothing secret belongs in them unless all that the fleet links may know it.
+    links lead: nothing secret belongs in them unless all that the fleet links may know it. ``token`` says who one is;
+    it goes to the server of ``url`` and to no other.
     """
 
-    def __init__(self, url: str, timeout_s: float = 10.0, headers: Mapping[str, str] | None = None) -> None:
-        super().__init__(Web(timeout_s, headers or {}), url)
+    def __init__(
+        self, url: str, timeout_s: float = 10.0, headers: Mapping[str, str] | None = None, token: str = ""
+    ) -> None:
+        super().__init__(Web(timeout_s, headers or {}, Bearer(token, url) if token else None), url)
 
     def __enter__(self) -> "Fleet":
         return self

@@ -6,7 +6,7 @@ import threading
 import time
 import warnings
 from collections import OrderedDict
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -69,6 +69,22 @@ class Answer:
             raise BadAnswer(f"{self.url} leads to what is no URL: {target[:200]!r}") from error
 
 
+class Bearer(httpx.Auth):
+    """A token (RFC 6750) for the server at ``url`` and for no other, wherever links lead."""
+
+    def __init__(self, token: str, url: str) -> None:
+        self._token, self._home = token, _origin(httpx.URL(url))
+
+    def auth_flow(self, request: httpx.Request) -> Generator[httpx.Request, httpx.Response, None]:
+        if _origin(request.url) == self._home:
+            request.headers["authorization"] = f"Bearer {self._token}"
+        yield request
+
+
+def _origin(url: httpx.URL) -> tuple[str, str, int]:
+    return url.scheme, url.host, url.port or (443 if url.scheme == "https" else 80)
+
+
 @dataclass
 class Web:
     """The connections of one client, and the documents that it has seen. Threads may share it.
@@ -78,9 +94,11 @@ class Web:
 
     timeout_s: float = 10.0
     headers: Mapping[str, str] = field(default_factory=dict)
+    auth: httpx.Auth | None = None
 
     def __post_init__(self) -> None:
-        self.http = httpx.Client(timeout=self.timeout_s, headers={"user-agent": "linked-fleet", **self.headers})
+        headers = {"user-agent": "linked-fleet", **self.headers}
+        self.http = httpx.Client(timeout=self.timeout_s, headers=headers, auth=self.auth)
         self._seen: OrderedDict[str, Document] = OrderedDict()
         self._lock = threading.Lock()
 

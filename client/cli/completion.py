@@ -1,5 +1,6 @@
 """Tab completion: a script for the shell, and the hidden command that it asks."""
 
+import os
 import re
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
@@ -58,7 +59,7 @@ def completions(words: Sequence[str], url: str) -> list[str]:
     if plain[0] == "completion":
         return [each for each in SCRIPTS if each.startswith(last)]
     try:
-        with Fleet(url, QUICK_S) as fleet:
+        with Fleet(url, QUICK_S, token=os.environ.get("LINKED_FLEET_TOKEN", "")) as fleet:
             return [each for each in _offered(fleet, plain, last) if each.casefold().startswith(last.casefold())]
     except ClientError:
         return []

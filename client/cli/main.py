@@ -97,7 +97,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _everywhere(parser: argparse.ArgumentParser) -> None:
     """What may stand before the command as well as after it."""
-    parser.add_argument("--url", help="where the fleet is (or LINKED_FLEET_URL)")
+    parser.add_argument("--url", help="where the fleet is (or LINKED_FLEET_URL); the token is in LINKED_FLEET_TOKEN")
     parser.add_argument("--json", action="store_true", default=argparse.SUPPRESS, help="JSON, for scripts")
     parser.add_argument("--timeout", type=_positive, metavar="S", help="seconds to wait for the server")
 
@@ -132,7 +132,7 @@ def _complete(options: argparse.Namespace) -> int:
 
 
 def _with_fleet(run: Callable[[Fleet, argparse.Namespace], int], options: argparse.Namespace) -> int:
-    with Fleet(options.url, options.timeout) as fleet:
+    with Fleet(options.url, options.timeout, token=os.environ.get("LINKED_FLEET_TOKEN", "")) as fleet:
         return run(fleet, options)
 
 
