@@ -11,6 +11,7 @@ from gateway.actions.service import Actions
 from gateway.actions.store import ActionStore
 from gateway.graph.vocab import PREFIXES
 from gateway.http.callers import Callers
+from gateway.http.cors import pages_elsewhere
 from gateway.http.endpoint import resources
 from gateway.http.host import Authorities
 from gateway.http.turns import Turns
@@ -64,7 +65,8 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None) -> Sta
     app = Starlette(
         middleware=[
             Middleware(Front, requests=requests, tracing=tracing),
-            Middleware(Authorities, public_urls=settings.public_urls, prefixes=PREFIXES),
+            *pages_elsewhere(settings.cors_pages),
+            Middleware(Authorities, public_urls=settings.public_urls, prefixes=PREFIXES, pages=settings.cors_pages),
             Middleware(Callers),
         ],
         lifespan=lifespan,

@@ -1,6 +1,7 @@
 """Settings of the gateway: environment variables, each also a flag, read once (ARCHITECTURE.md, "Settings")."""
 
 import argparse
+import re
 import socket
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -13,6 +14,8 @@ from gateway.exposure import EXPOSURES
 from gateway.observe.log import FORMS
 from gateway.session import trust
 from gateway.subscriptions.keys import Keys
+
+_ORIGIN = re.compile(r"https?://[a-z0-9.\[\]:-]+")  # as browsers write it: lower case, no path
 
 
 def _setting(env: str, default: str, meaning: str) -> str:
@@ -71,6 +74,9 @@ class GatewaySettings:
         "LINKED_FLEET_SUBSCRIPTIONS_PER_CLIENT", "1000", "subscriptions that one client may have at once"
     )
 
+    cors_origins: str = _setting(
+        "LINKED_FLEET_CORS_ORIGINS", "", "origins of other sites' pages that may use the fleet, comma-separated"
+    )
     session_key_file: str = _setting(
         "LINKED_FLEET_SESSION_KEY_FILE",
         "",
@@ -94,6 +100,11 @@ class GatewaySettings:
         if unknown := [name for name in self.allowed if name not in EXPOSURES]:
             raise ValueError(f"LINKED_FLEET_ALLOW is of {', '.join(EXPOSURES)}, not {', '.join(unknown)}")
         ZenohKeys(self.namespace), Keys(self.namespace)  # ValueError
+        for origin in self.cors_pages:
+            if not _ORIGIN.fullmatch(origin):
+                raise ValueError(
+                    f"LINKED_FLEET_CORS_ORIGINS is of origins such as https://twin.example:8443, not {origin!r}"
+                )
         for network in _items(self.callback_allow):
             try:
                 ip_network(network)
@@ -148,6 +159,11 @@ class GatewaySettings:
     @property
     def callback_networks(self) -> tuple[IPv4Network | IPv6Network, ...]:
         return tuple(ip_network(network) for network in _items(self.callback_allow))
+
+    @property
+    def cors_pages(self) -> tuple[str, ...]:
+        """Origins (RFC 6454) of pages elsewhere that may use the fleet."""
+        return _items(self.cors_origins)
 
     @property
     def gateway_name(self) -> str:

@@ -103,13 +103,15 @@ async def _bearer(identities: Identities, said: list[str]) -> Identity:
 def _check_page(scope: Scope, headers: Headers) -> None:
     """ForeignOrigin for what a cookie came with and does or listens, unless a page of ours sent it.
 
-    ``Authorities`` has refused every foreign ``Origin``; here it is missed where there is none. Reading needs none:
+    ``Authorities`` has refused or marked every foreign ``Origin``; here it is missed where there is none. Pages of
+    other sites that may use the fleet have tokens, or whoever is logged in would act for them. Reading needs none:
     links of other sites may lead here, and what comes of it is shown to nobody but who followed them.
     """
     events = "text/event-stream" in headers.get("accept", "")
     calls_back = "callback" in headers.get("upgrade", "").lower()
     reads = scope["type"] == "http" and scope["method"] in _READ and not events and not calls_back
-    ours = headers.get("sec-fetch-site") == "same-origin" or ("origin" in headers and not calls_back)
+    elsewhere = scope["state"]["elsewhere"]
+    ours = headers.get("sec-fetch-site") == "same-origin" or ("origin" in headers and not calls_back and not elsewhere)
     if not reads and not ours:
         raise ForeignOrigin("with a session this takes the Origin field of one of our pages; or send a bearer token")
 

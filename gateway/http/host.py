@@ -26,9 +26,14 @@ _DEFAULT_PORTS = {"http": 80, "ws": 80, "https": 443, "wss": 443}
 
 
 class Authorities:
-    """ASGI middleware: ``scope["state"]["base"]`` is the public URL, without slash, under which the client asks."""
+    """ASGI middleware: ``scope["state"]["base"]`` is the public URL, without slash, under which the client asks.
 
-    def __init__(self, app: App, public_urls: tuple[str, ...], prefixes: Mapping[str, str]) -> None:
+    ``pages`` are origins of other sites' pages that may ask too; ``scope["state"]["elsewhere"]`` is whether one does.
+    """
+
+    def __init__(
+        self, app: App, public_urls: tuple[str, ...], prefixes: Mapping[str, str], pages: tuple[str, ...] = ()
+    ) -> None:
         self.app, self.prefixes = app, prefixes
         self._bases: dict[tuple[str, int], str] = {}
         for url in public_urls:
@@ -36,6 +41,7 @@ class Authorities:
             key = ((parts.hostname or "").lower(), parts.port or _DEFAULT_PORTS[parts.scheme])
             self._bases.setdefault(key, url.rstrip("/"))
         self._origins = {"://".join(urlsplit(url)[:2]).lower() for url in self._bases.values()}
+        self._pages = {page.lower() for page in pages}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] not in ("http", "websocket"):
@@ -47,12 +53,11 @@ class Authorities:
             hosts, path = [absolute[1]], absolute[2] or "/"
             scope = {**scope, "path": unquote(path), "raw_path": path.encode("latin-1")}
         try:
-            base = self._base(scope, hosts)
-            self._check_origin(scope)
+            base, elsewhere = self._base(scope, hosts), self._is_elsewhere(scope)
         except FleetError as error:
             await refuse(error, scope, send, self.prefixes)
             return
-        scope.setdefault("state", {})["base"] = base
+        scope.setdefault("state", {}).update(base=base, elsewhere=elsewhere)
         await self.app(scope, receive, send)
 
     def _base(self, scope: Scope, fields: list[str]) -> str:
@@ -67,15 +72,19 @@ class Authorities:
                 return self._bases[name, port]
         raise MisdirectedRequest(f"this fleet is not known as {fields[0]}, only as {', '.join(self._bases.values())}")
 
-    def _check_origin(self, scope: Scope) -> None:
-        """Only browsers say whose page asks, and none lets a page say something else."""
+    def _is_elsewhere(self, scope: Scope) -> bool:
+        """Whether a page of another site asks; ForeignOrigin when it may not.
+
+        Only browsers say whose page asks, and none lets a page say something else.
+        """
         origins = {value.decode("latin-1").lower() for name, value in scope["headers"] if name == b"origin"}
         accepts = (value for name, value in scope["headers"] if name == b"accept")
         reads = scope["type"] == "http" and scope["method"] in _READ and not any(_EVENTS in each for each in accepts)
-        if not reads and not origins <= self._origins:
+        if not reads and not origins <= self._origins | self._pages:
             raise ForeignOrigin(
                 f"pages of {', '.join(self._bases.values())} may do this, and clients that are no pages"
             )
+        return not origins <= self._origins
 
 
 async def refuse(error: FleetError, scope: Scope, send: Send, prefixes: Mapping[str, str]) -> None:

@@ -66,7 +66,8 @@ class Login:
     # -- by a token ---------------------------------------------------------------------------------------------------
 
     async def _with_token(self, request: Request, identities: Identities) -> Response:
-        if "origin" not in request.headers and request.headers.get("sec-fetch-site") != "same-origin":
+        ours = "origin" in request.headers or request.headers.get("sec-fetch-site") == "same-origin"
+        if request.state.elsewhere or not ours:
             raise ForeignOrigin("people log in here on the page itself; programs send Authorization: Bearer")
         address = request.client.host if request.client else ""
         self._attempts.check(address)

@@ -1,0 +1,27 @@
+"""What browsers are told so that pages of other sites may use the fleet (WHATWG Fetch, "HTTP-CORS protocol")."""
+
+from starlette.middleware import Middleware
+from starlette.middleware.cors import CORSMiddleware
+
+_METHODS = ("GET", "HEAD", "POST", "PUT", "DELETE", "OPTIONS")
+_ASKED = (
+    "authorization", "content-type", "if-match", "if-none-match", "idempotency-key", "last-event-id", "lock-token",
+    "prefer", "traceparent", "x-request-id",
+)  # fmt: skip
+_ANSWERED = (
+    "accept-post", "accept-put", "allow", "etag", "link", "location", "lock-token", "preference-applied",
+    "retry-after", "www-authenticate", "x-request-id",
+)  # fmt: skip
+
+
+def pages_elsewhere(origins: tuple[str, ...]) -> list[Middleware]:
+    """None without ``origins``. Cookies are never sent along: those pages have tokens of their own."""
+    if not origins:
+        return []
+    return [
+        Middleware(
+            CORSMiddleware,
+            allow_origins=origins, allow_methods=_METHODS, allow_headers=_ASKED, expose_headers=_ANSWERED,
+            allow_credentials=False,
+        )
+    ]  # fmt: skip
