@@ -24,7 +24,9 @@ PAGES = (
     "gateway/actions/PROTOCOL.md",
     "gateway/subscriptions/PROTOCOL.md",
     "client/README.md",
+    "SECURITY.md",
     "docs/IDENTITIES.md",
+    "docs/THREATS.md",
     "client/CONFORMANCE.md",
 )
 FOLDERS = {path.name for path in ROOT.iterdir() if path.is_dir()}
@@ -43,6 +45,14 @@ def test_every_path_that_a_page_names_exists(page: str) -> None:
     links = {path for path in re.findall(r"\]\(([^)#:]+)\)", text)}
     assert [path for path in sorted(named) if not (ROOT / path).exists()] == []
     assert [path for path in sorted(links) if not (ROOT / page).parent.joinpath(path).exists()] == []
+
+
+def test_every_test_that_shows_what_stops_a_threat_is_there() -> None:
+    named = re.findall(r"`(tests/[\w/.]+)(?:::(\w+))?`", (ROOT / "docs/THREATS.md").read_text())
+    assert len(named) > 30
+    texts = {path: (ROOT / path).read_text() for path, test in named if test}
+    assert [test for path, test in named if test and f"def {test}(" not in texts[path]] == []
+    assert [path for path, _ in named if not (ROOT / path).exists()] == []
 
 
 def test_architecture_names_many_paths() -> None:
