@@ -129,7 +129,7 @@ def stage(size: Size, count: int) -> Iterator[Scene]:
 
         def start(where: contextlib.ExitStack) -> Gateway:
             port = free_port()
-            shared = ("--zenoh-connect", endpoint, "--redis-url", server.url)
+            shared = ("--zenoh-connect", endpoint, "--redis-url", server.url, "--requests-per-client", "0")
             child = where.enter_context(process("-m", "gateway", "--port", str(port), *shared))
             one = Gateway(port, pid_of(child))
             where.callback(one.http.close)

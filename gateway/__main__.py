@@ -8,6 +8,8 @@ import socket
 import sys
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
+from functools import partial
+from typing import Any
 
 import uvicorn
 import uvloop
@@ -17,6 +19,7 @@ from agents.wire.trust import is_loopback, open_to_all
 from gateway.app import create_app
 from gateway.exposure import complaints
 from gateway.http.protocol import HttpProtocol, WebSocketProtocol
+from gateway.http.sockets import Sockets, within_files
 from gateway.http.tls import Certificate, secured
 from gateway.identity.roster import BadRoster
 from gateway.link import LinkError
@@ -114,6 +117,8 @@ async def _serve(
     settings: GatewaySettings, listener: socket.socket, certificate: Certificate | None, tracing: Tracing | None
 ) -> int:
     app = create_app(settings, tracing)
+    sockets = Sockets(within_files(int(settings.sockets)), int(settings.sockets_per_client))
+    http: Any = partial(HttpProtocol, sockets=sockets)
     # The lifespan is entered here, not by the server: its errors stay exceptions, and the address is printed when true.
     config = uvicorn.Config(
         app, lifespan="off", log_config=None, access_log=False, server_header=False,
@@ -121,7 +126,7 @@ async def _serve(
         timeout_graceful_shutdown=_DRAIN_S,
         # On h11. httptools loses the body of a request whose Upgrade is ignored (uvicorn issue 2722), and the authority
         # of an absolute request target, and makes a 400 of every method that it does not know.
-        http=secured(HttpProtocol, certificate.context) if certificate else HttpProtocol,
+        http=secured(http, certificate.context) if certificate else http,
         # One framed buffer serves all subscribers, so there is no compression; and clients have nothing to say.
         ws=WebSocketProtocol, ws_per_message_deflate=False, ws_max_size=_WEBSOCKET_BYTES,
         ws_ping_interval=_PING_S, ws_ping_timeout=_PING_S,

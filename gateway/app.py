@@ -14,6 +14,7 @@ from gateway.http.callers import Callers
 from gateway.http.cors import pages_elsewhere
 from gateway.http.endpoint import resources
 from gateway.http.host import Authorities
+from gateway.http.rates import Pace, Rates
 from gateway.http.turns import Turns
 from gateway.identity.service import Identities
 from gateway.identity.store import SessionKey
@@ -68,6 +69,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None) -> Sta
             *pages_elsewhere(settings.cors_pages),
             Middleware(Authorities, public_urls=settings.public_urls, prefixes=PREFIXES, pages=settings.cors_pages),
             Middleware(Callers),
+            Middleware(Pace, rates=Rates(float(settings.requests_per_client))),
         ],
         lifespan=lifespan,
     )

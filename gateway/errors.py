@@ -21,6 +21,7 @@
     │   └── KeyReused               422     key-reused
     ├── TooManySubscriptions        429     too-many-subscriptions
     ├── TooManyLogins               429     too-many-logins
+    ├── TooManyRequests             429     too-many-requests
     ├── Offline                     503     offline
     ├── Busy                        503     busy
     ├── StoreAway                   503     store-away
@@ -268,6 +269,15 @@ class TooManyLogins(FleetError):
 
     def __init__(self, detail: str, *, retry_after_s: int) -> None:
         super().__init__(detail, headers={"Retry-After": str(retry_after_s)})
+
+
+class TooManyRequests(FleetError):
+    """RFC 6585, 4; what stops robots is never refused for it. ``wait_s`` (s) is when to ask again."""
+
+    status, code, title = 429, "too-many-requests", "The client asks too often"
+
+    def __init__(self, wait_s: int) -> None:
+        super().__init__(f"Ask again in {wait_s} s, and less often.", headers={"Retry-After": str(wait_s)})
 
 
 class Offline(FleetError):

@@ -73,7 +73,13 @@ class GatewaySettings:
     subscriptions_per_client: str = _setting(
         "LINKED_FLEET_SUBSCRIPTIONS_PER_CLIENT", "1000", "subscriptions that one client may have at once"
     )
-
+    requests_per_client: str = _setting(
+        "LINKED_FLEET_REQUESTS_PER_CLIENT", "1000", "requests a second that one client may make on average; 0: any"
+    )
+    sockets: str = _setting("LINKED_FLEET_SOCKETS", "16000", "connections that there may be at once")
+    sockets_per_client: str = _setting(
+        "LINKED_FLEET_SOCKETS_PER_CLIENT", "12000", "connections that one client address may have at once"
+    )
     cors_origins: str = _setting(
         "LINKED_FLEET_CORS_ORIGINS", "", "origins of other sites' pages that may use the fleet, comma-separated"
     )
@@ -89,10 +95,9 @@ class GatewaySettings:
             raise ValueError(f"LINKED_FLEET_PORT is a port number from 1 to 65535, not {self.port!r}")
         if self.callback_consent not in ("on", "off"):
             raise ValueError(f"LINKED_FLEET_CALLBACK_CONSENT is on or off, not {self.callback_consent!r}")
-        if not self.subscriptions_per_client.isdecimal():
-            raise ValueError(
-                f"LINKED_FLEET_SUBSCRIPTIONS_PER_CLIENT is a number, not {self.subscriptions_per_client!r}"
-            )
+        for name in ("subscriptions_per_client", "requests_per_client", "sockets", "sockets_per_client"):
+            if not getattr(self, name).isdecimal():
+                raise ValueError(f"LINKED_FLEET_{name.upper()} is a number, not {getattr(self, name)!r}")
         if self.log_format not in FORMS:
             raise ValueError(f"LINKED_FLEET_LOG_FORMAT is text or json, not {self.log_format!r}")
         if bool(self.tls_cert) != bool(self.tls_key):

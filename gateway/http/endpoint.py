@@ -69,7 +69,11 @@ async def resources(scope: Scope, receive: Receive, send: Send) -> None:
     request = Request(scope, receive)
     turns: Turns = request.app.state.turns
     await turns.turn(scope)
-    response = await _respond(request)
+    try:
+        response = await _respond(request)
+    except ClientDisconnect:  # in the middle of its body: nobody is there to be answered
+        log.debug("the client of %s %s is gone", request.method, request.url.path)
+        return
     await response(scope, receive, send)
 
 

@@ -1,16 +1,22 @@
 """The server's two protocol classes: as uvicorn has them, and what a channel to a slow reader needs besides."""
 
+import sys
 from asyncio.transports import BaseTransport, Transport
 from collections.abc import Callable
+from http import HTTPStatus
 from typing import Any, cast
 
+import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 from websockets.frames import CloseCode, Frame
 from websockets.http11 import Request
 from websockets.protocol import State
 
+from gateway.http.patience import BODY_S, HEAD_S, MAX_HEAD_BYTES, Deadline
+from gateway.http.rates import network_of
 from gateway.http.slow import HIGH_WATER_BYTES, STALL_S, StallWatch
+from gateway.http.sockets import Sockets
 from gateway.http.tls import unsent
 from gateway.subscriptions.message import Ending
 
@@ -20,24 +26,101 @@ HTTP, WEBSOCKET = "linked-fleet.http", "linked-fleet.websocket"
 GRACE_S = 10.0
 """For the rest of a conversation that one side has ended."""
 _FAREWELL_S = 0.5  # less than the server waits for its connections when it shuts down
+_FULL = b"HTTP/1.1 503 Service Unavailable\r\nretry-after: 1\r\ncontent-length: 0\r\nconnection: close\r\n\r\n"
 
 
 class HttpProtocol(H11Protocol):
-    """HTTP/1.1 that an application can get hold of: ASGI alone neither aborts a connection nor tells of a shutdown."""
+    """HTTP/1.1 that an application can get hold of: ASGI alone neither aborts a connection nor tells of a shutdown.
+
+    Who does not say in time what it wants is cut off, and of ``sockets`` takes a place that others can have.
+    """
 
     stall_s = STALL_S
+    head_s, body_s = HEAD_S, BODY_S
     on_shutdown: Callable[[], None] | None = None
     ending = False
     """Whether the server shuts down: what begins now has not been told."""
     watch: StallWatch
 
+    def __init__(self, *arguments: Any, sockets: Sockets | None = None, **named: Any) -> None:
+        super().__init__(*arguments, **named)
+        self._sockets = Sockets(sys.maxsize, sys.maxsize) if sockets is None else sockets
+        self._deadline = Deadline(self._give_up)
+        self._begun = False
+
     def connection_made(self, transport: Transport) -> None:  # type: ignore[override]  # as uvicorn has it
         super().connection_made(transport)
         self.watch = StallWatch(transport, self.stall_s)
+        if self._sockets.open(self, network_of(self.client[0]) if self.client else ""):
+            self._await_request()
+        else:
+            transport.write(_FULL)
+            transport.close()
 
     def connection_lost(self, exc: Exception | None) -> None:
         super().connection_lost(exc)
         self.watch.stop()
+        self._deadline.clear()
+        self._sockets.close(self)
+
+    def data_received(self, data: bytes) -> None:
+        for first in range(0, len(data), MAX_HEAD_BYTES):  # more at once would be taken however long it is
+            protocol = self.transport.get_protocol()
+            if self.transport.is_closing():
+                return
+            if protocol is not self:
+                cast(WebSocketProtocol, protocol).data_received(data[first:])
+                return
+            super().data_received(data[first : first + MAX_HEAD_BYTES])
+        self._begun = self.conn.their_state is h11.IDLE
+        self._await_request()
+
+    def on_response_complete(self) -> None:
+        super().on_response_complete()
+        self._begun = False
+        self._await_request()
+
+    def handle_websocket_upgrade(self, event: h11.Request) -> None:
+        super().handle_websocket_upgrade(event)
+        protocol = cast(WebSocketProtocol, self.transport.get_protocol())
+        protocol.on_lost = lambda: self._sockets.close(self)
+
+    def send_400_response(self, msg: str) -> None:
+        """Called while the error is handled, which may know better than 400."""
+        error = sys.exc_info()[1]
+        status = error.error_status_hint if isinstance(error, h11.RemoteProtocolError) else 400
+        self._refuse(HTTPStatus(status), msg)
+
+    def _await_request(self) -> None:
+        """Bound the time for what the client has still to say, if it has."""
+        state = self.conn.their_state
+        if self.transport.is_closing() or state not in (h11.IDLE, h11.SEND_BODY):
+            self._deadline.clear()
+            self._sockets.busy(self)
+            return
+        self._sockets.idle(self, self.transport.abort)
+        # By the request before it: that of one is never that of the next.
+        what = (state, self._begun, id(self.cycle))
+        self._deadline.set(what, self.head_s if state is h11.IDLE else self.body_s)
+
+    def _give_up(self) -> None:
+        unsaid = self.conn.our_state is h11.SEND_RESPONSE or (self.conn.our_state is h11.IDLE and self._begun)
+        if not unsaid or self.transport.is_closing():
+            self.transport.abort()
+            return
+        if self.cycle is not None:  # whoever reads the body hears that nobody sends it
+            self.cycle.disconnected = True
+            self.cycle.message_event.set()
+        self._refuse(HTTPStatus.REQUEST_TIMEOUT, "The request was not whole in time.")
+        self.loop.call_later(_FAREWELL_S, self.transport.abort)
+
+    def _refuse(self, status: HTTPStatus, text: str) -> None:
+        head = self.conn.our_state is h11.SEND_RESPONSE and self.scope["method"] == "HEAD"
+        headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"connection", b"close")]
+        answer = h11.Response(status_code=status, headers=headers, reason=status.phrase.encode())
+        for event in (answer, *([] if head else [h11.Data(data=text.encode())]), h11.EndOfMessage()):
+            self.transport.write(self.conn.send(event) or b"")
+        self.transport.close()
 
     def handle_events(self) -> None:
         super().handle_events()
@@ -74,6 +157,7 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
     grace_s = GRACE_S
     on_drained: Callable[[], None] | None = None
     """Called when what waited has nearly all been taken."""
+    on_lost: Callable[[], None] | None = None
     watch: StallWatch
     _failed = False
 
@@ -116,6 +200,8 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
     def connection_lost(self, exc: Exception | None) -> None:
         super().connection_lost(exc)
         self.watch.stop()
+        if self.on_lost is not None:
+            self.on_lost()
 
     def handle_connect(self, event: Request) -> None:
         super().handle_connect(event)

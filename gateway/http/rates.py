@@ -1,0 +1,80 @@
+"""How often one client may ask: a bucket of tokens for each, by any string that stands for it."""
+
+import math
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+from ipaddress import ip_address
+
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from gateway.errors import TooManyRequests
+from gateway.graph.vocab import PREFIXES
+from gateway.http.host import refuse
+from gateway.http.turns import URGENT
+from gateway.identity.rights import NOBODY, Identity
+
+BURST_S = 10.0
+"""What a client has not used is kept for so long."""
+MAX_CLIENTS = 10_000
+_PREFIX = 64  # of an IPv6 address: what one customer has at least
+
+
+class Rates:
+    """``per_s`` requests of each client on average; endless if that is 0.
+
+    Of more than ``MAX_CLIENTS`` those are forgotten who have not asked for longest, which gives them their whole burst.
+    """
+
+    def __init__(self, per_s: float, clock_s: Callable[[], float] = time.monotonic) -> None:
+        self._per_s, self._most, self._clock_s = per_s, max(1.0, per_s * BURST_S), clock_s
+        self._left: OrderedDict[str, tuple[float, float]] = OrderedDict()  # tokens, and when there were so many
+
+    def take(self, client: str) -> float:
+        """Seconds until the client may ask; 0 if it may now, which is counted."""
+        if not self._per_s:
+            return 0.0
+        now_s = self._clock_s()
+        left, at_s = self._left.pop(client, (self._most, now_s))
+        left = min(self._most, left + (now_s - at_s) * self._per_s)
+        allowed = left >= 1.0
+        self._left[client] = (left - 1.0 if allowed else left, now_s)
+        if len(self._left) > MAX_CLIENTS:
+            self._left.popitem(last=False)
+        return 0.0 if allowed else (1.0 - left) / self._per_s
+
+
+def by_caller(scope: Scope) -> str:
+    """The identity of who asks, as ``Callers`` found it; of nobody in particular the address."""
+    caller: Identity = scope.get("state", {}).get("caller", NOBODY)
+    client = scope.get("client")
+    return f"identity {caller.name}" if caller.name else network_of(client[0]) if client else ""
+
+
+def network_of(host: str) -> str:
+    """The address that stands for a client: of IPv6 its network, in which it may have as many as it likes."""
+    try:
+        address = ip_address(host.partition("%")[0])
+    except ValueError:
+        return host
+    if address.version == 4:
+        return host
+    return str(address.ipv4_mapped or (int(address) >> (128 - _PREFIX)))
+
+
+class Pace:
+    """ASGI middleware, inside of ``Callers``: refuses, before anything is read or found, what a client asks too often.
+
+    What stops robots is neither refused nor counted. ``who`` names the client of a request.
+    """
+
+    def __init__(self, app: ASGIApp, rates: Rates, who: Callable[[Scope], str] = by_caller) -> None:
+        self.app, self._rates, self._who = app, rates, who
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        urgent = scope.get("method") == "POST" and scope["path"].rpartition("/")[2] in URGENT
+        wait_s = 0.0 if urgent or scope["type"] == "lifespan" else self._rates.take(self._who(scope))
+        if not wait_s:
+            await self.app(scope, receive, send)
+            return
+        await refuse(TooManyRequests(math.ceil(wait_s)), scope, send, PREFIXES)

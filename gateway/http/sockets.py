@@ -1,0 +1,70 @@
+"""How many connections there may be, and which of them gives way to a new one.
+
+A connection that has no request under way costs its peer nothing and has promised nobody anything. So when all places
+are taken, the one that has been without a request for longest is closed; only when every place is at work, or all of an
+address are, is a new connection refused.
+"""
+
+import resource
+from collections import Counter
+from collections.abc import Callable
+
+_SPARE_FILES = 256  # for Zenoh, Redis, receivers of callbacks and the log
+
+
+class Sockets:
+    """Of one server. ``most`` in all, ``most_of_one`` of one client; a connection is any hashable object."""
+
+    def __init__(self, most: int, most_of_one: int) -> None:
+        self._most, self._most_of_one = most, most_of_one
+        self._client: dict[object, str] = {}
+        self._of: Counter[str] = Counter()
+        self._idle: dict[object, Callable[[], None]] = {}
+
+    def __len__(self) -> int:
+        return len(self._client)
+
+    def open(self, connection: object, client: str) -> bool:
+        """Whether there is a place for a new connection, if need be that of an idle one."""
+        full = len(self._client) >= self._most or self._of[client] >= self._most_of_one
+        if full and not self._make_room(client):
+            return False
+        self._client[connection] = client
+        self._of[client] += 1
+        return True
+
+    def idle(self, connection: object, give_way: Callable[[], None]) -> None:
+        """It has no request under way: from now on it gives way when it is asked to."""
+        if connection in self._client:
+            self._idle.setdefault(connection, give_way)
+
+    def busy(self, connection: object) -> None:
+        self._idle.pop(connection, None)
+
+    def close(self, connection: object) -> None:
+        """It is gone; harmless when repeated."""
+        self._idle.pop(connection, None)
+        client = self._client.pop(connection, None)
+        if client is not None:
+            self._of[client] -= 1
+            if not self._of[client]:
+                del self._of[client]
+
+    def _make_room(self, client: str) -> bool:
+        crowded = self._of[client] >= self._most_of_one
+        for connection, give_way in self._idle.items():
+            if not crowded or self._client[connection] == client:
+                self.close(connection)
+                give_way()
+                return True
+        if not self._of[client]:
+            del self._of[client]
+        return False
+
+
+def within_files(most: int) -> int:
+    """``most``, or less where the process may not have as many files open; its limit is raised as far as it goes."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft < hard:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
+    return max(1, min(most, hard - _SPARE_FILES)) if hard != resource.RLIM_INFINITY else most

@@ -1,0 +1,107 @@
+"""Token buckets, one for each client, and what is refused by them."""
+
+import asyncio
+import json
+from typing import Any
+
+import pytest
+from starlette.responses import Response
+
+from gateway.http.rates import BURST_S, MAX_CLIENTS, Pace, Rates, by_caller
+from gateway.identity.rights import NOBODY, Identity
+
+
+class Clock:
+    now_s = 0.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+def test_a_burst_and_then_the_rate() -> None:
+    clock = Clock()
+    rates = Rates(2.0, clock)
+    for _ in range(int(2 * BURST_S)):
+        assert rates.take("a") == 0.0
+    assert rates.take("a") == pytest.approx(0.5)
+    assert rates.take("b") == 0.0
+    clock.now_s = 0.5
+    assert rates.take("a") == 0.0
+    assert rates.take("a") == pytest.approx(0.5)
+    clock.now_s = 1e6
+    for _ in range(int(2 * BURST_S)):
+        assert rates.take("a") == 0.0
+    assert rates.take("a") > 0.0
+
+
+def test_zero_is_no_bound() -> None:
+    rates = Rates(0.0, Clock())
+    assert not any(rates.take("a") for _ in range(100_000))
+
+
+def test_however_many_clients_come_few_are_remembered() -> None:
+    """And those who ask again and again are not among those who are forgotten."""
+    rates = Rates(0.1, Clock())
+    assert rates.take("busy") == 0.0
+    for number in range(3 * MAX_CLIENTS):
+        rates.take(str(number))
+        if number % 1000 == 0:
+            assert rates.take("busy") > 0.0
+    assert len(rates._left) == MAX_CLIENTS
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "same"),
+    [
+        ("192.0.2.1", "192.0.2.2", False),
+        ("2001:db8::1", "2001:db8::ffff:1", True),
+        ("2001:db8::1", "2001:db8:0:1::1", False),
+        ("::ffff:192.0.2.1", "192.0.2.1", True),
+        ("fe80::1%eth0", "fe80::1%eth1", True),
+        ("unix", "unix", True),
+    ],
+)
+def test_who_is_one_client(one: str, other: str, same: bool) -> None:
+    assert (by_caller({"client": (one, 1)}) == by_caller({"client": (other, 2)})) is same
+
+
+def test_an_identity_is_one_client_wherever_it_is() -> None:
+    alice, bob = (Identity(name=name, grants=()) for name in ("alice", "bob"))
+    scopes = [
+        {"client": (host, 1), "state": {"caller": who}} for host in ("192.0.2.1", "192.0.2.2") for who in (alice, bob)
+    ]
+    found = [by_caller(scope) for scope in scopes]
+    assert found[:2] == found[2:]
+    assert len({*found, by_caller({"client": ("192.0.2.1", 1), "state": {"caller": NOBODY}})}) == 3
+
+
+def _ask(pace: Pace, method: str, path: str, kind: str = "http") -> tuple[int, dict[str, str], bytes]:
+    sent: list[dict[str, Any]] = []
+
+    async def send(message: Any) -> None:
+        sent.append(message)
+
+    async def receive() -> Any:
+        raise AssertionError("nothing is read")
+
+    scope = {"type": kind, "method": method, "path": path, "headers": [], "client": ("192.0.2.1", 1)}
+    scope["extensions"] = {"websocket.http.response": {}}
+    asyncio.run(pace(scope, receive, send))
+    assert sent[0]["type"].endswith("http.response.start")
+    return sent[0]["status"], {name.decode(): value.decode() for name, value in sent[0]["headers"]}, sent[1]["body"]
+
+
+def test_who_asks_too_often_is_told_when_to_come_back_and_stops_robots_all_the_same() -> None:
+    clock = Clock()
+    pace = Pace(Response(b"served"), Rates(0.1, clock))
+    assert _ask(pace, "GET", "/")[0] == 200
+    for kind in ("http", "websocket"):
+        status, fields, body = _ask(pace, "GET", "/", kind)
+        assert (status, fields["retry-after"], fields["content-type"]) == (429, "10", "application/problem+json")
+        assert json.loads(body)["type"].endswith("#too-many-requests")
+    for segment in ("stop", "stopAll", "hold", "cancel"):
+        for _ in range(20):
+            assert _ask(pace, "POST", f"/ur5/actions/{segment}")[0] == 200
+    assert _ask(pace, "GET", "/ur5/actions/stop")[0] == 429
+    clock.now_s = 10.0
+    assert _ask(pace, "GET", "/")[0] == 200
