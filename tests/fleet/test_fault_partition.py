@@ -1,0 +1,120 @@
+"""Robots and gateway cannot reach each other: the robot holds, nothing that was meant for it then runs afterwards.
+
+The robot is simulated in the test, so that every step of MuJoCo is seen, on the simulator's own clock.
+"""
+
+import contextlib
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import httpx
+import pytest
+from browser import LF, Browser
+from commanding import PAN, WRIST, begun, ended, moving, of_joint, of_robot, post, put, radian, slowly
+from forwarder import Way, way
+from running import eventually
+from simulated import RESTING_RAD_S, Simulated, simulated
+from small_fleet import Place, live, offline
+
+pytestmark = pytest.mark.fleet
+
+
+@dataclass
+class Scene:
+    browser: Browser
+    robot: Simulated
+    way: Way
+
+    def rests(self) -> list[float]:
+        """Wait until the robot stands; where its servos are."""
+        eventually(lambda: self.robot.speed() < RESTING_RAD_S, "a robot that stands")
+        return self.robot.setpoints()
+
+    def lives(self, seconds: float) -> None:
+        """Wait until so much of the robot's own time has gone by."""
+        start = self.robot.data.time
+        eventually(lambda: self.robot.data.time > start + seconds, "the robot's time")
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Iterator[Scene]:
+    place = Place(tmp_path)
+    port = int(place.zenoh.rpartition(":")[2])
+    with place.gateway() as (gateway, browser), way(port) as between, simulated(between.endpoint, "ur5") as robots:
+        live(browser, "ur5")
+        robots["ur5"].watch()
+        yield Scene(browser, robots["ur5"], between)
+        robots["ur5"].check_limits()
+        between.heal()
+        assert "Traceback" not in gateway.output
+
+
+def _far(scene: Scene) -> str:
+    """A motion of many seconds, which is under way; its invocation."""
+    invocation = begun(put(scene.browser, of_joint(scene.browser, PAN), slowly(3.0, speed=0.3)))
+    moving(scene.browser, PAN)
+    return invocation
+
+
+def test_a_robot_that_is_cut_off_holds_and_serves_again(scene: Scene) -> None:
+    """Its motion has failed, it stands, and stays where it is when the way is back until it is told otherwise."""
+    motion = _far(scene)
+    scene.way.cut()
+    held = scene.rests()
+    assert scene.robot.positions()[PAN] < 2.5
+    offline(scene.browser, "ur5")
+    assert scene.browser.page(motion).one(LF.state) == LF.unknown
+    answer = put(scene.browser, of_joint(scene.browser, WRIST), radian(0.5))
+    assert (answer.status_code, answer.json()["type"].rpartition("#")[2]) == (503, "offline")
+    scene.way.heal()
+    live(scene.browser, "ur5")
+    page = ended(scene.browser, motion)
+    assert page.one(LF.state) == LF.failed
+    assert "gateway lost" in str(page.graph.value(page.iri, LF.reason))
+    scene.lives(1.0)
+    assert scene.robot.setpoints() == held
+    begun(put(scene.browser, of_joint(scene.browser, WRIST), radian(0.5), prefer="wait=30"))
+    assert scene.robot.positions()[WRIST] == pytest.approx(0.5, abs=0.01)
+
+
+def test_what_was_asked_for_while_it_was_cut_off_never_runs(scene: Scene) -> None:
+    """Commands wait in the connection, arrive when the way is back, and are refused as late, every one of them."""
+    actions = [of_joint(scene.browser, joint) for joint in (WRIST, PAN, "elbow_joint")]
+    before = scene.rests()
+    scene.way.cut()
+    with ThreadPoolExecutor(len(actions)) as threads, contextlib.ExitStack() as clients:
+        browsers = [clients.enter_context(contextlib.closing(Browser(scene.browser.root))) for _ in actions]
+        asked = [threads.submit(put, one, action, radian(1.0)) for one, action in zip(browsers, actions, strict=True)]
+        answers: list[httpx.Response] = [each.result() for each in asked]
+    # Nobody knows whether it runs, or the robot is known to be gone; nobody says that it does.
+    assert {answer.status_code for answer in answers} <= {503, 504}
+    offline(scene.browser, "ur5")
+    scene.lives(5.0)
+    scene.way.heal()
+    live(scene.browser, "ur5")
+    scene.lives(2.0)
+    assert scene.robot.setpoints() == before
+    for answer in answers:
+        if answer.status_code == 504:
+            assert ended(scene.browser, answer.headers["location"]).one(LF.state) == LF.failed
+    scene.robot.check_limits()
+
+
+def test_it_is_stopped_though_it_stands_when_the_way_is_back(scene: Scene) -> None:
+    """A stop of a robot that is cut off tells that nobody answers; one that answers again can be stopped."""
+    _far(scene)
+    scene.way.cut()
+    stop = of_robot(scene.browser, LF.StopRobot)
+    answer = post(scene.browser, stop)
+    assert answer.status_code in (503, 504)
+    scene.rests()
+    scene.way.heal()
+    live(scene.browser, "ur5")
+    done = eventually(lambda: _unless_silent(post(scene.browser, stop, prefer="wait=30")), "an answer")
+    assert scene.browser.page(begun(done)).one(LF.state) == LF.succeeded
+
+
+def _unless_silent(answer: httpx.Response) -> httpx.Response | None:
+    return None if answer.status_code in (503, 504) else answer

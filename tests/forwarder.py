@@ -1,0 +1,90 @@
+"""A TCP way between two processes that a test can cut, slow down and heal; its parties keep their connections."""
+
+import asyncio
+import contextlib
+import threading
+from collections.abc import Iterator
+
+_PIECE_BYTES = 65_536
+
+
+class Way:
+    """From ``port`` to ``target``. While it is cut nothing arrives anywhere, and what was sent waits, as with TCP."""
+
+    def __init__(self, target: int) -> None:
+        self._target = target
+        self._loop = asyncio.new_event_loop()
+        self._open = asyncio.Event()
+        self._open.set()
+        self.delay_s = 0.0
+        self.port = 0
+
+    @property
+    def endpoint(self) -> str:
+        """For Zenoh."""
+        return f"tcp/127.0.0.1:{self.port}"
+
+    def cut(self) -> None:
+        self._loop.call_soon_threadsafe(self._open.clear)
+
+    def heal(self) -> None:
+        self._loop.call_soon_threadsafe(self._open.set)
+
+    def run(self, ready: threading.Event) -> None:
+        """Until ``end``."""
+        server = self._loop.run_until_complete(asyncio.start_server(self._serve, "127.0.0.1", 0))
+        self.port = server.sockets[0].getsockname()[1]
+        ready.set()
+        self._loop.run_forever()
+        server.close()
+        self._loop.run_until_complete(_end_all())
+        self._loop.close()
+
+    def end(self) -> None:
+        self._loop.call_soon_threadsafe(self._loop.stop)
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with contextlib.closing(writer):
+            await self._open.wait()
+            try:
+                far_reader, far_writer = await asyncio.open_connection("127.0.0.1", self._target)
+            except OSError:  # nobody is there, and who asks sees that
+                return
+            with contextlib.closing(far_writer):
+                ways = [self._carry(reader, far_writer), self._carry(far_reader, writer)]
+                tasks = [asyncio.create_task(way) for way in ways]
+                try:
+                    await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+                finally:
+                    for task in tasks:
+                        task.cancel()
+                    await asyncio.gather(*tasks, return_exceptions=True)
+
+    async def _carry(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        while piece := await reader.read(_PIECE_BYTES):
+            await self._open.wait()
+            await asyncio.sleep(self.delay_s)
+            writer.write(piece)
+            await writer.drain()
+        await self._open.wait()
+
+
+async def _end_all() -> None:
+    tasks = asyncio.all_tasks() - {asyncio.current_task()}
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
+
+
+@contextlib.contextmanager
+def way(target: int) -> Iterator[Way]:
+    """A way to a loopback port."""
+    found, ready = Way(target), threading.Event()
+    thread = threading.Thread(target=found.run, args=(ready,))
+    thread.start()
+    try:
+        ready.wait()
+        yield found
+    finally:
+        found.end()
+        thread.join()
