@@ -1,11 +1,13 @@
 """The hand-over between the threads of the transport and the event loop."""
 
 import threading
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 MAX_KEYS = 20_000
+MAX_PROGRESS_OF_ONE = 512
+"""Twice what an honest agent repeats at once to a gateway that comes."""
 MAX_PROGRESS = 10_000
 
 Payload = bytes | int  # of a payload that is too large only its size is kept
@@ -13,18 +15,23 @@ Payload = bytes | int  # of a payload that is too large only its size is kept
 
 @dataclass
 class Batch:
-    """What came since the last batch: presence by key (True: there), the latest state by key, progress in order."""
+    """What came since the last batch: presence by key (True: there), the latest state by key, progress in order.
+
+    ``told`` counts the progress by key.
+    """
 
     presence: dict[str, bool] = field(default_factory=dict)
     states: dict[str, Payload] = field(default_factory=dict)
     progress: deque[tuple[str, Payload]] = field(default_factory=lambda: deque(maxlen=MAX_PROGRESS))
+    told: Counter[str] = field(default_factory=Counter)
 
 
 class Inbox:
     """Filled by any thread, emptied by one reader, who is woken once per batch.
 
     Overflow policy: one presence and one state per key, the latest wins, new keys beyond ``MAX_KEYS`` are refused;
-    of progress the oldest are dropped beyond ``MAX_PROGRESS``.
+    of progress that of one key is dropped beyond ``MAX_PROGRESS_OF_ONE``, and the oldest beyond ``MAX_PROGRESS``.
+    So however much one robot says, what others say is heard, and a batch is soon read.
     """
 
     def __init__(self, wake: Callable[[], object]) -> None:
@@ -48,7 +55,9 @@ class Inbox:
 
     def put_progress(self, key: str, payload: Payload) -> None:
         with self._lock:
-            self._batch.progress.append((key, payload))
+            if self._batch.told[key] < MAX_PROGRESS_OF_ONE:
+                self._batch.told[key] += 1
+                self._batch.progress.append((key, payload))
             self._ring()
 
     def take(self) -> Batch:

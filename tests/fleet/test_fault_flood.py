@@ -1,0 +1,67 @@
+"""One robot floods its keys: the frames and the progress of others are taken, and HTTP answers."""
+
+import contextlib
+import threading
+from collections.abc import Iterator
+
+import pytest
+import zenoh
+from actor import Actor
+from actor import stage as session_at
+from browser import LF, ROS, Browser
+from commanding import WRIST, angle, begun, of_joint, of_robot, post, put, radian
+from running import eventually
+from small_fleet import Place, live
+from subscribers import Socket
+
+from agents.wire.codec import encode
+from agents.wire.messages import WIRE_VERSION, Progress
+
+pytestmark = pytest.mark.fleet
+
+
+@contextlib.contextmanager
+def flooding(session: zenoh.Session, loud: Actor, kind: str) -> Iterator[None]:
+    """The robot says the same as fast as it can, in a thread."""
+    end = threading.Event()
+    told = Progress(version=WIRE_VERSION, id="x", incarnation=loud.incarnation, state="running", wall_ns=1)
+    said = {"progress": encode(told), "nonsense": b"\xff" * 60_000, "too much": bytes(200_000)}
+
+    def shout() -> None:
+        while not end.is_set():
+            payload = said.get(kind) or loud.frame([0.5])
+            loud.put("progress" if kind == "progress" else "state", payload)
+
+    thread = threading.Thread(target=shout)
+    thread.start()
+    try:
+        yield
+    finally:
+        end.set()
+        thread.join()
+
+
+@pytest.fixture(scope="module")
+def browser_and_loud(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Browser, zenoh.Session, Actor]]:
+    place = Place(tmp_path_factory.mktemp("state"))
+    with place.gateway() as (gateway, browser), place.ur5(), session_at(place.zenoh) as session:
+        loud = Actor(session, "loud").appear()
+        live(browser, "ur5")
+        yield browser, session, loud
+        assert "Traceback" not in gateway.output
+
+
+@pytest.mark.parametrize("kind", ["frames", "progress", "nonsense", "too much"])
+def test_a_flood_starves_nobody(browser_and_loud: tuple[Browser, zenoh.Session, Actor], kind: str) -> None:
+    """Meanwhile another robot moves when it is asked to, is seen to, and is stopped."""
+    browser, session, loud = browser_and_loud
+    rotation = str(browser.part("ur5", WRIST).one(ROS.rotation))
+    target = angle(browser, WRIST) + 0.2
+    with flooding(session, loud, kind), Socket(rotation) as watching:
+        watching.next()
+        motion = begun(put(browser, of_joint(browser, WRIST), radian(target), prefer="wait=30"))
+        eventually(lambda: watching.next().angle == pytest.approx(target, abs=0.01), "the place in the stream")
+        assert browser.page(motion).one(LF.state) == LF.succeeded
+        stop = begun(post(browser, of_robot(browser, LF.StopRobot), prefer="wait=30"))
+        assert browser.page(stop).one(LF.state) == LF.succeeded
+    live(browser, "ur5")

@@ -1,0 +1,28 @@
+"""The hand-over to the event loop has bounds, and one sender's flood costs no other its place."""
+
+from gateway.fleet.inbox import MAX_KEYS, MAX_PROGRESS, MAX_PROGRESS_OF_ONE, Inbox
+
+
+def test_the_progress_of_one_is_bounded_and_that_of_others_heard() -> None:
+    woken = list[int]()
+    inbox = Inbox(lambda: woken.append(1))
+    inbox.put_progress("quiet", b"first")
+    for _ in range(2 * MAX_PROGRESS):
+        inbox.put_progress("loud", b"more")
+    inbox.put_progress("quiet", b"last")
+    batch = inbox.take()
+    assert [payload for key, payload in batch.progress if key == "quiet"] == [b"first", b"last"]
+    assert len(batch.progress) == 2 + MAX_PROGRESS_OF_ONE
+    assert woken == [1]
+    inbox.put_progress("loud", b"again")
+    assert list(inbox.take().progress) == [("loud", b"again")]
+
+
+def test_of_states_the_latest_of_each_key_is_kept() -> None:
+    inbox = Inbox(lambda: None)
+    for number in range(2 * MAX_KEYS):
+        inbox.put_state("loud", b"%d" % number)
+        inbox.put_state(f"key-{number}", b"")
+    batch = inbox.take()
+    assert batch.states["loud"] == b"%d" % (2 * MAX_KEYS - 1)
+    assert len(batch.states) == MAX_KEYS
