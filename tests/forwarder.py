@@ -1,7 +1,11 @@
-"""A TCP way between two processes that a test can cut, slow down and heal; its parties keep their connections."""
+"""A TCP way between two processes that a test can cut, slow down and heal; its parties keep their connections.
+
+As a process of its own, PORT and the port of the target, it is a front that knows nothing of what goes through it.
+"""
 
 import asyncio
 import contextlib
+import sys
 import threading
 from collections.abc import Iterator
 
@@ -11,13 +15,13 @@ _PIECE_BYTES = 65_536
 class Way:
     """From ``port`` to ``target``. While it is cut nothing arrives anywhere, and what was sent waits, as with TCP."""
 
-    def __init__(self, target: int) -> None:
+    def __init__(self, target: int, port: int = 0) -> None:
         self._target = target
         self._loop = asyncio.new_event_loop()
         self._open = asyncio.Event()
         self._open.set()
         self.delay_s = 0.0
-        self.port = 0
+        self.port = port
 
     @property
     def endpoint(self) -> str:
@@ -32,7 +36,7 @@ class Way:
 
     def run(self, ready: threading.Event) -> None:
         """Until ``end``."""
-        server = self._loop.run_until_complete(asyncio.start_server(self._serve, "127.0.0.1", 0))
+        server = self._loop.run_until_complete(asyncio.start_server(self._serve, "127.0.0.1", self.port))
         self.port = server.sockets[0].getsockname()[1]
         ready.set()
         self._loop.run_forever()
@@ -88,3 +92,13 @@ def way(target: int) -> Iterator[Way]:
     finally:
         found.end()
         thread.join()
+
+
+class _Ready(threading.Event):
+    def set(self) -> None:
+        print("forwarding", flush=True)
+        super().set()
+
+
+if __name__ == "__main__":
+    Way(int(sys.argv[2]), int(sys.argv[1])).run(_Ready())

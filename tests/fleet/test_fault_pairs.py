@@ -1,0 +1,145 @@
+"""Two at once are killed: agent, router, gateway, Redis, front. What is left keeps its promises, and all comes back."""
+
+import contextlib
+import itertools
+import signal
+from collections.abc import Callable, Iterator
+
+import httpx
+import pytest
+from browser import HYBRIT, LF, ROS, Browser
+from commanding import PAN, WRIST, angle, begun, ended, moving, of_joint, put, radian, slowly
+from rdflib import URIRef
+from receivers import CallbackReceiver, receiving
+from redis_servers import Servers, single
+from running import Process, eventually, free_port, process
+from several import complete
+from small_fleet import live
+from subscribers import angle_in, graph_of, members
+
+pytestmark = pytest.mark.fleet
+
+
+class Part:
+    """A process that can be killed and started again as it was."""
+
+    def __init__(self, ready: str, *command: str) -> None:
+        self._ready, self._command = ready, command
+        self._open = contextlib.ExitStack()
+        self.process: Process
+
+    def start(self) -> None:
+        self.process = self._open.enter_context(process(*self._command))
+        if self._ready:
+            self.process.said(self._ready)
+
+    def kill(self) -> None:
+        self.process.send(signal.SIGKILL)
+        self.process.ended()
+
+    def close(self) -> None:
+        self._open.close()
+
+
+class Fleet:
+    """A robot, a router, a gateway and Redis, and a front through which everything is asked."""
+
+    def __init__(self, memory: Servers) -> None:
+        endpoint, port, front = f"tcp/127.0.0.1:{free_port()}", free_port(), free_port()
+        root = f"http://127.0.0.1:{front}"
+        (self._node,) = memory.nodes
+        shared = ("--zenoh-connect", endpoint, "--redis-url", memory.url, "--callback-allow", "127.0.0.0/8")
+        self._parts = {
+            "router": Part("routing", "tests/zenoh_router.py", endpoint),
+            "gateway": Part("serving", "-m", "gateway", "--port", str(port), "--public-url", root, *shared),
+            "agent": Part("", "-m", "agents", "--robot=ur5", "--connect", endpoint),
+            "front": Part("forwarding", "tests/forwarder.py", str(front), str(port)),
+        }
+        self.browser = Browser(root + "/")
+
+    def start(self, *names: str) -> None:
+        for name in names or self._parts:
+            self._node.start() if name == "Redis" else self._parts[name].start()
+
+    def kill(self, *names: str) -> None:
+        for name in names:
+            self._node.kill() if name == "Redis" else self._parts[name].kill()
+
+    def close(self) -> None:
+        self.browser.close()
+        for part in self._parts.values():
+            part.close()
+
+
+@pytest.fixture(scope="module")
+def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Fleet, CallbackReceiver]]:
+    with (
+        single(tmp_path_factory.mktemp("redis")) as memory,
+        receiving() as receiver,
+        contextlib.closing(Fleet(memory)) as fleet,
+    ):
+        fleet.start()
+        live(fleet.browser, "ur5")
+        yield fleet, receiver
+
+
+def _subscribe(browser: Browser, url: str) -> str:
+    joint = browser.part("ur5", WRIST)
+    body = (
+        f"@prefix hybrit: <{HYBRIT}> . [] a hybrit:Subscription, hybrit:WebCallback ; "
+        f'hybrit:onResource <{joint.one(ROS.rotation)}> ; hybrit:callbackURL "{url}" .'
+    )
+    answer = browser.http.post(
+        str(joint.one(HYBRIT.subscriptions)), content=body, headers={"content-type": "text/turtle"}
+    )
+    assert answer.status_code == 201, answer.text
+    return answer.headers["location"]
+
+
+_PARTS = ("agent", "router", "gateway", "Redis", "front")
+
+
+@pytest.mark.parametrize("pair", [*itertools.combinations(_PARTS, 2), _PARTS], ids="+".join)
+def test_they_come_back_with_what_was_accepted(fleet: tuple[Fleet, CallbackReceiver], pair: tuple[str, ...]) -> None:
+    """The motion is told to be over or unknown as it is, the callback is delivered, and the robot can be moved."""
+    whole, receiver = fleet
+    browser, path = whole.browser, f"/{'-'.join(pair)}"
+    eventually(lambda: _answers(lambda: live(browser, "ur5")), "the fleet")
+    kept = eventually(lambda: _answers(lambda: _subscribe(browser, receiver.url(path))), "a subscription")
+    present = angle(browser, PAN)
+    motion = begun(put(browser, of_joint(browser, PAN), slowly(present + (-2.0 if present > 0 else 2.0))))
+    moving(browser, PAN)
+    whole.kill(*pair)
+    whole.start(*(name for name in ("Redis", "router", "gateway", "agent", "front") if name in pair))
+    eventually(lambda: _answers(lambda: live(browser, "ur5")), "the fleet")
+    if {"agent", "router", "gateway"} & {*pair}:  # the robot has lost its motion, or itself
+        assert ended(browser, motion).one(LF.state) == LF.failed
+    target = 0.3 if abs(angle(browser, WRIST)) < 0.1 else 0.0
+    again = eventually(lambda: _moved(browser, target), "a motion that is accepted")
+    assert ended(browser, again).one(LF.state) == LF.succeeded
+    eventually(lambda: _last(receiver, path) == pytest.approx(target, abs=0.01), "the place in a delivery")
+    container = str(browser.part("ur5", WRIST).one(HYBRIT.subscriptions))
+    assert kept in members(browser.page(container))
+    assert browser.http.delete(kept).status_code == 204
+
+
+def _answers(ask: Callable[[], object]) -> object:
+    """What is answered; nothing while there is nobody who can."""
+    try:
+        return ask()
+    except (httpx.TransportError, AssertionError):
+        return None
+
+
+def _moved(browser: Browser, target: float) -> str:
+    answer = put(browser, of_joint(browser, WRIST), radian(target))
+    assert answer.status_code in (204, 503, 504, 409), answer.text
+    return answer.headers["location"] if answer.status_code == 204 else ""
+
+
+def _last(receiver: CallbackReceiver, path: str) -> float | None:
+    log = complete(receiver.log(path, "POST"))
+    if not log:
+        return None
+    resource = log[-1].headers["link"].partition(">")[0].removeprefix("<")
+    return angle_in(graph_of(log[-1].body, "text/turtle", resource), URIRef(resource))
