@@ -4,6 +4,7 @@ The robot is simulated in the test, so that every step of MuJoCo is seen, on the
 """
 
 import contextlib
+import signal
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ import pytest
 from browser import LF, Browser
 from commanding import PAN, WRIST, begun, ended, moving, of_joint, of_robot, post, put, radian, slowly
 from forwarder import Way, way
-from running import eventually
+from running import Process, eventually
 from simulated import RESTING_RAD_S, Simulated, simulated
 from small_fleet import Place, live, offline
 
@@ -23,6 +24,7 @@ pytestmark = pytest.mark.fleet
 
 @dataclass
 class Scene:
+    gateway: Process
     browser: Browser
     robot: Simulated
     way: Way
@@ -45,7 +47,7 @@ def scene(tmp_path: Path) -> Iterator[Scene]:
     with place.gateway() as (gateway, browser), way(port) as between, simulated(between.endpoint, "ur5") as robots:
         live(browser, "ur5")
         robots["ur5"].watch()
-        yield Scene(browser, robots["ur5"], between)
+        yield Scene(gateway, browser, robots["ur5"], between)
         robots["ur5"].check_limits()
         between.heal()
         assert "Traceback" not in gateway.output
@@ -118,3 +120,24 @@ def test_it_is_stopped_though_it_stands_when_the_way_is_back(scene: Scene) -> No
 
 def _unless_silent(answer: httpx.Response) -> httpx.Response | None:
     return None if answer.status_code in (503, 504) else answer
+
+
+def test_a_gateway_that_freezes_is_lost_and_executes_nothing_when_it_goes_on(scene: Scene) -> None:
+    """Its connections are open and full: the robot holds, and what was asked for meanwhile is late."""
+    _far(scene)
+    action = of_joint(scene.browser, WRIST)
+    scene.gateway.send(signal.SIGSTOP)
+    try:
+        held = scene.rests()
+        with ThreadPoolExecutor(1) as thread, contextlib.closing(Browser(scene.browser.root)) as late:
+            asked = thread.submit(put, late, action, radian(1.0))
+            scene.lives(5.0)
+            scene.gateway.send(signal.SIGCONT)
+            assert asked.result().status_code != 204
+    finally:
+        scene.gateway.send(signal.SIGCONT)
+    live(scene.browser, "ur5")
+    scene.lives(1.0)
+    assert scene.robot.setpoints() == held
+    begun(put(scene.browser, action, radian(0.5), prefer="wait=30"))
+    assert scene.robot.positions()[WRIST] == pytest.approx(0.5, abs=0.01)

@@ -1,0 +1,134 @@
+"""A gateway that means harm: the agent alone decides, and no step of the simulator exceeds a limit of the URDF."""
+
+import json
+import math
+import random
+from collections.abc import Iterator
+
+import pytest
+import zenoh
+from actor import KEYS
+from actor import stage as session_at
+from running import eventually
+from several import hub
+from simulated import RESTING_RAD_S, Simulated, simulated
+
+from agents.wire import codec
+from agents.wire.messages import Accepted, Reply, Stop
+
+pytestmark = pytest.mark.fleet
+ROBOT = "ur5"
+PAN = "shoulder_pan_joint"
+
+
+class Hostile:
+    """It may say what it likes on the keys of gateways, and has the robot's frames."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self.session = session
+        self._kept = [
+            session.declare_subscriber(KEYS.robot(ROBOT, "state"), self._saw),
+            session.liveliness().declare_token(KEYS.gateway("hostile")),
+        ]
+        self.seen_ns = self.incarnation = 0
+        self._number = 0
+
+    def _saw(self, sample: zenoh.Sample) -> None:
+        state = codec.decode_state(sample.payload.to_bytes())
+        self.seen_ns, self.incarnation = state.monotonic_ns, state.incarnation
+
+    def ask(self, payload: bytes, key: str = "command") -> Reply:
+        (reply,) = self.session.get(KEYS.robot(ROBOT, key), payload=payload, timeout=30.0)
+        assert reply.ok is not None
+        return codec.decode_reply(reply.ok.payload.to_bytes())
+
+    def command(self, motion: object, **more: object) -> Reply:
+        """A command that is right but for what it is given."""
+        self._number += 1
+        good = {
+            "version": 1, "id": f"h{self._number}", "incarnation": self.incarnation, "seen_ns": self.seen_ns,
+            "time_to_live_ns": 60_000_000_000, "motion": motion,
+        }  # fmt: skip
+        return self.ask(json.dumps(good | more).encode())
+
+    def move(self, **targets: float) -> Reply:
+        return self.command({"type": "move", "targets": targets})
+
+    def gone(self) -> None:
+        for declared in self._kept:
+            declared.undeclare()  # type: ignore[attr-defined]
+
+
+@pytest.fixture
+def pair() -> Iterator[tuple[Hostile, Simulated]]:
+    with hub() as stage, session_at(stage.endpoint) as session, simulated(stage.endpoint, ROBOT) as robots:
+        hostile = Hostile(session)
+        eventually(lambda: hostile.seen_ns, "a frame")
+        robot = robots[ROBOT]
+        robot.watch()
+        yield hostile, robot
+        robot.check_limits()
+
+
+def _held(robot: Simulated) -> list[float] | None:
+    """Where the servos are, if that has not changed for a while of the robot's own time."""
+    before, start = robot.setpoints(), robot.data.time
+    eventually(lambda: robot.data.time > start + 0.3, "the robot's time")
+    return before if robot.setpoints() == before and robot.speed() < RESTING_RAD_S else None
+
+
+def test_what_must_not_run_is_refused_and_moves_nothing(pair: tuple[Hostile, Simulated]) -> None:
+    hostile, robot = pair
+    eventually(lambda: isinstance(hostile.move(**{PAN: 0.0}), Accepted), "an agent that sees the gateway")
+    before = eventually(lambda: _held(robot), "a robot that holds")
+    good, now = {"type": "move", "targets": {PAN: 1.0}}, hostile.seen_ns
+    refused = [
+        hostile.move(**{PAN: 100.0}),
+        hostile.move(**{PAN: 1e308}),
+        hostile.move(nose=1.0),
+        hostile.move(),
+        hostile.command(good, scale=1e9),
+        hostile.command(good, scale=-1.0),
+        hostile.command({"type": "follow", "joints": [PAN], "times_s": [1e-9], "positions": [[3.0]]}),
+        hostile.command({"type": "follow", "joints": [PAN], "times_s": [1.0], "positions": [[3.0, 2.0]]}),
+        hostile.command(good, time_to_live_ns=2**62),
+        hostile.command(good, seen_ns=now + 3600 * 10**9),
+        hostile.command(good, seen_ns=0, time_to_live_ns=1),
+        hostile.command(good, incarnation=hostile.incarnation - 1),
+        hostile.command(good, version=2),
+        hostile.command(good, override_safety=True),
+        *(hostile.ask(payload) for payload in (b"", b"\x00" * 60_000, b"{" * 10_000, b'{"version": NaN}', b"null")),
+    ]
+    assert not [reply for reply in refused if isinstance(reply, Accepted)]
+    assert robot.setpoints() == before
+
+
+def test_whatever_is_accepted_keeps_within_the_limits(pair: tuple[Hostile, Simulated]) -> None:
+    """As many commands as it can send, each against the one before, with stops among them; then it vanishes."""
+    hostile, robot = pair
+    chance = random.Random(7)
+    accepted = 0
+    for _ in range(400):
+        last = hostile.seen_ns
+        eventually(lambda last=last: hostile.seen_ns > last, "a frame")
+        targets = {
+            name: chance.choice((joint.limits.lower or -math.pi, joint.limits.upper or math.pi, chance.uniform(-3, 3)))
+            for name, joint in robot.joints.items()
+        }
+        match chance.randrange(4):
+            case 0:
+                names = list(targets)
+                motion = {"type": "follow", "joints": names, "times_s": [4.0, 8.0],
+                          "positions": [list(targets.values()), [-each for each in targets.values()]]}  # fmt: skip
+                accepted += isinstance(hostile.command(motion), Accepted)
+            case 1:
+                hostile.ask(codec.encode(Stop(version=1, id=f"s{chance.random()}"[:20].replace(".", ""))), "stop")
+            case _:
+                accepted += isinstance(hostile.move(**targets), Accepted)
+    assert accepted > 20
+    robot.check_limits()
+    hostile.gone()
+    held = eventually(lambda: _held(robot), "a robot that holds")
+    late = hostile.move(**{PAN: 1.0})
+    assert (late.code if not isinstance(late, Accepted) else "") in ("fault", "stale")
+    assert robot.setpoints() == held
