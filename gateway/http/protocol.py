@@ -149,6 +149,10 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
     def handle_cont(self, event: Frame) -> None:
         """Of a message that was refused with its first frame."""
 
+    def handle_ping(self) -> None:
+        if not self._failed:  # by a frame before it, in the same piece: nothing more can be written
+            super().handle_ping()
+
     def handle_close(self, event: Frame) -> None:
         super().handle_close(event)
         self._abort_later()  # a transport that is closed waits for its reader, for ever if need be
