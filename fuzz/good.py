@@ -56,11 +56,12 @@ def command(random: Random, id: str, incarnation: int, now_ns: int) -> dict[str,
     if random.random() < 0.6:
         motion: dict[str, Any] = {"type": "move", "targets": {"pan": random.uniform(-1, 1)}, "speeds": {"pan": 1.0}}
         if random.random() < 0.5:
-            motion["targets"] |= {"slide": random.uniform(-1, 1), "roll": random.uniform(-20, 20)}
+            motion["targets"] |= {"slide": random.uniform(-1, 1), "roll": random.uniform(-3, 3)}
     else:
-        times = [round(0.4 * (number + 1), 2) for number in range(random.randint(1, 6))]
-        rows = [[random.uniform(-0.9, 0.9), random.uniform(-5, 5)] for _ in times]
-        motion = {"type": "follow", "joints": ["pan", "roll"], "times_s": times, "positions": rows}
+        joints = random.choice((["pan"], ["pan"], ["pan", "roll"]))
+        times = [2.5 * (number + 1) for number in range(random.randint(1, 6))]
+        rows = [[random.uniform(-0.1, 0.1) for _ in joints] for _ in times]
+        motion = {"type": "follow", "joints": joints, "times_s": times, "positions": rows}
     return {
         "version": WIRE_VERSION, "id": id, "incarnation": incarnation, "seen_ns": now_ns, "time_to_live_ns": 10**9,
         "motion": motion, "scale": random.choice((1.0, 0.5)), "rehearsal": random.random() < 0.1,

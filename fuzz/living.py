@@ -1,10 +1,11 @@
 """A real gateway with robots played by this process, and what is to be true of it whatever it is sent."""
 
 import contextlib
+import itertools
 import re
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -29,6 +30,7 @@ SETTINGS = ("--subscriptions-per-client", "40", "--callback-allow", "127.0.0.0/8
 _LEFT_OPEN = 60
 """File descriptors more than after the warm-up: connections that have not been noticed to be gone yet."""
 WRONG = re.compile(r"Traceback|\bERROR\b|\bCRITICAL\b|never retrieved|never awaited")
+_BEGIN = re.compile(r"\d{4}-\d\d-\d\d ")
 _IRI = re.compile(rb"<(http://[^<>\s]+)>")
 _MOST_PATHS = 400
 
@@ -70,11 +72,9 @@ class Living:
         for who, each in self.watched:
             lines = each.lines[self._read.get(who, 0) :]
             self._read[who] = len(each.lines)
-            wrong = [at for at, line in enumerate(lines) if WRONG.search(line)]
-            if wrong:
-                said = lines[wrong[0] : wrong[0] + 40]
-                cause = next((line for line in said if line[:1].strip() and ":" in line and line[0] != " "), said[0])
-                tally.found(f"log of {who}: {cause.strip()[:150]}", first, count, "".join(said))
+            for at in (at for at, line in enumerate(lines) if WRONG.search(line) and _BEGIN.match(line)):
+                said = [lines[at], *itertools.takewhile(lambda line: not _BEGIN.match(line), lines[at + 1 :])]
+                tally.found(f"log of {who}: {_cause(said)}", first, count, "".join(said)[-3500:])
             if not Path(f"/proc/{pid_of(each)}/fd").exists() or each._child.poll() is not None:
                 tally.found(f"{who} has ended", first, count, each.output[-4000:])
                 return False
@@ -97,6 +97,12 @@ class Living:
                 more = _settled(pid_of(each), warm_open + _LEFT_OPEN) - warm_open
                 if more > _LEFT_OPEN:
                     tally.found(f"{who} keeps files open", 0, tally.inputs, f"{more} more than after the warm-up")
+
+
+def _cause(said: Sequence[str]) -> str:
+    """The exception of a traceback, else what was logged, without the time; numbers differ from time to time."""
+    told = said[-1] if len(said) > 1 else said[0].partition(" ")[2].partition(" ")[2]
+    return re.sub(r"0x[0-9a-f]+|\d{3,}", "…", told.strip())[:150]
 
 
 def _open(pid: int) -> int:

@@ -9,7 +9,7 @@ from fuzz.findings import Tally, random_of
 from fuzz.http import judged
 from fuzz.living import PATIENCE_S, Living, in_batches, living
 
-AT_ONCE = 24
+AT_ONCE = 32
 _PATHS = (
     "/arm/pan/rotation",
     "/arm/",
@@ -105,7 +105,7 @@ def _length(random: Random, size: int, mask: int) -> bytes:
 
 
 async def _visit(port: int, opening: bytes, rest: bytes, whim: float) -> str:
-    """Shake hands, say it all, listen for a moment, and leave: in one of four by closing only one half."""
+    """Shake hands, say it all, listen for a moment, and leave: now and then by closing only one half."""
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
     try:
         writer.write(opening + rest if whim < 0.2 else opening)
@@ -116,7 +116,7 @@ async def _visit(port: int, opening: bytes, rest: bytes, whim: float) -> str:
                 await reader.readuntil(b"\r\n\r\n")
                 writer.write(rest)
                 await _listen(reader)
-            if whim > 0.75:
+            if whim > 0.97:
                 writer.write_eof()
                 while await reader.read(2**16):
                     pass

@@ -4,6 +4,7 @@ from asyncio.transports import BaseTransport, Transport
 from collections.abc import Callable
 from typing import Any, cast
 
+import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 from websockets.frames import CloseCode, Frame
@@ -16,6 +17,12 @@ from gateway.subscriptions.message import Ending
 
 HTTP, WEBSOCKET = "linked-fleet.http", "linked-fleet.websocket"
 """Where in ``scope["extensions"]`` an application finds the protocol that serves it."""
+
+_UNREADABLE = (
+    b"HTTP/1.1 400 Bad Request\r\nContent-Type: text/plain; charset=utf-8\r\nContent-Length: 30\r\n"
+    b"Connection: close\r\n\r\nInvalid HTTP request received."
+)
+_BLANK = b"\r\n\r\n"
 
 GRACE_S = 10.0
 """For the rest of a conversation that one side has ended."""
@@ -50,6 +57,17 @@ class HttpProtocol(H11Protocol):
         content = b"transfer-encoding" in fields or fields.get(b"content-length", b"").strip(b"0")
         opening = self.scope["method"] == "GET" and self.scope["http_version"] == "1.1" and not content
         return opening and b"sec-websocket-key" in fields and super()._should_upgrade()
+
+    def send_400_response(self, msg: str) -> None:
+        """For bytes that are no HTTP: it is the answer to what was asked before them too, if that has none yet."""
+        answerable = self.conn.our_state in (h11.IDLE, h11.SEND_RESPONSE)
+        if self.cycle is not None:
+            self.cycle.disconnected = True
+            self.cycle.message_event.set()
+        if answerable:  # past the state machine, which takes no more than the length of a HEAD's answer
+            head = self.scope is not None and self.scope["method"] == "HEAD"
+            self.transport.write(_UNREADABLE.partition(_BLANK)[0] + _BLANK if head else _UNREADABLE)
+        self.transport.close()
 
     def pause_writing(self) -> None:
         super().pause_writing()
@@ -130,6 +148,8 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
     def data_received(self, data: bytes) -> None:
         self.conn.receive_data(data)
         unread = self.conn.handshake_exc is not None and not self.handshake_initiated
+        if unread and not self._failed and not self.transport.is_closing():
+            self.transport.write(_UNREADABLE)
         if self.conn.parser_exc is not None or unread:
             self.handle_parser_exception()
         else:

@@ -57,3 +57,33 @@ def test_a_ping_behind_what_is_refused_is_no_error(there: Living) -> None:
     assert heard.startswith(b"HTTP/1.1 101")
     assert b"this channel only sends" in heard
     calm(there)
+
+
+def test_a_bad_chunk_before_the_answer_is_answered_once(there: Living) -> None:
+    """What was asked for is answered with 400, and by the application no more."""
+    head = f"PUT {path_of('rotate')} HTTP/1.1\r\nHost: 127.0.0.1:{there.port}\r\nContent-Type: text/turtle"
+    for more in ("", "\r\nHost: x"):  # refused at once, when the answer of the other is on its way already
+        heard = said(there, f"{head}{more}\r\nTransfer-Encoding: chunked\r\n\r\nx\r\n".encode())
+        assert heard.startswith(b"HTTP/1.1 400") and heard.count(b"HTTP/1.1 ") == 1, heard
+    calm(there)
+
+
+def test_a_bad_chunk_of_a_head_is_answered_without_a_body(there: Living) -> None:
+    head = f"HEAD / HTTP/1.1\r\nHost: 127.0.0.1:{there.port}\r\nTransfer-Encoding: chunked\r\n\r\n"
+    heard = said(there, f"{head}1\r\nxxx\r\n".encode())
+    assert heard.startswith(b"HTTP/1.1 400") and heard.endswith(b"\r\n\r\n"), heard
+    calm(there)
+
+
+def test_a_bad_chunk_after_the_answer_ends_the_connection(there: Living) -> None:
+    head = f"PUT {path_of('rotate')} HTTP/1.1\r\nHost: 127.0.0.1:{there.port}\r\nContent-Type: x"
+    heard = said(there, f"{head}\r\nTransfer-Encoding: chunked\r\n\r\n".encode(), b"x\r\n")
+    assert heard.startswith(b"HTTP/1.1 4") and heard.count(b"HTTP/1.1 ") == 1, heard
+    calm(there)
+
+
+def test_an_opening_that_only_the_parser_of_websockets_refuses_is_answered(there: Living) -> None:
+    head = f"GET /arm/pan/rotation HTTP/1.1\r\nHost: 127.0.0.1:{there.port}\r\nConnection: Upgrade"
+    heard = said(there, f"{head}\r\nUpgrade: websocket\r\nSec-WebSocket-Key: a\x1eb\r\n\r\n".encode())
+    assert heard.startswith(b"HTTP/1.1 400"), heard
+    calm(there)
