@@ -7,6 +7,7 @@ strategies of ``fuzz.wire``; here it passes threads, inboxes and timeouts as wel
 import contextlib
 import itertools
 import json
+import re
 import threading
 import time
 from collections.abc import Callable
@@ -19,7 +20,7 @@ from browser import Browser
 from running import process
 from small_fleet import live
 
-from agents.wire.codec import decode_reply, encode
+from agents.wire.codec import WireError, decode_reply, encode
 from agents.wire.messages import Description
 from fuzz import good, mutation
 from fuzz.findings import Tally, random_of
@@ -70,7 +71,10 @@ class Liars:
     def send(self, tally: Tally, batch: range) -> None:
         for number in batch:
             random = random_of(tally.seed, number)
-            wrong = random.choices(_WAYS, _WEIGHTS)[0](self, random)
+            try:
+                wrong = random.choices(_WAYS, _WEIGHTS)[0](self, random)
+            except (WireError, AssertionError, httpx.HTTPError) as error:
+                wrong = f"{type(error).__name__}: {error}"[:200]
             if wrong:
                 tally.found(wrong, number, 1, "")
         frames, deadline = self._frames, time.monotonic() + PATIENCE_S
@@ -159,7 +163,7 @@ class Liars:
         key = KEYS.robot(name, "state").removesuffix("state") + kind
         if random.random() < 0.05:
             key += random.choice(("x", "/x", "/0", "/1/2", "/9" * 400))
-        return key.rstrip("/")
+        return re.sub("/+", "/", key).rstrip("/")  # Zenoh itself takes no other
 
     def _payload(self, random: Random, kind: str) -> bytes:
         if random.random() < 0.002:

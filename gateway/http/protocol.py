@@ -148,8 +148,6 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
     def data_received(self, data: bytes) -> None:
         self.conn.receive_data(data)
         unread = self.conn.handshake_exc is not None and not self.handshake_initiated
-        if unread and not self._failed and not self.transport.is_closing():
-            self.transport.write(_UNREADABLE)
         if self.conn.parser_exc is not None or unread:
             self.handle_parser_exception()
         else:
@@ -221,7 +219,9 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
     def _leave(self, code: int, reason: str) -> None:
         self.queue.put_nowait({"type": "websocket.disconnect", "code": code, "reason": reason})
         self.stop_keepalive()
-        self.transport.write(b"".join(self.conn.data_to_send()))
+        unread = self.conn.handshake_exc is not None and not self.handshake_initiated
+        # Some openings that cannot be read are answered by the parser, with 431, the others by nobody.
+        self.transport.write(b"".join(self.conn.data_to_send()) or (_UNREADABLE if unread else b""))
         self.close_sent = True
         self._abort_later()
 
