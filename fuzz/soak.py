@@ -28,7 +28,7 @@ from several import Gateway, Hub, arrived, deliveries, gateway, hub
 
 from bench.scene import pid_of, rss_kib
 from fuzz.living import WRONG
-from fuzz.workers import Churn, Clients, Guests, Motions, Reads, Steps, agent
+from fuzz.workers import Churn, Clients, Guests, Hops, Motions, Reads, Steps, agent
 
 GROWTH_KIB = 32 * 1024
 """By which the memory of the gateway that lives may have grown after the warm-up, by the line through its samples."""
@@ -123,14 +123,15 @@ class Memory:
 class Judge:
     """What is asked once a fault is over."""
 
-    def __init__(self, soak: Soak, motions: Motions, churn: Churn, followers: Sequence[Follower]) -> None:
-        self._soak, self._motions, self._churn, self._followers = soak, motions, churn, followers
+    def __init__(self, soak: Soak, motions: Motions, churn: Churn, followers: Sequence[Follower], hops: Hops) -> None:
+        self._soak, self._motions, self._churn, self._followers, self._hops = soak, motions, churn, followers, hops
 
     def settled(self) -> None:
         """The arm moves again, callbacks are made, every follower sees what happens now. AssertionError if not."""
-        moved, made = self._motions.well, self._churn.made
+        moved, made, heard = self._motions.well, self._churn.made, self._hops.heard
         eventually(lambda: self._motions.well > moved + 1, "motions that succeed again")
         eventually(lambda: self._churn.made > made, "a callback that is accepted again")
+        eventually(lambda: self._hops.heard > heard + 4, "streams that are opened again, at both gateways")
         step = self._soak.stage.angle
         eventually(lambda: all(each.last > step for each in self._followers), "followers that hear what is new")
 
@@ -170,7 +171,7 @@ def run(minutes: float) -> dict[str, str]:
         roots = [f"http://127.0.0.1:{port}/" for port in soak.ports]
         first, action = soak.gateways[0], of_joint(soak.gateways[0].browser, WRIST)
         rotation, container, turn = (httpx.URL(each).path for each in (first.rotation, first.container, action))
-        clients = Clients(roots)
+        clients = stack.enter_context(contextlib.closing(Clients(roots)))
         fronts = [stack.enter_context(contextlib.closing(Front(each))) for each in (roots, roots[::-1])]
         motions, churn = Motions(clients, turn), Churn(clients, container, rotation, receiver)
         reads, guests = Reads(clients, ("/", "/ur5/", rotation, container, turn)), Guests(stage.session)
@@ -178,10 +179,11 @@ def run(minutes: float) -> dict[str, str]:
             Memory(soak.steady),
             (SocketFollower(fronts[0], rotation), EventFollower(fronts[1], rotation)),
         )
-        judge = Judge(soak, motions, churn, followers)
+        hops = Hops(roots, rotation)
+        judge = Judge(soak, motions, churn, followers, hops)
         begin = time.monotonic()
         with going_on(*followers, wake=stage.step):
-            with going_on(motions, churn, reads, guests, memory, Steps(stage), wake=stage.step):
+            with going_on(motions, churn, reads, hops, guests, memory, Steps(stage), wake=stage.step):
                 _faults(soak, judge, begin + 60 * minutes)
             judge.ended(clients)
             stage.step()
@@ -196,7 +198,7 @@ def run(minutes: float) -> dict[str, str]:
             "deliveries received": str(len(receiver.log(method="POST"))),
             "reads": str(reads.well),
             "robots that came and went": str(guests.came),
-            "streams that were ended and opened again": str(sum(len(each.ends) for each in followers)),
+            "streams opened, heard and closed": f"{hops.asked}, {hops.heard}",
             "values of the joint": str(stage.steps),
             "memory of the gateway that lives": f"{memory.samples[-1][1] / 1024:.0f} MiB",
             "its growth after the warm-up": f"{memory.growth_kib() / 1024:+.1f} MiB",

@@ -13,6 +13,8 @@ from commanding import TURTLE, radian
 from receivers import CallbackReceiver
 from running import Process, process
 from several import Hub
+from subscribers import Socket, events
+from websockets.exceptions import WebSocketException
 
 from fuzz.living import obey
 
@@ -31,6 +33,9 @@ class Clients:
         self._roots = itertools.cycle([root.rstrip("/") for root in roots])
         self._http = httpx.Client(timeout=70)
         self.wrong: list[str] = []
+
+    def close(self) -> None:
+        self._http.close()
 
     def ask(self, method: str, path: str, body: str | None = None, **fields: str) -> httpx.Response | None:
         """None when nobody was there or the connection broke: what became of it is not known then."""
@@ -116,12 +121,29 @@ class Churn:
             self._clients.wrong.append(f"a callback: {answer.status_code} {answer.text[:300]}")
 
     def _delete(self, iri: str) -> None:
+        """It is there until then. Without an answer, or with 503, nobody knows whether it is still."""
         answer = self._clients.ask("DELETE", iri)
-        if answer is None or answer.status_code in _WELL or answer.status_code == 404:
-            if answer is not None and answer.status_code == 404:
-                self._clients.wrong.append(f"an accepted callback is not there: {iri}")
-            self.deleted += 1
-            del self.held[iri]
+        if answer is not None and answer.status_code == 404:
+            self._clients.wrong.append(f"an accepted callback is not there: {iri}")
+        self.deleted += 1
+        del self.held[iri]
+
+
+class Hops:
+    """Opens a stream, hears what is there now and closes it: by WebSocket and as events in turn, at each gateway."""
+
+    def __init__(self, roots: Sequence[str], path: str) -> None:
+        self.asked = self.heard = 0
+        self._roots, self._path = [root.rstrip("/") for root in roots], path
+
+    def __call__(self, over: threading.Event) -> None:
+        url = self._roots[self.asked // 2 % len(self._roots)] + self._path
+        self.asked += 1
+        gone = (OSError, WebSocketException, httpx.TransportError)
+        with contextlib.suppress(*gone), Socket(url) if self.asked % 2 else events(url) as stream:
+            stream.next()
+            self.heard += 1
+        over.wait(_PAUSE_S)
 
 
 class Guests:
