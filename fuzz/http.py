@@ -17,20 +17,8 @@ _SILENCE_S = 0.1
 _DOCUMENTED = (503, 504)
 _STATUS = re.compile(rb"(?:^|\n)HTTP/1\.1 (\d{3}) ")
 _METHODS = (
-    "GET",
-    "GET",
-    "GET",
-    "HEAD",
-    "OPTIONS",
-    "POST",
-    "PUT",
-    "DELETE",
-    "PATCH",
-    "TRACE",
-    "PROPFIND",
-    "get",
-    "X-" * 40,
-)
+    "GET", "GET", "GET", "GET", "HEAD", "OPTIONS", "POST", "PUT", "PUT", "PUT", "DELETE", "PATCH", "TRACE", "get", "X-X"
+)  # fmt: skip
 _PIECES = (
     "", "/", "//", ".", "..", "%2e%2e", "%2F", "%00", "%0A", "%ff", "%C3%A9", "~", "~41", "~7E", "pose", "actions",
     "rotation",
@@ -120,6 +108,7 @@ _CHUNKED = (
     b"x\r\n",
     b"5\r\nhel",
 )
+_POSTED = ("subscriptions", "followTrajectory", "rotateBy", "translateBy")
 Request = tuple[str, bytes]
 
 
@@ -164,8 +153,9 @@ class Crowd:
         body, fields = b"", self._fields(random)
         if method in ("POST", "PUT", "DELETE", "PATCH") or random.random() < 0.03:
             body, media_type = bodies.body(random, random.choice(tuple(BODIES)))
-            if random.random() < 0.6 and method in ("POST", "PUT"):
+            if random.random() < 0.7 and method in ("POST", "PUT"):
                 segment = random.choice(tuple(BODIES))
+                method, fields = ("POST" if segment in _POSTED else "PUT"), fields[: random.choice((1, 1, 1, 9))]
                 path, (body, media_type) = bodies.path_of(segment), bodies.body(random, segment)
             if not any(field.startswith("Content-Type:") for field in fields):
                 fields.append(f"Content-Type: {media_type}")
