@@ -4,6 +4,8 @@
 # make check   lint, types, the walls between packages, the base install on its own
 # make bench-robots  what a thousand robots cost one gateway and two (docs/SCALE.md)
 # make bench   what subscribers, actions and pages cost, measured here (bench/README.md)
+# make fuzz    a million hostile inputs to everything that listens (COUNT=1000000, SEED=; docs/FUZZING.md)
+# make soak    an hour of everything at once, with faults (MINUTES=60)
 # make pictures  those of README.md, from the running demo
 # make fleet-check  the compose fleet, started and checked from outside (COMPOSE="docker compose")
 # make assets  the scripts and styles of the pages alone
@@ -11,6 +13,9 @@
 
 PORT ?= 8000
 PYTEST_ARGS ?=
+COUNT ?= 1000000
+SEED ?= $(shell date +%s)
+MINUTES ?= 60
 COMPOSE ?=
 BIN := .venv/bin
 ASSETS := gateway/face/assets/manifest.json
@@ -31,7 +36,7 @@ $$python -c 'import ensurepip' 2>/dev/null || { echo "$$python has no venv: apt 
 $$python -m venv --clear $(1)
 endef
 
-.PHONY: demo test test-fast check fleet-check bench bench-robots assets pictures chromium clean
+.PHONY: demo test test-fast check fleet-check bench bench-robots fuzz soak assets pictures chromium clean
 
 demo: .venv/stamp $(ASSETS)
 	@$(BIN)/python -m demo --port $(PORT)
@@ -47,7 +52,7 @@ chromium:
 	  echo "Chromium cannot be installed here; the tests of the pages will fail: apt install chromium"; }
 
 test-fast: .venv/stamp $(ASSETS)
-	$(BIN)/python -m pytest -m "not fleet" --ignore tests/fleet --ignore tests/requirements --ignore tests/subscriptions --ignore tests/store --ignore tests/face --ignore tests/bench --ignore tests/test_demo.py $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -m "not fleet" --ignore tests/fleet --ignore tests/requirements --ignore tests/subscriptions --ignore tests/store --ignore tests/face --ignore tests/bench --ignore tests/fuzz --ignore tests/test_demo.py $(PYTEST_ARGS)
 
 check: .venv/stamp .venv-bare/stamp
 	$(BIN)/ruff check .
@@ -84,6 +89,15 @@ bench: .venv/stamp $(ASSETS) chromium
 bench-robots: export PYTHONPATH := .:tests:tests/requirements
 bench-robots: .venv/stamp $(ASSETS)
 	$(BIN)/python -m bench.robots
+
+# Exits with 1 and a command for each finding that shows it again.
+fuzz: export PYTHONPATH := .:tests:tests/requirements
+fuzz: .venv/stamp $(ASSETS)
+	@$(BIN)/python -m fuzz --count $(COUNT) --seed $(SEED)
+
+soak: export PYTHONPATH := .:tests:tests/requirements
+soak: .venv/stamp $(ASSETS)
+	@$(BIN)/python -m fuzz.soak --minutes $(MINUTES)
 
 # The pictures of README.md.
 pictures: .venv/stamp $(ASSETS) chromium

@@ -115,6 +115,11 @@ class Actor:
     def keep(self, declaration: object) -> None:
         self._kept.append(declaration)
 
+    def leave(self) -> None:
+        """Take back all that was declared, the presence first."""
+        while self._kept:
+            self._kept.pop().undeclare()  # type: ignore[attr-defined]
+
 
 @contextlib.contextmanager
 def stage(endpoint: str) -> Iterator[zenoh.Session]:

@@ -25,7 +25,7 @@ class Hub:
     """A Zenoh router in the test, and at it a robot with one joint: whichever gateway dies, these two stay."""
 
     def __init__(self, session: zenoh.Session, endpoint: str) -> None:
-        self.endpoint = endpoint
+        self.session, self.endpoint = session, endpoint
         self.steps = 0
         self._actor = Actor(session, "toy").appear()
 

@@ -28,6 +28,7 @@ PAGES = (
     "docs/IDENTITIES.md",
     "docs/THREATS.md",
     "client/CONFORMANCE.md",
+    "docs/FUZZING.md",
 )
 FOLDERS = {path.name for path in ROOT.iterdir() if path.is_dir()}
 

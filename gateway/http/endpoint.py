@@ -3,6 +3,7 @@
 import logging
 import uuid
 from collections.abc import Awaitable, Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 from urllib.parse import quote as percent
@@ -69,12 +70,9 @@ async def resources(scope: Scope, receive: Receive, send: Send) -> None:
     request = Request(scope, receive)
     turns: Turns = request.app.state.turns
     await turns.turn(scope)
-    try:
+    with suppress(ClientDisconnect):  # who left in the middle of a body is answered nothing, and is no fault of ours
         response = await _respond(request)
-    except ClientDisconnect:  # in the middle of its body: nobody is there to be answered
-        log.debug("the client of %s %s is gone", request.method, request.url.path)
-        return
-    await response(scope, receive, send)
+        await response(scope, receive, send)
 
 
 async def _upgrade(websocket: WebSocket) -> None:

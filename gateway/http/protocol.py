@@ -23,6 +23,12 @@ from gateway.subscriptions.message import Ending
 HTTP, WEBSOCKET = "linked-fleet.http", "linked-fleet.websocket"
 """Where in ``scope["extensions"]`` an application finds the protocol that serves it."""
 
+_UNREADABLE = (
+    b"HTTP/1.1 400 Bad Request\r\nContent-Type: text/plain; charset=utf-8\r\nContent-Length: 30\r\n"
+    b"Connection: close\r\n\r\nInvalid HTTP request received."
+)
+_BLANK = b"\r\n\r\n"
+
 GRACE_S = 10.0
 """For the rest of a conversation that one side has ended."""
 _FAREWELL_S = 0.5  # less than the server waits for its connections when it shuts down
@@ -134,6 +140,17 @@ class HttpProtocol(H11Protocol):
         opening = self.scope["method"] == "GET" and self.scope["http_version"] == "1.1" and not content
         return opening and b"sec-websocket-key" in fields and super()._should_upgrade()
 
+    def send_400_response(self, msg: str) -> None:
+        """For bytes that are no HTTP: it is the answer to what was asked before them too, if that has none yet."""
+        answerable = self.conn.our_state in (h11.IDLE, h11.SEND_RESPONSE)
+        if self.cycle is not None:
+            self.cycle.disconnected = True
+            self.cycle.message_event.set()
+        if answerable:  # past the state machine, which takes no more than the length of a HEAD's answer
+            head = self.scope is not None and self.scope["method"] == "HEAD"
+            self.transport.write(_UNREADABLE.partition(_BLANK)[0] + _BLANK if head else _UNREADABLE)
+        self.transport.close()
+
     def pause_writing(self) -> None:
         super().pause_writing()
         self.watch.arm()
@@ -235,6 +252,10 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
     def handle_cont(self, event: Frame) -> None:
         """Of a message that was refused with its first frame."""
 
+    def handle_ping(self) -> None:
+        if not self._failed:  # by a frame before it, in the same piece: nothing more can be written
+            super().handle_ping()
+
     def handle_close(self, event: Frame) -> None:
         super().handle_close(event)
         self._abort_later()  # a transport that is closed waits for its reader, for ever if need be
@@ -283,7 +304,9 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
     def _leave(self, code: int, reason: str) -> None:
         self.queue.put_nowait({"type": "websocket.disconnect", "code": code, "reason": reason})
         self.stop_keepalive()
-        self.transport.write(b"".join(self.conn.data_to_send()))
+        unread = self.conn.handshake_exc is not None and not self.handshake_initiated
+        # Some openings that cannot be read are answered by the parser, with 431, the others by nobody.
+        self.transport.write(b"".join(self.conn.data_to_send()) or (_UNREADABLE if unread else b""))
         self.close_sent = True
         self._abort_later()
 

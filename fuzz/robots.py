@@ -1,0 +1,191 @@
+"""Hostile sessions on the Zenoh of a running gateway and a running agent: every key, in both directions.
+
+What the gateway asks is answered as wrongly as what is published without being asked. What is said comes from the
+strategies of ``fuzz.wire``; here it passes threads, inboxes and timeouts as well.
+"""
+
+import contextlib
+import itertools
+import json
+import re
+import threading
+import time
+from collections.abc import Callable
+from random import Random
+
+import httpx
+import zenoh
+from actor import KEYS
+from browser import Browser
+from running import process
+from small_fleet import live
+
+from agents.wire.codec import WireError, decode_reply, encode
+from agents.wire.messages import Description
+from fuzz import good, mutation
+from fuzz.findings import Tally, random_of
+from fuzz.living import PATIENCE_S, Living, in_batches, living
+from fuzz.wire import spoilt, spoilt_description, torn
+from gateway.graph.paths import robot_path
+
+_NAMES = ("liar", "liar 2", "é", "pose")
+_KINDS = (
+    "state",
+    "progress",
+    "description",
+    "command",
+    "stop",
+    "mesh",
+    "presence/1",
+    "presence/x",
+    "presence",
+    "x",
+    "",
+)
+_LARGEST = 9_100_000
+_ROBOT = "ur5"
+_FRAME_BYTES = 40 + 8 * 3 * 6
+
+
+def run(count: int, seed: int, first: int = 0) -> Tally:
+    with living() as there, process("-m", "agents", f"--robot={_ROBOT}", "--connect", there.place.zenoh) as agent:
+        with contextlib.closing(Browser(there.place.root)) as browser:
+            live(browser, _ROBOT)
+        there.watched.append(("the agent", agent))
+        liars = Liars(there)
+        return in_batches("robots", count, seed, first, there, liars.send)
+
+
+class Liars:
+    """Says all of a batch, asks the agent as many questions, and sees that both sides still do their work."""
+
+    def __init__(self, there: Living) -> None:
+        self._there, self._session = there, there.session
+        self._answer = b""
+        self._runs = itertools.count(1)
+        self._asked = threading.Semaphore(0)
+        self._frames = 0
+        self._kept = [self._lie(name, kind) for name in _NAMES for kind in ("description", "command", "stop", "mesh")]
+        self._kept.append(self._session.declare_subscriber(KEYS.robot(_ROBOT, "state"), self._count))
+
+    def send(self, tally: Tally, batch: range) -> None:
+        for number in batch:
+            random = random_of(tally.seed, number)
+            try:
+                wrong = random.choices(_WAYS, _WEIGHTS)[0](self, random)
+            except (WireError, AssertionError, httpx.HTTPError) as error:
+                wrong = f"{type(error).__name__}: {error}"[:200]
+            if wrong:
+                tally.found(wrong, number, 1, "")
+        frames, deadline = self._frames, time.monotonic() + PATIENCE_S
+        while self._frames == frames and time.monotonic() < deadline:
+            time.sleep(0.01)
+        if self._frames == frames:
+            tally.found("the agent sends no frames any more", batch.start, len(batch), "")
+
+    # What is published
+
+    def publish(self, random: Random) -> str:
+        name = random.choice((*_NAMES, "arm", "toy", _ROBOT))
+        kind = random.choice(("state", "state", "progress", "progress", random.choice(_KINDS)))
+        self._session.put(self._key(random, name, kind), self._payload(random, kind))
+        return ""
+
+    def presence(self, random: Random) -> str:
+        """A token, which the gateway answers by asking for a description; some never go, as of a process that hangs."""
+        name, run_ = random.choice(_NAMES), random.choice((next(self._runs), 0, 2**63 - 1, 2**63, 10**19 - 1))
+        said = good.tree_of(good.description(random, name, run_ % 2**63))
+        self._answer = spoilt_description(random, said) if random.random() < 0.7 else json.dumps(said).encode()
+        token = self._session.liveliness().declare_token(KEYS.presence(name, run_))
+        if random.random() < 0.8:
+            self._asked.acquire(timeout=0.05)
+        token.undeclare()
+        return ""
+
+    def other_tokens(self, random: Random) -> str:
+        """Gateways that are none, names that are none."""
+        names = ("x", "~41", "é", "a/b", random.choice(mutation.TEXTS[12:40]))
+        key = random.choice((f"fleet/gateway/{random.choice(names)}", f"fleet/robot/{random.choice(names)}/presence/1"))
+        with contextlib.suppress(zenoh.ZError, UnicodeEncodeError):
+            self._session.liveliness().declare_token(key).undeclare()
+        return ""
+
+    # What is asked of the agent
+
+    def ask(self, random: Random) -> str:
+        kind = random.choice(("command", "command", "stop", "mesh", "description"))
+        made = good.command if kind == "command" else None
+        document = made(random, "a-1", 1, 1) if made else good.stop(random, "a-1")
+        payload = spoilt(random, document) if random.random() < 0.98 else b"x" * random.choice((70_000, 2_000_000))
+        if kind in ("mesh", "description"):
+            payload = mutation.raw(random, b"0" * 64)
+        attachment = random.choice(
+            (None, b"", b"x" * 300, mutation.raw(random, b"00-" + b"a" * 32 + b"-" + b"b" * 16 + b"-01"))
+        )
+        answers = list(
+            self._session.get(KEYS.robot(_ROBOT, kind), payload=payload, attachment=attachment, timeout=PATIENCE_S)  # type: ignore[arg-type]
+        )
+        if not answers:
+            return f"the agent does not answer a {kind}"
+        if kind in ("command", "stop"):
+            assert answers[0].ok is not None, "an agent refuses in a reply"
+            decode_reply(answers[0].ok.payload.to_bytes())
+        return ""
+
+    # What the gateway asks of a liar
+
+    def lie(self, random: Random) -> str:
+        """Have the gateway command one, and answer that; what it tells its client is to be a documented status."""
+        name = random.choice(_NAMES)
+        self._answer = spoilt(random, good.reply(random, random.choice(("a-1", ""))))
+        run_ = next(self._runs)
+        path = f"{self._there.place.root.rstrip('/')}{robot_path(name)}actions/stop"
+        honest = encode(_honest(name, run_))
+        self._answer, spoilt_answer = honest, self._answer
+        token = self._session.liveliness().declare_token(KEYS.presence(name, run_))
+        self._asked.acquire(timeout=1.0)
+        self._answer = spoilt_answer
+        answer = httpx.post(path, timeout=PATIENCE_S)
+        token.undeclare()
+        return f"a stop is answered with {answer.status_code}" if answer.status_code in (500, 502) else ""
+
+    def _lie(self, name: str, kind: str) -> object:
+        key = KEYS.robot(name, kind)  # type: ignore[arg-type]
+
+        def answer(query: zenoh.Query) -> None:
+            with query:
+                query.reply(key, self._answer)
+            self._asked.release()
+
+        return self._session.declare_queryable(key, answer)
+
+    def _key(self, random: Random, name: str, kind: str) -> str:
+        key = KEYS.robot(name, "state").removesuffix("state") + kind
+        if random.random() < 0.05:
+            key += random.choice(("x", "/x", "/0", "/1/2", "/9" * 400))
+        return re.sub("/+", "/", key).rstrip("/")  # Zenoh itself takes no other
+
+    def _payload(self, random: Random, kind: str) -> bytes:
+        if random.random() < 0.002:
+            return b"x" * random.choice((65_536, 65_537, _LARGEST))
+        if kind == "state":
+            return torn(
+                random,
+                good.frame(random, random.choice((1, 4)), False, random.choice((1, 2, 3)), random.getrandbits(40)),
+            )
+        if kind == "progress":
+            return spoilt(random, good.progress(random, "a-1", 1))
+        return mutation.raw(random, b'{"version": 1}')
+
+    def _count(self, sample: zenoh.Sample) -> None:
+        if len(sample.payload) == _FRAME_BYTES:  # the agent's own
+            self._frames += 1
+
+
+def _honest(name: str, run_: int) -> Description:
+    return good.description(Random(run_), name, run_)  # noqa: S311
+
+
+Way = Callable[[Liars, Random], str]
+_WAYS: tuple[Way, ...] = (Liars.publish, Liars.presence, Liars.other_tokens, Liars.ask, Liars.lie)
+_WEIGHTS = (66, 5, 2, 26, 1)

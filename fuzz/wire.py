@@ -1,0 +1,228 @@
+"""Every message of the wire, both ways, through the functions that link and agent call; no session, no thread."""
+
+import itertools
+import json
+from collections.abc import Callable
+from random import Random
+from typing import Any
+from uuid import UUID
+
+from agents.meshes import MeshError
+from agents.wire import traceparent
+from agents.wire.codec import WireError, decode, decode_reply, decode_state
+from agents.wire.keys import Keys
+from agents.wire.messages import Accepted, Mesh, Progress, Reply
+from agents.wire.names import escape, unescape
+from fuzz import good, mutation
+from fuzz.body import Patient
+from fuzz.findings import Tally, in_process
+from gateway.errors import FleetError
+from gateway.fleet.answers import read_description, read_mesh, read_reply
+from gateway.fleet.events import Appeared, Described, Framed, Undescribed, Vanished
+from gateway.fleet.fleet import Fleet
+from gateway.fleet.invocations import Invocation, Invocations
+from gateway.graph.paths import robot_path
+from gateway.graph.resource import Resource
+from gateway.graph.tree import Tree
+from gateway.http.representation import negotiated
+
+_BASE = "http://127.0.0.1"
+_KEYS = Keys()
+_TYPES = ("text/turtle", "application/ld+json", "application/rdf+xml", "text/html")
+_MESH = Mesh(uri="file:///x.stl", sha256="0" * 64, size=4, type="model/stl")
+_TRACE = b"00-0af7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01"
+
+
+def run(count: int, seed: int, first: int = 0) -> Tally:
+    return in_process("wire", count, seed, first, lambda: World().take)
+
+
+def spoilt(random: Random, document: Any) -> bytes:
+    """One in eight stays as it was: what is refused after it must not have been the first good one's fault."""
+    how = random.randrange(8)
+    if how == 0:
+        return mutation.dumped(document)
+    if how < 6:
+        return mutation.dumped(mutation.tree(random, document))
+    return mutation.raw(random, mutation.dumped(document))
+
+
+class World:
+    """An agent, and a gateway's fleet, for one episode."""
+
+    def __init__(self) -> None:
+        self._patient = Patient()
+        self._fleet, self._invocations = Fleet(), Invocations()
+        self._sequence = itertools.count()
+        self._runs = itertools.count(1)
+        self._now_ns = 10**18
+        for number in range(8):
+            action = "/arm/actions/moveJoints"
+            self._invocations.add(Invocation(str(UUID(int=number)), "arm", action, {"pan": 0.1}, 1, 2))
+        for name in good.NAMES:
+            self._appear(Random(len(name)), name)  # noqa: S311
+
+    def take(self, random: Random) -> None:
+        take: Callable[[World, Random], None] = random.choices(_CASES, _WEIGHTS)[0]
+        take(self, random)
+
+    # To the agent
+
+    def command(self, random: Random) -> None:
+        patient = self._patient
+        made = good.command(random, patient.new_id(), patient.agent.incarnation, patient.now_ns)
+        reply = _reply_of(patient.agent.handle(spoilt(random, made)))
+        if isinstance(reply, Accepted) and random.random() < 0.5:
+            patient.pass_ms(random.choice((1, 10, 10, 100, 1000)))
+        patient.pass_ms(10)
+
+    def stop(self, random: Random) -> None:
+        patient = self._patient
+        _reply_of(patient.agent.handle_stop(spoilt(random, good.stop(random, patient.new_id()))))
+        patient.pass_ms(10)
+
+    def mesh_question(self, random: Random) -> None:
+        try:
+            self._patient.agent.mesh(mutation.raw(random, b"0" * 64))
+        except MeshError:
+            return
+        raise AssertionError("a robot without meshes handed one out")
+
+    # To the gateway
+
+    def frame(self, random: Random) -> None:
+        name = random.choice(good.NAMES)
+        robot = self._fleet.robots[name]
+        said = robot.description
+        joints, floating = (len(said.joints), said.base == "floating") if said else (1, False)
+        payload = good.frame(random, joints, floating, robot.incarnation or 0, next(self._sequence))
+        if random.random() < 0.8:
+            payload = torn(random, payload)
+        self._apply(Framed(name, payload))
+        self._look(random, name, 0.05)
+        try:
+            decode_state(payload)
+        except WireError:
+            return
+
+    def description(self, random: Random) -> None:
+        self._appear(random, random.choice(good.NAMES), bad=True)
+
+    def progress(self, random: Random) -> None:
+        id = str(UUID(int=random.randrange(9)))
+        payload = spoilt(random, good.progress(random, id, 1))
+        try:
+            progress = decode(payload, Progress)
+        except WireError:
+            return
+        self._invocations.apply("arm", progress)
+        self._invocations.targets("arm", progress.incarnation)
+
+    def reply(self, random: Random) -> None:
+        payload = spoilt(random, good.reply(random, "a-1"))
+        reply, reason = read_reply(payload, "a-1")
+        assert (reply is None) == bool(reason), "an answer is either taken or told what is wrong"
+        read_mesh(payload, _MESH)
+
+    def trace(self, random: Random) -> None:
+        found = traceparent.parse(mutation.raw(random, _TRACE).decode("latin-1"))
+        if found is not None:
+            assert traceparent.parse(str(found)) == found, "a traceparent is read as it is written"
+
+    def key(self, random: Random) -> None:
+        name = random.choice((*good.NAMES, *mutation.TEXTS[:40]))
+        kind = random.choice(("state", "command", "stop", "progress", "mesh", "description"))
+        try:
+            key = _KEYS.robot(name, kind) if random.random() < 0.6 else _KEYS.presence(name, random.getrandbits(63))
+            parsed = _KEYS.parse(mutation.raw(random, key.encode()).decode("utf-8", "surrogateescape"))
+        except ValueError:  # a UnicodeEncodeError of half a pair is one
+            return
+        assert unescape(escape(parsed.robot)) == parsed.robot, "a name has one spelling"
+
+    def _appear(self, random: Random, name: str, bad: bool = False) -> None:
+        run_ = next(self._runs)
+        self._apply(Appeared(name, run_))
+        said = good.description(random, name, run_)
+        answer = spoilt_description(random, good.tree_of(said)) if bad else json.dumps(good.tree_of(said)).encode()
+        description, reason = read_description(answer, name, run_)
+        self._apply(Undescribed(name, run_, reason) if description is None else Described(description))
+        self._look(random, name, 0.25)
+        self._apply(Vanished(name, run_ - 1 if random.random() < 0.9 else run_))
+
+    def _apply(self, event: Any) -> None:
+        self._now_ns += 1
+        self._fleet.apply(event, self._now_ns)
+
+    def _look(self, random: Random, name: str, share: float) -> None:
+        """As whoever reads the robot does, with a share of them its page."""
+        robot = self._fleet.robots[name]
+        robot.positions  # noqa: B018 (unpacked when somebody asks)
+        for link in list(robot.model.links if robot.model else ())[:3]:
+            robot.link_pose(link)
+        if random.random() >= share:
+            return
+        found = Tree(self._fleet, self._invocations, _BASE).resolve(robot_path(name))
+        assert isinstance(found, Resource), "a robot that is known has a page"
+        parts = [path for path in (*found.own, *found.parts) if "/subscriptions" not in path]
+        for path in (found.path, *random.sample(parts, min(2, len(parts)))):
+            self._read(path, random.choice(_TYPES))
+
+    def _read(self, path: str, media_type: str) -> None:
+        part = Tree(self._fleet, self._invocations, _BASE).resolve(path)
+        if not isinstance(part, Resource) or part.remote is not None:
+            return
+        try:
+            negotiated(media_type, part, _BASE)
+        except FleetError as error:
+            assert error.status in (404, 406, 503), error
+
+
+def _reply_of(payload: bytes) -> Reply:
+    return decode_reply(payload)
+
+
+def torn(random: Random, payload: bytes) -> bytes:
+    """Words of eight bytes are what a frame consists of."""
+    if random.random() < 0.4:
+        return mutation.raw(random, payload)
+    changed = bytearray(payload)
+    at = 8 * random.randrange(len(payload) // 8)
+    words = (b"\0" * 8, b"\xff" * 8, b"\0" * 6 + b"\xf8\x7f", b"\0" * 6 + b"\xf0\x7f", b"\xff" * 7 + b"\x7f")
+    changed[at : at + 8] = random.choice((*words, random.randbytes(8)))
+    return bytes(changed)
+
+
+def spoilt_description(random: Random, document: dict[str, Any]) -> bytes:
+    """Half of what is wrong is wrong in the URDF, which is a document of its own."""
+    if random.random() < 0.5:
+        urdf = str(document["urdf"])
+        if random.random() < 0.5:
+            document["urdf"] = mutation.raw(random, urdf.encode()).decode("utf-8", "replace")
+        else:
+            document["urdf"] = _attributes(random, urdf)
+        return mutation.dumped(document)
+    return spoilt(random, document)
+
+
+_VALUES = (
+    "", "0", "-1", "1e400", "nan", "inf", "1 2", "0 0 0", "0 0 1e-300", "1e308 1e308 1e308", "x", "pan", "base",
+    "tip", "fixed",
+    "floating", "planar", "prismatic", "continuous", "é", "x" * 200, "..", "&#0;", "&amp;", "pose",
+)  # fmt: skip
+
+
+def _attributes(random: Random, urdf: str) -> str:
+    """With the values of one to three attributes, or of all of one spelling, replaced by others."""
+    for _ in range(random.choice((1, 1, 2, 3))):
+        pieces = urdf.split('"')
+        at = 2 * random.randrange(len(pieces) // 2) + 1
+        pieces[at] = random.choice((*_VALUES, random.choice(pieces[1::2])))
+        urdf = '"'.join(pieces)
+    return urdf
+
+
+_CASES = (
+    World.command, World.stop, World.mesh_question, World.frame, World.description, World.progress, World.reply,
+    World.trace, World.key,
+)  # fmt: skip
+_WEIGHTS = (26, 12, 2, 20, 8, 10, 8, 6, 8)

@@ -1,0 +1,89 @@
+"""What fuzzing has found, each by the shortest input that showed it."""
+
+import socket
+from collections.abc import Iterator
+
+import pytest
+
+from fuzz.bodies import path_of
+from fuzz.findings import Tally
+from fuzz.living import Living, living
+
+pytestmark = pytest.mark.fleet
+
+
+@pytest.fixture(scope="module")
+def there() -> Iterator[Living]:
+    with living() as there:
+        yield there
+
+
+def said(there: Living, *pieces: bytes) -> bytes:
+    """All that is answered to these pieces, after the last of which the client closes its half."""
+    with socket.create_connection(("127.0.0.1", there.port), timeout=30) as connection:
+        heard = b""
+        for piece in pieces[:-1]:
+            connection.sendall(piece)
+            heard += connection.recv(65_536)
+        connection.sendall(pieces[-1])
+        connection.shutdown(socket.SHUT_WR)
+        while more := connection.recv(65_536):
+            heard += more
+        return heard
+
+
+def calm(there: Living) -> None:
+    """The gateway answers, and has logged no error."""
+    tally = Tally("found", 0)
+    there.look(tally, 0, 1)
+    assert not tally.findings, tally.findings
+
+
+def test_who_leaves_in_the_middle_of_a_body_is_no_error(there: Living) -> None:
+    for path in (path_of("rotate"), path_of("title")):
+        head = f"PUT {path} HTTP/1.1\r\nHost: 127.0.0.1:{there.port}\r\nContent-Type: text/turtle\r\n"
+        assert said(there, f"{head}Content-Length: 50\r\n\r\n<> ".encode()) == b""
+    calm(there)
+
+
+def test_a_ping_behind_what_is_refused_is_no_error(there: Living) -> None:
+    """Both in one piece: after the first the gateway writes nothing any more."""
+    head = (
+        f"GET /arm/pan/rotation HTTP/1.1\r\nHost: 127.0.0.1:{there.port}\r\nConnection: Upgrade\r\nUpgrade: websocket"
+    )
+    key = "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13"
+    text, ping = b"\x81\x81\0\0\0\0x", b"\x89\x80\0\0\0\0"
+    heard = said(there, f"{head}\r\n{key}\r\n\r\n".encode(), text + ping)
+    assert heard.startswith(b"HTTP/1.1 101")
+    assert b"this channel only sends" in heard
+    calm(there)
+
+
+def test_a_bad_chunk_before_the_answer_is_answered_once(there: Living) -> None:
+    """What was asked for is answered with 400, and by the application no more."""
+    head = f"PUT {path_of('rotate')} HTTP/1.1\r\nHost: 127.0.0.1:{there.port}\r\nContent-Type: text/turtle"
+    for more in ("", "\r\nHost: x"):  # refused at once, when the answer of the other is on its way already
+        heard = said(there, f"{head}{more}\r\nTransfer-Encoding: chunked\r\n\r\nx\r\n".encode())
+        assert heard.startswith(b"HTTP/1.1 400") and heard.count(b"HTTP/1.1 ") == 1, heard
+    calm(there)
+
+
+def test_a_bad_chunk_of_a_head_is_answered_without_a_body(there: Living) -> None:
+    head = f"HEAD / HTTP/1.1\r\nHost: 127.0.0.1:{there.port}\r\nTransfer-Encoding: chunked\r\n\r\n"
+    heard = said(there, f"{head}1\r\nxxx\r\n".encode())
+    assert heard.startswith(b"HTTP/1.1 400") and heard.endswith(b"\r\n\r\n"), heard
+    calm(there)
+
+
+def test_a_bad_chunk_after_the_answer_ends_the_connection(there: Living) -> None:
+    head = f"PUT {path_of('rotate')} HTTP/1.1\r\nHost: 127.0.0.1:{there.port}\r\nContent-Type: x"
+    heard = said(there, f"{head}\r\nTransfer-Encoding: chunked\r\n\r\n".encode(), b"x\r\n")
+    assert heard.startswith(b"HTTP/1.1 4") and heard.count(b"HTTP/1.1 ") == 1, heard
+    calm(there)
+
+
+def test_an_opening_that_only_the_parser_of_websockets_refuses_is_answered(there: Living) -> None:
+    head = f"GET /arm/pan/rotation HTTP/1.1\r\nHost: 127.0.0.1:{there.port}\r\nConnection: Upgrade"
+    heard = said(there, f"{head}\r\nUpgrade: websocket\r\nSec-WebSocket-Key: a\x1eb\r\n\r\n".encode())
+    assert heard.startswith(b"HTTP/1.1 400"), heard
+    calm(there)

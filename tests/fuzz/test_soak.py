@@ -1,0 +1,13 @@
+"""That the soak still runs, for some seconds: it says nothing about memory then."""
+
+import pytest
+
+from fuzz.soak import run
+
+pytestmark = pytest.mark.fleet
+
+
+def test_the_soak_runs_for_some_seconds() -> None:
+    table = run(0.1)
+    assert int(table["callbacks that have the latest value"]) > 0
+    assert any(what.startswith("faults") for what in table)
