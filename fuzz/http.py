@@ -14,7 +14,7 @@ from fuzz.living import PATIENCE_S, Living, in_batches, living
 
 AT_ONCE = 12
 _SILENCE_S = 0.1
-_DOCUMENTED = (503, 504)
+_DOCUMENTED = (501, 503, 504)  # the first for transfer codings that nobody knows (RFC 9112, 6.1)
 _STATUS = re.compile(rb"(?:^|\n)HTTP/1\.1 (\d{3}) ")
 _METHODS = (
     "GET", "GET", "GET", "GET", "HEAD", "OPTIONS", "POST", "PUT", "PUT", "PUT", "DELETE", "PATCH", "TRACE", "get", "X-X"

@@ -27,7 +27,6 @@ _UNREADABLE = (
     b"HTTP/1.1 400 Bad Request\r\nContent-Type: text/plain; charset=utf-8\r\nContent-Length: 30\r\n"
     b"Connection: close\r\n\r\nInvalid HTTP request received."
 )
-_BLANK = b"\r\n\r\n"
 
 GRACE_S = 10.0
 """For the rest of a conversation that one side has ended."""
@@ -114,13 +113,18 @@ class HttpProtocol(H11Protocol):
         if not unsaid or self.transport.is_closing():
             self.transport.abort()
             return
-        if self.cycle is not None:  # whoever reads the body hears that nobody sends it
-            self.cycle.disconnected = True
-            self.cycle.message_event.set()
         self._refuse(HTTPStatus.REQUEST_TIMEOUT, "The request was not whole in time.")
         self.loop.call_later(_FAREWELL_S, self.transport.abort)
 
     def _refuse(self, status: HTTPStatus, text: str) -> None:
+        """Of what was asked before it too, if that has no answer yet: whoever is at that hears that nobody waits."""
+        answerable = self.conn.our_state in (h11.IDLE, h11.SEND_RESPONSE)
+        if self.cycle is not None:
+            self.cycle.disconnected = True
+            self.cycle.message_event.set()
+        if not answerable:
+            self.transport.close()
+            return
         head = self.conn.our_state is h11.SEND_RESPONSE and self.scope["method"] == "HEAD"
         headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"connection", b"close")]
         answer = h11.Response(status_code=status, headers=headers, reason=status.phrase.encode())
@@ -139,17 +143,6 @@ class HttpProtocol(H11Protocol):
         content = b"transfer-encoding" in fields or fields.get(b"content-length", b"").strip(b"0")
         opening = self.scope["method"] == "GET" and self.scope["http_version"] == "1.1" and not content
         return opening and b"sec-websocket-key" in fields and super()._should_upgrade()
-
-    def send_400_response(self, msg: str) -> None:
-        """For bytes that are no HTTP: it is the answer to what was asked before them too, if that has none yet."""
-        answerable = self.conn.our_state in (h11.IDLE, h11.SEND_RESPONSE)
-        if self.cycle is not None:
-            self.cycle.disconnected = True
-            self.cycle.message_event.set()
-        if answerable:  # past the state machine, which takes no more than the length of a HEAD's answer
-            head = self.scope is not None and self.scope["method"] == "HEAD"
-            self.transport.write(_UNREADABLE.partition(_BLANK)[0] + _BLANK if head else _UNREADABLE)
-        self.transport.close()
 
     def pause_writing(self) -> None:
         super().pause_writing()
@@ -204,7 +197,9 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
     # What uvicorn calls
 
     async def send(self, message: Any) -> None:
-        await super().send(message)
+        over = message["type"] == "websocket.http.response.body" and self.conn.eof_sent
+        if not over:  # by what came after the opening, before that was answered
+            await super().send(message)
         if message["type"] == "websocket.http.response.body" and not message.get("more_body", False):
             self.handshake_complete = True  # refused, but answered: uvicorn would log an error
 
