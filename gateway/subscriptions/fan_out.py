@@ -257,6 +257,7 @@ class FanOut:
         if next(self._scans[watcher], _DONE) is not _DONE or watcher not in self._scans:
             return
         del self._scans[watcher]
+        watcher.found()
         if watcher in self._scan_again:
             self._scan_again.discard(watcher)
             self._scan_soon(watcher)

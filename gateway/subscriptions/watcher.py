@@ -65,6 +65,7 @@ class Watcher:
         self._round: dict[str, None] = {}
         self._next_s = 0.0
         self._timer: Timer | None = None
+        self._whole = not self.subtree
 
     @property
     def subtree(self) -> bool:
@@ -106,6 +107,11 @@ class Watcher:
         if (self._round or self._pending) and self._timer is None:
             self._schedule.run(self)
 
+    def found(self) -> None:
+        """All that a subtree covers has been found: the first round waits for it, where rounds have an interval."""
+        self._whole = True
+        self.ready()
+
     def step(self) -> bool:
         """Send one message; whether there is more that may go at once.
 
@@ -124,7 +130,7 @@ class Watcher:
         return bool(self._round or self._pending)
 
     def _begin_round(self) -> bool:
-        if not self._pending:
+        if not self._pending or (self.subscription.interval_s > 0 and not self._whole):
             return False
         if self._next_s and (wait_s := self._next_s - self._schedule.now_s()) > 0:
             self._timer = self._schedule.later(wait_s, self._due)

@@ -179,7 +179,7 @@ def test_nothing_is_deleted_that_is_not_surely_ours(
         deleted = [line for line in server.lines if line.startswith("DELETE")]
     if known == "/robot" or not listed:
         assert not deleted
-        assert found["R0.8"] == "failed"
+        assert found["R0.8"] in ("failed", "cantTell")  # the latter where its answers came too late to tell
 
 
 def test_shapes_with_programs_are_not_run(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,5 +1,6 @@
 """The robot in 3D: where its links are drawn is where the gateway says they are, and its parts lead to their pages."""
 
+import functools
 import math
 import signal
 from collections.abc import Callable, Iterator
@@ -9,9 +10,10 @@ from urllib.parse import urlsplit
 import pytest
 from actor import Actor, joint, link, robot, stage
 from browser import LF, MATHS, Browser
+from commands import PREFIXES
 from playwright.sync_api import Page, expect
 from running import Process, eventually, process
-from small_fleet import Place, live, move
+from small_fleet import Place, live
 
 from gateway.fleet.kinematics import Kinematics
 
@@ -85,8 +87,9 @@ def _kinematics(browser: Browser, name: str) -> Callable[[dict[str, float]], dic
 
 
 def _spot(page: Page, name: str) -> tuple[float, float]:
-    """A place of the window where a link is seen."""
-    spot = page.evaluate(
+    """A place of the window where a link is seen, as soon as it is."""
+    look = functools.partial(
+        page.evaluate,
         """name => {
             const { left, top, width, height } = document.querySelector("#scene canvas").getBoundingClientRect();
             const { scene } = document.getElementById("scene");
@@ -97,7 +100,7 @@ def _spot(page: Page, name: str) -> tuple[float, float]:
         }""",
         name,
     )
-    assert spot, f"{name} is nowhere to be seen"
+    spot = eventually(look, f"{name} is seen")
     return spot[0], spot[1]
 
 
@@ -111,7 +114,10 @@ def test_links_are_drawn_where_the_gateway_says_while_they_move_and_after(
     places = _kinematics(browser, "ur5")
     start = _drawn(page, links)["positions"]["elbow_joint"]
     target = start - 1.2
-    assert move(browser, browser.action(elbow, LF.Rotate), target).status_code < 300
+    slowly = f"lf:speed [ vom:numericalValue 0.2 ; vom:unit unit:RAD-PER-SEC ] ; vom:numericalValue {target}"
+    body = f"{PREFIXES} <> {slowly} ; vom:unit unit:RAD ."
+    action = browser.action(elbow, LF.Rotate)
+    assert browser.http.put(action, content=body, headers={"content-type": "text/turtle"}).status_code < 300
 
     seen = set()
 

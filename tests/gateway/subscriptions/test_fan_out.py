@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable
 
 import msgspec
+import pytest
 from actor import joint, link, robot
 
 from agents.wire.codec import encode_state, layout
@@ -15,6 +16,7 @@ from gateway.fleet.events import Appeared, Described, Event, Framed, Undescribed
 from gateway.fleet.fleet import Fleet
 from gateway.fleet.invocations import Invocation, Invocations, InvocationState
 from gateway.graph.tree import Tree
+from gateway.subscriptions import fan_out
 from gateway.subscriptions.fan_out import FanOut
 from gateway.subscriptions.message import Ending, Message
 from gateway.subscriptions.subscription import Depth, Kind, Subscription
@@ -421,6 +423,22 @@ def test_a_message_shows_the_state_of_its_version() -> None:
         outlet.watcher.step()  # its turn comes before the frame is read
         await world.move(1.5)
         assert [b'"1.5"' in message.body for message in outlet.messages[-2:]] == [False, True]
+
+    run(test)
+
+
+def test_the_first_round_has_all_of_a_subtree_however_long_it_takes_to_find(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With an interval whatever missed the first round would come that much later."""
+    turns = itertools.count()
+    monkeypatch.setattr(fan_out.time, "perf_counter", lambda: next(turns) * fan_out.TURN_S / 4)  # a few steps a turn
+
+    async def test(world: World) -> None:
+        outlet = watch(world, _ROBOT, depth=Depth.SUBTREE, interval_s=8.0)
+        outlet.watcher.ready()
+        await world.settle()
+        first = outlet.take()
+        await world.advance(8.0)
+        assert outlet.take() == [] and len(first) == len(set(first)) > 5
 
     run(test)
 
