@@ -99,7 +99,8 @@ class HttpProtocol(H11Protocol):
     def _await_request(self) -> None:
         """Bound the time for what the client has still to say, if it has."""
         state = self.conn.their_state
-        if self.transport.is_closing() or state not in (h11.IDLE, h11.SEND_BODY):
+        switched = self.transport.get_protocol() is not self  # a WebSocket now, of which h11 expects a body still
+        if switched or self.transport.is_closing() or state not in (h11.IDLE, h11.SEND_BODY):
             self._deadline.clear()
             self._sockets.busy(self)
             return

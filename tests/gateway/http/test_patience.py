@@ -94,6 +94,29 @@ def test_a_body_that_goes_on_after_the_answer_is_cut_off() -> None:
     run(scenario)
 
 
+def test_who_only_listens_is_waited_for_by_nobody() -> None:
+    """A WebSocket has said what it wants; what h11 takes for the body of its opening never comes."""
+
+    async def late(scope: Scope, receive: Receive, send: Send) -> None:
+        await receive()
+        await send({"type": "websocket.accept"})
+        await asyncio.sleep(3 * Hasty.body_s)
+        await send({"type": "websocket.send", "text": "late"})
+        await send({"type": "websocket.close"})
+
+    async def scenario() -> None:
+        async with serving(late, http=Hasty) as (server, port):
+            key = b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+            opening = b"GET / HTTP/1.1\r\nHost: test\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
+            reader, writer = await connect(port, opening + key)
+            assert (await reader.readuntil(b"\r\n\r\n")).startswith(b"HTTP/1.1 101")
+            assert await reader.readexactly(6) == b"\x81\x04late"
+            writer.close()
+            await until(lambda: not server.server_state.connections)
+
+    run(scenario)
+
+
 def test_what_comes_in_time_is_whole_however_it_is_cut() -> None:
     """A deadline belongs to one request: many on one connection take longer than one may."""
 
