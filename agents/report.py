@@ -13,6 +13,8 @@ PERIOD_NS = 200_000_000
 # How ends are kept for gateways that were not there to hear of them.
 KEPT_NS = 60_000_000_000
 MAX_KEPT = 256
+# A router may pass on that a gateway is there before what that listens for: then the first telling reaches nobody.
+AGAIN_NS = 1_000_000_000
 MAX_POSITIONS = 256
 
 
@@ -24,6 +26,7 @@ class Report:
         self._ends: deque[tuple[int, bytes]] = deque(maxlen=MAX_KEPT)
         self._arrivals = 0
         self._due_ns = 0
+        self._again_ns: int | None = None
 
     def write(self, outcome: Outcome, measured: Mapping[str, float], now_ns: int, wall_ns: int) -> bytes:
         """The message that says it; ends are remembered."""
@@ -45,10 +48,13 @@ class Report:
         return payload
 
     def repeat(self, arrivals: int, now_ns: int) -> list[bytes]:
-        """The ends of late, once more, if a gateway has arrived since; what is under way is due then too."""
-        if arrivals == self._arrivals:
+        """The ends of late, at once if a gateway has arrived and a second later; what is under way is due then too."""
+        if arrivals != self._arrivals:
+            self._arrivals, self._due_ns, self._again_ns = arrivals, now_ns, now_ns + AGAIN_NS
+        elif self._again_ns is None or now_ns < self._again_ns:
             return []
-        self._arrivals, self._due_ns = arrivals, now_ns
+        else:
+            self._again_ns = None
         return [payload for ended_ns, payload in self._ends if now_ns - ended_ns <= KEPT_NS]
 
     def due(self, now_ns: int) -> bool:

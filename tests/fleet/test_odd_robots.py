@@ -236,7 +236,7 @@ def test_malformed_and_foreign_messages_are_harmless(theatre: Theatre) -> None:
         for key in keys:
             for payload in bad:
                 if (key, payload) != ("fleet/robot/good/state", frame):
-                    session.put(key, payload)
+                    session.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
     tokens = ("good/presence/x", "good/presence/99999999999999999999", "~41/presence/1", "nobody/presence/-1")
     kept = [session.liveliness().declare_token(f"fleet/robot/{token}") for token in tokens]
     for sender in ("'good'", "a~zz", "~41/progress", "~41/presence"):

@@ -1,0 +1,35 @@
+"""What is told again to a gateway that came later."""
+
+from agents.motion import Outcome
+from agents.report import AGAIN_NS, KEPT_NS, Report
+from agents.wire import codec
+from agents.wire.messages import Progress
+
+NOW_NS = 10**12
+
+
+def report() -> Report:
+    """Of one motion that has ended and one that has not."""
+    told = Report(7)
+    for id, state in (("done", "succeeded"), ("going", "running")):
+        told.write(Outcome(id, state, ("elbow",)), {"elbow": 0.5}, NOW_NS, 1)  # type: ignore[arg-type]
+    return told
+
+
+def ids(payloads: list[bytes]) -> list[str]:
+    return [codec.decode(each, Progress).id for each in payloads]
+
+
+def test_ends_are_told_when_a_gateway_arrives_and_once_more() -> None:
+    """Once more, because the first time it may not listen yet."""
+    told = report()
+    assert told.repeat(0, NOW_NS) == []
+    assert ids(told.repeat(1, NOW_NS)) == ["done"]
+    assert told.repeat(1, NOW_NS + AGAIN_NS - 1) == []
+    assert ids(told.repeat(1, NOW_NS + AGAIN_NS)) == ["done"]
+    assert told.repeat(1, NOW_NS + 2 * AGAIN_NS) == []
+    assert ids(told.repeat(2, NOW_NS + 2 * AGAIN_NS)) == ["done"]
+
+
+def test_what_is_long_over_is_told_to_nobody() -> None:
+    assert report().repeat(1, NOW_NS + KEPT_NS + 1) == []
