@@ -42,7 +42,7 @@ demo: .venv/stamp $(ASSETS)
 	@$(BIN)/python -m demo --port $(PORT)
 
 test: .venv/stamp $(ASSETS) chromium
-	$(BIN)/python -m pytest -n 3 --dist loadscope $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -n 3 --dist loadscope --no-loadscope-reorder $(PYTEST_ARGS)
 
 # For the tests of the pages. Those say so and fail where it cannot be had.
 chromium:

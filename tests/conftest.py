@@ -60,6 +60,11 @@ def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningFleet]:
 _running: list[RunningFleet] = []
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The longest first: what shares the fleet, then all that starts processes; so no process is left with them alone."""
+    items.sort(key=lambda item: (not item.nodeid.startswith(_OF_THE_FLEET), not item.get_closest_marker("fleet")))
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_runtest_teardown(nextitem: pytest.Item | None) -> None:
     """A third of a core is free for the other tests as soon as all that need the fleet have had it."""

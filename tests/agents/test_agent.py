@@ -217,7 +217,7 @@ def test_the_robot_holds_when_the_last_gateway_goes_and_serves_the_next(caplog: 
                 lambda: [str(r.ok.key_expr) for r in second.session.liveliness().get(KEYS.all_presence) if r.ok]
             )
             assert alive == [KEYS.presence("ur5", agent.incarnation)]
-            assert second.states_of("m") == ["failed"]
+            assert set(second.states_of("m")) == {"failed"}  # told once more a second after the gateway came
             assert isinstance(await second.command("ur5", {"elbow_joint": 0.5}, "n"), Accepted)
             await eventually(lambda: second.states_of("n")[-1:] == ["succeeded"], "success")
 
