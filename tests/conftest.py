@@ -61,7 +61,7 @@ _running: list[RunningFleet] = []
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The longest first: what shares the fleet, then all that starts processes; so no process is left with them alone."""
+    """The longest first: what shares the fleet, then all that starts processes; none is left alone with them."""
     items.sort(key=lambda item: (not item.nodeid.startswith(_OF_THE_FLEET), not item.get_closest_marker("fleet")))
 
 
