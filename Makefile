@@ -118,7 +118,7 @@ $(ASSETS): face/package.json face/build face/build.mjs $(wildcard face/src/*) | 
 	@touch $@
 
 # The base install alone, as on a robot: it must be enough to import the agent.
-.venv-bare/stamp: pyproject.toml constraints.txt $(wildcard agents/*.py agents/wire/*.py agents/robots/*.py)
+.venv-bare/stamp: pyproject.toml constraints.txt $(wildcard agents/*.py agents/wire/*.py agents/robots/*.py telemetry/*.py)
 	@echo "Making .venv-bare: the base install alone, as on a robot."
 	@$(call make_venv,.venv-bare)
 	@.venv-bare/bin/python -m pip install -q --force-reinstall --no-deps .

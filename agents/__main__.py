@@ -11,7 +11,8 @@ from agents.agent import Agent
 from agents.link import DuplicateNameError, ZenohLink, open_session
 from agents.robots.catalogue import UnavailableError, load
 from agents.settings import AgentSettings, SettingsError, read_settings
-from agents.tracing import Tracing, TracingUnavailableError, open_tracing
+from agents.tracing import Tracing, open_tracing
+from telemetry.spans import TracingUnavailable
 
 _log = logging.getLogger("agents")
 
@@ -23,7 +24,7 @@ def main() -> int:
         logging.basicConfig(level=settings.log_level, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
         tracing = open_tracing(os.environ)
         agents = [_make_agent(settings, index) for index in range(len(settings.robots))]
-    except (SettingsError, UnavailableError, TracingUnavailableError) as error:
+    except (SettingsError, UnavailableError, TracingUnavailable) as error:
         print(f"agents: {error}", file=sys.stderr)
         return 2
     try:

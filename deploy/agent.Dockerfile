@@ -24,6 +24,7 @@ ARG PIP_INDEX_URL
 ARG PIP_EXTRA_INDEX_URL
 COPY README.md LICENSE ./
 COPY agents agents
+COPY telemetry telemetry
 COPY deploy/bill_of_materials.py deploy/
 RUN pip --python /opt/linked-fleet/bin/python install -q --no-deps --force-reinstall . \
  && rm /opt/linked-fleet/bin/linked-fleet \
@@ -34,6 +35,7 @@ ARG PIP_INDEX_URL
 ARG PIP_EXTRA_INDEX_URL
 COPY README.md LICENSE ./
 COPY agents agents
+COPY telemetry telemetry
 COPY deploy/bill_of_materials.py deploy/
 RUN pip --python /opt/linked-fleet/bin/python install -q --no-deps --force-reinstall . \
  && rm /opt/linked-fleet/bin/linked-fleet \

@@ -31,6 +31,7 @@ COPY agents/wire agents/wire
 COPY client client
 COPY gateway gateway
 COPY shapes shapes
+COPY telemetry telemetry
 COPY --from=pages /build/gateway/face/assets gateway/face/assets
 COPY deploy/bill_of_materials.py deploy/
 COPY face/package.json face/

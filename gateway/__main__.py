@@ -24,11 +24,12 @@ from gateway.http.tls import Certificate, secured
 from gateway.identity.roster import BadRoster
 from gateway.link import LinkError
 from gateway.observe.log import configure
-from gateway.observe.tracing import Tracing, TracingUnavailable, open_tracing
+from gateway.observe.tracing import Tracing, open_tracing
 from gateway.session import trust
 from gateway.settings import GatewaySettings
 from gateway.store.connection import BadUrl
 from gateway.store.embedded import EmbeddedError
+from telemetry.spans import TracingUnavailable
 
 _DRAIN_S = 5  # for requests under way; 2 s may go by before a robot that does not answer is given up
 # An Upgrade that is ignored, and each WebSocket that comes and goes.

@@ -1,8 +1,5 @@
 """Spans of requests, by OpenTelemetry, which is imported only where the environment asks for it."""
 
-import logging
-import threading
-import time
 from collections.abc import Mapping
 from contextlib import AbstractContextManager, nullcontext
 from types import TracebackType
@@ -11,18 +8,11 @@ from typing import TYPE_CHECKING, Self
 from agents.wire import traceparent
 from agents.wire.messages import Refused, Reply
 from agents.wire.traceparent import TraceParent
+from telemetry.spans import close_provider, open_provider, within
 
 if TYPE_CHECKING:
     from opentelemetry.sdk.trace import TracerProvider
     from opentelemetry.trace import Span, Tracer
-
-_log = logging.getLogger(__name__)
-_LAST_EXPORT_S = 1.5
-_COMPLAINT_PERIOD_S = 60.0
-
-
-class TracingUnavailable(Exception):  # noqa: N818 -- as the other outcomes are called
-    """Spans are asked for and their packages are not there; one line for a human."""
 
 
 class Step:
@@ -114,14 +104,9 @@ class Tracing:
 
     def begin(self, method: str, scheme: str, path: str, parents: list[str], request_id: str) -> Trace:
         """``parents``: the fields ``traceparent`` of the request; of more than one none is believed."""
-        from opentelemetry.context import Context
-        from opentelemetry.trace import NonRecordingSpan, SpanContext, SpanKind, TraceFlags, set_span_in_context
+        from opentelemetry.trace import SpanKind
 
-        context, asking = Context(), traceparent.parse(parents[0]) if len(parents) == 1 else None
-        if asking is not None:
-            flags = TraceFlags(TraceFlags.SAMPLED if asking.sampled else TraceFlags.DEFAULT)
-            remote = SpanContext(asking.trace_id, asking.span_id, is_remote=True, trace_flags=flags)
-            context = set_span_in_context(NonRecordingSpan(remote), context)
+        context = within(traceparent.parse(parents[0]) if len(parents) == 1 else None)
         attributes = {
             "http.request.method": method,
             "url.scheme": scheme,
@@ -132,46 +117,13 @@ class Tracing:
 
     def close(self) -> None:
         """Send what is left, for as long as a process that ends can wait. Blocks."""
-        ending = threading.Thread(target=self._provider.shutdown, name="last spans", daemon=True)
-        ending.start()
-        ending.join(_LAST_EXPORT_S)
-        if ending.is_alive():
-            _log.warning("the collector does not take the last spans; they are lost")
+        close_provider(self._provider)
 
 
 def open_tracing(environment: Mapping[str, str], instance: str) -> Tracing | None:
-    """None where the environment names no collector, or has OTEL_SDK_DISABLED; TracingUnavailable."""
-    names = ("OTEL_EXPORTER_OTLP_TRACES_ENDPOINT", "OTEL_EXPORTER_OTLP_ENDPOINT")
-    named = next((name for name in names if environment.get(name)), None)
-    if named is None or environment.get("OTEL_SDK_DISABLED", "").strip().lower() == "true":
-        return None
-    try:
-        from opentelemetry.exporter.otlp.proto.http.trace_exporter import OTLPSpanExporter
-        from opentelemetry.sdk.resources import OTELResourceDetector, Resource
-        from opentelemetry.sdk.trace import TracerProvider
-        from opentelemetry.sdk.trace.export import BatchSpanProcessor
-    except ImportError as error:
-        raise TracingUnavailable(
-            f"{named} is set, but what traces is not installed ({error}): pip install 'linked-fleet[tracing]'"
-        ) from error
-    logging.getLogger(OTLPSpanExporter.__module__).addFilter(_Seldom())
-    own = Resource.create({"service.name": "linked-fleet-gateway", "service.instance.id": instance})
-    provider = TracerProvider(resource=own.merge(OTELResourceDetector().detect()), shutdown_on_exit=False)
-    provider.add_span_processor(BatchSpanProcessor(OTLPSpanExporter()))
-    return Tracing(provider)
-
-
-class _Seldom(logging.Filter):
-    """Lets the exporter complain once a minute, however many spans a collector that is away does not take."""
-
-    _next_s = 0.0
-
-    def filter(self, record: logging.LogRecord) -> bool:
-        now_s = time.monotonic()
-        if now_s < self._next_s:
-            return False
-        self._next_s = now_s + _COMPLAINT_PERIOD_S
-        return True
+    """None where nobody asks for spans; TracingUnavailable."""
+    provider = open_provider(environment, {"service.name": "linked-fleet-gateway", "service.instance.id": instance})
+    return None if provider is None else Tracing(provider)
 
 
 NO_STEP: AbstractContextManager[None] = nullcontext()
