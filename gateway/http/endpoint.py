@@ -145,8 +145,8 @@ async def _answer(request: Request, base: str) -> ASGIApp:
 def _needed(request: Request, resource: Resource) -> Sequence[Right]:
     if is_audit(resource.path):
         return AUDIT_NEEDS
-    writes = resource.affords is not None and request.method in resource.affords.methods
-    return resource.affords.needs if writes and resource.affords is not None else (Right.READ,)
+    affords = resource.affords
+    return affords.needs if affords is not None and request.method in affords.methods else (Right.READ,)
 
 
 async def _find(connection: HTTPConnection, base: str) -> Resource | Redirect:

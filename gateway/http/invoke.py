@@ -127,8 +127,8 @@ def _key(request: Request) -> str:
     if match is None:
         raise BadRequest("Idempotency-Key is one string of at most 255 visible characters.")
     # Two who happen to choose the same key mean two things.
-    name = caller_of(request).name
-    return f"{name} {match[1] or match[2]}" if name else match[1] or match[2]
+    name, key = caller_of(request).name, match[1] or match[2]
+    return f"{name} {key}" if name else key
 
 
 def _prefer(request: Request, offer: Offer, base: str) -> Prefer:

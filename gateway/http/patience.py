@@ -6,7 +6,7 @@ from collections.abc import Callable
 HEAD_S = 10.0
 """For the header block of a request, from its first byte, and for a connection to begin with one."""
 BODY_S = 30.0
-"""For the whole body, from the end of the header block. At most 64 KiB are read, so nobody honest needs it."""
+"""For the whole body, from the end of the header block. At most 256 KiB are read, so nobody honest needs it."""
 MAX_HEAD_BYTES = 16 * 1024
 """Of request line and header block; somewhat more if they come at once."""
 
