@@ -82,7 +82,12 @@ def number(value: float | None) -> Term:
     """xsd:float as in the figures, or ``lf:unknown``: never a zero that nobody measured."""
     if value is None or math.isnan(value):
         return LF.unknown
-    return Literal(repr(float(value) + 0.0), datatype=XSD.float)
+    return Literal(lexical(value), datatype=XSD.float)
+
+
+def lexical(value: float) -> str:
+    """Of an xsd:float; -0.0 is 0.0."""
+    return repr(float(value) + 0.0)
 
 
 def integer(value: int) -> Literal:

@@ -12,7 +12,7 @@ from gateway.graph.build import Graph, timestamp
 from gateway.graph.kinds import kind_of
 from gateway.graph.paths import joint_path, lease_path, link_path, model_path, robot_path
 from gateway.graph.properties import joint_properties, link_properties, robot_properties
-from gateway.graph.property import Property
+from gateway.graph.property import Property, Seen
 from gateway.graph.vocab import DCTERMS, HYBRIT, LDP, LF, RDFS, ROS, XHV
 
 _SECOND_NS = 1_000_000_000
@@ -115,9 +115,9 @@ class Describer:
         for name in (*parents, *link.child_joints):
             self._introduce_joint(graph, robot, robot.model.joints[name])
 
-    def property(self, robot: Robot, owner: str, item: Property, graph: Graph) -> None:
+    def property(self, robot: Robot, owner: str, item: Property, graph: Graph, seen: Seen) -> None:
         """A property as its own small document (Figure 3)."""
-        self._property(graph, owner, item)
+        self._property(graph, owner, item, seen)
         self._presence_if_offline(graph, self.iri(f"{owner.rstrip('/')}/{item.segment}"), robot)
 
     # -- the pieces -------------------------------------------------------------------------------------------------
@@ -158,15 +158,15 @@ class Describer:
         for item in items:
             graph.add(iri, item.predicate, self.iri(f"{stem}/{item.segment}"))
         for item in items:
-            self._property(graph, owner, item)
+            self._property(graph, owner, item, Seen.of(item.look()))
 
-    def _property(self, graph: Graph, owner: str, item: Property) -> None:
+    def _property(self, graph: Graph, owner: str, item: Property, seen: Seen) -> None:
         iri = self.iri(f"{owner.rstrip('/')}/{item.segment}")
         graph.a(iri, *item.types, HYBRIT.Property)
         graph.add(iri, DCTERMS.title, Literal(item.title))
         graph.add(iri, RDFS.seeAlso, self.iri(owner))
         graph.add(iri, HYBRIT.blueprint, item.shape, NamedNode(iri.value + "/blueprint"))
-        item.describe(graph, iri)
+        item.describe(graph, iri, seen)
 
     def _introduce_joint(self, graph: Graph, robot: Robot, joint: Joint) -> None:
         iri = self.iri(joint_path(robot.name, joint.name))

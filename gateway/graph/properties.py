@@ -29,7 +29,7 @@ from gateway.graph.kinds import (
     kind_of,
 )
 from gateway.graph.paths import joint_path
-from gateway.graph.property import Property
+from gateway.graph.property import Property, Seen
 from gateway.graph.settable import ABSOLUTE, settable, target
 from gateway.graph.vocab import DCTERMS, LF, MATHS, ROS, SPATIAL
 
@@ -39,7 +39,7 @@ FRAME_MEDIA_TYPE = "application/vnd.linked-fleet.frame"
 def scalar(segment: str, predicate: NamedNode, title: str, value: float | None, unit: Unit) -> Property:
     """A constant of the URDF."""
 
-    def describe(graph: Graph, iri: NamedNode) -> None:
+    def describe(graph: Graph, iri: NamedNode, _: Seen) -> None:
         graph.scalar(iri, LF.value, value, unit)
 
     return Property(segment, predicate, (LF.ScalarProperty,), LF.ScalarPropertyShape, title, describe)
@@ -50,8 +50,7 @@ def _measured(
 ) -> Property:
     """A measured scalar of a joint, with the time of its frame."""
 
-    def describe(graph: Graph, iri: NamedNode) -> None:
-        seen = look()
+    def describe(graph: Graph, iri: NamedNode, seen: Seen) -> None:
         graph.scalar(iri, LF.value, seen.values[0], unit)
         graph.result_time(iri, seen.wall_ns)
 
@@ -100,10 +99,10 @@ def joint_properties(robot: Robot, joint: Joint) -> list[Property]:
 def link_properties(robot: Robot, link: Link) -> list[Property]:
     inertial = link.inertial
 
-    def centre(graph: Graph, iri: NamedNode) -> None:
+    def centre(graph: Graph, iri: NamedNode, _: Seen) -> None:
         graph.vector(iri, LF.position, inertial.centre_m if inertial else None, METRE)
 
-    def inertia(graph: Graph, iri: NamedNode) -> None:
+    def inertia(graph: Graph, iri: NamedNode, _: Seen) -> None:
         moments = inertial.inertia_kg_m2 if inertial else (None,) * 6
         for term, value in zip((LF.ixx, LF.ixy, LF.ixz, LF.iyy, LF.iyz, LF.izz), moments, strict=True):
             graph.scalar(iri, term, value, KILOGRAM_SQUARE_METRE)
@@ -139,7 +138,7 @@ def robot_properties(robot: Robot, iri_of: Callable[[str], NamedNode]) -> list[P
             (LF.JointState,),
             LF.JointStateShape,
             f"joint state of {robot.name}",
-            lambda graph, iri: _joint_state(graph, iri, robot, iri_of),
+            lambda graph, iri, seen: _joint_state(graph, iri, robot, iri_of, seen),
             lambda: tuple(chain.from_iterable(_joint_values(robot, joint) for joint in _movable(robot))),
         )
     ]
@@ -155,7 +154,7 @@ def robot_properties(robot: Robot, iri_of: Callable[[str], NamedNode]) -> list[P
                 (LF.Twist,),
                 LF.TwistShape,
                 f"twist of the base of {robot.name}",
-                lambda graph, iri: _twist(graph, iri, robot),
+                _twist,
                 lambda: (_base_twist(robot),),
             )
         )
@@ -163,8 +162,7 @@ def robot_properties(robot: Robot, iri_of: Callable[[str], NamedNode]) -> list[P
 
 
 def _rotation(robot: Robot, joint: Joint) -> Property:
-    def describe(graph: Graph, iri: NamedNode) -> None:
-        seen = _position(robot, joint.name)
+    def describe(graph: Graph, iri: NamedNode, seen: Seen) -> None:
         graph.scalar(iri, SPATIAL.rotationAngle, seen.values[0], RADIAN)
         graph.vector(iri, SPATIAL.rotationAxis, joint.axis, None)
         graph.result_time(iri, seen.wall_ns)
@@ -175,8 +173,7 @@ def _rotation(robot: Robot, joint: Joint) -> Property:
 
 
 def _translation(robot: Robot, joint: Joint) -> Property:
-    def describe(graph: Graph, iri: NamedNode) -> None:
-        seen = _position(robot, joint.name)
+    def describe(graph: Graph, iri: NamedNode, seen: Seen) -> None:
         graph.scalar(iri, LF.displacement, seen.values[0], METRE)
         graph.vector(iri, LF.translationAxis, joint.axis, None)
         graph.result_time(iri, seen.wall_ns)
@@ -188,7 +185,7 @@ def _translation(robot: Robot, joint: Joint) -> Property:
 def _limits(joint: Joint, dimension: Dimension) -> Property:
     limits = joint.limits
 
-    def describe(graph: Graph, iri: NamedNode) -> None:
+    def describe(graph: Graph, iri: NamedNode, _: Seen) -> None:
         graph.scalar(iri, LF.lowerLimit, limits.lower, dimension.position)
         graph.scalar(iri, LF.upperLimit, limits.upper, dimension.position)
         graph.scalar(iri, LF.velocityLimit, limits.velocity, dimension.velocity)
@@ -198,7 +195,7 @@ def _limits(joint: Joint, dimension: Dimension) -> Property:
 
 
 def _reference_frame(robot: Robot, joint: Joint) -> Property:
-    def describe(graph: Graph, iri: NamedNode) -> None:
+    def describe(graph: Graph, iri: NamedNode, _: Seen) -> None:
         graph.vector(iri, LF.origin, joint.origin.position_m, METRE)
         graph.quaternion(iri, LF.orientation, joint.origin.orientation_xyzw)
 
@@ -218,7 +215,7 @@ def _mimic(robot: Robot, joint: Joint) -> Property:
     assert mimic is not None
     dimension = kind_of(joint).dimension
 
-    def describe(graph: Graph, iri: NamedNode) -> None:
+    def describe(graph: Graph, iri: NamedNode, _: Seen) -> None:
         base = iri.value[: -len(f"{joint_path(robot.name, joint.name)}/mimic")]
         graph.add(iri, LF.mimicsJoint, NamedNode(base + joint_path(robot.name, mimic.joint)))
         graph.scalar(iri, LF.multiplier, mimic.multiplier, UNITLESS)
@@ -235,8 +232,7 @@ def _pose_property(segment: str, title: str, pose: Callable[[], Pose | None], ro
         )
         return robot.observe(key, tuple(values), POSE_RESOLUTION)
 
-    def describe(graph: Graph, iri: NamedNode) -> None:
-        seen = observe()
+    def describe(graph: Graph, iri: NamedNode, seen: Seen) -> None:
         graph.vector(iri, LF.position, seen.values[:3], METRE)
         graph.quaternion(iri, LF.orientation, seen.values[3:])
         graph.add(iri, LF.frame, Literal("world" if _floating(robot) else "base"))
@@ -264,8 +260,7 @@ def _base_twist(robot: Robot) -> Observation:
     return robot.observe("twist", values, VELOCITY_RESOLUTION)
 
 
-def _twist(graph: Graph, iri: NamedNode, robot: Robot) -> None:
-    seen = _base_twist(robot)
+def _twist(graph: Graph, iri: NamedNode, seen: Seen) -> None:
     graph.vector(iri, LF.linear, seen.values[:3], METRE_PER_SECOND)
     graph.vector(iri, LF.angular, seen.values[3:], RADIAN_PER_SECOND)
     graph.result_time(iri, seen.wall_ns)
@@ -283,25 +278,23 @@ def _joint_values(robot: Robot, joint: Joint) -> tuple[Observation, Observation,
     return _position(robot, joint.name), _velocity(robot, joint.name), _effort(robot, joint.name)
 
 
-def _joint_state(graph: Graph, iri: NamedNode, robot: Robot, iri_of: Callable[[str], NamedNode]) -> None:
+def _joint_state(graph: Graph, iri: NamedNode, robot: Robot, iri_of: Callable[[str], NamedNode], seen: Seen) -> None:
     """Every joint of the wire's arrays with its values, and the layout of the same in one binary frame (D5)."""
-    stamps = []
-    for joint in _movable(robot):
+    rows = zip(seen.values[::3], seen.values[1::3], seen.values[2::3], strict=True)
+    for joint, (position, velocity, effort) in zip(_movable(robot), rows, strict=True):
         dimension = kind_of(joint).dimension
         assert dimension is not None
-        position, velocity, effort = _joint_values(robot, joint)
         sample = graph.blank(LF.JointSample)
         graph.add(iri, LF.sample, sample)
         graph.add(sample, LF.ofJoint, iri_of(joint_path(robot.name, joint.name)))
-        for predicate, seen, unit_term, unit in (
+        for predicate, value, unit_term, unit in (
             (LF.position, position, LF.positionUnit, dimension.position),
             (LF.velocity, velocity, LF.velocityUnit, dimension.velocity),
             (LF.effort, effort, LF.effortUnit, dimension.effort),
         ):
-            stamps.append(seen.wall_ns)
-            graph.add(sample, predicate, number(seen.values[0]))
+            graph.add(sample, predicate, number(value))
             graph.add(sample, unit_term, unit.qudt)
-    graph.result_time(iri, max((stamp for stamp in stamps if stamp is not None), default=None))
+    graph.result_time(iri, seen.wall_ns)
     _layout(graph, iri, robot)
 
 

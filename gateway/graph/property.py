@@ -1,7 +1,9 @@
 """One property of one thing (paper 5.2), whatever it is about."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import chain
+from typing import NamedTuple, Self
 
 from pyoxigraph import NamedNode
 
@@ -10,16 +12,32 @@ from gateway.fleet.observation import Observation
 from gateway.graph.build import Graph
 from gateway.graph.setting import Setting
 
-Describe = Callable[[Graph, NamedNode], None]
+
+class Seen(NamedTuple):
+    """Measured values, NaN where they are unknown, and the time of the latest frame that moved one of them."""
+
+    values: tuple[float, ...] = ()
+    wall_ns: int | None = None
+
+    @classmethod
+    def of(cls, observations: Sequence[Observation]) -> Self:
+        if len(observations) == 1:
+            return cls(observations[0].values, observations[0].wall_ns)
+        stamps = [each.wall_ns for each in observations if each.wall_ns is not None]
+        return cls(tuple(chain.from_iterable(each.values for each in observations)), max(stamps, default=None))
+
+
+Describe = Callable[[Graph, NamedNode, Seen], None]
 Look = Callable[[], tuple[Observation, ...]]
 
 
 @dataclass(frozen=True)
 class Property:
-    """One property of one thing; ``describe`` adds what is special to it, with the present value.
+    """One property of one thing; ``describe`` adds what is special to it, with the values that it is given.
 
-    ``look`` gives the measured values that ``describe`` shows: they alone make a new frame news. ``facts`` gives what
-    else is news of it. ``put``: what clients may replace it by, the setting or the action of a motion.
+    ``look`` observes what is measured: it alone makes a new frame news, and ``describe`` shows it as it is, so that a
+    description of other values is the same one with other numbers. ``facts`` gives what else is news. ``put``: what
+    clients may replace it by, the setting or the action of a motion.
     """
 
     segment: str

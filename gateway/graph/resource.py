@@ -10,6 +10,7 @@ from gateway.fleet.robot import Robot
 from gateway.graph.affordance import Affordance, CancelSubscription, ResumeSubscription, Subscribe
 from gateway.graph.build import Graph
 from gateway.graph.paths import owner_path
+from gateway.graph.property import Seen
 from gateway.graph.reading import Source
 from gateway.graph.shapes import blueprint
 from gateway.graph.vocab import LDP
@@ -48,6 +49,8 @@ class Resource:
     linkset_of: "Resource | None" = None
     has_linkset: bool = False
     immutable: bool = False
+    measured: Callable[[Graph, Seen], None] | None = None
+    """``describe`` of a measured value with other values than the present ones; None of all else."""
     followed: bool = True
     """Whether anything follows it as it changes."""
     reader: str = ""

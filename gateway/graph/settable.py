@@ -9,7 +9,7 @@ from gateway.graph.affordance import PutSetting, PutTarget
 from gateway.graph.annotations import annotate
 from gateway.graph.build import Graph, integer
 from gateway.graph.kinds import ANGULAR, UNITLESS, kind_of
-from gateway.graph.property import Property
+from gateway.graph.property import Property, Seen
 from gateway.graph.resource import Resource
 from gateway.graph.setting import Setting, settings
 from gateway.graph.vocab import HYBRIT, LF, SH
@@ -22,15 +22,15 @@ def settable(robot: Robot) -> list[Property]:
     """What clients may set of a robot."""
     known = settings(robot)
 
-    def title(graph: Graph, iri: NamedNode) -> None:
+    def title(graph: Graph, iri: NamedNode, _: Seen) -> None:
         graph.add(iri, LF.value, Literal(robot.title))
         graph.add(iri, HYBRIT.consumes, LF.TextInput)
 
-    def scale(graph: Graph, iri: NamedNode) -> None:
+    def scale(graph: Graph, iri: NamedNode, _: Seen) -> None:
         graph.scalar(iri, LF.value, robot.speed_scale, UNITLESS)
         graph.add(iri, HYBRIT.consumes, LF.SpeedScaleInput)
 
-    def annotations(graph: Graph, iri: NamedNode) -> None:
+    def annotations(graph: Graph, iri: NamedNode, _: Seen) -> None:
         subject = iri.value.removesuffix("annotations")
         annotate(graph, NamedNode(subject), robot.annotations, subject)
 
@@ -53,7 +53,7 @@ def target(robot: Robot, offer: Offer) -> Property:
     assert dimension is not None
     segment = "targetRotation" if dimension is ANGULAR else "targetTranslation"
 
-    def describe(graph: Graph, iri: NamedNode) -> None:
+    def describe(graph: Graph, iri: NamedNode, _: Seen) -> None:
         graph.scalar(iri, LF.value, robot.targets.get(joint.name), dimension.position)
         graph.add(iri, HYBRIT.consumes, NamedNode(iri.value + "/blueprint#input"))
 

@@ -15,6 +15,7 @@ from gateway.fleet.model import Joint, Link
 from gateway.fleet.robot import Robot
 from gateway.graph.action_tree import in_actions, invocation_of
 from gateway.graph.affordance import Control
+from gateway.graph.build import Graph
 from gateway.graph.describe import Describer, part_paths
 from gateway.graph.documents import asset, context, vocabulary
 from gateway.graph.geometry import in_geometry
@@ -35,7 +36,7 @@ from gateway.graph.paths import (
     robot_path,
 )
 from gateway.graph.properties import FRAME_MEDIA_TYPE, joint_properties, link_properties
-from gateway.graph.property import Property
+from gateway.graph.property import Property, Seen
 from gateway.graph.reading import Source, presence
 from gateway.graph.resource import CONTAINER, Redirect, Resource, blueprint_of
 from gateway.graph.settable import affordance, describe_target_blueprint
@@ -251,10 +252,15 @@ class Tree:
         documents: dict[str, Callable[[], bytes]] = {}
         if item.predicate == LF.jointState and robot.payload is not None:
             documents[FRAME_MEDIA_TYPE] = lambda: robot.payload or b""
+
+        def measured(graph: Graph, seen: Seen) -> None:
+            self._say.property(robot, owner, item, graph, seen)
+
         return Resource(
             path,
             item.title,
-            lambda graph: self._say.property(robot, owner, item, graph),
+            lambda graph: measured(graph, Seen.of(item.look())),
+            measured=measured if item.measured else None,
             source=source,
             own=(path + "/blueprint",),
             documents=documents,

@@ -4,8 +4,10 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol
 
 from gateway.graph.message import message_body
+from gateway.graph.property import Seen
 from gateway.graph.reading import Reading
 from gateway.graph.resource import Redirect, Resource
+from gateway.graph.template import Rendering, Versions, compiles
 from gateway.identity.rights import ALL, View
 from gateway.subscriptions.message import Message
 
@@ -33,6 +35,7 @@ class Topic:
         self._resource = resource
         self._resources: dict[str, Resource] = {}
         self._messages: dict[tuple[str, str], Message] = {}
+        self._renderings: dict[tuple[str, str], Rendering] = {}
         self.reading: Reading = resource.source.read(values)
         self._compared: tuple[Reading | None, bool] = (None, True)
 
@@ -50,12 +53,15 @@ class Topic:
         """Take the resource as it is after its robot was described anew."""
         self._resource = resource
         self._resources.clear()
+        self._renderings.clear()
 
     def refresh(self) -> bool:
         """Read the resource again; whether that was news."""
         reading = self._resource.source.read(self.values)
         if reading.same(self.reading):
             return False
+        if reading.facts != self.reading.facts:
+            self._renderings.clear()
         self._compared = (self.reading, True)
         self.previous, self.reading = self.reading.version, reading
         self._messages.clear()
@@ -71,12 +77,24 @@ class Topic:
         """The message about the present reading; WriteError when the syntax cannot say it."""
         message = self._messages.get((media_type, base))
         if message is None:
-            resource = self._resources.get(base)
-            # A document is there or not from one frame to the next.
-            if resource is None or resource.documents:
-                found = tree(base, self.sees).resolve(self.path)
-                resource = self._resources[base] = found if isinstance(found, Resource) else self._resource
             self.renders += 1
-            body = message_body(resource, media_type, base, self.reading.version, self.previous)
+            body = self._body(media_type, base, tree)
             message = self._messages[media_type, base] = Message(self.path, self.reading.version, media_type, body)
         return message
+
+    def _body(self, media_type: str, base: str, tree: Callable[[str, View], Resolver]) -> bytes:
+        rendering = self._renderings.get((media_type, base))
+        if rendering is None:
+            resource = self._under(base, tree)
+            if not (self.values and compiles(resource, media_type)):
+                return message_body(resource, media_type, base, self.reading.version, self.previous)
+            rendering = self._renderings[media_type, base] = Rendering(resource, media_type, base)
+        return rendering.body(Seen.of(self.reading.observations), Versions(self.reading.version, self.previous))
+
+    def _under(self, base: str, tree: Callable[[str, View], Resolver]) -> Resource:
+        resource = self._resources.get(base)
+        # A document is there or not from one frame to the next.
+        if resource is None or resource.documents:
+            found = tree(base, self.sees).resolve(self.path)
+            resource = self._resources[base] = found if isinstance(found, Resource) else self._resource
+        return resource
