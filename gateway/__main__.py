@@ -119,7 +119,7 @@ async def _serve(
 ) -> int:
     app = create_app(settings, tracing)
     sockets = Sockets(within_files(int(settings.sockets)), int(settings.sockets_per_client))
-    http: Any = partial(HttpProtocol, sockets=sockets)
+    http: Any = partial(HttpProtocol, sockets=sockets, repeats=app.state.repeats)
     # The lifespan is entered here, not by the server: its errors stay exceptions, and the address is printed when true.
     config = uvicorn.Config(
         app, lifespan="off", log_config=None, access_log=False, server_header=False,

@@ -15,6 +15,7 @@ from gateway.http.cors import pages_elsewhere
 from gateway.http.endpoint import resources
 from gateway.http.host import Authorities
 from gateway.http.rates import Pace, Rates
+from gateway.http.repeats import Repeats
 from gateway.http.turns import Turns
 from gateway.identity.service import Identities
 from gateway.identity.store import SessionKey
@@ -62,17 +63,17 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None) -> Sta
             app.state.registry = registry(Numbers(live, subscriptions, app.state.actions, requests, sampler))
             yield
 
-    requests = Requests()
+    requests, rates = Requests(), Rates(float(settings.requests_per_client))
     app = Starlette(
         middleware=[
             Middleware(Front, requests=requests, tracing=tracing),
             *pages_elsewhere(settings.cors_pages),
             Middleware(Authorities, public_urls=settings.public_urls, prefixes=PREFIXES, pages=settings.cors_pages),
             Middleware(Callers),
-            Middleware(Pace, rates=Rates(float(settings.requests_per_client))),
+            Middleware(Pace, rates=rates),
         ],
         lifespan=lifespan,
     )
-    app.state.turns = Turns()
+    app.state.turns, app.state.repeats = Turns(), Repeats(rates, requests)
     app.router.default = resources  # no route of its own has ever to know the tree, nor `OPTIONS *`
     return app

@@ -41,6 +41,7 @@ from gateway.http.links import Link, link_header
 from gateway.http.negotiation import choose
 from gateway.http.preconditions import check_preconditions
 from gateway.http.problem import problem
+from gateway.http.repeatable import offer_repeat
 from gateway.http.representation import negotiated, preferred
 from gateway.http.rights import caller_of, demand, shown, tree_of
 from gateway.http.streams import EventStream, is_over, open_websocket, wants_events
@@ -227,6 +228,7 @@ def problem_response(request: HTTPConnection, error: FleetError) -> Response:
 def _read(request: Request, resource: Resource, base: str) -> Response:
     accept = preferred(field(request, "accept"), request.query_params.get("as"))
     representation = negotiated(accept, resource, base)
+    offer_repeat(request, resource, representation.media_type, base)
     headers = _headers(resource, base, representation.etag)
     if representation.media_type == "text/html":
         headers["content-security-policy"] = FORMS if resource.reader else POLICY

@@ -26,6 +26,10 @@ class Deadline:
             self._for = what
             self._timer = asyncio.get_running_loop().call_later(after_s, self._passed)
 
+    def again(self, after_s: float) -> None:
+        """Of the same once more, when it has passed."""
+        self._timer = asyncio.get_running_loop().call_later(after_s, self._passed)
+
     def clear(self) -> None:
         self._for = None
         if self._timer is not None:

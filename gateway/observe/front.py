@@ -62,6 +62,9 @@ class Front:
                 if asked.trace is not None:
                     asked.trace.answered(message["status"])
                 message.setdefault("headers", [])
+                answered = scope.get("state", {}).get("answered")
+                if answered is not None:
+                    answered(message["status"], message["headers"])
                 MutableHeaders(scope=message).append(REQUEST_ID, asked.id)
             await send(message)
 
