@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import fields
 
 from agents.wire.messages import Progress
+from gateway.fleet.commanded import Commanded
 from gateway.fleet.invocation import FLEET, Invocation, InvocationState, gather, has_ended, merged, word
 
 __all__ = ["FLEET", "MAX_TERMINAL", "Invocation", "InvocationState", "Invocations"]
@@ -13,7 +14,6 @@ __all__ = ["FLEET", "MAX_TERMINAL", "Invocation", "InvocationState", "Invocation
 MAX_TERMINAL = 1000
 
 _KNOWN = (InvocationState.ACCEPTED, InvocationState.RUNNING)
-_STOPPED = ("accepted", "running", "succeeded", "failed", "cancelled", "preempted")  # refused and unknown are not
 _GONE = "the agent is gone; the last known state was"
 
 
@@ -25,7 +25,7 @@ class Invocations:
         self._of_action: dict[str, dict[str, Invocation]] = {}
         self._of_robot: dict[str, dict[str, Invocation]] = {}
         self._open: dict[str, dict[str, Invocation]] = {}  # by robot; some that have ended since, until they are seen
-        self._removed_ns: dict[str, dict[str, int]] = {}  # by robot and joint: the targets before do not hold again
+        self._commanded = Commanded()
 
     def add(self, invocation: Invocation) -> None:
         """Remember an invocation. Raises ValueError when its id is taken."""
@@ -34,6 +34,7 @@ class Invocations:
         self._all[invocation.id] = invocation
         for index, key in self._places(invocation):
             index.setdefault(key, {})[invocation.id] = invocation
+        self._commanded.add(invocation)
         self._forget(invocation.robot)
 
     def put(self, invocation: Invocation) -> Invocation | None:
@@ -68,9 +69,7 @@ class Invocations:
         """Forget an invocation; None when there is none of that id."""
         invocation = self._all.pop(id, None)
         if invocation is not None:
-            removed = self._removed_ns.setdefault(invocation.robot, {})
-            for joint in _joints(invocation) if invocation.accepted else ():
-                removed[joint] = max(removed.get(joint, 0), invocation.created_ns)
+            self._commanded.remove(invocation)
             for index, key in self._places(invocation):
                 held = index.get(key, {})
                 held.pop(id, None)
@@ -158,37 +157,8 @@ class Invocations:
         return old
 
     def targets(self, robot: str, incarnation: int | None) -> dict[str, float]:
-        """Where the joints of a robot were last commanded to (rad or m) by its present run, as far as that holds.
-
-        That of a motion which was stopped, or has failed, holds no longer.
-        """
-        newest: dict[str, Invocation] = {}
-        stopped = self._stops_of(robot, incarnation)
-        for one in self._of_robot.get(robot, {}).values():
-            if one.stops is not None or one.incarnation != incarnation or not one.accepted:
-                continue
-            successor = self._all.get(one.preempted_by)
-            for joint in one.targets:
-                if successor is not None and successor.stops is None and joint in successor.targets:
-                    continue  # whichever was asked for first: that one has the joint
-                if joint not in newest or one.created_ns > newest[joint].created_ns:
-                    newest[joint] = one
-        return {
-            joint: one.targets[joint]
-            for joint, one in newest.items()
-            if (one.state is InvocationState.SUCCEEDED or not one.state.terminal)
-            and one.created_ns > max(stopped.get(joint, 0), stopped.get("", 0))
-        }
-
-    def _stops_of(self, robot: str, incarnation: int | None) -> dict[str, int]:
-        """When each joint was stopped last, "" for all, in gateway wall time."""
-        stopped = dict(self._removed_ns.get(robot, {}))
-        own = (one for one in self._of_robot.get(robot, {}).values() if one.incarnation == incarnation and one.accepted)
-        fleet = (one for one in self._of_robot.get(FLEET, {}).values() if word(one.robots.get(robot, "")) in _STOPPED)
-        for one in (*own, *fleet):
-            for joint in _joints(one) if one.stops is not None else ():
-                stopped[joint] = max(stopped.get(joint, 0), one.created_ns)
-        return stopped
+        """Where the joints of a robot were last commanded to (rad or m) by its present run, as far as that holds."""
+        return {} if incarnation is None else self._commanded.targets(robot, incarnation, self._all)
 
     def _reopen(self, invocation: Invocation) -> None:
         if not invocation.state.terminal:
@@ -227,11 +197,6 @@ def _advance(invocation: Invocation, progress: Progress) -> None:
     invocation.result = dict(progress.positions)
     invocation.progress = progress.progress
     invocation.preempted_by = progress.successor or invocation.preempted_by
-
-
-def _joints(invocation: Invocation) -> Iterable[str]:
-    """Those that it moves or stops; "" for all."""
-    return invocation.targets if invocation.stops is None else invocation.stops or ("",)
 
 
 def _newest_first(invocations: Iterable[Invocation]) -> list[Invocation]:
