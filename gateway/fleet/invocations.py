@@ -1,9 +1,10 @@
 """What became of each invoked action. Times are wall nanoseconds: of the gateway, except started and ended, which the
 agent reported (the gateway's own when a deadline ended the invocation)."""
 
-import heapq
+from bisect import bisect_left, insort_right
 from collections.abc import Iterable
 from dataclasses import fields
+from itertools import islice
 
 from agents.wire.messages import Progress
 from gateway.fleet.commanded import Commanded
@@ -23,7 +24,7 @@ class Invocations:
     def __init__(self) -> None:
         self._all: dict[str, Invocation] = {}
         self._of_action: dict[str, dict[str, Invocation]] = {}
-        self._of_robot: dict[str, dict[str, Invocation]] = {}
+        self._of_robot: dict[str, list[Invocation]] = {}  # oldest first
         self._open: dict[str, dict[str, Invocation]] = {}  # by robot; some that have ended since, until they are seen
         self._commanded = Commanded()
 
@@ -34,6 +35,7 @@ class Invocations:
         self._all[invocation.id] = invocation
         for index, key in self._places(invocation):
             index.setdefault(key, {})[invocation.id] = invocation
+        insort_right(self._of_robot.setdefault(invocation.robot, []), invocation, key=_begun)
         self._commanded.add(invocation)
         self._forget(invocation.robot)
 
@@ -70,6 +72,7 @@ class Invocations:
         invocation = self._all.pop(id, None)
         if invocation is not None:
             self._commanded.remove(invocation)
+            self._drop_of_robot(invocation)
             for index, key in self._places(invocation):
                 held = index.get(key, {})
                 held.pop(id, None)
@@ -83,7 +86,7 @@ class Invocations:
 
     def of_robot(self, robot: str) -> list[Invocation]:
         """Those of one robot, newest first; of the fleet as a whole for ``FLEET``."""
-        return _newest_first(self._of_robot.get(robot, {}).values())
+        return self._of_robot.get(robot, [])[::-1]
 
     def open_of(self, robot: str) -> list[Invocation]:
         """Those of one robot, or of the fleet as a whole, that are not over, newest first."""
@@ -164,10 +167,15 @@ class Invocations:
         if not invocation.state.terminal:
             self._open.setdefault(invocation.robot, {})[invocation.id] = invocation
 
+    def _drop_of_robot(self, invocation: Invocation) -> None:
+        held = self._of_robot[invocation.robot]
+        del held[held.index(invocation, bisect_left(held, invocation.created_ns, key=_begun))]
+        if not held:
+            del self._of_robot[invocation.robot]
+
     def _places(self, invocation: Invocation) -> tuple[tuple[dict[str, dict[str, Invocation]], str], ...]:
         """The indexes and the key in each under which it is found."""
-        robot = invocation.robot
-        return (self._of_action, invocation.action), (self._of_robot, robot), (self._open, robot)
+        return (self._of_action, invocation.action), (self._open, invocation.robot)
 
     def _still_open(self, robot: str) -> dict[str, Invocation]:
         """The index without what has ended since, which others do by writing its state."""
@@ -185,10 +193,9 @@ class Invocations:
             return
         still = self._still_open(robot)
         excess = len(held) - len(still) - MAX_TERMINAL
-        if excess > 0:
-            over = (one for one in held.values() if one.id not in still)
-            for one in heapq.nsmallest(excess, over, key=lambda one: one.created_ns):
-                self.remove(one.id)
+        over = (one for one in held if one.id not in still)
+        for one in list(islice(over, max(0, excess))):
+            self.remove(one.id)
 
 
 def _advance(invocation: Invocation, progress: Progress) -> None:
@@ -200,4 +207,8 @@ def _advance(invocation: Invocation, progress: Progress) -> None:
 
 
 def _newest_first(invocations: Iterable[Invocation]) -> list[Invocation]:
-    return sorted(reversed(list(invocations)), key=lambda one: one.created_ns, reverse=True)
+    return sorted(reversed(list(invocations)), key=_begun, reverse=True)
+
+
+def _begun(invocation: Invocation) -> int:
+    return invocation.created_ns
