@@ -17,6 +17,7 @@ import msgspec
 
 from gateway.actions import scripts
 from gateway.actions.keys import Keys, hashed, robot_of, tag
+from gateway.ending import end
 from gateway.fleet.invocations import MAX_TERMINAL, Invocation
 from gateway.fleet.lease import Lease
 from gateway.store.connection import Connection, StoreUnavailable
@@ -26,7 +27,8 @@ _log = logging.getLogger(__name__)
 
 KEPT_S = 86_400.0  # an invocation after its end, and an idempotency key after its use
 _NEWS = 10_000  # are kept, about; also how many that could not be told yet
-_BACKOFF_S = 0.2  # of the reader of the news during an outage
+_BACKOFF_S = 0.2  # of who reads and who tells the news during an outage
+_LAST_S = 0.5  # to tell the rest when this gateway ends
 _MS = 1_000_000  # nanoseconds
 
 What = Literal["invocation", "deleted", "lease", "settings", "lost"]
@@ -73,11 +75,20 @@ class ActionStore:
         self._kept_s = kept_s
         self._redis = Connection(url, self._keys.news)
         self._untold: list[News] = []
+        self._to_tell = asyncio.Event()
+        self._noted: dict[str, tuple[int, int]] = {}
+        self._teller: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> Self:
+        self._teller = asyncio.create_task(self._tell_for_ever(), name="tell other gateways")
         return self
 
     async def __aexit__(self, *_: object) -> None:
+        if self._teller is not None:
+            await end([self._teller])
+        with suppress(StoreUnavailable, TimeoutError):
+            async with asyncio.timeout(_LAST_S):
+                await self._tell_rest()
         await self._redis.close()
 
     # Invocations
@@ -99,15 +110,14 @@ class ActionStore:
         if key:
             once = digest, _ms(self._kept_s)
             keys += (self._keys.repeat(robot, key),)
-        # Before anything else: what is not in this set is found by nobody who loads.
-        await self._redis.one("ZADD", self._keys.robots, "GT", self._day(), tag(robot))
+        await self._note(robot)
         answer = await self._redis.run(scripts.OPEN, keys, *rules, *self._written(invocation), MAX_TERMINAL, *once)
         said, *rest = _granted(robot, answer, invocation.lease)
         if said == b"reused":
             raise KeyReused(key)
         if said == b"repeated":
             return rest[0].decode()
-        await self._tell("invocation", robot, invocation.id)
+        self._tell("invocation", robot, invocation.id)
         return None
 
     async def check(self, robot: str, token: str, lease: str = "") -> None:
@@ -123,14 +133,14 @@ class ActionStore:
         keys = self._keys.invocations(invocation.robot)
         saved = await self._redis.run(scripts.SAVE, keys, *self._written(invocation))
         if saved:
-            await self._tell("invocation", invocation.robot, invocation.id)
+            self._tell("invocation", invocation.robot, invocation.id)
         return bool(saved)
 
     async def delete(self, invocation: Invocation) -> bool:
         """Forget an invocation; False if there was none. Its idempotency key stays used."""
         deleted = await self._redis.run(scripts.DELETE, self._keys.invocations(invocation.robot), invocation.id)
         if deleted:
-            await self._tell("deleted", invocation.robot, invocation.id)
+            self._tell("deleted", invocation.robot, invocation.id)
         return bool(deleted)
 
     async def read(self, robot: str, id: str) -> Invocation | None:
@@ -160,7 +170,7 @@ class ActionStore:
         arguments = (_secret(token), id, _secret(new_token), holder, _ms(duration_s))
         answer = await self._redis.run(scripts.TAKE, (self._keys.lease(robot),), *arguments)
         lease = _lease(robot, _granted(robot, answer)[1:])
-        await self._tell("lease", robot, lease.id)
+        self._tell("lease", robot, lease.id)
         return lease, new_token if lease.id == id else token
 
     async def release(self, robot: str, token: str) -> bool:
@@ -169,7 +179,7 @@ class ActionStore:
         said, *lease = _granted(robot, answer)
         if said == b"free":
             return False
-        await self._tell("lease", robot, _lease(robot, lease).id)
+        self._tell("lease", robot, _lease(robot, lease).id)
         return True
 
     async def lease(self, robot: str) -> Lease | None:
@@ -186,7 +196,7 @@ class ActionStore:
         """Set something for a robot for good; None takes it back."""
         keys = (self._keys.settings(robot), self._keys.configured)
         await self._redis.run(scripts.SET, keys, tag(robot), name, *(() if value is None else (value,)))
-        await self._tell("settings", robot, name)
+        self._tell("settings", robot, name)
 
     async def all_settings(self) -> dict[str, dict[str, str]]:
         """What was set, by robot and name."""
@@ -205,7 +215,6 @@ class ActionStore:
         while True:
             _heed_cancellation()
             try:
-                await self._tell_rest()
                 told = await self._redis.follow()
             except StoreUnavailable:
                 await asyncio.sleep(_BACKOFF_S)
@@ -219,14 +228,26 @@ class ActionStore:
                 if fields[b"run"].decode() != self._run and what in get_args(What):  # not of a later version
                     yield News(cast(What, what), fields[b"robot"].decode(), fields[b"id"].decode())
 
-    async def _tell(self, what: What, robot: str, id: str) -> None:
-        """Tell the others, now or as soon as it can be: what was done is done, whether or not they hear of it yet."""
+    def _tell(self, what: What, robot: str, id: str) -> None:
+        """Tell the others as soon as it can be: what was done is done, whether or not they hear of it yet."""
         self._untold.append(News(what, robot, id))
-        with suppress(StoreUnavailable):
-            await self._tell_rest()
+        self._to_tell.set()
+
+    async def _tell_for_ever(self) -> None:
+        while True:
+            await self._to_tell.wait()
+            _heed_cancellation()
+            self._to_tell.clear()
+            try:
+                await self._tell_rest()
+            except StoreUnavailable:
+                self._to_tell.set()
+                await asyncio.sleep(_BACKOFF_S)
 
     async def _tell_rest(self) -> None:
         telling, self._untold = self._untold, []
+        if not telling:
+            return
         try:
             await self._redis.all([self._entry(news) for news in telling])
         except BaseException:  # cancelled as well
@@ -238,6 +259,13 @@ class ActionStore:
         return ("XADD", self._keys.news, "MAXLEN", "~", _NEWS, "*", *fields)
 
     # Steps
+
+    async def _note(self, robot: str) -> None:
+        """First of all, once a day and after an outage: what is not in this set is found by nobody who loads."""
+        noted = self._day(), self._redis.outages
+        if self._noted.get(robot) != noted:
+            await self._redis.one("ZADD", self._keys.robots, "GT", noted[0], tag(robot))
+            self._noted[robot] = noted
 
     def _day(self) -> int:
         """The number of the day, so that a robot is noted once a day and not struck out before the next is over."""

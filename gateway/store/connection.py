@@ -64,6 +64,7 @@ class Connection:
         self._open = False
         self._opening = asyncio.Lock()
         self._failed_s = float("-inf")
+        self.outages = 0
 
     @property
     def served_s(self) -> float:
@@ -76,6 +77,7 @@ class Connection:
 
     async def _failed(self, error: Exception) -> StoreUnavailable:
         self._failed_s = time.monotonic()
+        self.outages += 1
         self._open = False
         await _disconnect(self._client)
         return StoreUnavailable(f"{type(error).__name__}: {error}")
