@@ -39,7 +39,7 @@ def admit(offer: Offer, triples: Sequence[Triple], base: str) -> Body:
     return Body(triples, focus)
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=1024)  # five robots have some three hundred actions
 def _judge(
     definition: Definition,
     base: str,

@@ -49,6 +49,7 @@ Found = Resource | Redirect | None
 Shelf = Mapping[str, Sequence[Record]]
 """Subscriptions by the path of their owner, as far as somebody has fetched them."""
 EMPTY: Shelf = MappingProxyType({})
+_OF_THINGS = ("subscriptions", "blueprint", "linkset")
 
 
 class Tree:
@@ -126,12 +127,11 @@ class Tree:
     def _in_robot(self, robot: Robot, rest: list[str]) -> Found:
         # No part has a reserved segment, and the robot itself has a hundred links: only those who ask wait for them.
         if rest == [""] or rest[0] in RESERVED_IN_ROBOT:
-            thing = self._robot_resource(robot)
-            if rest == [""]:
-                return thing
-            own = self._property(robot, thing.path, self._say.robot_properties(robot), rest)
-            own = own or in_geometry(robot, rest, self._base) or self._of_robot(robot, rest)
-            return own or self._of_thing(thing, rest, (LF.RobotShape,))
+            if rest == [""] or rest[0] in _OF_THINGS:
+                thing = self._robot_resource(robot)
+                return thing if rest == [""] else self._of_thing(thing, rest, (LF.RobotShape,))
+            own = self._of_robot(robot, rest) or in_geometry(robot, rest, self._base)
+            return own or self._property(robot, robot_path(robot.name), self._say.robot_properties(robot), rest)
         if robot.model is None:
             return None
         try:
@@ -182,13 +182,12 @@ class Tree:
         return [invocation_path(each) for each in self._invocations.open_of(robot.name)]
 
     def _in_joint(self, robot: Robot, joint: Joint, rest: list[str]) -> Found:
-        thing = self._joint(robot, joint)
-        if not rest:
-            return thing
-        if rest[0] == "actions" and len(rest) > 1:
+        if rest[:1] == ["actions"] and len(rest) > 1:
             return in_actions(joint_offers(robot, joint), rest[1:], self._invocations, _about(robot), self._base)
-        shape, properties = kind_of(joint).shape, joint_properties(robot, joint)
-        return self._of_thing(thing, rest, (shape,)) or self._property(robot, thing.path, properties, rest)
+        if not rest or rest[0] in _OF_THINGS:
+            thing = self._joint(robot, joint)
+            return self._of_thing(thing, rest, (kind_of(joint).shape,)) if rest else thing
+        return self._property(robot, joint_path(robot.name, joint.name), joint_properties(robot, joint), rest)
 
     def _joint(self, robot: Robot, joint: Joint) -> Resource:
         path, properties = joint_path(robot.name, joint.name), joint_properties(robot, joint)
@@ -203,11 +202,12 @@ class Tree:
         )
 
     def _in_link(self, robot: Robot, link: Link, rest: list[str]) -> Found:
-        thing = self._link(robot, link)
-        if not rest:
-            return thing
-        properties = link_properties(robot, link)
-        return self._of_thing(thing, rest, (LF.LinkShape,)) or self._property(robot, thing.path, properties, rest)
+        if not rest or rest[0] in _OF_THINGS:
+            thing = self._link(robot, link)
+            return self._of_thing(thing, rest, (LF.LinkShape,)) if rest else thing
+        assert robot.model is not None
+        path = link_path(robot.name, robot.model, link.name)
+        return self._property(robot, path, link_properties(robot, link), rest)
 
     def _link(self, robot: Robot, link: Link) -> Resource:
         assert robot.model is not None
