@@ -53,6 +53,7 @@ def configuration(
         "listen/endpoints": list(listen),
         "scouting/multicast/enabled": False,
         "transport/link/tx/lease": lease_ms,
+        "transport/shared_memory/enabled": False,  # 16 MB for each neighbour on the same machine
     }
     if credentials is not None:
         values |= credentials.configuration()

@@ -201,6 +201,7 @@ def main() -> None:
         "mode": "router",
         "listen/endpoints": [endpoint],
         "scouting/multicast/enabled": False,
+        "transport/shared_memory/enabled": False,
         "scouting/gossip/enabled": False,
     }.items():
         config.insert_json5(key, json.dumps(value))

@@ -36,6 +36,8 @@ def settings(listen: tuple[str, ...], connect: tuple[str, ...], trust: Mapping[s
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "transport/link/tx/lease": LEASE_MS,
+        # Of each neighbour on the same machine 16 MB would be kept for ever, of one that was killed too (zenoh 1.10).
+        "transport/shared_memory/enabled": False,
     }
 
 

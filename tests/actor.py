@@ -131,6 +131,7 @@ def stage(endpoint: str) -> Iterator[zenoh.Session]:
         "connect/timeout_ms": -1,
         "connect/retry": {"period_init_ms": 20, "period_max_ms": 100, "period_increase_factor": 1.5},
         "scouting/multicast/enabled": False,
+        "transport/shared_memory/enabled": False,
     }.items():
         config.insert_json5(name, json.dumps(value))
     session = zenoh.open(config)

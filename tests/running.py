@@ -87,6 +87,11 @@ class Process:
         self._reader.join()
         return code
 
+    @property
+    def mapped(self) -> str:
+        """What files and segments of memory it has mapped, as the kernel lists them."""
+        return Path(f"/proc/{self._child.pid}/maps").read_text()
+
     def send(self, number: signal.Signals) -> None:
         self._child.send_signal(number)
 

@@ -47,7 +47,12 @@ class Hub:
 def hub() -> Iterator[Hub]:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     config = zenoh.Config()
-    settings = {"mode": "router", "listen/endpoints": [endpoint], "scouting/multicast/enabled": False}
+    settings = {
+        "mode": "router",
+        "listen/endpoints": [endpoint],
+        "scouting/multicast/enabled": False,
+        "transport/shared_memory/enabled": False,
+    }
     for name, value in settings.items():
         config.insert_json5(name, json.dumps(value))
     session = zenoh.open(config)

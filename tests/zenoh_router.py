@@ -24,6 +24,7 @@ def _configuration(listen: str, *others: str) -> zenoh.Config:
         "connect/exit_on_failure": False,
         "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5},
         "scouting/multicast/enabled": False,
+        "transport/shared_memory/enabled": False,
     }.items():
         config.insert_json5(name, json.dumps(value))
     return config

@@ -111,6 +111,7 @@ def _router(folder: Path, listen: Sequence[str], connect: Sequence[str], access:
         "connect": {"endpoints": list(connect)},
         "scouting": {"multicast": {"enabled": False}},
         "transport": {
+            "shared_memory": {"enabled": False},
             "link": {"tx": {"lease": _LEASE_MS}, "protocols": ["tls", "quic"], "tls": proof},
             "unicast": {"max_sessions": _MOST_SESSIONS},
         },

@@ -45,6 +45,7 @@ def linked(endpoint: str, tls: dict[str, object]) -> Iterator[zenoh.Session]:
         "connect/endpoints": [endpoint],
         "connect/timeout_ms": 2000,
         "scouting/multicast/enabled": False,
+        "transport/shared_memory/enabled": False,
         "transport/link/tls": tls,
     }.items():
         config.insert_json5(name, json.dumps(value))
