@@ -40,6 +40,7 @@ FORMATS: Mapping[str, tuple[str, str]] = {
     "jsonld": ("JSON-LD", "application/ld+json"),
     "ntriples": ("N-Triples", "application/n-triples"),
     "rdfxml": ("RDF/XML", "application/rdf+xml"),
+    "jelly": ("Jelly", "application/x-jelly-rdf"),
 }
 """What ``?as=`` picks for a browser, whose links cannot set Accept."""
 

@@ -13,9 +13,11 @@ from gateway.graph import jsonld, turtle
 from gateway.graph.outline import TYPE, Outline, Term
 from gateway.graph.parsing import ParseError, parse
 
-__all__ = ["MEDIA_TYPES", "RDF_TYPES", "ParseError", "WriteError", "parse", "render"]
+__all__ = ["JELLY", "MEDIA_TYPES", "RDF_TYPES", "TEXT_TYPES", "ParseError", "WriteError", "parse", "render"]
 
-RDF_TYPES = ("text/turtle", "application/ld+json", "application/n-triples", "application/rdf+xml")
+JELLY = "application/x-jelly-rdf"
+TEXT_TYPES = ("text/turtle", "application/ld+json", "application/n-triples", "application/rdf+xml")
+RDF_TYPES = (*TEXT_TYPES, JELLY)
 MEDIA_TYPES = (*RDF_TYPES, "text/html")
 
 _T = TypeVar("_T", bound=Term)
@@ -44,6 +46,10 @@ def render(triples: Sequence[Triple], media_type: str, prefixes: Mapping[str, st
             return _oxigraph(_relabelled(triples), RdfFormat.N_TRIPLES, {})
         case "application/rdf+xml":
             return _rdf_xml(triples, prefixes)
+        case "application/x-jelly-rdf":
+            from gateway.graph import jelly  # who asks for no Jelly has no protobuf in memory
+
+            return jelly.write(_relabelled(triples))
     raise ValueError(f"no writer for {media_type}; there are {', '.join(RDF_TYPES)}")
 
 

@@ -15,7 +15,7 @@ from pyoxigraph import NamedNode
 from gateway.graph.build import Graph, lexical, timestamp
 from gateway.graph.property import Seen
 from gateway.graph.resource import Resource
-from gateway.graph.serialise import RDF_TYPES, render
+from gateway.graph.serialise import TEXT_TYPES, render
 from gateway.graph.subscription import describe_version
 from gateway.graph.vocab import PREFIXES
 
@@ -93,8 +93,8 @@ class Rendering:
 
 
 def compiles(resource: Resource, media_type: str) -> bool:
-    """Whether there is a ``Rendering`` of it."""
-    return resource.measured is not None and media_type in RDF_TYPES
+    """Whether there is a ``Rendering`` of it: what is binary says how long its texts are."""
+    return resource.measured is not None and media_type in TEXT_TYPES
 
 
 @lru_cache(maxsize=64)

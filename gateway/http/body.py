@@ -9,6 +9,7 @@ from gateway.graph.vocab import PREFIXES
 from gateway.http.fields import field
 from gateway.http.negotiation import parse_content_type
 
+# No Jelly: its parser was not made for strangers' bytes, which end it with whatever exception they hit upon.
 BODY_TYPES = ("text/turtle", "application/ld+json", "application/n-triples", "application/rdf+xml")
 MAX_BODY_BYTES = 64 * 1024
 _CONTEXT = "https://w3id.org/linked-fleet/context"

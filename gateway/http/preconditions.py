@@ -16,10 +16,9 @@ def check_preconditions(request: Request, resource: Resource, base: str) -> None
     unwanted = None if request.method in ("GET", "HEAD", "OPTIONS") else field(request, "if-none-match")
     if (wanted is None and unwanted is None) or _stops(resource):
         return
-    present = etags(resource, base)
-    if not precondition_holds(wanted, present):
+    if not any(precondition_holds(wanted, {tag}) for tag in etags(resource, base)):
         raise PreconditionFailed("The resource has changed since; none of the entity tags in If-Match is current.")
-    if any(not_modified(unwanted, tag) for tag in present):
+    if any(not_modified(unwanted, tag) for tag in etags(resource, base)):
         raise PreconditionFailed("If-None-Match names the present state of the resource.")
 
 

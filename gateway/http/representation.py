@@ -1,6 +1,6 @@
 """Representations of a resource: which there are, which one the client prefers, its bytes and its entity tag."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -55,13 +55,11 @@ def preferred(accept: str | None, picked: str | None) -> str | None:
     return FORMATS[picked][1]
 
 
-def etags(resource: Resource, base: str) -> set[str]:
-    """Of every representation: the client may have read JSON-LD and write Turtle."""
-    found = set()
+def etags(resource: Resource, base: str) -> Iterator[str]:
+    """Of every representation, rendered as it is asked for: the client may have read JSON-LD and write Turtle."""
     for media_type in _offered(resource):
         with suppress(WriteError):
-            found.add(_represent(resource, media_type, base).etag)
-    return found
+            yield _represent(resource, media_type, base).etag
 
 
 def related(resource: Resource, base: str) -> list[Link]:

@@ -12,7 +12,7 @@ from gateway.errors import Conflict, NotAcceptable
 from gateway.graph.paths import robot_of
 from gateway.graph.properties import FRAME_MEDIA_TYPE
 from gateway.graph.resource import Resource
-from gateway.graph.serialise import MEDIA_TYPES
+from gateway.graph.serialise import JELLY, MEDIA_TYPES
 from gateway.graph.subscription import subscription_path
 from gateway.http.audit import note
 from gateway.http.event_stream import CANCELLED_ID, serve_event_stream
@@ -20,7 +20,7 @@ from gateway.http.fields import field
 from gateway.http.negotiation import choose, parse_accept, weight
 from gateway.http.rights import caller_of
 from gateway.http.subscribe import new_subscription, observable_types, options, refusals, seen, subscription_link
-from gateway.http.websocket import serve_websocket
+from gateway.http.websocket import BINARY_TYPES, serve_websocket
 from gateway.identity.service import Identities
 from gateway.subscriptions.message import Feed, Outlet
 from gateway.subscriptions.service import Subscriptions
@@ -33,6 +33,7 @@ SUBPROTOCOLS = {
     "lf.jsonld": "application/ld+json",
     "lf.ntriples": "application/n-triples",
     "lf.rdfxml": "application/rdf+xml",
+    "lf.jelly": JELLY,
     "lf.frame": FRAME_MEDIA_TYPE,
 }
 """Browsers cannot set Accept on a WebSocket, but they can name subprotocols."""
@@ -151,14 +152,14 @@ def _opened(connection: HTTPConnection, resource: Resource, kind: Kind) -> Subsc
         raise Conflict("Only who made this subscription can open it.")
     if not subscription.kind.streams:
         raise Conflict("This is a callback subscription: its messages go to its receiver alone.")
-    if kind is Kind.EVENT_STREAM and subscription.media_type == FRAME_MEDIA_TYPE:
-        raise NotAcceptable("Binary frames cannot be sent as events; open a WebSocket.", offered=())
+    if kind is Kind.EVENT_STREAM and subscription.media_type in BINARY_TYPES:
+        raise NotAcceptable("Binary messages cannot be sent as events; open a WebSocket.", offered=())
     return replace(subscription, kind=kind, sees=caller_of(connection).sees.patterns)
 
 
 def _type_in_events(request: Request, resource: Resource) -> str:
     """The RDF type that Accept likes best beside event streams; Turtle when it names none."""
-    offered = tuple(each for each in observable_types(resource) if each != FRAME_MEDIA_TYPE)
+    offered = tuple(each for each in observable_types(resource) if each not in BINARY_TYPES)
     accept = field(request, "accept")
     ranges = [each for each in parse_accept(accept) if (each.type, each.subtype) != ("text", "event-stream")]
     if not any(weight(ranges, media_type) for media_type in offered):

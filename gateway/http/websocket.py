@@ -9,7 +9,7 @@ from gateway.http.protocol import WEBSOCKET, WebSocketProtocol
 from gateway.http.slow import HIGH_WATER_BYTES
 from gateway.subscriptions.message import Ending, Feed, Message, Outlet
 
-BINARY_TYPES = frozenset({"application/vnd.linked-fleet.frame"})
+BINARY_TYPES = frozenset({"application/vnd.linked-fleet.frame", "application/x-jelly-rdf"})
 
 # RFC 6455, 7.4: 1008 is of policy, 1012 asks to come back, 4000 to 4999 are for private use.
 _CODES = {
@@ -22,7 +22,7 @@ _CODES = {
 
 
 def framed(message: Message) -> bytes:
-    """One unmasked frame that is the whole message (RFC 6455, 5.2); RDF is text, the frames of agents are not."""
+    """One unmasked frame that is the whole message (RFC 6455, 5.2); Turtle and its like are text."""
     opcode = Opcode.BINARY if message.media_type in BINARY_TYPES else Opcode.TEXT
     return Frame(opcode, message.body).serialize(mask=False)
 

@@ -32,6 +32,7 @@ from subscribers import (
 
 from agents.wire.codec import decode_state
 
+JELLY = "application/x-jelly-rdf"
 FRAME = "application/vnd.linked-fleet.frame"
 
 
@@ -247,6 +248,31 @@ def test_r0_17_binary_frames(scene: Theatre) -> None:
         answer = refused(toy.rotation(), subprotocol="lf.frame")
         assert answer.status_code == 406
         assert "lf.frame" not in json.loads(answer.body)["detail"]
+
+
+def test_r0_17_jelly(scene: Theatre) -> None:
+    """R0.17: each message in Jelly, binary and complete in itself; as an event, which is text, it cannot be had."""
+    with scene.toy() as toy:
+        url = toy.rotation()
+        with (
+            Socket(url, subprotocol="lf.jelly") as one,
+            Socket(url, accept=JELLY) as two,
+            events(url, f"{EVENTS}, {JELLY}") as stream,
+        ):
+            for angle in (0.0, 0.5):
+                toy.pose(angle)
+                assert stream.next().angle == angle
+                for socket in (one, two):
+                    body = socket.raw()
+                    assert isinstance(body, bytes)
+                    graph = rdflib.Graph().parse(data=body, format="jelly")
+                    assert angle_in(graph, URIRef(url)) == angle
+                    assert graph.value(URIRef(url), LF.version)
+        answer = scene.browser.http.get(url, headers={"accept": JELLY})
+        assert answer.headers["content-type"] == JELLY
+        again = scene.browser.http.get(url + "?as=jelly", headers={"if-none-match": answer.headers["etag"]})
+        assert again.status_code == 304
+        assert isomorphic(rdflib.Graph().parse(data=answer.content, format="jelly"), scene.browser.page(url).graph)
 
 
 def test_r0_17_unacceptable_types_are_406_with_what_there_is(scene: Theatre) -> None:

@@ -4,11 +4,12 @@ from collections.abc import Iterator
 from urllib.parse import urlsplit
 
 import pytest
+import rdflib
 from browser import DCTERMS, HYBRIT, LDP, LF, ROS, Browser
 from dom import Element, parsed
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-from gateway.graph.serialise import parse
+from gateway.graph.serialise import JELLY, parse
 from gateway.graph.vocab import LF as OUR_TERMS
 
 KINDS = ("fleet", "robot", "joint", "link", "property", "action", "invocation", "subscriptions", "lease", "document")
@@ -156,10 +157,13 @@ def test_raw_representations_are_one_click_away(browser: Browser) -> None:
     joint = browser.part("ur5", "elbow_joint")
     page = next(pages(browser, [joint.url]))[1]
     offered = [each for each in page.all("a") if "type" in each.attributes]
-    assert len(offered) == 4
+    assert len(offered) == 5
     for each in offered:
         answer = browser.http.get(each["href"], headers={"accept": "text/html"})
         assert answer.headers["content-type"].partition(";")[0] == each["type"]
-        assert parse(answer.content, each["type"], joint.url)
+        if each["type"] == JELLY:
+            assert len(rdflib.Graph().parse(data=answer.content, format="jelly")) > 10
+        else:
+            assert parse(answer.content, each["type"], joint.url)
     refused = browser.http.get(joint.url + "?as=pdf", headers={"accept": "text/html"})
     assert refused.status_code == 406 and "turtle" in refused.text

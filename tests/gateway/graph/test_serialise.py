@@ -2,13 +2,19 @@
 
 import json
 import xml.etree.ElementTree as ET
+from collections.abc import Iterable
+from io import BytesIO
+from typing import Any
 
 import pytest
+import rdflib
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pyjelly.integrations.generic.parse import parse_jelly_flat
 from pyoxigraph import BlankNode, CanonicalizationAlgorithm, Dataset, Literal, NamedNode, Quad, Triple
+from rdflib.compare import isomorphic
 
-from gateway.graph.serialise import RDF_TYPES, ParseError, parse, render
+from gateway.graph.serialise import JELLY, RDF_TYPES, ParseError, parse, render
 
 BASE = "http://127.0.0.1:8000/baxter/right_s1"
 RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
@@ -111,6 +117,40 @@ def test_round_trip_rdf_xml(triples: list[Triple], text: str) -> None:
     body = render(kept, "application/rdf+xml", PREFIXES, base=BASE)
     ET.fromstring(body)
     assert canonical(parse(body, "application/rdf+xml", BASE, max_depth=1000)) == canonical(kept)
+
+
+@settings(max_examples=200, deadline=None)
+@given(GRAPHS)
+def test_round_trip_jelly(triples: list[Triple]) -> None:
+    """Every graph survives being written in Jelly and read by somebody else."""
+    body = render(triples, JELLY, PREFIXES, base=BASE)
+    assert canonical(list(map(plain, parse_jelly_flat(BytesIO(body))))) == canonical(triples)
+
+
+def plain(statement: Iterable[Any]) -> Triple:
+    def term(said: Any) -> NamedNode | BlankNode | Literal:
+        match type(said).__name__:
+            case "IRI":
+                return NamedNode(said._iri)
+            case "BlankNode":
+                return BlankNode(said._identifier)
+        return Literal(
+            said._lex, language=said._langtag, datatype=NamedNode(said._datatype) if said._datatype else None
+        )
+
+    return Triple(*map(term, statement))
+
+
+def test_rdflib_reads_jelly() -> None:
+    """A document of several frames is the same graph to rdflib in Jelly and in N-Triples."""
+    numbers = "".join(f'<{number}> ros:p {number}, "{number}"@en, [ ros:q <x#{number}> ] . ' for number in range(99))
+    triples = turtle(f"@prefix ros: <{ROS}> . {numbers}")
+    read = [
+        rdflib.Graph().parse(data=render(triples, media_type, PREFIXES, base=BASE), format=name)
+        for name, media_type in (("jelly", JELLY), ("nt", "application/n-triples"))
+    ]
+    assert len(read[0]) == 396
+    assert isomorphic(*read)
 
 
 def test_rdf_xml_refuses_what_has_no_xml_name() -> None:

@@ -16,7 +16,7 @@ from gateway.fleet.invocations import Invocations
 from gateway.graph.build import Graph
 from gateway.graph.property import Seen
 from gateway.graph.resource import Resource
-from gateway.graph.serialise import RDF_TYPES, render
+from gateway.graph.serialise import TEXT_TYPES, render
 from gateway.graph.subscription import describe_version
 from gateway.graph.template import Rendering, Versions, compiles
 from gateway.graph.tree import Tree
@@ -77,10 +77,10 @@ def _count(resource: Resource) -> int:
 def test_all_that_is_measured_compiles() -> None:
     ends = {path.rpartition("/")[2] for path in _RESOURCES}
     assert ends == {"rotation", "translation", "velocity", "effort", "pose", "twist", "jointState"}
-    assert all(compiles(each, media_type) for each in _RESOURCES.values() for media_type in RDF_TYPES)
+    assert all(compiles(each, media_type) for each in _RESOURCES.values() for media_type in TEXT_TYPES)
 
 
-@pytest.mark.parametrize(("path", "media_type"), list(itertools.product(_RESOURCES, RDF_TYPES)))
+@pytest.mark.parametrize(("path", "media_type"), list(itertools.product(_RESOURCES, TEXT_TYPES)))
 @settings(max_examples=20, deadline=None)
 @given(data=st.data())
 def test_it_says_what_the_description_says(path: str, media_type: str, data: st.DataObject) -> None:
