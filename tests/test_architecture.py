@@ -29,6 +29,7 @@ PAGES = (
     "docs/THREATS.md",
     "client/CONFORMANCE.md",
     "docs/FUZZING.md",
+    "docs/BINARY.md",
 )
 FOLDERS = {path.name for path in ROOT.iterdir() if path.is_dir()}
 

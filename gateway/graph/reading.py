@@ -64,7 +64,9 @@ class Source:
         """The present reading; without ``values`` of the facts alone."""
         facts, observations = self.facts(), self.look() if values else ()
         if self.robot is not None:
-            return Reading(facts, observations, _version(self.robot, observations))
+            incarnation, frame, change = version_of(self.robot, observations)
+            version = f"{incarnation}-{frame}" + (f".{change}" if change else "")
+            return Reading(facts, observations, version)
         known = facts if self.digest is None else self.digest()
         return Reading(facts, (), blake2b(repr(known).encode(), digest_size=8).hexdigest())
 
@@ -79,7 +81,8 @@ def presence(robot: Robot) -> tuple[bool, int | None, str | None]:
     return robot.online, None if robot.online else robot.last_seen_ns, robot.fault
 
 
-def _version(robot: Robot, observations: tuple[Observation, ...]) -> str:
+def version_of(robot: Robot, observations: tuple[Observation, ...]) -> tuple[int, int, int]:
+    """Of what belongs to a robot: its incarnation, the frame counted from 1, and what has changed since without one."""
     frames = [(seen.sequence + 1, 0) for seen in observations if seen.sequence is not None]
-    sequence, count = max([robot.news, *frames])
-    return f"{robot.incarnation or 0}-{sequence}" + (f".{count}" if count else "")
+    frame, change = max([robot.news, *frames])
+    return robot.incarnation or 0, frame, change

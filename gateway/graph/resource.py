@@ -48,6 +48,8 @@ class Resource:
     remote: Remote | None = None
     linkset_of: "Resource | None" = None
     has_linkset: bool = False
+    layout: str | None = None
+    """Path of what describes its binary frames."""
     immutable: bool = False
     measured: Callable[[Graph, Seen], None] | None = None
     """``describe`` of a measured value with other values than the present ones; None of all else."""

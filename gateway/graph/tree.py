@@ -18,6 +18,7 @@ from gateway.graph.affordance import Control
 from gateway.graph.build import Graph
 from gateway.graph.describe import Describer, part_paths
 from gateway.graph.documents import asset, context, vocabulary
+from gateway.graph.frames import frames_of, in_layout, is_framed, layout_path, related_layouts
 from gateway.graph.geometry import in_geometry
 from gateway.graph.in_view import InvocationsInView, RobotsInView
 from gateway.graph.invocation import invocation_path
@@ -35,7 +36,7 @@ from gateway.graph.paths import (
     robot_name,
     robot_path,
 )
-from gateway.graph.properties import FRAME_MEDIA_TYPE, joint_properties, link_properties
+from gateway.graph.properties import joint_properties, link_properties
 from gateway.graph.property import Property, Seen
 from gateway.graph.reading import Source, presence
 from gateway.graph.resource import CONTAINER, Redirect, Resource, blueprint_of
@@ -235,8 +236,8 @@ class Tree:
 
     def _property(self, robot: Robot, owner: str, properties: list[Property], rest: list[str]) -> Resource | None:
         item = next((each for each in properties if each.segment == rest[0]), None)
-        if item is None or len(rest) > 2 or rest[1:] not in ([], ["blueprint"]):
-            return None
+        if item is None or rest[1:] not in ([], ["blueprint"]):
+            return None if item is None else in_layout(self._say, robot, owner, item, rest[1:])
         resource = self._measurement(robot, owner, item)
         if not rest[1:]:
             return resource
@@ -249,9 +250,6 @@ class Tree:
         path = f"{owner.rstrip('/')}/{item.segment}"
         # What a new description leaves as it was is no news to a value: its constants are those of the model.
         source = Source(lambda: (presence(robot), robot.model, item.facts(), robot.settings), item.look, robot)
-        documents: dict[str, Callable[[], bytes]] = {}
-        if item.predicate == LF.jointState and robot.payload is not None:
-            documents[FRAME_MEDIA_TYPE] = lambda: robot.payload or b""
 
         def measured(graph: Graph, seen: Seen) -> None:
             self._say.property(robot, owner, item, graph, seen)
@@ -262,8 +260,9 @@ class Tree:
             lambda graph: measured(graph, Seen.of(item.look())),
             measured=measured if item.measured else None,
             source=source,
-            own=(path + "/blueprint",),
-            documents=documents,
+            own=(path + "/blueprint", *related_layouts(path, item)),
+            documents=frames_of(robot, item),
+            layout=layout_path(path) if is_framed(item) else None,
             affords=affordance(item.put),
         )
 

@@ -51,7 +51,7 @@ SOSA = Namespace("http://www.w3.org/ns/sosa/", "resultTime")
 QUDT = Namespace("http://qudt.org/schema/qudt/", "unit")
 UNIT = Namespace(
     "http://qudt.org/vocab/unit/",
-    "RAD DEG M MilliM SEC KiloGM N N-M RAD-PER-SEC DEG-PER-SEC M-PER-SEC MilliM-PER-SEC"
+    "RAD DEG M MilliM SEC NanoSEC KiloGM N N-M RAD-PER-SEC DEG-PER-SEC M-PER-SEC MilliM-PER-SEC"
     " KiloGM-M2 N-M-SEC-PER-RAD N-SEC-PER-M UNITLESS",
 )
 XHV = Namespace("http://www.w3.org/1999/xhtml/vocab#", "prev next")
@@ -79,9 +79,9 @@ LF = Namespace(
     "https://w3id.org/linked-fleet#",
     # classes
     "Fleet Robot Joint ContinuousJoint PrismaticJoint FixedJoint FloatingJoint PlanarJoint Invocation Blueprint"
-    " ScalarProperty Translation Limits Pose Twist Point Inertia Mimicry JointState JointSample FrameField Quaternion"
-    " Problem Stream WebSocketStream EventStream ActionKind Rehearsal ControlLease TextProperty SpeedScale"
-    " Annotations NamedPose JointTargets JointTrajectory TargetPosition Model Mesh"
+    " ScalarProperty Translation Limits Pose Twist Point Inertia Mimicry JointState JointSample FrameLayout FrameField"
+    " Quaternion Problem Stream WebSocketStream EventStream ActionKind Rehearsal ControlLease TextProperty"
+    " SpeedScale Annotations NamedPose JointTargets JointTrajectory TargetPosition Model Mesh"
     # kinds of actions
     " Rotate RotateBy Translate TranslateBy Hold MoveJoints FollowTrajectory Reach AssumePose StopRobot StopAll"
     " CancelInvocation"
@@ -91,7 +91,7 @@ LF = Namespace(
     " MimicryShape JointStateShape InvocationShape RehearsalShape SubscriptionShape SubscriptionResourceShape"
     " ActionShape"
     " ControlLeaseShape ControlLeaseInput TextPropertyShape TextInput AnnotationsShape SpeedScaleShape SpeedScaleInput"
-    " TargetPositionShape ModelShape MeshShape"
+    " TargetPositionShape ModelShape MeshShape FrameLayoutShape"
     # individuals
     " unknown online offline accepted running succeeded failed cancelled preempted free held"
     " thisAlone withProperties wholeSubtree active"
@@ -116,7 +116,7 @@ LF = Namespace(
     " position positionUnit velocityUnit effortUnit orientation origin frame w linear angular"
     " ixx ixy ixz iyy iyz izz"
     # predicates: the binary frame (desideratum D5)
-    " frameLayout fieldName fieldType byteOffset valueCount"
+    " frameLayout fieldName fieldType byteOffset valueCount field byteOrder ofProperty valuePath"
     # predicates: geometry (desideratum D5)
     " model mesh byteSize sha256",
 )

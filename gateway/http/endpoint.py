@@ -284,7 +284,8 @@ def _options(resource: Resource, allow: tuple[str, ...]) -> dict[str, str]:
 
 def _link(resource: Resource, base: str) -> str:
     types = [Link(iri.value, "type") for iri in resource.interaction]
-    own = types + [Link(base + path, "related") for path in resource.own]
+    layout = [] if resource.layout is None else [Link(base + resource.layout, "describedby")]
+    own = types + layout + [Link(base + path, "related") for path in resource.own]
     parts = [Link(base + path, "related") for path in resource.parts]
     linkset = base + resource.linkset if resource.has_linkset else None
     return link_header(own, parts, linkset, limit=_LINK_BYTES)

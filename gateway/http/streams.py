@@ -9,6 +9,7 @@ from starlette.types import Receive, Scope, Send
 from starlette.websockets import WebSocket
 
 from gateway.errors import Conflict, NotAcceptable
+from gateway.graph.frames import FRAME_TYPES
 from gateway.graph.paths import robot_of
 from gateway.graph.properties import FRAME_MEDIA_TYPE
 from gateway.graph.resource import Resource
@@ -46,7 +47,7 @@ def wants_events(request: Request) -> bool:
     named = max((each.q for each in ranges if (each.type, each.subtype) == ("text", "event-stream")), default=0.0)
     if named == 0 or request.method not in ("GET", "HEAD"):
         return False
-    return named >= max(weight(ranges, media_type) for media_type in (*MEDIA_TYPES, FRAME_MEDIA_TYPE))
+    return named >= max(weight(ranges, media_type) for media_type in (*MEDIA_TYPES, *FRAME_TYPES))
 
 
 def is_over(request: Request) -> bool:

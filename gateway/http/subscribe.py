@@ -22,6 +22,7 @@ from gateway.errors import (
     UnprocessableContent,
 )
 from gateway.graph.affordance import CancelSubscription, ResumeSubscription, Subscribe
+from gateway.graph.frames import FRAME_TYPES, layout_path
 from gateway.graph.message import message_types
 from gateway.graph.resource import Resource
 from gateway.graph.serialise import MEDIA_TYPES
@@ -211,8 +212,11 @@ def new_subscription(
 
 
 def subscription_link(subscription: Subscription) -> str:
-    """The Link field of a stream: where its description is, and what to delete to end it."""
-    return link_header([Link(subscription.base + subscription_path(subscription), "related")], [])
+    """The Link field of a stream: where its description is, and what to delete to end it; of frames their layout."""
+    links = [Link(subscription.base + subscription_path(subscription), "related")]
+    if subscription.media_type in FRAME_TYPES:
+        links.append(Link(subscription.base + layout_path(subscription.resource), "describedby"))
+    return link_header(links, [])
 
 
 def seen(connection: HTTPConnection) -> str | None:

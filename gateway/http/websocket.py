@@ -5,11 +5,13 @@ from collections.abc import Awaitable, Callable
 from starlette.websockets import WebSocket
 from websockets.frames import CloseCode, Frame, Opcode
 
+from gateway.graph.frames import FRAME_TYPES
+from gateway.graph.serialise import JELLY
 from gateway.http.protocol import WEBSOCKET, WebSocketProtocol
 from gateway.http.slow import HIGH_WATER_BYTES
 from gateway.subscriptions.message import Ending, Feed, Message, Outlet
 
-BINARY_TYPES = frozenset({"application/vnd.linked-fleet.frame", "application/x-jelly-rdf"})
+BINARY_TYPES = frozenset({*FRAME_TYPES, JELLY})
 
 # RFC 6455, 7.4: 1008 is of policy, 1012 asks to come back, 4000 to 4999 are for private use.
 _CODES = {

@@ -15,6 +15,7 @@ from typing import TypeVar
 from urllib.parse import urlsplit
 
 from gateway.ending import end
+from gateway.graph.frames import FRAME_TYPES, layout_path
 from gateway.graph.subscription import subscription_path
 from gateway.observe.counts import Deliveries
 from gateway.subscriptions import signature
@@ -228,11 +229,14 @@ class Courier:
         identity = signature.headers(
             subscription.secret, f"{subscription.id}.{entry.number}", int(time.time()), entry.body
         )
+        links = f'<{resource}>; rel="self", <{own}>; rel="related"; title="subscription"'
+        if subscription.media_type in FRAME_TYPES:
+            links += f', <{layout_path(resource)}>; rel="describedby"'
         consent = {"WebHook-Request-Origin": self._origin} if self.delivery.consented else {}
         return {
             **identity,
             **consent,
-            "Link": f'<{resource}>; rel="self", <{own}>; rel="related"; title="subscription"',
+            "Link": links,
             "Linked-Fleet-Delivery": str(entry.number),
             "Linked-Fleet-Version": entry.version,
         }

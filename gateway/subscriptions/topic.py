@@ -93,8 +93,7 @@ class Topic:
 
     def _under(self, base: str, tree: Callable[[str, View], Resolver]) -> Resource:
         resource = self._resources.get(base)
-        # A document is there or not from one frame to the next.
-        if resource is None or resource.documents:
+        if resource is None:
             found = tree(base, self.sees).resolve(self.path)
             resource = self._resources[base] = found if isinstance(found, Resource) else self._resource
         return resource

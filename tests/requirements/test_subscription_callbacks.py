@@ -202,6 +202,7 @@ def test_r0_17_binary_frames_are_delivered(scene: Theatre, receiver: CallbackRec
         assert answer.headers["content-type"] == "text/turtle; charset=utf-8"
         seen = _deliveries(receiver, 1)[0]
         assert seen.headers["content-type"] == frame
+        assert f'<{state}/layout>; rel="describedby"' in seen.headers["link"]
         assert seen.body == scene.browser.http.get(state, headers={"accept": frame}).content
         _delete(scene, answer.headers["location"])
 

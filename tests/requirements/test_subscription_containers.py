@@ -256,7 +256,7 @@ def test_r1_8_what_cannot_be_subscribed_to_is_422(scene: Theatre) -> None:
         unobservable = (toy.part().url + "/nothing", "http://example.org/", container, scene.root + "nobody/")
         bodies = [f"<> a hybrit:Subscription ; hybrit:onResource <{url}> ." for url in unobservable]
         for media_type in ("image/png", "text/html", "application/vnd.linked-fleet.frame"):
-            about = f'hybrit:onResource <{toy.rotation()}> ; hybrit:mediaType "{media_type}"'
+            about = f'hybrit:onResource <{toy.part().url}> ; hybrit:mediaType "{media_type}"'
             bodies.append(f"<> a hybrit:Subscription ; {about} .")
         for body in bodies:
             answer = _post(scene.browser, container, body)

@@ -245,7 +245,7 @@ def test_r0_17_binary_frames(scene: Theatre) -> None:
                     while isinstance(body, bytes) and decode_state(body).positions != (0.125, angle):
                         body = socket.raw()  # the state before the frame
                     assert isinstance(body, bytes)
-        answer = refused(toy.rotation(), subprotocol="lf.frame")
+        answer = refused(toy.part().url, subprotocol="lf.frame")
         assert answer.status_code == 406
         assert "lf.frame" not in json.loads(answer.body)["detail"]
 
