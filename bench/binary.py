@@ -1,0 +1,126 @@
+"""What a message costs in each of its forms: bytes, and processor time of the gateway from the frame to the body.
+
+In this process, without network: a robot of twenty joints, all of which have moved with each frame.
+"""
+
+import argparse
+import math
+import statistics
+import struct
+import time
+from collections.abc import Callable, Iterator, Mapping
+from typing import NamedTuple
+
+from agents.wire.codec import decode, layout
+from agents.wire.messages import Description
+from bench.synthetic import robot, urdf
+from gateway.fleet.events import Appeared, Described, Framed
+from gateway.fleet.fleet import Fleet
+from gateway.fleet.invocations import Invocations
+from gateway.graph.frames import FRAME_TYPES
+from gateway.graph.message import message_body
+from gateway.graph.resource import Resource
+from gateway.graph.serialise import JELLY
+from gateway.graph.tree import Tree
+
+JOINTS, RUNS = 20, 5
+_BASE = "http://127.0.0.1:8000"
+_STATE = "the joint state of 20 joints"
+_ROTATION = "one rotation"
+_PATHS = {_STATE: "/arm/jointState", _ROTATION: "/arm/joint_0/rotation"}
+_FORMS = {"Turtle": "text/turtle", "JSON-LD": "application/ld+json", "Jelly": JELLY, "binary frame": FRAME_TYPES[0]}
+
+
+class Row(NamedTuple):
+    """One figure. ``reference`` is what it was measured beside in the same run; ``ratio`` of ``value`` to it."""
+
+    name: str
+    unit: str
+    value: float
+    reference: str
+    ratio: float | None
+    goal: str
+    holds: bool | None
+
+
+def rows(seconds: float) -> list[Row]:
+    """Bytes and processor time of each form, in about so many seconds; Turtle is the reference of the others."""
+    arm = _Arm()
+    share_s = seconds / (len(_PATHS) * len(_FORMS) * RUNS)
+    found = []
+    for subject, path in _PATHS.items():
+        resource = arm.resource(path)
+        runs = [{name: _cost_us(arm, resource, form, share_s) for name, form in _FORMS.items()} for _ in range(RUNS)]
+        us = {name: statistics.median(run[name] for run in runs) for name in _FORMS}
+        size = {name: float(len(_body(resource, form))) for name, form in _FORMS.items()}
+        found += _beside(f"message about {subject}", "B", size)
+        found += _beside(f"message about {subject}", "us CPU", us)
+    return found
+
+
+def _beside(what: str, unit: str, figures: Mapping[str, float]) -> Iterator[Row]:
+    turtle = figures["Turtle"]
+    for name, value in figures.items():
+        beside, ratio = ("", None) if name == "Turtle" else ("Turtle", value / turtle)
+        yield Row(f"{what}, {name}, {unit}", unit, value, beside, ratio, "", None)
+
+
+class _Arm:
+    """A fleet of one robot, whose frames are those of an agent."""
+
+    def __init__(self) -> None:
+        said = robot("arm", JOINTS, urdf(JOINTS))
+        self._frame, self._sequence = said.frame, 0
+        self._fields = {field.name: field.offset for field in layout(JOINTS, False)}
+        self._fleet = Fleet()
+        self._fleet.apply(Appeared("arm", said.run), 1)
+        self._fleet.apply(Described(decode(said.description, Description)), 1)
+        self.move()
+
+    def resource(self, path: str) -> Resource:
+        found = Tree(self._fleet, Invocations(), _BASE).resolve(path)
+        assert isinstance(found, Resource)
+        return found
+
+    def move(self) -> None:
+        """One frame in which position, velocity and effort of each joint are others."""
+        self._sequence += 1
+        values = [math.sin(self._sequence + number) for number in range(3 * JOINTS)]
+        struct.pack_into("<Q", self._frame, self._fields["sequence"], self._sequence)
+        struct.pack_into(f"<{len(values)}d", self._frame, self._fields["positions"], *values)
+        self._fleet.apply(Framed("arm", bytes(self._frame)), 1)
+
+
+def _body(resource: Resource, media_type: str) -> bytes:
+    return message_body(resource, media_type, _BASE, "1-2", "1-1")
+
+
+def _cost_us(arm: _Arm, resource: Resource, media_type: str, seconds: float) -> float:
+    """Of a body, with the unpacking of the frame where that is needed; the coming of the frame is taken off."""
+
+    def both() -> None:
+        arm.move()
+        _body(resource, media_type)
+
+    both()
+    return _us(both, seconds) - _us(arm.move, seconds / 4)
+
+
+def _us(call: Callable[[], None], seconds: float) -> float:
+    count, end, begin = 0, time.perf_counter() + seconds, time.process_time()
+    while count == 0 or time.perf_counter() < end:
+        call()
+        count += 1
+    return (time.process_time() - begin) / count * 1e6
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=10)
+    for row in rows(parser.parse_args().seconds):
+        ratio = "" if row.ratio is None else f"{row.ratio:.3f} of {row.reference}"
+        print(f"{row.name:66}{row.value:12,.1f} {ratio}")
+
+
+if __name__ == "__main__":
+    main()
