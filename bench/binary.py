@@ -18,10 +18,11 @@ from gateway.fleet.events import Appeared, Described, Framed
 from gateway.fleet.fleet import Fleet
 from gateway.fleet.invocations import Invocations
 from gateway.graph.frames import FRAME_TYPES
-from gateway.graph.message import message_body
 from gateway.graph.resource import Resource
 from gateway.graph.serialise import JELLY
 from gateway.graph.tree import Tree
+from gateway.identity.rights import ALL, View
+from gateway.subscriptions.topic import Topic
 
 JOINTS, RUNS = 20, 5
 _BASE = "http://127.0.0.1:8000"
@@ -49,10 +50,10 @@ def rows(seconds: float) -> list[Row]:
     share_s = seconds / (len(_PATHS) * len(_FORMS) * RUNS)
     found = []
     for subject, path in _PATHS.items():
-        resource = arm.resource(path)
-        runs = [{name: _cost_us(arm, resource, form, share_s) for name, form in _FORMS.items()} for _ in range(RUNS)]
+        topic = arm.topic(path)
+        runs = [{name: _cost_us(arm, topic, form, share_s) for name, form in _FORMS.items()} for _ in range(RUNS)]
         us = {name: statistics.median(run[name] for run in runs) for name in _FORMS}
-        size = {name: float(len(_body(resource, form))) for name, form in _FORMS.items()}
+        size = {name: float(len(arm.message(topic, form))) for name, form in _FORMS.items()}
         found += _beside(f"message about {subject}", "B", size)
         found += _beside(f"message about {subject}", "us CPU", us)
     return found
@@ -77,10 +78,16 @@ class _Arm:
         self._fleet.apply(Described(decode(said.description, Description)), 1)
         self.move()
 
-    def resource(self, path: str) -> Resource:
-        found = Tree(self._fleet, Invocations(), _BASE).resolve(path)
+    def topic(self, path: str) -> Topic:
+        found = self._tree(_BASE, ALL).resolve(path)
         assert isinstance(found, Resource)
-        return found
+        return Topic(path, True, found)
+
+    def message(self, topic: Topic, media_type: str) -> bytes:
+        """The news of one frame, as the fan-out reads and renders it."""
+        self.move()
+        topic.refresh()
+        return topic.message(media_type, _BASE, self._tree).body
 
     def move(self) -> None:
         """One frame in which position, velocity and effort of each joint are others."""
@@ -90,20 +97,18 @@ class _Arm:
         struct.pack_into(f"<{len(values)}d", self._frame, self._fields["positions"], *values)
         self._fleet.apply(Framed("arm", bytes(self._frame)), 1)
 
+    def _tree(self, base: str, sees: View) -> Tree:
+        return Tree(self._fleet, Invocations(), base, sees=sees)
 
-def _body(resource: Resource, media_type: str) -> bytes:
-    return message_body(resource, media_type, _BASE, "1-2", "1-1")
 
+def _cost_us(arm: _Arm, topic: Topic, media_type: str, seconds: float) -> float:
+    """From the frame to the body: unpacking, finding out whether it is news, writing."""
 
-def _cost_us(arm: _Arm, resource: Resource, media_type: str, seconds: float) -> float:
-    """Of a body, with the unpacking of the frame where that is needed; the coming of the frame is taken off."""
+    def message() -> None:
+        arm.message(topic, media_type)
 
-    def both() -> None:
-        arm.move()
-        _body(resource, media_type)
-
-    both()
-    return _us(both, seconds) - _us(arm.move, seconds / 4)
+    message()
+    return _us(message, seconds)
 
 
 def _us(call: Callable[[], None], seconds: float) -> float:
