@@ -20,6 +20,7 @@
     │   ├── OutOfReach              422     out-of-reach
     │   └── KeyReused               422     key-reused
     ├── TooManySubscriptions        429     too-many-subscriptions
+    ├── TooManyInvocations          429     too-many-invocations
     ├── TooManyLogins               429     too-many-logins
     ├── TooManyRequests             429     too-many-requests
     ├── Offline                     503     offline
@@ -262,6 +263,15 @@ class TooManySubscriptions(FleetError):
     """RFC 6585, 4; delete some, or wait until streams have ended."""
 
     status, code, title = 429, "too-many-subscriptions", "The client has too many subscriptions"
+
+
+class TooManyInvocations(FleetError):
+    """RFC 6585, 4; what stops robots is never refused for it."""
+
+    status, code, title = 429, "too-many-invocations", "The client has too many motions that have not ended"
+
+    def __init__(self, detail: str) -> None:
+        super().__init__(detail, headers={"Retry-After": "1"})
 
 
 class TooManyLogins(FleetError):

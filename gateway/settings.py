@@ -73,6 +73,9 @@ class GatewaySettings:
     subscriptions_per_client: str = _setting(
         "LINKED_FLEET_SUBSCRIPTIONS_PER_CLIENT", "1000", "subscriptions that one client may have at once"
     )
+    invocations_per_client: str = _setting(
+        "LINKED_FLEET_INVOCATIONS_PER_CLIENT", "100", "motions that one client may have begun and not ended at once"
+    )
     requests_per_client: str = _setting(
         "LINKED_FLEET_REQUESTS_PER_CLIENT", "1000", "requests a second that one client may make on average; 0: any"
     )
@@ -95,7 +98,7 @@ class GatewaySettings:
             raise ValueError(f"LINKED_FLEET_PORT is a port number from 1 to 65535, not {self.port!r}")
         if self.callback_consent not in ("on", "off"):
             raise ValueError(f"LINKED_FLEET_CALLBACK_CONSENT is on or off, not {self.callback_consent!r}")
-        for name in ("subscriptions_per_client", "requests_per_client", "sockets", "sockets_per_client"):
+        for name in (each.name for each in fields(self) if each.name.endswith("_per_client") or each.name == "sockets"):
             if not getattr(self, name).isdecimal():
                 raise ValueError(f"LINKED_FLEET_{name.upper()} is a number, not {getattr(self, name)!r}")
         if self.log_format not in FORMS:

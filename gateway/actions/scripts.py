@@ -55,9 +55,10 @@ return refused(KEYS[1], ARGV[1], ARGV[2]) or {'free'}
 )
 
 # KEYS: invocations, forgotten, over, lease, and perhaps that of an idempotency key; ARGV: token, lease that it is tied
-# to or nothing, id, body, milliseconds to keep it, 1 if it is over, creation, number to keep, and with the key digest
-# of the request, milliseconds to keep that. An id that is there already is this very request, asked again by the
-# gateway. Beyond the number the oldest that is over makes room, and only if all are open one of these.
+# to or nothing, id, body, milliseconds to keep it, 1 if it is over, creation, number to keep, 1 if the client may
+# have no more, and with the key digest of the request, milliseconds to keep that. An id that is there already is this
+# very request, asked again by the gateway. Beyond the number the oldest that is over makes room, and only if all are
+# open one of these.
 OPEN = (
     _INVOCATIONS
     + _LEASE
@@ -66,14 +67,15 @@ local refusal = refused(KEYS[4], ARGV[1], ARGV[2])
 if refusal then return refusal end
 if KEYS[5] then
   local id, digest = unpack(redis.call('HMGET', KEYS[5], 'id', 'digest'))
-  if id and digest ~= ARGV[9] then return {'reused'} end
+  if id and digest ~= ARGV[10] then return {'reused'} end
   if id and id ~= ARGV[3] then return {'repeated', id} end
-  if not id then
-    redis.call('HSET', KEYS[5], 'id', ARGV[3], 'digest', ARGV[9])
-    redis.call('PEXPIRE', KEYS[5], ARGV[10])
-  end
 end
 if redis.call('HEXISTS', KEYS[1], ARGV[3]) == 1 then return {'opened'} end
+if ARGV[9] == '1' then return {'full'} end
+if KEYS[5] then
+  redis.call('HSET', KEYS[5], 'id', ARGV[3], 'digest', ARGV[10])
+  redis.call('PEXPIRE', KEYS[5], ARGV[11])
+end
 write(ARGV[3], ARGV[4], ARGV[5], ARGV[6], ARGV[7])
 while redis.call('HLEN', KEYS[1]) > tonumber(ARGV[8]) do
   forget(redis.call('ZRANGE', KEYS[3], 0, 0)[1] or redis.call('ZRANGE', KEYS[2], 0, 0)[1])

@@ -14,8 +14,9 @@ from gateway.actions.caller import Caller
 from gateway.actions.commands import command_of
 from gateway.actions.memory import Memory
 from gateway.actions.plan import Halt, Later, Motion
+from gateway.actions.quota import Quota
 from gateway.actions.refusals import lease_of, refusal, refusals, repeated, silence
-from gateway.actions.store import ActionStore, StoreUnavailable
+from gateway.actions.store import ActionStore, Full, StoreUnavailable
 from gateway.actions.waiting import Waiting
 from gateway.ending import end
 from gateway.errors import AgentSilent, Busy, Conflict
@@ -49,8 +50,9 @@ class Rehearsed:
 class Actions:
     """Carries out plans, and keeps what became of them; an async context manager."""
 
-    def __init__(self, live: Live, store: ActionStore) -> None:
+    def __init__(self, live: Live, store: ActionStore, most_motions: int) -> None:
         self._live, self._store = live, store
+        self._quota = Quota(live.invocations, most_motions)
         self.waiting = Waiting()
         self.memory = Memory(live, store, self.stop_one, self.waiting.wake)
         self._expiry: asyncio.Task[None] | None = None
@@ -77,8 +79,8 @@ class Actions:
         """Have the robot begin, and return the invocation once its agent accepted; the first one for a repeated key.
 
         Raises Controlled when somebody else has the lease, Changed when the body's precondition does not hold,
-        RefusedByAgent with the agent's reason, StoreAway, and AgentSilent when no answer came: then the invocation is
-        "unknown" until progress or its deadline settles it.
+        RefusedByAgent with the agent's reason, TooManyInvocations, StoreAway, and AgentSilent when no answer came: then
+        the invocation is "unknown" until progress or its deadline settles it.
         """
         robot = motion.robot
         now_ns = time.time_ns()
@@ -95,14 +97,15 @@ class Actions:
             lease=lease_of(robot) if motion.tied else "",
             incarnation=motion.asked.incarnation,
         )
-        async with refusals():
-            try:
-                first = await self._open(invocation, caller)
-            except StoreUnavailable:  # perhaps after it was done
-                first = await self._open(invocation, caller)
-            if first is not None:
-                return await self._first(robot, first)
-        invocation = self._begin(invocation)
+        with self._quota.beginning(caller.name) as full:
+            async with refusals():
+                try:
+                    first = await self._open(invocation, caller, full)
+                except StoreUnavailable:  # perhaps after it was done
+                    first = await self._open(invocation, caller, full)
+                if first is not None:
+                    return await self._first(robot, first)
+            invocation = self._begin(invocation)
         reply = await self._send(invocation, command_of(invocation.id, motion))
         if isinstance(reply, Refused):
             self._refuse(invocation, reply)
@@ -110,8 +113,13 @@ class Actions:
         self._accept(invocation, reply)
         return invocation
 
-    async def _open(self, invocation: Invocation, caller: Caller) -> str | None:
-        return await self._store.open(invocation, token=caller.token, key=caller.key, digest=caller.digest)
+    async def _open(self, invocation: Invocation, caller: Caller, full: bool) -> str | None:
+        try:
+            return await self._store.open(
+                invocation, token=caller.token, key=caller.key, digest=caller.digest, full=full
+            )
+        except Full as error:
+            raise self._quota.refusal(caller.name) from error
 
     async def compute(self, plan: Later) -> Motion:
         """Make a plan that takes milliseconds, in a thread; one after another, so that nobody gets all of the time.
@@ -130,6 +138,8 @@ class Actions:
     async def rehearse(self, motion: Motion, caller: Caller) -> Rehearsed:
         """What ``start`` would do; raises what it would raise."""
         robot = motion.robot
+        if self._quota.is_full(caller.name):
+            raise self._quota.refusal(caller.name)
         async with refusals():
             await self._store.check(robot.name, caller.token, lease_of(robot) if motion.tied else "")
         try:

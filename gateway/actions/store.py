@@ -22,7 +22,7 @@ from gateway.fleet.invocations import MAX_TERMINAL, Invocation
 from gateway.fleet.lease import Lease
 from gateway.store.connection import Connection, StoreUnavailable
 
-__all__ = ["KEPT_S", "ActionStore", "KeyReused", "Lease", "LeaseHeld", "LeaseOver", "News", "StoreUnavailable"]
+__all__ = ["KEPT_S", "ActionStore", "Full", "KeyReused", "Lease", "LeaseHeld", "LeaseOver", "News", "StoreUnavailable"]
 _log = logging.getLogger(__name__)
 
 KEPT_S = 86_400.0  # an invocation after its end, and an idempotency key after its use
@@ -55,6 +55,10 @@ class LeaseHeld(Exception):  # noqa: N818
 
 class LeaseOver(Exception):  # noqa: N818
     """The lease that an invocation is tied to is not held now."""
+
+
+class Full(Exception):  # noqa: N818
+    """The client may have no more open invocations."""
 
 
 class KeyReused(Exception):  # noqa: N818
@@ -94,13 +98,15 @@ class ActionStore:
     # Invocations
 
     async def open(
-        self, invocation: Invocation, *, token: str = "", key: str = "", digest: str = "", unasked: bool = False
-    ) -> str | None:
+        self, invocation: Invocation, *, token: str = "", key: str = "", digest: str = "", unasked: bool = False,
+        full: bool = False,
+    ) -> str | None:  # fmt: skip
         """Accept an invocation, or say the id of the earlier one that the same client's request already is.
 
         LeaseHeld unless ``token`` is that of the lease, if there is one; LeaseOver when the invocation is tied to a
         lease that is not held. ``key`` is an idempotency key and ``digest`` stands for its request: KeyReused when it
-        was used with another one less than a day ago. ``unasked``: whoever has a lease.
+        was used with another one less than a day ago. ``unasked``: whoever has a lease. ``full``: the
+        client may have no more; Full, unless the request is a repeated one.
         May be repeated with the same invocation after StoreUnavailable.
         """
         robot = invocation.robot
@@ -111,10 +117,14 @@ class ActionStore:
             once = digest, _ms(self._kept_s)
             keys += (self._keys.repeat(robot, key),)
         await self._note(robot)
-        answer = await self._redis.run(scripts.OPEN, keys, *rules, *self._written(invocation), MAX_TERMINAL, *once)
+        answer = await self._redis.run(
+            scripts.OPEN, keys, *rules, *self._written(invocation), MAX_TERMINAL, int(full), *once
+        )
         said, *rest = _granted(robot, answer, invocation.lease)
         if said == b"reused":
             raise KeyReused(key)
+        if said == b"full":
+            raise Full(invocation.client)
         if said == b"repeated":
             return rest[0].decode()
         self._tell("invocation", robot, invocation.id)

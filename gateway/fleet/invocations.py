@@ -26,6 +26,7 @@ class Invocations:
         self._of_action: dict[str, dict[str, Invocation]] = {}
         self._of_robot: dict[str, list[Invocation]] = {}  # oldest first
         self._open: dict[str, dict[str, Invocation]] = {}  # by robot; some that have ended since, until they are seen
+        self._open_by: dict[str, dict[str, Invocation]] = {}  # motions by client, in the same way
         self._commanded = Commanded()
 
     def add(self, invocation: Invocation) -> None:
@@ -90,7 +91,11 @@ class Invocations:
 
     def open_of(self, robot: str) -> list[Invocation]:
         """Those of one robot, or of the fleet as a whole, that are not over, newest first."""
-        return _newest_first(self._still_open(robot).values())
+        return _newest_first(_still_open(self._open, robot).values())
+
+    def motions_by(self, client: str) -> int:
+        """How many motions that ``client`` asked for are not over; halts do not count."""
+        return len(_still_open(self._open_by, client))
 
     def apply(self, robot: str, progress: Progress) -> Invocation | None:
         """Take news from a robot; None when it concerns nothing that is open: another's id, or one that is over.
@@ -141,8 +146,9 @@ class Invocations:
     def late(self, now_ns: int) -> list[Invocation]:
         """What is still open after its deadline."""
         return [
-            one for robot in list(self._open) for one in self._still_open(robot).values() if now_ns > one.deadline_ns
-        ]
+            one for robot in list(self._open) for one in _still_open(self._open, robot).values()
+            if now_ns > one.deadline_ns
+        ]  # fmt: skip
 
     def expire(self, invocation: Invocation, now_ns: int) -> None:
         """Fail one of which nobody has reported the end."""
@@ -165,7 +171,8 @@ class Invocations:
 
     def _reopen(self, invocation: Invocation) -> None:
         if not invocation.state.terminal:
-            self._open.setdefault(invocation.robot, {})[invocation.id] = invocation
+            for index, key in self._open_places(invocation):
+                index.setdefault(key, {})[invocation.id] = invocation
 
     def _drop_of_robot(self, invocation: Invocation) -> None:
         held = self._of_robot[invocation.robot]
@@ -175,27 +182,32 @@ class Invocations:
 
     def _places(self, invocation: Invocation) -> tuple[tuple[dict[str, dict[str, Invocation]], str], ...]:
         """The indexes and the key in each under which it is found."""
-        return (self._of_action, invocation.action), (self._open, invocation.robot)
+        return (self._of_action, invocation.action), *self._open_places(invocation)
 
-    def _still_open(self, robot: str) -> dict[str, Invocation]:
-        """The index without what has ended since, which others do by writing its state."""
-        still = {id: one for id, one in self._open.get(robot, {}).items() if not one.state.terminal}
-        if still:
-            self._open[robot] = still
-        else:
-            self._open.pop(robot, None)
-        return still
+    def _open_places(self, invocation: Invocation) -> tuple[tuple[dict[str, dict[str, Invocation]], str], ...]:
+        of_robot, by_client = (self._open, invocation.robot), (self._open_by, invocation.client)
+        return (of_robot, by_client) if invocation.stops is None else (of_robot,)
 
     def _forget(self, robot: str) -> None:
         """Drop the oldest that are over, if there are more than a thousand."""
         held = self._of_robot[robot]
         if len(held) <= MAX_TERMINAL:
             return
-        still = self._still_open(robot)
+        still = _still_open(self._open, robot)
         excess = len(held) - len(still) - MAX_TERMINAL
         over = (one for one in held if one.id not in still)
         for one in list(islice(over, max(0, excess))):
             self.remove(one.id)
+
+
+def _still_open(index: dict[str, dict[str, Invocation]], key: str) -> dict[str, Invocation]:
+    """What is indexed under a key without what has ended since, which others do by writing its state."""
+    still = {id: one for id, one in index.get(key, {}).items() if not one.state.terminal}
+    if still:
+        index[key] = still
+    else:
+        index.pop(key, None)
+    return still
 
 
 def _advance(invocation: Invocation, progress: Progress) -> None:

@@ -1,0 +1,40 @@
+"""Open motions counted by client, those that are being begun as well."""
+
+from agents.wire.messages import WIRE_VERSION, Progress
+from gateway.actions.quota import Quota
+from gateway.fleet.invocations import Invocation, Invocations, InvocationState
+
+
+def _one(id: str, client: str = "ada", stops: tuple[str, ...] | None = None) -> Invocation:
+    return Invocation(id, "r", "/r/actions/x", {}, 1, 100, client=client, stops=stops)
+
+
+def _running(id: str) -> Progress:
+    return Progress(version=WIRE_VERSION, id=id, incarnation=1, state="running", wall_ns=10)
+
+
+def test_motions_count_while_they_are_open_and_halts_never() -> None:
+    known = Invocations()
+    quota = Quota(known, 2)
+    known.add(_one("a"))
+    known.add(_one("halt", stops=()))
+    known.add(_one("of another", client="bob"))
+    assert not quota.is_full("ada")
+    second = _one("b")
+    known.add(second)
+    assert quota.is_full("ada") and not quota.is_full("bob")
+    second.state = InvocationState.SUCCEEDED
+    assert not quota.is_full("ada")
+    second.state, second.expired = InvocationState.FAILED, True  # a guess
+    assert known.apply("r", _running("b")) is second
+    assert quota.is_full("ada")
+    known.remove("a")
+    assert not quota.is_full("ada")
+
+
+def test_those_that_begin_at_the_same_time_do_not_overtake_each_other() -> None:
+    quota = Quota(Invocations(), 2)
+    with quota.beginning("ada") as first, quota.beginning("ada") as second, quota.beginning("ada") as third:
+        assert (first, second, third) == (False, False, True)
+        assert not quota.is_full("bob")
+    assert not quota.is_full("ada")
