@@ -17,6 +17,7 @@ from gateway.http.host import Authorities
 from gateway.http.rates import Pace, Rates
 from gateway.http.repeats import Repeats
 from gateway.http.turns import Turns
+from gateway.identity.ended import EndedSessions
 from gateway.identity.service import Identities
 from gateway.identity.store import SessionKey
 from gateway.live import Live
@@ -46,7 +47,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None) -> Sta
             app.state.identities = None
             if settings.identities:
                 key = SessionKey(url, settings.namespace, settings.session_key_file)
-                identities = Identities(Path(settings.identities), key)
+                identities = Identities(Path(settings.identities), key, EndedSessions(url, settings.namespace))
                 app.state.identities = await stack.enter_async_context(identities)
             remembered = await stack.enter_async_context(ActionStore(url, settings.namespace, run))
             most_motions = int(settings.invocations_per_client)

@@ -69,7 +69,7 @@ class Callers:
 
 
 async def authenticate(identities: Identities, scope: Scope) -> Identity:
-    """Unauthenticated, ForeignOrigin, StoreAway, IssuerAway. Notes in the state whether a session was used."""
+    """Unauthenticated, ForeignOrigin, StoreAway, IssuerAway. Notes in the state which session was used."""
     headers = Headers(scope=scope)
     said = headers.getlist("authorization")
     if said:
@@ -84,8 +84,8 @@ async def authenticate(identities: Identities, scope: Scope) -> Identity:
         raise StoreAway("Sessions cannot be checked while Redis is away; tokens can.") from error
     if found is None:
         raise Unauthenticated(f"The session is over. {_LOGIN}", wrong=True)
-    scope.setdefault("state", {})["session"] = True
-    return found
+    caller, scope.setdefault("state", {})["session"] = found
+    return caller
 
 
 async def _bearer(identities: Identities, said: list[str]) -> Identity:

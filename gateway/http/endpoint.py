@@ -163,7 +163,7 @@ async def _find(connection: HTTPConnection, base: str) -> Resource | Redirect:
     found: Found = None if encoded_slash else tree_of(connection, base, await _shelf(connection, path)).resolve(path)
     if found is None:
         raise NotFound(f"There is no resource at {path[:_LONGEST_NAMED]}; browse from {base}/.")
-    if isinstance(found, Resource) and getattr(connection.state, "session", False):
+    if isinstance(found, Resource) and getattr(connection.state, "session", None):
         return replace(found, reader=caller_of(connection).name)
     return found
 

@@ -22,7 +22,7 @@ from gateway.identity.jwts import BadToken, verified
 from gateway.identity.keys import endpoint
 from gateway.identity.rights import Claims, Credential, Identity
 from gateway.identity.roster import Issuer
-from gateway.identity.seal import SESSION_S, Underway, open_login, seal_login
+from gateway.identity.seal import SESSION_S, Session, Underway, open_login, seal_login
 from gateway.identity.service import Identities
 from gateway.identity.store import StoreUnavailable
 from gateway.identity.web import IssuerSilent
@@ -52,7 +52,7 @@ class Login:
             raise MethodNotAllowed(f"{method} is not possible here; {', '.join(allow)} are.", allow=allow)
         try:
             if path == "/logout":
-                return _log_out(request)
+                return await _log_out(request, identities)
             if path == "/login/start":
                 return await self._start(request, identities)
             if path == "/login/return":
@@ -175,11 +175,14 @@ def _return_url(request: Request) -> str:
 
 async def _logged_in(request: Request, identities: Identities, credential: Credential, then: str) -> Response:
     response = RedirectResponse(request.state.base + then, 303, _NO_STORE)
-    set_cookie(request.scope, response, await identities.seal(credential))
+    set_cookie(request.scope, response, await identities.begin_session(credential))
     return response
 
 
-def _log_out(request: Request) -> Response:
+async def _log_out(request: Request, identities: Identities) -> Response:
+    session: Session | None = getattr(request.state, "session", None)
+    if session is not None:
+        await identities.end_session(session)
     response = RedirectResponse(request.state.base + "/login", 303, _NO_STORE)
     set_cookie(request.scope, response, "")
     return response

@@ -22,6 +22,7 @@ from gateway.http.negotiation import choose, parse_accept, weight
 from gateway.http.rights import caller_of
 from gateway.http.subscribe import new_subscription, observable_types, options, refusals, seen, subscription_link
 from gateway.http.websocket import BINARY_TYPES, serve_websocket
+from gateway.identity.seal import Session
 from gateway.identity.service import Identities
 from gateway.subscriptions.message import Feed, Outlet
 from gateway.subscriptions.service import Subscriptions
@@ -142,7 +143,8 @@ def _guarded(connection: HTTPConnection, subscription: Subscription) -> Abstract
         return nullcontext()
     subscriptions: Subscriptions = connection.app.state.subscriptions
     robot, id = robot_of(subscription.resource), subscription.id
-    return identities.guarding(caller_of(connection), robot, lambda: subscriptions.streams.revoke(id))
+    session: Session | None = getattr(connection.state, "session", None)
+    return identities.guarding(caller_of(connection), robot, lambda: subscriptions.streams.revoke(id), session)
 
 
 def _opened(connection: HTTPConnection, resource: Resource, kind: Kind) -> Subscription:

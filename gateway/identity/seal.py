@@ -18,6 +18,15 @@ _Purpose = Literal["session", "login"]
 
 
 @dataclass(frozen=True)
+class Session:
+    """That somebody has logged in in one browser; ``id`` is of this login alone, ``ends_ns`` is wall time."""
+
+    id: str
+    credential: Credential
+    ends_ns: int
+
+
+@dataclass(frozen=True)
 class Underway:
     """A login at an issuer that the browser has been sent to (RFC 7636; OpenID Connect Core 1.0, 3.1.2.1)."""
 
@@ -29,23 +38,32 @@ class Underway:
     """Path where the browser goes afterwards."""
 
 
-def seal_session(credential: Credential, key: bytes, now_ns: int) -> str:
+def new_session(credential: Credential, id: str, now_ns: int) -> Session:
     if isinstance(credential, TokenHash):
-        return _seal("session", {"token": credential.sha256}, key, now_ns // _SECOND_NS + TOKEN_SESSION_S)
-    said = {"issuer": credential.issuer, "subject": credential.subject, "facts": sorted(credential.facts)}
+        return Session(id, credential, (now_ns // _SECOND_NS + TOKEN_SESSION_S) * _SECOND_NS)
     ends_s = min(now_ns // _SECOND_NS + SESSION_S, credential.expires_ns // _SECOND_NS)
-    return _seal("session", said, key, ends_s)
+    return Session(id, credential, ends_s * _SECOND_NS)
 
 
-def open_session(text: str, key: bytes) -> Credential | None:
+def seal_session(session: Session, key: bytes) -> str:
+    of = session.credential
+    if isinstance(of, TokenHash):
+        said: dict[str, Any] = {"token": of.sha256}
+    else:
+        said = {"issuer": of.issuer, "subject": of.subject, "facts": sorted(of.facts)}
+    return _seal("session", said | {"jti": session.id}, key, session.ends_ns // _SECOND_NS)
+
+
+def open_session(text: str, key: bytes) -> Session | None:
     """None for whatever was not sealed with ``key``, or has expired."""
     said = _opened("session", text, key)
-    if said is None:
+    if said is None or "jti" not in said:  # older ones had none: nobody could end them
         return None
+    ends_ns = int(said["exp"]) * _SECOND_NS
     if "token" in said:
-        return TokenHash(said["token"])
+        return Session(said["jti"], TokenHash(said["token"]), ends_ns)
     facts = frozenset((claim, value) for claim, value in said["facts"])
-    return Claims(said["issuer"], said["subject"], facts, int(said["exp"]) * _SECOND_NS)
+    return Session(said["jti"], Claims(said["issuer"], said["subject"], facts, ends_ns), ends_ns)
 
 
 def seal_login(login: Underway, key: bytes, now_ns: int) -> str:

@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import secrets
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -11,11 +12,12 @@ from types import TracebackType
 from typing import Self
 
 from gateway.ending import end
+from gateway.identity.ended import EndedSessions
 from gateway.identity.jwts import BadToken, expiry_ns, issuer_named, verified
 from gateway.identity.keys import IssuerKeys
 from gateway.identity.rights import Credential, Identity, Right, View
 from gateway.identity.roster import BadRoster, Issuer, Roster, read_roster
-from gateway.identity.seal import open_session, seal_session
+from gateway.identity.seal import Session, new_session, open_session, seal_session
 from gateway.identity.store import SessionKey, StoreUnavailable
 from gateway.identity.web import Web
 
@@ -23,6 +25,7 @@ log = logging.getLogger(__name__)
 
 LOOK_S = 1.0
 """Between two looks at the file and at what rights have ended."""
+_SESSION_ID_BYTES = 16
 _Stamp = tuple[int, int, int]
 
 
@@ -33,36 +36,39 @@ class _Guarded:
     identity: Identity
     robot: str | None
     end: Callable[[], None]
+    session: Session | None
 
 
 class Identities:
     """An async context manager. BadRoster when the file is unusable at first; later the one before it stays."""
 
-    def __init__(self, path: Path, key: SessionKey) -> None:
-        self._path, self.key = path, key
+    def __init__(self, path: Path, key: SessionKey, ended: EndedSessions) -> None:
+        self._path, self.key, self._ended = path, key, ended
         self._stamp = _stamp(path)
         self.roster: Roster = read_roster(path)
         self.web = Web()
         self._keys: dict[str, IssuerKeys] = {}
         self._guarded: set[_Guarded] = set()
         self._complaint = ""
-        self._task: asyncio.Task[None] | None = None
+        self._tasks: list[asyncio.Task[None]] = []
 
     async def __aenter__(self) -> Self:
         with suppress(StoreUnavailable):
             await self.key.get()
-        self._task = asyncio.create_task(self._look_for_ever(), name="look at identities")
+            await self._ended.look()
+        for task, what in ((self._look_for_ever, "look at identities"), (self._hear_for_ever, "hear of logouts")):
+            self._tasks.append(asyncio.create_task(task(), name=what))
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._task is not None:
-            await end([self._task])
+        await end(self._tasks)
         for keys in self._keys.values():
             await keys.aclose()
         await self.web.aclose()
         await self.key.aclose()
+        await self._ended.aclose()
 
     # -- who ----------------------------------------------------------------------------------------------------------
 
@@ -70,13 +76,25 @@ class Identities:
         """Who brings a token; BadToken, IssuerSilent."""
         return self._known(self.roster.token(text) or await self._issued(text))
 
-    async def session(self, sealed: str) -> Identity | None:
+    async def session(self, sealed: str) -> tuple[Identity, Session] | None:
         """Who has logged in; None when the session is none, or over. StoreUnavailable."""
-        return self.roster.identity(open_session(sealed, await self.key.get()), time.time_ns())
+        session = open_session(sealed, await self.key.get())
+        await self._ended.known()
+        if session is None or session in self._ended:
+            return None
+        found = self.roster.identity(session.credential, time.time_ns())
+        return None if found is None else (found, session)
 
-    async def seal(self, credential: Credential) -> str:
+    async def begin_session(self, credential: Credential) -> str:
         """What the browser of who has logged in keeps; StoreUnavailable."""
-        return seal_session(credential, await self.key.get(), time.time_ns())
+        session = new_session(credential, secrets.token_urlsafe(_SESSION_ID_BYTES), time.time_ns())
+        return seal_session(session, await self.key.get())
+
+    async def end_session(self, session: Session) -> None:
+        """From now on its cookie opens nothing, here; elsewhere within a second, as soon as Redis is there."""
+        with suppress(StoreUnavailable):  # told at the next look
+            await self._ended.end(session)
+        self._end_what_must()
 
     def keys(self, issuer: Issuer) -> IssuerKeys:
         return self._keys.setdefault(issuer.url, IssuerKeys(self.web, issuer.url))
@@ -100,19 +118,24 @@ class Identities:
     # -- as long as --------------------------------------------------------------------------------------------------
 
     @contextmanager
-    def guarding(self, identity: Identity, robot: str | None, end: Callable[[], None]) -> Iterator[None]:
-        """Call ``end``, again and again, once ``identity`` may not subscribe any more, or sees other robots."""
-        guarded = _Guarded(identity, robot, end)
+    def guarding(
+        self, identity: Identity, robot: str | None, end: Callable[[], None], session: Session | None
+    ) -> Iterator[None]:
+        """Call ``end``, again and again, once ``identity`` may not subscribe any more, or sees other robots, or the
+        session by which it asked is over."""
+        guarded = _Guarded(identity, robot, end, session)
         self._guarded.add(guarded)
         try:
             yield
         finally:
             self._guarded.discard(guarded)
 
-    def lasts(self, identity: Identity, robot: str | None) -> bool:
-        """Whether what was subscribed to with the rights of ``identity`` may go on."""
-        now = self.roster.identity(identity.credential, time.time_ns())
-        return now is not None and _subscribes(now, robot, identity.sees)
+    def _lasts(self, guarded: _Guarded) -> bool:
+        session, now_ns = guarded.session, time.time_ns()
+        if session is not None and (session in self._ended or session.ends_ns <= now_ns):
+            return False
+        now = self.roster.identity(guarded.identity.credential, now_ns)
+        return now is not None and _subscribes(now, guarded.robot, guarded.identity.sees)
 
     def vouches(self, creator: str, robot: str | None, sees: View) -> bool:
         """Whether a callback of ``creator`` may go on, who saw the robots of ``sees`` when he asked for it.
@@ -137,6 +160,13 @@ class Identities:
                 # The boundary of the task: without it no right would ever be taken away again.
                 log.exception("identities could not be looked at; it is tried again")
 
+    async def _hear_for_ever(self) -> None:
+        """Apart from the file, which is looked at while Redis hangs; what was heard before holds on meanwhile."""
+        while True:
+            await asyncio.sleep(LOOK_S)
+            with suppress(StoreUnavailable):
+                await self._ended.look()
+
     async def _look(self) -> None:
         if not self.key.known:  # as soon as it can be had: sessions are to outlive an outage of Redis
             with suppress(StoreUnavailable):
@@ -156,7 +186,7 @@ class Identities:
 
     def _end_what_must(self) -> None:
         for each in list(self._guarded):
-            if not self.lasts(each.identity, each.robot):
+            if not self._lasts(each):
                 each.end()
 
 

@@ -10,7 +10,7 @@ from redis_servers import single
 
 from gateway.identity.rights import Claims, TokenHash
 from gateway.identity.roster import BadRoster
-from gateway.identity.seal import Underway, open_login, open_session, seal_login, seal_session
+from gateway.identity.seal import Underway, new_session, open_login, open_session, seal_login, seal_session
 from gateway.identity.store import SessionKey, StoreUnavailable, read_key
 
 _KEY, _OTHER = b"k" * 32, b"o" * 32
@@ -19,9 +19,9 @@ _HOUR_NS = 3600 * 10**9
 
 
 def test_a_session_is_what_was_sealed_and_for_nobody_else() -> None:
-    token = TokenHash("ab" * 32)
-    sealed = seal_session(token, _KEY, time.time_ns())
-    assert open_session(sealed, _KEY) == token
+    session = new_session(TokenHash("ab" * 32), "one", time.time_ns())
+    sealed = seal_session(session, _KEY)
+    assert open_session(sealed, _KEY) == session
     assert open_session(sealed, _OTHER) is None
     assert open_session(sealed[:-2], _KEY) is None
     assert open_session("", _KEY) is None
@@ -30,18 +30,21 @@ def test_a_session_is_what_was_sealed_and_for_nobody_else() -> None:
 def test_a_session_of_an_issuer_ends_after_a_shift() -> None:
     now_ns = time.time_ns()
     claims = Claims("https://id.example", "ada", frozenset({("groups", "operators")}), now_ns + 24 * _HOUR_NS)
-    opened = open_session(seal_session(claims, _KEY, now_ns), _KEY)
+    session = open_session(seal_session(new_session(claims, "one", now_ns), _KEY), _KEY)
+    assert session is not None
+    opened = session.credential
     assert isinstance(opened, Claims)
     assert (opened.issuer, opened.subject, opened.facts) == (claims.issuer, claims.subject, claims.facts)
     assert 0 < opened.expires_ns - now_ns <= 8 * _HOUR_NS
-    assert open_session(seal_session(claims, _KEY, now_ns - 9 * _HOUR_NS), _KEY) is None
+    assert session.ends_ns == opened.expires_ns
+    assert open_session(seal_session(new_session(claims, "one", now_ns - 9 * _HOUR_NS), _KEY), _KEY) is None
 
 
 def test_what_is_sealed_for_one_purpose_is_nothing_for_another() -> None:
     now_ns = time.time_ns()
     assert open_login(seal_login(_LOGIN, _KEY, now_ns), _KEY) == _LOGIN
     assert open_session(seal_login(_LOGIN, _KEY, now_ns), _KEY) is None
-    assert open_login(seal_session(TokenHash("ab" * 32), _KEY, now_ns), _KEY) is None
+    assert open_login(seal_session(new_session(TokenHash("ab" * 32), "one", now_ns), _KEY), _KEY) is None
     assert open_login(seal_login(_LOGIN, _KEY, now_ns - _HOUR_NS), _KEY) is None
 
 

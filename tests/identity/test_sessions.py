@@ -104,6 +104,24 @@ def test_one_logs_out_and_the_session_is_over(here: Guarded, http: httpx.Client)
     assert http.get(here.root, headers={"accept": "text/turtle"}).status_code == 401
 
 
+def test_a_copied_cookie_is_worth_nothing_once_its_owner_has_logged_out(here: Guarded, http: httpx.Client) -> None:
+    """Streams of that session end; other sessions of the same token go on."""
+    copy, ours = f"linked-fleet={http.cookies['linked-fleet']}", {"origin": here.root[:-1]}
+    with httpx.Client() as tablet, Listening(here.root, Cookie=copy, Origin=here.root[:-1]) as open_:
+        log_in(here, tablet, here.tokens["all"])
+        open_.next()
+        assert http.post(here.root + "logout", headers=ours).status_code == 303
+        assert open_.until_closed() == 1008
+        for method, headers in (("GET", {}), ("POST", ours)):
+            answer = httpx.request(method, _stop_all(here), headers={"cookie": copy} | headers)
+            assert answer.status_code == 401 and "invalid_token" in answer.headers["www-authenticate"]
+        assert refusal(here.root, Cookie=copy, Origin=here.root[:-1]).status_code == 401
+        assert (
+            httpx.post(here.root + "logout", headers={"cookie": copy} | ours).status_code == 303
+        )  # as often as wanted
+        assert tablet.get(here.root).status_code == 200
+
+
 def test_a_session_lives_no_longer_than_its_token(here: Guarded) -> None:
     here.add("passing", "read")
     here.known("passing")
