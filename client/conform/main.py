@@ -2,6 +2,7 @@
 
 import argparse
 import asyncio
+import os
 import sys
 from datetime import UTC, datetime
 from pathlib import Path
@@ -23,7 +24,7 @@ def command(argv: list[str]) -> int:
     options = parser.parse_args(argv)
     try:
         with wary():
-            report = asyncio.run(conform(options))
+            report = asyncio.run(conform(options, _token(options.token_file)))
     except ValueError as error:
         parser.error(str(error))
     except ConnectionError as error:
@@ -51,6 +52,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--no-write", action="store_true", help="send no bodies and make no callbacks")
     parser.add_argument("--resources", metavar="N", type=_positive, default=200, help="how many to visit at most (200)")
+    parser.add_argument(
+        "--token-file", metavar="FILE", type=Path, help="has the token that says who you are (or LINKED_FLEET_TOKEN)"
+    )
     parser.add_argument("--timeout", metavar="S", type=_duration_s, default=10.0, help="seconds for one request (10)")
     parser.add_argument("--limit", metavar="S", type=_duration_s, default=300.0, help="seconds for everything (300)")
     return parser
@@ -68,9 +72,24 @@ def _duration_s(text: str) -> float:
     return seconds
 
 
-async def conform(options: argparse.Namespace) -> Report:
+def _token(file: Path | None) -> str:
+    """Of the file, else of the environment; not of the arguments, which everybody on the machine can read.
+
+    Empty without any; ValueError for what is none.
+    """
+    try:
+        said = os.environ.get("LINKED_FLEET_TOKEN", "") if file is None else file.read_text(encoding="ascii")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ValueError(f"{file} cannot be read as a token") from error
+    token = said.strip()
+    if (file is not None and not token) or not all("!" <= each <= "~" for each in token):
+        raise ValueError(f"what is in {file or 'LINKED_FLEET_TOKEN'} is no token")
+    return token
+
+
+async def conform(options: argparse.Namespace, token: str = "") -> Report:
     """ConnectionError when there is no connection to the server, ValueError when the URL is none."""
-    async with Web(options.url, options.timeout, options.limit) as web:
+    async with Web(options.url, options.timeout, options.limit, token) as web:
         root = await _root(web)
         found = await walk(web, root, options.resources)
         trials = await _trials(web, found, options)

@@ -1,6 +1,7 @@
 """Opening a WebSocket at a resource: whether it opens, lives, and what it says first."""
 
 import asyncio
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 from urllib.parse import urlsplit
@@ -22,10 +23,10 @@ class Stream:
     message: bytes | None = None
 
 
-async def open_stream(url: str, accept: str, patience_s: float) -> Stream:
+async def open_stream(url: str, accept: str, patience_s: float, credentials: Mapping[str, str]) -> Stream:
     """Opened, pinged, listened to for its first message, and closed."""
     parts = urlsplit(url)
-    headers = {"Accept": accept} if accept else {}
+    headers = {**credentials, **({"Accept": accept} if accept else {})}
     try:
         async with connect(
             parts._replace(scheme="wss" if parts.scheme == "https" else "ws").geturl(),

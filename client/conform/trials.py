@@ -94,7 +94,7 @@ async def try_streams(web: Web, trials: Trials) -> None:
             trials.other_type = accept if answer.successful and answer.media_type == accept else ""
     for accept in ("", trials.other_type) if trials.other_type else ("",):
         web.in_time()
-        trials.streams.append(await open_stream(trials.resource, accept, web.patience_s))
+        trials.streams.append(await open_stream(trials.resource, accept, web.patience_s, web.credentials))
 
 
 async def try_callbacks(web: Web, walk: Walk, trials: Trials, host: str) -> None:

@@ -57,10 +57,10 @@ class Answer:
 class Web:
     """The origin of ``root``, for at most ``limit_s`` seconds, each request within ``patience_s``.
 
-    ``received`` counts the bytes of bodies.
+    ``received`` counts the bytes of bodies. ``token`` (RFC 6750) says who one is; it goes nowhere else.
     """
 
-    def __init__(self, root: str, patience_s: float, limit_s: float) -> None:
+    def __init__(self, root: str, patience_s: float, limit_s: float, token: str = "") -> None:
         self.root = urldefrag(root).url
         self.origin = _origin(self.root)
         if self.origin is None:
@@ -70,7 +70,9 @@ class Web:
         self._started = time.monotonic()
         self._limit_s = limit_s
         # Neither proxies nor credentials of the environment: it is the server that is judged.
-        self._client = httpx.AsyncClient(timeout=patience_s, trust_env=False, headers={"accept-encoding": "identity"})
+        self.credentials = {"authorization": f"Bearer {token}"} if token else {}
+        headers = {"accept-encoding": "identity", **self.credentials}
+        self._client = httpx.AsyncClient(timeout=patience_s, trust_env=False, headers=headers)
 
     async def __aenter__(self) -> Self:
         return self

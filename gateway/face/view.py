@@ -11,7 +11,7 @@ from gateway.actions.offer import robot_offers
 from gateway.face import doings, labels, things
 from gateway.face.things import Described, Part, described
 from gateway.face.values import Facts, Link, Row
-from gateway.graph.paths import RESERVED_AT_ROOT
+from gateway.graph.paths import AUDIT, RESERVED_AT_ROOT
 from gateway.graph.resource import Resource
 from gateway.graph.vocab import DCTERMS, HYBRIT, LDP, LF, PROV, RDF, ROS, XHV
 
@@ -48,7 +48,7 @@ FORMATS: Mapping[str, tuple[str, str]] = {
 @dataclass(frozen=True)
 class View:
     """``crumbs`` are names with IRIs, the last without; ``stop`` is whom the Stop button stops, and by which action;
-    ``reader`` is who has logged in."""
+    ``reader`` is who has logged in, ``audit`` where one who may reads what was done."""
 
     iri: str
     root: str
@@ -66,6 +66,7 @@ class View:
     rows: Sequence[Row]
     others: Sequence[Described]
     reader: str
+    audit: str
 
     @property
     def formats(self) -> list[tuple[str, str, str]]:
@@ -103,6 +104,7 @@ def view_of(resource: Resource, triples: Sequence[Triple], base: str) -> View:
         rows=facts.rows(iri, without=_FRAME | part.shown),
         others=[described(facts, each) for each in facts.outline.headings if each != iri and each not in part.done],
         reader=resource.reader,
+        audit=facts.root + AUDIT[1:] if AUDIT in resource.own else "",
     )
 
 

@@ -5,8 +5,9 @@ from functools import lru_cache
 from agents.wire.names import escape, unescape
 from gateway.fleet.model import RobotModel
 
+AUDIT = "/audit"
 RESERVED_AT_ROOT = frozenset(
-    {"actions", "assets", "audit", "blueprint", "context", "health", "invocations", "linkset", "login", "logout"}
+    {"actions", "assets", AUDIT[1:], "blueprint", "context", "health", "invocations", "linkset", "login", "logout"}
     | {"metrics", "query", "rules", "scene", "subscriptions", "vocabulary"}
 )
 RESERVED_IN_ROBOT = frozenset(

@@ -1,5 +1,6 @@
 """What is noted of requests, and ``/audit`` and its further pages, where who administers the fleet reads it."""
 
+from dataclasses import replace
 from urllib.parse import quote, urlsplit
 
 from pyoxigraph import Literal, NamedNode
@@ -7,16 +8,16 @@ from starlette.requests import HTTPConnection
 
 from gateway.errors import NotFound, StoreAway
 from gateway.graph.build import Graph, integer, timestamp
+from gateway.graph.paths import AUDIT as PATH
 from gateway.graph.paths import robot_of, robot_path
 from gateway.graph.resource import CONTAINER, Resource
 from gateway.graph.vocab import DCTERMS, LDP, LF, PROV, RDFS, XHV
-from gateway.http.rights import name_of
+from gateway.http.rights import caller_of, name_of
 from gateway.identity.rights import Right
 from gateway.observe.audit import PAGE, Audit, Entry
 from gateway.observe.context import present
 from gateway.store.connection import StoreUnavailable
 
-PATH = "/audit"
 NEEDS = (Right.ADMIN,)
 _NOTHING_DONE = (401, 404, 405)
 _LONGEST = 500
@@ -49,6 +50,19 @@ async def audit_resource(connection: HTTPConnection, base: str) -> Resource:
 
 def is_audit(path: str) -> bool:
     return path == PATH or path.startswith(PATH + "/")
+
+
+def with_audit(connection: HTTPConnection, resource: Resource) -> Resource:
+    """The fleet and its link set link the audit, for who may read it.
+
+    Its triples do not say so: they are the same for all who see the same robots, as messages about it are.
+    """
+    if not caller_of(connection).may_any(NEEDS, None):
+        return resource
+    if resource.path == "/":
+        return replace(resource, own=(*resource.own, PATH))
+    of = resource.linkset_of
+    return resource if of is None or of.path != "/" else replace(resource, linkset_of=with_audit(connection, of))
 
 
 def _describe(graph: Graph, base: str, path: str, entries: list[tuple[str, Entry]]) -> None:

@@ -31,7 +31,7 @@ from gateway.graph.subscription import container_path
 from gateway.graph.tree import EMPTY, Found, Shelf
 from gateway.graph.vocab import PREFIXES
 from gateway.http.audit import NEEDS as AUDIT_NEEDS
-from gateway.http.audit import audit_resource, is_audit, note
+from gateway.http.audit import audit_resource, is_audit, note, with_audit
 from gateway.http.body import BODY_TYPES
 from gateway.http.conditional import not_modified, precondition_holds
 from gateway.http.control import control, put_setting
@@ -163,9 +163,11 @@ async def _find(connection: HTTPConnection, base: str) -> Resource | Redirect:
     found: Found = None if encoded_slash else tree_of(connection, base, await _shelf(connection, path)).resolve(path)
     if found is None:
         raise NotFound(f"There is no resource at {path[:_LONGEST_NAMED]}; browse from {base}/.")
-    if isinstance(found, Resource) and getattr(connection.state, "session", None):
-        return replace(found, reader=caller_of(connection).name)
-    return found
+    if isinstance(found, Redirect):
+        return found
+    if getattr(connection.state, "session", None):
+        found = replace(found, reader=caller_of(connection).name)
+    return with_audit(connection, found)
 
 
 async def _shelf(connection: HTTPConnection, path: str) -> Shelf:

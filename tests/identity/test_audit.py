@@ -71,6 +71,19 @@ def test_the_audit_is_for_who_administers_all(here: Guarded, name: str | None, s
         assert browser.http.get(here.root + "audit").status_code == status
 
 
+@pytest.mark.parametrize(("name", "linked"), [("reader", False), ("lab", False), ("admin", True)])
+def test_the_root_links_the_audit_for_who_may_read_it(here: Guarded, name: str, linked: bool) -> None:
+    with here.browsing(name) as browser:
+        audit = f"{here.root}audit"
+        root = browser.http.get(here.root)
+        assert (f"<{audit}>" in root.headers["link"]) == linked
+        linkset = browser.http.get(here.root + "linkset", headers={"accept": "application/linkset"})
+        assert (audit in linkset.text) == linked
+        page = browser.http.get(here.root, headers={"accept": "text/html"})
+        assert (f'href="{audit}"' in page.text) == linked
+        assert audit not in browser.http.get(f"{here.root}{SEEN}/").headers["link"]
+
+
 def test_nothing_waits_for_redis_and_nothing_is_forgotten(tmp_path: Path) -> None:
     with (
         single(tmp_path / "redis") as servers,

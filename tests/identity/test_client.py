@@ -1,14 +1,17 @@
 """The client says who it is to its own fleet, and to nobody else."""
 
+import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from guarded import Guarded
 from receivers import Answer, receiving
 from running import ROOT
 
+from client.conform import command
 from client.fleet import Fleet
 
 pytestmark = pytest.mark.fleet
@@ -26,6 +29,32 @@ def test_the_command_line_takes_a_token(here: Guarded) -> None:
     assert ls(here.tokens["all"]).stdout.count("Robot") >= 2
     nobody = ls("")
     assert nobody.returncode != 0 and "Traceback" not in nobody.stderr
+
+
+def test_conformance_is_checked_as_who_has_the_token(
+    here: Guarded, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of the file, or of the environment; what is none is wrong usage, and is not printed."""
+    file = tmp_path / "token"
+    file.write_text(here.tokens["lab"] + "\n")
+    few = ["--json", "--no-write", "--resources", "8"]
+
+    def outcomes(*more: str) -> dict[str, str]:
+        assert command([here.root, *few, *more]) in (0, 1)
+        said = capsys.readouterr().out
+        assert here.tokens["lab"] not in said
+        return {result["id"]: result["outcome"] for result in json.loads(said)["results"]}
+
+    known = outcomes("--token-file", str(file))
+    assert {known[name] for name in ("R0.1", "R0.4", "R0.9", "R0.15")} == {"passed"}
+    assert outcomes()["R0.4"] != "passed"
+    monkeypatch.setenv("LINKED_FLEET_TOKEN", here.tokens["lab"])
+    assert outcomes()["R0.4"] == "passed"
+    for text in ("", "two words", "a\r\nb: c"):
+        file.write_text(text)
+        with pytest.raises(SystemExit) as ended:
+            command([here.root, "--token-file", str(file)])
+        assert ended.value.code == 2 and (not text or text not in capsys.readouterr().err)
 
 
 def test_a_token_goes_nowhere_else(here: Guarded) -> None:
