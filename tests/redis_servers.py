@@ -8,7 +8,7 @@ import signal
 import socket
 import subprocess
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import redis
@@ -27,7 +27,8 @@ class Server:
     test waits for a disk that others keep busy.
     """
 
-    def __init__(self, folder: Path, *options: str) -> None:
+    def __init__(self, folder: Path, *options: str, environment: Mapping[str, str] | None = None) -> None:
+        self._environment = os.environ | (environment or {})
         self.port = _port()
         folder.mkdir(parents=True, exist_ok=True)
         self._memory: Path | None = None
@@ -46,7 +47,7 @@ class Server:
         return f"redis://127.0.0.1:{self.port}"
 
     def start(self) -> None:
-        self._child = subprocess.Popen(self._command)
+        self._child = subprocess.Popen(self._command, env=self._environment)
         eventually(lambda: self.ask("PING") == "+PONG", "a server that answers")
 
     def lasting_keys(self, pattern: str) -> list[str]:

@@ -1,7 +1,8 @@
 """The atomic steps of the store, as Lua that Redis runs. Each touches the keys of one slot only.
 
 They are sent whole each time: they are short, and a server that restarted knows no script by its digest. The time is
-the server's, so that the clocks of gateways need not agree.
+the server's, so that the clocks of gateways need not agree. Nothing that lasts less than a day depends on that clock:
+it may be set, too.
 """
 
 _NOW = """
@@ -33,10 +34,34 @@ for _, id in ipairs(redis.call('ZRANGEBYSCORE', KEYS[2], '-inf', now)) do forget
 ANYBODY = "anybody"  # in place of the hash of a token: whoever has the lease
 
 # A lease as its id, holder, time taken, time of expiry, duration and time left, in milliseconds; false without one.
-_LEASE = """
+# Gateways look at each several times a second. What passed since the last look counts for 2.5 s at most, and never
+# backwards: the rest is the clock's own, which was set, or nobody was there; the expiry is moved by as much. Where
+# writing fails it is moved at a later look.
+_LEASE = (
+    _NOW
+    + """
+local function settled(key)
+  local seen, expires = unpack(redis.call('HMGET', key, 'seen_ms', 'expires_ms'))
+  seen, expires = tonumber(seen) or now, tonumber(expires)
+  local counted = math.min(math.max(now - seen, 0), 2500)
+  if now - seen ~= counted then
+    expires = expires + now - seen - counted
+    redis.pcall('HSET', key, 'expires_ms', expires, 'seen_ms', now)
+    redis.pcall('PEXPIREAT', key, expires + 86400000)
+  elseif counted >= 500 then
+    redis.pcall('HSET', key, 'seen_ms', now)
+  end
+  return expires - now
+end
 local function lease(key)
+  if redis.call('EXISTS', key) == 0 then return false, {} end
+  local left = settled(key)
+  if left <= 0 then
+    redis.pcall('DEL', key)
+    return false, {}
+  end
   local held = redis.call('HMGET', key, 'token', 'id', 'holder', 'taken_ms', 'expires_ms', 'duration_ms')
-  return held[1], {held[2], held[3], held[4], held[5], held[6], held[1] and tostring(redis.call('PTTL', key))}
+  return held[1], {held[2], held[3], held[4], held[5], held[6], tostring(left)}
 end
 local function refused(key, token, tied)
   local owner, held = lease(key)
@@ -45,6 +70,7 @@ local function refused(key, token, tied)
   if tied ~= '' and held[1] ~= tied then return {'over'} end
 end
 """
+)
 
 # KEYS: lease; ARGV: token, lease that it is tied to or nothing. Whether one may act.
 CHECK = (
@@ -120,16 +146,15 @@ return 1
 
 # KEYS: lease; ARGV: token, id and token of a new lease, holder, milliseconds. The lease, taken or renewed.
 TAKE = (
-    _NOW
-    + _LEASE
+    _LEASE
     + """
 local refusal = refused(KEYS[1], ARGV[1], '')
 if refusal then return refusal end
 if redis.call('EXISTS', KEYS[1]) == 0 then
   redis.call('HSET', KEYS[1], 'id', ARGV[2], 'token', ARGV[3], 'holder', ARGV[4], 'taken_ms', now)
 end
-redis.call('HSET', KEYS[1], 'duration_ms', ARGV[5], 'expires_ms', now + ARGV[5])
-redis.call('PEXPIREAT', KEYS[1], now + ARGV[5])
+redis.call('HSET', KEYS[1], 'duration_ms', ARGV[5], 'expires_ms', now + ARGV[5], 'seen_ms', now)
+redis.call('PEXPIREAT', KEYS[1], now + ARGV[5] + 86400000)
 local _, held = lease(KEYS[1])
 return {'taken', unpack(held)}
 """

@@ -1,11 +1,18 @@
-"""Which runs of gateways are alive, and what each of them holds; all in one slot of Redis."""
+"""Which runs of gateways are alive, and what each of them holds; all in one slot of Redis.
 
+A lease says something else each time that it is renewed, and whoever looks measures by his own monotonic clock how long
+ago that was: the clock of Redis may be set, and nobody seems dead, or alive, for that.
+"""
+
+import time
 from collections.abc import Collection, Iterable, Mapping
 
 from gateway.store.connection import Connection
 from gateway.subscriptions import scripts
 from gateway.subscriptions.keys import Keys
 from gateway.subscriptions.records import Held, read_held, write_held
+
+_LEFT = b"left"
 
 
 class Runs:
@@ -16,31 +23,45 @@ class Runs:
         self._keys = keys
         self._run = run
         self._lease_s = lease_s
+        self._renewals = 0
+        self._heard: dict[str, tuple[bytes, float]] = {}  # the lease of each other run, and since when it is so
 
     async def renew(self) -> None:
-        lease_ms = round(self._lease_s * 1000)
-        await self._redis.one("SET", self._keys.lease(self._run), "", "PX", lease_ms)
+        self._renewals += 1
+        await self._say(f"{self._renewals} {self._lease_s}")
         await self._redis.one("SADD", self._keys.runs, self._run)
 
     async def leave(self) -> None:
-        await self._redis.one("DEL", self._keys.lease(self._run))
+        await self._say(_LEFT)
         await self.retire(self._run)
+
+    async def _say(self, what: str | bytes) -> None:
+        await self._redis.one("SET", self._keys.lease(self._run), what, "PX", round(self._lease_s * 1000))
 
     async def dead(self) -> list[str]:
         """None for half a lease after an outage, in which the living could not renew theirs."""
         runs = {run.decode() for run in await self._redis.one("SMEMBERS", self._keys.runs)} - {self._run}
+        self._heard = {run: heard for run, heard in self._heard.items() if run in runs}
         dead = runs - await self.living(runs)
         return sorted(dead) if self._redis.served_s > self._lease_s / 2 else []
 
     async def living(self, runs: Iterable[str]) -> set[str]:
-        """Those of ``runs`` that have a lease."""
+        """Those of ``runs`` that have renewed their lease lately. One without, of which nothing was heard, has not."""
         asked = list(runs)
         leases = await self._redis.one("MGET", *map(self._keys.lease, asked)) if asked else ()
-        return {run for run, lease in zip(asked, leases, strict=True) if lease is not None}
+        now_s = time.monotonic()
+        return {run for run, lease in zip(asked, leases, strict=True) if self._lives(run, lease, now_s)}
+
+    def _lives(self, run: str, lease: bytes | None, now_s: float) -> bool:
+        if lease is not None and (run not in self._heard or self._heard[run][0] != lease):
+            self._heard[run] = lease, now_s
+        said, since_s = self._heard.get(run, (_LEFT, now_s))
+        return said != _LEFT and now_s - since_s < float(said.partition(b" ")[2])
 
     async def retire(self, run: str) -> None:
         """Forget a run that is dead and holds nothing."""
-        await self._redis.run(scripts.RETIRE, (self._keys.runs, self._keys.held(run), self._keys.lease(run)), run)
+        keys = (self._keys.runs, self._keys.held(run), self._keys.lease(run))
+        await self._redis.run(scripts.RETIRE, keys, run, _LEFT)
 
     async def held(self, run: str) -> dict[str, Held]:
         """By id, what a run holds, began to add or did not finish to remove."""

@@ -92,9 +92,12 @@ redis.call('HSET', KEYS[1], 'holder', ARGV[2])
 return {1, ARGV[2]}
 """
 
-# KEYS: runs, held, lease; ARGV: run. A run that may come back, or holds something, is not forgotten.
+# KEYS: runs, held, lease; ARGV: run, what the lease of one that has left says. A run that may come back, or holds
+# something, is not forgotten.
 RETIRE = """
-if redis.call('EXISTS', KEYS[2], KEYS[3]) == 0 then redis.call('SREM', KEYS[1], ARGV[1]) end
+local lease = redis.call('GET', KEYS[3])
+local gone = not lease or lease == ARGV[2]
+if gone and redis.call('EXISTS', KEYS[2]) == 0 then redis.call('SREM', KEYS[1], ARGV[1]) end
 return 1
 """
 

@@ -1,0 +1,133 @@
+"""The wall clock of Redis's machine jumps by an hour: what gateways decide does not depend on it."""
+
+import shutil
+import signal
+import struct
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from browser import LF
+from commanding import (
+    PAN,
+    WRIST,
+    all_see,
+    angle,
+    arm,
+    at_all,
+    begun,
+    control,
+    ended,
+    moving,
+    of_joint,
+    problem,
+    put,
+    radian,
+    slowly,
+    state_at,
+)
+from receivers import receiving
+from redis_servers import Server
+from running import eventually
+from several import Gateway, arrived, deliveries, gateway, hub
+from subscribers import Socket
+
+pytestmark = pytest.mark.fleet
+HOUR_S = 3600
+_SOURCE = Path(__file__).parents[1] / "shifted_clock.c"
+
+
+class Clock:
+    """The wall clock of a server."""
+
+    def __init__(self, file: Path) -> None:
+        self._file = file
+        file.write_bytes(bytes(8))
+
+    def jump(self, by_s: int) -> None:
+        with self._file.open("r+b") as file:  # in place: the server has it mapped
+            file.write(struct.pack("l", by_s))
+
+
+@pytest.fixture(scope="module")
+def shim(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What gives a process a clock of its own: no namespace does so for the wall clock."""
+    compiler = shutil.which("cc")
+    if compiler is None:
+        pytest.skip("no C compiler, by which a server gets a wall clock of its own")
+    library = tmp_path_factory.mktemp("shim") / "clock.so"
+    subprocess.run((compiler, "-shared", "-fPIC", "-O1", "-o", library, _SOURCE), check=True)
+    return library
+
+
+@pytest.fixture
+def clocked(shim: Path, tmp_path: Path) -> Iterator[tuple[Server, Clock]]:
+    file = tmp_path / "ahead"
+    clock = Clock(file)
+    node = Server(tmp_path / "redis", environment={"LD_PRELOAD": str(shim), "AHEAD": str(file)})
+    try:
+        node.start()
+        yield node, clock
+    finally:
+        node.discard()
+
+
+def _wall_s(node: Server) -> float:
+    return float(node.ask("EVAL", '"return redis.call([[TIME]])[1]"', 0))
+
+
+def _lease(at: Gateway) -> str:
+    return str(at.browser.robot("ur5").one(LF.lease))
+
+
+def _held(at: Gateway) -> bool:
+    return at.browser.page(_lease(at)).one(LF.state) == LF.held
+
+
+@pytest.mark.parametrize("jump_s", [HOUR_S, -HOUR_S])
+def test_the_clock_of_redis_jumps(clocked: tuple[Server, Clock], jump_s: int) -> None:
+    """Motion, control, stream and callback go on where they are; leases end when they would have, and those of a
+    gateway that is killed afterwards, with its callbacks taken over."""
+    node, clock = clocked
+    with (
+        hub() as stage,
+        receiving() as receiver,
+        arm(stage.endpoint),
+        gateway(stage, "--redis-url", node.url) as other,
+        gateway(stage, "--redis-url", node.url) as at,
+    ):
+        all_see([at, other])
+        at.subscribed(receiver.url("/kept"))
+        taken = put(at.browser, _lease(at), control("me", 20))
+        proof, key = {"lock-token": taken.headers["lock-token"]}, {"idempotency-key": "once"}
+        present = angle(at.browser, PAN)
+        body = slowly(present + (-1.0 if present > 0 else 1.0), f"; lf:tiedTo <{_lease(at)}>", speed=0.2)
+        motion = begun(put(at.browser, of_joint(at.browser, PAN), body, **proof, **key))
+        moving(at.browser, PAN)
+        with Socket(at.rotation) as watching:
+            watching.next()
+            before_s = _wall_s(node)
+            clock.jump(jump_s)
+            eventually(lambda: abs(_wall_s(node) - before_s - jump_s) < 600, "the other time")
+            for _ in range(20):
+                stage.step()
+                assert watching.next().angle == stage.angle
+            for each in (at, other):
+                assert _held(each)
+                refused = put(each.browser, of_joint(each.browser, WRIST), radian(0.5))
+                assert problem(refused) == (409, "controlled")
+            assert begun(put(at.browser, of_joint(at.browser, PAN), body, **proof, **key)) == motion
+            assert ended(other.browser, other.here(motion)).one(LF.state) == LF.succeeded
+            assert len(at.listed()) == 2
+        arrived(receiver, "/kept", stage.angle)
+        at_all([at, other], lambda each: not _held(each), "the end of the lease")
+        again = put(other.browser, _lease(other), control("you", 600))
+        assert again.status_code == 204
+        assert not [each for each in (at, other) if "subscriptions over from" in each.process.output]
+        at.process.send(signal.SIGKILL)
+        stage.step()
+        arrived(receiver, "/kept", stage.angle)
+        deliveries(receiver.log("/kept", "POST"))
+        assert eventually(lambda: state_at(other, motion) == LF.succeeded, "the invocation")
+        assert "Traceback" not in other.process.output
