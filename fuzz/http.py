@@ -229,6 +229,9 @@ class Line:
             self._open[1].transport.abort()
             self._open = None
 
+    async def connect(self) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+        return await asyncio.open_connection("127.0.0.1", self._port, limit=2**20)
+
     async def ask(self, said: bytes, head: bool) -> str:
         """What is wrong with the answer; empty when nothing is."""
         fresh = self._open is None
@@ -248,7 +251,7 @@ class Line:
 
     async def _exchange(self, said: bytes, head: bool) -> tuple[int, bool]:
         if self._open is None:
-            self._open = await asyncio.open_connection("127.0.0.1", self._port, limit=2**20)
+            self._open = await self.connect()
         reader, writer = self._open
         writer.write(said)
         status, fields = await _head(reader)

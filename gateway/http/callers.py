@@ -71,9 +71,8 @@ class Callers:
 async def authenticate(identities: Identities, scope: Scope) -> Identity:
     """Unauthenticated, ForeignOrigin, StoreAway, IssuerAway. Notes in the state which session was used."""
     headers = Headers(scope=scope)
-    said = headers.getlist("authorization")
-    if said:
-        return await _bearer(identities, said)
+    if "authorization" in headers:
+        return await by_token(identities, headers)
     sealed = read_cookie(scope)
     if not sealed:
         raise Unauthenticated(_LOGIN)
@@ -88,7 +87,11 @@ async def authenticate(identities: Identities, scope: Scope) -> Identity:
     return caller
 
 
-async def _bearer(identities: Identities, said: list[str]) -> Identity:
+async def by_token(identities: Identities, headers: Headers) -> Identity:
+    """Who asks with a token, which is the one way for programs; Unauthenticated, IssuerAway."""
+    said = headers.getlist("authorization")
+    if not said:
+        raise Unauthenticated("Send Authorization: Bearer with a token.")
     scheme, _, token = said[0].partition(" ")
     if len(said) != 1 or scheme.lower() != "bearer" or not token.strip():
         raise Unauthenticated("Authorization is Bearer and one token.", wrong=True)

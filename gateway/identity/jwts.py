@@ -57,11 +57,11 @@ async def verified(text: str, issuer: Issuer, keys: IssuerKeys, audience: str) -
         raise BadToken("it is not valid yet") from error
     except jwt.InvalidAudienceError as error:
         raise BadToken("it is for another audience") from error
-    except (jwt.PyJWTError, ValueError, RecursionError) as error:
+    except (jwt.PyJWTError, ValueError, TypeError, OverflowError, RecursionError) as error:
         raise BadToken("it is not signed by its issuer, or does not say what it must") from error
     return said
 
 
 def expiry_ns(said: dict[str, Any]) -> int:
     """When the claims, which were verified, hold no longer; wall time."""
-    return int(float(said["exp"]) + LEEWAY_S) * 1_000_000_000
+    return (int(said["exp"]) + LEEWAY_S) * 1_000_000_000  # a float could not hold whatever an issuer may say

@@ -14,7 +14,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from gateway.errors import FleetError, InsufficientScope
 from gateway.graph.vocab import PREFIXES
-from gateway.http.callers import authenticate
+from gateway.http.callers import by_token
 from gateway.http.problem import problem
 from gateway.identity.rights import Right
 from gateway.observe.context import begin
@@ -81,11 +81,14 @@ class Front:
 
 
 async def _admitted(page: Callable[[Request], Awaitable[Response]], request: Request) -> Response:
-    """The numbers name all robots: where there are identities, they are for who may administer all of them."""
+    """The numbers name all robots: where there are identities, they are for who may administer all of them.
+
+    By a token: sessions are for pages of a host that is known, and nobody has looked yet which host was asked.
+    """
     identities = getattr(request.app.state, "identities", None)
     if page is metrics and identities is not None:
         try:
-            caller = await authenticate(identities, request.scope)
+            caller = await by_token(identities, request.headers)
             if not caller.may(Right.ADMIN, None):
                 raise InsufficientScope("The numbers are for who may administer all robots.", scope=Right.ADMIN)
         except FleetError as error:

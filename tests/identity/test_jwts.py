@@ -14,7 +14,7 @@ from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 from issuer import AUDIENCE, Issuer, Key, issuing
 
 import gateway.identity.keys as identity_keys
-from gateway.identity.jwts import BadToken, issuer_named, verified
+from gateway.identity.jwts import BadToken, expiry_ns, issuer_named, verified
 from gateway.identity.keys import IssuerKeys
 from gateway.identity.roster import parse_roster
 from gateway.identity.web import IssuerSilent, Web
@@ -49,6 +49,16 @@ def test_a_token_of_the_issuer_is_believed(issuer: Issuer, algorithm: str) -> No
     issuer.keys = [Key("k", algorithm)]
     (said,) = claims_of(issuer, issuer.token())
     assert isinstance(said, dict) and said["sub"] == "ada"
+
+
+@pytest.mark.parametrize("exp", [10**400, float("inf"), float("nan"), [], {}, True, "never"])
+def test_an_odd_end_is_far_away_or_none(issuer: Issuer, exp: object) -> None:
+    """An issuer may say what it likes: no number is too large, and what is no number is refused."""
+    (said,) = claims_of(issuer, issuer.token(exp=exp))
+    if exp == 10**400:
+        assert isinstance(said, dict) and expiry_ns(said) > time.time_ns()
+    else:
+        assert isinstance(said, str)
 
 
 def test_what_is_refused(issuer: Issuer) -> None:

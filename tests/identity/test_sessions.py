@@ -132,6 +132,12 @@ def test_a_session_lives_no_longer_than_its_token(here: Guarded) -> None:
         assert eventually(lambda: client.get(here.root).status_code == 401, "the session over")
 
 
+def test_the_numbers_are_for_programs_with_a_token(here: Guarded, http: httpx.Client) -> None:
+    assert http.get(here.root + "metrics").status_code == 401
+    assert http.get(here.root + "metrics", headers={"authorization": f"Bearer {here.tokens['all']}"}).status_code == 200
+    assert here.gateway is not None and "Traceback" not in here.gateway.output
+
+
 @pytest.mark.parametrize("value", ["", "x", "a.b.c", "eyJhbGciOiJub25lIn0.eyJ0b2tlbiI6IjAwIiwiYXVkIjoic2Vzc2lvbiJ9."])
 def test_a_cookie_of_ones_own_making_is_none(here: Guarded, value: str) -> None:
     answer = httpx.get(here.root, headers={"cookie": f"linked-fleet={value}"})
