@@ -1,8 +1,8 @@
 """The gateway's end of Zenoh: presence, frames and progress come in, commands and questions go out.
 
-The only module of the gateway that imports zenoh. Zenoh calls back on threads of its own; such a callback only puts a
-payload into the inbox. Everything else happens in the event loop, and calls that may block on a full connection happen
-in a small thread pool.
+With ``incoming.py`` and ``questions.py`` all of the gateway that imports zenoh. Zenoh calls back on threads of its own;
+such a callback only puts a payload where the event loop finds it. Calls that may block on a full connection happen in
+a small thread pool.
 """
 
 import asyncio
@@ -11,30 +11,27 @@ import json
 import logging
 import threading
 from collections.abc import Callable, Collection, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from types import MappingProxyType
-from typing import Any, Self, TypeVar
+from typing import Any, Self
 
 import zenoh
 
-from agents.wire.codec import WireError, decode, encode
+from agents.wire.codec import encode
 from agents.wire.keys import Keys, RobotKey
 from agents.wire.messages import Accepted, Command, Description, Mesh, Progress, Refused, Reply, Stop
 from gateway.fleet.answers import read_description, read_mesh, read_reply
-from gateway.fleet.complaints import Complaints
-from gateway.fleet.events import Appeared, Described, Event, Framed, Undescribed, Vanished
-from gateway.fleet.inbox import MAX_KEYS, Inbox, Payload
+from gateway.fleet.events import Appeared, Described, Event, Undescribed, Vanished
+from gateway.fleet.frames import Frames
+from gateway.fleet.inbox import MAX_KEYS
+from gateway.incoming import Incoming
 from gateway.observe.context import step
+from gateway.questions import Questions
 from gateway.session import open_failure, port_is_taken, settings
 
 _log = logging.getLogger(__name__)
-_T = TypeVar("_T")
-_Answer = tuple[bytes | str, str]  # a payload, or a sentence why there is none; and its key
 
 MAX_DESCRIPTION_BYTES = 9_000_000
-MAX_STATE_BYTES = MAX_PROGRESS_BYTES = MAX_REPLY_BYTES = 65_536
-MAX_REPLIES = 8  # to one question: a robot and, for a moment, the run of its agent before
-MAX_STOP_REPLIES = 10_000  # to one question to all robots
+MAX_REPLY_BYTES = 65_536
 DESCRIPTION_TIMEOUT_S = 2.0
 DESCRIPTION_BACKOFF_S = (0.1, 0.2, 0.5, 1.0, 2.0)  # the last one for ever
 SILENT_ATTEMPTS = 3  # before a robot that describes nothing is called faulty
@@ -53,17 +50,11 @@ class NoAnswer(Exception):  # noqa: N818 -- it is an outcome, not a defect
         self.reason = reason
 
 
-def _bounded(payload: zenoh.ZBytes, limit: int) -> Payload:
-    """The payload, or its length when that is above the limit: such a payload is never copied."""
-    size = len(payload)
-    return payload.to_bytes() if size <= limit else size
-
-
 class FleetLink:
     """An open link, as an async context manager. Raises LinkError on entry.
 
-    ``on_events`` and ``on_progress`` are called in the event loop, one batch after another. ``trust`` is Zenoh's
-    configuration of who proves what to whom.
+    ``on_events`` and ``on_progress`` are called in the event loop, one batch after another. ``frames`` may take frames
+    without an event. ``trust`` is Zenoh's configuration of who proves what to whom.
     """
 
     def __init__(
@@ -75,16 +66,18 @@ class FleetLink:
         on_events: Callable[[list[Event]], None],
         on_progress: Callable[[str, Progress], None],
         trust: Mapping[str, object] = MappingProxyType({}),
+        frames: Frames | None = None,
     ) -> None:
         self._keys = keys
         self._gateway_name = gateway_name
         self._listen = listen
         self._connect = connect
         self._trust = trust
+        self._frames = frames or Frames()
         self._on_events = on_events
-        self._tell_progress = on_progress
-        self._complaints = Complaints(_log)
+        self._on_progress = on_progress
         self._fetches: dict[RobotKey, asyncio.Task[None]] = {}
+        self._describing = asyncio.Lock()  # a thousand at once are taken one at a time, between which others are served
         self._expected: dict[str, zenoh.KeyExpr] = {}
         self._declared: tuple[object, ...] = ()
 
@@ -96,25 +89,22 @@ class FleetLink:
     @property
     def malformed(self) -> dict[str, int]:
         """How many messages were refused here, by robot or, where the key names none, by key."""
-        return dict(self._complaints.counts)
+        return dict(self._incoming.complaints.counts)
 
     async def __aenter__(self) -> Self:
         self._loop = asyncio.get_running_loop()
-        self._threads = ThreadPoolExecutor(max_workers=8, thread_name_prefix="link")
-        # A stop never waits behind a call that a full connection holds up.
-        self._stop_threads = ThreadPoolExecutor(max_workers=16, thread_name_prefix="stop")
-        self._inbox = Inbox(lambda: self._loop.call_soon_threadsafe(self._drain))
+        self._questions = Questions()
+        self._incoming = Incoming(self._keys, self._frames, self._presence, self._on_events, self._on_progress)
         try:
             self._session = await self._open()
         except BaseException:
-            self._inbox.close()
-            self._end_threads()
+            self._questions.close()
             raise
         return self
 
     async def join(self) -> None:
         """Be seen by the robots, and hear them; until then the link is open and silent."""
-        await self._in_thread(self._declare)
+        await self._questions.in_thread(self._declare)
 
     async def roll_call(self, timeout_s: float) -> set[str]:
         """Names of the robots that are there now, as far as is known within ``timeout_s``."""
@@ -127,24 +117,20 @@ class FleetLink:
             over.wait(timeout_s)
             return [str(reply.ok.key_expr) for reply in list(replies) if reply.ok is not None]
 
-        found = [self._parse(key) for key in await self._in_thread(ask)]
+        found = [self._incoming.parse(key) for key in await self._questions.in_thread(ask)]
         return {robot.robot for robot in found if robot is not None}
 
     async def __aexit__(self, *_: object) -> None:
-        self._inbox.close()
+        self._incoming.close()
         fetches = list(self._fetches.values())
         for fetch in fetches:
             fetch.cancel()
         await asyncio.gather(*fetches, return_exceptions=True)
         try:
-            await self._in_thread(self._session.close)
+            await self._questions.in_thread(self._session.close)
         except zenoh.ZError as error:
             _log.warning("the Zenoh session did not close cleanly: %s", error)
-        self._end_threads()
-
-    def _end_threads(self) -> None:
-        self._threads.shutdown(wait=False)
-        self._stop_threads.shutdown(wait=False)
+        self._questions.close()
 
     async def command(self, robot: str, command: Command, timeout_s: float) -> Reply:
         """Send a command and return the agent's reply. Raises NoAnswer when none comes within ``timeout_s``."""
@@ -165,8 +151,8 @@ class FleetLink:
             traceparent = None if span is None else span.traceparent
             try:
                 key = self._keys.robot(robot, "command")
-                reply = await self._ask(
-                    key, timeout_s, MAX_REPLY_BYTES, encode(command), judge, traceparent=traceparent
+                reply = await self._questions.ask(
+                    self._session, key, timeout_s, MAX_REPLY_BYTES, encode(command), judge, traceparent=traceparent
                 )
             except TimeoutError:
                 reasons.append(f"robot {robot!r} did not answer within {timeout_s} s")
@@ -186,16 +172,23 @@ class FleetLink:
 
         def note(answer: bytes | str, key: str) -> None:
             reply, reason = read_reply(answer, stop.id)
-            robot = self._parse(key) if reply is not None else None
+            robot = self._incoming.parse(key) if reply is not None else None
             if reply is None:
-                self._complaints.add(key, reason)
+                self._incoming.complaints.add(key, reason)
             elif robot is not None and not isinstance(replies.get(robot.robot), Accepted):  # two runs may answer
                 replies[robot.robot] = reply
 
         async def ask(key: str, traceparent: bytes | None) -> None:
             with contextlib.suppress(TimeoutError):
-                await self._ask(
-                    key, timeout_s, MAX_REPLY_BYTES, encode(stop), note, zenoh.Priority.REAL_TIME, traceparent
+                await self._questions.ask(
+                    self._session,
+                    key,
+                    timeout_s,
+                    MAX_REPLY_BYTES,
+                    encode(stop),
+                    note,
+                    zenoh.Priority.REAL_TIME,
+                    traceparent,
                 )
 
         keys = [self._keys.all_stops] if robots is None else [self._keys.robot(name, "stop") for name in robots]
@@ -221,7 +214,9 @@ class FleetLink:
         key, asked = self._keys.robot(robot, "mesh"), mesh.sha256.encode()
         try:
             # What moves and what is measured overtakes it.
-            content = await self._ask(key, timeout_s, mesh.size, asked, judge, zenoh.Priority.BACKGROUND)
+            content = await self._questions.ask(
+                self._session, key, timeout_s, mesh.size, asked, judge, zenoh.Priority.BACKGROUND
+            )
         except TimeoutError:
             reasons.append(f"robot {robot!r} did not answer within {timeout_s} s")
         if content is None:
@@ -238,7 +233,7 @@ class FleetLink:
         patience = self._loop.time() + BIND_PATIENCE_S
         while True:
             try:
-                return await self._in_thread(zenoh.open, config)
+                return await self._questions.in_thread(zenoh.open, config)
             except zenoh.ZError as error:
                 # A gateway that was just replaced may hold the port for a moment longer.
                 if not port_is_taken(error) or self._loop.time() > patience:
@@ -247,65 +242,9 @@ class FleetLink:
 
     def _declare(self) -> None:
         """The order leaves no gap: whoever sees this gateway, or is seen by it, is already being listened to."""
-        keys, session = self._keys, self._session
-        liveliness = session.liveliness()
-        self._declared = (
-            session.declare_subscriber(keys.all_states, self._on_state),
-            session.declare_subscriber(keys.all_progress, self._on_progress),
-            liveliness.declare_subscriber(keys.all_presence, self._on_presence, history=True),
-            liveliness.declare_token(keys.gateway(self._gateway_name)),
-        )
-
-    def _on_state(self, sample: zenoh.Sample) -> None:
-        self._inbox.put_state(str(sample.key_expr), _bounded(sample.payload, MAX_STATE_BYTES))
-
-    def _on_progress(self, sample: zenoh.Sample) -> None:
-        self._inbox.put_progress(str(sample.key_expr), _bounded(sample.payload, MAX_PROGRESS_BYTES))
-
-    def _on_presence(self, sample: zenoh.Sample) -> None:
-        self._inbox.put_presence(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
-
-    async def _in_thread(self, call: Callable[..., _T], *arguments: object) -> _T:
-        return await self._loop.run_in_executor(self._threads, call, *arguments)
-
-    def _drain(self) -> None:
-        batch = self._inbox.take()
-        events: list[Event] = []
-        for key, present in batch.presence.items():
-            robot = self._parse(key)
-            if robot is not None and robot.incarnation is not None:
-                events.append(self._presence(robot, robot.incarnation, present))
-        for key, payload in batch.states.items():
-            robot = self._parse(key)
-            if robot is not None and self._fits(robot.robot, payload):
-                events.append(Framed(robot.robot, payload))  # type: ignore[arg-type]
-        if events:
-            self._on_events(events)
-        for key, payload in batch.progress:
-            self._progressed(key, payload)
-
-    def _parse(self, key: str) -> RobotKey | None:
-        try:
-            return self._keys.parse(key)
-        except ValueError as error:
-            self._complaints.add(key, error)
-            return None
-
-    def _fits(self, sender: str, payload: Payload) -> bool:
-        if isinstance(payload, int):
-            self._complaints.add(sender, f"a payload of {payload} bytes, which is too large")
-        return isinstance(payload, bytes)
-
-    def _progressed(self, key: str, payload: Payload) -> None:
-        robot = self._parse(key)
-        if robot is None or not self._fits(robot.robot, payload):
-            return
-        try:
-            progress = decode(payload, Progress)  # type: ignore[arg-type]
-        except WireError as error:
-            self._complaints.add(robot.robot, error)
-            return
-        self._tell_progress(robot.robot, progress)
+        listened = self._incoming.declare(self._session)
+        token = self._session.liveliness().declare_token(self._keys.gateway(self._gateway_name))
+        self._declared = (*listened, token)
 
     def _presence(self, key: RobotKey, incarnation: int, present: bool) -> Event:
         fetch = self._fetches.pop(key, None)
@@ -319,13 +258,15 @@ class FleetLink:
 
     async def _fetch(self, robot: str, incarnation: int) -> None:
         """Ask for the description until a usable one comes; the task is cancelled when the token goes."""
-        await self._in_thread(self._expect, robot)
+        await self._questions.in_thread(self._expect, robot)
         told = ""
         attempt = 0
         while True:
             said, reason = await self._describe(robot, incarnation)
             if said is not None:
-                self._on_events([Described(said)])
+                async with self._describing:
+                    self._on_events([Described(said)])
+                    await asyncio.sleep(0)
                 return
             attempt += 1
             # Silence may be that of an agent under load; what was said wrongly is worth telling at once.
@@ -350,69 +291,12 @@ class FleetLink:
 
         key = self._keys.robot(robot, "description")
         try:
-            return await self._ask(key, DESCRIPTION_TIMEOUT_S, MAX_DESCRIPTION_BYTES, None, judge), reasons[-1]
+            return await self._questions.ask(
+                self._session, key, DESCRIPTION_TIMEOUT_S, MAX_DESCRIPTION_BYTES, None, judge
+            ), reasons[-1]
         except TimeoutError:
-            return None, reasons[-1]
-
-    async def _ask(
-        self,
-        key: str,
-        timeout_s: float,
-        limit: int,
-        payload: bytes | None,
-        judge: Callable[[bytes | str, str], _T | None],
-        priority: zenoh.Priority = zenoh.Priority.DATA,
-        traceparent: bytes | None = None,
-    ) -> _T | None:
-        """Ask, and return the first answer that ``judge`` makes something of; None when there are no more.
-
-        An answer is a payload, or a sentence why it has none; its key comes with it. Answers have the ``priority``
-        of the question. Raises TimeoutError after ``timeout_s``.
-        """
-        urgent = priority == zenoh.Priority.REAL_TIME
-        answers: asyncio.Queue[_Answer | None] = asyncio.Queue(1 + (MAX_STOP_REPLIES if urgent else MAX_REPLIES))
-
-        def put(answer: _Answer | None) -> None:
-            if answer is None and answers.full():
-                answers.get_nowait()
-            if not answers.full():  # what comes beyond is nobody's honest answer
-                answers.put_nowait(answer)
-
-        def hand_over(answer: _Answer | None) -> None:
-            with contextlib.suppress(RuntimeError):  # the loop was closed while the question was under way
-                self._loop.call_soon_threadsafe(put, answer)
-
-        def get() -> None:
-            handler: Any = zenoh.handlers.Callback(
-                lambda reply: hand_over(_answer(reply, limit, key)), drop=lambda: hand_over(None), indirect=False
-            )
-            self._session.get(
-                key,
-                handler,
-                target=zenoh.QueryTarget.ALL,
-                consolidation=zenoh.ConsolidationMode.NONE,  # two runs of an agent answer under one key
-                timeout=timeout_s,
-                payload=payload,
-                attachment=traceparent,
-                express=True,
-                priority=priority,
-            )
-
-        async with asyncio.timeout(timeout_s):
-            await self._loop.run_in_executor(self._stop_threads if urgent else self._threads, get)
-            while (answer := await answers.get()) is not None:
-                judged = judge(*answer)
-                if judged is not None:
-                    return judged
-        return None
-
-
-def _answer(reply: zenoh.Reply, limit: int, asked: str) -> _Answer:
-    if reply.ok is None:
-        return "the agent answered with an error", asked
-    payload = _bounded(reply.ok.payload, limit)
-    said = payload if isinstance(payload, bytes) else f"the answer has {payload} bytes; {limit} are the most"
-    return said, str(reply.ok.key_expr)
+            said = None
+        return said, reasons[-1]
 
 
 def _report(task: asyncio.Task[None]) -> None:

@@ -3,14 +3,16 @@
 import asyncio
 import logging
 import time
+from collections import Counter
 from collections.abc import Callable, Collection
 from contextlib import suppress
 from types import TracebackType
 
 from agents.wire.keys import Keys
 from agents.wire.messages import Accepted, Progress, Reply, Stop
-from gateway.fleet.events import Event
+from gateway.fleet.events import Event, Moved
 from gateway.fleet.fleet import Fleet
+from gateway.fleet.frames import Frames
 from gateway.fleet.invocations import Invocation, Invocations
 from gateway.graph.invocation import invocation_path, invocations_path
 from gateway.graph.paths import joint_path, robot_path
@@ -24,6 +26,7 @@ from gateway.subscriptions.fan_out import FanOut
 _SEEN_AGAIN_S = 0.3
 _MEETING_S = 2.0  # before a gateway serves although it does not know all robots yet
 _PAUSE_S = 0.05
+_SWEEP_S = 0.25
 
 log = logging.getLogger(__name__)
 
@@ -32,28 +35,43 @@ class Live:
     """Owns the fleet, the invocations that are known here, and the link; an async context manager."""
 
     def __init__(self, settings: GatewaySettings) -> None:
-        self.fleet = Fleet()
+        keys = Keys(settings.namespace)
+        self.fleet = Fleet(Frames(lambda robot: keys.robot(robot, "state")))
         self.invocations = Invocations()
         self.fan_out = FanOut(self.tree)
-        self.frames = 0
+        self.fleet.frames.watched = self.fan_out.watched
+        self._judged = 0
         self._heard = asyncio.Event()
         # Who carries out actions hears of robots that are lost, and of the progress that robots report.
         self.on_progress: Callable[[str, Progress], None] = lambda robot, progress: None
         self.on_lost: Callable[[str], None] = lambda robot: None
         self.link = FleetLink(
-            Keys(settings.namespace),
+            keys,
             settings.gateway_name,
             settings.listen_endpoints,
             settings.connect_endpoints,
             self._on_events,
             lambda robot, progress: self.on_progress(robot, progress),
             settings.trust,
+            self.fleet.frames,
         )
         self.meshes = Meshes(self.link.mesh)
 
+    @property
+    def frames(self) -> int:
+        """How many frames were taken."""
+        return self._judged + self.fleet.frames.taken
+
     async def __aenter__(self) -> "Live":
         await self.link.__aenter__()
+        self._sweep()
         return self
+
+    def _sweep(self) -> None:
+        """Tell of frames that came while somebody was about to watch, and that no other frame has followed."""
+        frames = self.fleet.frames
+        self._on_events([Moved(name) for name in self.fan_out.watched if name and frames.untold(name)])
+        self._sweeping = asyncio.get_running_loop().call_later(_SWEEP_S, self._sweep)
 
     async def join(self) -> None:
         """Have the fleet come in; robots tell at once what has ended lately, so who wants to hear that comes before."""
@@ -78,6 +96,7 @@ class Live:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._sweeping.cancel()
         self.meshes.close()
         await self.link.__aexit__(kind, error, trace)
 
@@ -92,11 +111,17 @@ class Live:
         """
         replies = await self.link.stop(robots, stop, timeout_s)
         stopped = {name: reply.at_ns for name, reply in replies.items() if isinstance(reply, Accepted)}
-        with suppress(TimeoutError):
+        frames, names = self.fleet.frames, Counter(stopped.keys())
+        frames.awaited += names
+        try:
             async with asyncio.timeout(_SEEN_AGAIN_S):
                 while not all(self._seen_after(name, at_ns) for name, at_ns in stopped.items()):
                     self._heard.clear()
                     await self._heard.wait()
+        except TimeoutError:
+            pass
+        finally:
+            frames.awaited -= names
         return replies
 
     def _seen_after(self, name: str, at_ns: int) -> bool:
@@ -109,7 +134,7 @@ class Live:
         for event in events:
             for change in self.fleet.apply(event, now_ns):
                 if change.what == "frame":
-                    self.frames += 1
+                    self._judged += not isinstance(event, Moved)
                     self.fan_out.moved(change.robot)
                     continue
                 log.info("robot %s: %s", change.robot, change.what, extra={"robot": change.robot})

@@ -45,4 +45,11 @@ class Framed:
     payload: bytes
 
 
-Event = Appeared | Vanished | Described | Undescribed | Framed
+@dataclass(frozen=True)
+class Moved:
+    """Newer frames of a robot that somebody watches lie ready (``frames.Frames``)."""
+
+    robot: str
+
+
+Event = Appeared | Vanished | Described | Undescribed | Framed | Moved

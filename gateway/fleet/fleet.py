@@ -15,7 +15,8 @@ from typing import Any, Literal
 from agents.wire.codec import WireError, read_header
 from agents.wire.messages import Description
 from gateway.fleet.complaints import Complaints
-from gateway.fleet.events import Appeared, Described, Event, Framed, Undescribed, Vanished
+from gateway.fleet.events import Appeared, Described, Event, Framed, Moved, Undescribed, Vanished
+from gateway.fleet.frames import Frames
 from gateway.fleet.lease import Lease
 from gateway.fleet.observation import Observation
 from gateway.fleet.robot import Robot
@@ -27,6 +28,7 @@ __all__ = [
     "Event",
     "Fleet",
     "Framed",
+    "Moved",
     "Observation",
     "Robot",
     "Undescribed",
@@ -57,14 +59,19 @@ class _Entry:
 
 
 class _ByName(Mapping[str, Robot]):
-    """In the order of the names. Who goes through it is not disturbed by robots that come meanwhile."""
+    """In the order of the names. Who goes through it is not disturbed by robots that come meanwhile.
+
+    A robot is given out with its latest frame.
+    """
 
     def __init__(self) -> None:
         self._robots: dict[str, Robot] = {}
         self._names: list[str] = []
 
     def __getitem__(self, name: str) -> Robot:
-        return self._robots[name]
+        robot = self._robots[name]
+        robot.look()
+        return robot
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._names.copy())
@@ -79,9 +86,13 @@ class _ByName(Mapping[str, Robot]):
 
 class Fleet:
     """Every robot that was ever seen. ``malformed`` and ``dropped`` count, by robot, what was not taken:
-    malformed things are faults of the sender, dropped ones (late, of another run) happen in good order."""
+    malformed things are faults of the sender, dropped ones (late, of another run) happen in good order.
 
-    def __init__(self) -> None:
+    ``frames`` is where frames that continue a run may be put without an event.
+    """
+
+    def __init__(self, frames: Frames | None = None) -> None:
+        self.frames = frames or Frames()
         self._entries: dict[str, _Entry] = {}
         self._robots = _ByName()
         self._complaints = Complaints(_log)
@@ -94,6 +105,7 @@ class Fleet:
             Described: self._described,
             Undescribed: self._undescribed,
             Framed: self._framed,
+            Moved: self._moved,
         }
 
     @property
@@ -142,7 +154,7 @@ class Fleet:
             self._complaints.add(event.robot, f"more than {MAX_ROBOTS} robots or {MAX_RUNS} runs of one")
             return []
         entry.runs.setdefault(event.incarnation, None)
-        entry.robot.last_seen_ns = now_ns
+        entry.robot.heard_ns = now_ns
         return self._elect(entry)
 
     def _vanished(self, event: Vanished, now_ns: int) -> list[Change]:
@@ -180,7 +192,7 @@ class Fleet:
         entry = self._entries.get(robot)
         if entry is None or incarnation not in entry.runs:
             return []  # the run ended while it was being asked
-        entry.robot.last_seen_ns = now_ns
+        entry.robot.heard_ns = now_ns
         entry.runs[incarnation] = said
         return self._tell(entry) if incarnation == entry.robot.incarnation else []
 
@@ -205,6 +217,7 @@ class Fleet:
             return []
         reason = robot.refusal(robot.header)
         if reason is None:
+            robot.trust()
             return [Change(robot.name, "frame")]
         self._complaints.add(robot.name, reason)
         robot.drop_frame()
@@ -221,6 +234,7 @@ class Fleet:
             self.dropped[event.robot if entry else "(unknown)"] += 1
             return []
         robot = entry.robot
+        robot.look()
         reason = robot.refusal(header)
         if reason is not None:
             self._complaints.add(event.robot, reason)
@@ -228,15 +242,21 @@ class Fleet:
         if header.sequence <= robot.last_sequence():
             self.dropped[event.robot] += 1
             return []
-        robot.last_seen_ns = now_ns
-        robot.take(header, event.payload)
+        robot.take(header, event.payload, now_ns)
         return [Change(event.robot, "frame")] if robot.described else []
+
+    def _moved(self, event: Moved, now_ns: int) -> list[Change]:
+        entry = self._entries.get(event.robot)
+        if entry is None:
+            return []
+        entry.robot.tell()
+        return [Change(event.robot, "frame")] if entry.robot.header is not None else []
 
     def _entry(self, name: str) -> _Entry | None:
         """The entry of a robot, made when there is room for it."""
         entry = self._entries.get(name)
         if entry is None and len(self._entries) < MAX_ROBOTS:
-            entry = self._entries[name] = _Entry(Robot(name, self._complaints.add))
+            entry = self._entries[name] = _Entry(Robot(name, self._complaints.add, self.frames))
             entry.robot.settings, entry.robot.lease = self._settings.get(name, {}), self._leases.get(name)
             self._robots.add(entry.robot)
         return entry

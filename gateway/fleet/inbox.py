@@ -15,13 +15,15 @@ Payload = bytes | int  # of a payload that is too large only its size is kept
 
 @dataclass
 class Batch:
-    """What came since the last batch: presence by key (True: there), the latest state by key, progress in order.
+    """What came since the last batch: presence by key (True: there), the latest state by key of those that have to be
+    judged, robots that are watched and have newer frames, progress in order.
 
     ``told`` counts the progress by key.
     """
 
     presence: dict[str, bool] = field(default_factory=dict)
     states: dict[str, Payload] = field(default_factory=dict)
+    moved: dict[str, None] = field(default_factory=dict)
     progress: deque[tuple[str, Payload]] = field(default_factory=lambda: deque(maxlen=MAX_PROGRESS))
     told: Counter[str] = field(default_factory=Counter)
 
@@ -51,6 +53,11 @@ class Inbox:
         with self._lock:
             if len(self._batch.states) < MAX_KEYS or key in self._batch.states:
                 self._batch.states[key] = payload
+            self._ring()
+
+    def put_moved(self, robot: str) -> None:
+        with self._lock:
+            self._batch.moved[robot] = None
             self._ring()
 
     def put_progress(self, key: str, payload: Payload) -> None:

@@ -5,8 +5,9 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from agents.wire.codec import MAX_JOINTS, Header, WireError, decode_state, layout
+from agents.wire.codec import MAX_JOINTS, Header, WireError, decode_state, layout, read_header
 from agents.wire.messages import Description, State
+from gateway.fleet.frames import Frames, Latest
 from gateway.fleet.kinematics import Kinematics
 from gateway.fleet.lease import Lease
 from gateway.fleet.model import ModelError, Pose, RobotModel
@@ -15,16 +16,11 @@ from gateway.fleet.observation import Observation, Observations
 _log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class _Frame:
-    header: Header
-    payload: bytes
-
-
-@dataclass
+@dataclass(slots=True)
 class _Derived:
     """What was worked out of the present frame and description, at first use."""
 
+    header: Header | None = None
     decoded: bool = False
     state: State | None = None
     rows: dict[str, Mapping[str, float]] = field(default_factory=dict)
@@ -38,13 +34,14 @@ class Robot:
     value is unknown. While the robot is offline, its last frame stays.
     """
 
-    def __init__(self, name: str, complain: Callable[[str, object], None]) -> None:
+    def __init__(self, name: str, complain: Callable[[str, object], None], frames: Frames) -> None:
         self.name = name
         self.online = False
         self.incarnation: int | None = None
         self.description: Description | None = None
         self.model: RobotModel | None = None
-        self.last_seen_ns: int | None = None
+        self.heard_ns: int | None = None
+        """When its agent said anything but a frame, at the gateway's wall time."""
         self.news = (0, 0)
         """The last change that no frame brought: how many frames there had been, and which such change after that."""
         self.lease: Lease | None = None
@@ -57,7 +54,9 @@ class Robot:
         self._kinematics: Kinematics | None = None
         self._kinematics_fault: str | None = None
         self._observations = Observations()
-        self._frame: _Frame | None = None
+        self._frames = frames
+        self._latest: Latest | None = None
+        self._frame: tuple[bytes, int] | None = None
         self._derived = _Derived()
 
     @property
@@ -82,10 +81,26 @@ class Robot:
         return float(self.settings.get("maximumSpeedScale", 1.0))
 
     @property
+    def last_seen_ns(self) -> int | None:
+        """When anything of its agent came, at the gateway's wall time; of frames this is so without ``look``."""
+        latest = self._latest
+        frame_ns = None if latest is None else latest.frame[1]
+        return max((each for each in (self.heard_ns, frame_ns) if each is not None), default=None)
+
+    def look(self) -> bool:
+        """Take the latest frame for the present one, and say whether it is another. For the event loop alone: between
+        two looks everything about the robot is of one frame."""
+        latest = self._latest
+        if latest is None or latest.frame is self._frame:
+            return False
+        self._frame = latest.frame
+        self._derived = _Derived()
+        return True
+
+    @property
     def header(self) -> Header | None:
-        """The header of the latest frame; None before the first frame of the present incarnation."""
-        frame = self._usable_frame()
-        return None if frame is None else frame.header
+        """The header of the present frame; None before the first frame of the present incarnation."""
+        return self._read_header() if self.described else None
 
     @property
     def sequence(self) -> int | None:
@@ -94,19 +109,19 @@ class Robot:
 
     @property
     def payload(self) -> bytes | None:
-        """The latest frame as it came over the wire."""
+        """The present frame as it came over the wire."""
         frame = self._usable_frame()
-        return None if frame is None else frame.payload
+        return None if frame is None else frame[0]
 
     @property
     def frame(self) -> State | None:
-        """The latest frame, unpacked at first use; None before the first and while the latest is malformed inside."""
+        """The present frame, unpacked at first use; None before the first and while it is malformed inside."""
         derived = self._derived
         if not derived.decoded:
             derived.decoded = True
             frame = self._usable_frame()
             try:
-                derived.state = None if frame is None else decode_state(frame.payload)
+                derived.state = None if frame is None else decode_state(frame[0])
             except WireError as error:
                 self._complain(self.name, error)
         return derived.state
@@ -155,9 +170,8 @@ class Robot:
         self.news = (0, 0)
         self.targets = {}
         self._fault = None
-        self._frame = None
+        self.drop_frame()
         self._observations.clear()
-        self._derived = _Derived()
 
     def appear(self, online: bool) -> None:
         self.online = online
@@ -166,6 +180,7 @@ class Robot:
     def describe(self, description: Description) -> None:
         """Take a description; ``fault`` says afterwards whether it can be used."""
         self.tell_news()
+        self._close()
         old = self.description
         same_tree = old is not None and (old.urdf, old.base) == (description.urdf, description.base)
         if not same_tree or self.model is None:
@@ -185,18 +200,33 @@ class Robot:
     def undescribe(self, reason: str) -> None:
         """Stay visible, as faulty: what the agent says of its robot cannot be used."""
         self.tell_news()
+        self._close()
         self.description = self.model = self._kinematics = self._kinematics_fault = None
         self._fault = reason
         self._observations.clear()
         self._derived = _Derived()
 
-    def take(self, header: Header, payload: bytes) -> None:
-        """Store a frame without looking at its values."""
-        self._frame = _Frame(header, payload)
-        self._derived = _Derived()
+    def take(self, header: Header, payload: bytes, now_ns: int) -> None:
+        """Store a frame without looking at its values; those that continue it are then put beside, for ``look``."""
+        self._latest = Latest(self.name, header.sequence, payload, now_ns)
+        self._frame = self._latest.frame
+        self._derived = _Derived(header)
+        self._frames.open(self._latest)
+
+    def trust(self) -> None:
+        """The frame that came before the description fits it."""
+        if self._latest is not None:
+            self._frames.open(self._latest)
+
+    def tell(self) -> None:
+        """Who watches is being told of all frames that have come."""
+        if self._latest is not None:
+            self._latest.rung = self._latest.untold = False
+            self.look()
 
     def last_sequence(self) -> int:
-        return -1 if self._frame is None else self._frame.header.sequence
+        header = self._read_header()
+        return -1 if header is None else header.sequence
 
     @property
     def described(self) -> bool:
@@ -217,7 +247,8 @@ class Robot:
         )
 
     def drop_frame(self) -> None:
-        self._frame = None
+        self._close()
+        self._latest = self._frame = None
         self._derived = _Derived()
 
     def tell_news(self) -> None:
@@ -225,7 +256,18 @@ class Robot:
         frames, count = self.last_sequence() + 1, self.news[1]
         self.news = (frames, count + 1 if frames == self.news[0] else 1)
 
-    def _usable_frame(self) -> _Frame | None:
+    def _close(self) -> None:
+        """What comes now has to be judged before it is taken."""
+        self.look()
+        self._frames.close(self.name)
+
+    def _read_header(self) -> Header | None:
+        derived = self._derived
+        if derived.header is None and self._frame is not None:
+            derived.header = read_header(self._frame[0])
+        return derived.header
+
+    def _usable_frame(self) -> tuple[bytes, int] | None:
         return self._frame if self.described else None
 
     def _row(self, name: str) -> Mapping[str, float]:

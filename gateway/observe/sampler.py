@@ -46,7 +46,8 @@ class Sampler:
             await self._look_at_frames()
 
     async def _look_at_frames(self) -> None:
-        for number, robot in enumerate(list(self._fleet.robots.values()), 1):
+        for number, name in enumerate(list(self._fleet.robots), 1):
+            robot = self._fleet.robots[name]
             header, taken_ns = robot.header, robot.last_seen_ns
             if header is not None and taken_ns is not None:
                 frame = (header.incarnation, header.sequence)

@@ -7,7 +7,7 @@ a turn is under way are not queued: a resource is only marked, and read when its
 import asyncio
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, KeysView
 from typing import Protocol
 
 from gateway.graph.paths import is_below, robot_of
@@ -64,6 +64,11 @@ class FanOut:
         else:
             self._find(watcher)
         return watcher
+
+    @property
+    def watched(self) -> KeysView[str | None]:
+        """Robots of which something is watched, as they are at any moment; None stands for what is of no robot."""
+        return self._of_robot.keys()
 
     # -- what happened ----------------------------------------------------------------------------------------------
 
