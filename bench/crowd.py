@@ -109,6 +109,8 @@ class Scene:
     gateways: list[Gateway]
     restart: Callable[[], Gateway]
     """End the first gateway, and start another in its place."""
+    endpoint: str
+    """Of the router."""
 
     def redis(self) -> dict[str, Any]:
         found: dict[str, Any] = self.store.info()
@@ -142,7 +144,7 @@ def stage(size: Size, count: int) -> Iterator[Scene]:
             first.close()
             return start(first)
 
-        scene = Scene(size, crowd, store, [], restart)
+        scene = Scene(size, crowd, store, [], restart, endpoint)
         start(first)
         scene.gateways += [start(stack) for _ in range(count - 1)]
         yield scene

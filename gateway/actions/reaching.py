@@ -10,7 +10,6 @@ from gateway.actions.asked import Asked
 from gateway.actions.completions import commandable
 from gateway.errors import Conflict, Offline, OutOfReach, UnprocessableContent
 from gateway.fleet.model import JointKind, ModelError
-from gateway.fleet.reach import Unreachable, reach
 from gateway.graph.build import Node
 from gateway.graph.vocab import LF, MATHS
 
@@ -43,6 +42,11 @@ def reaching(asked: Asked) -> Search:
     start, urdf, movable, base = dict(robot.positions), description.urdf, [joint.name for joint in able], frame.base
 
     def search() -> tuple[Mapping[str, float], Mapping[str, float]]:
+        from gateway.fleet.reach import (  # 60 MB, for those alone who plan; in the thread they do it in
+            Unreachable,
+            reach,
+        )
+
         try:
             found = reach(urdf, floating, link, position, orientation, start, limits, movable, base, in_frame)
         except Unreachable as error:

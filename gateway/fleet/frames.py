@@ -36,7 +36,7 @@ class Latest:
 
     def put(self, payload: bytes, now_ns: int) -> bool:
         """Take a frame that continues the run; any other is refused, and somebody has to look at it more closely."""
-        if len(payload) != self._size or payload[:_BEGIN] != self._begin:
+        if len(payload) != self._size or not payload.startswith(self._begin):
             return False
         sequence, monotonic_ns, wall_ns = _TIMES.unpack_from(payload, _BEGIN)
         if sequence <= self.sequence or monotonic_ns < 0 or wall_ns < 0:

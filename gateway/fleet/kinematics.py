@@ -1,90 +1,103 @@
-"""Forward kinematics of one robot on Pinocchio. Metre and radian; a pose that cannot be known is None."""
+"""Forward kinematics of one robot. Metre and radian; a pose that cannot be known is None.
+
+Written out rather than left to a library: where one link is watched only the joints above it are computed,
+and a gateway that plans nothing does not have to hold 60 MB of Pinocchio.
+"""
 
 import math
 from collections.abc import Mapping
 
-import numpy as np
-import pinocchio as pin
-
 from agents.wire.messages import Base
-from gateway.fleet.model import ModelError, Pose
+from gateway.fleet.model import Joint, JointKind, Pose, RobotModel
+from gateway.fleet.xml import Quaternion, Vector
 
-_FREE_FLYER_NQ = 7
-# Pinocchio's Data holds tensors of nv³: 128 take 0.3 s and 150 MB, 512 take 20 s and 9 GB, and a URDF is hostile.
-MAX_DEGREES = 128
+ORIGIN = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
-
-def build_model(urdf: str, floating: bool) -> pin.Model:
-    """Pinocchio's model; ModelError when it refuses the URDF or that has more than ``MAX_DEGREES`` of freedom."""
-    try:
-        model = pin.buildModelFromXML(urdf, pin.JointModelFreeFlyer()) if floating else pin.buildModelFromXML(urdf)
-    except (ValueError, RuntimeError) as error:
-        raise ModelError(f"Pinocchio refuses the URDF: {error}") from error
-    if model.nv > MAX_DEGREES:
-        raise ModelError(f"{model.nv} degrees of freedom are too many for link poses; {MAX_DEGREES} are not")
-    return model
+_HALF_TURN = 0.1  # 168 degrees, at which no link is mounted
 
 
-class Kinematics:
-    """Link poses from joint positions. ``floating`` puts a free joint between the world and the root link.
+class LinkPoses:
+    """Where the links of a robot are at given positions (rad or m), each computed when it is first asked for.
 
-    Raises ModelError as ``build_model`` does. Mimic joints are plain joints here: their positions come with the others.
-    Joints of six or three degrees inside the tree have no position in a frame, so all below is unknown.
+    ``root`` is where the root link is: ``ORIGIN``, which makes its frame that of all poses, or ``placed(base)``.
+    A link is unknown behind a joint whose position is missing or NaN, or that has six or three degrees of freedom.
     """
 
-    def __init__(self, urdf: str, floating: bool) -> None:
-        self._model = build_model(urdf, floating)
-        self._data = self._model.createData()
-        self._floating = floating
-        joints = self._model.joints
-        self._joints = [
-            (name, joints[i].idx_q, joints[i].nq, self._model.parents[i])
-            for i, name in enumerate(self._model.names)
-            if i > int(floating)
-        ]
-        self._frames = [
-            (frame.name, index, frame.parentJoint)
-            for index, frame in enumerate(self._model.frames)
-            if frame.type == pin.FrameType.BODY
-        ]
+    def __init__(self, model: RobotModel, positions: Mapping[str, float], root: Pose | None) -> None:
+        self._model = model
+        self._positions = positions
+        self._known: dict[str, Pose | None] = {model.root: root}
 
-    def link_poses(self, positions: Mapping[str, float], base: Base | None) -> dict[str, Pose | None]:
-        """The pose of every link in the world frame; with a fixed base that is the frame of the root link.
+    def of(self, link: str) -> Pose | None:
+        """None as well for a link that there is not."""
+        above: list[Joint] = []
+        while link not in self._known:
+            parent = self._model.links[link].parent_joint if link in self._model.links else None
+            if parent is None:
+                return None
+            above.append(self._model.joints[parent])
+            link = above[-1].parent
+        pose = self._known[link]
+        for joint in reversed(above):
+            pose = self._known[joint.child] = None if pose is None else self._behind(joint, pose)
+        return pose
 
-        None for a link behind a joint whose position is missing or NaN, and for all while a floating base is unknown.
-        """
-        q = pin.neutral(self._model)
-        known = [True]
-        if self._floating:
-            known.append(_set_base(q, base))
-        for name, index, nq, parent in self._joints:
-            known.append(known[parent] and _set_joint(q, index, nq, positions.get(name, math.nan)))
-        pin.framesForwardKinematics(self._model, self._data, q)
-        return {name: _pose(self._data.oMf[index]) if known[joint] else None for name, index, joint in self._frames}
+    def _behind(self, joint: Joint, parent: Pose) -> Pose | None:
+        position, orientation = joint.origin.position_m, joint.origin.orientation_xyzw
+        if joint.kind is not JointKind.FIXED:
+            moved = self._positions.get(joint.name, math.nan) if joint.movable else math.nan
+            if not math.isfinite(moved):
+                return None
+            x, y, z = joint.axis
+            if joint.kind is JointKind.PRISMATIC:
+                position = _sum(position, _turned((moved * x, moved * y, moved * z), orientation))
+            else:
+                sine = math.sin(moved / 2)
+                orientation = _product(orientation, (sine * x, sine * y, sine * z, math.cos(moved / 2)))
+        place = _sum(parent.position_m, _turned(position, parent.orientation_xyzw))
+        if not math.isfinite(place[0] + place[1] + place[2]):
+            return None  # finite positions of absurd size overflow on the way
+        return Pose(place, _signed(_product(parent.orientation_xyzw, orientation)))
 
 
-def _set_base(q: "np.ndarray[tuple[int], np.dtype[np.float64]]", base: Base | None) -> bool:
+def placed(base: Base | None) -> Pose | None:
+    """Where a floating base is; None while that is unknown, or no orientation."""
     if base is None:
-        return False
-    values = (*base.position_m, *base.orientation_xyzw)
-    length = math.hypot(*base.orientation_xyzw)
-    if not all(map(math.isfinite, values)) or length < 1e-6:
-        return False
-    q[:_FREE_FLYER_NQ] = values
-    q[3:_FREE_FLYER_NQ] /= length
-    return True
+        return None
+    x, y, z, w = base.orientation_xyzw
+    length = math.hypot(x, y, z, w)
+    if not all(map(math.isfinite, (*base.position_m, length))) or length < 1e-6:
+        return None
+    return Pose(base.position_m, _signed((x / length, y / length, z / length, w / length)))
 
 
-def _set_joint(q: "np.ndarray[tuple[int], np.dtype[np.float64]]", index: int, nq: int, position: float) -> bool:
-    if not math.isfinite(position) or nq > 2:
-        return False
-    # Pinocchio keeps an unbounded rotation as a point on the circle.
-    q[index : index + nq] = position if nq == 1 else (math.cos(position), math.sin(position))
-    return True
+def _sum(a: Vector, b: Vector) -> Vector:
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
-def _pose(placement: pin.SE3) -> Pose | None:
-    x, y, z, qx, qy, qz, qw = pin.SE3ToXYZQUAT(placement).tolist()
-    if not math.isfinite(x + y + z + qx + qy + qz + qw):
-        return None  # finite positions of absurd size overflow on the way
-    return Pose((x, y, z), (qx, qy, qz, qw))
+def _turned(v: Vector, q: Quaternion) -> Vector:
+    """v + 2 w (q × v) + 2 q × (q × v)."""
+    x, y, z, w = q
+    a, b, c = v
+    i, j, k = 2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)
+    return a + w * i + y * k - z * j, b + w * j + z * i - x * k, c + w * k + x * j - y * i
+
+
+def _product(a: Quaternion, b: Quaternion) -> Quaternion:
+    ax, ay, az, aw = a
+    bx, by, bz, bw = b
+    return (
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+        aw * bw - ax * bx - ay * by - az * bz,
+    )
+
+
+def _signed(q: Quaternion) -> Quaternion:
+    """Of the two quaternions of a rotation always the same one, or a link at rest would seem to turn: that with w
+    positive, and towards half a turn, where w is noise, that with the largest of the others positive.
+    """
+    x, y, z, w = q
+    lead = w if abs(w) > _HALF_TURN else max(x, y, z, key=abs)
+    return (-x, -y, -z, -w) if lead < 0 else q

@@ -16,8 +16,8 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from agents.wire.messages import Base
-from gateway.fleet.kinematics import build_model
 from gateway.fleet.model import Joint, JointKind, ModelError, RobotModel
+from gateway.fleet.pinocchio_model import build_model
 from gateway.fleet.xml import Quaternion, Vector, rotation
 
 Array = npt.NDArray[np.float64]

@@ -1,6 +1,5 @@
 """One robot as the gateway knows it: who is present, what it said it is, and its latest frame."""
 
-import logging
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -8,12 +7,10 @@ from dataclasses import dataclass, field
 from agents.wire.codec import MAX_JOINTS, Header, WireError, decode_state, layout, read_header
 from agents.wire.messages import Description, State
 from gateway.fleet.frames import Frames, Latest
-from gateway.fleet.kinematics import Kinematics
+from gateway.fleet.kinematics import ORIGIN, LinkPoses, placed
 from gateway.fleet.lease import Lease
 from gateway.fleet.model import ModelError, Pose, RobotModel
 from gateway.fleet.observation import Observation, Observations
-
-_log = logging.getLogger(__name__)
 
 
 @dataclass(slots=True)
@@ -24,7 +21,7 @@ class _Derived:
     decoded: bool = False
     state: State | None = None
     rows: dict[str, Mapping[str, float]] = field(default_factory=dict)
-    poses: dict[str, Pose | None] | None = None
+    poses: LinkPoses | None = None
 
 
 class Robot:
@@ -51,8 +48,6 @@ class Robot:
         """Where joints were last commanded to (rad or m), as far as that still holds."""
         self._complain = complain
         self._fault: str | None = None
-        self._kinematics: Kinematics | None = None
-        self._kinematics_fault: str | None = None
         self._observations = Observations()
         self._frames = frames
         self._latest: Latest | None = None
@@ -62,7 +57,7 @@ class Robot:
     @property
     def fault(self) -> str | None:
         """Why this robot cannot be used fully, as a sentence; None when it can."""
-        return self._fault or self._kinematics_fault
+        return self._fault
 
     @property
     def title(self) -> str:
@@ -145,12 +140,12 @@ class Robot:
         """Pose in the world frame (fixed base: the frame of the root link); None when it cannot be known."""
         derived = self._derived
         if derived.poses is None:
-            frame, kinematics = self.frame, self._ready_kinematics()
-            if frame is None or kinematics is None:
-                derived.poses = {}
-            else:
-                derived.poses = kinematics.link_poses(self.positions, frame.base)
-        return derived.poses.get(link)
+            frame = self.frame
+            if frame is None or self.model is None or self.description is None:
+                return None
+            root = placed(frame.base) if self.description.base == "floating" else ORIGIN
+            derived.poses = LinkPoses(self.model, self.positions, root)
+        return derived.poses.of(link)
 
     def observe(self, key: str, values: tuple[float, ...], resolution: float) -> Observation:
         """Hold ``values`` under ``key``: the old ones and their stamp come back until one moves by ``resolution``.
@@ -182,9 +177,8 @@ class Robot:
         self.tell_news()
         self._close()
         old = self.description
-        same_tree = old is not None and (old.urdf, old.base) == (description.urdf, description.base)
-        if not same_tree or self.model is None:
-            self.model = self._kinematics = self._kinematics_fault = None
+        if old is None or old.urdf != description.urdf:
+            self.model = None
         self.description, self._fault = description, None
         try:
             self.model = self.model or RobotModel.of(description.urdf)
@@ -201,7 +195,7 @@ class Robot:
         """Stay visible, as faulty: what the agent says of its robot cannot be used."""
         self.tell_news()
         self._close()
-        self.description = self.model = self._kinematics = self._kinematics_fault = None
+        self.description = self.model = None
         self._fault = reason
         self._observations.clear()
         self._derived = _Derived()
@@ -279,16 +273,6 @@ class Robot:
                 values.update(zip(self.description.joints, getattr(frame, name), strict=True))
             row = self._derived.rows[name] = values
         return row
-
-    def _ready_kinematics(self) -> Kinematics | None:
-        if self._kinematics is None and self.described and not self._kinematics_fault and self.description is not None:
-            try:
-                self._kinematics = Kinematics(self.description.urdf, self.description.base == "floating")
-            except ModelError as error:
-                self._kinematics_fault = str(error)
-                self.tell_news()
-                _log.warning("robot %r has no link poses: %s", self.name, error)
-        return self._kinematics
 
 
 def _mismatch(description: Description, model: RobotModel) -> str | None:

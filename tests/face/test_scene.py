@@ -15,7 +15,8 @@ from playwright.sync_api import Page, expect
 from running import Process, eventually, process
 from small_fleet import Place, live
 
-from gateway.fleet.kinematics import Kinematics
+from gateway.fleet.kinematics import ORIGIN, LinkPoses
+from gateway.fleet.model import RobotModel
 
 pytestmark = pytest.mark.fleet
 TOLERANCE_M = 0.001
@@ -77,11 +78,11 @@ def _agree(drawn: dict[str, list[float]], said: dict[str, list[float]]) -> bool:
 def _kinematics(browser: Browser, name: str) -> Callable[[dict[str, float]], dict[str, list[float]]]:
     """Link places from joint positions, as the gateway computes them from the robot's model."""
     urdf = browser.http.get(str(browser.robot(name).one(LF.model)), headers=XML).text
-    kinematics = Kinematics(urdf, floating=False)
+    model = RobotModel.parse(urdf)
 
     def places(positions: dict[str, float]) -> dict[str, list[float]]:
-        poses = kinematics.link_poses(positions, None)
-        return {each: list(pose.position_m) for each, pose in poses.items() if pose is not None}
+        poses = LinkPoses(model, positions, ORIGIN)
+        return {each: list(pose.position_m) for each in model.links if (pose := poses.of(each)) is not None}
 
     return places
 

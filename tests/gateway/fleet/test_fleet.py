@@ -241,14 +241,14 @@ def test_a_robot_that_cannot_be_understood_is_visible_with_the_reason() -> None:
     assert (robot.online, robot.fault, robot.description, robot.model) == (True, "wire version 9", None, None)
 
 
-def test_a_robot_whose_kinematics_fail_keeps_its_values() -> None:
-    urdf = URDF.replace("<limit lower='0' upper='1' effort='1' velocity='1'/>", "")
-    fleet, robot = fleet_after(Appeared("r", 5), Described(said(urdf=urdf)), framed(1, 0.25))
-    assert robot.link_pose("c") is None
-    assert robot.fault is not None
-    assert "Pinocchio" in robot.fault
-    assert kinds(fleet.apply(framed(2, 0.5), 9)) == ["frame"]
-    assert robot.positions["turn"] == 0.5
+def test_where_links_are_is_of_the_present_frame() -> None:
+    fleet, robot = fleet_after(*UP, framed(1, slide=0.5))
+    for slide in (0.5, 0.75):
+        fleet.apply(framed(2 + int(slide * 4), slide=slide), 9)
+        pose = robot.link_pose("c")
+        assert pose is not None
+        assert pose.position_m == pytest.approx((1 + slide, 0, 1))
+    assert (robot.link_pose("z"), robot.fault) == (None, None)
 
 
 def test_a_value_changes_when_it_moves_by_the_resolution() -> None:

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from agents.wire.messages import Base
-from gateway.fleet.kinematics import Kinematics
+from gateway.fleet.kinematics import ORIGIN, LinkPoses, placed
 from gateway.fleet.model import ModelError, Pose, RobotModel
+from gateway.fleet.pinocchio_model import build_model
 
 ROBOTS = Path(site.getsitepackages()[0]) / "cmeel.prefix/share/example-robot-data/robots"
 FILES = [
@@ -25,6 +26,14 @@ CHAIN = """<robot name='r'><link name='a'/><link name='b'/><link name='c'/>
 <joint name='turn' type='continuous'><parent link='a'/><child link='b'/><origin xyz='0 0 1'/><axis xyz='0 0 1'/></joint>
 <joint name='slide' type='prismatic'><parent link='b'/><child link='c'/><origin xyz='1 0 0'/><axis xyz='0 2 0'/>
 <limit lower='0' upper='1' effort='1' velocity='1'/></joint></robot>"""
+
+
+def link_poses(
+    urdf: str, positions: dict[str, float], base: Base | None = None, *, floating: bool = False
+) -> dict[str, Pose | None]:
+    model = RobotModel.parse(urdf)
+    poses = LinkPoses(model, positions, placed(base) if floating else ORIGIN)
+    return {link: poses.of(link) for link in reversed(model.links)}
 
 
 def bare(text: str) -> str:
@@ -55,7 +64,7 @@ def test_link_poses_are_those_of_mujoco(path: str) -> None:
     for name, position in positions.items():
         data.joint(name).qpos = position
     mujoco.mj_kinematics(model, data)
-    poses = Kinematics(text, floating=False).link_poses(positions, None)
+    poses = link_poses(text, positions)
     assert set(poses) == set(robot.links)
     for name, pose in poses.items():
         assert pose is not None
@@ -66,19 +75,18 @@ def test_link_poses_are_those_of_mujoco(path: str) -> None:
 
 
 def test_a_chain_computed_by_hand() -> None:
-    pose = Kinematics(CHAIN, floating=False).link_poses({"turn": math.pi / 2, "slide": 0.5}, None)["c"]
+    pose = link_poses(CHAIN, {"turn": math.pi / 2, "slide": 0.5})["c"]
     assert pose is not None
     assert pose.position_m == pytest.approx((-0.5, 1, 1))
     assert pose.orientation_xyzw == pytest.approx((0, 0, math.sqrt(0.5), math.sqrt(0.5)))
 
 
 def test_only_links_behind_an_unknown_joint_are_unknown() -> None:
-    kinematics = Kinematics(CHAIN, floating=False)
     for positions in ({"turn": 0.0}, {"turn": 0.0, "slide": math.nan}):
-        poses = kinematics.link_poses(positions, None)
+        poses = link_poses(CHAIN, positions)
         assert poses["c"] is None
         assert poses["b"] == Pose((0, 0, 1), (0, 0, 0, 1))
-    assert kinematics.link_poses({"slide": 0.5}, None)["c"] is None
+    assert link_poses(CHAIN, {"slide": 0.5})["c"] is None
 
 
 def base(orientation: tuple[float, float, float, float]) -> Base:
@@ -86,8 +94,7 @@ def base(orientation: tuple[float, float, float, float]) -> Base:
 
 
 def test_a_floating_base_carries_the_robot() -> None:
-    kinematics = Kinematics(CHAIN, floating=True)
-    poses = kinematics.link_poses({"turn": 0.0, "slide": 0.5}, base((0, 0, 2, 2)))
+    poses = link_poses(CHAIN, {"turn": 0.0, "slide": 0.5}, base((0, 0, 2, 2)), floating=True)
     assert poses["a"] is not None
     assert poses["a"].position_m == (1, 2, 3)
     assert poses["c"] is not None
@@ -96,28 +103,40 @@ def test_a_floating_base_carries_the_robot() -> None:
 
 @pytest.mark.parametrize("unknown", [None, base((0, 0, 0, 0)), base((math.nan, 0, 0, 1))])
 def test_without_a_known_base_a_floating_robot_is_nowhere(unknown: Base | None) -> None:
-    poses = Kinematics(CHAIN, floating=True).link_poses({"turn": 0.0, "slide": 0.5}, unknown)
+    poses = link_poses(CHAIN, {"turn": 0.0, "slide": 0.5}, unknown, floating=True)
     assert set(poses.values()) == {None}
 
 
 def test_positions_that_overflow_are_unknown() -> None:
     far = base((0, 0, 0, 1))
     far = Base((0, 1.7e308, 0), far.orientation_xyzw, far.linear_m_s, far.angular_rad_s)
-    poses = Kinematics(CHAIN, floating=True).link_poses({"turn": 0.0, "slide": 1.7e308}, far)
+    poses = link_poses(CHAIN, {"turn": 0.0, "slide": 1.7e308}, far, floating=True)
     assert poses["b"] is not None
     assert poses["c"] is None
 
 
-def test_a_robot_of_absurdly_many_joints_is_refused_before_it_takes_memory() -> None:
+def test_to_plan_with_absurdly_many_joints_is_refused_before_it_takes_memory() -> None:
     links = "".join(f"<link name='l{i}'/>" for i in range(601))
     joints = "".join(
         f"<joint name='j{i}' type='continuous'><parent link='l{i}'/><child link='l{i + 1}'/></joint>"
         for i in range(600)
     )
     with pytest.raises(ModelError, match="600 degrees of freedom are too many"):
-        Kinematics(f"<robot name='r'>{links}{joints}</robot>", floating=False)
+        build_model(f"<robot name='r'>{links}{joints}</robot>", floating=False)
 
 
 def test_what_pinocchio_refuses_is_a_model_error() -> None:
     with pytest.raises(ModelError, match="Pinocchio refuses"):
-        Kinematics("<robot name='r'/>", floating=False)
+        build_model("<robot name='r'/>", floating=False)
+
+
+def test_a_turn_of_any_size_has_one_quaternion() -> None:
+    for turn in (0.3, math.pi - 1e-9, math.pi + 1e-9):
+        found = [link_poses(CHAIN, {"turn": turn + turns * math.tau})["b"] for turns in (-1, 0, 1)]
+        assert [pose and pose.orientation_xyzw for pose in found] == [
+            pytest.approx((0, 0, math.sin(turn / 2), math.cos(turn / 2)), abs=1e-9)
+        ] * 3
+
+
+def test_a_link_that_there_is_not_is_nowhere() -> None:
+    assert LinkPoses(RobotModel.parse(CHAIN), {}, ORIGIN).of("z") is None

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from agents.robots.catalogue import MODELS, data_folder
 from agents.wire.messages import Base
-from gateway.fleet.kinematics import Kinematics
+from gateway.fleet.kinematics import ORIGIN, LinkPoses, placed
 from gateway.fleet.model import ModelError, Pose, RobotModel
 from gateway.fleet.reach import MAX_ITERATIONS, TOLERANCE_M, TOLERANCE_RAD, Reached, Unreachable, reach
 
@@ -44,10 +44,11 @@ class Demo:
             for joint in robot.joints.values()
             if joint.limits.lower is not None and joint.limits.upper is not None
         }
-        self._kinematics = Kinematics(self.urdf, self.floating)
+        self._model = robot
 
     def pose(self, link: str, positions: Mapping[str, float]) -> Pose:
-        pose = self._kinematics.link_poses(self.home | dict(positions), STANDING)[link]
+        root = placed(STANDING) if self.floating else ORIGIN
+        pose = LinkPoses(self._model, self.home | dict(positions), root).of(link)
         assert pose is not None
         return pose
 
@@ -114,7 +115,8 @@ def test_a_foot_is_reached_in_the_frame_of_the_body_and_of_the_world(frame: Lite
     asked = (x + c * target[0] - s * target[1], y + s * target[0] + c * target[1], z + target[2])
     known = base if frame == "world" else None
     found = reach(robot.urdf, True, "FL_foot", asked, None, robot.home, robot.limits, robot.movable, known, frame)
-    foot = Kinematics(robot.urdf, True).link_poses(robot.home | found.positions, base)["FL_foot"]
+    model = RobotModel.parse(robot.urdf)
+    foot = LinkPoses(model, robot.home | found.positions, placed(base)).of("FL_foot")
     assert foot is not None
     assert math.dist(foot.position_m, asked) <= TOLERANCE_M + 1e-9
     assert set(found.positions) == {"FL_hip_joint", "FL_thigh_joint", "FL_calf_joint"}

@@ -1,0 +1,142 @@
+"""What a gateway pays for frames of robots that nobody watches, beside a bare Zenoh session that puts the same frames
+into a dictionary; and how old values are over HTTP meanwhile."""
+
+import argparse
+import contextlib
+import json
+import os
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import zenoh
+
+from bench.crowd import Gateway, Probe, Scene, Size, stage
+from bench.scene import cpu_s
+from bench.synthetic import KEYS, name_of
+from gateway.session import settings
+
+
+class Row(NamedTuple):
+    """One figure. ``reference``: what it was measured beside in the same run; ``ratio`` of ``value`` to it."""
+
+    name: str
+    unit: str
+    value: float
+    reference: str
+    ratio: float | None
+    goal: str
+    holds: bool | None
+
+
+SIZE = Size(robots=1000, joints=18, models=20, rates_hz=(100,))
+"""Of 18 joints a frame has 472 bytes."""
+_VALUE = re.compile('numericalValue "([^"]+)"')
+MOST_US, AGE_MS = 6.0, 20.0
+
+
+def rows(seconds: float, size: Size = SIZE) -> list[Row]:
+    """Processor time is that of whole processes, so that what else the machine does matters little."""
+    with stage(size, 1) as scene:
+        one, (rate_hz,) = scene.gateways[0], size.rates_hz
+        scene.crowd.ask(f"rate {rate_hz:g}")
+        scene.crowd.ask("appear")
+        one.meet(size.robots)
+        with _bare(scene) as bare:
+            time.sleep(1.0)
+            cores, sent, taken, dropped = _paid(scene, one, seconds, bare)
+        with Probe(one, pause_s=0.02) as probe:
+            time.sleep(seconds)
+        ages = sorted(_ages_ms(scene, seconds))
+    oldest = ages[len(ages) * 99 // 100]
+    each, beside = (used / sent * seconds * 1e6 for used in cores)
+    name = f"{size.robots} robots at {rate_hz:g} Hz: "
+    return [
+        Row(name + "frames sent", "1/s", sent / seconds, "", None, "", None),
+        Row(name + "processor of the gateway for a frame", "µs", each, f"a callback into a dictionary: {beside:.2f} µs",
+            each / beside, f"<= {MOST_US:g} µs: 0.6 of a core for 100,000/s", each <= MOST_US),
+        Row(name + "frames taken, of those sent", "%", taken / sent * 100, "", None, "all", taken / sent > 0.995),
+        Row(name + "frames late or of no run", "1/s", dropped / seconds, "", None, "none", dropped == 0),
+        Row(name + "answer to /health/live, p99", "ms", probe.p99_ms, "", None, "", None),
+        Row(name + "age of a value over HTTP, p99", "ms", oldest, f"the period: {1000 / rate_hz:g} ms",
+            oldest * rate_hz / 1000, f"<= {AGE_MS:g} ms", oldest <= AGE_MS),
+    ]  # fmt: skip
+
+
+def _paid(scene: Scene, one: Gateway, seconds: float, bare: int) -> tuple[tuple[float, float], int, float, float]:
+    """Cores of the gateway and of the bare session, frames sent, taken and dropped."""
+    processes = (one.pid, bare)
+    scene.crowd.ask()
+    before, cpu, begin = one.numbers(), [cpu_s(pid) for pid in processes], time.monotonic()
+    time.sleep(seconds)
+    took = time.monotonic() - begin
+    used = [(cpu_s(pid) - spent) / took for pid, spent in zip(processes, cpu, strict=True)]
+    sent, after = scene.crowd.ask()["frames"], one.numbers()
+    taken, dropped = (after[name] - before[name] for name in ("frames_taken_total", "frames_dropped_total"))
+    return (used[0], used[1]), sent, taken, dropped
+
+
+def _ages_ms(scene: Scene, seconds: float) -> Iterator[float]:
+    """Of values of robots in turn, when each has been read."""
+    one, end, number = scene.gateways[0], time.monotonic() + seconds, 0
+    while time.monotonic() < end:
+        number += 1
+        said = _VALUE.search(one.get(f"/{name_of(number * 7 % scene.size.robots)}/joint_0/rotation").text)
+        assert said is not None
+        yield scene.crowd.age_ms(said[1], time.monotonic_ns())
+
+
+@contextlib.contextmanager
+def _bare(scene: Scene) -> Iterator[int]:
+    """Another process that hears the same, with its number."""
+    command = [sys.executable, "-m", "bench.ingest", "--bare", scene.endpoint, "--robots", str(scene.size.robots)]
+    child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)  # noqa: S603
+    assert child.stdin is not None and child.stdout is not None
+    try:
+        assert child.stdout.readline() == "hears\n"
+        yield child.pid
+    finally:
+        child.stdin.close()
+        child.wait()
+        child.stdout.close()
+
+
+def hear(endpoint: str, robots: int) -> None:
+    """Put the latest frame of each robot into a dictionary, until the standard input ends."""
+    config = zenoh.Config()
+    for name, value in settings((), (endpoint,), {}).items():
+        config.insert_json5(name, json.dumps(value))
+    latest: dict[str, bytes] = {}
+
+    def put(sample: zenoh.Sample) -> None:
+        latest[str(sample.key_expr)] = sample.payload.to_bytes()
+
+    with zenoh.open(config) as session:
+        kept = [session.declare_keyexpr(KEYS.robot(name_of(number), "state")) for number in range(robots)]
+        kept.append(session.declare_subscriber(KEYS.all_states, put))
+        deadline = time.monotonic() + 20
+        while len(latest) < robots and time.monotonic() < deadline:
+            time.sleep(0.05)
+        print("hears", flush=True)
+        sys.stdin.read()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=4.0, help="of each measurement")
+    parser.add_argument("--robots", type=int, default=SIZE.robots)
+    parser.add_argument("--bare", metavar="ENDPOINT", help=argparse.SUPPRESS)
+    asked = parser.parse_args()
+    if asked.bare:
+        hear(asked.bare, asked.robots)
+        return
+    print(f"{os.cpu_count()} processors, load {os.getloadavg()[0]:.1f} before")
+    for row in rows(asked.seconds, Size(asked.robots, 18, 20, rates_hz=(100,))):
+        print(row)
+
+
+if __name__ == "__main__":
+    main()
