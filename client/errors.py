@@ -12,9 +12,11 @@ ClientError
 
 import json
 from collections.abc import Sequence
-from typing import Any
+from http.client import responses
+from typing import TYPE_CHECKING, Any
 
-import httpx
+if TYPE_CHECKING:
+    import httpx
 
 _LONGEST = 2000
 
@@ -71,9 +73,9 @@ class Problem(ClientError):  # noqa: N818
         return f"{self.status} {said or self.url}" + "".join(f"\n  - {message}" for message in more)
 
 
-def problem(url: str, status: int, headers: httpx.Headers, body: bytes) -> Problem:
+def problem(url: str, status: int, headers: "httpx.Headers", body: bytes) -> Problem:
     """The refusal that an answer of 4xx or 5xx is; the status alone counts where its body says nothing."""
-    reason = httpx.codes.get_reason_phrase(status)
+    reason = responses.get(status, "")
     media_type = headers.get("content-type", "").partition(";")[0].strip().lower()
     if not media_type.endswith("json"):
         text = body.decode(errors="replace").strip() if media_type == "text/plain" else ""

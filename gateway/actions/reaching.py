@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from pyoxigraph import NamedNode
 
@@ -12,6 +12,12 @@ from gateway.errors import Conflict, Offline, OutOfReach, UnprocessableContent
 from gateway.fleet.model import JointKind, ModelError
 from gateway.graph.build import Node
 from gateway.graph.vocab import LF, MATHS
+from gateway.lazily import Lazily
+
+if TYPE_CHECKING:
+    from gateway.fleet import reach as solver
+else:
+    solver = Lazily("gateway.fleet.reach", "pinocchio", "numpy")
 
 _UNIT_LENGTH = 1e-3  # how far a quaternion may be from length one
 
@@ -42,14 +48,9 @@ def reaching(asked: Asked) -> Search:
     start, urdf, movable, base = dict(robot.positions), description.urdf, [joint.name for joint in able], frame.base
 
     def search() -> tuple[Mapping[str, float], Mapping[str, float]]:
-        from gateway.fleet.reach import (  # 60 MB, for those alone who plan; in the thread they do it in
-            Unreachable,
-            reach,
-        )
-
         try:
-            found = reach(urdf, floating, link, position, orientation, start, limits, movable, base, in_frame)
-        except Unreachable as error:
+            found = solver.reach(urdf, floating, link, position, orientation, start, limits, movable, base, in_frame)
+        except solver.Unreachable as error:
             best = error.best
             raise OutOfReach(str(error), residual_m=best.residual_m, residual_rad=best.residual_rad) from error
         except ModelError as error:

@@ -1,14 +1,20 @@
 """What pages of actions, invocations, subscriptions and leases show besides the facts that every page has."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from pyoxigraph import BlankNode, NamedNode
 
-from gateway.face.form import form_of_action, form_of_subscription
 from gateway.face.things import Part, actions
 from gateway.face.values import Facts, Link, Number, Value
 from gateway.graph.outline import Term
 from gateway.graph.vocab import DCTERMS, HTTP, HYBRIT, LDP, LF, RDFS
+from gateway.lazily import Lazily
+
+if TYPE_CHECKING:
+    from gateway.face import form
+else:
+    form = Lazily("gateway.face.form")
 
 _PREDICATES_OF_SUBSCRIPTION = (HYBRIT.onResource, LF.deliveryState, LF.lastDelivery, LF.failures, LF.reason)
 
@@ -16,7 +22,7 @@ _PREDICATES_OF_SUBSCRIPTION = (HYBRIT.onResource, LF.deliveryState, LF.lastDeliv
 def action(facts: Facts, iri: NamedNode) -> Part:
     more = {
         "comment": facts.text(iri, RDFS.comment),
-        "form": form_of_action(facts, iri),
+        "form": form.form_of_action(facts, iri),
         "invocations": getattr(facts.one(iri, LF.invocations), "value", ""),
     }
     # Both requests of a binding refer to one body, which has nothing to say.
@@ -95,7 +101,7 @@ def subscriptions(facts: Facts, iri: NamedNode) -> Part:
     more = {
         "watches": [_watch(facts, each) for each in members if each in facts.of],
         "unlisted": [facts.link(each) for each in members if each not in facts.of],
-        "form": form_of_subscription(iri.value, owner.value if isinstance(owner, NamedNode) else ""),
+        "form": form.form_of_subscription(iri.value, owner.value if isinstance(owner, NamedNode) else ""),
     }
     return Part(more, {LDP.contains, LDP.constrainedBy, LF.vocabulary}, set(members))
 

@@ -3,12 +3,18 @@
 import math
 import re
 from functools import lru_cache
+from typing import TYPE_CHECKING
 from zlib import crc32
 
 from agents.wire.names import unescape
-from client.quantity import unit_label
 from gateway.graph.paths import RESERVED_AT_ROOT, RESERVED_IN_ROBOT
 from gateway.graph.vocab import ROS, XHV
+from gateway.lazily import Lazily
+
+if TYPE_CHECKING:
+    from client import quantity
+else:
+    quantity = Lazily("client.quantity")
 
 _LARGE, _SMALL, _DECIMALS = 1e6, 1e-4, 4
 _CONVERTED = {"rad": (180 / math.pi, "°", 1), "m": (1000.0, " mm", 1)}
@@ -52,7 +58,7 @@ def _trimmed(text: str) -> str:
 @lru_cache(maxsize=256)
 def unit(iri: str) -> str:
     """The unit as people write it, ``N·m`` for ``unit:N-M``; empty for a mere number."""
-    return unit_label(iri).replace(" ", "·").replace("m2", "m²").replace("deg", "°")
+    return quantity.unit_label(iri).replace(" ", "·").replace("m2", "m²").replace("deg", "°")
 
 
 @lru_cache(maxsize=4096)

@@ -2,15 +2,20 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pyoxigraph import BlankNode, NamedNode
 
 from gateway.face import labels
-from gateway.face.form import form_of_setting
 from gateway.face.values import Address, Facts, Link, Number, Row, State, Time, Value, Vector
 from gateway.graph.outline import Subject, Term
 from gateway.graph.vocab import DCTERMS, HYBRIT, LDP, LF, RDF, RDFS, ROS, SOSA
+from gateway.lazily import Lazily
+
+if TYPE_CHECKING:
+    from gateway.face import form
+else:
+    form = Lazily("gateway.face.form")
 
 _AROUND = frozenset({DCTERMS.title, RDFS.seeAlso, HYBRIT.blueprint, HYBRIT.consumes, SOSA.resultTime})
 
@@ -83,7 +88,7 @@ def card(facts: Facts, iri: NamedNode, name: str) -> Card:
         rows if number is None else rows[1:],
         times[0] if times and isinstance(times[0], Time) else None,
         list(_plots(name, rows)) if measured else [],
-        form_of_setting(facts, iri) is not None,
+        form.form_of_setting(facts, iri) is not None,
     )
 
 
@@ -303,4 +308,4 @@ def property_(facts: Facts, iri: NamedNode) -> Part:
     shown: set[NamedNode] = {*_PRESENCE, *_AROUND}
     if own.number is not None or own.time is not None:
         shown = set(facts.of.get(iri, {})) - {RDFS.seeAlso, HYBRIT.consumes}
-    return Part({"presence": presence(facts, iri), "card": own, "form": form_of_setting(facts, iri)}, shown)
+    return Part({"presence": presence(facts, iri), "card": own, "form": form.form_of_setting(facts, iri)}, shown)

@@ -2,14 +2,19 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-from client.quantity import unit_label
 from gateway.face import labels
 from gateway.graph.outline import Outline, Subject, Term
 from gateway.graph.vocab import DCTERMS, LF, MATHS, NUMERIC, PREFIXES, QUDT, RDF, SOSA, VOM, XSD
+from gateway.lazily import Lazily
+
+if TYPE_CHECKING:
+    from client import quantity
+else:
+    quantity = Lazily("client.quantity")
 
 _NUMERIC = frozenset(NUMERIC)
 _AXES = (MATHS.x, MATHS.y, MATHS.z, LF.w)
@@ -214,7 +219,7 @@ class Facts:
 
     def number(self, term: Term, at: Address | None, unit: str = "") -> Number:
         """``unit`` is its IRI, if it has any."""
-        shown, name = (labels.unit(unit), unit_label(unit)) if unit else ("", "")
+        shown, name = (labels.unit(unit), quantity.unit_label(unit)) if unit else ("", "")
         if not isinstance(term, Literal):
             return Number("unknown", "", at, shown, name)
         value = _float(term.value)

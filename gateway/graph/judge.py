@@ -1,13 +1,19 @@
 """A shape that judges bodies: compiled once, or run by pySHACL where it uses what the compiler does not know."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-import rdflib
 from pyoxigraph import BlankNode, NamedNode, Triple
 
 from gateway.graph.build import Node
 from gateway.graph.compiled import Data, Guard, Unsupported, compile_shape, report
 from gateway.graph.validation import FOCUS, from_rdflib, targeted, to_rdflib, validate
+from gateway.lazily import Lazily
+
+if TYPE_CHECKING:
+    import rdflib
+else:
+    rdflib = Lazily("rdflib")
 
 _MOST_TOLD = 5  # the report has them all
 

@@ -4,8 +4,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import cache
+from typing import TYPE_CHECKING
 
-import rdflib
 from pyoxigraph import Literal, NamedNode, Triple
 
 from gateway.errors import UnprocessableContent
@@ -13,8 +13,14 @@ from gateway.graph.build import Graph, Node, integer, number, timestamp
 from gateway.graph.shapes import load
 from gateway.graph.validation import check_lexical_forms, focused, from_rdflib, root, targeted, validate
 from gateway.graph.vocab import DCTERMS, HTTP, HYBRIT, LDP, LF, METHODS, RDF, RDFS, SH, XSD
+from gateway.lazily import Lazily
 from gateway.subscriptions.signature import key
 from gateway.subscriptions.subscription import DeliveryState, Depth, Kind, Record, Subscription
+
+if TYPE_CHECKING:
+    import rdflib
+else:
+    rdflib = Lazily("rdflib")
 
 _TYPES = {
     Kind.CALLBACK: (HYBRIT.WebCallback,),
@@ -233,13 +239,13 @@ def _text(triple: Triple) -> str:
 
 
 @cache
-def _guard() -> rdflib.Graph:
+def _guard() -> "rdflib.Graph":
     graph = Graph()
     describe_request_shape(graph)
     return targeted(graph.triples, LF.SubscriptionShape)
 
 
-def _refusal(report: rdflib.Graph, container_iri: str) -> UnprocessableContent:
+def _refusal(report: "rdflib.Graph", container_iri: str) -> UnprocessableContent:
     """Every constraint has a sentence of its own; the report does not repeat a secret."""
     for result in list(report.subjects(rdflib.SH.resultPath, rdflib.URIRef(LF.secret.value))):
         report.remove((result, rdflib.URIRef(SH.value.value), None))

@@ -5,14 +5,21 @@ import math
 import re
 import warnings
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-import pyshacl
-import rdflib
 from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, parse, serialize
 
 from gateway.errors import UnprocessableContent
 from gateway.graph.build import Node
 from gateway.graph.vocab import NUMERIC, RDF, SH, XSD
+from gateway.lazily import Lazily
+
+if TYPE_CHECKING:
+    import pyshacl
+    import rdflib
+else:
+    pyshacl = Lazily("pyshacl")
+    rdflib = Lazily("rdflib")
 
 # rdflib logs the conversion traceback of every ill-typed literal; such literals are answered below, in words.
 logging.getLogger("rdflib.term").setLevel(logging.ERROR)
@@ -54,23 +61,23 @@ def check_lexical_forms(body: Sequence[Triple], constraint: str) -> None:
                 )
 
 
-def focused(about: Sequence[Triple]) -> rdflib.Graph:
+def focused(about: Sequence[Triple]) -> "rdflib.Graph":
     """Data for pySHACL: what is said about the root of a body, as if it were about FOCUS."""
     return to_rdflib([Triple(FOCUS, t.predicate, t.object) for t in about])
 
 
-def targeted(triples: Sequence[Triple], shape: Node) -> rdflib.Graph:
+def targeted(triples: Sequence[Triple], shape: Node) -> "rdflib.Graph":
     """The shapes for pySHACL; ``shape`` judges FOCUS whatever its type, which a body need not state."""
     own = [Triple(shape, RDF.type, SH.NodeShape), Triple(shape, SH.targetNode, FOCUS)]
     return to_rdflib([*triples, *own])
 
 
-def validate(data: rdflib.Graph, shapes: rdflib.Graph) -> tuple[bool, rdflib.Graph]:
+def validate(data: "rdflib.Graph", shapes: "rdflib.Graph") -> "tuple[bool, rdflib.Graph]":
     conforms, report, _ = pyshacl.validate(data, shacl_graph=shapes, inference="none", advanced=False)
     return bool(conforms), report
 
 
-def from_rdflib(report: rdflib.Graph, request_iri: str) -> list[Triple]:
+def from_rdflib(report: "rdflib.Graph", request_iri: str) -> list[Triple]:
     """The report as triples about the request."""
     # Messages name the focus node as well, so it is renamed in the text and not term by term.
     text = report.serialize(format="nt").replace(FOCUS.value, request_iri)
@@ -83,7 +90,7 @@ def from_rdflib(report: rdflib.Graph, request_iri: str) -> list[Triple]:
     return [Triple(relabel(q.subject), q.predicate, relabel(q.object)) for q in quads]  # type: ignore[arg-type]
 
 
-def to_rdflib(triples: Sequence[Triple]) -> rdflib.Graph:
+def to_rdflib(triples: Sequence[Triple]) -> "rdflib.Graph":
     text = serialize(triples, format=RdfFormat.N_TRIPLES)
     with warnings.catch_warnings(action="ignore"):  # of odd booleans and the like, which the shape refuses in words
         return rdflib.Graph().parse(data=text, format="nt")

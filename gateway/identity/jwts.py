@@ -1,11 +1,15 @@
 """Tokens of issuers: what is verified about them before anything that they say is believed (RFC 8725)."""
 
-from typing import Any
-
-import jwt
+from typing import TYPE_CHECKING, Any
 
 from gateway.identity.keys import IssuerKeys
 from gateway.identity.roster import Issuer
+from gateway.lazily import Lazily
+
+if TYPE_CHECKING:
+    import jwt
+else:
+    jwt = Lazily("jwt")
 
 LEEWAY_S = 30
 MOST_CHARACTERS = 16_384

@@ -2,13 +2,17 @@
 
 import asyncio
 import time
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
-
-import jwt
 
 from gateway.ending import end
 from gateway.identity.web import IssuerSilent, Web
+from gateway.lazily import Lazily
+
+if TYPE_CHECKING:
+    import jwt
+else:
+    jwt = Lazily("jwt")
 
 STALE_S = 600.0  # after which a key that the issuer has withdrawn is looked for
 RETRY_S = 30.0
@@ -29,7 +33,7 @@ class IssuerKeys:
         self._turn = asyncio.Lock()
         self._refreshing: asyncio.Task[None] | None = None
 
-    async def find(self, kid: str) -> tuple[jwt.PyJWK, str] | None:
+    async def find(self, kid: str) -> "tuple[jwt.PyJWK, str] | None":
         """A key and its one algorithm; None when the issuer has none of that id. IssuerSilent without any keys.
 
         An unknown id has the keys fetched again, but at most every 30 s; known ones outlive an issuer that is away.
@@ -93,7 +97,7 @@ def endpoint(metadata: dict[str, Any], name: str, issuer: str) -> str:
     return url
 
 
-def _usable(said: dict[str, Any]) -> dict[str, tuple[jwt.PyJWK, str]]:
+def _usable(said: dict[str, Any]) -> "dict[str, tuple[jwt.PyJWK, str]]":
     """Keys by id; those for other purposes, of other kinds and without id are none of ours."""
     found = {}
     listed = said.get("keys")

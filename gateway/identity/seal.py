@@ -2,11 +2,15 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
-
-import jwt
+from typing import TYPE_CHECKING, Any, Literal
 
 from gateway.identity.rights import Claims, Credential, TokenHash
+from gateway.lazily import Lazily
+
+if TYPE_CHECKING:
+    import jwt
+else:
+    jwt = Lazily("jwt")
 
 KEY_BYTES = 32
 SESSION_S = 8 * 3600

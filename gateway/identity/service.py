@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -43,6 +44,7 @@ class Identities:
     """An async context manager. BadRoster when the file is unusable at first; later the one before it stays."""
 
     def __init__(self, path: Path, key: SessionKey, ended: EndedSessions) -> None:
+        import_module("jwt")  # with identities it is needed for sure, and takes long for the first request to wait
         self._path, self.key, self._ended = path, key, ended
         self._stamp = _stamp(path)
         self.roster: Roster = read_roster(path)

@@ -4,9 +4,15 @@ import asyncio
 import json
 import ssl
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import httpx
+from gateway.lazily import Lazily
+
+if TYPE_CHECKING:
+    import httpx
+else:
+    httpx = Lazily("httpx")
+
 
 _TIMEOUT_S = 5.0  # for a whole exchange
 _MOST_BYTES = 1024 * 1024

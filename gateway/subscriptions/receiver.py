@@ -14,11 +14,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
+from typing import TYPE_CHECKING
 
-import httpx
-
+from gateway.lazily import Lazily
 from gateway.subscriptions.network import Address, Forbidden, Network, Unresolvable, callback_url
 from gateway.subscriptions.retry import retry_after_s
+
+if TYPE_CHECKING:
+    import httpx
+else:
+    httpx = Lazily("httpx")
 
 TIMEOUT_S = 10.0
 MOST_READ_BYTES = 4096
@@ -28,7 +33,6 @@ MOST_ADDRESSES = 4
 _KEEP_ALIVE_S = 4.0
 """Below the 5 s after which common servers hang up, so that requests seldom meet a connection that is being closed."""
 _LONGEST_RATE = 9
-_FAILURES = (TimeoutError, httpx.TransportError, Forbidden, Unresolvable)
 
 
 class NoConsent(Exception):
@@ -106,7 +110,7 @@ class Receiver:
         fields = {**headers, "Content-Type": content_type}
         try:
             response = await self._request("POST", fields, body, allowed_only=allowed_only)
-        except _FAILURES as error:
+        except (TimeoutError, httpx.TransportError, Forbidden, Unresolvable) as error:
             return Outcome(Verdict.RETRY, None, None, self._why(error))
         return _outcome(response)
 
@@ -117,7 +121,7 @@ class Receiver:
         """
         try:
             response = await self._request("OPTIONS", {"WebHook-Request-Origin": origin}, b"", allowed_only=False)
-        except _FAILURES as error:
+        except (TimeoutError, httpx.TransportError, Forbidden, Unresolvable) as error:
             return Consent(granted=False, interval_s=0.0, status=None, reason=self._why(error))
         return _consent(response, origin)
 
@@ -134,8 +138,8 @@ class Receiver:
 
     async def _request(
         self, method: str, fields: Mapping[str, str], body: bytes, *, allowed_only: bool
-    ) -> httpx.Response:
-        """The answer, closed. Raises what is in ``_FAILURES``, and NoConsent."""
+    ) -> "httpx.Response":
+        """The answer, closed. Raises TimeoutError, httpx.TransportError, Forbidden, Unresolvable and NoConsent."""
         response = None
         try:
             async with asyncio.timeout(self._timeout_s):
@@ -155,7 +159,7 @@ class Receiver:
 
     async def _first_reached(
         self, addresses: list[Address], method: str, fields: Mapping[str, str], body: bytes
-    ) -> httpx.Response:
+    ) -> "httpx.Response":
         # the address with the open connection first, whatever order the resolver chose this time
         inclined = sorted(addresses, key=lambda address: address.ip != self._connected)[:MOST_ADDRESSES]
         for address in inclined[:-1]:
@@ -165,7 +169,7 @@ class Receiver:
                 continue
         return await self._send(inclined[-1], method, fields, body)
 
-    async def _send(self, address: Address, method: str, fields: Mapping[str, str], body: bytes) -> httpx.Response:
+    async def _send(self, address: Address, method: str, fields: Mapping[str, str], body: bytes) -> "httpx.Response":
         """To exactly this address: with a literal for a host, nothing below looks up a name again."""
         headers = httpx.Headers(dict(fields))
         headers["Host"] = self._url.netloc.decode("ascii")
@@ -196,7 +200,7 @@ def user_agent() -> str:
     return f"linked-fleet/{importlib.metadata.version('linked-fleet')}"
 
 
-async def _drain(response: httpx.Response) -> None:
+async def _drain(response: "httpx.Response") -> None:
     read = 0
     async for chunk in response.aiter_raw():
         read += len(chunk)
@@ -204,7 +208,7 @@ async def _drain(response: httpx.Response) -> None:
             return
 
 
-def _outcome(response: httpx.Response) -> Outcome:
+def _outcome(response: "httpx.Response") -> Outcome:
     status = response.status_code
     if response.is_success:
         return Outcome(Verdict.DELIVERED, status, None, "")
@@ -215,7 +219,7 @@ def _outcome(response: httpx.Response) -> Outcome:
     return Outcome(Verdict.RETRY, status, retry_after_s(response.headers.get("Retry-After"), time.time()), reason)
 
 
-def _consent(response: httpx.Response, origin: str) -> Consent:
+def _consent(response: "httpx.Response", origin: str) -> Consent:
     status = response.status_code
     if not response.is_success:
         return Consent(False, 0.0, status, f"The receiver answered the request for consent with status {status}.")
