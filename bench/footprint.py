@@ -1,0 +1,103 @@
+"""What a gateway and an agent take of a machine: memory at rest, memory for a robot, processor of an agent."""
+
+import argparse
+import contextlib
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+
+from bench.crowd import Scene, Size, stage
+from bench.ingest import Row
+from bench.scene import cpu_s, rss_kib
+from bench.synthetic import name_of
+
+SIZE = Size(robots=200, joints=60, models=20, rates_hz=(1,))
+JOINTS, RATE_HZ = 20, 100.0
+MOST_MB, MOST_KB, MOST_AGENT_MB, MOST_AGENT_PERCENT = 64.0, 300.0, 40.0, 3.0
+# What the gateway is made of, and a Zenoh session that listens, without a line of its own.
+_PARTS = """
+import asyncio, json, sys
+import h11, msgspec, pyoxigraph, redis.asyncio, starlette.applications, uvicorn, uvloop, websockets, zenoh
+from gateway.session import settings
+config = zenoh.Config()
+for name, value in settings(("tcp/127.0.0.1:0",), (), {}).items():
+    config.insert_json5(name, json.dumps(value))
+with zenoh.open(config):
+    print("open", flush=True)
+    sys.stdin.read()
+"""
+
+
+def rows(seconds: float, size: Size = SIZE) -> list[Row]:
+    """Memory as resident set, files that processes share included."""
+    with stage(size, 1) as scene:
+        empty, floor = rss_kib(scene.gateways[0].pid), _floor_kib()
+        grown = _grown_kib(scene)
+        percent, agent_kib = _agent(scene, seconds)
+    rest, parts, agent = empty * 1.024e-3, floor * 1.024e-3, agent_kib * 1.024e-3
+    each = grown * 1.024 / size.robots
+    return [
+        Row("gateway with nobody: memory", "MB", rest, f"its libraries and a Zenoh session alone: {parts:.0f} MB",
+            rest / parts, f"<= {MOST_MB:g} MB", rest <= MOST_MB),
+        Row(f"gateway: memory for a robot of {size.joints} joints that was read once", "kB", each, "", None,
+            f"<= {MOST_KB:g} kB", each <= MOST_KB),
+        Row(f"agent of {JOINTS} joints at {RATE_HZ:g} Hz: memory", "MB", agent, "", None, f"<= {MOST_AGENT_MB:g} MB",
+            agent <= MOST_AGENT_MB),
+        Row(f"agent of {JOINTS} joints at {RATE_HZ:g} Hz: processor", "%", percent, "", None,
+            f"<= {MOST_AGENT_PERCENT:g} %", percent <= MOST_AGENT_PERCENT),
+    ]  # fmt: skip
+
+
+def _grown_kib(scene: Scene) -> int:
+    """By all robots, once each has been read."""
+    one = scene.gateways[0]
+    before = rss_kib(one.pid)
+    scene.crowd.ask("rate 1")
+    scene.crowd.ask("appear")
+    one.meet(scene.size.robots)
+    for number in range(scene.size.robots):
+        one.get(f"/{name_of(number)}/")
+    return rss_kib(one.pid) - before
+
+
+def _floor_kib() -> int:
+    with _child("-c", _PARTS) as pid:
+        return rss_kib(pid)
+
+
+def _agent(scene: Scene, seconds: float) -> tuple[float, int]:
+    """Percent of a processor, and KiB."""
+    with _child("-m", "bench.still_agent", scene.endpoint, str(JOINTS), str(RATE_HZ)) as pid:
+        time.sleep(1.0)
+        cpu, begin = cpu_s(pid), time.monotonic()
+        time.sleep(seconds)
+        return (cpu_s(pid) - cpu) / (time.monotonic() - begin) * 100, rss_kib(pid)
+
+
+@contextlib.contextmanager
+def _child(*arguments: str) -> Iterator[int]:
+    """A process that says one line when it is ready, and ends with its input."""
+    child = subprocess.Popen([sys.executable, *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE)  # noqa: S603
+    assert child.stdin is not None and child.stdout is not None
+    try:
+        assert child.stdout.readline(), "it ended at once"
+        yield child.pid
+    finally:
+        child.stdin.close()
+        child.wait()
+        child.stdout.close()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=5.0)
+    asked = parser.parse_args()
+    print(f"{os.cpu_count()} processors, load {os.getloadavg()[0]:.1f} before")
+    for row in rows(asked.seconds):
+        print(row)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,65 @@
+"""An agent whose robot stands still: what an agent costs besides its driver.
+
+``python -m bench.still_agent ENDPOINT JOINTS RATE_HZ`` runs until its standard input ends.
+"""
+
+import asyncio
+import sys
+from collections.abc import Mapping
+
+from agents.agent import Agent
+from agents.link import ZenohLink, open_session
+from agents.robot import Facts, JointFacts, Limits, Reading
+from agents.wire.keys import Keys
+
+
+class Still:
+    """A driver of so many continuous joints, none of which moves."""
+
+    def __init__(self, joints: int) -> None:
+        facts = [
+            JointFacts(f"joint_{number}", limits=Limits(velocity=2.0), continuous=True) for number in range(joints)
+        ]
+        links = "".join(f'<link name="link_{number}"/>' for number in range(joints + 1))
+        chain = "".join(
+            f'<joint name="joint_{number}" type="continuous"><parent link="link_{number}"/>'
+            f'<child link="link_{number + 1}"/><limit velocity="2" effort="1"/></joint>'
+            for number in range(joints)
+        )
+        self._facts = Facts("Still", f'<robot name="still">{links}{chain}</robot>', tuple(facts))
+        self._reading = Reading((0.1,) * joints, (0.0,) * joints, (0.5,) * joints)
+
+    def describe(self) -> Facts:
+        return self._facts
+
+    def read(self, now_s: float) -> Reading:
+        return self._reading
+
+    def apply(self, setpoints: Mapping[str, float]) -> Mapping[str, float]:
+        return setpoints
+
+    def stop(self) -> None:
+        """It stands."""
+
+    def close(self) -> None:
+        """It holds nothing."""
+
+
+async def main() -> None:
+    endpoint, joints, rate_hz = sys.argv[1], int(sys.argv[2]), float(sys.argv[3])
+    agent, keys = Agent("still", Still(joints), rate_hz=rate_hz), Keys()
+    async with open_session((endpoint,)) as session:
+        link = ZenohLink(
+            session, keys, robot=agent.name, incarnation=agent.incarnation, description=agent.description,
+            on_command=agent.handle, on_stop=agent.handle_stop, on_mesh=agent.mesh,
+        )  # fmt: skip
+        async with link:
+            running = asyncio.create_task(agent.run(link))
+            print("runs", flush=True)
+            await asyncio.to_thread(sys.stdin.read)
+            running.cancel()
+            await asyncio.wait([running])
+
+
+if __name__ == "__main__":
+    asyncio.run(main())
