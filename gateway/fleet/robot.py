@@ -247,6 +247,7 @@ class Robot:
 
     def tell_news(self) -> None:
         """Something is different that no frame brought."""
+        self.look()
         frames, count = self.last_sequence() + 1, self.news[1]
         self.news = (frames, count + 1 if frames == self.news[0] else 1)
 
