@@ -62,7 +62,7 @@ class Numbers(Collector):
             "robots", "Robots by presence.", "presence", {"online": online, "offline": len(robots) - online}.items()
         )
         yield _gauges(
-            "robot_frame_age_seconds", "Time since the latest frame of a robot was taken.", "robot",
+            "robot_frame_age_seconds", "Time since the latest frame of a robot came.", "robot",
             [
                 (robot.name, (now_ns - robot.last_seen_ns) / 1e9)
                 for robot in robots

@@ -1,0 +1,87 @@
+"""What robots that join cost: all of them at once, and one more where there are many already."""
+
+import argparse
+import os
+import time
+from pathlib import Path
+
+import actor
+from running import PATIENCE_S
+
+from bench.crowd import Scene, Size, stage
+from bench.ingest import Row
+
+ALREADY = (10, 100, 1000)
+MOST_S = 10.0
+_JOINING, _PAUSE_S = 50, 0.3
+
+
+def rows(seconds: float) -> list[Row]:
+    """``seconds`` is of no matter: each robot joins once. Processor time of the gateway, all threads."""
+    found, costs = list[Row](), list[float]()
+    for robots in ALREADY:
+        with stage(Size(robots=robots, joints=18, models=20), 1) as scene:
+            took = _all(scene)
+            costs.append(_one_more(scene))
+        if robots == ALREADY[-1]:
+            found.append(
+                Row(
+                    f"{robots} robots join until all can be browsed",
+                    "s",
+                    took,
+                    "",
+                    None,
+                    f"<= {MOST_S:g} s",
+                    took <= MOST_S,
+                )
+            )
+        ratio = costs[-1] / costs[0]
+        beside = f"{costs[0]:.2f} ms where there are {ALREADY[0]}"
+        holds = ratio < 1.5 if len(costs) > 1 else None
+        found.append(Row(f"one joins {robots} robots: processor", "ms", costs[-1], beside, ratio, "the same", holds))
+    return found
+
+
+def _all(scene: Scene) -> float:
+    """From the first token until each robot has a value, in seconds; asked ten times a second."""
+    scene.crowd.ask("rate 1")
+    first_ns: int = scene.crowd.ask("appear")["first_ns"]
+    scene.gateways[0].meet(scene.size.robots)
+    return (time.monotonic_ns() - first_ns) / 1e9
+
+
+def _one_more(scene: Scene) -> float:
+    """Milliseconds for each of several, one after another, while no frames come; what else goes on is taken off."""
+    one = scene.gateways[0]
+    scene.crowd.ask("rate 0")
+    time.sleep(0.5)
+    idle, begin = _cpu_ns(one.pid), time.monotonic()
+    time.sleep(1.0)
+    idle_share = (_cpu_ns(one.pid) - idle) / 1e9 / (time.monotonic() - begin)
+    with actor.stage(scene.endpoint) as session:
+        before, begin = _cpu_ns(one.pid), time.monotonic()
+        there = [actor.Actor(session, f"late-{number}") for number in range(_JOINING)]
+        for each in there:
+            each.appear()
+        last = f"http://127.0.0.1:{one.port}/late-{_JOINING - 1}/elbow"
+        while one.http.get(last).status_code != 200:  # not so often that asking is what is measured
+            assert time.monotonic() < begin + PATIENCE_S, "the last one never came"
+            time.sleep(_PAUSE_S)
+        spent_s = (_cpu_ns(one.pid) - before) / 1e9 - idle_share * (time.monotonic() - begin)
+    return spent_s / _JOINING * 1e3
+
+
+def _cpu_ns(pid: int) -> int:
+    """Of all threads, more finely than in ticks."""
+    return sum(int(path.read_text().split()[0]) for path in Path(f"/proc/{pid}/task").glob("*/schedstat"))
+
+
+def main() -> None:
+    argparse.ArgumentParser(description=__doc__).parse_args()
+    print(f"{os.cpu_count()} processors, load {os.getloadavg()[0]:.1f} before")
+    for row in rows(0):
+        print(row)
+
+
+if __name__ == "__main__":
+    main()
