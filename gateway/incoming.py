@@ -23,7 +23,7 @@ _log = logging.getLogger(__name__)
 
 MAX_STATE_BYTES = MAX_PROGRESS_BYTES = 65_536
 TURN_S = 0.004
-_WAITING = 1024  # frames that Zenoh keeps for the thread that reads them; above that its connections wait
+_WAITING = 4096  # frames that Zenoh keeps for the thread that reads them; above that its connections wait
 _NAP_S = 0.001
 """So long frames are left to gather: to be woken for each costs as much as all that is done with it."""
 
