@@ -63,6 +63,8 @@ class Repeat:
     def present(self) -> tuple[int, bytes, bytes] | None:
         """Status, fields and body of the answer as it is now; None when only the whole way knows it."""
         source = self.resource.source
+        if source.robot is not None:
+            source.robot.look()
         if source.facts() != self._facts or not self.holds():
             return None
         observations = source.look()
