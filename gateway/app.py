@@ -14,6 +14,7 @@ from gateway.http.callers import Callers
 from gateway.http.cors import pages_elsewhere
 from gateway.http.endpoint import resources
 from gateway.http.host import Authorities
+from gateway.http.loading import Loading
 from gateway.http.rates import Pace, Rates
 from gateway.http.repeats import Repeats
 from gateway.http.turns import Turns
@@ -73,6 +74,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None) -> Sta
             Middleware(Authorities, public_urls=settings.public_urls, prefixes=PREFIXES, pages=settings.cors_pages),
             Middleware(Callers),
             Middleware(Pace, rates=rates),
+            Middleware(Loading),
         ],
         lifespan=lifespan,
     )

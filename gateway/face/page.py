@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 from pyoxigraph import Triple
 
@@ -14,6 +14,12 @@ from gateway.face.view import view_of
 from gateway.graph import jsonld
 from gateway.graph.resource import Resource
 from gateway.graph.vocab import PREFIXES
+from gateway.lazily import Lazily
+
+if TYPE_CHECKING:
+    import jinja2
+else:
+    jinja2 = Lazily("jinja2")
 
 _TEMPLATES = Path(__file__).parent / "templates"
 
@@ -37,14 +43,14 @@ def embedded(json: str) -> Markup:
 
 
 @cache
-def _templates() -> Environment:
-    environment = Environment(
-        loader=FileSystemLoader(_TEMPLATES),
+def _templates() -> "jinja2.Environment":
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(_TEMPLATES),
         autoescape=True,
         auto_reload=False,
         trim_blocks=True,
         lstrip_blocks=True,
-        undefined=StrictUndefined,
+        undefined=jinja2.StrictUndefined,
     )
     environment.filters["clean"] = clean
     return environment

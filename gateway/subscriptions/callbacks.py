@@ -3,6 +3,7 @@
 import asyncio
 import ssl
 from collections.abc import Callable
+from functools import cache
 
 from gateway.graph.paths import robot_of
 from gateway.identity.rights import View
@@ -38,7 +39,6 @@ class Callbacks:
         self._couriers: dict[str, Courier] = {}
         self.deliveries = Deliveries()
         self._refused: set[str] = set()
-        self._tls = ssl.create_default_context()
 
     @property
     def served(self) -> int:
@@ -133,4 +133,10 @@ class Callbacks:
             courier.start_suspended(UNENTITLED)
 
     def _receiver(self, subscription: Subscription) -> Receiver:
-        return Receiver(self._network, subscription.callback, ssl_context=self._tls)
+        return Receiver(self._network, subscription.callback, ssl_context=_tls())
+
+
+@cache
+def _tls() -> ssl.SSLContext:
+    """One for all; the authorities that it knows take more than a megabyte."""
+    return ssl.create_default_context()

@@ -7,7 +7,7 @@ import pytest
 
 from gateway.lazily import Lazily
 
-LARGE = ("pinocchio", "numpy", "rdflib", "pyshacl", "httpx", "jwt", "gateway.fleet.reach", "gateway.face.form")
+LARGE = ("pinocchio", "numpy", "rdflib", "pyshacl", "httpx", "jwt", "jinja2", "gateway.fleet.reach")
 
 
 def test_a_gateway_starts_without_what_most_never_need() -> None:
