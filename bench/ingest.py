@@ -45,14 +45,14 @@ def rows(seconds: float, size: Size = SIZE) -> list[Row]:
         scene.crowd.ask(f"rate {rate_hz:g}")
         scene.crowd.ask("appear")
         one.meet(size.robots)
-        with _bare(scene) as bare:
+        with contextlib.closing(Bare(scene)) as bare:
+            bare.heard()
             time.sleep(1.0)
-            cores, sent, taken, dropped = _paid(scene, one, seconds, bare)
+            each, beside, sent, taken, dropped = _paid(scene, one, seconds, bare)
         with Probe(one, pause_s=0.02) as probe:
             time.sleep(seconds)
         ages = sorted(_ages_ms(scene, seconds))
     oldest = ages[len(ages) * 99 // 100]
-    each, beside = (used / sent * seconds * 1e6 for used in cores)
     name = f"{size.robots} robots at {rate_hz:g} Hz: "
     return [
         Row(name + "frames sent", "1/s", sent / seconds, "", None, "", None),
@@ -66,17 +66,15 @@ def rows(seconds: float, size: Size = SIZE) -> list[Row]:
     ]  # fmt: skip
 
 
-def _paid(scene: Scene, one: Gateway, seconds: float, bare: int) -> tuple[tuple[float, float], int, float, float]:
-    """Cores of the gateway and of the bare session, frames sent, taken and dropped."""
-    processes = (one.pid, bare)
+def _paid(scene: Scene, one: Gateway, seconds: float, bare: "Bare") -> tuple[float, float, int, float, float]:
+    """Microseconds for a frame that came, of the gateway and of the bare session; frames sent, taken and dropped."""
     scene.crowd.ask()
-    before, cpu, begin = one.numbers(), [cpu_s(pid) for pid in processes], time.monotonic()
+    heard, before, cpu = bare.heard(), one.numbers(), (cpu_s(one.pid), cpu_s(bare.pid))
     time.sleep(seconds)
-    took = time.monotonic() - begin
-    used = [(cpu_s(pid) - spent) / took for pid, spent in zip(processes, cpu, strict=True)]
+    used_s, beside_s = (cpu_s(pid) - spent for pid, spent in zip((one.pid, bare.pid), cpu, strict=True))
     sent, after = scene.crowd.ask()["frames"], one.numbers()
     taken, dropped = (after[name] - before[name] for name in ("frames_taken_total", "frames_dropped_total"))
-    return (used[0], used[1]), sent, taken, dropped
+    return used_s / taken * 1e6, beside_s / (bare.heard() - heard) * 1e6, sent, taken, dropped
 
 
 def _ages_ms(scene: Scene, seconds: float) -> Iterator[float]:
@@ -89,19 +87,26 @@ def _ages_ms(scene: Scene, seconds: float) -> Iterator[float]:
         yield scene.crowd.age_ms(said[1], time.monotonic_ns())
 
 
-@contextlib.contextmanager
-def _bare(scene: Scene) -> Iterator[int]:
-    """Another process that hears the same, with its number."""
-    command = [sys.executable, "-m", "bench.ingest", "--bare", scene.endpoint, "--robots", str(scene.size.robots)]
-    child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)  # noqa: S603
-    assert child.stdin is not None and child.stdout is not None
-    try:
-        assert child.stdout.readline() == "hears\n"
-        yield child.pid
-    finally:
-        child.stdin.close()
-        child.wait()
-        child.stdout.close()
+class Bare:
+    """Another process that hears the same."""
+
+    def __init__(self, scene: Scene) -> None:
+        command = [sys.executable, "-m", "bench.ingest", "--bare", scene.endpoint, "--robots", str(scene.size.robots)]
+        self._child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)  # noqa: S603
+        assert self._child.stdin is not None and self._child.stdout is not None
+        self._in, self._out = self._child.stdin, self._child.stdout
+        self.pid = self._child.pid
+
+    def heard(self) -> int:
+        """Frames so far; some of each robot."""
+        self._in.write("\n")
+        self._in.flush()
+        return int(self._out.readline())
+
+    def close(self) -> None:
+        self._in.close()
+        self._child.wait()
+        self._out.close()
 
 
 def hear(endpoint: str, robots: int) -> None:
@@ -109,9 +114,11 @@ def hear(endpoint: str, robots: int) -> None:
     config = zenoh.Config()
     for name, value in settings((), (endpoint,), {}).items():
         config.insert_json5(name, json.dumps(value))
-    latest: dict[str, bytes] = {}
+    latest, heard = dict[str, bytes](), 0
 
     def put(sample: zenoh.Sample) -> None:
+        nonlocal heard
+        heard += 1
         latest[str(sample.key_expr)] = sample.payload.to_bytes()
 
     with zenoh.open(config) as session:
@@ -120,8 +127,8 @@ def hear(endpoint: str, robots: int) -> None:
         deadline = time.monotonic() + 20
         while len(latest) < robots and time.monotonic() < deadline:
             time.sleep(0.05)
-        print("hears", flush=True)
-        sys.stdin.read()
+        for _ in sys.stdin:
+            print(heard, flush=True)
 
 
 def main() -> None:
