@@ -1,0 +1,95 @@
+"""How long a state is on its way to a subscriber, and an action to the agent; beside Zenoh and Starlette alone."""
+
+import contextlib
+import http.client
+import time
+from collections.abc import Callable, Sequence
+from urllib.parse import urlsplit
+
+from browser import HYBRIT, Browser
+from commanding import PREFIXES
+from running import free_port, process
+from small_fleet import live
+
+from bench.references import BARE, fsync_ms, wire
+from bench.scene import Readers, browsing, scene
+from bench.table import Row, at_most, known, percentile
+
+RATE_HZ = 100
+_TURTLE = {"content-type": "text/turtle"}
+
+
+def rows(seconds: float) -> list[Row]:
+    alone = wire(f"tcp/127.0.0.1:{free_port()}", RATE_HZ, seconds)
+    return [*states(alone.states_ms, seconds), *actions(alone.answers_ms, seconds)]
+
+
+def states(raw_ms: Sequence[float], seconds: float) -> list[Row]:
+    """From the sending of a frame to the WebSocket message with its value, one robot and one subscriber."""
+    with (
+        scene() as place,
+        place.robot("mover", RATE_HZ) as mover,
+        contextlib.closing(Readers(place.place.port, "ws", 1, "/mover/elbow/rotation")) as reader,
+    ):
+        reader.counted()
+        time.sleep(seconds)
+        sent_ms = mover.latencies_ms(reader.counted()["seen"])
+    name, beside = "from a robot's frame to its subscriber", "Zenoh from process to process"
+    return [
+        known(f"{beside}, p50", "ms", percentile(raw_ms, 0.5)),
+        known(f"{beside}, p99", "ms", percentile(raw_ms, 0.99)),
+        at_most(f"{name}, p50", percentile(sent_ms, 0.5), beside, percentile(raw_ms, 0.5), 1.0),
+        at_most(f"{name}, p99", percentile(sent_ms, 0.99), beside, percentile(raw_ms, 0.99), 5.0),
+    ]
+
+
+def actions(asked_ms: Sequence[float], seconds: float) -> list[Row]:
+    """From a POST that rotates a joint to the answer that follows the agent's acceptance, one after another."""
+    posted_ms = _bare_ms(seconds)
+    with scene("--requests-per-client", "0") as place:
+        with process("-m", "agents", "--robot=ur5", "--connect", place.place.zenoh), browsing(place.place) as browser:
+            live(browser, "ur5")
+            target = _rotate(browser)
+            took = timed_ms(target, seconds, _body)
+    on_disk = percentile(fsync_ms(), 0.5)
+    least = percentile(asked_ms, 0.5) + percentile(posted_ms, 0.5)
+    beside = f"a Zenoh query and a POST to {BARE}"
+    return [
+        known("a Zenoh query between processes, p50", "ms", percentile(asked_ms, 0.5)),
+        known(f"a POST to {BARE}, p50", "ms", percentile(posted_ms, 0.5)),
+        known("an fsync of this disk, p50", "ms", on_disk),
+        at_most("from a POST to the agent's acceptance, p50", percentile(took, 0.5), beside, least, 1.5),
+        known("from a POST to the agent's acceptance, p99", "ms", percentile(took, 0.99)),
+    ]
+
+
+def timed_ms(url: str, seconds: float, body: Callable[[int], bytes]) -> list[float]:
+    """POSTs on one connection, each after the answer to the one before."""
+    asked, took = urlsplit(url), list[float]()
+    with contextlib.closing(http.client.HTTPConnection(asked.netloc)) as connection:
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            content = body(len(took))
+            begin = time.perf_counter()
+            connection.request("POST", asked.path, content, _TURTLE)
+            answer = connection.getresponse()
+            said = answer.read()
+            took.append((time.perf_counter() - begin) * 1e3)
+            assert answer.status == http.client.NO_CONTENT, said
+    return took
+
+
+def _body(number: int) -> bytes:
+    return f"{PREFIXES}<> vom:numericalValue {number % 7} ; vom:unit maths:Degree .".encode()
+
+
+def _rotate(browser: Browser) -> str:
+    joint = browser.part("ur5", "wrist_3_joint")
+    return next(str(each) for each in joint.graph.objects(joint.iri, HYBRIT.action) if str(each).endswith("/rotate"))
+
+
+def _bare_ms(seconds: float) -> Sequence[float]:
+    port = free_port()
+    with process("-m", "bench.references", "bare", str(port), "1") as child:
+        child.said("running on")
+        return timed_ms(f"http://127.0.0.1:{port}/", seconds, _body)

@@ -1,0 +1,83 @@
+"""What a benchmark says, a row for each figure, and how rows are written: as a table to read and as JSON."""
+
+import math
+import statistics
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+
+class Row(NamedTuple):
+    """One figure. ``reference`` is what it was measured beside in the same run, empty if there is none."""
+
+    name: str
+    unit: str
+    value: float
+    reference: str
+    ratio: float | None
+    """Of ``value`` to the reference."""
+    goal: str
+    holds: bool | None
+    """Whether the goal is reached; None without one."""
+
+
+class UnavailableError(Exception):
+    """What a benchmark needs is not here; the message says what, and how to get it."""
+
+
+def at_least(name: str, unit: str, value: float, reference: str, beside: float, share: float) -> Row:
+    """A rate that is to be at least ``share`` of its reference."""
+    ratio = value / beside
+    return Row(name, unit, value, reference, ratio, f">= {share:.0%} of it", ratio >= share)
+
+
+def at_most(name: str, value_ms: float, reference: str, beside_ms: float, most_ms: float) -> Row:
+    """A time that is to be at most ``most_ms``."""
+    return Row(name, "ms", value_ms, reference, value_ms / beside_ms, f"<= {most_ms:g} ms", value_ms <= most_ms)
+
+
+def known(name: str, unit: str, value: float, reference: str = "", beside: float = math.nan) -> Row:
+    """A figure without a goal."""
+    return Row(name, unit, value, reference, value / beside if reference else None, "", None)
+
+
+def percentile(values: Sequence[float], share: float) -> float:
+    """The value below which ``share`` (0 to 1) of all lie."""
+    ordered = sorted(values)
+    return ordered[min(len(ordered) - 1, int(len(ordered) * share))]
+
+
+def median(runs: Sequence[Sequence[Row]]) -> list[Row]:
+    """Of each figure the row of that run whose ratio, or else value, is in the middle."""
+    found = [dict.fromkeys(row.name for run in runs for row in run)]
+    return [_middle([row for run in runs for row in run if row.name == name]) for name in found[0]]
+
+
+def _middle(rows: Sequence[Row]) -> Row:
+    ordered = sorted(rows, key=lambda row: row.value if row.ratio is None else row.ratio)
+    return ordered[len(ordered) // 2]
+
+
+def markdown(rows: Sequence[Row]) -> str:
+    lines = ["| | value | | ratio | beside | goal | |", "|---|--:|---|--:|---|---|---|"]
+    for row in rows:
+        ratio = "" if row.ratio is None else number(row.ratio)
+        held = {True: "holds", False: "**not reached**", None: ""}[row.holds]
+        cells = (row.name, number(row.value), row.unit, ratio, row.reference, row.goal, held)
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def number(value: float) -> str:
+    """Three digits that count."""
+    if value == 0 or abs(value) >= 100:
+        return f"{value:,.0f}"
+    return f"{value:.{max(0, 2 - math.floor(math.log10(abs(value))))}f}"
+
+
+def parsed(rows: Sequence[dict[str, Any]]) -> list[Row]:
+    return [Row(**row) for row in rows]
+
+
+def spread(values: Sequence[float]) -> float:
+    """How far the runs lie apart, as a share of their median."""
+    return (max(values) - min(values)) / statistics.median(values)
