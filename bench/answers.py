@@ -5,16 +5,15 @@ import re
 import shutil
 import subprocess
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import httpx
 from actor import Actor
-from running import free_port, process
 from small_fleet import live
 
-from bench.references import BARE
-from bench.scene import browsing, cpu_s, pid_of, scene
+from bench.beside import BARE, bare
+from bench.scene import browsing, cpu_s, scene
 from bench.table import Row, UnavailableError, at_least, known
 
 ROBOTS, RATE_HZ, CONNECTIONS = 5, 100, 32
@@ -45,7 +44,7 @@ def rows(seconds: float) -> list[Row]:
         root = place.place.root
         moving, resting = f"{root}mover0/elbow/rotation", f"{root}still/elbow/rotation"
         answer = httpx.get(resting, headers={"accept": _TURTLE}).raise_for_status()
-        with _bare(len(answer.content)) as (url, pid):
+        with bare(len(answer.content)) as (url, pid):
             constant = wrk(url, pid, seconds)
             unchanged = wrk(f"{url}unchanged", pid, seconds, status=304)
         found = {
@@ -66,14 +65,6 @@ def rows(seconds: float) -> list[Row]:
         ),
         at_least("GET answered 304", unit, same.per_cpu_s, f"{BARE}, 304", unchanged.per_cpu_s, 0.9),
     ]
-
-
-@contextlib.contextmanager
-def _bare(size: int) -> Iterator[tuple[str, int]]:
-    port = free_port()
-    with process("-m", "bench.references", "bare", str(port), str(size)) as child:
-        child.said("running on")
-        yield f"http://127.0.0.1:{port}/", pid_of(child)
 
 
 def wrk(url: str, pid: int, seconds: float, fields: Mapping[str, str] | None = None, status: int = 200) -> Asked:

@@ -11,7 +11,7 @@ from commanding import PREFIXES
 from running import free_port, process
 from small_fleet import live
 
-from bench.references import BARE, fsync_ms, wire
+from bench.beside import BARE, bare, fsync_ms, wire
 from bench.scene import Readers, browsing, scene
 from bench.table import Row, at_most, known, percentile
 
@@ -45,7 +45,8 @@ def states(raw_ms: Sequence[float], seconds: float) -> list[Row]:
 
 def actions(asked_ms: Sequence[float], seconds: float) -> list[Row]:
     """From a POST that rotates a joint to the answer that follows the agent's acceptance, one after another."""
-    posted_ms = _bare_ms(seconds)
+    with bare(1) as (url, _):
+        posted_ms = timed_ms(url, seconds, _body)
     with scene("--requests-per-client", "0") as place:
         with process("-m", "agents", "--robot=ur5", "--connect", place.place.zenoh), browsing(place.place) as browser:
             live(browser, "ur5")
@@ -86,10 +87,3 @@ def _body(number: int) -> bytes:
 def _rotate(browser: Browser) -> str:
     joint = browser.part("ur5", "wrist_3_joint")
     return next(str(each) for each in joint.graph.objects(joint.iri, HYBRIT.action) if str(each).endswith("/rotate"))
-
-
-def _bare_ms(seconds: float) -> Sequence[float]:
-    port = free_port()
-    with process("-m", "bench.references", "bare", str(port), "1") as child:
-        child.said("running on")
-        return timed_ms(f"http://127.0.0.1:{port}/", seconds, _body)

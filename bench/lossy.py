@@ -18,9 +18,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from running import ROOT
-
 from bench.table import UnavailableError
+
+ROOT = Path(__file__).resolve().parents[1]
 
 _TUNSETIFF, _TUN, _NO_PREFIX = 0x400454CA, 0x0001, 0x1000
 _PACKET = 65_536
@@ -49,7 +49,7 @@ def lossy(delay_ms: float, loss: float) -> Iterator[Network]:
     found = Network(name, f"198.51.100.{number}", f"203.0.113.{number}")
     said = (name, *ends, found.here, found.there, str(delay_ms), str(loss))
     carrier = subprocess.Popen(  # noqa: S603
-        [sys.executable, "-m", "bench.lossy", *said], cwd=ROOT, env={**os.environ, "PYTHONPATH": ".:tests"},
+        [sys.executable, "-m", "bench.lossy", *said], cwd=ROOT, env={**os.environ, "PYTHONPATH": "."},
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     try:

@@ -1,26 +1,19 @@
-"""The least there can be, beside which the gateway is measured: each a process of its own, and a few lines of Python.
+"""The least there can be, beside which the gateway is measured: processes of a few lines.
 
-``python -m bench.references bare PORT SIZE`` is Starlette that answers with constant bytes; ``robot ENDPOINT RATE`` says
-states to Zenoh and answers questions there; with the files of authority, certificate and key on a tls or quic link.
+``python -m bench.references bare PORT SIZE`` is Starlette that answers with constant bytes. ``robot ENDPOINT RATE`` says
+states on Zenoh and answers questions; more words are the files of authority, certificate and key of a tls or quic link.
 """
 
 import contextlib
 import json
-import os
 import struct
-import subprocess
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Sequence
-from importlib.util import find_spec
-from pathlib import Path
-from typing import Any, NamedTuple
 
 import uvicorn
 import zenoh
-from running import eventually
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import Response
@@ -28,33 +21,11 @@ from starlette.routing import Route
 
 from agents.wire.trust import Credentials
 
-_ROOT = Path(__file__).resolve().parents[1]
 STATE, QUESTION = "raw/state", "raw/question"
 SENT = struct.Struct("<q")
 """With which a payload begins: when it was sent, CLOCK_MONOTONIC, ns."""
 _FRAME = 480
 """Bytes of a state of twenty joints."""
-BARE = f"bare Starlette ({'httptools' if find_spec('httptools') else 'h11'})"
-
-
-class Partner:
-    """A child process that says ready when it is, and ends with its input."""
-
-    def __init__(self, *arguments: str) -> None:
-        environment = {**os.environ, "PYTHONPATH": f"{_ROOT}:{_ROOT / 'tests'}:{_ROOT / 'tests/requirements'}"}
-        self._child = subprocess.Popen(  # noqa: S603
-            [sys.executable, "-u", *arguments], cwd=_ROOT, env=environment,
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-        )  # fmt: skip
-        assert self._child.stdin is not None and self._child.stdout is not None
-        self._in, self._out = self._child.stdin, self._child.stdout
-        said = self._out.readline()
-        assert said == "ready\n", f"{arguments} said {said!r}"
-
-    def close(self) -> None:
-        self._in.close()
-        self._child.wait()
-        self._out.close()
 
 
 class Beat:
@@ -93,55 +64,6 @@ def session(mode: str, listen: str = "", connect: str = "", trust: Sequence[str]
     for key, value in values.items():
         config.insert_json5(key, json.dumps(value))
     return zenoh.open(config)
-
-
-class Wire(NamedTuple):
-    """From the sending of each state to its arrival; from each question to its answer."""
-
-    states_ms: list[float]
-    answers_ms: list[float]
-
-
-def wire(
-    endpoint: str,
-    rate_hz: float,
-    seconds: float,
-    far: Callable[..., Sequence[str]] = lambda *words: words,
-    here: Sequence[str] = (),
-    there: Sequence[str] = (),
-) -> Wire:
-    """Zenoh alone from process to process: ``far`` says how Python is run where the robot is."""
-    states, answers = list[float](), list[float]()
-
-    def take(sample: zenoh.Sample) -> None:
-        states.append((time.monotonic_ns() - SENT.unpack_from(sample.payload.to_bytes())[0]) / 1e6)
-
-    with session("router", listen=endpoint, trust=here) as near:
-        near.declare_subscriber(STATE, zenoh.handlers.Callback(take, indirect=False))
-        command = far("-m", "bench.references", "robot", endpoint, str(rate_hz), *there)
-        with contextlib.closing(Partner(*command)):
-            eventually(lambda: states and list(near.get(QUESTION)), "a state and an answer")
-            states.clear()
-            time.sleep(seconds)
-            found = states[:]
-            end = time.monotonic() + seconds
-            while time.monotonic() < end:
-                begin = time.perf_counter()
-                assert len(list(near.get(QUESTION, payload=bytes(200)))) == 1
-                answers.append((time.perf_counter() - begin) * 1e3)
-    return Wire(found, answers)
-
-
-def fsync_ms(count: int = 50, size: int = 300) -> list[float]:
-    """How long it takes until so many bytes more are on the disk on which states are kept."""
-    took = []
-    with tempfile.TemporaryDirectory() as folder, Path(folder, "log").open("ab", buffering=0) as log:
-        for _ in range(count):
-            begin = time.perf_counter()
-            log.write(bytes(size))
-            os.fdatasync(log.fileno())
-            took.append((time.perf_counter() - begin) * 1e3)
-    return took
 
 
 # -- the processes ----------------------------------------------------------------------------------------------------

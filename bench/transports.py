@@ -12,9 +12,9 @@ from typing import Any
 from certificates import made
 from running import PATIENCE_S, ROOT, free_port
 
+from bench.beside import Wire, wire
 from bench.front import Front, front, program
 from bench.lossy import Network, lossy
-from bench.references import Wire, wire
 from bench.scene import Mover, scene
 from bench.table import Row, known, percentile
 

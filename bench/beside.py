@@ -1,0 +1,98 @@
+"""What is measured beside the gateway, in the same run: Zenoh from process to process, Starlette alone, the disk."""
+
+import contextlib
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import NamedTuple
+
+import zenoh
+from running import ROOT, eventually, free_port, process
+
+from bench.references import QUESTION, SENT, STATE, session
+from bench.scene import pid_of
+
+BARE = f"bare Starlette ({'httptools' if find_spec('httptools') else 'h11'})"
+
+
+@contextlib.contextmanager
+def bare(size: int) -> Iterator[tuple[str, int]]:
+    """Its URL, where a GET has so many bytes and a POST is taken, and its process."""
+    port = free_port()
+    with process("-m", "bench.references", "bare", str(port), str(size)) as child:
+        child.said("running on")
+        yield f"http://127.0.0.1:{port}/", pid_of(child)
+
+
+class Partner:
+    """A child process that says ready when it is, and ends with its input."""
+
+    def __init__(self, *arguments: str) -> None:
+        environment = {**os.environ, "PYTHONPATH": f"{ROOT}:{ROOT / 'tests'}:{ROOT / 'tests/requirements'}"}
+        self._child = subprocess.Popen(  # noqa: S603
+            [sys.executable, "-u", *arguments], cwd=ROOT, env=environment,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        assert self._child.stdin is not None and self._child.stdout is not None
+        self._in, self._out = self._child.stdin, self._child.stdout
+        said = self._out.readline()
+        assert said == "ready\n", f"{arguments} said {said!r}"
+
+    def close(self) -> None:
+        self._in.close()
+        self._child.wait()
+        self._out.close()
+
+
+class Wire(NamedTuple):
+    """From the sending of each state to its arrival; from each question to its answer."""
+
+    states_ms: list[float]
+    answers_ms: list[float]
+
+
+def wire(
+    endpoint: str,
+    rate_hz: float,
+    seconds: float,
+    far: Callable[..., Sequence[str]] = lambda *words: words,
+    here: Sequence[str] = (),
+    there: Sequence[str] = (),
+) -> Wire:
+    """Zenoh alone from process to process: ``far`` says how Python is run where the robot is."""
+    states, answers = list[float](), list[float]()
+
+    def take(sample: zenoh.Sample) -> None:
+        states.append((time.monotonic_ns() - SENT.unpack_from(sample.payload.to_bytes())[0]) / 1e6)
+
+    with session("router", listen=endpoint, trust=here) as near:
+        near.declare_subscriber(STATE, zenoh.handlers.Callback(take, indirect=False))
+        command = far("-m", "bench.references", "robot", endpoint, str(rate_hz), *there)
+        with contextlib.closing(Partner(*command)):
+            eventually(lambda: states and list(near.get(QUESTION)), "a state and an answer")
+            states.clear()
+            time.sleep(seconds)
+            found = states[:]
+            end = time.monotonic() + seconds
+            while time.monotonic() < end:
+                begin = time.perf_counter()
+                assert len(list(near.get(QUESTION, payload=bytes(200)))) == 1
+                answers.append((time.perf_counter() - begin) * 1e3)
+    return Wire(found, answers)
+
+
+def fsync_ms(count: int = 50, size: int = 300) -> list[float]:
+    """How long it takes until so many bytes more are on the disk on which states are kept."""
+    took = []
+    with tempfile.TemporaryDirectory() as folder, Path(folder, "log").open("ab", buffering=0) as log:
+        for _ in range(count):
+            begin = time.perf_counter()
+            log.write(bytes(size))
+            os.fdatasync(log.fileno())
+            took.append((time.perf_counter() - begin) * 1e3)
+    return took
