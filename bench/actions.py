@@ -1,20 +1,19 @@
-"""What an action costs, from the POST to the agent's acceptance, and what a refusal costs."""
+"""What other requests of actions take than to accept a motion: rehearsals, refusals, halts of five simulated robots."""
 
-import argparse
 import contextlib
 import multiprocessing
-import statistics
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import httpx
 from browser import HYBRIT, LF, Browser
 from conftest import ROBOTS
 from running import process
-from small_fleet import Place, live
+from small_fleet import live
+
+from bench.scene import browsing, scene
+from bench.table import Row, known, percentile
 
 _PREFIXES = """@prefix maths: <http://vocab.arvida.de/2015/06/maths/vocab#> .
 @prefix unit: <http://qudt.org/vocab/unit/> .
@@ -25,27 +24,20 @@ _TURTLE = {"content-type": "text/turtle"}
 _CLIENTS = 8
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--requests", type=int, default=300)
-    count = parser.parse_args().requests
-    with tempfile.TemporaryDirectory() as folder:
-        place = Place(Path(folder))
-        agents = process("-m", "agents", *(f"--robot={name}" for name in ROBOTS), "--connect", place.zenoh)
-        with place.gateway() as (_, browser), agents:
-            for name in ROBOTS:
-                live(browser, name)
-            print(f"{'request':56}{'status':>8}{'p50 ms':>9}{'p99 ms':>9}{'worst':>9}")
-            for name, send, status in _requests(browser):
-                _measure(name, send, status, count)
-            stop_all = browser.action(browser.page(browser.root), LF.StopAll)
-            with _busy(browser):
-                _measure(
-                    "stopAll, while 8 clients ask as fast as they can",
-                    lambda _: browser.http.post(stop_all),
-                    204,
-                    count,
-                )
+def rows(seconds: float) -> list[Row]:
+    with (
+        scene("--requests-per-client", "0") as place,
+        process("-m", "agents", *(f"--robot={name}" for name in ROBOTS), "--connect", place.place.zenoh),
+        browsing(place.place) as browser,
+    ):
+        for name in ROBOTS:
+            live(browser, name)
+        found = [_measure(name, send, status, seconds / 2) for name, send, status in _requests(browser)]
+        stop_all = browser.action(browser.page(browser.root), LF.StopAll)
+        with _busy(browser):
+            name = f"stopAll, while {_CLIENTS} clients ask as fast as they can"
+            found.append(_measure(name, lambda _: browser.http.post(stop_all), 204, seconds / 2))
+    return found
 
 
 def _requests(browser: Browser) -> list[tuple[str, Callable[[int], httpx.Response], int]]:
@@ -69,7 +61,6 @@ def _requests(browser: Browser) -> list[tuple[str, Callable[[int], httpx.Respons
         )
 
     return [
-        ("rotate, accepted by the agent", lambda n: post(rotate, scalar(n % 7)), 204),
         ("rotate, rehearsed by the agent", lambda n: post(rotate, scalar(n % 7), prefer="dry-run"), 200),
         ("rotate, refused by the shape", lambda n: post(rotate, scalar(1000)), 422),
         ("reach, rehearsed", lambda n: post(actions["reach"], pose(400 + n % 50), prefer="dry-run"), 200),
@@ -108,17 +99,11 @@ def _ask_for_ever(state: str, reach: str, body: str) -> None:
         list(clients.map(ask, range(_CLIENTS)))
 
 
-def _measure(name: str, send: Callable[[int], httpx.Response], status: int, count: int) -> None:
-    took = []
-    for number in range(count):
+def _measure(name: str, send: Callable[[int], httpx.Response], status: int, seconds: float) -> Row:
+    took, end = list[float](), time.monotonic() + seconds
+    while time.monotonic() < end:
         begin = time.perf_counter()
-        answer = send(number)
+        answer = send(len(took))
         took.append((time.perf_counter() - begin) * 1000)
         assert answer.status_code == status, answer.text
-    cuts = statistics.quantiles(took, n=100)
-    print(f"{name:56}{status:8}{statistics.median(took):9.2f}{cuts[98]:9.2f}{max(took):9.2f}", flush=True)
-
-
-if __name__ == "__main__":
-    with contextlib.suppress(KeyboardInterrupt):
-        main()
+    return known(f"{name}, p50", "ms", percentile(took, 0.5))

@@ -51,7 +51,6 @@ def rows(seconds: float) -> list[Row]:
             "a moving value as Turtle": wrk(moving, place.pid, seconds, {"accept": _TURTLE}),
             "a moving value, negotiated among five types": wrk(moving, place.pid, seconds, {"accept": _FULL}),
             "a moving value as JSON-LD": wrk(moving, place.pid, seconds, {"accept": "application/ld+json"}),
-            "a resting value as Turtle": wrk(resting, place.pid, seconds, {"accept": _TURTLE}),
         }
         match = {"accept": _TURTLE, "if-none-match": answer.headers["etag"]}
         same = wrk(resting, place.pid, seconds, match, status=304)

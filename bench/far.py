@@ -32,7 +32,6 @@ TURTLE, EVENTS = "text/turtle", "text/event-stream"
 _VALUE = re.compile(rb'numericalValue "([^"]+)"')
 _REPEATS = 5
 _WINDOW = 1 << 24
-_SETTLE_S = 1.0
 
 
 class Client(Protocol):
@@ -197,7 +196,8 @@ async def main() -> None:
     seen: list[list[tuple[int, float]]] = [[] for _ in paths]
     async with opened() as client:
         streams = [asyncio.create_task(_follow(client, *each)) for each in zip(paths, seen, strict=True)]
-        await asyncio.sleep(_SETTLE_S)
+        while not all(seen) and not any(stream.done() for stream in streams):
+            await asyncio.sleep(0.05)
         for each in seen:
             each.clear()
         done, _ = await asyncio.wait(streams, timeout=float(seconds))

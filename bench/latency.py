@@ -47,11 +47,13 @@ def actions(asked_ms: Sequence[float], seconds: float) -> list[Row]:
     """From a POST that rotates a joint to the answer that follows the agent's acceptance, one after another."""
     with bare(1) as (url, _):
         posted_ms = timed_ms(url, seconds, _body)
-    with scene("--requests-per-client", "0") as place:
-        with process("-m", "agents", "--robot=ur5", "--connect", place.place.zenoh), browsing(place.place) as browser:
-            live(browser, "ur5")
-            target = _rotate(browser)
-            took = timed_ms(target, seconds, _body)
+    with (
+        scene("--requests-per-client", "0") as place,
+        process("-m", "agents", "--robot=ur5", "--connect", place.place.zenoh),
+        browsing(place.place) as browser,
+    ):
+        live(browser, "ur5")
+        took = timed_ms(_rotate(browser), seconds, _body)
     on_disk = percentile(fsync_ms(), 0.5)
     least = percentile(asked_ms, 0.5) + percentile(posted_ms, 0.5)
     beside = f"a Zenoh query and a POST to {BARE}"

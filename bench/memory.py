@@ -4,15 +4,19 @@ import argparse
 import asyncio
 import contextlib
 import time
+from collections.abc import Iterator
+from typing import NamedTuple
 
 from actor import Actor
 from browser import Browser
 from small_fleet import live
 
 from bench.scene import cpu_s, rss_kib, scene
+from bench.table import Row, known
 from tests.fleet.test_subscription_memory import Client, emptied
 
 STEP = 1000
+_MOST_MIB = 2.0
 
 
 def main() -> None:
@@ -20,18 +24,42 @@ def main() -> None:
     parser.add_argument("--cycles", type=int, default=10_000)
     parser.add_argument("--way", choices=("all", "websocket", "events", "callback"), default="all")
     arguments = parser.parse_args()
-    with scene() as place, contextlib.closing(Browser(place.place.root)) as browser:
+    print(f"{'cycles':>8}{'RSS MiB':>10}{'cycles/s':>10}{'CPU ms a cycle':>16}")
+    for step in cycles(arguments.cycles // STEP, STEP, arguments.way):
+        print(f"{step.done:8}{step.rss_mib:10.1f}{step.rate:10.0f}{step.cpu_ms:16.2f}", flush=True)
+
+
+def rows(_: float, steps: int = 3, size: int = STEP) -> list[Row]:
+    """What comes once, at the first subscriptions, is left out."""
+    found = list(cycles(steps, size))
+    grown = found[-1].rss_mib - found[0].rss_mib
+    name = f"memory after {steps * size:,} subscriptions that came and went"
+    return [
+        Row(f"{name}, more than after {size:,}", "MiB", grown, "", None, "<= 2 MiB", grown <= _MOST_MIB),
+        known("CPU of a subscription that comes and goes", "ms", found[-1].cpu_ms),
+    ]
+
+
+class Step(NamedTuple):
+    """After so many cycles; a second, and CPU of each, of the last ones."""
+
+    done: int
+    rss_mib: float
+    rate: float
+    cpu_ms: float
+
+
+def cycles(steps: int, size: int, way: str = "all") -> Iterator[Step]:
+    with scene("--requests-per-client", "0") as place, contextlib.closing(Browser(place.place.root)) as browser:
         Actor(place.session, "toy").appear().stand(0.25)
         live(browser, "toy")
         client = Client(f"{place.place.root}toy/elbow/rotation")
-        print(f"{'cycles':>8}{'RSS MiB':>10}{'cycles/s':>10}{'CPU ms a cycle':>16}")
-        for done in range(STEP, arguments.cycles + 1, STEP):
+        for number in range(1, steps + 1):
             begin, cpu = time.monotonic(), cpu_s(place.pid)
-            asyncio.run(client.run(STEP, arguments.way))
+            asyncio.run(client.run(size, way))
             cpu, seconds = cpu_s(place.pid) - cpu, time.monotonic() - begin
             emptied(browser, f"{place.place.root}toy/elbow/subscriptions")
-            rss = rss_kib(place.pid) / 1024
-            print(f"{done:8}{rss:10.1f}{STEP / seconds:10.0f}{cpu / STEP * 1000:16.2f}", flush=True)
+            yield Step(number * size, rss_kib(place.pid) / 1024, size / seconds, cpu / size * 1000)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,6 @@
-"""What pages cost the browser: the fleet with 200 robots of which some come and go, and a robot that moves."""
+"""What pages cost the browser: the fleet with 200 robots of which some come and go, and a joint that moves."""
 
-import argparse
 import shutil
-import statistics
-import sys
 import tempfile
 import threading
 from pathlib import Path
@@ -13,6 +10,8 @@ from actor import KEYS, Actor, stage
 from playwright.sync_api import Page, sync_playwright
 from running import eventually
 from small_fleet import Place, live
+
+from bench.table import Row, UnavailableError, known, percentile
 
 _ARGUMENTS = [
     "--no-sandbox",
@@ -38,23 +37,18 @@ _COUNT = """() => {
 }"""
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--robots", type=int, default=200)
-    parser.add_argument("--seconds", type=float, default=10)
-    arguments = parser.parse_args()
+def rows(seconds: float, robots: int = 200) -> list[Row]:
     chromium = shutil.which("chromium")
     if chromium is None:
-        sys.exit("Chromium is not there: apt install chromium")
+        raise UnavailableError("Chromium is not here: apt install chromium")
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=_ARGUMENTS)
-        print(f"{'page':44}{'frames/s':>9}{'p50 ms':>8}{'p99 ms':>8}{'worst':>8}{'main %':>10}{'changes seen':>14}")
-        _fleet(browser.new_page(), arguments.robots, arguments.seconds)
-        _robot(browser.new_page(), arguments.seconds)
+        found = [*_fleet(browser.new_page(), robots, seconds), *_robot(browser.new_page(), seconds)]
         browser.close()
+    return found
 
 
-def _fleet(page: Page, robots: int, seconds: float) -> None:
+def _fleet(page: Page, robots: int, seconds: float) -> list[Row]:
     """All send frames at 20 Hz from one thread; ten come and go twice a second."""
     with tempfile.TemporaryDirectory() as folder:
         place = Place(Path(folder))
@@ -69,10 +63,11 @@ def _fleet(page: Page, robots: int, seconds: float) -> None:
             page.wait_for_function(f"() => document.querySelectorAll('#robots .robot').length === {robots}")
             for thread in threads:
                 thread.start()
-            _measure(f"fleet of {robots}, ten come and go at 2 Hz", page, seconds)
+            found = _measure(f"page of {robots} robots of which ten come and go", page, seconds)
             ended.set()
             for thread in threads:
                 thread.join()
+    return found
 
 
 def _send(actors: list[Actor], ended: threading.Event) -> None:
@@ -93,34 +88,30 @@ def _come_and_go(session: zenoh.Session, actors: list[Actor], ended: threading.E
             token.undeclare()
 
 
-def _robot(page: Page, seconds: float) -> None:
+def _robot(page: Page, seconds: float) -> list[Row]:
     with tempfile.TemporaryDirectory() as folder:
         place = Place(Path(folder))
         with place.gateway() as (_, browser), place.ur5("--sway", "ur5:elbow_joint"):
-            page.goto(live(browser, "ur5").url)
-            page.wait_for_function("() => document.getElementById('scene').dataset.phase === 'ready'")
-            _measure("UR5 in 3D (drawn by the processor), swaying", page, seconds)
+            live(browser, "ur5")
             page.goto(browser.part("ur5", "elbow_joint").url)
             page.wait_for_selector(".plot canvas")
-            _measure("its joint that sways, with plots", page, seconds)
+            return _measure("page of a joint that sways, with plots", page, seconds)
 
 
-def _measure(name: str, page: Page, seconds: float) -> None:
+def _measure(name: str, page: Page, seconds: float) -> list[Row]:
     session = page.context.new_cdp_session(page)
     session.send("Performance.enable")
     page.evaluate(_COUNT)
 
-    def script() -> float:
+    def busy_s() -> float:
         metrics = {each["name"]: each["value"] for each in session.send("Performance.getMetrics")["metrics"]}
         return float(metrics["TaskDuration"])
 
-    before = script()
-    gaps = sorted(page.evaluate(_FRAMES, seconds))
-    busy = (script() - before) / seconds * 100
-    changes = eventually(lambda: page.evaluate("window.seen"), "a change on the page")
-    p50, p99, worst = statistics.median(gaps), gaps[int(len(gaps) * 0.99)], gaps[-1]
-    print(f"{name:44}{len(gaps) / seconds:9.1f}{p50:8.1f}{p99:8.1f}{worst:8.1f}{busy:10.0f}{changes:14}")
-
-
-if __name__ == "__main__":
-    main()
+    before = busy_s()
+    gaps = page.evaluate(_FRAMES, seconds)
+    busy = busy_s() - before
+    eventually(lambda: page.evaluate("window.seen"), "a change on the page")
+    return [
+        known(f"{name}: its main thread", "%", busy / seconds * 100),
+        known(f"{name}: between two frames, p99", "ms", percentile(gaps, 0.99)),
+    ]

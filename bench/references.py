@@ -1,7 +1,7 @@
 """The least there can be, beside which the gateway is measured: processes of a few lines.
 
-``python -m bench.references bare PORT SIZE`` is Starlette that answers with constant bytes. ``robot ENDPOINT RATE`` says
-states on Zenoh and answers questions; more words are the files of authority, certificate and key of a tls or quic link.
+``python -m bench.references bare PORT SIZE`` is Starlette that answers with constant bytes. ``robot ENDPOINT RATE``
+says states on Zenoh and answers questions; more words are authority, certificate and key of a tls or quic link.
 """
 
 import contextlib

@@ -1,9 +1,8 @@
 """What a benchmark says, a row for each figure, and how rows are written: as a table to read and as JSON."""
 
 import math
-import statistics
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 
 class Row(NamedTuple):
@@ -72,12 +71,3 @@ def number(value: float) -> str:
     if value == 0 or abs(value) >= 100:
         return f"{value:,.0f}"
     return f"{value:.{max(0, 2 - math.floor(math.log10(abs(value))))}f}"
-
-
-def parsed(rows: Sequence[dict[str, Any]]) -> list[Row]:
-    return [Row(**row) for row in rows]
-
-
-def spread(values: Sequence[float]) -> float:
-    """How far the runs lie apart, as a share of their median."""
-    return (max(values) - min(values)) / statistics.median(values)

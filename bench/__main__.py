@@ -1,0 +1,83 @@
+"""Everything that is measured, in one table; ``make bench``. bench/README.md says how to read it."""
+
+import argparse
+import contextlib
+import importlib
+import sys
+import time
+import traceback
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from bench.machine import machine
+from bench.report import publish, result, text
+from bench.table import Row, UnavailableError, median
+
+
+class Suite(NamedTuple):
+    """``bench.NAME.rows(seconds)``, so many times; what takes long and varies little is run once."""
+
+    name: str
+    repeated: bool = True
+
+
+SUITES = (
+    Suite("answers"),
+    Suite("fan_out"),
+    Suite("ingest"),
+    Suite("footprint", repeated=False),
+    Suite("latency"),
+    Suite("actions"),
+    Suite("binary"),
+    Suite("transports"),
+    Suite("links"),
+    Suite("memory", repeated=False),
+    Suite("pages", repeated=False),
+    Suite("peers", repeated=False),
+)
+
+
+def main() -> int:
+    """Exit code 1 when a suite failed; what could be measured is printed all the same."""
+    arguments = _parser().parse_args()
+    suites = [suite for suite in SUITES if not arguments.only or suite.name in arguments.only]
+    about = {**machine(), "seconds": arguments.seconds, "runs": arguments.runs}
+    found, skipped, failed = dict[str, list[Row]](), dict[str, str](), list[str]()
+    for suite in suites:
+        try:
+            found[suite.name] = run(suite, arguments.seconds, arguments.runs)
+        except UnavailableError as reason:
+            skipped[suite.name] = str(reason)
+        except Exception:  # noqa: BLE001 - the others are worth measuring all the same
+            traceback.print_exc()
+            failed.append(suite.name)
+    said = result(about, found, skipped)
+    print(text(said))
+    if failed:
+        print(f"failed: {', '.join(failed)}; nothing was written", file=sys.stderr)
+    elif not arguments.only:
+        publish(said)
+    return bool(failed)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m bench", description=__doc__)
+    parser.add_argument("--seconds", type=float, default=2.0, help="of each measurement")
+    parser.add_argument("--runs", type=int, default=5, help="of which the median is taken")
+    names = [suite.name for suite in SUITES]
+    parser.add_argument("--only", nargs="+", choices=names, default=[], help="these alone, and nothing is written")
+    return parser
+
+
+def run(suite: Suite, seconds: float, runs: int) -> list[Row]:
+    rows = importlib.import_module(f"bench.{suite.name}").rows
+    begin, found = time.monotonic(), list[Sequence[Row]]()
+    for _ in range(runs if suite.repeated else 1):
+        found.append(rows(seconds))
+    print(f"{suite.name}: {time.monotonic() - begin:.0f} s", file=sys.stderr, flush=True)  # for who waits
+    return median(found)
+
+
+if __name__ == "__main__":
+    with contextlib.suppress(KeyboardInterrupt):
+        sys.exit(main())
