@@ -196,7 +196,7 @@ async def main() -> None:
     seen: list[list[tuple[int, float]]] = [[] for _ in paths]
     async with opened() as client:
         streams = [asyncio.create_task(_follow(client, *each)) for each in zip(paths, seen, strict=True)]
-        while not all(seen) and not any(stream.done() for stream in streams):
+        while not all(seen) and not any(stream.done() for stream in streams):  # noqa: ASYNC110 - of either kind many
             await asyncio.sleep(0.05)
         for each in seen:
             each.clear()

@@ -44,7 +44,7 @@ def listener(port: int) -> int:
                 sockets.add(f"socket:[{rest[5]}]")
     for path in Path("/proc").glob("[0-9]*/fd/*"):
         try:
-            if os.readlink(path) in sockets:
+            if str(path.readlink()) in sockets:
                 return int(re.findall(r"\d+", str(path))[0])
         except OSError:  # it has ended, or is somebody else's
             continue

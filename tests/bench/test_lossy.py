@@ -1,0 +1,50 @@
+"""The network with delay and loss: what comes through it, and that nothing of it stays."""
+
+import socket
+import subprocess
+import sys
+
+import pytest
+
+from bench.lossy import lossy
+from bench.table import UnavailableError
+
+pytestmark = pytest.mark.fleet
+
+COUNT = 400
+_SEND = """import socket, sys
+link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+for number in range(int(sys.argv[3])):
+    link.sendto(number.to_bytes(4), (sys.argv[1], int(sys.argv[2])))
+"""
+
+
+def arrived(loss: float) -> list[int]:
+    """Numbers of those packets, of all from the far end, that came."""
+    try:
+        with lossy(1.0, loss) as network, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as here:
+            here.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
+            here.bind((network.here, 0))
+            here.settimeout(0.5)
+            flags = network.python("-c", _SEND, network.here, str(here.getsockname()[1]), str(COUNT))
+            subprocess.run((sys.executable, *flags), check=True)
+            found = []
+            try:
+                while True:
+                    found.append(int.from_bytes(here.recv(4)))
+            except TimeoutError:
+                return found
+    except UnavailableError as reason:
+        pytest.skip(str(reason))
+
+
+def test_without_loss_all_arrive_in_order() -> None:
+    assert arrived(0.0) == list(range(COUNT))
+
+
+def test_with_loss_some_do_not() -> None:
+    found = arrived(0.1)
+    assert sorted(set(range(COUNT)) - set(found))
+    assert len(found) > COUNT * 0.8
+    names = subprocess.run(("ip", "netns"), capture_output=True, text=True, check=True).stdout
+    assert "lb" not in names
