@@ -27,7 +27,7 @@ SUITES = (
     Suite("ingest"),
     Suite("footprint", repeated=False),
     Suite("latency"),
-    Suite("actions"),
+    Suite("actions", repeated=False),
     Suite("binary"),
     Suite("transports"),
     Suite("links"),
