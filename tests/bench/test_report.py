@@ -1,6 +1,7 @@
 """The table, the pictures and the page of what was measured."""
 
 import json
+import sys
 import xml.etree.ElementTree as ElementTree
 
 import pytest
@@ -19,6 +20,7 @@ ROWS = [
     at_most("state", 2.0, "Zenoh", 0.5, 1.0),
     known("x", "%", 0),
 ]
+NUMBERS = [(0.0, "0"), (0.00123, "0.00123"), (12.345, "12.3"), (-1.5, "-1.50"), (24381.0, "24,381")]
 
 
 def test_a_goal_holds_or_does_not() -> None:
@@ -30,9 +32,7 @@ def test_the_median_is_a_row_of_one_run() -> None:
     assert median(runs) == [Row("GET", "1/s", 4, "bare", 0.8, ">= 80% of it", True)]
 
 
-@pytest.mark.parametrize(
-    ("value", "said"), [(0.0, "0"), (0.00123, "0.00123"), (12.345, "12.3"), (-1.5, "-1.50"), (24381.0, "24,381")]
-)
+@pytest.mark.parametrize(("value", "said"), NUMBERS)
 def test_numbers_have_three_digits(value: float, said: str) -> None:
     assert number(value) == said
 
@@ -68,7 +68,7 @@ def test_the_page_says_what_the_last_run_found() -> None:
 def test_a_suite_is_run_as_often_as_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[float] = []
     module = type("Module", (), {"rows": staticmethod(lambda seconds: seen.append(seconds) or ROWS)})
-    monkeypatch.setitem(__import__("sys").modules, "bench.one", module)
+    monkeypatch.setitem(sys.modules, "bench.one", module)
     assert run(Suite("one"), 0.5, 3) == ROWS
     assert run(Suite("one", repeated=False), 0.5, 3) == ROWS
     assert seen == [0.5] * 4
