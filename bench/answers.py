@@ -73,7 +73,7 @@ def rows(seconds: float) -> list[Row]:
 def wrk(
     url: str, pid: int, seconds: float, fields: Mapping[str, str] | None = None, status: int = 200, fresh: bool = False
 ) -> Asked:
-    """Ask on 32 connections as fast as answers come, ``fresh``: in other words each time. Each has to have ``status``."""
+    """Ask on 32 connections as fast as answers come, ``fresh``: in other words each time. Each has ``status``."""
     if shutil.which("wrk") is None:
         raise UnavailableError("wrk is not here, with which requests are made: apt install wrk")
     flags = [word for name, value in (fields or {}).items() for word in ("-H", f"{name}: {value}")]

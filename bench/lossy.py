@@ -92,7 +92,7 @@ def _carry(near: int, far: int, delay_s: float, loss: float) -> None:
         ready, _, _ = select.select((near, far, sys.stdin), (), (), pause)
         if sys.stdin in ready:
             return
-        for end in ready:
+        for end in {near, far}.intersection(ready):
             packet = os.read(end, _PACKET)
             number += 1
             if lot.random() >= loss:

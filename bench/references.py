@@ -105,4 +105,8 @@ def robot(endpoint: str, rate_hz: str, *trust: str) -> None:
 
 
 if __name__ == "__main__":
-    {"bare": bare, "robot": robot}[sys.argv[1]](*sys.argv[2:])
+    what, *words = sys.argv[1:]
+    if what == "bare":
+        bare(*words)
+    else:
+        robot(*words)

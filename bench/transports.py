@@ -52,10 +52,12 @@ def _of_http(
     def late(found: dict[str, Any]) -> list[float]:
         return [ms for mover, seen in zip(movers, found["seen"], strict=True) for ms in mover.latencies_ms([seen])]
 
-    beside = "" if said is first else "HTTP/1.1"
-    for what, own, other in (
-        ("GETs on a new connection, p50", *(percentile(each["read_ms"], 0.5) for each in (said, first))),
-        ("event streams, p50", *(percentile(late(each), 0.5) for each in (said, first))),
-        ("event streams, p99", *(percentile(late(each), 0.99) for each in (said, first))),
+    beside, both = "" if said is first else "HTTP/1.1", (said, first)
+    read_ms, late_ms = [each["read_ms"] for each in both], [late(each) for each in both]
+    for what, values, share in (
+        ("GETs on a new connection, p50", read_ms, 0.5),
+        ("event streams, p50", late_ms, 0.5),
+        ("event streams, p99", late_ms, 0.99),
     ):
+        own, other = (percentile(each, share) for each in values)
         yield known(f"{name}, {loss:.0%} loss: {STREAMS} {what}", "ms", own, beside, other)

@@ -1,5 +1,6 @@
 """The network with delay and loss: what comes through it, and that nothing of it stays."""
 
+import os
 import socket
 import subprocess
 import sys
@@ -47,4 +48,4 @@ def test_with_loss_some_do_not() -> None:
     assert sorted(set(range(COUNT)) - set(found))
     assert len(found) > COUNT * 0.8
     names = subprocess.run(("ip", "netns"), capture_output=True, text=True, check=True).stdout
-    assert "lb" not in names
+    assert f"lb{os.getpid()}" not in names

@@ -8,6 +8,8 @@ from typing import Any
 
 import pytest
 
+from bench import peers
+from bench.beside import bare
 from bench.table import UnavailableError
 
 pytestmark = pytest.mark.fleet
@@ -37,3 +39,20 @@ def test_a_suite_says_rows(name: str) -> None:
         assert (row.ratio is None) == (not row.reference), row
         assert (row.holds is None) == (not row.goal), row
     json.dumps(rows, allow_nan=False)
+
+
+def test_another_server_is_measured_where_it_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    with bare(600) as (url, _):
+        monkeypatch.setenv("PEERS", f"other={url}")
+        try:
+            (row,) = peers.rows(1.0)
+        except UnavailableError as reason:
+            pytest.skip(str(reason))
+    assert row.name == "GET of other, 600 bytes"
+    assert row.ratio is not None and row.ratio > 0
+
+
+def test_without_other_servers_none_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("PEERS", raising=False)
+    with pytest.raises(UnavailableError, match="PEERS"):
+        peers.rows(1.0)
