@@ -46,14 +46,20 @@ def percentile(values: Sequence[float], share: float) -> float:
 
 
 def median(runs: Sequence[Sequence[Row]]) -> list[Row]:
-    """Of each figure the row of that run whose ratio, or else value, is in the middle."""
-    found = [dict.fromkeys(row.name for run in runs for row in run)]
-    return [_middle([row for run in runs for row in run if row.name == name]) for name in found[0]]
+    """Of each figure the median of its values and of its ratios. A goal holds that most runs reached."""
+    names = dict.fromkeys(row.name for run in runs for row in run)
+    return [_middle([row for run in runs for row in run if row.name == name]) for name in names]
 
 
 def _middle(rows: Sequence[Row]) -> Row:
-    ordered = sorted(rows, key=lambda row: row.value if row.ratio is None else row.ratio)
-    return ordered[len(ordered) // 2]
+    ratios = sorted(row.ratio for row in rows if row.ratio is not None)
+    held = sorted(row.holds for row in rows if row.holds is not None)
+    value = sorted(row.value for row in rows)[len(rows) // 2]
+    return rows[0]._replace(
+        value=value,
+        ratio=ratios[len(ratios) // 2] if ratios else None,
+        holds=held[len(held) // 2] if held else None,
+    )
 
 
 def markdown(rows: Sequence[Row]) -> str:
