@@ -13,7 +13,7 @@ from bench.table import Row, known, percentile
 from bench.transports import DELAY_MS, LOSSES
 
 RATE_HZ = 100.0
-_ZENOH = {"tls": "TCP", "quic": "QUIC"}
+_ZENOH = {"TCP": ("tls", ""), "QUIC": ("quic", ""), "QUIC with datagrams": ("quic", "?mixed_rel=auto")}
 _ENDS = ("gateway", "agents/robot")
 
 
@@ -26,7 +26,7 @@ def _measured(seconds: float, losses: Sequence[float]) -> Iterator[Row]:
     for loss in losses:
         with lossy(DELAY_MS, loss) as network, tempfile.TemporaryDirectory() as folder:
             made(Path(folder), "--agent", "robot", "--gateway", network.here)
-            found = {name: _said(kind, seconds, network, Path(folder)) for kind, name in _ZENOH.items()}
+            found = {name: _said(*link, seconds, network, Path(folder)) for name, link in _ZENOH.items()}
         for name, said in found.items():
             yield from _of_zenoh(name, loss, said, found["TCP"])
 
@@ -42,7 +42,7 @@ def _of_zenoh(name: str, loss: float, said: Wire, first: Wire) -> Iterator[Row]:
             yield known(said_of, "ms", percentile(own, share), beside, percentile(other, share))
 
 
-def _said(kind: str, seconds: float, network: Network, folder: Path) -> Wire:
+def _said(kind: str, more: str, seconds: float, network: Network, folder: Path) -> Wire:
     ca = str(folder / "ca.pem")
     here, there = ((ca, *(str(folder / f"{end}.{kind}") for kind in ("pem", "key"))) for end in _ENDS)
-    return wire(f"{kind}/{network.here}:{free_port()}", RATE_HZ, seconds, network.python, here, there)
+    return wire(f"{kind}/{network.here}:{free_port()}{more}", RATE_HZ, seconds, network.python, here, there)

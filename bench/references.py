@@ -87,13 +87,20 @@ def bare(port: str, size: str) -> None:
 
 
 def robot(endpoint: str, rate_hz: str, *trust: str) -> None:
-    """What an agent says on the wire, as it says it, and an answer to each question."""
+    """States as often as an agent says them, and an answer to each question.
+
+    A state that is lost need not come again, where a link can do without: the next one is on its way.
+    """
     with session("client", connect=endpoint, trust=trust) as there:
         there.declare_queryable(
             QUESTION, zenoh.handlers.Callback(lambda query: query.reply(QUESTION, b"yes"), indirect=False)
         )
         publisher = there.declare_publisher(
-            STATE, congestion_control=zenoh.CongestionControl.DROP, priority=zenoh.Priority.DATA, express=False
+            STATE,
+            congestion_control=zenoh.CongestionControl.DROP,
+            priority=zenoh.Priority.DATA,
+            express=False,
+            reliability=zenoh.Reliability.BEST_EFFORT,
         )
 
         def say() -> None:
