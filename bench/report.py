@@ -64,6 +64,7 @@ def pictures(said: Mapping[str, Any]) -> dict[Path, str]:
     suites = of_suites(said)
     beside = [row for suite, rows in suites.items() if suite not in _NETWORK for row in rows if row.ratio is not None]
     network = [row for suite in _NETWORK for row in suites.get(suite, [])]
+    network.sort(key=lambda row: row.name.partition(", ")[2])  # what is to be compared side by side
     title = "Through a network of 10 ms each way: ms"
     return {
         ROOT / "docs/speed.svg": bars("Ratio to what was measured beside it", beside, [row.ratio for row in beside]),
