@@ -28,7 +28,7 @@ SUITES = (
     Suite("footprint", repeated=False),
     Suite("latency"),
     Suite("actions", repeated=False),
-    Suite("binary"),
+    Suite("binary", repeated=False),
     Suite("transports"),
     Suite("links"),
     Suite("memory", repeated=False),

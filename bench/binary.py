@@ -9,11 +9,11 @@ import statistics
 import struct
 import time
 from collections.abc import Callable, Iterator, Mapping
-from typing import NamedTuple
 
 from agents.wire.codec import decode, layout
 from agents.wire.messages import Description
 from bench.synthetic import robot, urdf
+from bench.table import Row
 from gateway.fleet.events import Appeared, Described, Framed
 from gateway.fleet.fleet import Fleet
 from gateway.fleet.invocations import Invocations
@@ -30,18 +30,6 @@ _STATE = "the joint state of 20 joints"
 _ROTATION = "one rotation"
 _PATHS = {_STATE: "/arm/jointState", _ROTATION: "/arm/joint_0/rotation"}
 _FORMS = {"Turtle": "text/turtle", "JSON-LD": "application/ld+json", "Jelly": JELLY, "binary frame": FRAME_TYPES[0]}
-
-
-class Row(NamedTuple):
-    """One figure. ``reference`` is what it was measured beside in the same run; ``ratio`` of ``value`` to it."""
-
-    name: str
-    unit: str
-    value: float
-    reference: str
-    ratio: float | None
-    goal: str
-    holds: bool | None
 
 
 def rows(seconds: float) -> list[Row]:
