@@ -62,7 +62,7 @@ def main() -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m bench", description=__doc__)
-    parser.add_argument("--seconds", type=float, default=2.0, help="of each measurement")
+    parser.add_argument("--seconds", type=float, default=1.0, help="of each measurement")
     parser.add_argument("--runs", type=int, default=5, help="of which the median is taken")
     names = [suite.name for suite in SUITES]
     parser.add_argument("--only", nargs="+", choices=names, default=[], help="these alone, and nothing is written")
