@@ -26,6 +26,7 @@ SUITES = (
     Suite("fan_out"),
     Suite("ingest"),
     Suite("footprint", repeated=False),
+    Suite("joining", repeated=False),
     Suite("latency"),
     Suite("actions", repeated=False),
     Suite("binary", repeated=False),

@@ -9,9 +9,9 @@ import time
 from collections.abc import Iterator
 
 from bench.crowd import Scene, Size, stage
-from bench.ingest import Row
 from bench.scene import cpu_s, rss_kib
 from bench.synthetic import name_of
+from bench.table import Row
 
 SIZE = Size(robots=200, joints=60, models=20, rates_hz=(1,))
 JOINTS, RATE_HZ = 20, 100.0

@@ -10,27 +10,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import zenoh
 
 from bench.crowd import Gateway, Probe, Scene, Size, stage
 from bench.scene import cpu_s
 from bench.synthetic import KEYS, name_of
+from bench.table import Row
 from gateway.session import settings
-
-
-class Row(NamedTuple):
-    """One figure. ``reference``: what it was measured beside in the same run; ``ratio`` of ``value`` to it."""
-
-    name: str
-    unit: str
-    value: float
-    reference: str
-    ratio: float | None
-    goal: str
-    holds: bool | None
-
 
 SIZE = Size(robots=1000, joints=18, models=20, rates_hz=(100,))
 """Of 18 joints a frame has 472 bytes."""

@@ -9,7 +9,7 @@ import actor
 from running import PATIENCE_S
 
 from bench.crowd import Scene, Size, stage
-from bench.ingest import Row
+from bench.table import Row
 
 ALREADY = (10, 100, 1000)
 MOST_S = 10.0
