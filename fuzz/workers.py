@@ -13,7 +13,7 @@ from commanding import TURTLE, radian
 from receivers import CallbackReceiver
 from running import Process, process
 from several import Hub
-from subscribers import Socket, events
+from subscribers import Socket, StreamEnded, events
 from websockets.exceptions import WebSocketException
 
 from fuzz.living import obey
@@ -139,7 +139,8 @@ class Hops:
     def __call__(self, over: threading.Event) -> None:
         url = self._roots[self.asked // 2 % len(self._roots)] + self._path
         self.asked += 1
-        gone = (OSError, WebSocketException, httpx.TransportError)
+        # Ended in good order as well, by a gateway that ends before it has said anything.
+        gone = (OSError, WebSocketException, httpx.TransportError, StreamEnded)
         with contextlib.suppress(*gone), Socket(url) if self.asked % 2 else events(url) as stream:
             stream.next()
             self.heard += 1

@@ -12,7 +12,7 @@ import rdflib
 from commanding import TURTLE, radian
 from running import PATIENCE_S, eventually
 from several import Hub
-from subscribers import Said, Socket, angle_in, events
+from subscribers import Said, Socket, StreamEnded, angle_in, events
 from websockets.exceptions import ConnectionClosed, WebSocketException
 
 Work = Callable[[threading.Event], None]
@@ -138,7 +138,7 @@ class EventFollower(Follower):
             while not over.is_set():
                 try:
                     self.hear(stream.next())
-                except AssertionError:  # it has ended in good order
+                except StreamEnded:  # in good order
                     assert stream.last_event_id not in ("", "cancelled")
                     self.ends.append(_RESTART)
                     return

@@ -149,6 +149,10 @@ def refused(url: str, accept: str | None = None, subprotocol: str | None = None)
     raise AssertionError(f"{url} was opened")
 
 
+class StreamEnded(AssertionError):  # noqa: N818 - it is an outcome
+    """Nothing comes any more."""
+
+
 class Events:
     """Reads an event stream by the standard (WHATWG HTML, 9.2.6), as an EventSource does."""
 
@@ -167,7 +171,8 @@ class Events:
 
     def next(self, media_type: str = "text/turtle") -> Said:
         data = self._event()
-        assert data is not None, "the stream has ended"
+        if data is None:
+            raise StreamEnded("the stream has ended")
         return said(data, media_type, self.url)
 
     def ended(self) -> bool:
