@@ -8,13 +8,14 @@ from collections.abc import Awaitable, Callable
 from starlette.types import Receive, Scope, Send
 
 from gateway.http.protocol import HTTP, HttpProtocol
-from gateway.http.slow import HIGH_WATER_BYTES
+from gateway.http.slow import Reader
 from gateway.subscriptions.message import Ending, Feed, Message, Outlet
 
 CANCELLED_ID = "cancelled"
 """The last event id of a stream that is over: presented as ``Last-Event-ID`` it is to be answered with 204."""
 
 HEARTBEAT_S = 15.0
+"""The longest silence of a stream."""
 _LINE_ENDS = re.compile(rb"\r\n|\n|\r")
 # Of a comment the line alone: the blank line of a block would set the client's last event id to what this connection
 # has sent, nothing yet if the client resumed with the present version (9.2.6).
@@ -36,65 +37,57 @@ def framed(message: Message) -> bytes:
     return b"id: %b\ndata: %b\n\n" % (message.version.encode(), data)
 
 
+def chunk(message: Message) -> bytes:
+    """The event as a chunk of a body (RFC 9112, 7.1)."""
+    return _in_chunk(framed(message))
+
+
+def _in_chunk(data: bytes) -> bytes:
+    return b"%x\r\n%b\r\n" % (len(data), data)
+
+
 class EventStreamOutlet:
-    """Events on their way to one client. Those given to the server count until nearly all have left."""
+    """Events go straight to the transport of their client, past the server, to which a body is the same after each.
 
-    def __init__(self) -> None:
-        self._waiting: list[bytes] = []
-        self._unsent = 0
-        self._ended = False
-        self._wake = asyncio.Event()
+    So they do between the opening and the farewell, which the server writes; ``chunked``: as HTTP/1.1 has bodies that
+    have no end yet.
+    """
 
-    @property
-    def ended(self) -> bool:
-        """Whether nothing comes any more, except what waits."""
-        return self._ended
-
-    def writable(self) -> bool:
-        return not self._ended and self._unsent < HIGH_WATER_BYTES
+    def __init__(self, reader: Reader, *, chunked: bool) -> None:
+        self.farewell = b""
+        self.over = asyncio.Event()
+        """Set when nothing comes any more."""
+        self.framing = chunk if chunked else framed
+        self.send, self.writable = reader.send, reader.writable
+        self._reader, self._chunked = reader, chunked
+        self._beat: asyncio.TimerHandle | None = None
 
     def write(self, message: Message) -> None:
-        if not self._ended:
-            self._append(message.framed(framed))
+        self.send(message.framed(self.framing))
 
     def end(self, ending: Ending) -> None:
         """The last block is what keeps an EventSource from coming back; after a shutdown it shall come back, and soon.
 
         One that was replaced shall not, or two pages would take the subscription from each other for ever.
         """
-        if not self._ended:
+        if not self.over.is_set():
             soon = _RETURN % random.randint(*_RETURN_MS)  # noqa: S311 (jitter is no secret)
-            self._append(soon if ending is Ending.SHUTDOWN else _FINAL)
+            self.farewell = soon if ending is Ending.SHUTDOWN else _FINAL
         self.stop()
 
     def stop(self) -> None:
         """Nobody is there any more, or nothing to say."""
-        self._ended = True
-        self._wake.set()
+        self.over.set()
+        self._reader.finish()
+        if self._beat is not None:
+            self._beat.cancel()
 
-    async def next(self, heartbeat_s: float) -> bytes:
-        """All that waits, joined; a comment when nothing has come for that long; nothing when it has ended."""
-        try:
-            async with asyncio.timeout(heartbeat_s):
-                await self._wake.wait()
-        except TimeoutError:
-            self._append(_HEARTBEAT)
-        batch = b"".join(self._waiting)
-        self._waiting.clear()
-        if not self._ended:
-            self._wake.clear()
-        return batch
-
-    def left(self, size: int) -> bool:
-        """Notes that so many bytes have left; whether that made room where there was none."""
-        full = not self.writable()
-        self._unsent -= size
-        return full and self.writable()
-
-    def _append(self, frame: bytes) -> None:
-        self._waiting.append(frame)
-        self._unsent += len(frame)
-        self._wake.set()
+    def beat(self, every_s: float, written: int = -1) -> None:
+        """Send a comment whenever nothing has been ``written`` for the second half of so many seconds."""
+        before = self._reader.written
+        if before == written:
+            self.send(_in_chunk(_HEARTBEAT) if self._chunked else _HEARTBEAT)
+        self._beat = asyncio.get_running_loop().call_later(every_s / 2, self.beat, every_s, before)
 
 
 async def serve_event_stream(
@@ -107,40 +100,32 @@ async def serve_event_stream(
     heartbeat_s: float = HEARTBEAT_S,
 ) -> None:
     """Answer with the stream until it ends or the client is gone; what is left to do is the caller's."""
-    outlet = EventStreamOutlet()
-    http: HttpProtocol | None = scope.get("extensions", {}).get(HTTP)
-    if http is not None and not http.transport.is_closing():
-        http.on_shutdown = lambda: outlet.end(Ending.SHUTDOWN)
-        if http.ending:
-            outlet.end(Ending.SHUTDOWN)
-        # The server's own buffer is to be a small part of what waits; what it lets wait counts in the outlet.
-        http.transport.set_write_buffer_limits(high=HIGH_WATER_BYTES // 4)
+    http: HttpProtocol = scope["extensions"][HTTP]
+    outlet = EventStreamOutlet(http.reader, chunked=scope["http_version"] == "1.1")
+    http.on_shutdown = lambda: outlet.end(Ending.SHUTDOWN)
+    if http.ending:
+        outlet.end(Ending.SHUTDOWN)
     listener = asyncio.create_task(_listen(receive, outlet))
     try:
         await send({"type": "http.response.start", "status": 200, "headers": [*_HEADERS, *headers]})
         await send({"type": "http.response.body", "body": _OPENING, "more_body": True})
         feed = await start(outlet)
-        feed.ready()
-        await _pump(outlet, feed, send, http, heartbeat_s)
-        await send({"type": "http.response.body", "body": b"", "more_body": False})
+        _follow(http, outlet, feed, heartbeat_s)
+        await outlet.over.wait()
+        await send({"type": "http.response.body", "body": outlet.farewell, "more_body": False})
     finally:
         outlet.stop()
         listener.cancel()
-        if http is not None:
-            http.on_shutdown = None
+        http.on_shutdown = http.on_drained = None
 
 
-async def _pump(
-    outlet: EventStreamOutlet, feed: Feed, send: Send, http: HttpProtocol | None, heartbeat_s: float
-) -> None:
-    while batch := await outlet.next(heartbeat_s):
-        await send({"type": "http.response.body", "body": batch, "more_body": True})
-        if http is not None:
-            http.watch.wrote(len(batch))
-        # The server returns from a send as soon as it has the bytes; from the next one, when most of them have left.
-        await send({"type": "http.response.body", "body": b"", "more_body": True})
-        if outlet.left(len(batch)):
-            feed.ready()
+def _follow(http: HttpProtocol, outlet: EventStreamOutlet, feed: Feed, heartbeat_s: float) -> None:
+    if outlet.over.is_set() or http.transport.is_closing():
+        return
+    http.on_drained = feed.ready
+    http.reader.begin()
+    outlet.beat(heartbeat_s)
+    feed.ready()
 
 
 async def _listen(receive: Receive, outlet: EventStreamOutlet) -> None:

@@ -17,7 +17,7 @@ from websockets.protocol import State
 from gateway.http.patience import BODY_S, HEAD_S, MAX_HEAD_BYTES, Deadline
 from gateway.http.rates import network_of
 from gateway.http.repeats import Repeat, Repeats, repeatable
-from gateway.http.slow import HIGH_WATER_BYTES, STALL_S, StallWatch
+from gateway.http.slow import STALL_S, Reader
 from gateway.http.sockets import Sockets
 from gateway.http.tls import unsent
 from gateway.subscriptions.message import Ending
@@ -45,10 +45,12 @@ class HttpProtocol(H11Protocol):
 
     stall_s = STALL_S
     head_s, body_s = HEAD_S, BODY_S
+    on_drained: Callable[[], None] | None = None
+    """Called when what waited has nearly all been taken."""
     on_shutdown: Callable[[], None] | None = None
     ending = False
     """Whether the server shuts down: what begins now has not been told."""
-    watch: StallWatch
+    reader: Reader
 
     def __init__(
         self, *arguments: Any, sockets: Sockets | None = None, repeats: Repeats | None = None, **named: Any
@@ -64,7 +66,7 @@ class HttpProtocol(H11Protocol):
 
     def connection_made(self, transport: Transport) -> None:  # type: ignore[override]  # as uvicorn has it
         super().connection_made(transport)
-        self.watch = StallWatch(transport, self.stall_s)
+        self.reader = Reader(transport, self.stall_s)
         self._address = network_of(self.client[0]) if self.client else ""
         if self._sockets.open(self, self._address):
             self._await_request()
@@ -74,7 +76,7 @@ class HttpProtocol(H11Protocol):
 
     def connection_lost(self, exc: Exception | None) -> None:
         super().connection_lost(exc)
-        self.watch.stop()
+        self.reader.stop()
         self._deadline.clear()
         self._sockets.close(self)
 
@@ -197,7 +199,12 @@ class HttpProtocol(H11Protocol):
 
     def pause_writing(self) -> None:
         super().pause_writing()
-        self.watch.arm()
+        self.reader.watch()
+
+    def resume_writing(self) -> None:
+        super().resume_writing()
+        if self.on_drained is not None:
+            self.on_drained()
 
     def shutdown(self) -> None:
         super().shutdown()
@@ -210,8 +217,9 @@ class HttpProtocol(H11Protocol):
 class WebSocketProtocol(WebSocketsSansIOProtocol):
     """A WebSocket that only sends, in frames made elsewhere, and that no peer can keep open by doing nothing.
 
-    Frames of a server are not masked (RFC 6455, 5.1), so one framed buffer serves every connection. They pass by the
-    state machine of ``conn``, which has nothing to remember about an unfragmented data frame; all else goes through it.
+    Frames of a server are not masked (RFC 6455, 5.1), so one framed buffer serves every connection. They go to the
+    ``reader``, past the state machine of ``conn``, which has nothing to remember about an unfragmented data frame. All
+    else goes through it, and when the closing handshake begins no more frames do go (5.5.1).
     """
 
     stall_s = STALL_S
@@ -219,22 +227,12 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
     on_drained: Callable[[], None] | None = None
     """Called when what waited has nearly all been taken."""
     on_lost: Callable[[], None] | None = None
-    watch: StallWatch
+    reader: Reader
     _failed = False
 
     @property
     def open(self) -> bool:
         return self.conn.state is State.OPEN and not self.transport.is_closing()
-
-    @property
-    def buffered(self) -> int:
-        return self.transport.get_write_buffer_size()
-
-    def write_frame(self, data: bytes) -> None:
-        """Send a framed message as it is; nothing, once the closing handshake has begun (RFC 6455, 5.5.1)."""
-        if self.open:
-            self.transport.write(data)
-            self.watch.wrote(len(data))
 
     def close(self, code: int, reason: str) -> None:
         """Start the closing handshake (RFC 6455, 7.1.2)."""
@@ -256,13 +254,11 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
 
     def connection_made(self, transport: BaseTransport) -> None:
         super().connection_made(transport)
-        # Paused from the byte on at which an outlet takes no more, or nobody would tell it of the room again.
-        self.transport.set_write_buffer_limits(high=HIGH_WATER_BYTES - 1, low=HIGH_WATER_BYTES // 4)
-        self.watch = StallWatch(self.transport, self.stall_s)
+        self.reader = Reader(self.transport, self.stall_s)
 
     def connection_lost(self, exc: Exception | None) -> None:
         super().connection_lost(exc)
-        self.watch.stop()
+        self.reader.stop()
         if self.on_lost is not None:
             self.on_lost()
 
@@ -283,6 +279,8 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
             self.handle_parser_exception()
         else:
             self.handle_events()
+        if not self.open:
+            self.reader.finish()
 
     def handle_text(self, event: Frame) -> None:
         try:
@@ -327,9 +325,10 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
     def keepalive_timeout(self) -> None:
         if unsent(self.transport):  # the ping may wait among the rest: whether the peer still reads, the watch will see
             self.stop_keepalive()
-            self.watch.arm()
+            self.reader.watch()
             self.schedule_ping()
             return
+        self.reader.finish()
         super().keepalive_timeout()
         self._abort_later()
 
@@ -348,6 +347,7 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
         self.handle_parser_exception()
 
     def _leave(self, code: int, reason: str) -> None:
+        self.reader.finish()
         self.queue.put_nowait({"type": "websocket.disconnect", "code": code, "reason": reason})
         self.stop_keepalive()
         unread = self.conn.handshake_exc is not None and not self.handshake_initiated

@@ -11,28 +11,72 @@ as much again that is encrypted."""
 STALL_S = 30.0
 
 
-class StallWatch:
-    """Drops a connection whose reader takes nothing for ``stall_s``, twice that at the latest, though bytes wait."""
+class Reader:
+    """Who is at the other end of a connection: given up when it takes nothing for ``stall_s``, twice that at the
+    latest, though bytes wait.
+
+    Streams send here. That is done for each message and each reader, so that no other objects are looked at for it.
+    """
+
+    __slots__ = ("_stall_s", "_streaming", "_taken", "_timer", "_transport", "_waited", "_written")
 
     def __init__(self, transport: Transport, stall_s: float) -> None:
         self._transport, self._stall_s = transport, stall_s
-        self._written = self._mark = 0
+        self._streaming = False
+        self._written = self._taken = 0
+        self._waited = False
         self._timer: asyncio.TimerHandle | None = None
 
-    def wrote(self, size: int) -> None:
-        """So many bytes have been given to the transport."""
-        self._written += size
-        if self._timer is None:
-            self.arm()
+    # -- as a stream --------------------------------------------------------------------------------------------------
 
-    def arm(self) -> None:
-        """Look after the connection until nothing waits any more."""
+    def begin(self) -> None:
+        """Take what is sent from now on, on a connection that is open."""
+        # Paused from the byte on at which no more is taken, or nobody would tell of the room again.
+        self._transport.set_write_buffer_limits(high=HIGH_WATER_BYTES - 1, low=HIGH_WATER_BYTES // 4)
+        self._streaming = True
+        self.watch()
+
+    def finish(self) -> None:
+        """Take nothing more."""
+        self._streaming = False
+
+    @property
+    def written(self) -> int:
+        """Bytes sent so far."""
+        return self._written
+
+    def writable(self) -> bool:
+        transport = self._transport
+        return (
+            self._streaming
+            and not transport.is_closing()
+            and transport.get_write_buffer_size() < HIGH_WATER_BYTES
+        )  # fmt: skip
+
+    def send(self, data: bytes) -> bool:
+        """Send it whole if that is ``writable()``; whether it was."""
+        transport = self._transport
+        if (
+            not self._streaming
+            or transport.is_closing()
+            or transport.get_write_buffer_size() >= HIGH_WATER_BYTES
+        ):  # fmt: skip
+            return False
+        transport.write(data)
+        self._written += len(data)
+        return True
+
+    # -- whether it reads ---------------------------------------------------------------------------------------------
+
+    def watch(self) -> None:
+        """Look after the connection as long as bytes wait, and as long as there is a stream."""
         if self._timer is None:
-            self._mark = self._written - unsent(self._transport)
-            self._timer = asyncio.get_running_loop().call_later(self._stall_s, self._look)
+            self._waited = False
+            self._look()
 
     def stop(self) -> None:
         """The connection is gone; a timer would keep it in memory."""
+        self._streaming = False
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
@@ -40,7 +84,10 @@ class StallWatch:
     def _look(self) -> None:
         self._timer = None
         waiting = unsent(self._transport)
-        if waiting and self._written - waiting <= self._mark:
+        taken = self._written - waiting
+        if waiting and self._waited and taken <= self._taken:
             self._transport.abort()
-        elif waiting:
-            self.arm()
+            return
+        self._taken, self._waited = taken, waiting > 0
+        if waiting or self._streaming:
+            self._timer = asyncio.get_running_loop().call_later(self._stall_s, self._look)

@@ -8,7 +8,6 @@ from websockets.frames import CloseCode, Frame, Opcode
 from gateway.graph.frames import FRAME_TYPES
 from gateway.graph.serialise import JELLY
 from gateway.http.protocol import WEBSOCKET, WebSocketProtocol
-from gateway.http.slow import HIGH_WATER_BYTES
 from gateway.subscriptions.message import Ending, Feed, Message, Outlet
 
 BINARY_TYPES = frozenset({*FRAME_TYPES, JELLY})
@@ -34,12 +33,11 @@ class WebSocketOutlet:
 
     def __init__(self, protocol: WebSocketProtocol) -> None:
         self._protocol = protocol
-
-    def writable(self) -> bool:
-        return self._protocol.open and self._protocol.buffered < HIGH_WATER_BYTES
+        self.framing = framed
+        self.send, self.writable = protocol.reader.send, protocol.reader.writable
 
     def write(self, message: Message) -> None:
-        self._protocol.write_frame(message.framed(framed))
+        self.send(message.framed(framed))
 
     def end(self, ending: Ending) -> None:
         self._protocol.close(_CODES[ending], ending.value)
@@ -60,6 +58,8 @@ async def serve_websocket(
     try:
         feed = await start(WebSocketOutlet(protocol))
         protocol.on_drained = feed.ready
+        if protocol.open:
+            protocol.reader.begin()
         feed.ready()
         while (await websocket.receive())["type"] != "websocket.disconnect":
             pass

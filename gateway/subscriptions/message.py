@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 
 @dataclass(frozen=True)
@@ -15,14 +15,17 @@ class Message:
     """Of the resource; also the ``id`` of an event, and what a stream is resumed by."""
     media_type: str
     body: bytes
-    _frames: dict[Callable[["Message"], bytes], bytes] = field(default_factory=dict, compare=False, repr=False)
+    _frames: dict["Framing", bytes] = field(default_factory=dict, compare=False, repr=False)
 
-    def framed(self, framing: Callable[["Message"], bytes]) -> bytes:
+    def framed(self, framing: "Framing") -> bytes:
         """The bytes that ``framing`` makes of this message, made once for all who get it."""
         frame = self._frames.get(framing)
         if frame is None:
             frame = self._frames[framing] = framing(self)
         return frame
+
+
+Framing = Callable[[Message], bytes]
 
 
 class Ending(Enum):
@@ -46,6 +49,16 @@ class Outlet(Protocol):
 
     def end(self, ending: Ending) -> None:
         """Close the channel; nothing is written after it."""
+
+
+@runtime_checkable
+class Stream(Outlet, Protocol):
+    """An outlet to which messages can be brought as bytes that are the same for all streams of its kind."""
+
+    framing: Framing
+
+    def send(self, frame: bytes) -> bool:
+        """Send what ``framing`` made, whole, if the stream is ``writable()``; whether it was."""
 
 
 class Feed(Protocol):

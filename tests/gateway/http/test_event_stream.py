@@ -5,12 +5,13 @@ import socket
 import struct
 from collections.abc import AsyncIterator
 
+import h11
 import httpx
 import pytest
 from serving import Channel, connect, run, serving, until
 from starlette.types import Receive, Scope, Send
 
-from gateway.http.event_stream import framed, serve_event_stream
+from gateway.http.event_stream import chunk, framed, serve_event_stream
 from gateway.http.protocol import HTTP, HttpProtocol
 from gateway.http.slow import HIGH_WATER_BYTES
 from gateway.subscriptions.message import Ending, Message
@@ -105,6 +106,8 @@ def test_framing(body: bytes, data: str) -> None:
     source = EventSource()
     message = Message("/a", "7", "text/turtle", body)
     source.feed(message.framed(framed).decode())
+    size, _, rest = message.framed(chunk).partition(b"\r\n")
+    assert (rest[: int(size, 16)], rest[int(size, 16) :]) == (message.framed(framed), b"\r\n")
     assert source.events == [("7", data)]
     assert source.last_event_id == "7"
     assert message.framed(framed) is message.framed(framed)
@@ -164,6 +167,51 @@ def test_endings(ending: Ending, last: str) -> None:
             assert source.last_event_id == last
             assert (source.retry < 2000) == (ending is Ending.SHUTDOWN)
             await until(lambda: app.returned)
+
+    run(test)
+
+
+def test_bytes_on_the_wire_are_the_stream_in_http() -> None:
+    """RFC 9112, 7.1: a parser that knows nothing of ours finds one whole body, and the connection ready for more."""
+
+    async def test() -> None:
+        app, sent = App(TURTLE), [Message("/a", str(number), "text/turtle", b"x" * number) for number in range(300)]
+        async with serving(app) as (_, port):
+            reader, writer = await connect(port, GET)
+            await until(lambda: app.outlets)
+            for message in sent:
+                app.outlets[0].write(message)
+            app.outlets[0].end(Ending.CANCELLED)
+            client = h11.Connection(h11.CLIENT)
+            client.send(h11.Request(method="GET", target="/a", headers=[("host", "x")]))
+            client.send(h11.EndOfMessage())
+            body = b""
+            while not isinstance(event := client.next_event(), h11.EndOfMessage):
+                if event is h11.NEED_DATA:
+                    client.receive_data(await reader.read(65536))
+                elif isinstance(event, h11.Data):
+                    body += event.data
+            events = b"".join(map(framed, [TURTLE, *sent]))
+            assert body == b": linked fleet\nretry: 2000\n" + events + b"id: cancelled\n\n"
+            assert client.states == {h11.CLIENT: h11.DONE, h11.SERVER: h11.DONE}
+            writer.transport.abort()
+
+    run(test)
+
+
+def test_http_1_0_has_no_chunks() -> None:
+    async def test() -> None:
+        app = App(TURTLE, heartbeat_s=0.01)
+        async with serving(app) as (_, port):
+            reader, writer = await connect(port, GET.replace(b"HTTP/1.1", b"HTTP/1.0"))
+            assert b"chunked" not in await reader.readuntil(b"\r\n\r\n")
+            opening = b": linked fleet\nretry: 2000\n"
+            assert await reader.readexactly(len(opening)) == opening
+            assert await reader.readexactly(len(framed(TURTLE))) == framed(TURTLE)
+            assert await reader.readexactly(2) == b":\n"
+            app.outlets[0].end(Ending.CANCELLED)
+            assert (await reader.read()).replace(b":\n", b"") == b"id: cancelled\n\n"
+            writer.transport.abort()
 
     run(test)
 
