@@ -13,7 +13,8 @@ from typing import Protocol
 from gateway.graph.paths import is_below, robot_of
 from gateway.graph.resource import Redirect, Resource
 from gateway.identity.rights import View
-from gateway.subscriptions.message import Ending, Message, Outlet
+from gateway.subscriptions.broadcast import Broadcast
+from gateway.subscriptions.message import Ending, Message, Outlet, Stream
 from gateway.subscriptions.subscription import Depth, Subscription
 from gateway.subscriptions.topic import Topic
 from gateway.subscriptions.watcher import Timer, Watcher
@@ -45,7 +46,7 @@ class FanOut:
         self._scan_again: set[Watcher] = set()
         # What is to be read again; True: and to be resolved again, because more than its values can be different.
         self._dirty: dict[Topic, bool] = {}
-        self._runnable: deque[Watcher] = deque()
+        self._runnable: deque[Watcher | Broadcast] = deque()
         self._turn_due = False
         self.renders = self.messages = self.conflated = 0
 
@@ -121,18 +122,25 @@ class FanOut:
     def later(self, delay_s: float, call: Callable[[], None]) -> Timer:
         return asyncio.get_running_loop().call_later(delay_s, call)
 
-    def run(self, watcher: Watcher) -> None:
-        if not watcher.running:
-            watcher.running = True
-            self._runnable.append(watcher)
+    def run(self, sender: Watcher | Broadcast) -> None:
+        """Let it ``step`` when it is its turn."""
+        if not sender.running:
+            sender.running = True
+            self._runnable.append(sender)
             self._take_turn_soon()
 
     def message(self, topic: Topic, subscription: Subscription) -> Message:
         before = topic.renders
         message = topic.message(subscription.media_type, subscription.base, self._tree)
         self.renders += topic.renders - before
-        self.messages += 1
         return message
+
+    def broadcast(self, topic: Topic, subscription: Subscription, stream: Stream) -> Broadcast:
+        key = (subscription.media_type, subscription.base, stream.framing)
+        broadcast = topic.broadcasts.get(key)
+        if broadcast is None:
+            broadcast = topic.broadcasts[key] = Broadcast(self, topic, subscription, stream.framing)
+        return broadcast
 
     def freshen(self, topic: Topic) -> None:
         if topic in self._dirty:
@@ -175,10 +183,10 @@ class FanOut:
         while self._scans and time.perf_counter() - begin < TURN_S * 2 / 3:
             self._scan_on(next(iter(self._scans)))
         while self._runnable and time.perf_counter() - begin < TURN_S:
-            watcher = self._runnable.popleft()
-            watcher.running = False
-            if watcher.step():
-                self.run(watcher)
+            sender = self._runnable.popleft()
+            sender.running = False
+            if sender.step():
+                self.run(sender)
         if self._dirty or self._scans or self._runnable:
             self._take_turn_soon()
 
@@ -189,7 +197,10 @@ class FanOut:
 
     def _refresh(self, topic: Topic) -> None:
         if topic.refresh():
-            for watcher in list(topic.watchers):
+            for broadcast in filter(len, topic.broadcasts.values()):
+                self.conflated += broadcast.tell()
+                self.run(broadcast)
+            for watcher in list(topic.apart):
                 self.conflated += watcher.waits(topic.path)
                 watcher.news(topic)
 

@@ -9,7 +9,8 @@ from gateway.graph.reading import Reading
 from gateway.graph.resource import Redirect, Resource
 from gateway.graph.template import Rendering, Versions, compiles
 from gateway.identity.rights import ALL, View
-from gateway.subscriptions.message import Message
+from gateway.subscriptions.broadcast import Broadcast
+from gateway.subscriptions.message import Framing, Message
 
 if TYPE_CHECKING:
     from gateway.subscriptions.watcher import Watcher
@@ -30,6 +31,10 @@ class Topic:
     def __init__(self, path: str, values: bool, resource: Resource, sees: View = ALL) -> None:
         self.path, self.values, self.sees = path, values, sees
         self.watchers: dict[Watcher, None] = {}
+        self.apart: dict[Watcher, None] = {}
+        """Those of the watchers that are in no broadcast."""
+        self.broadcasts: dict[tuple[str, str, Framing], Broadcast] = {}
+        """By media type, base and framing."""
         self.previous: str | None = None
         self.renders = 0
         self._resource = resource
@@ -69,9 +74,16 @@ class Topic:
 
     def differs(self, sent: Reading | None) -> bool:
         """Whether the present reading is news to who was sent that one; mostly it is the same one for all."""
+        if sent is self.reading:
+            return False
         if sent is not self._compared[0]:
             self._compared = (sent, sent is None or not self.reading.same(sent))
         return self._compared[1]
+
+    def gather(self) -> None:
+        """Have those fall in that have caught up with a broadcast."""
+        for watcher in list(self.apart):
+            watcher.fall_in(self)
 
     def message(self, media_type: str, base: str, tree: Callable[[str, View], Resolver]) -> Message:
         """The message about the present reading; WriteError when the syntax cannot say it."""

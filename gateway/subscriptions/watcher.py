@@ -6,7 +6,8 @@ from typing import Protocol
 
 from gateway.graph.reading import Reading
 from gateway.graph.serialise import WriteError
-from gateway.subscriptions.message import Ending, Message, Outlet
+from gateway.subscriptions.broadcast import Broadcast, Rendering
+from gateway.subscriptions.message import Ending, Outlet, Stream
 from gateway.subscriptions.subscription import Depth, Subscription
 from gateway.subscriptions.topic import Topic
 
@@ -17,23 +18,19 @@ class Timer(Protocol):
     def cancel(self) -> None: ...
 
 
-class Schedule(Protocol):
+class Schedule(Rendering, Protocol):
     """What a watcher needs of the fan-out."""
 
     def now_s(self) -> float:
         """Monotonic."""
-
-    def wall_ns(self) -> int: ...
 
     def run(self, watcher: "Watcher") -> None:
         """Let the watcher ``step`` when it is its turn."""
 
     def later(self, delay_s: float, call: Callable[[], None]) -> Timer: ...
 
-    def message(self, topic: Topic, subscription: Subscription) -> Message: ...
-
-    def freshen(self, topic: Topic) -> None:
-        """Read the resource, if something has happened to it since."""
+    def broadcast(self, topic: Topic, subscription: Subscription, stream: Stream) -> Broadcast:
+        """What serves all who want the same of a resource."""
 
     def drop(self, watcher: "Watcher", path: str) -> None:
         """Let the watcher no longer watch one of its resources."""
@@ -46,6 +43,9 @@ class Watcher:
 
     The policy (PROTOCOL.md, "Messages"): between two messages about a resource its values are conflated, the last
     one always goes out. ``sent`` are the versions, by path, that the subscriber is known to have.
+
+    Who watches one resource on a stream and wants every change of it is in step with others like it: as long as its
+    outlet has room a ``Broadcast`` serves it, and it has nothing to do here.
     """
 
     def __init__(
@@ -53,7 +53,6 @@ class Watcher:
     ) -> None:
         self.subscription = subscription
         self.patient = patient
-        self.last_ns: int | None = None
         self.left: set[str] = set()
         """Of a patient one: what it does not watch any more."""
         self.topics: dict[str, Topic] = {}
@@ -64,6 +63,10 @@ class Watcher:
         self._pending: dict[str, None] = {}
         self._round: dict[str, None] = {}
         self._next_s = 0.0
+        self._last_ns: int | None = None
+        self._broadcast: Broadcast | None = None
+        all_wanted = subscription.interval_s <= 0 and subscription.deadband <= 0 and not self.subtree
+        self._stream = outlet if all_wanted and isinstance(outlet, Stream) else None
         self._timer: Timer | None = None
         self._whole = not self.subtree
 
@@ -71,11 +74,17 @@ class Watcher:
     def subtree(self) -> bool:
         return self.subscription.depth is Depth.SUBTREE
 
+    @property
+    def last_ns(self) -> int | None:
+        """When the last message was sent."""
+        together = self._broadcast.last_ns if self._broadcast is not None else None
+        return max(filter(None, (self._last_ns, together)), default=None)
+
     def join(self, topic: Topic) -> None:
         """Watch one more resource; its present state is news unless the subscriber has it."""
         self.topics[topic.path] = topic
         self.left.discard(topic.path)
-        topic.watchers[self] = None
+        topic.watchers[self] = topic.apart[self] = None
         known = self._known.pop(topic.path, None)
         if known == topic.reading.version:
             self._sent[topic.path] = topic.reading
@@ -86,7 +95,8 @@ class Watcher:
         topic = self.topics.pop(path)
         if self.patient:
             self.left.add(path)
-        del topic.watchers[self]
+        self._fall_out(topic)
+        del topic.watchers[self], topic.apart[self]
         self._pending.pop(path, None)
         self._round.pop(path, None)
         self._sent.pop(path, None)
@@ -98,7 +108,7 @@ class Watcher:
 
     def news(self, topic: Topic) -> None:
         """A resource has changed; if that is news to this subscriber, it goes out as soon as it may."""
-        if topic.path not in self._round and (self.subscription.deadband <= 0 or self._is_news(topic)):
+        if not self.waits(topic.path) and (self.subscription.deadband <= 0 or self._is_news(topic)):
             self._pending[topic.path] = None
             self.ready()
 
@@ -127,7 +137,30 @@ class Watcher:
             self._send(topic)
         if not self._round and self.subscription.interval_s > 0:
             self._next_s = self._schedule.now_s() + self.subscription.interval_s
+        self.fall_in(topic)
         return bool(self._round or self._pending)
+
+    def fall_in(self, topic: Topic) -> None:
+        """Be in step with the others from now on, if nothing waits and the same has been sent last."""
+        sent = self._sent.get(topic.path)
+        if self._stream is not None and sent is not None and not self.waits(topic.path):
+            broadcast = self._schedule.broadcast(topic, self.subscription, self._stream)
+            if broadcast.admit(self, self._stream.send, sent):
+                self._broadcast = broadcast
+                del topic.apart[self], self._sent[topic.path]
+
+    def fall_behind(self, topic: Topic, sent: Reading) -> None:
+        """There was no room for the message that the others have got; ``sent`` is what was sent before."""
+        self._fall_out(topic)
+        self._sent[topic.path] = sent
+        self._pending[topic.path] = None
+
+    def _fall_out(self, topic: Topic) -> None:
+        if self._broadcast is not None:
+            self._last_ns = self.last_ns
+            self._broadcast.dismiss(self)
+            self._broadcast = None
+            topic.apart[self] = None
 
     def _begin_round(self) -> bool:
         if not self._pending or (self.subscription.interval_s > 0 and not self._whole):
@@ -157,7 +190,8 @@ class Watcher:
             _log.warning("subscription %s gets no message: %s", id, error, extra={"subscription": id})
             return
         self._sent[topic.path] = topic.reading
-        self.last_ns = self._schedule.wall_ns()
+        self._last_ns = self._schedule.wall_ns()
+        self._schedule.messages += 1
         self._outlet.write(message)
         if self.subtree and topic.ended:
             self._schedule.drop(self, topic.path)

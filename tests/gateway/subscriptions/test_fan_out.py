@@ -4,6 +4,7 @@ import asyncio
 import heapq
 import itertools
 import math
+import random
 from collections.abc import Callable
 
 import msgspec
@@ -98,6 +99,11 @@ class Outlet:
         ]
         return [version or None for version in found]
 
+    @property
+    def frames(self) -> list[int]:
+        """Which frame brought what each message says."""
+        return [int(version.partition("-")[2]) for version in self.versions]
+
     def take(self) -> list[str]:
         """Paths of the messages so far, which are forgotten."""
         paths = [message.path for message in self.messages]
@@ -105,8 +111,47 @@ class Outlet:
         return paths
 
 
+class _Frame(bytes):
+    """What a framing makes; it can be asked of which message it is."""
+
+    message: Message
+
+
+def _framed(message: Message) -> bytes:
+    frame = _Frame(message.body)
+    frame.message = message
+    return frame
+
+
+class InStep(Outlet):
+    """One that can be in step with others, as WebSockets and event streams can."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.framing = _framed
+
+    def send(self, frame: bytes) -> bool:
+        if not self.room or self.ending is not None:
+            return False
+        assert isinstance(frame, _Frame)
+        self.messages.append(frame.message)
+        return True
+
+    def write(self, message: Message) -> None:
+        assert self.room
+        self.send(message.framed(self.framing))
+
+
+@pytest.fixture(autouse=True, params=[Outlet, InStep], ids=["alone", "in step"])
+def _kind(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nobody can tell by what comes whether an outlet is served alone or in step with others."""
+    monkeypatch.setattr(World, "outlet", request.param)
+
+
 class World:
     """One fleet with one robot; every step waits until the fan-out has nothing left to do."""
+
+    outlet = Outlet
 
     def __init__(self) -> None:
         self.fleet, self.invocations = Fleet(), Invocations()
@@ -169,7 +214,7 @@ def run(test: Callable[[World], object]) -> None:
 
 
 def watch(world: World, path: str, sent: dict[str, str] | None = None, patient: bool = False, **more: object) -> Outlet:
-    outlet = Outlet()
+    outlet = world.outlet()
     outlet.watcher = world.fan_out.watch(to(path, **more), outlet, sent, patient=patient)  # type: ignore[attr-defined]
     return outlet
 
@@ -467,6 +512,98 @@ def test_the_interval_lies_between_rounds_of_a_subtree() -> None:
         assert len({first, *rest}) == 1 + len(rest) > 1
         await world.advance(8.0)
         assert first in outlet.take()
+
+    run(test)
+
+
+def _turns_of(monkeypatch: pytest.MonkeyPatch, looks: int) -> None:
+    """Have a turn end when the clock has been looked at so often."""
+    ticks = itertools.count()
+    monkeypatch.setattr(fan_out.time, "perf_counter", lambda: next(ticks) * fan_out.TURN_S / looks)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_whoever_has_room_has_the_latest_however_slow_the_others_are(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Readers come, stall, catch up and go in any order, and what is sent takes many turns: nobody gets a version
+    twice, one after another, or one out of order, and in the end all have the last one."""
+    dice = random.Random(seed)
+    _turns_of(monkeypatch, 5)
+
+    async def test(world: World) -> None:
+        here: list[Outlet] = []
+        gone: list[tuple[Outlet, int]] = []
+        for step in range(150):
+            match dice.randrange(6):
+                case 0:
+                    here.extend(watch(world, _ROTATION) for _ in range(dice.choice((1, 40))))
+                    for outlet in here:
+                        outlet.watcher.ready()
+                case 1 if here:
+                    outlet = here.pop(dice.randrange(len(here)))
+                    outlet.watcher.end(Ending.CANCELLED)
+                    gone.append((outlet, len(outlet.messages)))
+                case 2 if here:
+                    outlet = dice.choice(here)
+                    outlet.room = not outlet.room
+                    if outlet.room:
+                        outlet.watcher.ready()
+                case _:
+                    for change in world.fleet.apply(world.frame(step / 10), 1):
+                        world.fan_out.moved(change.robot)
+            for _ in range(dice.randrange(3)):
+                await asyncio.sleep(0)
+        for outlet in here:
+            outlet.room = True
+            outlet.watcher.ready()
+        await world.move(1000.0)
+        for outlet in here:
+            assert b'"1000.0"' in outlet.messages[-1].body
+            assert outlet.frames == sorted(set(outlet.frames))
+        assert all(len(outlet.messages) == count for outlet, count in gone)
+
+    run(test)
+
+
+def test_news_in_the_middle_of_a_message_to_many_comes_after_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those who were to get the message get it, and then all the latest; what came in between nobody."""
+    _turns_of(monkeypatch, 4)
+
+    async def test(world: World) -> None:
+        outlets = [watch(world, _ROTATION) for _ in range(300)]
+        for outlet in outlets:
+            outlet.watcher.ready()
+        await world.settle()
+        for outlet in outlets:
+            outlet.take()
+        for angle in (0.1, 0.2, 0.3):
+            for change in world.fleet.apply(world.frame(angle), 1):
+                world.fan_out.moved(change.robot)
+            await asyncio.sleep(0)
+            await asyncio.sleep(0)
+        await world.settle()
+        assert {outlet.frames[-1] for outlet in outlets} == {4}
+        if world.outlet is InStep:
+            assert {tuple(outlet.frames) for outlet in outlets} == {(2, 4)}
+
+    run(test)
+
+
+def test_last_message_is_noted_for_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    """When it was is told of a subscription although those in step are served together."""
+
+    async def test(world: World) -> None:
+        times = itertools.count(1)
+        monkeypatch.setattr(fan_out.time, "time_ns", lambda: next(times))
+        slow, fast = watch(world, _ROTATION), watch(world, _ROTATION)
+        assert fast.watcher.last_ns is None
+        slow.watcher.ready(), fast.watcher.ready()
+        await world.settle()
+        before = slow.watcher.last_ns
+        slow.room = False
+        await world.move(0.1)
+        assert slow.watcher.last_ns == before < fast.watcher.last_ns
 
     run(test)
 
