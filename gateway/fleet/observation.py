@@ -43,13 +43,11 @@ def _moved(old: tuple[float, ...], new: tuple[float, ...], resolution: float) ->
         return True
     # A decimal step such as 0.3 - 0.2 falls short of 0.1 by rounding; it is a whole step all the same.
     least = resolution * (1 - 1e-9)
-    return any(_differ(a, b, least) for a, b in zip(old, new, strict=True))
-
-
-def _differ(a: float, b: float, least: float) -> bool:
-    if math.isnan(a) or math.isnan(b):
-        return math.isnan(a) != math.isnan(b)
-    return a != b and abs(a - b) >= least
+    for a, b in zip(old, new, strict=True):
+        # Of NaN this asks last: it is no number, and nothing compares with it.
+        if a != b and not abs(a - b) < least and not (math.isnan(a) and math.isnan(b)):
+            return True
+    return False
 
 
 def rounded(value: float, resolution: float) -> float:

@@ -32,18 +32,17 @@ class Reading:
         """Whether some value differs by more than nothing and by at least ``deadband`` (SI units)."""
         if len(self.observations) != len(other.observations):
             return True
-        pairs = zip(self.observations, other.observations, strict=True)
-        return any(ours is not theirs and _apart(ours.values, theirs.values, deadband) for ours, theirs in pairs)
+        for ours, theirs in zip(self.observations, other.observations, strict=True):
+            if ours is not theirs and _apart(ours.values, theirs.values, deadband):
+                return True
+        return False
 
 
 def _apart(ours: tuple[float, ...], theirs: tuple[float, ...], deadband: float) -> bool:
     if len(ours) != len(theirs):
         return True
     for a, b in zip(ours, theirs, strict=True):
-        if math.isnan(a) or math.isnan(b):
-            if math.isnan(a) != math.isnan(b):
-                return True
-        elif a != b and abs(a - b) >= deadband:
+        if a != b and not abs(a - b) < deadband and not (math.isnan(a) and math.isnan(b)):
             return True
     return False
 
@@ -83,6 +82,8 @@ def presence(robot: Robot) -> tuple[bool, int | None, str | None]:
 
 def version_of(robot: Robot, observations: tuple[Observation, ...]) -> tuple[int, int, int]:
     """Of what belongs to a robot: its incarnation, the frame counted from 1, and what has changed since without one."""
-    frames = [(seen.sequence + 1, 0) for seen in observations if seen.sequence is not None]
-    frame, change = max([robot.news, *frames])
+    frame, change = robot.news
+    for seen in observations:
+        if seen.sequence is not None and seen.sequence >= frame:
+            frame, change = seen.sequence + 1, 0
     return robot.incarnation or 0, frame, change

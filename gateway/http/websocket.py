@@ -1,9 +1,10 @@
 """A subscription over WebSocket (RFC 6455; paper R0.15): frames go straight to the transport of each subscriber."""
 
+import struct
 from collections.abc import Awaitable, Callable
 
 from starlette.websockets import WebSocket
-from websockets.frames import CloseCode, Frame, Opcode
+from websockets.frames import CloseCode, Opcode
 
 from gateway.graph.frames import FRAME_TYPES
 from gateway.graph.serialise import JELLY
@@ -21,11 +22,19 @@ _CODES = {
     Ending.SHUTDOWN: 1012,
 }
 
+_FIN = 0x80
+_MEDIUM, _LONG = struct.Struct("!BBH"), struct.Struct("!BBQ")
+
 
 def framed(message: Message) -> bytes:
     """One unmasked frame that is the whole message (RFC 6455, 5.2); Turtle and its like are text."""
-    opcode = Opcode.BINARY if message.media_type in BINARY_TYPES else Opcode.TEXT
-    return Frame(opcode, message.body).serialize(mask=False)
+    first = _FIN | (Opcode.BINARY if message.media_type in BINARY_TYPES else Opcode.TEXT)
+    size = len(message.body)
+    if size < 126:
+        return b"%c%c%b" % (first, size, message.body)
+    if size < 1 << 16:
+        return _MEDIUM.pack(first, 126, size) + message.body
+    return _LONG.pack(first, 127, size) + message.body
 
 
 class WebSocketOutlet:

@@ -86,14 +86,17 @@ class Broadcast:
         frame, first = self._frame, self._served
         sent = [send(frame) for send in self._sends[first : first + _SHARE]]
         self._served += len(sent)
-        self._fan_out.messages += sum(sent)
-        if not all(sent):
+        count = sum(sent)
+        self._fan_out.messages += count
+        if count < len(sent):
             self._leave_behind(compress(self._pass[first:], map(not_, sent)))
-        if self._served == len(self._pass):
-            self._pass, self._sends = [], []
-            self.last_ns = self._fan_out.wall_ns()
+        if self._served < len(self._pass):
+            return True
+        self._pass, self._sends = [], []
+        self.last_ns = self._fan_out.wall_ns()
+        if self._topic.apart:
             self._topic.gather()
-        return bool(self._pass) or self._news
+        return self._news
 
     def _leave_behind(self, full: Iterable["Watcher"]) -> None:
         for watcher in full:

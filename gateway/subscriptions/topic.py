@@ -38,16 +38,13 @@ class Topic:
         self.previous: str | None = None
         self.renders = 0
         self._resource = resource
+        self.measured = values and resource.source.measured
+        """Whether a frame can be news."""
         self._resources: dict[str, Resource] = {}
         self._messages: dict[tuple[str, str], Message] = {}
         self._renderings: dict[tuple[str, str], Rendering] = {}
         self.reading: Reading = resource.source.read(values)
         self._compared: tuple[Reading | None, bool] = (None, True)
-
-    @property
-    def measured(self) -> bool:
-        """Whether a frame can be news."""
-        return self.values and self._resource.source.measured
 
     @property
     def ended(self) -> bool:
@@ -57,6 +54,7 @@ class Topic:
     def replace(self, resource: Resource) -> None:
         """Take the resource as it is after its robot was described anew."""
         self._resource = resource
+        self.measured = self.values and resource.source.measured
         self._resources.clear()
         self._renderings.clear()
 
