@@ -1,18 +1,27 @@
-"""What the fan-out costs and how late it is: one table (bench/README.md says how to read it)."""
+"""What the fan-out costs and how late it is, beside the least there can be (bench/README.md says how to read it)."""
 
 import argparse
 import contextlib
 import os
+import subprocess
+import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from running import process
 from small_fleet import live
 
+from bench import crowd
+from bench.crowd import Size
 from bench.scene import Mover, Readers, Scene, browsing, cpu_s, scene
+from bench.synthetic import name_of
 
+_LIMITS = Path(__file__).with_name("limits.py")
+_SHARE = 0.7
+_LATE_MS = 5.0
+_RENDERED = 25_000
 HEAD = (
     "subscribers",
     "frames/s",
@@ -27,6 +36,77 @@ HEAD = (
 )
 
 
+class Row(NamedTuple):
+    """One figure. ``reference`` is what it was measured beside in the same run, empty if there is none."""
+
+    name: str
+    unit: str
+    value: float
+    reference: str
+    ratio: float | None
+    goal: str
+    holds: bool | None
+
+
+class Case(NamedTuple):
+    """So many subscribers of one value that changes so often."""
+
+    how: str
+    count: int
+    rate_hz: float
+    goal: bool = False
+
+    @property
+    def name(self) -> str:
+        what = {"ws": "WebSocket", "sse": "event stream"}[self.how]
+        return f"{self.count} {what}{'s' * (self.count > 1)}, {self.rate_hz:g} Hz"
+
+
+CASES = (
+    Case("ws", 1, 100),
+    Case("ws", 500, 100, goal=True),
+    Case("ws", 500, 200, goal=True),
+    Case("ws", 100, 500, goal=True),
+    Case("ws", 100, 2000),
+    Case("sse", 100, 200, goal=True),
+    Case("sse", 500, 100, goal=True),
+    Case("sse", 500, 200, goal=True),
+    Case("sse", 100, 2000),
+)
+
+
+class Found(NamedTuple):
+    """What was seen in so many seconds."""
+
+    seconds: float
+    cpu_s: float
+    """The server's, all threads, user and kernel."""
+    readers_s: float
+    frames: int
+    messages: int
+    bytes: int
+    late_ms: Sequence[float]
+
+    @property
+    def per_cpu_s(self) -> float:
+        return self.messages / self.cpu_s if self.cpu_s else 0.0
+
+    def late(self, share: float) -> float:
+        ordered = sorted(self.late_ms)
+        return ordered[min(len(ordered) - 1, int(len(ordered) * share))]
+
+    def cells(self) -> Sequence[object]:
+        return (
+            f"{self.frames / self.seconds:.0f}" if self.frames else "",
+            f"{self.messages / self.seconds:.0f}",
+            f"{self.bytes / self.seconds / 1e6:.1f}",
+            f"{self.cpu_s / self.seconds:.0%}",
+            f"{self.cpu_s / max(1, self.messages) * 1e6:.1f}",
+            f"{self.readers_s / self.seconds:.0%}",
+            *((f"{self.late(0.5):.2f}", f"{self.late(0.99):.2f}") if self.late_ms else ()),
+        )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=5.0, help="of each measurement")
@@ -35,75 +115,139 @@ def main() -> None:
     print(
         f"{Path('/proc/loadavg').read_text().split()[0]} processes were running before, on {os.cpu_count()} processors"
     )
-    row(*HEAD)
-    for name, how, count, rate_hz in (
-        ("1 WebSocket, 100 Hz", "ws", 1, 100),
-        ("500 WebSockets, 200 Hz", "ws", 500, 200),
-        ("100 WebSockets, 2 kHz", "ws", 100, 2000),
-        ("100 event streams, 200 Hz", "sse", 100, 200),
-        ("100 event streams, 2 kHz", "sse", 100, 2000),
-    ):
-        if only in name:
-            with scene() as place, place.robot("mover", rate_hz) as mover:
-                row(name, *fan_out(place, mover, how, count, seconds))
+    line(*HEAD)
+    for case in CASES:
+        if only in case.name:
+            found, bare, starlette = beside(case, seconds)
+            line(case.name, *found.cells(), f"{found.messages / max(1, found.frames * case.count):.0%}")
+            for name, other in (("bare uvloop", bare), ("bare Starlette", starlette)):
+                line(f"  {name}", "", *other.cells()[1:], "", f"{found.per_cpu_s / other.per_cpu_s:.0%}")
     for count in (1, 20):
         if only in (name := f"{count} WebSockets on the subtree of Baxter"):
             with scene() as place:
-                row(name, *subtree(place, count, seconds))
+                line(name, *subtree(place, count, seconds).cells())
+    if only in (name := "500 WebSockets on 500 values, 50 Hz"):
+        line(name, *distinct(seconds).cells())
     if only in "idle":
         idle(seconds)
 
 
-def row(name: object, *cells: object) -> None:
+def rows(seconds: float) -> list[Row]:
+    """All figures that have a goal."""
+    found: list[Row] = []
+    for case in (each for each in CASES if each.goal):
+        ours, bare, starlette = beside(case, seconds)
+        late_ms = ours.late(0.99)
+        held = late_ms <= _LATE_MS if case.count * case.rate_hz <= 100_000 else None
+        found += [
+            _rate(f"{case.name}: messages", ours, "bare uvloop, one buffer to all", bare, _SHARE),
+            _rate(f"{case.name}: messages, beside Starlette", ours, "bare Starlette", starlette),
+            Row(
+                f"{case.name}: p99",
+                "ms",
+                late_ms,
+                "bare uvloop",
+                late_ms / bare.late(0.99),
+                f"<= {_LATE_MS:g} ms",
+                held,
+            ),
+        ]
+    rendered = distinct(seconds).per_cpu_s
+    name, goal = "500 WebSockets on 500 values, 50 Hz: messages", f">= {_RENDERED:,}"
+    found.append(Row(name, "per CPU second", rendered, "", None, goal, rendered >= _RENDERED))
+    return found
+
+
+def _rate(name: str, ours: Found, reference: str, beside: Found, share: float | None = None) -> Row:
+    ratio = ours.per_cpu_s / beside.per_cpu_s
+    goal, held = ("", None) if share is None else (f">= {share:.0%} of it", ratio >= share)
+    return Row(name, "per CPU second", ours.per_cpu_s, reference, ratio, goal, held)
+
+
+def line(name: object, *cells: object) -> None:
     print(f"{name!s:40}" + "".join(f"{cell!s:>12}" for cell in cells), flush=True)
 
 
-def fan_out(place: Scene, mover: Mover, how: str, count: int, seconds: float) -> Sequence[object]:
-    with contextlib.closing(Readers(place.place.port, how, count, "/mover/elbow/rotation")) as readers:
-        time.sleep(0.5)
-        frames, found, cpu = measured(place, readers, seconds, mover)
-        late = sorted(mover.latencies_ms(found["seen"]))
-        ratio = found["messages"] / (frames * count)
-        return (
-            *figures(frames, found, cpu),
-            f"{late[len(late) // 2]:.2f}",
-            f"{late[len(late) * 99 // 100]:.2f}",
-            f"{ratio:.0%}",
-        )
+def beside(case: Case, seconds: float) -> tuple[Found, Found, Found]:
+    """The gateway, and servers that send ready bytes of the same size as often to as many: bare uvloop, Starlette."""
+    ours = fan_out(case, seconds)
+    size = ours.bytes // ours.messages
+    return ours, limit("bare", case, size, seconds), limit("starlette", case, size, seconds)
 
 
-def measured(place: Scene, readers: Readers, seconds: float, mover: Mover | None) -> tuple[int, dict[str, Any], float]:
-    """Frames sent, what the readers counted, and the gateway's share of a processor."""
+def fan_out(case: Case, seconds: float) -> Found:
+    with scene() as place, place.robot("mover", case.rate_hz) as mover:
+        port, path = place.place.port, "/mover/elbow/rotation"
+        with contextlib.closing(Readers(port, case.how, case.count, path)) as readers:
+            time.sleep(0.5)
+            return measured(place.pid, readers, seconds, mover.latencies_ms, mover)
+
+
+def limit(kind: str, case: Case, size: int, seconds: float) -> Found:
+    command = [sys.executable, str(_LIMITS), kind, case.how, str(case.rate_hz), str(size - 20)]  # 20: of the frame
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:  # noqa: S603
+        assert child.stdin is not None and child.stdout is not None
+        with (
+            child.stdin,
+            contextlib.closing(Readers(int(child.stdout.readline()), case.how, case.count, "/")) as readers,
+        ):
+            time.sleep(0.5)
+            return measured(child.pid, readers, seconds, _since_written)
+
+
+def _since_written(seen: Sequence[Sequence[tuple[int, float]]]) -> list[float]:
+    return [at_ns / 1e6 - value * 1e3 for reader in seen for at_ns, value in reader]
+
+
+def measured(
+    pid: int,
+    readers: Readers,
+    seconds: float,
+    late_ms: Callable[[Any], list[float]] = lambda seen: [],
+    mover: Mover | None = None,
+) -> Found:
     first = readers.counted()
-    frames, cpu = len(mover.sent_ns) if mover else 0, cpu_s(place.pid)
+    frames, cpu = len(mover.sent_ns) if mover else 0, cpu_s(pid)
     time.sleep(seconds)
-    cpu, frames = cpu_s(place.pid) - cpu, (len(mover.sent_ns) if mover else 0) - frames
+    cpu, frames = cpu_s(pid) - cpu, (len(mover.sent_ns) if mover else 0) - frames
     found = readers.counted()
-    found["seconds"] = (found["at_ns"] - first["at_ns"]) / 1e9
-    found["cpu_s"] -= first["cpu_s"]
-    return frames, found, cpu / found["seconds"]
+    took_s, readers_s = (found["at_ns"] - first["at_ns"]) / 1e9, found["cpu_s"] - first["cpu_s"]
+    return Found(took_s, cpu, readers_s, frames, found["messages"], found["bytes"], late_ms(found["seen"]))
 
 
-def figures(frames: int, found: dict[str, Any], cpu: float) -> Sequence[object]:
-    seconds = found["seconds"]
-    return (
-        f"{frames / seconds:.0f}" if frames else "",
-        f"{found['messages'] / seconds:.0f}",
-        f"{found['bytes'] / seconds / 1e6:.1f}",
-        f"{cpu:.0%}",
-        f"{cpu * seconds / max(1, found['messages']) * 1e6:.1f}",
-        f"{found['cpu_s'] / seconds:.0%}",
-    )
+def distinct(seconds: float) -> Found:
+    """As many values as subscribers: nothing is rendered for more than one."""
+    robots, joints = 50, 10
+    paths = [f"/{name_of(robot)}/joint_{joint}/rotation" for joint in range(joints) for robot in range(robots)]
+    with crowd.stage(Size(robots, joints, 1), 1) as place:
+        place.crowd.ask(f"moving {joints}")
+        place.crowd.ask("rate 1")
+        place.crowd.ask("appear")
+        (gateway,) = place.gateways
+        gateway.meet(robots)
+        place.crowd.ask("rate 50")
+        with contextlib.closing(Readers(gateway.port, "ws", len(paths), ",".join(paths))) as readers:
+            time.sleep(0.5)
+            place.crowd.ask()
+            found = measured(gateway.pid, readers, seconds)
+            return found._replace(frames=place.crowd.ask()["frames"])
 
 
-def subtree(place: Scene, count: int, seconds: float) -> Sequence[object]:
+@contextlib.contextmanager
+def swaying(place: Scene) -> Iterator[str]:
+    """Baxter in simulation, one joint of which sways; its path."""
     flags = ("--robot=baxter", "--sway=baxter:left_s0", f"--connect={place.place.zenoh}")
     with process("-m", "agents", *flags), browsing(place.place) as browser:
-        path = live(browser, "baxter").url.removeprefix(place.place.root.rstrip("/"))
-        with contextlib.closing(Readers(place.place.port, "ws", count, f"{path}?depth=subtree")) as readers:
-            time.sleep(1)
-            frames, found, cpu = measured(place, readers, seconds, None)
-            return figures(frames, found, cpu)
+        yield live(browser, "baxter").url.removeprefix(place.place.root.rstrip("/"))
+
+
+def subtree(place: Scene, count: int, seconds: float) -> Found:
+    with contextlib.ExitStack() as stack:
+        path = stack.enter_context(swaying(place))
+        readers = Readers(place.place.port, "ws", count, f"{path}?depth=subtree")
+        stack.enter_context(contextlib.closing(readers))
+        time.sleep(1)
+        return measured(place.pid, readers, seconds)
 
 
 def idle(seconds: float) -> None:
@@ -115,12 +259,11 @@ def idle(seconds: float) -> None:
         cpu = cpu_s(place.pid)
         time.sleep(seconds)
         cpu = cpu_s(place.pid) - cpu
-        row("5 robots, nobody subscribes", 500, "", "", f"{cpu / seconds:.1%}")
+        line("5 robots, nobody subscribes", 500, "", "", f"{cpu / seconds:.1%}")
         path = "/mover0/elbow/rotation"
         with contextlib.closing(Readers(place.place.port, "ws", 1, path)) as readers:
             time.sleep(0.5)
-            frames, found, share = measured(place, readers, seconds, None)
-            row("5 robots, 1 WebSocket on a value", 500, *figures(frames, found, share)[1:])
+            line("5 robots, 1 WebSocket on a value", 500, *measured(place.pid, readers, seconds).cells()[1:])
 
 
 if __name__ == "__main__":

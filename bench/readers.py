@@ -1,13 +1,14 @@
 """Many subscribers in one light process, which counts messages and does nothing else with them.
 
-``python readers.py PORT ws|sse COUNT PATH``: says ``ready`` when each has its first message; to each line on its
-standard input it answers with one line of JSON: what has come since the last one.
+``python readers.py PORT ws|sse COUNT PATH,…``: subscribes to all paths in turn and says ``ready`` when each subscriber
+has its first message; to each line on its standard input it answers with one line of JSON: what has come since the last
+one.
 """
 
 import json
 import re
 import resource
-import selectors
+import select
 import socket
 import sys
 import time
@@ -34,13 +35,15 @@ class Reader:
     seen: list[tuple[int, float]] = field(default_factory=list)
     """When (CLOCK_MONOTONIC, ns) which values came."""
 
-    def read(self, view: memoryview) -> int:
-        size = self.sock.recv_into(view)
-        if not size:
+    def read(self) -> int:
+        data = self.sock.recv(1 << 18)
+        if not data:
             raise ConnectionError("the gateway closed a connection")
-        data = self.rest + bytes(view[:size])
+        size = len(data)
+        if self.rest:
+            data = self.rest + data
         self.messages += data.count(MESSAGE)
-        self.rest = data[1 - len(MESSAGE) :]  # shorter than what is counted
+        self.rest = b"" if data.endswith(b"\n") else data[1 - len(MESSAGE) :]  # shorter than what is counted
         if self.sampled:
             now_ns = time.monotonic_ns()
             self.seen += [(now_ns, float(value)) for value in _VALUE.findall(data)]
@@ -54,24 +57,26 @@ def opened(port: int, ask: bytes, path: str, sampled: bool) -> Reader:
 
 
 class Crowd:
-    def __init__(self, port: int, how: str, count: int, path: str) -> None:
+    def __init__(self, port: int, how: str, count: int, paths: list[str]) -> None:
         every = max(1, count // SAMPLED)
-        self.readers = [opened(port, ASKS[how], path, number % every == 0) for number in range(count)]
+        self.readers = [
+            opened(port, ASKS[how], paths[number % len(paths)], number % every == 0) for number in range(count)
+        ]
         self.bytes = 0
-        self._view = memoryview(bytearray(1 << 18))
-        self._selector = selectors.EpollSelector()
-        for reader in self.readers:
-            self._selector.register(reader.sock, selectors.EVENT_READ, reader)
-        self._selector.register(sys.stdin, selectors.EVENT_READ)
+        self._of = {reader.sock.fileno(): reader for reader in self.readers}
+        self._epoll = select.epoll()
+        for number in (*self._of, sys.stdin.fileno()):
+            self._epoll.register(number, select.EPOLLIN)
 
     def turn(self) -> bool:
         """Read what has come; whether there is a question on standard input."""
         asked = False
-        for key, _ in self._selector.select():
-            if key.data is None:
+        for number, _ in self._epoll.poll():
+            reader = self._of.get(number)
+            if reader is None:
                 asked = True
             else:
-                self.bytes += key.data.read(self._view)
+                self.bytes += reader.read()
         return asked
 
     def answer(self) -> dict[str, Any]:
@@ -90,8 +95,8 @@ class Crowd:
 
 
 def main() -> None:
-    port, how, count, path = int(sys.argv[1]), sys.argv[2], int(sys.argv[3]), sys.argv[4]
-    crowd = Crowd(port, how, count, path)
+    port, how, count, paths = int(sys.argv[1]), sys.argv[2], int(sys.argv[3]), sys.argv[4].split(",")
+    crowd = Crowd(port, how, count, paths)
     while not all(reader.messages for reader in crowd.readers):
         crowd.turn()
     print("ready", flush=True)

@@ -2,10 +2,11 @@
 
 ``python -m bench.synthetic ENDPOINT COUNT JOINTS MODELS`` is a Zenoh router at ENDPOINT; gateways connect to it. Each
 line on its standard input is answered with one line of JSON: ``appear`` brings the robots in, ``rate HZ`` has each send
-so many frames a second from then on, an empty line asks what has been done since the last one. It ends with its input.
+so many frames a second from then on, ``moving COUNT`` sets how many joints of each move (one, to begin with), an empty
+line asks what has been done since the last one. It ends with its input.
 
-The first joint of every robot stands at the time of its frame, in seconds since the ``epoch_ns`` of CLOCK_MONOTONIC,
-as radian: whoever reads it knows how old it is.
+The first joints of every robot stand at the time of its frame, in seconds since the ``epoch_ns`` of CLOCK_MONOTONIC, as
+radian: whoever reads one knows how old it is.
 """
 
 import json
@@ -35,7 +36,6 @@ KEYS = Keys()
 _TICK_S = 0.001
 _TIMES = struct.Struct("<Qqq")  # sequence, monotonic and wall time of a frame
 _LAYOUT = {each.name: each.offset for each in layout(1, False)}
-_POSITION = struct.Struct("<d")
 
 
 def name_of(number: int) -> str:
@@ -71,10 +71,11 @@ class Robot:
     sequence: int = 0
     kept: list[Any] = field(default_factory=list)
 
-    def send(self, epoch_ns: int) -> None:
+    def send(self, epoch_ns: int, moving: int = 1) -> None:
         now_ns = time.monotonic_ns()
         _TIMES.pack_into(self.frame, _LAYOUT["sequence"], self.sequence, now_ns, time.time_ns())
-        _POSITION.pack_into(self.frame, _LAYOUT["positions"], (now_ns - epoch_ns) / 1e9)
+        places = [(now_ns - epoch_ns) / 1e9] * moving
+        struct.pack_into(f"<{moving}d", self.frame, _LAYOUT["positions"], *places)
         self.publisher.put(bytes(self.frame))
         self.sequence += 1
 
@@ -98,7 +99,7 @@ class Crowd:
 
     def __init__(self, session: zenoh.Session, count: int, joints: int, models: int) -> None:
         self.epoch_ns = time.monotonic_ns()
-        self.rate_hz = 0.0
+        self.rate_hz, self.moving = 0.0, 1
         self._session = session
         self._done: Counter[str] = Counter()
         made = [urdf(joints, number) for number in range(models)]
@@ -184,7 +185,7 @@ class Crowd:
                 begin, sent, rate_hz = time.monotonic(), 0, self.rate_hz
             due = int((time.monotonic() - begin) * rate_hz * len(self._here))
             for _ in range(min(due - sent, len(self._here))):
-                self._here[number % len(self._here)].send(self.epoch_ns)
+                self._here[number % len(self._here)].send(self.epoch_ns, self.moving)
                 self._done["frame"] += 1
                 number += 1
             sent = due
@@ -213,6 +214,8 @@ def main() -> None:
                 what, _, value = line.strip().partition(" ")
                 if what == "rate":
                     crowd.rate_hz = float(value)
+                elif what == "moving":
+                    crowd.moving = int(value)
                 print(json.dumps(crowd.appear() if what == "appear" else crowd.counted()), flush=True)
         finally:
             crowd.close()
