@@ -147,6 +147,7 @@ def main() -> None:
     else:
         config = uvicorn.Config(
             starlette(rate_hz, size), loop="uvloop", http="h11", ws="websockets-sansio", ws_per_message_deflate=False,
+            ws_ping_interval=None,
             access_log=False, log_level="warning",
         )  # fmt: skip
         uvicorn.Server(config).run([listener])
