@@ -152,8 +152,9 @@ class FleetLink:
             try:
                 key = self._keys.robot(robot, "command")
                 reply = await self._questions.ask(
-                    self._session, key, timeout_s, MAX_REPLY_BYTES, encode(command), judge, traceparent=traceparent
-                )
+                    self._session, key, timeout_s, MAX_REPLY_BYTES, encode(command), judge,
+                    traceparent=traceparent, patient=False,
+                )  # fmt: skip
             except TimeoutError:
                 reasons.append(f"robot {robot!r} did not answer within {timeout_s} s")
             reply = reply or next(iter(refusals), None)

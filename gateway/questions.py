@@ -1,5 +1,5 @@
 """Questions to agents, each answered by as many as are there. Calls that may block on a full connection are made in a
-small thread pool."""
+small thread pool; that of a command, for which a client waits, may not: it is given up within a millisecond."""
 
 import asyncio
 import contextlib
@@ -44,11 +44,13 @@ class Questions:
         judge: Callable[[bytes | str, str], _T | None],
         priority: zenoh.Priority = zenoh.Priority.DATA,
         traceparent: bytes | None = None,
+        patient: bool = True,
     ) -> _T | None:
         """Ask, and return the first answer that ``judge`` makes something of; None when there are no more.
 
         An answer is a payload, or a sentence why it has none; its key comes with it. Answers have the ``priority``
-        of the question. Raises TimeoutError after ``timeout_s``.
+        of the question. One that is not ``patient`` is not asked over a connection that is full, and goes unanswered.
+        Raises TimeoutError after ``timeout_s``.
         """
         urgent = priority == zenoh.Priority.REAL_TIME
         answers: asyncio.Queue[_Answer | None] = asyncio.Queue(1 + (MAX_STOP_REPLIES if urgent else MAX_REPLIES))
@@ -77,10 +79,14 @@ class Questions:
                 attachment=traceparent,
                 express=True,
                 priority=priority,
+                congestion_control=zenoh.CongestionControl.BLOCK if patient else zenoh.CongestionControl.DROP,
             )
 
         async with asyncio.timeout(timeout_s):
-            await self._loop.run_in_executor(self._stop_threads if urgent else self._threads, get)
+            if patient:
+                await self._loop.run_in_executor(self._stop_threads if urgent else self._threads, get)
+            else:
+                get()
             while (answer := await answers.get()) is not None:
                 judged = judge(*answer)
                 if judged is not None:

@@ -51,6 +51,7 @@ class Gateway:
         ttl_s: float,
         timeout_s: float,
         seen: State | None = None,
+        rehearsal: bool = False,
         **targets: float,
     ) -> object:
         frame = seen or self.frames[robot]
@@ -61,11 +62,18 @@ class Gateway:
             seen_ns=frame.monotonic_ns,
             time_to_live_ns=round(ttl_s * 1e9),
             motion=Move(targets),
+            rehearsal=rehearsal,
         )
         return await self.link.command(robot, command, timeout_s)
 
+    async def known_to(self, robot: str) -> None:
+        """Until the agent knows that there is a gateway: it moves nothing before."""
+        while isinstance(await self.command(robot, "asked", 30.0, 30.0, rehearsal=True, elbow_joint=0.0), Refused):
+            pass
+
     async def moving(self, robot: str) -> None:
         """Begin a long motion and wait until the joint is well under way."""
+        await self.known_to(robot)
         assert isinstance(await self.command(robot, "m", 30.0, 30.0, elbow_joint=-3.0), Accepted)
         elbow = self.described[robot].joints.index("elbow_joint")
         await self.until(lambda: self.frames[robot].velocities[elbow] < -0.5)
