@@ -18,9 +18,10 @@ from starlette.applications import Starlette
 from agents.wire.trust import is_loopback, open_to_all
 from gateway.app import create_app
 from gateway.exposure import complaints
-from gateway.http.protocol import HttpProtocol, WebSocketProtocol
+from gateway.http.protocol import HttpProtocol
 from gateway.http.sockets import Sockets, within_files
 from gateway.http.tls import Certificate, secured
+from gateway.http.websocket_protocol import WebSocketProtocol
 from gateway.identity.roster import BadRoster
 from gateway.link import LinkError
 from gateway.observe.log import configure

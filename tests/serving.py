@@ -10,7 +10,8 @@ import uvicorn
 import uvloop
 from starlette.types import ASGIApp
 
-from gateway.http.protocol import HttpProtocol, WebSocketProtocol
+from gateway.http.protocol import HttpProtocol
+from gateway.http.websocket_protocol import WebSocketProtocol
 from gateway.subscriptions.message import Message, Outlet
 
 

@@ -8,7 +8,7 @@ from websockets.frames import CloseCode, Opcode
 
 from gateway.graph.frames import FRAME_TYPES
 from gateway.graph.serialise import JELLY
-from gateway.http.protocol import WEBSOCKET, WebSocketProtocol
+from gateway.http.websocket_protocol import WEBSOCKET, WebSocketProtocol
 from gateway.subscriptions.message import Ending, Feed, Message, Outlet
 
 BINARY_TYPES = frozenset({*FRAME_TYPES, JELLY})

@@ -13,10 +13,11 @@ from starlette.websockets import WebSocket
 from websockets.asyncio.client import connect as client
 
 from gateway.http.event_stream import serve_event_stream
-from gateway.http.protocol import HTTP, WEBSOCKET, HttpProtocol, WebSocketProtocol
+from gateway.http.protocol import HTTP, HttpProtocol
 from gateway.http.slow import HIGH_WATER_BYTES
 from gateway.http.tls import Certificate, secured, unsent
 from gateway.http.websocket import serve_websocket
+from gateway.http.websocket_protocol import WEBSOCKET, WebSocketProtocol
 from gateway.subscriptions.message import Message
 
 LARGE = 20_000

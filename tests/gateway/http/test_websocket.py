@@ -19,9 +19,9 @@ from websockets.asyncio.client import connect as client
 from websockets.exceptions import ConnectionClosed
 from websockets.frames import Frame, Opcode
 
-from gateway.http.protocol import WEBSOCKET, WebSocketProtocol
 from gateway.http.slow import HIGH_WATER_BYTES, Reader
 from gateway.http.websocket import framed, serve_websocket
+from gateway.http.websocket_protocol import WEBSOCKET, WebSocketProtocol
 from gateway.subscriptions.message import Ending, Message, Outlet
 
 TURTLE = Message("/a", "1", "text/turtle", '<> <urn:p> "ü" .\n'.encode())
