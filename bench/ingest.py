@@ -79,7 +79,10 @@ class Bare:
 
     def __init__(self, scene: Scene) -> None:
         command = [sys.executable, "-m", "bench.ingest", "--bare", scene.endpoint, "--robots", str(scene.size.robots)]
-        self._child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)  # noqa: S603
+        around = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+        self._child = subprocess.Popen(  # noqa: S603
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=around
+        )
         assert self._child.stdin is not None and self._child.stdout is not None
         self._in, self._out = self._child.stdin, self._child.stdout
         self.pid = self._child.pid

@@ -3,6 +3,7 @@
 import argparse
 import os
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import actor
@@ -16,14 +17,14 @@ MOST_S = 10.0
 _JOINING, _PAUSE_S = 50, 0.3
 
 
-def rows(seconds: float) -> list[Row]:
+def rows(seconds: float, already: Sequence[int] = ALREADY) -> list[Row]:
     """``seconds`` is of no matter: each robot joins once. Processor time of the gateway, all threads."""
     found, costs = list[Row](), list[float]()
-    for robots in ALREADY:
+    for robots in already:
         with stage(Size(robots=robots, joints=18, models=20), 1) as scene:
             took = _all(scene)
             costs.append(_one_more(scene))
-        if robots == ALREADY[-1]:
+        if robots == already[-1]:
             found.append(
                 Row(
                     f"{robots} robots join until all can be browsed",
@@ -35,10 +36,13 @@ def rows(seconds: float) -> list[Row]:
                     took <= MOST_S,
                 )
             )
-        ratio = costs[-1] / costs[0]
-        beside = f"{costs[0]:.2f} ms where there are {ALREADY[0]}"
-        holds = ratio < 1.5 if len(costs) > 1 else None
-        found.append(Row(f"one joins {robots} robots: processor", "ms", costs[-1], beside, ratio, "the same", holds))
+        name, ratio = f"one joins {robots} robots: processor", costs[-1] / costs[0]
+        beside = f"{costs[0]:.2f} ms where there are {already[0]}"
+        found.append(
+            Row(name, "ms", costs[-1], beside, ratio, "the same", ratio < 1.5)
+            if len(costs) > 1
+            else Row(name, "ms", costs[-1], "", None, "", None)
+        )
     return found
 
 
