@@ -85,9 +85,8 @@ def _describe_entry(graph: Graph, base: str, iri: NamedNode, entry: Entry) -> No
     agent = graph.blank(PROV.Agent)
     graph.add(iri, PROV.wasAssociatedWith, agent)
     graph.add(agent, DCTERMS.title, Literal(entry.who))
-    graph.add(
-        iri, RDFS.seeAlso, *(NamedNode(base + quote(each, safe="/~")) for each in (entry.target, entry.result) if each)
-    )
+    paths = [each for each in (entry.target, entry.result) if each.startswith("/")]  # a target may be anything
+    graph.add(iri, RDFS.seeAlso, *(NamedNode(base + quote(each, safe="/~")) for each in paths))
     if entry.robot:
         graph.add(iri, LF.ofRobot, NamedNode(base + robot_path(entry.robot)))
     if entry.outcome:

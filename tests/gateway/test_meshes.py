@@ -9,6 +9,7 @@ import pytest
 from agents.wire.messages import Mesh
 from gateway import meshes
 from gateway.errors import AgentSilent, Busy, Offline
+from gateway.fleet.frames import Frames
 from gateway.fleet.robot import Robot
 from gateway.link import NoAnswer
 from gateway.meshes import Meshes
@@ -43,7 +44,7 @@ class Agents:
 
 
 def _robot(name: str = "r", online: bool = True) -> Robot:
-    robot = Robot(name, lambda *_: None)
+    robot = Robot(name, lambda *_: None, Frames())
     robot.appear(online)
     return robot
 

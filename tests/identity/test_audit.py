@@ -1,7 +1,9 @@
 """Who did what is noted, and read by who administers all."""
 
+import socket
 from pathlib import Path
 
+import httpx
 import pytest
 import rdflib
 from browser import LDP, LF, Browser
@@ -49,6 +51,18 @@ def test_commands_and_subscriptions_are_noted(here: Guarded) -> None:
         assert "the-stop" in said and answer.headers["location"].rpartition("/")[2] in said
     assert here.gateway is not None
     here.gateway.said(f"gateway.audit: all: POST {path} 204")
+
+
+def test_a_target_that_is_no_path_is_noted_as_it_was(here: Guarded) -> None:
+    """It makes the audit no less readable."""
+    with here.browsing("all") as browser:
+        url = httpx.URL(here.root)
+        with socket.create_connection((url.host, url.port), timeout=20) as connection:
+            token = here.tokens["all"]
+            head = f"POST example HTTP/1.1\r\nHost: {url.netloc.decode()}\r\nAuthorization: Bearer {token}\r\n"
+            connection.sendall(f"{head}Content-Length: 0\r\nConnection: close\r\n\r\n".encode())
+            assert connection.makefile("rb").readline().split()[1] == b"400"
+        eventually(lambda: ("all", "POST example", "400") in noted(browser, here.root), "it noted")
 
 
 def test_more_than_a_page_is_linked(here: Guarded) -> None:
