@@ -98,7 +98,9 @@ class Client:
                     arrived.set()
                 writer.write(b"HTTP/1.1 204 No Content\r\n\r\n")
         except (asyncio.IncompleteReadError, ConnectionError):
-            writer.close()
+            return
+        finally:  # cancelled as well
+            writer.transport.abort()
 
     async def run(self, count: int, way: str = "all") -> None:
         """So many cycles, some at once: in one way, or one in ten by callback and the others as streams."""
