@@ -4,12 +4,12 @@ import argparse
 import os
 import time
 from collections.abc import Sequence
-from pathlib import Path
 
 import actor
 from running import PATIENCE_S
 
 from bench.crowd import Scene, Size, stage
+from bench.scene import cpu_s
 from bench.table import Row
 
 ALREADY = (10, 100, 1000)
@@ -59,11 +59,11 @@ def _one_more(scene: Scene) -> float:
     one = scene.gateways[0]
     scene.crowd.ask("rate 0")
     time.sleep(0.5)
-    idle, begin = _cpu_ns(one.pid), time.monotonic()
+    idle, begin = cpu_s(one.pid), time.monotonic()
     time.sleep(1.0)
-    idle_share = (_cpu_ns(one.pid) - idle) / 1e9 / (time.monotonic() - begin)
+    idle_share = (cpu_s(one.pid) - idle) / (time.monotonic() - begin)
     with actor.stage(scene.endpoint) as session:
-        before, begin = _cpu_ns(one.pid), time.monotonic()
+        before, begin = cpu_s(one.pid), time.monotonic()
         there = [actor.Actor(session, f"late-{number}") for number in range(_JOINING)]
         for each in there:
             each.appear()
@@ -71,13 +71,8 @@ def _one_more(scene: Scene) -> float:
         while one.http.get(last).status_code != 200:  # not so often that asking is what is measured
             assert time.monotonic() < begin + PATIENCE_S, "the last one never came"
             time.sleep(_PAUSE_S)
-        spent_s = (_cpu_ns(one.pid) - before) / 1e9 - idle_share * (time.monotonic() - begin)
+        spent_s = cpu_s(one.pid) - before - idle_share * (time.monotonic() - begin)
     return spent_s / _JOINING * 1e3
-
-
-def _cpu_ns(pid: int) -> int:
-    """Of all threads, more finely than in ticks."""
-    return sum(int(path.read_text().split()[0]) for path in Path(f"/proc/{pid}/task").glob("*/schedstat"))
 
 
 def main() -> None:

@@ -19,7 +19,7 @@ pytestmark = pytest.mark.fleet
 SHORT: Mapping[str, Mapping[str, Any]] = {
     "answers": {"seconds": 1.0},
     "fan_out": {"seconds": 0.5, "cases": (Case("sse", 50, 200, goal=True),), "robots": 2},
-    "ingest": {"seconds": 0.5, "size": Size(robots=10, joints=3, models=2, rates_hz=(20,))},
+    "ingest": {"seconds": 0.5, "size": Size(robots=20, joints=3, models=2, rates_hz=(50,))},
     "footprint": {"seconds": 0.5, "size": Size(robots=3, joints=3, models=2)},
     "joining": {"seconds": 0.1, "already": (2, 4)},
     "latency": {"seconds": 0.3},
