@@ -18,6 +18,7 @@ from starlette.applications import Starlette
 from agents.wire.trust import is_loopback, open_to_all
 from gateway.app import create_app
 from gateway.exposure import complaints
+from gateway.http.patience import HEAD_S
 from gateway.http.protocol import HttpProtocol
 from gateway.http.sockets import Sockets, within_files
 from gateway.http.tls import Certificate, secured
@@ -125,7 +126,7 @@ async def _serve(
     config = uvicorn.Config(
         app, lifespan="off", log_config=None, access_log=False, server_header=False,
         proxy_headers=False,  # whoever is on loopback could say to be anybody
-        timeout_graceful_shutdown=_DRAIN_S,
+        timeout_graceful_shutdown=_DRAIN_S, timeout_keep_alive=int(HEAD_S),
         # On h11. httptools loses the body of a request whose Upgrade is ignored (uvicorn issue 2722), and the authority
         # of an absolute request target, and makes a 400 of every method that it does not know.
         http=secured(http, certificate.context) if certificate else http,

@@ -68,7 +68,7 @@ def walk(root: str, http: httpx.Client) -> Walk:
         url = pending.pop()
         if url in found.pages:
             continue
-        response = http.get(url)
+        response = _answer(http, url)
         assert response.status_code == 200, f"{url}: {response.status_code} {response.text[:300]}"
         triples = _triples(url, response)
         found.pages[url] = Visited(url, response, _graph(triples), _kind(url, triples))
@@ -77,6 +77,14 @@ def walk(root: str, http: httpx.Client) -> Walk:
     gc.collect()
     gc.freeze()
     return found
+
+
+def _answer(http: httpx.Client, url: str) -> httpx.Response:
+    """An idle connection may end in the moment in which it is used again: then the question is asked once more."""
+    try:
+        return http.get(url)
+    except httpx.RemoteProtocolError:  # RFC 9112, 9.3.1
+        return http.get(url)
 
 
 def _triples(url: str, response: httpx.Response) -> list[pyoxigraph.Triple]:
