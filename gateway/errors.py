@@ -295,9 +295,9 @@ class Offline(FleetError):
 
 
 class Busy(FleetError):
-    """Too many ask for what takes long; ask again."""
+    """Too many ask for what takes long, or it was held up itself; ask again."""
 
-    status, code, title = 503, "busy", "The gateway has too much to plan"
+    status, code, title = 503, "busy", "The gateway is too busy"
 
     def __init__(self, detail: str) -> None:
         super().__init__(detail, headers={"Retry-After": "1"})

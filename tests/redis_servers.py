@@ -195,4 +195,11 @@ def _cluster(folder: Path, spare: int) -> Iterator[Servers]:
 
 def _port() -> int:
     """A free port whose bus port, 10000 above, is one."""
-    return eventually(lambda: next((port for port in [free_port()] if port < 55_536), None), "a port")
+    return eventually(lambda: next((port for port in [free_port()] if _has_bus(port)), None), "a port")
+
+
+def _has_bus(port: int) -> bool:
+    with socket.socket() as probe, contextlib.suppress(OverflowError, OSError):
+        probe.bind(("127.0.0.1", port + 10_000))
+        return True
+    return False

@@ -10,6 +10,7 @@ from types import TracebackType
 from typing import Self
 
 from agents.wire.messages import WIRE_VERSION, Accepted, Command, Progress, Refused, Reply, Stop
+from gateway.actions.alertness import Alertness
 from gateway.actions.caller import Caller
 from gateway.actions.commands import command_of
 from gateway.actions.memory import Memory
@@ -56,6 +57,8 @@ class Actions:
         self.waiting = Waiting()
         self.memory = Memory(live, store, self.stop_one, self.waiting.wake)
         self._expiry: asyncio.Task[None] | None = None
+        self._ticking: asyncio.Task[None] | None = None
+        self._alertness = Alertness()
         self._computing = asyncio.Semaphore(1)
         self._planning = 0
         self.commands = Commands()
@@ -64,13 +67,13 @@ class Actions:
     async def __aenter__(self) -> Self:
         await self.memory.__aenter__()
         self._expiry = asyncio.create_task(self._expire_for_ever(), name="expire invocations")
+        self._ticking = asyncio.create_task(self._alertness.tick_for_ever(), name="tick")
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._expiry is not None:
-            await end([self._expiry])
+        await end([task for task in (self._expiry, self._ticking) if task is not None])
         await self.memory.__aexit__(kind, error, trace)
 
     # -- motions ----------------------------------------------------------------------------------------------------
@@ -83,6 +86,8 @@ class Actions:
         the invocation is "unknown" until progress or its deadline settles it.
         """
         robot = motion.robot
+        if self._alertness.was_held_up():
+            raise Busy("The gateway was held up, and this may have been asked for before: ask again.")
         now_ns = time.time_ns()
         invocation = Invocation(
             id=str(uuid.uuid4()),
@@ -127,7 +132,7 @@ class Actions:
         Busy when so many wait that a plan would be too late when its turn came.
         """
         if self._planning >= MOST_PLANS:
-            raise Busy(f"{MOST_PLANS} plans are being made; ask again in a second.")
+            raise Busy(f"{MOST_PLANS} plans are being made; ask again.")
         self._planning += 1
         try:
             async with self._computing:

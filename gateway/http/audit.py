@@ -1,7 +1,7 @@
 """What is noted of requests, and ``/audit`` and its further pages, where who administers the fleet reads it."""
 
 from dataclasses import replace
-from urllib.parse import quote, urlsplit
+from urllib.parse import urlsplit
 
 from pyoxigraph import Literal, NamedNode
 from starlette.requests import HTTPConnection
@@ -85,8 +85,8 @@ def _describe_entry(graph: Graph, base: str, iri: NamedNode, entry: Entry) -> No
     agent = graph.blank(PROV.Agent)
     graph.add(iri, PROV.wasAssociatedWith, agent)
     graph.add(agent, DCTERMS.title, Literal(entry.who))
-    paths = [each for each in (entry.target, entry.result) if each.startswith("/")]  # a target may be anything
-    graph.add(iri, RDFS.seeAlso, *(NamedNode(base + quote(each, safe="/~")) for each in paths))
+    if entry.result:  # no link, nor is the target one: what was made may be gone, and a target may be anything
+        graph.add(iri, DCTERMS.description, Literal(entry.result))
     if entry.robot:
         graph.add(iri, LF.ofRobot, NamedNode(base + robot_path(entry.robot)))
     if entry.outcome:
