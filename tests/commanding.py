@@ -5,6 +5,7 @@ import math
 from collections.abc import Callable, Iterator
 
 import httpx
+import rdflib
 from browser import LDP, LF, ROS, SPATIAL, VOM, Browser, Page
 from rdflib import URIRef
 from running import Process, eventually, process
@@ -113,11 +114,15 @@ def reason(page: Page) -> str:
 
 def state_at(gateway: Gateway, invocation: str) -> URIRef | None:
     """The state of an invocation as this gateway shows it; None while it does not know it."""
-    answer = gateway.get(gateway.here(invocation))
+    url = gateway.here(invocation)
+    answer = gateway.get(url)
     if answer.status_code == 404:
         return None
     assert answer.status_code == 200, answer.text
-    return gateway.browser.page(gateway.here(invocation)).one(LF.state)
+    # Of this answer: it may be deleted before the next.
+    state = rdflib.Graph().parse(data=answer.text, format="turtle", publicID=url).value(URIRef(url), LF.state)
+    assert isinstance(state, URIRef)
+    return state
 
 
 def invocations(browser: Browser, action: str) -> list[str]:
