@@ -15,23 +15,29 @@ export class Picker {
     on(canvas, "pointerdown", (event) => (this.down = event));
     on(canvas, "pointerup", (event) => this.up(event));
     on(canvas, "auxclick", (event) => event.button === 1 && this.go(event, true));
-    on(canvas, "pointerleave", (event) => event.pointerType !== "touch" && !label.contains(event.relatedTarget) && this.point(undefined));
-    on(label, "pointerleave", (event) => event.pointerType !== "touch" && event.relatedTarget !== canvas && this.point(undefined));
+    on(canvas, "pointerleave", (event) => event.pointerType !== "touch" && !label.contains(event.relatedTarget) && this.leave());
+    on(label, "pointerleave", (event) => event.pointerType !== "touch" && event.relatedTarget !== canvas && this.leave());
     on(canvas, "keydown", (event) => event.key === "Escape" && this.point(undefined));
   }
 
-  /** The parts that there are from now on. */
+  /** The parts that there are from now on, one of which may be under a pointer that does not move. */
   set(parts) {
     this.point(undefined);
     this.parts = parts;
     this.meshes = parts.flatMap((part) => part.meshes);
+    if (this.latest) this.soon(this.latest);
+  }
+
+  leave() {
+    this.latest = undefined;
+    this.point(undefined);
   }
 
   soon(event) {
     this.latest = event;
     this.asked ||= requestAnimationFrame(() => {
       this.asked = undefined;
-      this.point(this.at(this.latest), this.latest);
+      if (this.latest) this.point(this.at(this.latest), this.latest);
     });
   }
 

@@ -151,6 +151,9 @@ export class View {
     this.camera.position.copy(ball.center).addScaledVector(FROM, distance);
     Object.assign(this.camera, { near: distance / 100, far: distance * 20 }).updateProjectionMatrix();
     this.floorAt(Math.abs(box.min.z) < 0.1 * ball.radius ? 0 : Math.min(0, box.min.z), ball);
+    // What is under the pointer is asked of the camera, and may be before the next drawing.
+    this.controls.update();
+    this.camera.updateMatrixWorld();
     this.invalidate(true);
   }
 

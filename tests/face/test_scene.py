@@ -143,6 +143,29 @@ def test_a_robot_that_walks_is_drawn_where_it_stands(page: Page, watched: object
         assert _drawn(page, links)["links"]["base"][2] > 0.2
 
 
+def test_what_is_under_a_place_is_known_before_the_next_drawing(
+    page: Page, watched: object, ur5: tuple[Browser, Process]
+) -> None:
+    _show(page, ur5[0].robot("ur5").url)
+    before, after = page.evaluate(
+        """async () => {
+            const { scene } = document.getElementById("scene");
+            const drawn = () => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
+            const { left, top, width, height } = document.querySelector("#scene canvas").getBoundingClientRect();
+            const places = Array.from({ length: 400 }, (_, i) => [(i % 20) / 20, Math.floor(i / 20) / 20]);
+            const look = () => places.map(([x, y]) => scene.linkAt(left + x * width, top + y * height) ?? "");
+            scene.view.turn(1, 0);
+            await drawn();
+            scene.view.fit();
+            const before = look();
+            await drawn();
+            return [before, look()];
+        }"""
+    )
+    assert any(after)
+    assert before == after
+
+
 def test_a_part_says_what_it_is_and_a_click_goes_to_its_page(
     page: Page, watched: object, ur5: tuple[Browser, Process]
 ) -> None:
