@@ -17,6 +17,7 @@ from gateway.fleet.invocations import Invocation, Invocations
 from gateway.graph.invocation import invocation_path, invocations_path
 from gateway.graph.paths import joint_path, robot_path
 from gateway.graph.tree import EMPTY, Shelf, Tree
+from gateway.graph.wing import FleetWing, RobotWing, Wings
 from gateway.identity.rights import ALL, View
 from gateway.link import FleetLink
 from gateway.meshes import Meshes
@@ -40,6 +41,7 @@ class Live:
         self.invocations = Invocations()
         self.fan_out = FanOut(self.tree)
         self.fleet.frames.watched = self.fan_out.watched
+        self._wings = Wings()
         self._judged = 0
         self._heard = asyncio.Event()
         # Who carries out actions hears of robots that are lost, and of the progress that robots report.
@@ -102,7 +104,13 @@ class Live:
 
     def tree(self, base: str, sees: View = ALL, shelf: Shelf = EMPTY) -> Tree:
         """The resource tree as it is now to who ``sees`` it, under one base URL; ``shelf``: subscriptions to show."""
-        return Tree(self.fleet, self.invocations, base, shelf, sees)
+        return Tree(self.fleet, self.invocations, base, shelf, sees, self._wings)
+
+    def add(self, *wings: FleetWing | RobotWing) -> None:
+        """Have the tree show more than the fleet itself, from now on."""
+        of_fleet = tuple(each for each in wings if isinstance(each, FleetWing))
+        of_robots = tuple(each for each in wings if isinstance(each, RobotWing))
+        self._wings = Wings(self._wings.of_fleet + of_fleet, self._wings.of_robots + of_robots)
 
     async def halt(self, robots: Collection[str] | None, stop: Stop, timeout_s: float) -> dict[str, Reply]:
         """Stop robots, and wait until they are seen as they are after it: what is asked of them then is no longer late.

@@ -1,4 +1,4 @@
-"""Settings of the gateway: environment variables, each also a flag, read once (ARCHITECTURE.md, "Settings")."""
+"""Settings of the gateway: environment variables, each also a flag, read once (docs/SETTINGS.md)."""
 
 import argparse
 import re

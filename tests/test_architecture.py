@@ -1,4 +1,4 @@
-"""ARCHITECTURE.md is true: what it names exists, and its settings are those of the code."""
+"""ARCHITECTURE.md is true: what it names exists, and the settings that the docs name are those of the code."""
 
 import dataclasses
 import importlib
@@ -16,6 +16,7 @@ from gateway.settings import GatewaySettings
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "ARCHITECTURE.md").read_text()
+SETTINGS_PAGE = (ROOT / "docs/SETTINGS.md").read_text()
 PAGES = (
     "README.md",
     "ARCHITECTURE.md",
@@ -30,13 +31,14 @@ PAGES = (
     "client/CONFORMANCE.md",
     "docs/FUZZING.md",
     "docs/BINARY.md",
+    "docs/SETTINGS.md",
 )
 FOLDERS = {path.name for path in ROOT.iterdir() if path.is_dir()}
 
 
 def settings_table() -> set[tuple[str, str, str, str]]:
     """(process, variable, flag, default) of each row."""
-    rows = re.findall(r"^\| (gateway|agents) \| (.*) \| (.*) \| (.*?) ?\| .* \|$", PAGE, re.M)
+    rows = re.findall(r"^\| (gateway|agents) \| (.*) \| (.*) \| (.*?) ?\| .* \|$", SETTINGS_PAGE, re.M)
     return {(process, *(cell.strip("`") for cell in cells)) for process, *cells in rows}  # type: ignore[misc]
 
 

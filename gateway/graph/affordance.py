@@ -4,7 +4,7 @@
 """
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Protocol
 
 from gateway.actions.offer import Offer
 from gateway.fleet.invocations import Invocation
@@ -12,6 +12,19 @@ from gateway.fleet.robot import Robot
 from gateway.graph.setting import Setting
 from gateway.identity.rights import Right
 from gateway.subscriptions.subscription import Record
+
+
+class Affordance(Protocol):
+    """What all of them tell. A wing of the tree brings its own, and what carries it out."""
+
+    @property
+    def methods(self) -> tuple[str, ...]: ...
+
+    @property
+    def takes_body(self) -> bool: ...
+
+    @property
+    def needs(self) -> tuple[Right, ...]: ...
 
 
 @dataclass(frozen=True)
@@ -105,8 +118,3 @@ class ResumeSubscription:
     methods: ClassVar[tuple[str, ...]] = ("POST",)
     takes_body: ClassVar[bool] = False
     needs: ClassVar[tuple[Right, ...]] = (Right.SUBSCRIBE, Right.ADMIN)
-
-
-Affordance = (
-    Invoke | EndInvocation | PutSetting | PutTarget | Control | Subscribe | CancelSubscription | ResumeSubscription
-)

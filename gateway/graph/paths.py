@@ -7,12 +7,12 @@ from gateway.fleet.model import RobotModel
 
 AUDIT = "/audit"
 RESERVED_AT_ROOT = frozenset(
-    {"actions", "assets", AUDIT[1:], "blueprint", "context", "health", "invocations", "linkset", "login", "logout"}
-    | {"metrics", "query", "rules", "scene", "subscriptions", "vocabulary"}
+    {".well-known", "actions", "assets", AUDIT[1:], "blueprint", "context", "health", "invocations", "linkset", "login"}
+    | {"logout", "metrics", "query", "rules", "scene", "subscriptions", "things", "vocabulary", "world"}
 )
 RESERVED_IN_ROBOT = frozenset(
-    {"actions", "annotations", "blueprint", "invocations", "jointState", "lease"}
-    | {"linkset", "maximumSpeedScale", "meshes", "model", "pose", "subscriptions", "title", "twist"}
+    {"actions", "annotations", "blueprint", "cameras", "history", "invocations", "jointState", "lease", "linkset"}
+    | {"maximumSpeedScale", "meshes", "model", "placement", "pose", "subscriptions", "title", "twist"}
 )
 _LINK_MARK = "~link"  # no escape: "~l" is no hexadecimal digit, so the mark cannot be part of a name
 

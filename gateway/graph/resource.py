@@ -22,7 +22,7 @@ CONTAINER = (LDP.Resource, LDP.BasicContainer)
 
 @dataclass(frozen=True)
 class Remote:
-    """A representation that ``robot`` has to be asked for; the rest is known without asking."""
+    """A mesh that ``robot`` has to be asked for; the rest is known without asking."""
 
     robot: Robot
     mesh: Mesh
@@ -32,8 +32,9 @@ class Remote:
 class Resource:
     """One resource; ``describe`` adds its triples, ``documents`` are its other representations by media type.
 
-    ``remote``: the one representation there is, where others have it. ``affords`` says what can be done to it besides
-    reading; ``immutable``: what is at this path is never anything else.
+    ``remote``: what has to be asked for at each GET, where that is not known here, or depends on the request; by its
+    type ``gateway/http/endpoint.py`` finds who answers. ``affords`` says what can be done to it besides reading;
+    ``immutable``: what is at this path is never anything else.
     """
 
     path: str
@@ -45,7 +46,7 @@ class Resource:
     parts: tuple[str, ...] = ()
     affords: Affordance | None = None
     documents: Mapping[str, Callable[[], bytes]] = field(default_factory=dict)
-    remote: Remote | None = None
+    remote: object | None = None
     linkset_of: "Resource | None" = None
     has_linkset: bool = False
     layout: str | None = None

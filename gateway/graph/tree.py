@@ -43,10 +43,10 @@ from gateway.graph.resource import CONTAINER, Redirect, Resource, blueprint_of
 from gateway.graph.settable import affordance, describe_target_blueprint
 from gateway.graph.subscription_tree import in_subscriptions
 from gateway.graph.vocab import LDP, LF
+from gateway.graph.wing import NONE, Found, Sight, Wings
 from gateway.identity.rights import ALL, View
 from gateway.subscriptions.subscription import Record
 
-Found = Resource | Redirect | None
 Shelf = Mapping[str, Sequence[Record]]
 """Subscriptions by the path of their owner, as far as somebody has fetched them."""
 EMPTY: Shelf = MappingProxyType({})
@@ -57,13 +57,21 @@ class Tree:
     """Resolves paths against what ``sees`` shows of the live fleet, for descriptions under one base URL."""
 
     def __init__(
-        self, fleet: Fleet, invocations: Invocations, base: str, shelf: Shelf = EMPTY, sees: View = ALL
+        self,
+        fleet: Fleet,
+        invocations: Invocations,
+        base: str,
+        shelf: Shelf = EMPTY,
+        sees: View = ALL,
+        wings: Wings = NONE,
     ) -> None:
         self._robots: Mapping[str, Robot] = fleet.robots if sees.all else RobotsInView(fleet.robots, sees)
         self._invocations = InvocationsInView(invocations, sees)
         self._shelf = shelf
         self._say = Describer(base)
         self._base = base
+        self._wings = wings
+        self._sight = Sight(base, self._robots, self._invocations, sees)
 
     def resolve(self, path: str) -> Found:
         """The resource at ``path`` (percent-decoded, starting with a slash), its other spelling, or None."""
@@ -78,6 +86,8 @@ class Tree:
             return asset(rest)
         if head == "subscriptions":
             return self._of_thing(self._fleet_resource(), [head, *rest], ())
+        if (wing := self._wings.at_root(head)) is not None:
+            return wing.resolve(self._sight, rest)
         if head == "actions" and rest:
             return in_actions(fleet_offers(), rest, self._invocations, Source(), self._base)
         try:
@@ -102,13 +112,16 @@ class Tree:
         return Resource(
             "/",
             "Linked Fleet",
-            lambda graph: self._say.fleet(self._robots, graph),
+            lambda graph: self._say.fleet(self._robots, self._wings.linked(), graph),
             CONTAINER,
             # When a robot was last seen is what each gateway saw for itself.
             Source(
                 self._members, digest=lambda: [(*named, here, fault) for *named, (here, _, fault) in self._members()]
             ),
-            own=("/subscriptions", "/blueprint", *(each.path for each in fleet_offers()), "/vocabulary", "/context"),
+            own=(
+                *("/subscriptions", "/blueprint", *(each.path for each in fleet_offers()), "/vocabulary", "/context"),
+                *(path for _, path in self._wings.linked()),
+            ),
             parts=robots,
             has_linkset=True,
         )
@@ -131,6 +144,8 @@ class Tree:
             if rest == [""] or rest[0] in _OF_THINGS:
                 thing = self._robot_resource(robot)
                 return thing if rest == [""] else self._of_thing(thing, rest, (LF.RobotShape,))
+            if (wing := self._wings.in_robot(robot, rest[0])) is not None:
+                return wing.resolve(self._sight, robot, rest[1:])
             own = self._of_robot(robot, rest) or in_geometry(robot, rest, self._base)
             return own or self._property(robot, robot_path(robot.name), self._say.robot_properties(robot), rest)
         if robot.model is None:
@@ -168,10 +183,12 @@ class Tree:
         properties = self._say.robot_properties(robot) if robot.model else []
         actions = (*(each.path for each in robot_offers(robot)), lease_path(robot.name))
         actions += (model_path(robot.name),) if robot.model else ()
+        wings = self._wings.linked_from(robot, path)
+        actions += tuple(found for _, found in wings)
         return Resource(
             path,
             robot.name,
-            lambda graph: self._say.robot(robot, self._tasks(robot), graph),
+            lambda graph: self._say.robot(robot, self._tasks(robot), wings, graph),
             source=_thing(robot, properties, lambda: self._tasks(robot)),
             own=_own(path, properties, actions),
             parts=tuple(part_paths(robot)),

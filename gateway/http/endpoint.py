@@ -28,8 +28,9 @@ from gateway.graph.affordance import (
 from gateway.graph.paths import owner_path, robot_of
 from gateway.graph.resource import Redirect, Remote, Resource
 from gateway.graph.subscription import container_path
-from gateway.graph.tree import EMPTY, Found, Shelf
+from gateway.graph.tree import EMPTY, Shelf
 from gateway.graph.vocab import PREFIXES
+from gateway.graph.wing import Found
 from gateway.http.audit import NEEDS as AUDIT_NEEDS
 from gateway.http.audit import audit_resource, is_audit, note, with_audit
 from gateway.http.body import BODY_TYPES
@@ -128,7 +129,9 @@ async def _answer(request: Request, base: str) -> ASGIApp:
     if request.method == "OPTIONS":
         return Response(status_code=204, headers=_options(found, allow))
     if found.remote is not None:
-        return await _read_remote(request, found, found.remote, base)
+        if request.method in _READ:
+            return await _READERS[type(found.remote)](request, found, found.remote, base)
+        return await _write(request, found, base)
     check_preconditions(request, found, base)
     if request.method not in _READ:
         return await _write(request, found, base)
@@ -244,7 +247,7 @@ def _read(request: Request, resource: Resource, base: str) -> Response:
     return Response(representation.body, headers=headers)
 
 
-async def _read_remote(request: Request, resource: Resource, remote: Remote, base: str) -> Response:
+async def _read_mesh(request: Request, resource: Resource, remote: Remote, base: str) -> Response:
     """Only who gets the bytes has the robot asked for them: size and digest are known."""
     mesh = remote.mesh
     etag = f'"{mesh.sha256}"'
@@ -259,6 +262,9 @@ async def _read_remote(request: Request, resource: Resource, remote: Remote, bas
     live: Live = request.app.state.live
     content = b"" if request.method == "HEAD" else await live.meshes.get(remote.robot, mesh)
     return Response(content, headers=headers)
+
+
+_READERS: dict[type, Callable[[Request, Resource, Any, str], Awaitable[Response]]] = {Remote: _read_mesh}
 
 
 def _headers(resource: Resource, base: str, etag: str) -> dict[str, str]:
