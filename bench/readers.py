@@ -1,8 +1,8 @@
 """Many subscribers in one light process, which counts messages and does nothing else with them.
 
-``python readers.py PORT ws|sse COUNT PATH,…``: subscribes to all paths in turn and says ``ready`` when each subscriber
-has its first message; to each line on its standard input it answers with one line of JSON: what has come since the last
-one.
+``python readers.py PORT ws|sse|zenoh COUNT PATH,…``: subscribes to all paths in turn and says ``ready`` when each
+subscriber has its first message; to each line on its standard input it answers with one line of JSON: what has come
+since the last one.
 """
 
 import json
@@ -21,6 +21,7 @@ SAMPLED = 20
 """Of all subscribers, spread evenly, the latency is looked at."""
 KEY = b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n"
 ASKS = {
+    "zenoh": b"Connection: Upgrade\r\nUpgrade: websocket\r\n" + KEY,
     "ws": b"Connection: Upgrade\r\nUpgrade: websocket\r\n" + KEY,
     "sse": b"Accept: text/event-stream\r\n",
 }
@@ -56,12 +57,23 @@ def opened(port: int, ask: bytes, path: str, sampled: bool) -> Reader:
     return Reader(sock, sampled)
 
 
+def subscribe(sock: socket.socket, key: bytes) -> None:
+    """Subscribe to a key by the messages of Zenoh's remote API: open a session, and a subscriber in it."""
+    while not sock.recv(1 << 16).endswith(b"\r\n\r\n"):
+        pass
+    for message in (b"\x99" + bytes(4), b"\x82\x01" + bytes(7) + bytes([len(key)]) + key + b"\x02"):
+        sock.sendall(bytes([0x82, 0x80 | len(message)]) + bytes(4) + message)  # masked with zeros
+
+
 class Crowd:
     def __init__(self, port: int, how: str, count: int, paths: list[str]) -> None:
         every = max(1, count // SAMPLED)
         self.readers = [
             opened(port, ASKS[how], paths[number % len(paths)], number % every == 0) for number in range(count)
         ]
+        if how == "zenoh":
+            for reader in self.readers:
+                subscribe(reader.sock, paths[0][1:].encode())
         self.bytes = 0
         self._of = {reader.sock.fileno(): reader for reader in self.readers}
         self._epoll = select.epoll()
