@@ -3,6 +3,7 @@
 import contextlib
 import os
 import signal
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -16,6 +17,10 @@ from xdist.scheduler.loadscope import LoadScopeScheduling
 # How long an example takes says nothing on a machine that does other things too. Where runs must agree, they do.
 hypothesis.settings.register_profile("ours", deadline=None, derandomize="CI" in os.environ)
 hypothesis.settings.load_profile("ours")
+
+# Compiled once, and not again by each of hundreds of processes, whatever an image has set for its one.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 # A shell lets what it runs in the background ignore Ctrl-C, and whatever is started there inherits that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
