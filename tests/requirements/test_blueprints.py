@@ -83,7 +83,7 @@ def moving(tree: Walk, browser: Browser) -> Iterator[Walk]:
         leases[lease] = {"lock-token": answer.headers["lock-token"]}
         begun(put(browser, _slow(tree, robot), _away(browser, _slow(tree, robot)), **leases[lease]))
     try:
-        yield walk(browser.root, browser.http)
+        yield walk(browser.root, browser.http, before=tree)
     finally:
         begun(post(browser, browser.action(browser.page(browser.root), LF.StopAll)))
         for lease, fields in leases.items():
