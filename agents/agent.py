@@ -67,7 +67,8 @@ class Agent:
         self._names = tuple(self._joints)
         sways = tuple(sways)
         for sway in sways:
-            if sway.joint not in self._joints or self._joints[sway.joint].mimics is not None:
+            joint = self._joints.get(sway.joint)
+            if joint is None or joint.mimics is not None or joint.passive:
                 raise ValueError(f"{name} has no joint {sway.joint!r} that takes commands")
         self._motions = Motions(self._joints, sways)
         self._monotonic_ns, self._wall_ns = monotonic_ns, wall_ns

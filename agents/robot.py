@@ -32,7 +32,8 @@ class Limits:
 class JointFacts:
     """One movable joint of one degree of freedom; ``mimics`` names the joint that it follows, if any.
 
-    A ``continuous`` joint turns endlessly: positions a whole turn apart are the same place.
+    A ``continuous`` joint turns endlessly: positions a whole turn apart are the same place. A ``passive`` one is
+    measured, but nothing drives it that could be told to.
     """
 
     name: str
@@ -40,6 +41,7 @@ class JointFacts:
     limits: Limits = Limits()
     mimics: str | None = None
     continuous: bool = False
+    passive: bool = False
 
 
 @dataclass(frozen=True)

@@ -193,6 +193,8 @@ def _wrong_joint(name: str, joints: Mapping[str, JointFacts]) -> _Problem:
         return _unknown(name, joints)
     if joint.mimics is not None:
         return "unknown-joint", f"{name!r} follows {joint.mimics!r} and takes no command; move that joint"
+    if joint.passive:
+        return "unknown-joint", f"{name!r} takes no command: it has no drive that could be told to"
     return None
 
 

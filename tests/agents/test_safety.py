@@ -15,6 +15,7 @@ JOINTS = {
         JointFacts("arm", limits=Limits(-1.0, 2.0, 1.0, 5.0)),
         JointFacts("wheel", continuous=True),
         JointFacts("finger", linear=True, limits=Limits(0.0, 0.04), mimics="thumb"),
+        JointFacts("caster", continuous=True, passive=True),
     )
 }
 
@@ -66,6 +67,7 @@ def _follow(
         (_command({"arm": 0.0}, command_id="old"), "repeated", "old"),
         (_command({"leg": 0.0}), "unknown-joint", "arm, wheel"),
         (_command({"finger": 0.0}), "unknown-joint", "thumb"),
+        (_command({"caster": 0.0}), "unknown-joint", "no drive"),
         (_command({"arm": 2.1}), "limits", "upper limit 2 rad"),
         (_command({"wheel": 0.0, "arm": -1.1}), "limits", "lower limit -1 rad"),
         (_command({"wheel": math.nan}), "limits", "finite"),
