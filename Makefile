@@ -125,7 +125,7 @@ $(ASSETS): face/package.json face/build face/build.mjs $(wildcard face/src/*) | 
 .venv/stamp: pyproject.toml constraints.txt
 	@echo "Making .venv: the gateway, the simulation and the tools. The first time takes a minute or two."
 	@$(call make_venv,.venv)
-	@$(BIN)/python -m pip install -q -e '.[gateway,sim,client,tracing,dev,bench]'
+	@$(BIN)/python -m pip install -q -e '.[gateway,sim,ros,client,tracing,dev,bench]'
 	@touch $@
 
 # The base install alone, as on a robot: it must be enough to import the agent.

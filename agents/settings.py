@@ -38,7 +38,12 @@ SETTINGS = (
     Setting("LINKED_FLEET_ZENOH_CERT", "", "certificate by which the others know this process"),
     Setting("LINKED_FLEET_ZENOH_KEY", "", "its private key"),
     Setting("LINKED_FLEET_ALLOW", "", "plain-zenoh: listen beyond loopback although anybody may then move the robots"),
-    Setting("LINKED_FLEET_ROBOT", "", "robots, comma-separated: NAME, NAME=MODEL or NAME=FILE.urdf[:floating]", True),
+    Setting(
+        "LINKED_FLEET_ROBOT",
+        "",
+        "robots, comma-separated: NAME, NAME=MODEL, NAME=FILE.urdf[:floating] or NAME=ros2:ENDPOINT[?OPTIONS]",
+        True,
+    ),
     Setting("LINKED_FLEET_SWAY", "", "demonstration, comma-separated: ROBOT:JOINT goes to and fro", True),
     Setting("LINKED_FLEET_RATE_HZ", "100", "state frames per second and robot"),
     Setting("LINKED_FLEET_LEASE_MS", "2000", "silence after which an agent counts as gone, in milliseconds"),

@@ -32,6 +32,7 @@ PAGES = (
     "docs/FUZZING.md",
     "docs/BINARY.md",
     "docs/SETTINGS.md",
+    "docs/ROS2.md",
 )
 FOLDERS = {path.name for path in ROOT.iterdir() if path.is_dir()}
 

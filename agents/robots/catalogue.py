@@ -1,4 +1,7 @@
-"""The robots that can be had by name, and any URDF file by its path. Does not import MuJoCo before it is asked to."""
+"""The robots that can be had by name, any URDF file by its path, and any of ROS 2 by where it is.
+
+Does not import MuJoCo or what ROS 2 needs before it is asked to.
+"""
 
 import sysconfig
 from collections.abc import Mapping, Sequence
@@ -7,6 +10,7 @@ from pathlib import Path
 
 from agents.meshes import drawn
 from agents.robot import Facts, JointFacts, Robot
+from agents.robots.ros2.address import SCHEME, AddressError, parse_address
 from agents.urdf import UrdfError, joints_of
 from agents.wire.names import escape
 
@@ -132,11 +136,13 @@ MODELS: Mapping[str, Model] = {
 
 
 def load(name: str, source: str, floating: bool = False) -> Robot:
-    """Make the robot ``name`` from ``source``: a catalogue name or the path of a URDF file.
+    """Make the robot ``name`` from ``source``: a catalogue name, the path of a URDF file, or ``ros2:`` and where it is.
 
-    ``floating`` frees the base of a file. Raises UnavailableError when the file, the package or MuJoCo is missing or
-    the file cannot be simulated.
+    ``floating`` frees the base of a file. Raises UnavailableError when the file, the package or MuJoCo is missing, the
+    file cannot be simulated, or the robot does not answer.
     """
+    if source.startswith(SCHEME):
+        return _find(name, source, floating)
     model = MODELS.get(source)
     if model is not None:
         return _simulate(name, model, data_folder() / model.file)
@@ -172,6 +178,22 @@ def poses_of(model: Model, joints: Sequence[JointFacts]) -> dict[str, dict[str, 
     home = {"home": {name: model.home.get(name, 0.0) for name in commanded}} if model.home else {}
     poses = {**home, **model.poses}
     return {title: {name: commanded[name].clamp(at) for name, at in pose.items()} for title, pose in poses.items()}
+
+
+def _find(name: str, source: str, floating: bool) -> Robot:
+    if floating:
+        raise UnavailableError(f"{name}: joint states say nothing of a floating base; leave it out")
+    try:
+        address = parse_address(source)
+        from agents.robots.ros2.robot import Ros2Robot
+    except ImportError as error:
+        raise UnavailableError(f"robots of ROS 2 need rosbags ({error}): pip install 'linked-fleet[ros]'") from error
+    except AddressError as error:
+        raise UnavailableError(f"{name}: {error}") from error
+    try:
+        return Ros2Robot.find(name, address)
+    except (AddressError, ConnectionError, TimeoutError) as error:
+        raise UnavailableError(f"{name}: {error}") from error
 
 
 def _simulate(name: str, model: Model, path: Path) -> Robot:

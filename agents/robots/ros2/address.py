@@ -1,0 +1,133 @@
+"""Where a ROS 2 robot is, as ``--robot NAME=ros2:ENDPOINT?OPTIONS`` says it. Pure."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from urllib.parse import parse_qsl
+
+SCHEME = "ros2:"
+_ENDPOINT = re.compile(r"(tcp|tls|quic|udp|ws|unixsock-stream)/[^\s?]+")
+# Names of topics and namespaces (ROS 2 design, "Topic and Service name mapping"): no segment begins with a digit.
+_RELATIVE = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
+_LONGEST_NAME = 255
+MAX_DOMAIN = 232
+SHORTEST_STALE_S, LONGEST_STALE_S = 0.05, 10.0
+
+
+class AddressError(ValueError):
+    """The text names no ROS 2 robot; the message says what would have been right."""
+
+
+@dataclass(frozen=True)
+class Commanded:
+    """A controller: the topic on which it takes trajectories, and its joints; none named are all of the robot."""
+
+    topic: str
+    joints: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Address:
+    """A Zenoh endpoint of the ROS 2 side, and the topics of one robot there, by their full names.
+
+    After ``stale_s`` without joint states the robot cannot be measured.
+    """
+
+    endpoint: str
+    domain: int = 0
+    states: str = "/joint_states"
+    description: str = "/robot_description"
+    controllers: tuple[Commanded, ...] = (Commanded("/joint_trajectory_controller/joint_trajectory"),)
+    stale_s: float = 0.5
+
+
+def parse_address(text: str) -> Address:
+    """Read ``ros2:ENDPOINT?domain=0&namespace=/arm&…``; AddressError for everything that is not exactly that.
+
+    Topics that do not begin with a slash are in the namespace. ``commands=TOPIC:JOINT;JOINT`` may be there for each of
+    several controllers.
+    """
+    endpoint, separator, query = text.removeprefix(SCHEME).partition("?")
+    if not text.startswith(SCHEME) or not _ENDPOINT.fullmatch(endpoint):
+        raise AddressError(f"{text!r} is not ros2:ENDPOINT with a Zenoh endpoint such as tcp/192.0.2.1:7447")
+    given = _options(query) if separator else {}
+    namespace = _namespace(_one(given, "namespace", "/"))
+    commands = given.pop("commands", ["joint_trajectory_controller/joint_trajectory"])
+    address = Address(
+        endpoint=endpoint,
+        domain=_domain(_one(given, "domain", "0")),
+        states=_topic(_one(given, "states", "joint_states"), namespace),
+        description=_topic(_one(given, "description", "robot_description"), namespace),
+        controllers=_controllers(commands, namespace),
+        stale_s=_stale(_one(given, "stale", "0.5")),
+    )
+    if given:
+        known = "domain, namespace, states, description, commands and stale"
+        raise AddressError(f"{next(iter(given))!r} is no option of a ROS 2 robot; there are {known}")
+    return address
+
+
+def _options(query: str) -> dict[str, list[str]]:
+    try:
+        pairs = parse_qsl(query, keep_blank_values=True, strict_parsing=True, max_num_fields=64, errors="strict")
+    except ValueError as error:
+        raise AddressError(f"{query!r} is not OPTION=VALUE&OPTION=VALUE: {error}") from error
+    if not pairs:
+        raise AddressError("nothing follows the question mark, which is to be OPTION=VALUE&OPTION=VALUE")
+    options: dict[str, list[str]] = {}
+    for name, value in pairs:
+        options.setdefault(name, []).append(value)
+    return options
+
+
+def _one(given: dict[str, list[str]], name: str, default: str) -> str:
+    values = given.pop(name, [default])
+    if len(values) > 1:
+        raise AddressError(f"{name!r} is there {len(values)} times")
+    return values[0]
+
+
+def _domain(text: str) -> int:
+    if not re.fullmatch(r"[0-9]{1,3}", text) or int(text) > MAX_DOMAIN:
+        raise AddressError(f"domain={text!r} is no number from 0 to {MAX_DOMAIN}")
+    return int(text)
+
+
+def _stale(text: str) -> float:
+    least, most = SHORTEST_STALE_S, LONGEST_STALE_S
+    if not re.fullmatch(r"[0-9]{1,2}(\.[0-9]{1,6})?", text) or not least <= float(text) <= most:
+        raise AddressError(f"stale={text!r} is no number of seconds from {least:g} to {most:g}")
+    return float(text)
+
+
+def _namespace(text: str) -> str:
+    """Empty for the root, else with a slash before and none behind."""
+    if text != "/" and not (text.startswith("/") and _RELATIVE.fullmatch(text[1:])):
+        raise AddressError(f"namespace={text!r} is no ROS namespace such as /arm")
+    return text.rstrip("/")
+
+
+def _topic(text: str, namespace: str) -> str:
+    full = text if text.startswith("/") else f"{namespace}/{text}"
+    if len(full) > _LONGEST_NAME or not _RELATIVE.fullmatch(full[1:]):
+        raise AddressError(f"{text!r} is no name of a ROS topic such as joint_states or /arm/joint_states")
+    return full
+
+
+def _controllers(values: Sequence[str], namespace: str) -> tuple[Commanded, ...]:
+    found = tuple(_controller(value, namespace) for value in values)
+    topics = [controller.topic for controller in found]
+    joints = [joint for controller in found for joint in controller.joints]
+    if len(set(topics)) < len(topics) or len(set(joints)) < len(joints):
+        raise AddressError("commands: each topic and each joint may be there once")
+    if len(found) > 1 and not all(controller.joints for controller in found):
+        raise AddressError("commands: where there are several, each names its joints, as in TOPIC:JOINT;JOINT")
+    return found
+
+
+def _controller(value: str, namespace: str) -> Commanded:
+    topic, separator, joints = value.partition(":")
+    names = tuple(joints.split(";")) if separator else ()
+    if not all(names):
+        raise AddressError(f"commands={value!r} is not TOPIC or TOPIC:JOINT;JOINT")
+    return Commanded(_topic(topic, namespace), names)

@@ -1,0 +1,72 @@
+"""Where a ROS 2 robot is, as a setting says it."""
+
+import pytest
+
+from agents.robots.ros2.address import Address, AddressError, Commanded, parse_address
+
+AT = "ros2:tcp/192.0.2.1:7447"
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ("", Address("tcp/192.0.2.1:7447")),
+        (
+            "?domain=42&namespace=/left/arm&stale=1.5",
+            Address(
+                "tcp/192.0.2.1:7447",
+                42,
+                "/left/arm/joint_states",
+                "/left/arm/robot_description",
+                (Commanded("/left/arm/joint_trajectory_controller/joint_trajectory"),),
+                1.5,
+            ),
+        ),
+        (
+            "?namespace=/a&states=/joint_states&commands=c/joint_trajectory:j%201;k&commands=/d/t:l",
+            Address(
+                "tcp/192.0.2.1:7447",
+                states="/joint_states",
+                description="/a/robot_description",
+                controllers=(Commanded("/a/c/joint_trajectory", ("j 1", "k")), Commanded("/d/t", ("l",))),
+            ),
+        ),
+    ],
+)
+def test_what_is_one(options: str, expected: Address) -> None:
+    assert parse_address(AT + options) == expected
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("ros2:", "ros2:ENDPOINT"),
+        ("ros2:192.0.2.1:7447", "ros2:ENDPOINT"),
+        ("ros2:file/x", "ros2:ENDPOINT"),
+        (f"{AT}?", "OPTION=VALUE"),
+        (f"{AT}?domain", "OPTION=VALUE"),
+        (f"{AT}?" + "&".join(["stale=1"] * 65), "OPTION=VALUE"),
+        (f"{AT}?domain=%ff", "OPTION=VALUE"),
+        (f"{AT}?domain=233", "from 0 to 232"),
+        (f"{AT}?domain=-1", "from 0 to 232"),
+        (f"{AT}?domain=1&domain=2", "'domain' is there 2 times"),
+        (f"{AT}?Domain=1", "'Domain' is no option"),
+        (f"{AT}?namespace=arm", "no ROS namespace"),
+        (f"{AT}?namespace=/arm/", "no ROS namespace"),
+        (f"{AT}?states=", "no name of a ROS topic"),
+        (f"{AT}?states=/1", "no name of a ROS topic"),
+        (f"{AT}?states=a/**", "no name of a ROS topic"),
+        (f"{AT}?states={'a' * 300}", "no name of a ROS topic"),
+        (f"{AT}?stale=0", "from 0.05 to 10"),
+        (f"{AT}?stale=nan", "from 0.05 to 10"),
+        (f"{AT}?commands=", "no name of a ROS topic"),
+        (f"{AT}?commands=a:", "TOPIC:JOINT;JOINT"),
+        (f"{AT}?commands=a:j;", "TOPIC:JOINT;JOINT"),
+        (f"{AT}?commands=a:j&commands=b", "where there are several"),
+        (f"{AT}?commands=a:j&commands=b:j", "may be there once"),
+        (f"{AT}?commands=a:j&commands=a:k", "may be there once"),
+    ],
+)
+def test_what_is_none_is_refused_with_what_would_be_right(text: str, named: str) -> None:
+    with pytest.raises(AddressError, match=named):
+        parse_address(text)

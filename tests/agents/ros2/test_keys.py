@@ -1,0 +1,31 @@
+"""The names that rmw_zenoh gives to topics, nodes and their ends, against its docs/design.md."""
+
+from zenoh import ext
+
+from agents.robots.ros2 import keys
+from agents.robots.ros2.keys import Node, Topic
+
+HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
+
+
+def test_the_key_of_a_topic() -> None:
+    plain = Topic(0, "/chatter", "std_msgs/msg/String", HASH)
+    assert plain.key == f"0/chatter/std_msgs::msg::dds_::String_/{HASH}"
+    spaced = Topic(2, "/robot1/chatter", "std_msgs/msg/String", HASH)
+    assert spaced.key == f"2/robot1/chatter/std_msgs::msg::dds_::String_/{HASH}"
+
+
+def test_the_tokens_of_a_node_and_of_what_it_has() -> None:
+    node = Node(2, "aac3178e146ba6f1fc6e6a4085e77f21", "listener")
+    assert node.token == "@ros2_lv/2/aac3178e146ba6f1fc6e6a4085e77f21/0/0/NN/%/%/listener"
+    token = node.token_of(10, "MS", Topic(2, "/robot1/chatter", "std_msgs/msg/String", HASH), keys.LATCHED)
+    assert token == (
+        "@ros2_lv/2/aac3178e146ba6f1fc6e6a4085e77f21/0/10/MS/%/%/listener/%robot1%chatter/"
+        f"std_msgs::msg::dds_::String_/{HASH}/:1:,1:,:,:,,"
+    )
+
+
+def test_the_attachment_is_what_zenoh_serialises() -> None:
+    """Number, time and identifier by zenoh's serialiser, with which rmw_zenoh reads and writes them."""
+    gid = bytes(range(16))
+    assert keys.attachment(5, 6, gid) == ext.z_serialize((ext.Int64(5), ext.Int64(6), gid)).to_bytes()

@@ -1,0 +1,154 @@
+"""The driver with a robot as ROS 2 has it, on loopback."""
+
+import math
+import re
+import time
+from collections.abc import Iterator
+from contextlib import closing
+
+import pytest
+from driver_contract import check_driver
+from ros2_robot import URDF, RosRobot, joint_state, text
+from running import eventually, free_port
+
+from agents.robot import RobotFaultError
+from agents.robots.catalogue import UnavailableError, load
+from agents.robots.ros2.address import AddressError, parse_address
+from agents.robots.ros2.robot import Ros2Robot
+
+
+def endpoint() -> str:
+    return f"tcp/127.0.0.1:{free_port()}"
+
+
+def find(robot: RosRobot, options: str = "?stale=10") -> Ros2Robot:
+    return Ros2Robot.find("arm", parse_address(f"ros2:{robot.endpoint}{options}"))
+
+
+@pytest.fixture(scope="module")
+def robot() -> Iterator[RosRobot]:
+    with RosRobot(endpoint()) as robot:
+        yield robot
+
+
+@pytest.fixture
+def driver(robot: RosRobot) -> Iterator[Ros2Robot]:
+    driver = find(robot)
+    yield driver
+    driver.close()
+
+
+def test_it_is_a_driver(robot: RosRobot) -> None:
+    check_driver(find(robot), lambda now_s: time.sleep(0.01), tolerance=1e-3, settle_s=0.4)
+    assert robot.refused == 0
+
+
+def test_it_finds_the_robot_and_reads_it(robot: RosRobot, driver: Ros2Robot) -> None:
+    facts = driver.describe()
+    assert (facts.title, facts.urdf) == ("Stand-in", URDF)
+    assert [joint.name for joint in facts.joints] == ["pan", "lift", "grip", "thumb_grip"]
+    reading = driver.read(0.0)
+    assert reading.positions == pytest.approx([*robot.positions.values(), robot.positions["grip"]])
+    assert reading.velocities == (0.0,) * 4
+    assert all(math.isnan(effort) for effort in reading.efforts)
+
+
+def test_ros_sees_a_node_that_listens_and_publishes(robot: RosRobot, driver: Ros2Robot) -> None:
+    said = eventually(lambda: [token for token in robot.tokens() if "linked_fleet_agent" in token], "tokens")
+    session = r"@ros2_lv/0/[0-9a-f]+/0"
+    hashes = "RIHS01_[0-9a-f]{64}"
+    node = "%/%/linked_fleet_agent"
+    wanted = (
+        rf"{session}/\d/NN/{node}",
+        rf"{session}/\d/MS/{node}/%joint_states/sensor_msgs::msg::dds_::JointState_/{hashes}/::,1:,:,:,,",
+        rf"{session}/\d/MP/{node}/%joint_trajectory_controller%joint_trajectory"
+        rf"/trajectory_msgs::msg::dds_::JointTrajectory_/{hashes}/::,1:,:,:,,",
+    )
+    assert len(said) == 3
+    assert all(any(re.fullmatch(each, token) for token in said) for each in wanted), said
+
+
+def test_joints_that_are_told_nothing_stay_where_others_have_moved_them(robot: RosRobot, driver: Ros2Robot) -> None:
+    heard = len(robot.heard)
+    driver.apply({"pan": robot.positions["pan"]})
+    eventually(lambda: len(robot.heard) > heard, "a trajectory")
+    robot.place("lift", 0.3)
+    eventually(lambda: driver.read(0.0).positions[1] == 0.3, "it was moved by others")
+    time.sleep(0.6)  # after which the driver no longer sends from what it sent last
+    driver.read(0.0)
+    driver.apply({"pan": 0.1})
+    eventually(lambda: len(robot.heard) > heard + 1, "another")
+    sent = dict(zip(robot.heard[-1].joint_names, robot.heard[-1].points[0].positions, strict=True))
+    assert sent["lift"] == 0.3
+
+
+def test_bad_joint_states_are_counted_and_harmless() -> None:
+    good = joint_state(["pan"], [0.7], stamp_ns=1)
+    bad = (b"", good[:-1], b"\x00\x09" + good[2:], b"\xff" * 90, good + bytes(8), bytes(300_000))
+    bad += (joint_state(["pan", "pan"], [1, 2]), joint_state(["pan"], [1, 2]), text(URDF))
+    with RosRobot(endpoint()) as robot, closing(find(robot)) as driver:
+        robot.fall_silent()
+        for payload in (*bad, joint_state(["pan", "stranger"], [0.5, 1.0])):
+            robot.say(payload)
+        eventually(lambda: driver.read(0.0).positions[0] == 0.5, "the good one at the end")
+        assert driver.bad_messages == len(bad)
+
+
+def test_a_controller_may_have_some_of_the_joints() -> None:
+    options = "?domain=7&namespace=/left&stale=10&commands=joint_trajectory_controller/joint_trajectory:pan;lift"
+    with RosRobot(endpoint(), domain=7, namespace="/left") as robot, closing(find(robot, options)) as driver:
+        assert [joint.name for joint in driver.describe().joints if joint.passive] == ["grip"]
+        with pytest.raises(KeyError, match="grip"):
+            driver.apply({"grip": 0.1})
+        driver.apply({"pan": 0.1})
+        eventually(lambda: robot.refused, "its controller wants all of its joints")
+        assert robot.heard[-1].joint_names == ["pan", "lift"]
+
+
+def test_a_robot_that_falls_silent_is_a_fault_and_cannot_be_held() -> None:
+    with RosRobot(endpoint()) as robot, closing(find(robot, "?stale=0.1")) as driver:
+        robot.fall_silent()
+
+        def fault() -> str:
+            try:
+                driver.read(0.0)
+            except RobotFaultError as error:
+                return str(error)
+            return ""
+
+        assert eventually(fault, "a fault") == "no joint state of this robot came on /joint_states for 0.1 s"
+        with pytest.raises(RobotFaultError, match=r"no position .* holds where it was sent last"):
+            driver.stop()
+
+
+def test_without_a_controller_nothing_can_be_moved() -> None:
+    with RosRobot(endpoint()) as robot, closing(find(robot)) as driver:
+        driver.apply({"pan": 0.1})
+        robot.leave_controller()
+
+        def refusal() -> str:
+            try:
+                driver.apply({"pan": 0.2})
+            except RobotFaultError as error:
+                return str(error)
+            return ""
+
+        said = eventually(refusal, "the controller has gone")
+        assert said == "no controller listens to /joint_trajectory_controller/joint_trajectory"
+        assert driver.read(0.0).positions[1] == pytest.approx(0.1)
+
+
+def test_what_is_not_there_is_said() -> None:
+    nowhere = endpoint()
+    with pytest.raises(UnavailableError, match="arm: "):
+        load("arm", f"ros2:{nowhere}")
+    with RosRobot(endpoint(), urdf=None) as robot, pytest.raises(TimeoutError, match="/robot_description in domain 0"):
+        Ros2Robot.find("arm", parse_address(f"ros2:{robot.endpoint}"), patience_s=0.2)
+    with RosRobot(endpoint(), urdf="<robot/>") as robot, pytest.raises(TimeoutError):
+        Ros2Robot.find("arm", parse_address(f"ros2:{robot.endpoint}"), patience_s=0.2)
+    with RosRobot(endpoint()) as robot, pytest.raises(AddressError, match="thumb_grip"):
+        find(robot, "?commands=a/b:pan;thumb_grip")
+    with pytest.raises(UnavailableError, match="floating"):
+        load("arm", "ros2:tcp/127.0.0.1:1", floating=True)
+    with pytest.raises(UnavailableError, match="ros2:ENDPOINT"):
+        load("arm", "ros2:127.0.0.1")
