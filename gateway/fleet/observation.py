@@ -30,7 +30,7 @@ class Observations:
             return held
         if held is None and len(self._held) >= MAX_HELD:
             del self._held[next(iter(self._held))]
-        fresh = Observation(tuple(rounded(value, resolution) for value in values), wall_ns, sequence)
+        fresh = Observation(tuple([rounded(value, resolution) for value in values]), wall_ns, sequence)
         self._held[key] = fresh
         return fresh
 

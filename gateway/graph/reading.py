@@ -8,21 +8,22 @@ compared for being the same and for nothing else.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from hashlib import blake2b
 from typing import Any
+
+from msgspec import Struct
 
 from gateway.fleet.observation import Observation
 from gateway.fleet.robot import Robot
 
 
-@dataclass(frozen=True)
-class Reading:
-    """A resource at a moment: ``facts`` are compared whole, ``observations`` value by value."""
+class Reading(Struct):
+    """A resource at a moment: ``facts`` are compared whole, ``observations`` value by value. Nobody changes it."""
 
     facts: Any
     observations: tuple[Observation, ...] = ()
-    version: str = field(default="", compare=False)
+    version: str = ""
 
     def same(self, other: "Reading", deadband: float = 0.0) -> bool:
         """Whether nothing changed, but for values within ``deadband``; a timestamp alone is no change."""
