@@ -14,7 +14,7 @@ from gateway.fleet.answers import read_description
 from gateway.http.body import parse_body
 
 SEED = 7
-COUNTS = {"wire": 1500, "bodies": 800, "http": 500, "sockets": 250, "robots": 250, "identities": 300}
+COUNTS = {"wire": 1500, "bodies": 800, "http": 500, "sockets": 250, "robots": 250, "ros2": 1500, "identities": 300}
 
 
 @pytest.mark.parametrize("target", SHARES)

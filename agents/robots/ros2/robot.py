@@ -172,14 +172,15 @@ def _first(name: str, box: Mailbox, deadline_s: float, sleep: Callable[[float], 
     while time.monotonic() < deadline_s:
         for arrived in box.fetch():
             try:
-                return _facts_of(name, arrived)
+                return facts_of(name, arrived)
             except (cdr.CdrError, UrdfError) as error:
                 _log.warning("%s: bad description: %.200s", name, error)
         sleep(_LOOK_S)
     raise TimeoutError
 
 
-def _facts_of(name: str, arrived: Arrived) -> Facts:
+def facts_of(name: str, arrived: Arrived) -> Facts:
+    """What a description says; CdrError or UrdfError where it is none of a robot with joints."""
     if arrived.payload is None:
         raise cdr.CdrError("it is too long")
     urdf = cdr.read_string(arrived.payload)
