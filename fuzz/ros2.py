@@ -68,7 +68,7 @@ class RosSide:
             facts = facts_of("arm", Arrived(payload, 0.0))
         except (cdr.CdrError, UrdfError):
             return
-        assert isinstance(facts, Facts) and 0 < len(facts.joints) <= cdr.MAX_JOINTS
+        assert isinstance(facts, Facts) and 0 < len(facts.joints) <= cdr.MAX_JOINTS and len(facts.title) <= 256
 
     def address(self, random: Random) -> None:
         """Names of topics that Zenoh would take as something else never come through."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from urllib.parse import parse_qsl
 
 SCHEME = "ros2:"
-_ENDPOINT = re.compile(r"(tcp|tls|quic|udp|ws|unixsock-stream)/[^\s?]+")
+_ENDPOINT = re.compile(r"((tcp|tls|quic|udp|ws)/[^\s?#/]+:[0-9]{1,5}|unixsock-stream/[^\s?#]+)(#[^\s?]+)?")
 # Names of topics and namespaces (ROS 2 design, "Topic and Service name mapping"): no segment begins with a digit.
 _RELATIVE = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 _LONGEST_NAME = 255

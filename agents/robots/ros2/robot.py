@@ -3,7 +3,7 @@
 import logging
 import math
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from agents.robot import Facts, JointFacts, Reading, RobotFaultError
@@ -21,6 +21,7 @@ PATIENCE_S = 30.0
 """How long a robot that is to be described may take to say what it is."""
 _SETTLE_S = 2.0
 _LOOK_S = 0.02
+_LONGEST_TITLE = 256
 _NODE = "linked_fleet_agent"
 
 
@@ -43,12 +44,13 @@ class Ros2Robot:
     def find(cls, name: str, address: Address, patience_s: float = PATIENCE_S) -> "Ros2Robot":
         """The robot at ``address``, waiting for its description and a little for joint states and controllers.
 
-        ConnectionError when nobody answers at the endpoint, TimeoutError when no description comes within
-        ``patience_s``, AddressError when a controller is to have joints that the robot has not.
+        ConnectionError when nobody answers at the endpoint within ``patience_s``, TimeoutError when no description
+        comes, AddressError when a controller is to have joints that the robot has not.
         """
-        session = RosSession(address.endpoint, address.domain, _NODE)
+        deadline_s = time.monotonic() + patience_s
+        session = _opened(name, address, deadline_s)
         try:
-            facts = _described(name, address, session, time.monotonic() + patience_s)
+            facts = _described(name, address, session, deadline_s)
             robot = cls(name, address, facts, session)
             robot.settle()
         except BaseException:
@@ -155,10 +157,20 @@ def _joints_of(controller: Commanded, joints: Iterable[JointFacts]) -> Sequence[
     return controller.joints or [joint.name for joint in joints if joint.mimics is None]
 
 
+def _opened(name: str, address: Address, deadline_s: float) -> RosSession:
+    _log.info("%s: waiting for %s in domain %d at %s", name, address.description, address.domain, address.endpoint)
+    while True:
+        try:
+            return RosSession(address.endpoint, address.domain, _NODE)
+        except ConnectionError:
+            if time.monotonic() > deadline_s:
+                raise
+            time.sleep(_LOOK_S)
+
+
 def _described(name: str, address: Address, session: RosSession, deadline_s: float) -> Facts:
     topic = _topic(address, address.description, cdr.STRING)
     box, end = session.listen_latched(topic, cdr.MAX_TEXT_BYTES)
-    _log.info("%s: waiting for %s in domain %d at %s", name, topic.name, address.domain, address.endpoint)
     try:
         return _with_controllers(_first(name, box, deadline_s), address.controllers)
     except TimeoutError as error:
@@ -167,7 +179,7 @@ def _described(name: str, address: Address, session: RosSession, deadline_s: flo
         end()
 
 
-def _first(name: str, box: Mailbox, deadline_s: float, sleep: Callable[[float], None] = time.sleep) -> Facts:
+def _first(name: str, box: Mailbox, deadline_s: float) -> Facts:
     """The first description that is one."""
     while time.monotonic() < deadline_s:
         for arrived in box.fetch():
@@ -175,7 +187,7 @@ def _first(name: str, box: Mailbox, deadline_s: float, sleep: Callable[[float], 
                 return facts_of(name, arrived)
             except (cdr.CdrError, UrdfError) as error:
                 _log.warning("%s: bad description: %.200s", name, error)
-        sleep(_LOOK_S)
+        time.sleep(_LOOK_S)
     raise TimeoutError
 
 
@@ -188,7 +200,7 @@ def facts_of(name: str, arrived: Arrived) -> Facts:
     names = {joint.name for joint in joints}
     if not 0 < len(names) == len(joints) <= cdr.MAX_JOINTS:
         raise UrdfError(f"{len(joints)} joints of {len(names)} names are no joints of a robot")
-    return Facts(parse(urdf).get("name") or name, urdf, joints)
+    return Facts((parse(urdf).get("name") or name)[:_LONGEST_TITLE], urdf, joints)
 
 
 def _with_controllers(facts: Facts, controllers: Sequence[Commanded]) -> Facts:

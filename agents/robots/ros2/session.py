@@ -3,13 +3,12 @@
 Its callbacks only put bytes into bounded queues; the driver takes them out in its own thread.
 """
 
-import logging
 import secrets
 import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import ExitStack
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import zenoh
 from zenoh import ext
@@ -18,10 +17,8 @@ from agents.link import configuration
 from agents.robots.ros2 import keys
 from agents.robots.ros2.keys import Node, Topic
 
-_log = logging.getLogger(__name__)
-
 _LEASE_MS = 2_000
-_MOST_WAITING = 32
+_MOST_STATES, _MOST_DESCRIPTIONS = 32, 2
 
 
 class Arrived(NamedTuple):
@@ -32,11 +29,11 @@ class Arrived(NamedTuple):
 
 
 class Mailbox:
-    """The last messages of one topic: where nobody fetches them the oldest are lost."""
+    """The last ``most`` messages of one topic: where nobody fetches them the oldest are lost."""
 
-    def __init__(self, longest: int) -> None:
+    def __init__(self, longest: int, most: int) -> None:
         self._longest = longest
-        self._waiting: deque[Arrived] = deque(maxlen=_MOST_WAITING)
+        self._waiting: deque[Arrived] = deque(maxlen=most)
 
     def put(self, sample: zenoh.Sample) -> None:
         fits = len(sample.payload) <= self._longest
@@ -83,22 +80,16 @@ class RosSession:
         self._number = 0
         self._keep(self._session.liveliness().declare_token(self._node.token))
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
     def listen(self, topic: Topic, longest: int) -> Mailbox:
         """Messages of up to ``longest`` bytes from now on."""
-        box = Mailbox(longest)
+        box = Mailbox(longest, _MOST_STATES)
         self._keep(self._session.declare_subscriber(topic.key, box.put))
         self._show("MS", topic, keys.KEEP_LAST_ONE)
         return box
 
     def listen_latched(self, topic: Topic, longest: int) -> tuple[Mailbox, Callable[[], None]]:
         """Also what was said last before (transient local). The second ends it."""
-        box = Mailbox(longest)
+        box = Mailbox(longest, _MOST_DESCRIPTIONS)
         history = ext.HistoryConfig(detect_late_publishers=True, max_samples=1)
         subscriber: Any = ext.declare_advanced_subscriber(self._session, topic.key, box.put, history=history)
         token = self._session.liveliness().declare_token(self._next_token("MS", topic, keys.LATCHED))

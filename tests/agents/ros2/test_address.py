@@ -11,6 +11,7 @@ AT = "ros2:tcp/192.0.2.1:7447"
     ("options", "expected"),
     [
         ("", Address("tcp/192.0.2.1:7447")),
+        ("#iface=eth0", Address("tcp/192.0.2.1:7447#iface=eth0")),
         (
             "?domain=42&namespace=/left/arm&stale=1.5",
             Address(
@@ -43,6 +44,7 @@ def test_what_is_one(options: str, expected: Address) -> None:
         ("ros2:", "ros2:ENDPOINT"),
         ("ros2:192.0.2.1:7447", "ros2:ENDPOINT"),
         ("ros2:file/x", "ros2:ENDPOINT"),
+        ("ros2:tcp/192.0.2.1", "ros2:ENDPOINT"),
         (f"{AT}?", "OPTION=VALUE"),
         (f"{AT}?domain", "OPTION=VALUE"),
         (f"{AT}?" + "&".join(["stale=1"] * 65), "OPTION=VALUE"),

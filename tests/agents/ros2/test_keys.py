@@ -16,13 +16,15 @@ def test_the_key_of_a_topic() -> None:
 
 
 def test_the_tokens_of_a_node_and_of_what_it_has() -> None:
-    node = Node(2, "aac3178e146ba6f1fc6e6a4085e77f21", "listener")
-    assert node.token == "@ros2_lv/2/aac3178e146ba6f1fc6e6a4085e77f21/0/0/NN/%/%/listener"
-    token = node.token_of(10, "MS", Topic(2, "/robot1/chatter", "std_msgs/msg/String", HASH), keys.LATCHED)
-    assert token == (
-        "@ros2_lv/2/aac3178e146ba6f1fc6e6a4085e77f21/0/10/MS/%/%/listener/%robot1%chatter/"
-        f"std_msgs::msg::dds_::String_/{HASH}/:1:,1:,:,:,,"
+    chatter = Topic(2, "/chatter", "std_msgs/msg/String", HASH)
+    listener = Node(2, "aac3178e146ba6f1fc6e6a4085e77f21", "listener")
+    assert listener.token == "@ros2_lv/2/aac3178e146ba6f1fc6e6a4085e77f21/0/0/NN/%/%/listener"
+    assert listener.token_of(10, "MS", chatter, "::,10:,:,:,,") == (
+        "@ros2_lv/2/aac3178e146ba6f1fc6e6a4085e77f21/0/10/MS/%/%/listener/%chatter/"
+        f"std_msgs::msg::dds_::String_/{HASH}/::,10:,:,:,,"
     )
+    spaced = Topic(2, "/robot1/chatter", "std_msgs/msg/String", HASH)
+    assert "/MP/%/%/listener/%robot1%chatter/" in listener.token_of(1, "MP", spaced, keys.KEEP_LAST_ONE)
 
 
 def test_the_attachment_is_what_zenoh_serialises() -> None:

@@ -140,8 +140,8 @@ def test_without_a_controller_nothing_can_be_moved() -> None:
 
 def test_what_is_not_there_is_said() -> None:
     nowhere = endpoint()
-    with pytest.raises(UnavailableError, match="arm: "):
-        load("arm", f"ros2:{nowhere}")
+    with pytest.raises(ConnectionError):
+        Ros2Robot.find("arm", parse_address(f"ros2:{nowhere}"), patience_s=0.0)
     with RosRobot(endpoint(), urdf=None) as robot, pytest.raises(TimeoutError, match="/robot_description in domain 0"):
         Ros2Robot.find("arm", parse_address(f"ros2:{robot.endpoint}"), patience_s=0.2)
     with RosRobot(endpoint(), urdf="<robot/>") as robot, pytest.raises(TimeoutError):
