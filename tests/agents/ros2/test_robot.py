@@ -121,6 +121,27 @@ def test_a_robot_that_falls_silent_is_a_fault_and_cannot_be_held() -> None:
             driver.stop()
 
 
+def test_a_robot_that_was_away_is_found_again() -> None:
+    at = endpoint()
+    with RosRobot(at) as robot:
+        driver = find(robot, "?stale=0.2")
+    with closing(driver):
+
+        def readable() -> bool:
+            try:
+                return driver.read(0.0).positions[0] == 0.25
+            except RobotFaultError:
+                return False
+
+        eventually(lambda: not readable(), "it is away")
+        with RosRobot(at) as robot:
+            eventually(readable, "it is read again")
+            eventually(lambda: driver._ways[0][1].heard, "its controller")
+            assert robot.heard == []  # and nothing moved because of that
+            driver.apply({"pan": 0.3})
+            eventually(lambda: robot.heard, "it obeys")
+
+
 def test_without_a_controller_nothing_can_be_moved() -> None:
     with RosRobot(endpoint()) as robot, closing(find(robot)) as driver:
         driver.apply({"pan": 0.1})
