@@ -5,8 +5,10 @@ import re
 import time
 from collections.abc import Iterator
 from contextlib import closing
+from pathlib import Path
 
 import pytest
+from certificates import made
 from driver_contract import check_driver
 from ros2_robot import URDF, RosRobot, joint_state, text
 from running import eventually, free_port
@@ -157,6 +159,18 @@ def test_without_a_controller_nothing_can_be_moved() -> None:
         said = eventually(refusal, "the controller has gone")
         assert said == "no controller listens to /joint_trajectory_controller/joint_trajectory"
         assert driver.read(0.0).positions[1] == pytest.approx(0.1)
+
+
+def test_a_router_may_demand_certificates(tmp_path: Path) -> None:
+    folder = made(tmp_path / "ros", "--agent", "arm", "--router", "127.0.0.1")
+    tls, known = f"tls/127.0.0.1:{free_port()}", f"root_ca_certificate_file={folder}/ca.pem;enable_mtls=true"
+    listener = f"listen_certificate_file={folder}/router.pem;listen_private_key_file={folder}/router.key"
+    proof = f"connect_certificate_file={folder}/agents/arm.pem;connect_private_key_file={folder}/agents/arm.key"
+    with RosRobot(f"{tls}#{known};{listener}"):
+        with closing(Ros2Robot.find("arm", parse_address(f"ros2:{tls}#{known};{proof}?stale=10"))) as driver:
+            assert driver.read(0.0).positions[0] == 0.25
+        with pytest.raises(ConnectionError):
+            Ros2Robot.find("arm", parse_address(f"ros2:{tls}#root_ca_certificate_file={folder}/ca.pem"), 0.0)
 
 
 def test_what_is_not_there_is_said() -> None:
