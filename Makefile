@@ -38,12 +38,12 @@ $$python -c 'import ensurepip' 2>/dev/null || { echo "$$python has no venv: apt 
 $$python -m venv --clear $(1)
 endef
 
-.PHONY: demo test test-fast check fleet-check bench bench-robots fuzz soak assets pictures chromium wrk caddy clean
+.PHONY: demo test test-fast check fleet-check bench bench-robots fuzz soak assets pictures chromium egl wrk caddy clean
 
 demo: .venv/stamp $(ASSETS)
 	@$(BIN)/python -m demo --port $(PORT)
 
-test: .venv/stamp $(ASSETS) chromium
+test: .venv/stamp $(ASSETS) chromium egl
 	$(BIN)/python -m pytest -n 3 --dist loadscope --no-loadscope-reorder $(PYTEST_ARGS)
 
 # For the tests of the pages. Those say so and fail where it cannot be had.
@@ -52,6 +52,13 @@ chromium:
 	  run=; [ "$$(id -u)" = 0 ] || run="sudo -n"; \
 	  { $$run apt-get update -qq && $$run apt-get install -qqy --no-install-recommends chromium; } >/dev/null || \
 	  echo "Chromium cannot be installed here; the tests of the pages will fail: apt install chromium"; }
+
+# For the tests of cameras. Without it those that look at pictures are skipped, and say so.
+egl:
+	@ls /usr/lib/*/libEGL.so.1 >/dev/null 2>&1 || { echo "Installing EGL for the tests of cameras."; \
+	  run=; [ "$$(id -u)" = 0 ] || run="sudo -n"; \
+	  { $$run apt-get update -qq && $$run apt-get install -qqy --no-install-recommends libegl1 libgl1 libgl1-mesa-dri; } >/dev/null || \
+	  echo "EGL cannot be installed here; the tests of pictures are skipped: apt install libegl1 libgl1 libgl1-mesa-dri"; }
 
 test-fast: .venv/stamp $(ASSETS)
 	$(BIN)/python -m pytest -m "not fleet" --ignore tests/fleet --ignore tests/requirements --ignore tests/subscriptions --ignore tests/store --ignore tests/face --ignore tests/bench --ignore tests/fuzz --ignore tests/test_demo.py $(PYTEST_ARGS)

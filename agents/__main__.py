@@ -95,6 +95,7 @@ async def _serve(settings: AgentSettings, agents: list[Agent], tracing: Tracing 
                 on_command=agent.handle,
                 on_stop=agent.handle_stop,
                 on_mesh=agent.mesh,
+                on_picture=agent.picture if agent.has_cameras else None,
                 lease_ms=settings.lease_ms,
                 tracing=tracing,
             )

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable
 from typing import Protocol, TypeVar
 
 from agents import safety
+from agents.cameras import Cameras, Shown
 from agents.meshes import MeshFiles
 from agents.motion import Measured, Motions, Outcome, Sway
 from agents.plan import ImpossibleError, Plan, joints_of, plan
@@ -81,6 +82,8 @@ class Agent:
         self._outcomes: list[Outcome] = []
         self._report = Report(self.incarnation)
         self._meshes = MeshFiles(name, self._facts.meshes)
+        self._cameras = Cameras(robot, self._facts.cameras)
+        self._shown: Shown | None = None
         self.description = codec.encode(self._describe())
 
     async def run(self, link: Link) -> None:
@@ -129,6 +132,14 @@ class Agent:
     def mesh(self, question: bytes) -> bytes:
         """The mesh of a digest, read from disk: to be called in a thread of its own. MeshError."""
         return self._meshes.read(question)
+
+    def picture(self, question: bytes) -> bytes:
+        """What a camera sees in the frame that was published last: to be called in a thread. PictureError."""
+        return self._cameras.take(question, self._shown)
+
+    @property
+    def has_cameras(self) -> bool:
+        return bool(self._cameras.offers)
 
     def _judge(self, command: Command) -> Reply:
         verdict = safety.judge(
@@ -231,6 +242,9 @@ class Agent:
         return ""
 
     def _publish_state(self, link: Link, now_ns: int, reading: Reading | None) -> None:
+        wall_ns = self._wall_ns()
+        run = self.incarnation
+        self._shown = None if reading is None else Shown(reading, run, self._sequence, now_ns, wall_ns)
         if reading is None:
             unknown = (math.nan,) * len(self._names)
             nans: tuple[float, float, float] = (math.nan, math.nan, math.nan)
@@ -240,7 +254,7 @@ class Agent:
             incarnation=self.incarnation,
             sequence=self._sequence,
             monotonic_ns=now_ns,
-            wall_ns=self._wall_ns(),
+            wall_ns=wall_ns,
             base=reading.base,
             positions=reading.positions,
             velocities=reading.velocities,
@@ -292,6 +306,7 @@ class Agent:
             capabilities=("move", "follow", "stop"),
             annotations=self._facts.annotations,
             meshes=self._meshes.offers,
+            cameras=self._cameras.offers,
             layout=codec.layout(len(self._names), floating),
         )
 

@@ -5,13 +5,15 @@ import json
 import logging
 from collections.abc import AsyncIterator, Callable
 from contextlib import ExitStack, asynccontextmanager
+from dataclasses import dataclass, field
 from functools import partial
 from types import TracebackType
-from typing import Any, Literal, Self
+from typing import Any, Literal, NamedTuple, Self
 
 import zenoh
 
 from agents.meshes import MeshError
+from agents.robot import PictureError
 from agents.tracing import Tracing
 from agents.wire import traceparent
 from agents.wire.access import of_agent
@@ -23,7 +25,10 @@ _log = logging.getLogger(__name__)
 _OPEN_TIMEOUT_MS = 1_000
 _RETRY_S = 0.3
 _LOOK_TIMEOUT_S = 1.0
-_MOST_MESHES_WAITING = 32
+_MOST_WAITING = {"mesh": 32, "picture": 8}
+
+
+_Slow = Literal["mesh", "picture"]
 
 
 class DuplicateNameError(Exception):
@@ -100,7 +105,7 @@ class ZenohLink:
     """One robot on a shared session: ``async with ZenohLink(...) as link`` declares it, leaving undeclares it.
 
     ``on_command`` and ``on_stop`` are called on the event loop with the payload and return the payload of the reply,
-    ``on_mesh`` in a thread, one call after another; it may raise MeshError.
+    ``on_mesh`` and ``on_picture`` in a thread, each one call after another; they may raise MeshError and PictureError.
     Entering raises DuplicateNameError when the name is taken for longer than ``lease_ms``: a token that outlives its
     killed agent is gone by then.
     """
@@ -116,6 +121,7 @@ class ZenohLink:
         on_command: Callable[[bytes], bytes],
         on_stop: Callable[[bytes], bytes],
         on_mesh: Callable[[bytes], bytes] | None = None,
+        on_picture: Callable[[bytes], bytes] | None = None,
         lease_ms: int = 2_000,
         tracing: Tracing | None = None,
     ) -> None:
@@ -124,8 +130,8 @@ class ZenohLink:
         self._description = description
         self._answers = {"command": on_command, "stop": on_stop}
         self._tracing = tracing
-        self._read_mesh = on_mesh
-        self._one_mesh, self._meshes = asyncio.Lock(), set[asyncio.Task[None]]()
+        slow: dict[_Slow, Callable[[bytes], bytes] | None] = {"mesh": on_mesh, "picture": on_picture}
+        self._slow = {kind: _Slowly(read) for kind, read in slow.items() if read is not None}
         self._gateways: set[str] = set()
         self._arrivals = 0
         self._dropping = False
@@ -204,9 +210,9 @@ class ZenohLink:
         for kind in kinds:
             answer = partial(self._answer, kind)
             declare(session.declare_queryable(keys.robot(robot, kind), hand_over(answer), complete=True))
-        if self._read_mesh is not None:
-            key = keys.robot(robot, "mesh")
-            declare(session.declare_queryable(key, hand_over(self._answer_mesh), complete=True))
+        for slow in self._slow:
+            key = keys.robot(robot, slow)
+            declare(session.declare_queryable(key, hand_over(partial(self._answer_slowly, slow)), complete=True))
         declare(session.liveliness().declare_subscriber(keys.all_gateways, hand_over(self._note_gateway), history=True))
         # Last: whoever sees the robot can ask it.
         declare(session.liveliness().declare_token(keys.presence(robot, self._incarnation)))
@@ -231,32 +237,33 @@ class ZenohLink:
             reply = self._tracing.take(kind, self._robot, _attached(query), payload, answer)
         self._reply(query, self._keys.robot(self._robot, kind), reply)
 
-    def _answer_mesh(self, query: zenoh.Query) -> None:
-        """Off the event loop: a slow disk or a slow gateway must not hold up the robot."""
-        if len(self._meshes) >= _MOST_MESHES_WAITING:
-            self._reply(query, self._keys.robot(self._robot, "mesh"), MeshError("too many meshes are asked for"))
+    def _answer_slowly(self, kind: _Slow, query: zenoh.Query) -> None:
+        """Off the event loop: a slow disk, a slow renderer or a slow gateway must not hold up the robot."""
+        slowly = self._slow[kind]
+        if len(slowly.waiting) >= _MOST_WAITING[kind]:
+            self._reply(query, self._keys.robot(self._robot, kind), _Refusal(f"too much is asked for: {kind}"))
             return
-        task = asyncio.get_running_loop().create_task(self._send_mesh(query))
-        self._meshes.add(task)
-        task.add_done_callback(self._meshes.discard)
+        task = asyncio.get_running_loop().create_task(self._send_slowly(kind, slowly, query))
+        slowly.waiting.add(task)
+        task.add_done_callback(slowly.waiting.discard)
 
-    async def _send_mesh(self, query: zenoh.Query) -> None:
-        async with self._one_mesh:
-            await asyncio.to_thread(self._read_and_reply, query)
+    async def _send_slowly(self, kind: _Slow, slowly: "_Slowly", query: zenoh.Query) -> None:
+        async with slowly.one:
+            await asyncio.to_thread(self._read_and_reply, kind, slowly.read, query)
 
-    def _read_and_reply(self, query: zenoh.Query) -> None:
-        assert self._read_mesh is not None
+    def _read_and_reply(self, kind: _Slow, read: Callable[[bytes], bytes], query: zenoh.Query) -> None:
         try:
-            content: bytes | MeshError = self._read_mesh(b"" if query.payload is None else query.payload.to_bytes())
-        except MeshError as error:
-            content = error
-        self._reply(query, self._keys.robot(self._robot, "mesh"), content)
+            content: bytes | _Refusal = read(b"" if query.payload is None else query.payload.to_bytes())
+        except (MeshError, PictureError) as error:
+            _log.info("%s: no %s: %s", self._robot, kind, error)
+            content = _Refusal(str(error))
+        self._reply(query, self._keys.robot(self._robot, kind), content)
 
-    def _reply(self, query: zenoh.Query, key: str, payload: bytes | MeshError) -> None:
+    def _reply(self, query: zenoh.Query, key: str, payload: "bytes | _Refusal") -> None:
         try:
             with query:  # dropping the query ends it for the asker
-                if isinstance(payload, MeshError):
-                    query.reply_err(str(payload).encode())
+                if isinstance(payload, _Refusal):
+                    query.reply_err(payload.reason.encode())
                 else:
                     query.reply(key, payload)
         except zenoh.ZError as error:
@@ -288,6 +295,21 @@ class ZenohLink:
             f"the robot name {self._robot!r} is taken: another agent (run {incarnation}) is alive; "
             "stop it or choose another name"
         )
+
+
+class _Refusal(NamedTuple):
+    """Why a question has no answer."""
+
+    reason: str
+
+
+@dataclass
+class _Slowly:
+    """Questions that are answered in threads, one at a time."""
+
+    read: Callable[[bytes], bytes]
+    one: asyncio.Lock = field(default_factory=asyncio.Lock)
+    waiting: set[asyncio.Task[None]] = field(default_factory=set)
 
 
 def _attached(query: zenoh.Query) -> bytes | None:

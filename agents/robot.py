@@ -3,9 +3,13 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
-from agents.wire.messages import Base
+from agents.wire.messages import Base, Camera, PictureFormat
+
+
+class PictureError(Exception):
+    """A picture that cannot be had; the message says why."""
 
 
 class RobotFaultError(Exception):
@@ -49,6 +53,7 @@ class Facts:
     """What is known of a robot without touching it; ``joints`` is the order of every array in a Reading.
 
     ``meshes``: files of the meshes that the URDF names, by their URI there; a driver may have none (agents/meshes.py).
+    ``cameras``: of a driver that is ``Seeing``; each has another name.
     """
 
     title: str
@@ -57,6 +62,7 @@ class Facts:
     floating: bool = False
     annotations: str = ""
     meshes: Mapping[str, Path] = field(default_factory=dict)
+    cameras: tuple[Camera, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -89,3 +95,15 @@ class Robot(Protocol):
 
     def close(self) -> None:
         """Release everything; the object is not used afterwards."""
+
+
+@runtime_checkable
+class Seeing(Protocol):
+    """A driver whose robot has cameras."""
+
+    def picture(self, camera: Camera, format: PictureFormat, reading: Reading) -> bytes:
+        """What the camera sees while the robot is as in ``reading``: a JPEG or PNG file of its size, or its depths.
+
+        Called in a thread beside the others, one call after another; it may take its time. Depths are little-endian
+        float32 in metre along the axis, row by row, NaN where nothing is in range. Raises PictureError.
+        """

@@ -10,8 +10,10 @@ from pathlib import Path
 
 from agents.meshes import drawn
 from agents.robot import Facts, JointFacts, Robot
+from agents.robots.eyes import as_available, probe
 from agents.robots.ros2.address import SCHEME, AddressError, parse_address
 from agents.urdf import UrdfError, joints_of
+from agents.wire.messages import Camera
 from agents.wire.names import escape
 
 _ROBOTS = Path("cmeel.prefix", "share", "example-robot-data", "robots")
@@ -35,6 +37,7 @@ class Model:
     poses: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     floating: bool = False
     home_height_m: float = 0.0
+    cameras: tuple[Camera, ...] = ()
 
 
 def _legs(hip_rad: float, thigh_rad: float, calf_rad: float) -> dict[str, float]:
@@ -52,6 +55,20 @@ def _baxter_arms(*values_rad: float) -> dict[str, float]:
     return pose
 
 
+def _camera(name: str, link: str, orientation_xyzw: tuple[float, float, float, float] = (0, 0, 0, 1)) -> Camera:
+    """A small colour camera with depth, as its maker would describe it: 60° high, from 5 cm to 20 m."""
+    return Camera(
+        name=name,
+        link=link,
+        orientation_xyzw=orientation_xyzw,
+        width=320,
+        height=240,
+        vertical_fov_rad=1.0472,
+        near_m=0.05,
+        far_m=20.0,
+    )
+
+
 MODELS: Mapping[str, Model] = {
     "baxter": Model(
         "baxter_description/urdf/baxter.urdf",
@@ -63,6 +80,11 @@ MODELS: Mapping[str, Model] = {
             for joint, value in (("s1", -0.55), ("e1", 0.75), ("w1", 1.26))
         },
         {"untucked": _baxter_arms(-0.08, -1.0, -1.19, 1.94, 0.67, 1.03, -0.5)},
+        cameras=(
+            _camera("head", "head_camera_link", (0, 0, 1, 0)),  # which is mounted upside down
+            _camera("left_hand", "left_hand_camera_axis_link"),
+            _camera("right_hand", "right_hand_camera_axis_link"),
+        ),
     ),
     "ur5": Model(
         "ur_description/urdf/ur5_robot.urdf",
@@ -104,6 +126,7 @@ MODELS: Mapping[str, Model] = {
             },
             "open": {"panda_finger_joint1": 0.04},
         },
+        cameras=(_camera("hand", "panda_hand"),),
     ),
     "tiago": Model(
         "tiago_description/robots/tiago.urdf",
@@ -122,6 +145,7 @@ MODELS: Mapping[str, Model] = {
                 "arm_7_joint": 0.0,
             }
         },
+        cameras=(_camera("head", "xtion_rgb_optical_frame"),),
     ),
     "go2": Model(
         "go2_description/urdf/go2.urdf",
@@ -197,6 +221,7 @@ def _find(name: str, source: str, floating: bool) -> Robot:
 
 
 def _simulate(name: str, model: Model, path: Path) -> Robot:
+    sight = probe() if model.cameras else None  # beside the import, which takes as long
     try:
         from agents.robots.mujoco_robot import MujocoRobot
     except ImportError as error:
@@ -204,7 +229,9 @@ def _simulate(name: str, model: Model, path: Path) -> Robot:
     try:
         facts = facts_of(model, path.read_text(encoding="utf-8"))
         facts = replace(facts, meshes=drawn(facts.urdf, path))
-        return MujocoRobot(name, facts, model.home, model.home_height_m, path)
+        way, reason = ("", "") if sight is None else sight.result()
+        facts = replace(facts, cameras=as_available(model.cameras, reason))
+        return MujocoRobot(name, facts, model.home, model.home_height_m, path, way)
     except OSError as error:
         raise UnavailableError(f"{name}: {path} cannot be read: {error.strerror}") from error
     except (UrdfError, UnicodeDecodeError) as error:

@@ -7,9 +7,10 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from agents.robot import Facts, Reading, RobotFaultError
+from agents.robot import Facts, PictureError, Reading, RobotFaultError
+from agents.robots.eyes import Eyes, Scene
 from agents.robots.mujoco_model import build
-from agents.wire.messages import Base
+from agents.wire.messages import Base, Camera, PictureFormat
 
 # After a stall the simulation catches up by this much and forgives the rest, so that a slow host does not spiral.
 MAX_CATCH_UP_S = 0.1
@@ -21,8 +22,8 @@ class MujocoRobot:
     """Driver over MjModel and MjData.
 
     ``home`` maps joints to their first positions (others: 0), clamped to the limits; ``home_height_m`` is that of a
-    floating base. ``file`` is where the URDF came from, to find collision meshes. Raises ValueError (UrdfError) when
-    no model can be made.
+    floating base. ``file`` is where the URDF came from, to find its meshes, ``renders_by`` a way to OpenGL for its
+    cameras (``eyes.py``). Raises ValueError (UrdfError) when no model can be made.
     """
 
     def __init__(
@@ -32,6 +33,7 @@ class MujocoRobot:
         home: Mapping[str, float] | None = None,
         home_height_m: float = 0.0,
         file: Path | None = None,
+        renders_by: str = "",
     ) -> None:
         self._facts = facts
         self._limits = {joint.name: joint.limits for joint in facts.joints}
@@ -39,6 +41,11 @@ class MujocoRobot:
         pose = {joint: self._limits[joint].clamp(position) for joint, position in wanted.items()}
         self._model = build(facts.urdf, name, facts.joints, pose, facts.floating, file)
         self._data = mujoco.MjData(self._model)
+        scene = Scene(
+            robot=name, urdf=facts.urdf, file=str(file or ""), floating=facts.floating, home=pose, cameras=facts.cameras
+        )
+        self._eyes = Eyes(scene, renders_by) if renders_by else None
+        self._names = tuple(joint.name for joint in facts.joints)
         joints = [self._model.joint(joint.name) for joint in facts.joints]
         self._qpos = np.array([joint.qposadr[0] for joint in joints], dtype=int)
         self._dof = np.array([joint.dofadr[0] for joint in joints], dtype=int)
@@ -83,7 +90,14 @@ class MujocoRobot:
         self._setpoints[:] = np.where(np.abs(measured - held) > _HOLDING_RAD, measured, held)
 
     def close(self) -> None:
-        """Nothing to release: the model is memory only."""
+        """End what renders; the rest is memory only."""
+        if self._eyes is not None:
+            self._eyes.close()
+
+    def picture(self, camera: Camera, format: PictureFormat, reading: Reading) -> bytes:
+        if self._eyes is None:
+            raise PictureError("nothing renders here")
+        return self._eyes.take(camera.name, format, reading, self._names)
 
     def _place(self, pose: Mapping[str, float], height_m: float) -> None:
         for joint, address in zip(self._facts.joints, self._qpos, strict=True):

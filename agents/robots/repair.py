@@ -30,13 +30,18 @@ def simulable(urdf: str, robot: str, meshes_from: Path | None = None) -> str:
     _drop_pictures(root)
     for mesh, link in _collision_meshes(root):
         _resolve_or_drop(mesh, link, meshes_from, robot)
+    return mended(root, robot)
+
+
+def mended(root: ElementTree.Element, robot: str) -> str:
+    """The text for MuJoCo, of an element whose meshes are those that are to be loaded. UrdfError."""
     _weld_many_dof_joints(root, robot)
     _rename_world(root)
     _repair_inertias(root, robot)
     for old in root.findall("mujoco"):
         root.remove(old)
     extension = ElementTree.SubElement(root, "mujoco")
-    ElementTree.SubElement(extension, "compiler", fusestatic="false", discardvisual="true", strippath="false")
+    ElementTree.SubElement(extension, "compiler", fusestatic="false", discardvisual="false", strippath="false")
     return ElementTree.tostring(root, encoding="unicode")
 
 

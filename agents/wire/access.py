@@ -15,7 +15,7 @@ GATEWAY, ROUTER = "gateway", "router"
 _PUBLISHING = ("put", "reply", "declare_queryable", "liveliness_token")
 _WATCHING = ("liveliness_query", "declare_liveliness_subscriber")
 _EVERYTHING = (*_PUBLISHING, *_WATCHING, "delete", "query", "declare_subscriber")
-_ASKED = ("description", "command", "stop", "mesh")
+_ASKED = ("description", "command", "stop", "mesh", "picture")
 
 
 def common_name(agent: str) -> str:

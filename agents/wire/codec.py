@@ -13,6 +13,7 @@ from agents.wire.messages import (
     Command,
     Description,
     Field,
+    Glance,
     Progress,
     Reply,
     State,
@@ -26,8 +27,8 @@ _HEADER = struct.Struct("<2sHHHQQqq")
 _BASE_VALUES = 13
 _ROWS = ("positions", "velocities", "efforts")
 
-Message = Description | Command | Stop | Progress
-_M = TypeVar("_M", Description, Command, Stop, Progress)
+Message = Description | Command | Stop | Progress | Glance
+_M = TypeVar("_M", Description, Command, Stop, Progress, Glance)
 
 
 class WireError(ValueError):

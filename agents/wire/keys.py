@@ -6,11 +6,11 @@ from typing import Literal
 
 from agents.wire.names import escape, unescape
 
-Kind = Literal["description", "state", "command", "stop", "progress", "mesh", "presence"]
+Kind = Literal["description", "state", "command", "stop", "progress", "mesh", "picture", "presence"]
 
 _NAMESPACE = re.compile(r"[A-Za-z0-9_.-]+(/[A-Za-z0-9_.-]+)*")
 _ROBOT_KEY = re.compile(
-    r"robot/([^/*$?#]+)/(description|state|command|stop|progress|mesh|presence)(?:/(0|[1-9][0-9]{0,18}))?"
+    r"robot/([^/*$?#]+)/(description|state|command|stop|progress|mesh|picture|presence)(?:/(0|[1-9][0-9]{0,18}))?"
 )
 
 
@@ -33,7 +33,9 @@ class Keys:
         if not _NAMESPACE.fullmatch(self.namespace):
             raise ValueError(f"namespace {self.namespace!r} is not a plain Zenoh key such as 'fleet' or 'site/hall-2'")
 
-    def robot(self, robot: str, kind: Literal["description", "state", "command", "stop", "progress", "mesh"]) -> str:
+    def robot(
+        self, robot: str, kind: Literal["description", "state", "command", "stop", "progress", "mesh", "picture"]
+    ) -> str:
         return f"{self.namespace}/robot/{escape(robot)}/{kind}"
 
     def presence(self, robot: str, incarnation: int) -> str:

@@ -13,6 +13,8 @@ Unsigned = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 Text = Annotated[str, Meta(max_length=65_536)]
 MediaType = Annotated[str, Meta(max_length=64, pattern=r"^[a-z0-9.+-]+/[a-z0-9.+-]+\Z")]
 MAX_MESHES, MAX_MESH_URI, MAX_MESH_BYTES = 1024, 512, 64 * 2**20
+MAX_CAMERAS, MAX_PIXELS = 16, 2**20
+PictureFormat = Literal["jpeg", "png", "depth"]
 
 
 class Field(Struct, frozen=True, forbid_unknown_fields=True):
@@ -33,6 +35,27 @@ class Mesh(Struct, frozen=True, kw_only=True):
     type: MediaType
 
 
+class Camera(Struct, frozen=True, kw_only=True):
+    """A camera of the robot: without distortion, its axis through the middle of the picture, its pixels square.
+
+    The pose is that of its optical frame (z ahead, x to the right and y down in the picture, as in ROS REP 103) in the
+    frame of ``link``. ``formats`` are the kinds of picture that can be had, as in PictureFormat; gateways leave out
+    others. ``unavailable``: why none can be had here, or nothing.
+    """
+
+    name: Name
+    link: Name
+    position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    orientation_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+    width: Annotated[int, Meta(ge=1, le=4096)]
+    height: Annotated[int, Meta(ge=1, le=4096)]
+    vertical_fov_rad: Annotated[float, Meta(gt=0, le=3.1)]
+    near_m: Annotated[float, Meta(gt=0, le=1e6)]
+    far_m: Annotated[float, Meta(gt=0, le=1e6)]
+    formats: Annotated[tuple[Annotated[str, Meta(max_length=32)], ...], Meta(max_length=16)] = ()
+    unavailable: Annotated[str, Meta(max_length=512)] = ""
+
+
 class Description(Struct, frozen=True, kw_only=True):
     """What an agent says of its robot; ``joints`` is the order of the arrays in its state frames."""
 
@@ -47,6 +70,7 @@ class Description(Struct, frozen=True, kw_only=True):
     capabilities: Annotated[tuple[Annotated[str, Meta(max_length=32)], ...], Meta(max_length=64)] = ()
     annotations: Text = ""
     meshes: Annotated[tuple[Mesh, ...], Meta(max_length=MAX_MESHES)] = ()
+    cameras: Annotated[tuple[Camera, ...], Meta(max_length=MAX_CAMERAS)] = ()
     layout: Annotated[tuple[Field, ...], Meta(max_length=64)]
 
 
@@ -127,6 +151,14 @@ class Stop(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     command: Annotated[str, Meta(max_length=64)] = ""
     reason: Annotated[str, Meta(max_length=512)] = ""
     rehearsal: bool = False
+
+
+class Glance(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A question for the present picture of a camera."""
+
+    version: int
+    camera: Name
+    format: PictureFormat
 
 
 RefusalCode = Literal[

@@ -3,12 +3,13 @@
 import json
 import math
 import re
+import struct
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 import pytest
 
-from agents.wire import codec, keys, messages
+from agents.wire import codec, keys, messages, pictures
 from agents.wire.keys import Keys, RobotKey
 from agents.wire.names import escape, unescape
 
@@ -18,6 +19,7 @@ KINDS: dict[str, Any] = {
     "command": messages.Command,
     "stop": messages.Stop,
     "progress": messages.Progress,
+    "glance": messages.Glance,
 }
 
 
@@ -80,6 +82,15 @@ def test_the_field_table_is_the_layout(joints: int, floating: bool) -> None:
     assert tuple(fields) == codec.layout(joints, floating)
 
 
+def test_the_head_of_a_picture_is_that_of_the_code() -> None:
+    fields = table("field", "type", "offset")
+    formats = {"char2": "2s", "uint16": "H", "uint64": "Q", "int64": "q", "float64": "d"}
+    assert "<" + "".join(formats[type_] for _, type_, _ in fields) == pictures.HEADER.format
+    assert [name for name, *_ in fields] == ["magic", "version", *pictures.Moment._fields]
+    offsets = [struct.calcsize("<" + "".join(formats[each] for _, each, _ in fields[:at])) for at in range(len(fields))]
+    assert [int(offset) for *_, offset in fields] == offsets
+
+
 def test_the_refusal_codes_are_those_of_the_code() -> None:
     assert {code for code, _ in table("code", "the command")} == set(get_args(messages.RefusalCode))
 
@@ -96,7 +107,8 @@ def test_the_fields_of_a_command_that_have_a_default_are_explained() -> None:
 
 def test_the_key_table_is_what_keys_are_built_from() -> None:
     documented = {row[0] for row in table("key", "kind", "who declares or publishes", "who reads")}
-    built = {Keys().robot("ROBOT", kind) for kind in ("description", "state", "command", "stop", "progress", "mesh")}
+    kinds: tuple[Any, ...] = ("description", "state", "command", "stop", "progress", "mesh", "picture")
+    built = {Keys().robot("ROBOT", kind) for kind in kinds}
     built |= {Keys().presence("ROBOT", 1).replace("/1", "/{incarnation}"), Keys().gateway("GATEWAY")}
     assert documented == {key.replace("ROBOT", "{robot}").replace("GATEWAY", "{gateway}") for key in built}
     for key in documented - {"fleet/gateway/{gateway}"}:
@@ -117,5 +129,18 @@ def test_the_page_is_of_the_version_that_is_spoken() -> None:
 
 def test_the_bounds_are_those_of_the_code() -> None:
     bounds = PAGE[PAGE.rindex("Bounds:") :].replace("\n", " ")
-    for number in (128, codec.MAX_JOINTS, 256, 8_000_000, 65_536, 1024, 512, 1000, 3600, messages.MAX_MESH_BYTES):
+    for number in (
+        128,
+        codec.MAX_JOINTS,
+        256,
+        8_000_000,
+        65_536,
+        1024,
+        512,
+        1000,
+        3600,
+        messages.MAX_MESH_BYTES,
+        16,
+        4096,
+    ):
         assert f"{number}" in bounds or f"{number:,}" in bounds

@@ -1,0 +1,60 @@
+"""What a robot sees, when somebody asks: questions judged, pictures tied to a frame of state. Pure of Zenoh."""
+
+import math
+import threading
+import time
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from agents.robot import PictureError, Reading, Robot, Seeing
+from agents.wire import codec
+from agents.wire.codec import WireError
+from agents.wire.messages import Camera, Glance
+from agents.wire.pictures import Moment, encode_picture
+
+PERIOD_S = 0.05
+
+
+class Shown(NamedTuple):
+    """A frame of state as it was published: what a picture that is asked for now is to show."""
+
+    reading: Reading
+    incarnation: int
+    sequence: int
+    monotonic_ns: int
+    wall_ns: int
+
+
+class Cameras:
+    """The cameras of a robot. ``take`` is called in a thread, and at most once in ``PERIOD_S``."""
+
+    def __init__(self, robot: Robot, cameras: Sequence[Camera]) -> None:
+        self.offers = tuple(cameras) if isinstance(robot, Seeing) else ()
+        self._robot = robot
+        self._cameras = {camera.name: camera for camera in self.offers}
+        self._one = threading.Lock()
+        self._due_s = 0.0
+
+    def take(self, question: bytes, shown: Shown | None) -> bytes:
+        """The reply: the picture of ``shown``, which is None while the robot cannot be read. PictureError."""
+        try:
+            asked = codec.decode(question, Glance)
+        except WireError as error:
+            raise PictureError(f"this is no question for a picture: {error}") from error
+        camera = self._cameras.get(asked.camera)
+        if camera is None or asked.format not in camera.formats:
+            known = ", ".join(f"{each.name} ({', '.join(each.formats)})" for each in self.offers) or "none"
+            why = camera.unavailable if camera is not None and camera.unavailable else f"there are {known}"
+            raise PictureError(f"no {asked.format} picture of camera {asked.camera!r} can be had: {why}")
+        if shown is None or not all(map(math.isfinite, shown.reading.positions)):
+            raise PictureError("the robot cannot be measured now, so nobody knows what its camera sees")
+        with self._one:
+            time.sleep(max(0.0, self._due_s - time.monotonic()))
+            self._due_s = time.monotonic() + PERIOD_S
+            assert isinstance(self._robot, Seeing)
+            content = self._robot.picture(camera, asked.format, shown.reading)
+        moment = Moment(camera.height, camera.width, *shown[1:], camera.near_m, camera.far_m)
+        try:
+            return encode_picture(asked.format, moment, content)
+        except WireError as error:
+            raise PictureError(str(error)) from error

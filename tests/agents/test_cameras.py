@@ -1,0 +1,132 @@
+"""What a simulated robot sees: questions judged, pictures rendered, depths that are right, and the blind."""
+
+import math
+import struct
+from collections.abc import Iterator
+from io import BytesIO
+from pathlib import Path
+
+import pytest
+
+from agents.cameras import Cameras, Shown
+from agents.robot import Facts, PictureError, Reading
+from agents.robots.eyes import Probe, as_available, probe
+from agents.robots.mujoco_robot import MujocoRobot
+from agents.urdf import joints_of
+from agents.wire import codec
+from agents.wire.messages import Camera, Glance
+from agents.wire.pictures import decode_picture
+
+HEIGHT_M, DOWN_RAD, FIELD_RAD = 1.5, 0.8, 1.0
+ROWS, COLUMNS = 60, 80
+# A mast whose eye turns about y: its optical axis (z) lies level at 0 and looks down at positive angles.
+URDF = f"""<robot name="mast"><link name="base"/><link name="eye"/>
+<joint name="tilt" type="revolute"><parent link="base"/><child link="eye"/><origin xyz="0 0 {HEIGHT_M}"/>
+<axis xyz="0 1 0"/><limit lower="-1.5" upper="1.5" velocity="1" effort="10"/></joint></robot>"""
+# z of the optical frame along x of the link, x to the right (-y), y down (-z).
+CAMERA = Camera(
+    name="eye", link="eye", orientation_xyzw=(-0.5, 0.5, -0.5, 0.5), width=COLUMNS, height=ROWS,
+    vertical_fov_rad=FIELD_RAD, near_m=0.05, far_m=10.0,
+)  # fmt: skip
+
+
+def mast(reason: str = "", way: str = "") -> MujocoRobot:
+    facts = Facts("mast", URDF, joints_of(URDF), cameras=as_available((CAMERA,), reason))
+    return MujocoRobot("mast", facts, renders_by=way)
+
+
+@pytest.fixture(scope="module")
+def seeing() -> Iterator[MujocoRobot]:
+    way, reason = probe().result()
+    if reason:
+        pytest.skip(reason)
+    robot = mast(way=way)
+    yield robot
+    robot.close()
+
+
+def shown(tilt_rad: float) -> Shown:
+    return Shown(Reading((tilt_rad,), (0.0,), (0.0,)), incarnation=3, sequence=9, monotonic_ns=1, wall_ns=2)
+
+
+def question(camera: str = "eye", format: str = "depth") -> bytes:
+    return codec.encode(Glance(version=1, camera=camera, format=format))  # type: ignore[arg-type]
+
+
+def test_depths_are_those_of_the_floor(seeing: MujocoRobot) -> None:
+    """A pixel looks ``a`` below the axis, which looks DOWN_RAD below level: the floor is HEIGHT_M / sin(DOWN_RAD + a)
+    away along the ray, cos(a) of which is along the axis."""
+    cameras = Cameras(seeing, seeing.describe().cameras)
+    moment, content = decode_picture(cameras.take(question(), shown(DOWN_RAD)), "depth")
+    assert (moment.rows, moment.columns, moment.sequence, moment.far_m) == (ROWS, COLUMNS, 9, 10.0)
+    depths = struct.unpack(f"<{ROWS * COLUMNS}f", content)
+    focal = ROWS / 2 / math.tan(FIELD_RAD / 2)
+    for row in (0, 10, 30, 59):
+        below = math.atan2(row + 0.5 - ROWS / 2, focal)
+        expected = HEIGHT_M * math.cos(below) / math.sin(DOWN_RAD + below)
+        for column in (0, 40, 79):
+            assert depths[row * COLUMNS + column] == pytest.approx(expected, rel=2e-3)
+
+
+def test_where_nothing_is_in_range_depth_is_unknown(seeing: MujocoRobot) -> None:
+    cameras = Cameras(seeing, seeing.describe().cameras)
+    _, content = decode_picture(cameras.take(question(), shown(-DOWN_RAD)), "depth")
+    assert all(map(math.isnan, struct.unpack(f"<{ROWS * COLUMNS}f", content)))
+
+
+@pytest.mark.parametrize("format", ["jpeg", "png"])
+def test_pictures_show_the_robot_as_it_is_said_to_be(seeing: MujocoRobot, format: str) -> None:
+    image = pytest.importorskip("PIL.Image")
+    cameras = Cameras(seeing, seeing.describe().cameras)
+    means = []
+    for tilt_rad in (-DOWN_RAD, DOWN_RAD):
+        _, content = decode_picture(cameras.take(question(format=format), shown(tilt_rad)), format)  # type: ignore[arg-type]
+        picture = image.open(BytesIO(content))
+        assert (picture.format, picture.size) == (format.upper(), (COLUMNS, ROWS))
+        red, _, blue = picture.resize((1, 1)).convert("RGB").getpixel((0, 0))
+        means.append(blue - red)
+    assert means[0] > 2 * means[1]  # the sky is bluer than the floor
+
+
+def test_a_renderer_that_ended_is_started_again(seeing: MujocoRobot) -> None:
+    cameras = Cameras(seeing, seeing.describe().cameras)
+    before = cameras.take(question(format="png"), shown(0.3))
+    seeing.close()
+    assert cameras.take(question(format="png"), shown(0.3)) == before
+
+
+@pytest.mark.parametrize(
+    ("asked", "reading", "why"),
+    [
+        (b"nonsense", shown(0), "no question"),
+        (question("other"), shown(0), "camera 'other'"),
+        (question(), None, "cannot be measured"),
+        (question(), shown(math.nan), "cannot be measured"),
+    ],
+)
+def test_what_cannot_be_shown_is_refused_with_a_reason(asked: bytes, reading: Shown | None, why: str) -> None:
+    robot = mast()
+    with pytest.raises(PictureError, match=why):
+        Cameras(robot, robot.describe().cameras).take(asked, reading)
+
+
+@pytest.mark.parametrize("way", ["disabled", "no-such-way-to-opengl"])
+def test_without_a_renderer_there_is_a_reason_and_a_robot_all_the_same(way: str) -> None:
+    """Here OpenGL is asked for in ways that no machine has."""
+    found, reason = Probe(way).result()
+    assert (found, bool(reason)) == ("", True)
+    robot = mast(reason)
+    [camera] = robot.describe().cameras
+    assert (camera.formats, camera.unavailable) == ((), reason)
+    with pytest.raises(PictureError, match="can be had"):
+        Cameras(robot, robot.describe().cameras).take(question(), shown(0))
+    assert robot.read(0.0).positions == (0.0,)
+
+
+def test_the_cameras_of_the_catalogue_sit_on_links_of_their_robots() -> None:
+    from agents.robots.catalogue import MODELS, data_folder
+
+    for model in MODELS.values():
+        urdf = Path(data_folder() / model.file).read_text()
+        assert all(f'<link name="{camera.link}"' in urdf for camera in model.cameras)
+    assert sum(bool(model.cameras) for model in MODELS.values()) >= 2

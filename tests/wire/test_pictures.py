@@ -1,0 +1,62 @@
+"""Pictures on the wire: what goes out comes back, and what is no picture of its stated size is refused."""
+
+import struct
+from io import BytesIO
+
+import pytest
+
+from agents.wire.codec import WireError
+from agents.wire.messages import PictureFormat
+from agents.wire.pictures import HEADER, MAX_CONTENT_BYTES, Moment, decode_picture, encode_picture
+
+SHOWN = Moment(rows=2, columns=3, incarnation=7, sequence=41, monotonic_ns=5, wall_ns=6, near_m=0.1, far_m=9.0)
+PNG = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR" + struct.pack(">II", 3, 2) + b"\x08\x02\x00\x00\x00"
+JPEG = b"\xff\xd8\xff\xe0\x00\x04ab\xff\xc0\x00\x0b\x08" + struct.pack(">HH", 2, 3) + b"\x03"
+DEPTH = struct.pack("<6f", *range(6))
+
+
+@pytest.mark.parametrize(("format", "content"), [("png", PNG), ("jpeg", JPEG), ("depth", DEPTH)])
+def test_a_picture_comes_out_as_it_went_in(format: PictureFormat, content: bytes) -> None:
+    assert decode_picture(encode_picture(format, SHOWN, content), format) == (SHOWN, content)
+
+
+@pytest.mark.parametrize("format", ["png", "jpeg"])
+def test_what_pillow_writes_is_one(format: PictureFormat) -> None:
+    image, to = pytest.importorskip("PIL.Image").new("RGB", (3, 2)), BytesIO()
+    image.save(to, format.upper())
+    assert decode_picture(encode_picture(format, SHOWN, to.getvalue()), format)[0] == SHOWN
+
+
+def _with(**changes: int) -> bytes:
+    return encode_picture("png", SHOWN._replace(**changes), PNG)
+
+
+@pytest.mark.parametrize(
+    ("format", "payload"),
+    [
+        ("png", b""),
+        ("png", encode_picture("png", SHOWN, PNG)[: HEADER.size - 1]),
+        ("png", encode_picture("jpeg", SHOWN, JPEG)),
+        ("png", encode_picture("png", SHOWN, JPEG)),
+        ("jpeg", encode_picture("jpeg", SHOWN, PNG)),
+        ("jpeg", encode_picture("jpeg", SHOWN, b"<html><script>alert(1)</script>")),
+        ("png", encode_picture("png", SHOWN, PNG[:18])),
+        ("png", _with(rows=3)),
+        ("png", _with(incarnation=2**63)),
+        ("jpeg", encode_picture("jpeg", SHOWN, JPEG[:12])),
+        ("jpeg", encode_picture("jpeg", SHOWN, b"\xff\xd8" + b"\xff\xd0" * 500_000)),
+        ("jpeg", encode_picture("jpeg", SHOWN, b"\xff\xd8\xff\xe0\x00\x00" * 1000)),
+        ("depth", encode_picture("depth", SHOWN, DEPTH[:-1])),
+        ("depth", encode_picture("depth", SHOWN._replace(rows=65_535, columns=65_535), DEPTH)),
+        ("depth", encode_picture("depth", SHOWN, DEPTH)[:2] + b"\xff\xff" + encode_picture("depth", SHOWN, DEPTH)[4:]),
+        ("depth", HEADER.pack(b"LD", 1, *SHOWN) + bytes(MAX_CONTENT_BYTES + 1)),
+    ],
+)
+def test_what_is_no_picture_of_its_stated_size_is_refused(format: PictureFormat, payload: bytes) -> None:
+    with pytest.raises(WireError):
+        decode_picture(payload, format)
+
+
+def test_what_is_too_large_is_not_sent() -> None:
+    with pytest.raises(WireError, match="are the most"):
+        encode_picture("depth", SHOWN, bytes(MAX_CONTENT_BYTES + 1))
