@@ -28,6 +28,7 @@ from gateway.observe.front import Front
 from gateway.observe.metrics import Numbers, registry
 from gateway.observe.sampler import Sampler
 from gateway.observe.tracing import Tracing
+from gateway.pictures import Pictures
 from gateway.settings import GatewaySettings
 from gateway.store.embedded import Embedded
 from gateway.subscriptions.network import Network
@@ -53,6 +54,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None) -> Sta
             remembered = await stack.enter_async_context(ActionStore(url, settings.namespace, run))
             most_motions = int(settings.invocations_per_client)
             app.state.actions = await stack.enter_async_context(Actions(live, remembered, most_motions))
+            app.state.pictures = await stack.enter_async_context(Pictures(live))
             await live.join()
             store = await stack.enter_async_context(Store(url, settings.namespace, run))
             network = stack.enter_context(closing(Network(settings.callback_networks)))

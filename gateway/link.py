@@ -18,11 +18,27 @@ import zenoh
 
 from agents.wire.codec import encode
 from agents.wire.keys import Keys, RobotKey
-from agents.wire.messages import Accepted, Command, Description, Mesh, Progress, Refused, Reply, Stop
+from agents.wire.messages import (
+    WIRE_VERSION,
+    Accepted,
+    Camera,
+    Command,
+    Description,
+    Glance,
+    Mesh,
+    PictureFormat,
+    Progress,
+    Refused,
+    Reply,
+    Stop,
+)
+from agents.wire.pictures import MAX_PICTURE_BYTES
 from gateway.fleet.answers import read_description, read_mesh, read_reply
+from gateway.fleet.cameras import Picture, read_picture
 from gateway.fleet.events import Appeared, Described, Event, Undescribed, Vanished
 from gateway.fleet.frames import Frames
 from gateway.fleet.inbox import MAX_KEYS
+from gateway.fleet.robot import Robot
 from gateway.incoming import Incoming
 from gateway.observe.context import step
 from gateway.questions import Questions
@@ -223,6 +239,30 @@ class FleetLink:
         if content is None:
             raise NoAnswer(reasons[-1])
         return content
+
+    async def picture(self, robot: Robot, camera: Camera, format: PictureFormat, timeout_s: float) -> Picture:
+        """What a camera sees now. Raises NoAnswer; what is no picture of that camera is counted besides."""
+        reasons = [f"no agent shows what robot {robot.name!r} sees"]
+
+        def judge(answer: bytes | str, sender: str) -> Picture | None:
+            picture, reason = read_picture(answer, camera, format, robot.incarnation)
+            if picture is None and isinstance(answer, bytes):
+                self._incoming.complaints.add(sender, reason)
+            reasons.append(reason)
+            return picture
+
+        picture: Picture | None = None
+        key = self._keys.robot(robot.name, "picture")
+        question = encode(Glance(version=WIRE_VERSION, camera=camera.name, format=format))
+        try:
+            picture = await self._questions.ask(
+                self._session, key, timeout_s, MAX_PICTURE_BYTES, question, judge, zenoh.Priority.BACKGROUND
+            )
+        except TimeoutError:
+            reasons.append(f"robot {robot.name!r} did not answer within {timeout_s} s")
+        if picture is None:
+            raise NoAnswer(reasons[-1])
+        return picture
 
     async def _open(self) -> zenoh.Session:
         config = zenoh.Config()

@@ -30,6 +30,7 @@ PAGES = (
     "docs/THREATS.md",
     "client/CONFORMANCE.md",
     "docs/FUZZING.md",
+    "docs/CAMERAS.md",
     "docs/BINARY.md",
     "docs/SETTINGS.md",
     "docs/ROS2.md",

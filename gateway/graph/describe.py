@@ -5,15 +5,16 @@ from collections.abc import Iterable, Mapping, Sequence
 from pyoxigraph import Literal, NamedNode
 
 from gateway.actions.offer import Offer, fleet_offers, joint_offers, robot_offers
+from gateway.fleet.cameras import cameras_of
 from gateway.fleet.model import Joint, Link
 from gateway.fleet.robot import Robot
 from gateway.graph.annotations import annotate
 from gateway.graph.build import Graph, timestamp
 from gateway.graph.kinds import kind_of
-from gateway.graph.paths import joint_path, lease_path, link_path, model_path, robot_path
+from gateway.graph.paths import camera_path, joint_path, lease_path, link_path, model_path, robot_path
 from gateway.graph.properties import joint_properties, link_properties, robot_properties
 from gateway.graph.property import Property, Seen
-from gateway.graph.vocab import DCTERMS, HYBRIT, LDP, LF, RDFS, ROS, XHV
+from gateway.graph.vocab import DCTERMS, HYBRIT, LDP, LF, RDFS, ROS, SOSA, XHV
 
 _SECOND_NS = 1_000_000_000
 Wings = Iterable[tuple[NamedNode, str]]
@@ -116,6 +117,8 @@ class Describer:
             for name in names:
                 for predicate in predicates:
                     graph.add(iri, predicate, self.iri(joint_path(robot.name, name)))
+        mounted = [each.name for each in cameras_of(robot).values() if each.link == link.name]
+        graph.add(iri, SOSA.hosts, *(self.iri(camera_path(robot.name, name)) for name in mounted))
         self._annotations(graph, iri, robot)
         self._properties(graph, path, link_properties(robot, link))
         for name in (*parents, *link.child_joints):

@@ -30,8 +30,8 @@ FRAME_TYPES = (FRAME_MEDIA_TYPE, "application/octet-stream")
 Path = tuple[NamedNode, ...]
 
 
-class _Field(NamedTuple):
-    """One value of a frame; ``meaning`` where it is not a measured number, which has a property to say it."""
+class Field(NamedTuple):
+    """What stands in a frame; ``meaning`` where that is no measured number, which has a property to say it."""
 
     name: str
     type: str
@@ -54,12 +54,12 @@ _PATHS: Mapping[NamedNode, tuple[Path, ...]] = {
 """By the shape of a property: how to get from it to each of its measured numbers, in the order of its observation."""
 
 _VALUE_HEADER = (
-    _Field("magic", "char2", 0, "The letters LV."),
-    _Field("version", "uint16", 2, "Of this form of frames: 1."),
-    _Field("change", "uint32", 4, "Of lf:version: the number after the dot, 0 where there is none."),
-    _Field("incarnation", "uint64", 8, "Of lf:version: the run of the agent."),
-    _Field("frame", "uint64", 16, "Of lf:version: the frame of the agent, counted from 1."),
-    _Field("time", "int64", 24, "When the value last changed, by the agent's clock: since 1970 (UTC); -1 is unknown."),
+    Field("magic", "char2", 0, "The letters LV."),
+    Field("version", "uint16", 2, "Of this form of frames: 1."),
+    Field("change", "uint32", 4, "Of lf:version: the number after the dot, 0 where there is none."),
+    Field("incarnation", "uint64", 8, "Of lf:version: the run of the agent."),
+    Field("frame", "uint64", 16, "Of lf:version: the frame of the agent, counted from 1."),
+    Field("time", "int64", 24, "When the value last changed, by the agent's clock: since 1970 (UTC); -1 is unknown."),
 )
 _STATE_HEADER = {
     "magic": "The letters LF.",
@@ -148,18 +148,9 @@ def _describe(graph: Graph, say: Describer, robot: Robot, owner: str, item: Prop
     else:
         header, numbers = _VALUE_HEADER, list(_numbers(say, robot, owner, item, owner.rstrip("/") + "/"))
     start = header[-1].offset + 8
-    graph.a(iri, LF.FrameLayout)
-    graph.add(iri, DCTERMS.title, Literal(f"Layout of the frames of {item.title}"))
-    graph.add(iri, DCTERMS.format, *map(Literal, FRAME_TYPES))
-    graph.add(iri, RDFS.seeAlso, about)
-    graph.add(iri, HYBRIT.blueprint, LF.FrameLayoutShape, NamedNode(iri.value + "/blueprint"))
-    graph.add(iri, LF.byteOrder, Literal("little-endian"))
-    graph.add(iri, LF.byteSize, integer(start + 8 * len(numbers)))
-    for name, type_, offset, meaning in header:
-        node = _field(graph, iri, name, type_, offset)
-        graph.add(node, DCTERMS.description, Literal(meaning))
-        if name in _TIMES:
-            graph.add(node, QUDT.unit, NANOSECOND.qudt)
+    begin_layout(graph, about, f"the frames of {item.title}", start + 8 * len(numbers))
+    for each in header:
+        add_field(graph, iri, each)
     for offset, number in zip(count(start, 8), numbers, strict=False):
         node = _field(graph, iri, number.name, "float64", offset)
         graph.add(node, QUDT.unit, number.unit)
@@ -167,20 +158,42 @@ def _describe(graph: Graph, say: Describer, robot: Robot, owner: str, item: Prop
         graph.add(node, LF.valuePath, graph.collection(number.path))
 
 
-def _field(graph: Graph, layout: NamedNode, name: str, type_: str, offset: int) -> BlankNode:
+def begin_layout(graph: Graph, about: NamedNode, what: str, size: int) -> NamedNode:
+    """Say all but the fields of the layout of the binary frames ``about`` something, each of ``size`` bytes."""
+    iri = NamedNode(layout_path(about.value))
+    graph.a(iri, LF.FrameLayout)
+    graph.add(iri, DCTERMS.title, Literal(f"Layout of {what}"))
+    graph.add(iri, DCTERMS.format, *map(Literal, FRAME_TYPES))
+    graph.add(iri, RDFS.seeAlso, about)
+    graph.add(iri, HYBRIT.blueprint, LF.FrameLayoutShape, NamedNode(iri.value + "/blueprint"))
+    graph.add(iri, LF.byteOrder, Literal("little-endian"))
+    graph.add(iri, LF.byteSize, integer(size))
+    return iri
+
+
+def add_field(graph: Graph, layout: NamedNode, field: Field, count: int = 1) -> BlankNode:
+    """A field that says what it means, and its unit where it is a time."""
+    node = _field(graph, layout, field.name, field.type, field.offset, count)
+    graph.add(node, DCTERMS.description, Literal(field.meaning))
+    if field.name in _TIMES:
+        graph.add(node, QUDT.unit, NANOSECOND.qudt)
+    return node
+
+
+def _field(graph: Graph, layout: NamedNode, name: str, type_: str, offset: int, count: int = 1) -> BlankNode:
     node = graph.blank(LF.FrameField)
     graph.add(layout, LF.field, node)
     graph.add(node, LF.fieldName, Literal(name))
     graph.add(node, LF.fieldType, Literal(type_))
     graph.add(node, LF.byteOffset, integer(offset))
-    graph.add(node, LF.valueCount, integer(1))
+    graph.add(node, LF.valueCount, integer(count))
     return node
 
 
-def _header_of_state(robot: Robot) -> tuple[_Field, ...]:
+def _header_of_state(robot: Robot) -> tuple[Field, ...]:
     said = robot.description.layout if robot.description is not None else ()
     return tuple(
-        _Field(field.name, field.type, field.offset, _STATE_HEADER[field.name])
+        Field(field.name, field.type, field.offset, _STATE_HEADER[field.name])
         for field in said
         if field.name in _STATE_HEADER
     )

@@ -14,6 +14,7 @@ RESERVED_IN_ROBOT = frozenset(
     {"actions", "annotations", "blueprint", "cameras", "history", "invocations", "jointState", "lease", "linkset"}
     | {"maximumSpeedScale", "meshes", "model", "placement", "pose", "subscriptions", "title", "twist"}
 )
+RESERVED_IN_CAMERAS = frozenset({"blueprint"})
 _LINK_MARK = "~link"  # no escape: "~l" is no hexadecimal digit, so the mark cannot be part of a name
 
 # A robot has over a hundred parts, each named in every description of it; and a fleet names all its robots in turn, of
@@ -50,6 +51,14 @@ def lease_path(robot: str) -> str:
 
 def model_path(robot: str) -> str:
     return robot_path(robot) + "model"
+
+
+def cameras_path(robot: str) -> str:
+    return robot_path(robot) + "cameras"
+
+
+def camera_path(robot: str, camera: str) -> str:
+    return f"{cameras_path(robot)}/{_segment(camera, RESERVED_IN_CAMERAS)}"
 
 
 def mesh_path(robot: str, file_name: str) -> str:

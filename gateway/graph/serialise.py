@@ -32,6 +32,10 @@ class WriteError(ValueError):
     """The syntax cannot say these triples; another one can."""
 
 
+class NothingYet(WriteError):  # noqa: N818 -- it is a state, not a defect
+    """There is nothing to be said, but there will be: no fault that anybody need hear of."""
+
+
 def render(triples: Sequence[Triple], media_type: str, prefixes: Mapping[str, str], *, base: str) -> bytes:
     """The document in one of ``RDF_TYPES``; ValueError for any other, HTML too: ``gateway.face`` writes it.
 

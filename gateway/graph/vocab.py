@@ -47,12 +47,12 @@ SH = Namespace(
     " result focusNode resultPath value resultMessage sourceConstraintComponent",
 )
 PROV = Namespace("http://www.w3.org/ns/prov#", "Activity Agent startedAtTime endedAtTime wasAssociatedWith")
-SOSA = Namespace("http://www.w3.org/ns/sosa/", "resultTime")
+SOSA = Namespace("http://www.w3.org/ns/sosa/", "resultTime Sensor isHostedBy hosts")
 QUDT = Namespace("http://qudt.org/schema/qudt/", "unit")
 UNIT = Namespace(
     "http://qudt.org/vocab/unit/",
     "RAD DEG M MilliM SEC NanoSEC KiloGM N N-M RAD-PER-SEC DEG-PER-SEC M-PER-SEC MilliM-PER-SEC"
-    " KiloGM-M2 N-M-SEC-PER-RAD N-SEC-PER-M UNITLESS",
+    " KiloGM-M2 N-M-SEC-PER-RAD N-SEC-PER-M UNITLESS HZ",
 )
 XHV = Namespace("http://www.w3.org/1999/xhtml/vocab#", "prev next")
 HYBRIT = Namespace(
@@ -117,6 +117,9 @@ LF = Namespace(
     " ixx ixy ixz iyy iyz izz"
     # predicates: the binary frame (desideratum D5)
     " frameLayout fieldName fieldType byteOffset valueCount field byteOrder ofProperty valuePath"
+    # cameras (desideratum D5)
+    " Camera Cameras CameraShape CamerasShape cameras imageWidth imageHeight verticalFieldOfView nearest farthest"
+    " maximumRate picture"
     # predicates: geometry (desideratum D5)
     " model mesh byteSize sha256",
 )

@@ -25,6 +25,7 @@ from gateway.graph.affordance import (
     ResumeSubscription,
     Subscribe,
 )
+from gateway.graph.cameras import Eye
 from gateway.graph.paths import owner_path, robot_of
 from gateway.graph.resource import Redirect, Remote, Resource
 from gateway.graph.subscription import container_path
@@ -40,6 +41,7 @@ from gateway.http.fields import field
 from gateway.http.invoke import end_invocation, invoke, put_target
 from gateway.http.links import Link, link_header
 from gateway.http.negotiation import choose
+from gateway.http.pictures import picture, picture_type
 from gateway.http.preconditions import check_preconditions
 from gateway.http.problem import problem
 from gateway.http.repeatable import offer_repeat
@@ -128,7 +130,8 @@ async def _answer(request: Request, base: str) -> ASGIApp:
         raise MethodNotAllowed(f"{request.method} is not possible here; {', '.join(allow)} are.", allow=allow)
     if request.method == "OPTIONS":
         return Response(status_code=204, headers=_options(found, allow))
-    if found.remote is not None:
+    follows = found.observable and (wants_events(request) or wants_callback(request))
+    if found.remote is not None and not follows:
         if request.method in _READ:
             return await _READERS[type(found.remote)](request, found, found.remote, base)
         return await _write(request, found, base)
@@ -264,7 +267,19 @@ async def _read_mesh(request: Request, resource: Resource, remote: Remote, base:
     return Response(content, headers=headers)
 
 
-_READERS: dict[type, Callable[[Request, Resource, Any, str], Awaitable[Response]]] = {Remote: _read_mesh}
+async def _read_camera(request: Request, resource: Resource, eye: Eye, base: str) -> Response:
+    """RDF as of any resource, or what the camera sees."""
+    media_type = picture_type(request, resource)
+    if media_type is not None:
+        return await picture(request, eye, media_type, _headers(resource, base, "") | _options(resource, _READ))
+    check_preconditions(request, resource, base)
+    return _read(request, resource, base)
+
+
+_READERS: dict[type, Callable[[Request, Resource, Any, str], Awaitable[Response]]] = {
+    Remote: _read_mesh,
+    Eye: _read_camera,
+}
 
 
 def _headers(resource: Resource, base: str, etag: str) -> dict[str, str]:

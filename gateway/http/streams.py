@@ -37,6 +37,8 @@ SUBPROTOCOLS = {
     "lf.rdfxml": "application/rdf+xml",
     "lf.jelly": JELLY,
     "lf.frame": FRAME_MEDIA_TYPE,
+    "lf.jpeg": "image/jpeg",
+    "lf.png": "image/png",
 }
 """Browsers cannot set Accept on a WebSocket, but they can name subprotocols."""
 _Start = Callable[[Outlet], Awaitable[Feed]]

@@ -25,7 +25,7 @@ from gateway.graph.affordance import CancelSubscription, ResumeSubscription, Sub
 from gateway.graph.frames import FRAME_TYPES, layout_path
 from gateway.graph.message import message_types
 from gateway.graph.resource import Resource
-from gateway.graph.serialise import MEDIA_TYPES
+from gateway.graph.serialise import MEDIA_TYPES, RDF_TYPES
 from gateway.graph.subscription import Request as Wanted
 from gateway.graph.subscription import container_path, requested, subscription_path
 from gateway.http.body import body_type, read_triples
@@ -194,6 +194,10 @@ def new_subscription(
     connection: HTTPConnection, resource: Resource, kind: Kind, media_type: str, base: str, asked: Options
 ) -> Subscription:
     demand_all(connection, resource.path, asked.depth)
+    if kind is Kind.CALLBACK and resource.remote is not None and media_type in resource.documents:
+        raise Conflict(
+            f"Messages in {media_type} go to streams alone: open a WebSocket here, or take {', '.join(RDF_TYPES)}."
+        )
     return Subscription(
         id=str(uuid.uuid4()),
         owner=resource.owner,

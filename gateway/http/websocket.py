@@ -11,7 +11,7 @@ from gateway.graph.serialise import JELLY
 from gateway.http.websocket_protocol import WEBSOCKET, WebSocketProtocol
 from gateway.subscriptions.message import Ending, Feed, Message, Outlet
 
-BINARY_TYPES = frozenset({*FRAME_TYPES, JELLY})
+BINARY_TYPES = frozenset({*FRAME_TYPES, JELLY, "image/jpeg", "image/png"})
 
 # RFC 6455, 7.4: 1008 is of policy, 1012 asks to come back, 4000 to 4999 are for private use.
 _CODES = {

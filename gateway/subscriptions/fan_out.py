@@ -49,6 +49,9 @@ class FanOut:
         self._runnable: deque[Watcher | Broadcast] = deque()
         self._turn_due = False
         self.renders = self.messages = self.conflated = 0
+        # Who has to do something for what is watched, as to ask a camera, hears of each watcher.
+        self.on_watch: Callable[[Watcher], None] = lambda watcher: None
+        self.on_forget: Callable[[Watcher], None] = lambda watcher: None
 
     def watch(
         self, subscription: Subscription, outlet: Outlet, sent: dict[str, str] | None = None, *, patient: bool = False
@@ -64,6 +67,7 @@ class FanOut:
             self._scan_soon(watcher)
         else:
             self._find(watcher)
+        self.on_watch(watcher)
         return watcher
 
     @property
@@ -160,6 +164,7 @@ class FanOut:
                 del self._of_robot[robot_of(topic.path)]
 
     def forget(self, watcher: Watcher) -> None:
+        self.on_forget(watcher)
         self._subtrees.pop(watcher, None)
         self._absent.pop(watcher, None)
         self._scans.pop(watcher, None)
@@ -249,6 +254,8 @@ class FanOut:
             return
         self._absent.pop(watcher, None)
         values = subscription.depth is Depth.PROPERTIES or resource.owner != resource.path
+        # What a robot has to be asked for is in the documents of a resource alone, and no news of its description.
+        values = values and (resource.remote is None or subscription.media_type in resource.documents)
         self._join(watcher, resource, values)
 
     def _lose(self, watcher: Watcher) -> None:

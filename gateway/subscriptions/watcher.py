@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from gateway.graph.reading import Reading
-from gateway.graph.serialise import WriteError
+from gateway.graph.serialise import NothingYet, WriteError
 from gateway.subscriptions.broadcast import Broadcast, Rendering
 from gateway.subscriptions.message import Ending, Outlet, Stream
 from gateway.subscriptions.subscription import Depth, Subscription
@@ -185,6 +185,8 @@ class Watcher:
     def _send(self, topic: Topic) -> None:
         try:
             message = self._schedule.message(topic, self.subscription)
+        except NothingYet:
+            return
         except WriteError as error:
             id = self.subscription.id
             _log.warning("subscription %s gets no message: %s", id, error, extra={"subscription": id})

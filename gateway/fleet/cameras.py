@@ -1,0 +1,72 @@
+"""The cameras that a robot says it has, as far as that makes sense, and the pictures that it gives. Pure."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from agents.wire.codec import WireError
+from agents.wire.messages import MAX_PIXELS, Camera, PictureFormat
+from agents.wire.names import MAX_NAME_BYTES
+from agents.wire.pictures import Moment, decode_picture
+from gateway.fleet.robot import Robot
+
+FRAME_MEDIA_TYPE = "application/vnd.linked-fleet.frame"
+FORMATS: Mapping[str, PictureFormat] = {
+    "image/jpeg": "jpeg",
+    "image/png": "png",
+    FRAME_MEDIA_TYPE: "depth",
+    "application/octet-stream": "depth",
+}
+"""By media type; a format of any other kind is as if it were not there."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """What a camera saw in one frame of state; ``content`` is a file, or of depth the frame with its header."""
+
+    moment: Moment
+    content: bytes
+
+
+def cameras_of(robot: Robot) -> dict[str, Camera]:
+    """By name; without those that contradict themselves or sit on no link, and the later ones of one name."""
+    said = robot.description.cameras if robot.description is not None else ()
+    found: dict[str, Camera] = {}
+    for camera in said:
+        if robot.model is not None and camera.link in robot.model.links and _sound(camera):
+            found.setdefault(camera.name, camera)
+    return found
+
+
+def types_of(camera: Camera) -> tuple[str, ...]:
+    """The media types in which pictures of it can be had."""
+    return () if camera.unavailable else tuple(each for each, format in FORMATS.items() if format in camera.formats)
+
+
+def read_picture(
+    answer: bytes | str, camera: Camera, format: PictureFormat, incarnation: int | None
+) -> tuple[Picture | None, str]:
+    """What an agent answered, judged: the picture, or a sentence that says why it is none."""
+    if isinstance(answer, str):
+        return None, answer
+    try:
+        moment, content = decode_picture(answer, format)
+    except WireError as error:
+        return None, str(error)
+    if moment.incarnation != incarnation:
+        return None, f"the picture is of run {moment.incarnation}, but {incarnation} is present"
+    said = (camera.height, camera.width, camera.near_m, camera.far_m)
+    if (moment.rows, moment.columns, moment.near_m, moment.far_m) != said:
+        return None, f"the picture is of another camera than {camera.name!r}: its size or its range differs"
+    return Picture(moment, answer if format == "depth" else content), ""
+
+
+def _sound(camera: Camera) -> bool:
+    values = (*camera.position_m, *camera.orientation_xyzw)
+    return (
+        len(camera.name.encode()) <= MAX_NAME_BYTES
+        and all(map(math.isfinite, values))
+        and abs(math.hypot(*camera.orientation_xyzw) - 1) < 1e-3
+        and camera.width * camera.height <= MAX_PIXELS
+        and camera.near_m < camera.far_m
+    )

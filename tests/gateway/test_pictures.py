@@ -1,0 +1,281 @@
+"""Cameras over HTTP: a robot that sees, one that has no renderer, and one that answers with what is no picture."""
+
+import contextlib
+import itertools
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import httpx
+import pytest
+import rdflib
+import zenoh
+from actor import KEYS, SIMPLE, Actor, stage
+from browser import DCTERMS, HYBRIT, LDP, LF, Browser, Page
+from msgspec.structs import replace
+from rdflib import URIRef
+from running import eventually
+from small_fleet import Place
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+from agents.wire import codec
+from agents.wire.messages import Camera, Description, Glance
+from agents.wire.pictures import HEADER, Moment, encode_picture
+
+SOSA = rdflib.Namespace("http://www.w3.org/ns/sosa/")
+PNG = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR" + struct.pack(">II", 4, 3) + bytes(5)
+JPEG = b"\xff\xd8\xff\xc0\x00\x0b\x08" + struct.pack(">HH", 3, 4) + b"\x03"
+DEPTH = struct.pack("<12f", *range(12))
+EYE = Camera(
+    name="eye", link="tip", width=4, height=3, vertical_fov_rad=1.0, near_m=0.1, far_m=9.0,
+    formats=("jpeg", "png", "depth"),
+)  # fmt: skip
+SECONDS = 15
+
+
+@dataclass
+class Seer:
+    """A robot played by the test: what it answers, and what it was asked."""
+
+    actor: Actor
+    contents: dict[str, bytes] = field(default_factory=lambda: {"jpeg": JPEG, "png": PNG, "depth": DEPTH})
+    asked: list[Glance] = field(default_factory=list)
+    payload: bytes | None = None
+    sequence: Iterator[int] = field(default_factory=itertools.count)
+
+    def appear(self, *cameras: Camera) -> "Seer":
+        said = codec.decode(self.actor.description(SIMPLE), Description)
+        key = KEYS.robot(self.actor.name, "picture")
+        self.actor.keep(self.actor.session.declare_queryable(key, lambda query: self._answer(key, query)))
+        self.actor.appear(codec.encode(replace(said, cameras=cameras))).stand(0.5)
+        return self
+
+    def _answer(self, key: str, query: zenoh.Query) -> None:
+        with query:
+            assert query.payload is not None
+            glance = codec.decode(query.payload.to_bytes(), Glance)
+            self.asked.append(glance)
+            query.reply(key, self.payload or self.picture(glance))
+
+    def picture(self, glance: Glance) -> bytes:
+        moment = Moment(3, 4, self.actor.incarnation, next(self.sequence), 1, 1_700_000_000 * 10**9, 0.1, 9.0)
+        return encode_picture(glance.format, moment, self.contents[glance.format])
+
+
+@dataclass
+class Hall:
+    browser: Browser
+    session: zenoh.Session
+    names: Iterator[str] = field(default_factory=lambda: (f"seer{number}" for number in itertools.count()))
+
+    def seer(self, *cameras: Camera) -> tuple[Seer, Page]:
+        """A robot, and the page of its first camera."""
+        seer = Seer(Actor(self.session, next(self.names))).appear(*cameras)
+        return seer, self.camera(seer.actor.name)
+
+    def camera(self, robot: str) -> Page:
+        """By links: fleet, robot, cameras, camera."""
+
+        def probe() -> Page | None:
+            with contextlib.suppress(AssertionError):
+                found = self.browser.robot(robot)
+                if found.one(LF.presence) == LF.online and (found.iri, LF.cameras, None) in found.graph:
+                    return found
+            return None
+
+        cameras = self.browser.page(str(eventually(probe, f"{robot} with cameras").one(LF.cameras)))
+        return self.browser.page(str(next(iter(sorted(cameras.graph.objects(cameras.iri, LDP.contains))))))
+
+
+@pytest.fixture(scope="module")
+def hall(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Hall]:
+    place = Place(tmp_path_factory.mktemp("state"))
+    with place.gateway() as (_, browser), stage(place.zenoh) as session:
+        yield Hall(browser, session)
+
+
+def get(page: Page, accept: str, **headers: str) -> httpx.Response:
+    return httpx.get(page.url, headers={"accept": accept, **headers}, timeout=SECONDS)
+
+
+def watch(page: Page, subprotocol: str, query: str = "") -> Any:
+    url = page.url.replace("http://", "ws://") + query
+    return connect(url, subprotocols=[subprotocol], open_timeout=SECONDS)  # type: ignore[list-item]
+
+
+def test_a_camera_is_described_and_leads_to_its_link_and_back(hall: Hall) -> None:
+    seer, page = hall.seer(EYE)
+    assert {LF.Camera, SOSA.Sensor, HYBRIT.Property} <= set(page.graph.objects(page.iri, rdflib.RDF.type))
+    link = hall.browser.page(str(page.one(SOSA.isHostedBy)))
+    assert link.one(SOSA.hosts) == page.iri
+    assert (int(str(page.one(LF.imageWidth))), int(str(page.one(LF.imageHeight)))) == (4, 3)
+    assert page.one(LF.picture) == page.iri
+    assert rdflib.Literal("image/jpeg") in set(page.graph.objects(page.iri, DCTERMS.format))
+    assert seer.asked == []
+
+
+@pytest.mark.parametrize(("accept", "content"), [("image/jpeg", JPEG), ("image/png", PNG), ("image/*", JPEG)], ids=str)
+def test_the_picture_is_had_by_accept(hall: Hall, accept: str, content: bytes) -> None:
+    _, page = hall.seer(EYE)
+    answer = get(page, accept)
+    assert (answer.status_code, answer.content) == (200, content)
+    assert answer.headers["cache-control"] == "no-store"
+    assert answer.headers["x-content-type-options"] == "nosniff"
+    assert answer.headers["content-security-policy"].startswith("sandbox")
+    assert answer.headers["last-modified"] == "Tue, 14 Nov 2023 22:13:20 GMT"
+    assert answer.headers["vary"] == "Accept"
+    assert get(page, accept, **{"if-none-match": "*"}).status_code == 304
+    assert get(page, "text/turtle").headers["content-type"].startswith("text/turtle")
+    assert (
+        httpx.get(page.url, headers={"accept": "text/html,*/*;q=0.8"}).headers["content-type"].startswith("text/html")
+    )
+
+
+def test_depth_is_a_frame_that_its_layout_describes(hall: Hall) -> None:
+    _, page = hall.seer(EYE)
+    frame = get(page, "application/octet-stream")
+    layout = hall.browser.page(frame.links["describedby"]["url"])
+    fields = {str(layout.graph.value(node, LF.fieldName)): node for node in layout.graph.objects(layout.iri, LF.field)}
+    depth = fields["depth"]
+    offset, count = (int(str(layout.graph.value(depth, each))) for each in (LF.byteOffset, LF.valueCount))
+    assert str(layout.graph.value(depth, LF.fieldType)) == "float32"
+    assert frame.content[offset:] == DEPTH and count == 12
+    assert len(frame.content) == int(str(layout.one(LF.byteSize))) == HEADER.size + len(DEPTH)
+    (rows,) = struct.unpack_from("<H", frame.content, int(str(layout.graph.value(fields["rows"], LF.byteOffset))))
+    assert rows == 3
+
+
+def test_only_who_gets_bytes_has_the_robot_asked(hall: Hall) -> None:
+    seer, page = hall.seer(EYE)
+    answer = httpx.head(page.url, headers={"accept": "image/jpeg"})
+    assert (answer.status_code, answer.headers["content-type"]) == (200, "image/jpeg")
+    assert get(page, "image/gif").status_code == 406
+    assert seer.asked == []
+
+
+def test_a_stream_is_of_pictures_and_ends_with_its_last_follower(hall: Hall) -> None:
+    """Two follow, and the robot is asked once for both; who follows the description hears nothing of pictures."""
+    seer, page = hall.seer(EYE)
+    with (
+        watch(page, "lf.turtle") as said,
+        watch(page, "lf.jpeg") as one,
+        watch(page, "lf.jpeg", "?interval=0.2") as two,
+    ):
+        said.recv(SECONDS)
+        assert [one.recv(SECONDS) for _ in range(4)] == [JPEG] * 4
+        assert two.recv(SECONDS) == JPEG
+        assert {each.format for each in seer.asked} == {"jpeg"}
+        with pytest.raises(TimeoutError):
+            said.recv(0.05)
+    with watch(page, "lf.frame") as depths:
+        assert depths.recv(SECONDS)[HEADER.size :] == DEPTH
+
+    def quiet() -> bool:
+        before = len(seer.asked)
+        with pytest.raises(TimeoutError), watch(page, "lf.turtle") as said:
+            said.recv(SECONDS)
+            said.recv(0.4)
+        return len(seer.asked) == before
+
+    eventually(quiet, "nobody watches, and nothing is asked")
+
+
+def test_a_stream_is_made_by_post_and_a_callback_is_refused(hall: Hall) -> None:
+    _, page = hall.seer(EYE)
+    container = str(page.one(HYBRIT.subscriptions))
+    body = f"""@prefix hybrit: <{HYBRIT}> . [] a hybrit:Subscription ;
+        hybrit:onResource <{page.url}> ; hybrit:mediaType "image/jpeg" """
+    made = httpx.post(container, content=body + ".", headers={"content-type": "text/turtle"})
+    assert made.status_code == 201, made.text
+    url = made.headers["location"].replace("http://", "ws://")
+    with connect(url, open_timeout=SECONDS) as stream:
+        assert stream.recv(SECONDS) == JPEG
+    callback = f'; a hybrit:WebCallback ; hybrit:callbackURL "http://127.0.0.1:{9}/" .'
+    refused = httpx.post(container, content=body + callback, headers={"content-type": "text/turtle"})
+    assert refused.status_code == 409 and "streams alone" in refused.json()["detail"]
+
+
+def malformed(hall: Hall) -> float:
+    said = httpx.get(hall.browser.root + "metrics").text
+    (line,) = [each for each in said.splitlines() if "messages_malformed" in each and not each.startswith("#")]
+    return float(line.split()[-1])
+
+
+def _with(content: bytes, **changes: Any) -> bytes:
+    return encode_picture("jpeg", Moment(3, 4, 1, 1, 1, 1, 0.1, 9.0)._replace(**changes), content)
+
+
+@pytest.mark.parametrize(
+    ("content", "changes"),
+    [
+        (b"<html><script>alert(1)</script>", {}),
+        (PNG, {}),
+        (JPEG[:7] + struct.pack(">HH", 3000, 4000) + JPEG[11:], {}),
+        (JPEG, {"rows": 5}),
+        (JPEG, {"incarnation": 2**40}),
+        (JPEG, {"far_m": 8.0}),
+    ],
+    ids=["a page", "another format", "another size inside", "another size outside", "another run", "another range"],
+)
+def test_what_is_no_picture_of_this_camera_is_counted_and_never_passed_on(
+    hall: Hall, content: bytes, changes: dict[str, Any]
+) -> None:
+    seer, page = hall.seer(EYE)
+    seer.payload = _with(content, **({"incarnation": seer.actor.incarnation} | changes))
+    before = malformed(hall)
+    answer = get(page, "image/jpeg")
+    assert answer.status_code == 504
+    assert answer.headers["content-type"].startswith("application/problem+json")
+    assert malformed(hall) == before + 1
+
+
+def test_a_picture_that_is_too_large_is_not_taken(hall: Hall) -> None:
+    seer, page = hall.seer(EYE)
+    seer.payload = bytes(5 * 2**20)
+    answer = get(page, "image/png")
+    assert answer.status_code == 504 and "are the most" in answer.json()["detail"]
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        replace(EYE, link="nowhere"),
+        replace(EYE, orientation_xyzw=(1.0, 1.0, 0.0, 0.0)),
+        replace(EYE, near_m=10.0),
+        replace(EYE, width=4096, height=4096),
+        replace(EYE, name="ö" * 100),
+    ],
+)
+def test_a_camera_that_contradicts_itself_is_left_out(hall: Hall, wrong: Camera) -> None:
+    _, page = hall.seer(replace(wrong, name="a" if wrong.name == "eye" else wrong.name), replace(EYE, name="b"))
+    assert page.url.endswith("/cameras/b")
+
+
+def test_without_a_renderer_the_picture_is_unknown_and_says_why(hall: Hall) -> None:
+    blind = replace(EYE, formats=(), unavailable="nothing renders here")
+    _, page = hall.seer(blind)
+    assert (page.one(LF.picture), str(page.one(LF.reason))) == (LF.unknown, "nothing renders here")
+    answer = get(page, "image/jpeg")
+    assert answer.status_code == 406 and "nothing renders here" in answer.json()["detail"]
+    with pytest.raises(InvalidStatus) as refused, watch(page, "lf.jpeg"):
+        pass
+    assert refused.value.response.status_code == 406
+
+
+def test_of_a_robot_that_is_away_nobody_knows_what_it_sees(hall: Hall) -> None:
+    seer, page = hall.seer(EYE)
+    seer.actor.leave()
+    eventually(lambda: get(page, "image/jpeg").status_code == 503, "the picture of a robot that left is refused")
+    assert hall.browser.page(page.url).one(LF.presence) == LF.offline
+
+
+def test_there_is_nothing_beside_the_cameras(hall: Hall) -> None:
+    _, page = hall.seer(EYE)
+    above = page.url.rpartition("/")[0]
+    for path in (f"{above}/other", f"{page.url}/other", f"{page.url}/layout/other", f"{above}/blueprint/x"):
+        assert httpx.get(path).status_code == 404
+    for path in (above, page.url, f"{page.url}/layout"):
+        assert httpx.get(f"{path}/blueprint").status_code == 200
+    assert URIRef(above) == hall.browser.page(above).iri
