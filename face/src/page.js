@@ -12,8 +12,9 @@ import * as tasks from "./tasks.js";
 import * as include from "./include.js";
 import * as remove from "./remove.js";
 import * as copy from "./copy.js";
+import * as camera from "./camera.js";
 
-for (const part of [stop, notice, region, live, age, connection, form, act, tasks, include, remove, copy]) {
+for (const part of [stop, notice, region, live, age, connection, form, act, tasks, include, remove, copy, camera]) {
   try {
     part.start();
   } catch (error) {

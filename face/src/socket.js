@@ -22,10 +22,10 @@ let told = "live";
  * of it, so the last one is enough. It resumes by itself after an interruption.
  *
  * @param {string} iri of the resource, absolute or path-absolute
- * @param {{protocol?: "lf.ntriples"|"lf.frame", interval?: number, depth?: "this"|"properties"|"subtree", onGone?: () => void}} options
+ * @param {{protocol?: "lf.ntriples"|"lf.frame"|"lf.jpeg", interval?: number, depth?: "this"|"properties"|"subtree", onGone?: () => void}} options
  *   `interval`: the least time between two messages in seconds; `onGone` is called when there is no such resource
  * @param {(message: import("./ntriples.js").Graph|ArrayBuffer) => void} onMessage gets a graph of `lf.ntriples`, parsed
- *   once for all who watch, or the bytes of an `lf.frame`
+ *   once for all who watch, or the bytes of an `lf.frame` or `lf.jpeg`
  * @returns {() => void} which stops watching; the last one to stop closes the connection
  */
 export function watch(iri, { protocol = "lf.ntriples", interval = 0.1, depth = "properties", onGone } = {}, onMessage) {

@@ -309,3 +309,16 @@ def property_(facts: Facts, iri: NamedNode) -> Part:
     if own.number is not None or own.time is not None:
         shown = set(facts.of.get(iri, {})) - {RDFS.seeAlso, HYBRIT.consumes}
     return Part({"presence": presence(facts, iri), "card": own, "form": form.form_of_setting(facts, iri)}, shown)
+
+
+def camera(facts: Facts, iri: NamedNode) -> Part:
+    """The picture, which is at the address of the camera, or why there is none."""
+    there = facts.one(iri, LF.picture) == iri
+    more = {
+        "presence": presence(facts, iri),
+        "picture": iri.value if there else "",
+        "width": facts.text(iri, LF.imageWidth),
+        "height": facts.text(iri, LF.imageHeight),
+        "reason": facts.text(iri, LF.reason),
+    }
+    return Part(more, {*_PRESENCE, *_AROUND, *((LF.picture,) if there else ())})

@@ -23,6 +23,7 @@ _KINDS: Mapping[NamedNode, tuple[str, Callable[[Facts, NamedNode], Part]]] = {
     ROS.Link: ("link", things.link),
     LF.Invocation: ("invocation", doings.invocation),
     HYBRIT.Action: ("action", doings.action),
+    LF.Camera: ("camera", things.camera),
     HYBRIT.Property: ("property", things.property_),
     HYBRIT.Subscription: ("subscription", doings.subscription),
     LF.ControlLease: ("lease", doings.lease),

@@ -8,60 +8,25 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import httpx
+import pyshacl
 import pytest
 import rdflib
 import zenoh
-from actor import KEYS, SIMPLE, Actor, stage
-from browser import DCTERMS, HYBRIT, LDP, LF, Browser, Page
+from actor import Actor, stage
+from browser import DCTERMS, HYBRIT, LDP, LF, SH, Browser, Page
 from msgspec.structs import replace
 from rdflib import URIRef
 from running import eventually
+from seer import BLIND, DEPTH, EYE, JPEG, PNG, Seer
 from small_fleet import Place
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from agents.wire import codec
-from agents.wire.messages import Camera, Description, Glance
+from agents.wire.messages import Camera
 from agents.wire.pictures import HEADER, Moment, encode_picture
 
 SOSA = rdflib.Namespace("http://www.w3.org/ns/sosa/")
-PNG = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR" + struct.pack(">II", 4, 3) + bytes(5)
-JPEG = b"\xff\xd8\xff\xc0\x00\x0b\x08" + struct.pack(">HH", 3, 4) + b"\x03"
-DEPTH = struct.pack("<12f", *range(12))
-EYE = Camera(
-    name="eye", link="tip", width=4, height=3, vertical_fov_rad=1.0, near_m=0.1, far_m=9.0,
-    formats=("jpeg", "png", "depth"),
-)  # fmt: skip
 SECONDS = 15
-
-
-@dataclass
-class Seer:
-    """A robot played by the test: what it answers, and what it was asked."""
-
-    actor: Actor
-    contents: dict[str, bytes] = field(default_factory=lambda: {"jpeg": JPEG, "png": PNG, "depth": DEPTH})
-    asked: list[Glance] = field(default_factory=list)
-    payload: bytes | None = None
-    sequence: Iterator[int] = field(default_factory=itertools.count)
-
-    def appear(self, *cameras: Camera) -> "Seer":
-        said = codec.decode(self.actor.description(SIMPLE), Description)
-        key = KEYS.robot(self.actor.name, "picture")
-        self.actor.keep(self.actor.session.declare_queryable(key, lambda query: self._answer(key, query)))
-        self.actor.appear(codec.encode(replace(said, cameras=cameras))).stand(0.5)
-        return self
-
-    def _answer(self, key: str, query: zenoh.Query) -> None:
-        with query:
-            assert query.payload is not None
-            glance = codec.decode(query.payload.to_bytes(), Glance)
-            self.asked.append(glance)
-            query.reply(key, self.payload or self.picture(glance))
-
-    def picture(self, glance: Glance) -> bytes:
-        moment = Moment(3, 4, self.actor.incarnation, next(self.sequence), 1, 1_700_000_000 * 10**9, 0.1, 9.0)
-        return encode_picture(glance.format, moment, self.contents[glance.format])
 
 
 @dataclass
@@ -254,14 +219,26 @@ def test_a_camera_that_contradicts_itself_is_left_out(hall: Hall, wrong: Camera)
 
 
 def test_without_a_renderer_the_picture_is_unknown_and_says_why(hall: Hall) -> None:
-    blind = replace(EYE, formats=(), unavailable="nothing renders here")
-    _, page = hall.seer(blind)
+    _, page = hall.seer(BLIND)
     assert (page.one(LF.picture), str(page.one(LF.reason))) == (LF.unknown, "nothing renders here")
     answer = get(page, "image/jpeg")
     assert answer.status_code == 406 and "nothing renders here" in answer.json()["detail"]
     with pytest.raises(InvalidStatus) as refused, watch(page, "lf.jpeg"):
         pass
     assert refused.value.response.status_code == 406
+
+
+@pytest.mark.parametrize("camera", [EYE, BLIND], ids=["seeing", "blind"])
+def test_what_is_said_of_cameras_conforms_to_its_blueprints(hall: Hall, camera: Camera) -> None:
+    _, page = hall.seer(camera)
+    above = hall.browser.page(page.url.rpartition("/")[0])
+    layouts = [hall.browser.page(f"{page.url}/layout")] if camera.formats else []
+    for each in (above, page, *layouts):
+        blueprints = [str(iri) for iri in each.graph.objects(each.iri, HYBRIT.blueprint) if hall.browser.root in iri]
+        shapes = rdflib.Graph().parse(blueprints[0])
+        assert set(shapes.objects(None, SH.targetClass)) & set(each.types)
+        conforms, _, text = pyshacl.validate(each.graph, shacl_graph=shapes, inference="none")
+        assert conforms, text
 
 
 def test_of_a_robot_that_is_away_nobody_knows_what_it_sees(hall: Hall) -> None:

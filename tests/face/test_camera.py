@@ -1,0 +1,64 @@
+"""The page of a camera shows what it sees, live."""
+
+from collections.abc import Iterator
+from io import BytesIO
+
+import pytest
+from actor import Actor, stage
+from browser import Browser
+from playwright.sync_api import Page, expect
+from running import eventually
+from seer import BLIND, EYE, Seer
+from small_fleet import Place
+
+pytestmark = [pytest.mark.fleet, pytest.mark.usefixtures("watched")]
+Image = pytest.importorskip("PIL.Image")
+
+
+@pytest.fixture(scope="module")
+def seer(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Seer, str]]:
+    place = Place(tmp_path_factory.mktemp("state"))
+    with place.gateway() as (_, browser), stage(place.zenoh) as session:
+        seer = Seer(Actor(session, "seer")).appear(EYE)
+        seer.contents["jpeg"] = picture("red")
+        Seer(Actor(session, "blind")).appear(BLIND)
+        for name in ("seer", "blind"):
+            eventually(lambda name=name: there(browser, name), f"{name} with cameras")
+        yield seer, f"{browser.root}seer/cameras/eye"
+
+
+@pytest.fixture
+def blind(seer: tuple[Seer, str]) -> str:
+    """A camera whose robot has nothing to render with."""
+    return seer[1].replace("/seer/", "/blind/")
+
+
+def there(browser: Browser, robot: str) -> bool:
+    return browser.http.get(f"{browser.root}{robot}/cameras").status_code == 200
+
+
+def picture(colour: str) -> bytes:
+    to = BytesIO()
+    Image.new("RGB", (EYE.width, EYE.height), colour).save(to, "JPEG")
+    return to.getvalue()
+
+
+SHOWS = """(channel) => {
+  const canvas = document.createElement("canvas").getContext("2d");
+  canvas.drawImage(document.getElementById("picture"), 0, 0);
+  return canvas.getImageData(1, 1, 1, 1).data[channel] > 200;
+}"""
+
+
+def test_the_page_shows_the_picture_and_each_that_follows(seer: tuple[Seer, str], page: Page) -> None:
+    robot, url = seer
+    page.goto(url)
+    page.wait_for_function(SHOWS, arg=0)
+    robot.contents["jpeg"] = picture("blue")
+    page.wait_for_function(SHOWS, arg=2)
+
+
+def test_the_page_says_why_there_is_no_picture(blind: str, page: Page) -> None:
+    page.goto(blind)
+    expect(page.locator("main")).to_contain_text("nothing renders here")
+    assert page.locator("#picture").count() == 0
