@@ -29,6 +29,7 @@ from gateway.observe.metrics import Numbers, registry
 from gateway.observe.sampler import Sampler
 from gateway.observe.tracing import Tracing
 from gateway.pictures import Pictures
+from gateway.query.service import Queries
 from gateway.settings import GatewaySettings
 from gateway.store.embedded import Embedded
 from gateway.subscriptions.network import Network
@@ -55,6 +56,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None) -> Sta
             most_motions = int(settings.invocations_per_client)
             app.state.actions = await stack.enter_async_context(Actions(live, remembered, most_motions))
             app.state.pictures = await stack.enter_async_context(Pictures(live))
+            app.state.queries = await stack.enter_async_context(Queries(live))
             await live.join()
             store = await stack.enter_async_context(Store(url, settings.namespace, run))
             network = stack.enter_context(closing(Network(settings.callback_networks)))

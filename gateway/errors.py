@@ -13,6 +13,7 @@
     │   └── Controlled              409     controlled
     ├── PreconditionFailed          412     precondition-failed
     ├── PayloadTooLarge             413     payload-too-large
+    │   └── ResultTooLarge          413     result-too-large
     ├── UnsupportedMediaType        415     unsupported-media-type
     ├── ForeignOrigin               403     foreign-origin
     ├── MisdirectedRequest          421     misdirected-request
@@ -23,8 +24,10 @@
     ├── TooManyInvocations          429     too-many-invocations
     ├── TooManyLogins               429     too-many-logins
     ├── TooManyRequests             429     too-many-requests
+    ├── TooManyQueries              429     too-many-queries
     ├── Offline                     503     offline
     ├── Busy                        503     busy
+    ├── QueryTooCostly              503     query-too-costly
     ├── StoreAway                   503     store-away
     ├── IssuerAway                  503     issuer-away
     └── AgentSilent                 504     agent-silent
@@ -192,6 +195,12 @@ class PayloadTooLarge(FleetError):
     status, code, title = 413, "payload-too-large", "The body is too large"
 
 
+class ResultTooLarge(PayloadTooLarge):
+    """A result is given whole or not at all."""
+
+    code, title = "result-too-large", "The result of the query is too large"
+
+
 class UnsupportedMediaType(FleetError):
     """The body is of a type that is not taken here; ``offered`` are those that are."""
 
@@ -288,6 +297,21 @@ class TooManyRequests(FleetError):
 
     def __init__(self, wait_s: int) -> None:
         super().__init__(f"Ask again in {wait_s} s, and less often.", headers={"Retry-After": str(wait_s)})
+
+
+class TooManyQueries(FleetError):
+    """RFC 6585, 4; some of the client's own are waiting already."""
+
+    status, code, title = 429, "too-many-queries", "The client has too many queries waiting"
+
+    def __init__(self, detail: str) -> None:
+        super().__init__(detail, headers={"Retry-After": "1"})
+
+
+class QueryTooCostly(FleetError):
+    """A query was ended at its limit of time or memory; nothing else was disturbed. The same again fares no better."""
+
+    status, code, title = 503, "query-too-costly", "The query takes too much time or memory"
 
 
 class Offline(FleetError):

@@ -106,6 +106,11 @@ class Live:
         """The resource tree as it is now to who ``sees`` it, under one base URL; ``shelf``: subscriptions to show."""
         return Tree(self.fleet, self.invocations, base, shelf, sees, self._wings)
 
+    @property
+    def wings(self) -> Wings:
+        """What packages of their own have added to the tree."""
+        return self._wings
+
     def add(self, *wings: FleetWing | RobotWing) -> None:
         """Have the tree show more than the fleet itself, from now on."""
         of_fleet = tuple(each for each in wings if isinstance(each, FleetWing))

@@ -121,7 +121,9 @@ LF = Namespace(
     " Camera Cameras CameraShape CamerasShape cameras imageWidth imageHeight verticalFieldOfView nearest farthest"
     " maximumRate picture"
     # predicates: geometry (desideratum D5)
-    " model mesh byteSize sha256",
+    " model mesh byteSize sha256"
+    # queries
+    " query canReach",
 )
 
 PREFIXES: dict[str, str] = {

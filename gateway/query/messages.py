@@ -1,0 +1,94 @@
+"""What the gateway and its query process say to each other: MessagePack behind a length, and one socket per query."""
+
+from typing import Literal
+
+import msgspec
+from msgspec import Struct
+
+from agents.wire.messages import Description
+from gateway.fleet.invocation import Invocation
+from gateway.fleet.lease import Lease
+
+Member = tuple[str, str]
+"""Predicate and path of what a wing adds to a description."""
+Kind = Literal["rows", "graph", "page"]
+
+
+class Said(Struct, frozen=True, kw_only=True):
+    """All that is known of a robot but its frame; ``last_seen_ns`` and the rest as ``gateway.fleet.robot`` has it."""
+
+    name: str
+    online: bool
+    incarnation: int | None
+    description: Description | None
+    fault: str | None
+    last_seen_ns: int | None
+    lease: Lease | None
+    settings: dict[str, str]
+    targets: dict[str, float]
+    wings: list[Member]
+    invocations: list[Invocation]
+
+
+class News(Struct, frozen=True, kw_only=True):
+    """What is different since the query before: of robots, and frames by robot, None for one that has gone."""
+
+    robots: list[Said]
+    frames: dict[str, bytes | None]
+
+
+class Ask(Struct, frozen=True, kw_only=True):
+    """One query, of the fleet as it is at this instant to one who ``sees`` robots by these patterns.
+
+    ``base`` is scheme and authority of all IRIs, ``base_iri`` what relative ones in the query are resolved against.
+    ``default`` and ``named`` are the graphs that were asked for, None for all. ``invocations`` are those of the whole
+    fleet. ``graphs``: N-Triples by the path of the graph that they are added to. ``bindings`` is a solution in the
+    JSON of results, ``accept`` what the answer may be.
+    """
+
+    news: News
+    query: str
+    base: str
+    base_iri: str
+    patterns: tuple[str, ...]
+    caller: str
+    default: tuple[str, ...] | None
+    named: tuple[str, ...] | None
+    wings: list[Member]
+    invocations: list[Invocation]
+    graphs: list[tuple[str, bytes]]
+    media_type: str
+    most_bytes: int
+    limit_s: float
+    bindings: dict[str, dict[str, str]] = {}
+    only_check: bool = False
+
+
+class Refusal(Struct, frozen=True, kw_only=True):
+    """Why there is no result: whether the query is ``wrong`` or asks for too much."""
+
+    reason: Literal["wrong", "large", "failed"]
+    detail: str
+    line: int | None = None
+    column: int | None = None
+
+
+FORKED, DONE, REFUSED = b"f", b"d", b"r"
+"""The first byte that comes says that the query has begun; the last, what came before: a result, or a ``Refusal``."""
+
+_encode = msgspec.msgpack.Encoder().encode
+_ask = msgspec.msgpack.Decoder(Ask)
+_refusal = msgspec.msgpack.Decoder(Refusal)
+
+
+def encode(message: Ask | Refusal) -> bytes:
+    return _encode(message)
+
+
+def decode_ask(content: bytes) -> Ask:
+    return _ask.decode(content)
+
+
+def decode_refusal(content: bytes) -> Refusal:
+    """ValidationError for anything else."""
+    return _refusal.decode(content)

@@ -1,0 +1,71 @@
+"""The fleet as the query process knows it: the same robots, rebuilt from what the gateway told (``messages.News``)."""
+
+import logging
+
+from agents.wire.codec import read_header
+from gateway.fleet.frames import Frames
+from gateway.fleet.invocation import Invocation
+from gateway.fleet.robot import Robot
+from gateway.query.messages import Member, News, Said
+
+log = logging.getLogger(__name__)
+
+
+class Mirrored:
+    """One robot with what is said of it elsewhere. ``said`` counts what no frame brought, ``seen`` its frames."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+        self.wings: list[Member] = []
+        self.invocations: list[Invocation] = []
+        self.said = self.seen = 0
+
+    @property
+    def tasks(self) -> list[Invocation]:
+        """What it is carrying out."""
+        return [each for each in self.invocations if not each.state.terminal]
+
+
+class Mirror:
+    """All robots by name."""
+
+    def __init__(self) -> None:
+        self.robots: dict[str, Mirrored] = {}
+        self._frames = Frames()
+
+    def take(self, news: News) -> None:
+        """Become as the fleet was at the instant of ``news``."""
+        for said in news.robots:
+            held = self.robots.get(said.name)
+            if held is None:
+                held = self.robots[said.name] = Mirrored(Robot(said.name, _complain, self._frames))
+            _tell(held, said)
+        for name, frame in news.frames.items():
+            _show(self.robots[name], frame)
+
+
+def _tell(held: Mirrored, said: Said) -> None:
+    robot = held.robot
+    if said.incarnation is not None and said.incarnation != robot.incarnation:
+        robot.run(said.incarnation)
+    if said.description is None:
+        if said.fault is not None:
+            robot.undescribe(said.fault)
+    elif said.description != robot.description:
+        robot.describe(said.description)
+    robot.online, robot.heard_ns, robot.lease = said.online, said.last_seen_ns, said.lease
+    robot.settings, robot.targets = said.settings, said.targets
+    held.wings, held.invocations = said.wings, said.invocations
+    held.said += 1
+
+
+def _show(held: Mirrored, frame: bytes | None) -> None:
+    held.seen += 1
+    if frame is None:
+        held.robot.drop_frame()
+    else:
+        held.robot.take(read_header(frame), frame, 0)
+
+
+def _complain(robot: str, what: object) -> None:
+    log.warning("robot %s: %s", robot, what)

@@ -1,0 +1,61 @@
+"""A fleet that only a test knows, and the process's picture of it: no network, no clock."""
+
+import math
+from collections.abc import Sequence
+
+from actor import joint, link, robot
+
+from agents.wire.codec import encode_state, layout
+from agents.wire.messages import Base, Description, State
+from gateway.fleet.events import Appeared, Described, Framed, Vanished
+from gateway.fleet.fleet import Fleet
+from gateway.fleet.invocations import Invocations
+from gateway.graph.wing import NONE
+from gateway.query.messages import Ask, decode_ask, encode
+from gateway.query.mirror import Mirror
+from gateway.query.snapshot import Feed
+
+URDF = robot(
+    link("base"), link("arm"), link("hand", inertial=False), link("tip"),
+    joint("elbow", "revolute", "base", "arm"), joint("slide", "prismatic", "arm", "hand"),
+    joint("grip", "fixed", "hand", "tip"),
+)  # fmt: skip
+JOINTS = ("elbow", "slide")
+
+
+class Pictured:
+    """``bring`` has the mirror become as the fleet is, by what goes from one process to the other."""
+
+    def __init__(self) -> None:
+        self.fleet, self.invocations, self.mirror = Fleet(), Invocations(), Mirror()
+        self._feed = Feed(self.fleet, self.invocations, lambda: NONE)
+        self._sequence = 0
+
+    def describe(self, name: str, run: int = 1, *, floating: bool = False, annotations: str = "") -> None:
+        said = Description(
+            version=1, robot=name, incarnation=run, title=f"The {name}", urdf=URDF, joints=JOINTS, rate_hz=100,
+            base="floating" if floating else "fixed", capabilities=("move", "stop"), annotations=annotations,
+            layout=layout(len(JOINTS), floating),
+        )  # fmt: skip
+        self.fleet.apply(Appeared(name, run), 1)
+        self.fleet.apply(Described(said), 1)
+
+    def stand(self, name: str, positions: Sequence[float], run: int = 1, base: Base | None = None) -> None:
+        self._sequence += 1
+        state = State(
+            incarnation=run, sequence=self._sequence, monotonic_ns=1, wall_ns=self._sequence * 10**9,
+            positions=tuple(positions), velocities=(0.5, math.nan), efforts=(1.0, 2.0), base=base,
+        )  # fmt: skip
+        self.fleet.apply(Framed(name, encode_state(state)), 1)
+
+    def leave(self, name: str, run: int = 1) -> None:
+        self.fleet.apply(Vanished(name, run), 2)
+
+    def bring(self) -> Mirror:
+        ask = Ask(
+            news=self._feed.news(), query="", base="", base_iri="", patterns=("*",), caller="", default=None,
+            named=None, wings=[], invocations=self._feed.of_fleet(), graphs=[], media_type="",
+            most_bytes=1, limit_s=1.0,
+        )  # fmt: skip
+        self.mirror.take(decode_ask(encode(ask)).news)
+        return self.mirror
