@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import httpx
 import rdflib
+from graphs import read
 from rdflib import RDF, URIRef
 
 HYBRIT = rdflib.Namespace("https://hybr-it-projekt.de/ns/hybr-it#")
@@ -53,10 +54,8 @@ class Browser:
     def page(self, url: str) -> Page:
         response = self.http.get(url)
         assert response.status_code == 200, f"{url}: {response.status_code} {response.text[:500]}"
-        graph = rdflib.Graph()
-        if response.headers["content-type"].startswith(TURTLE):
-            graph.parse(data=response.text, format="turtle", publicID=url)
-        return Page(url, response, graph)
+        is_turtle = response.headers["content-type"].startswith(TURTLE)
+        return Page(url, response, read(response.content, url) if is_turtle else rdflib.Graph())
 
     def robots(self) -> list[Page]:
         members = self.page(self.root).graph.objects(URIRef(self.root), LDP.contains)

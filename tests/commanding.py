@@ -5,8 +5,8 @@ import math
 from collections.abc import Callable, Iterator
 
 import httpx
-import rdflib
 from browser import LDP, LF, ROS, SPATIAL, VOM, Browser, Page
+from graphs import read
 from rdflib import URIRef
 from running import Process, eventually, process
 from several import Gateway
@@ -120,7 +120,7 @@ def state_at(gateway: Gateway, invocation: str) -> URIRef | None:
         return None
     assert answer.status_code == 200, answer.text
     # Of this answer: it may be deleted before the next.
-    state = rdflib.Graph().parse(data=answer.text, format="turtle", publicID=url).value(URIRef(url), LF.state)
+    state = read(answer.text, url).value(URIRef(url), LF.state)
     assert isinstance(state, URIRef)
     return state
 

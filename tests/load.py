@@ -10,6 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 import httpx
 import rdflib
 from commanding import TURTLE, radian
+from graphs import read
 from running import PATIENCE_S, eventually
 from several import Hub
 from subscribers import Said, Socket, StreamEnded, angle_in, events
@@ -101,7 +102,7 @@ class Reader:
     def _read(self) -> float:
         answer = self._front.ask("GET", self._rotation, accept="text/turtle")
         assert answer.status_code == 200, answer.text
-        graph = rdflib.Graph().parse(data=answer.text, format="turtle", publicID=str(answer.url))
+        graph = read(answer.text, str(answer.url))
         with contextlib.suppress(ValueError):  # unknown
             return angle_in(graph, rdflib.URIRef(str(answer.url)))
         return math.nan

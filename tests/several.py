@@ -10,6 +10,7 @@ import rdflib
 import zenoh
 from actor import Actor
 from browser import HYBRIT, LF, ROS, Browser, Page
+from graphs import read
 from receivers import CallbackReceiver, Seen
 from running import Process, eventually, free_port, process
 from small_fleet import presence
@@ -186,7 +187,7 @@ def number(seen: Seen) -> int:
 def angle(seen: Seen) -> float:
     """What a delivery says about the joint."""
     resource = seen.headers["link"].partition(">")[0].removeprefix("<")
-    return angle_in(rdflib.Graph().parse(data=seen.body, format="turtle", publicID=resource), rdflib.URIRef(resource))
+    return angle_in(read(seen.body, resource), rdflib.URIRef(resource))
 
 
 def present(gateway: Gateway) -> float:

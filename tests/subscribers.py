@@ -10,7 +10,8 @@ import httpx
 import rdflib
 from actor import Actor, joint, link, robot, stage
 from browser import DCTERMS, HYBRIT, LDP, LF, ROS, SPATIAL, VOM, Browser, Page
-from pyoxigraph import RdfFormat, parse
+from graphs import read
+from pyoxigraph import RdfFormat
 from rdflib import URIRef
 from running import eventually, process
 from small_fleet import Place, presence
@@ -35,8 +36,7 @@ _robots = itertools.count(1)
 
 def graph_of(body: bytes, media_type: str, base: str) -> rdflib.Graph:
     """What ``body`` says, read strictly as ``media_type``."""
-    quads = parse(body, format=FORMATS[media_type], base_iri=base)
-    return rdflib.Graph().parse(data="\n".join(f"{quad.triple} ." for quad in quads), format="nt")
+    return read(body, base, FORMATS[media_type])
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,6 @@
 """The whole tree from the root by links only: Link headers, link sets and IRIs in representations."""
 
 import contextlib
-import functools
 import gc
 import json
 from collections.abc import Iterator
@@ -11,9 +10,8 @@ import httpx
 import pyoxigraph
 import rdflib
 from browser import HYBRIT, LDP, LF, ROS, TURTLE, links
-from pyoxigraph import RdfFormat
-from rdflib import RDF, BNode, Literal, URIRef
-from rdflib.term import Node
+from graphs import graph_of, triples_of
+from rdflib import RDF, URIRef
 
 _THINGS = {"fleet": LF.Fleet, "robot": LF.Robot, "joint": LF.Joint, "link": ROS.Link}
 _OTHERS = {
@@ -76,7 +74,7 @@ def walk(root: str, http: httpx.Client, before: Walk | None = None) -> Walk:
             assert response.status_code == 200, f"{url}: {response.status_code} {response.text[:300]}"
             triples = _triples(url, response)
             known = before and before.pages.get(url)
-            graph = known.graph if known and known.response.content == response.content else _graph(triples)
+            graph = known.graph if known and known.response.content == response.content else graph_of(triples)
             found.pages[url] = Visited(url, response, graph, _kind(url, triples))
             pending += [target for target in _targets(triples, response, root) if target not in found.pages]
     return found
@@ -106,24 +104,7 @@ def _triples(url: str, response: httpx.Response) -> list[pyoxigraph.Triple]:
     """Those of a document in Turtle, none of any other."""
     if not response.headers["content-type"].startswith(TURTLE):
         return []
-    return [quad.triple for quad in pyoxigraph.parse(response.content, format=RdfFormat.TURTLE, base_iri=url)]
-
-
-def _graph(triples: list[pyoxigraph.Triple]) -> rdflib.Graph:
-    graph = rdflib.Graph(store="SimpleMemory")  # without contexts, which cost half of the time
-    for triple in triples:
-        graph.add(tuple(map(_term, triple)))  # type: ignore[arg-type]
-    return graph
-
-
-@functools.cache
-def _term(term: object) -> Node:
-    if isinstance(term, pyoxigraph.NamedNode):
-        return URIRef(term.value)
-    if isinstance(term, pyoxigraph.BlankNode):
-        return BNode(term.value)
-    assert isinstance(term, pyoxigraph.Literal)
-    return Literal(term.value, lang=term.language, datatype=None if term.language else URIRef(term.datatype.value))
+    return triples_of(response.content, url)
 
 
 def _targets(triples: list[pyoxigraph.Triple], response: httpx.Response, root: str) -> set[str]:
