@@ -29,12 +29,22 @@ ROBOTS = ("baxter", "go2", "panda", "tiago", "ur5")
 # These share the session's one fleet: in another process it would be a second one, and as long as the session is.
 _OF_THE_FLEET = (
     "tests/requirements/",
-    "tests/client/",
+    "tests/client/test_conform_fleet.py",
+    "tests/client/test_fleet.py",
     "tests/face/test_access.py",
     "tests/gateway/face/test_forms.py",
     "tests/gateway/face/test_pages_of_robots.py",
     "tests/gateway/test_endpoint.py",
 )
+_ON_THEIR_OWN = (
+    "tests/requirements/test_binary.py",
+    "tests/requirements/test_settings.py",
+    "tests/requirements/test_subscription_callbacks.py",
+)
+
+
+def _of_the_fleet(nodeid: str) -> bool:
+    return nodeid.startswith(_OF_THE_FLEET) and not nodeid.startswith(_ON_THEIR_OWN)
 
 
 @dataclass(frozen=True)
@@ -47,7 +57,7 @@ class RunningFleet:
 
 @pytest.fixture(scope="session")
 def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningFleet]:
-    assert os.environ["PYTEST_CURRENT_TEST"].startswith(_OF_THE_FLEET), "a file that uses the fleet is named above"
+    assert _of_the_fleet(os.environ["PYTEST_CURRENT_TEST"]), "a file that uses the fleet is named above"
     port, zenoh = free_port(), f"tcp/127.0.0.1:{free_port()}"
     state = ("--state-dir", str(tmp_path_factory.mktemp("state")), "--callback-allow", "127.0.0.0/8")
     with (
@@ -67,13 +77,13 @@ _running: list[RunningFleet] = []
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The longest first: what shares the fleet, then all that starts processes; none is left alone with them."""
-    items.sort(key=lambda item: (not item.nodeid.startswith(_OF_THE_FLEET), not item.get_closest_marker("fleet")))
+    items.sort(key=lambda item: (not _of_the_fleet(item.nodeid), not item.get_closest_marker("fleet")))
 
 
 @pytest.hookimpl(trylast=True)
 def pytest_runtest_teardown(nextitem: pytest.Item | None) -> None:
     """A third of a core is free for the other tests as soon as all that need the fleet have had it."""
-    if "PYTEST_XDIST_WORKER" in os.environ and nextitem and not nextitem.nodeid.startswith(_OF_THE_FLEET):
+    if "PYTEST_XDIST_WORKER" in os.environ and nextitem and not _of_the_fleet(nextitem.nodeid):
         for running in _running:
             running.agents.stop()
             running.gateway.stop()
@@ -90,7 +100,7 @@ class Scheduling(LoadScopeScheduling):
 
     def _split_scope(self, nodeid: str) -> str:
         file = nodeid.partition("::")[0]
-        return "the fleet" if file.startswith(_OF_THE_FLEET) else file
+        return "the fleet" if _of_the_fleet(file) else file
 
 
 @pytest.hookimpl(optionalhook=True)
