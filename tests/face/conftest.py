@@ -14,6 +14,7 @@ CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.whic
 # There is no sandbox for root and no graphics card in a container; WebGL is drawn by the processor.
 ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
 QUIET = ["--disable-background-networking", "--disable-component-update", "--disable-sync", "--no-first-run"]
+PICTURES = os.environ.get("LINKED_FLEET_PICTURES")  # a folder for those of README.md, which are to be sharp
 DESK: ViewportSize = {"width": 1280, "height": 900}
 PHONE: ViewportSize = {"width": 360, "height": 740}
 
@@ -61,8 +62,8 @@ class Watched:
 
 @pytest.fixture
 def page(chromium: Browser) -> Iterator[Page]:
-    """An empty page in a context of its own."""
-    context = chromium.new_context(viewport=DESK, reduced_motion="reduce")
+    """An empty page in a context of its own, with few pixels: where no graphics card is they are drawn by processor."""
+    context = chromium.new_context(viewport=DESK, reduced_motion="reduce", device_scale_factor=1 if PICTURES else 0.5)
     context.set_default_timeout(PATIENCE_S * 1000)
     yield context.new_page()
     context.close()
