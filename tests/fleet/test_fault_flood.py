@@ -56,12 +56,13 @@ def test_a_flood_starves_nobody(browser_and_loud: tuple[Browser, zenoh.Session, 
     """Meanwhile another robot moves when it is asked to, is seen to, and is stopped."""
     browser, session, loud = browser_and_loud
     rotation = str(browser.part("ur5", WRIST).one(ROS.rotation))
+    turn, halt = of_joint(browser, WRIST), of_robot(browser, LF.StopRobot)
     target = angle(browser, WRIST) + 0.2
     with flooding(session, loud, kind), Socket(rotation) as watching:
         watching.next()
-        motion = begun(put(browser, of_joint(browser, WRIST), radian(target), prefer="wait=30"))
+        motion = begun(put(browser, turn, radian(target), prefer="wait=30"))
         eventually(lambda: watching.next().angle == pytest.approx(target, abs=0.01), "the place in the stream")
         assert browser.page(motion).one(LF.state) == LF.succeeded
-        stop = begun(post(browser, of_robot(browser, LF.StopRobot), prefer="wait=30"))
+        stop = begun(post(browser, halt, prefer="wait=30"))
         assert browser.page(stop).one(LF.state) == LF.succeeded
     live(browser, "ur5")
