@@ -21,6 +21,7 @@ BENCH_ARGS ?=
 CADDY ?= $(or $(shell command -v caddy),$(CURDIR)/build/caddy/usr/bin/caddy)
 BIN := .venv/bin
 ASSETS := gateway/face/assets/manifest.json
+NODE_WOT := tests/things/node_modules/.package-lock.json
 
 # Pins as variables, not as -c: the environment in which pip builds our own wheel reads them too.
 export PIP_CONSTRAINT := constraints.txt
@@ -38,12 +39,12 @@ $$python -c 'import ensurepip' 2>/dev/null || { echo "$$python has no venv: apt 
 $$python -m venv --clear $(1)
 endef
 
-.PHONY: demo test test-fast check fleet-check bench bench-robots fuzz soak assets pictures chromium egl wrk caddy clean
+.PHONY: demo test test-fast check fleet-check bench bench-robots fuzz soak assets pictures node-wot chromium egl wrk caddy clean
 
 demo: .venv/stamp $(ASSETS)
 	@$(BIN)/python -m demo --port $(PORT)
 
-test: .venv/stamp $(ASSETS) chromium egl
+test: .venv/stamp $(ASSETS) $(NODE_WOT) chromium egl
 	$(BIN)/python -m pytest -n 3 --dist loadscope --no-loadscope-reorder $(PYTEST_ARGS)
 
 # For the tests of the pages. Those say so and fail where it cannot be had.
@@ -60,8 +61,8 @@ egl:
 	  { $$run apt-get update -qq && $$run apt-get install -qqy --no-install-recommends libegl1 libgl1 libgl1-mesa-dri; } >/dev/null || \
 	  echo "EGL cannot be installed here; the tests of pictures are skipped: apt install libegl1 libgl1 libgl1-mesa-dri"; }
 
-test-fast: .venv/stamp $(ASSETS)
-	$(BIN)/python -m pytest -m "not fleet" --ignore tests/fleet --ignore tests/requirements --ignore tests/subscriptions --ignore tests/store --ignore tests/face --ignore tests/bench --ignore tests/fuzz --ignore tests/test_demo.py $(PYTEST_ARGS)
+test-fast: .venv/stamp $(ASSETS) $(NODE_WOT)
+	$(BIN)/python -m pytest -m "not fleet" --ignore tests/fleet --ignore tests/requirements --ignore tests/subscriptions --ignore tests/store --ignore tests/things --ignore tests/face --ignore tests/bench --ignore tests/fuzz --ignore tests/test_demo.py $(PYTEST_ARGS)
 
 check: .venv/stamp .venv-bare/stamp
 	$(BIN)/ruff check .
@@ -128,6 +129,14 @@ $(ASSETS): face/package.json face/build face/build.mjs $(wildcard face/src/*) | 
 	@echo "Bundling the scripts of the pages. The first time fetches their packages."
 	@face/build $(BIN)/python
 
+# The client of the Web of Things that the tests set on the fleet, and the schema of Thing Descriptions.
+node-wot: $(NODE_WOT)
+
+$(NODE_WOT): tests/things/package.json | $(ASSETS)
+	@echo "Fetching node-wot for the tests of neighbours."
+	@cd tests/things && PATH="$(abspath $(BIN)):$$PATH" npm install --no-package-lock --ignore-scripts --no-audit --no-fund --silent
+	@touch $@
+
 # One environment for everything. A later start finds it as it is and asks nobody for packages.
 .venv/stamp: pyproject.toml constraints.txt
 	@echo "Making .venv: the gateway, the simulation and the tools. The first time takes a minute or two."
@@ -144,4 +153,4 @@ $(ASSETS): face/package.json face/build face/build.mjs $(wildcard face/src/*) | 
 	@touch $@
 
 clean:
-	rm -rf .venv .venv-bare face/node_modules gateway/face/assets build dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis
+	rm -rf .venv .venv-bare face/node_modules tests/things/node_modules gateway/face/assets build dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis

@@ -35,6 +35,7 @@ from gateway.store.embedded import Embedded
 from gateway.subscriptions.network import Network
 from gateway.subscriptions.service import Subscriptions, new_run
 from gateway.subscriptions.store import Store
+from gateway.things.directory import WINGS as THINGS
 
 
 def create_app(settings: GatewaySettings, tracing: Tracing | None = None) -> Starlette:
@@ -44,6 +45,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None) -> Sta
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
         async with AsyncExitStack() as stack:
             live = await stack.enter_async_context(Live(settings))
+            live.add(*THINGS)
             url = settings.redis_url or (await stack.enter_async_context(Embedded(settings.state_path))).url
             run = new_run()
             app.state.audit = await stack.enter_async_context(Audit(url, settings.namespace))

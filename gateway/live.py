@@ -42,6 +42,7 @@ class Live:
         self.fan_out = FanOut(self.tree)
         self.fleet.frames.watched = self.fan_out.watched
         self._wings = Wings()
+        self._secured = bool(settings.identities)
         self._judged = 0
         self._heard = asyncio.Event()
         # Who carries out actions hears of robots that are lost, and of the progress that robots report.
@@ -104,7 +105,7 @@ class Live:
 
     def tree(self, base: str, sees: View = ALL, shelf: Shelf = EMPTY) -> Tree:
         """The resource tree as it is now to who ``sees`` it, under one base URL; ``shelf``: subscriptions to show."""
-        return Tree(self.fleet, self.invocations, base, shelf, sees, self._wings)
+        return Tree(self.fleet, self.invocations, base, shelf, sees, self._wings, self._secured)
 
     @property
     def wings(self) -> Wings:

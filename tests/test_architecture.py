@@ -28,6 +28,7 @@ PAGES = (
     "SECURITY.md",
     "docs/IDENTITIES.md",
     "docs/THREATS.md",
+    "docs/THINGS.md",
     "client/CONFORMANCE.md",
     "docs/FUZZING.md",
     "docs/CAMERAS.md",

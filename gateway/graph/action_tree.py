@@ -18,6 +18,7 @@ from gateway.graph.invocation import (
 from gateway.graph.reading import Source
 from gateway.graph.resource import CONTAINER, Resource, blueprint_of
 from gateway.graph.vocab import LF
+from gateway.things.documents import with_json
 
 
 def in_actions(
@@ -49,7 +50,7 @@ def invocation_of(robot: Robot | None, invocation: Invocation, invocations: Invo
         describe_invocation(graph, base, robot, invocation, others, invocations.answers(invocation))
 
     path = invocation_path(invocation)
-    return Resource(
+    resource = Resource(
         path,
         f"Invocation {invocation.id}",
         describe,
@@ -57,6 +58,7 @@ def invocation_of(robot: Robot | None, invocation: Invocation, invocations: Invo
         own=(path + "/blueprint", *(() if invocation.state.terminal else (cancel_path(invocation),))),
         affords=EndInvocation(invocation, keep=False),
     )
+    return with_json(resource, LF.InvocationShape, base)
 
 
 def _facts(invocation: Invocation) -> tuple[object, ...]:

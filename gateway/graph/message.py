@@ -7,11 +7,14 @@ from gateway.graph.resource import Resource
 from gateway.graph.serialise import RDF_TYPES, WriteError, render
 from gateway.graph.subscription import describe_version
 from gateway.graph.vocab import PREFIXES
+from gateway.things.documents import TD
 
 
 def message_types(resource: Resource) -> tuple[str, ...]:
     """Media types in which messages about ``resource`` can be had: no pages, and Turtle first (R1.2)."""
-    return (*RDF_TYPES, *resource.documents) if resource.observable else ()
+    if not resource.observable:
+        return ()
+    return (*RDF_TYPES, *(each for each in resource.documents if each != TD))  # which says nothing that changes
 
 
 def message_body(resource: Resource, media_type: str, base: str, version: str, previous: str | None) -> bytes:

@@ -133,7 +133,7 @@ def _check_depth(triples: list[Triple], max_depth: int) -> None:
 
 def _without_remote_contexts(text: str, base: str, contexts: Mapping[str, dict[str, Any]], max_depth: int) -> str:
     """The JSON with the contexts that we know put in place of their IRIs."""
-    _check_json_depth(text, max_depth)
+    check_json_depth(text, max_depth)
     if '"@context"' not in text and "\\" not in text:
         return text  # the parser then sees, and reports positions of, exactly what the client sent
     try:
@@ -146,7 +146,7 @@ def _without_remote_contexts(text: str, base: str, contexts: Mapping[str, dict[s
         raise ParseError(f"unacceptable JSON: {error}") from error
 
 
-def _check_json_depth(text: str, max_depth: int) -> None:
+def check_json_depth(text: str, max_depth: int) -> None:
     depth = 0
     for match in _JSON_BRACKETS.finditer(text):
         bracket = match[0]

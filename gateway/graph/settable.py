@@ -69,7 +69,7 @@ def target(robot: Robot, offer: Offer) -> Property:
     )
 
 
-def _describe_target_input(graph: Graph, iri: NamedNode, offer: Offer, base: str) -> None:
+def describe_target_input(graph: Graph, iri: NamedNode, offer: Offer, base: str) -> None:
     """The shape of what may be put as the target of a joint: one ``lf:value``, as the action takes it."""
     value, scalar = graph.blank(), graph.blank()
     graph.a(iri, SH.NodeShape)
@@ -87,7 +87,7 @@ def describe_target_blueprint(blueprint: Resource, offer: Offer, base: str, grap
     """The blueprint of a target, and the shape of what can be put there, which depends on the joint."""
     assert blueprint.describe is not None
     blueprint.describe(graph)
-    _describe_target_input(graph, NamedNode(f"{base}{blueprint.path}#input"), offer, base)
+    describe_target_input(graph, NamedNode(f"{base}{blueprint.path}#input"), offer, base)
 
 
 def affordance(put: Setting | Offer | None) -> PutSetting | PutTarget | None:

@@ -46,6 +46,7 @@ from gateway.graph.vocab import LDP, LF
 from gateway.graph.wing import NONE, Found, Sight, Wings
 from gateway.identity.rights import ALL, View
 from gateway.subscriptions.subscription import Record
+from gateway.things.documents import of_thing, with_json
 
 Shelf = Mapping[str, Sequence[Record]]
 """Subscriptions by the path of their owner, as far as somebody has fetched them."""
@@ -64,6 +65,7 @@ class Tree:
         shelf: Shelf = EMPTY,
         sees: View = ALL,
         wings: Wings = NONE,
+        secured: bool = False,
     ) -> None:
         self._robots: Mapping[str, Robot] = fleet.robots if sees.all else RobotsInView(fleet.robots, sees)
         self._invocations = InvocationsInView(invocations, sees)
@@ -71,7 +73,7 @@ class Tree:
         self._say = Describer(base)
         self._base = base
         self._wings = wings
-        self._sight = Sight(base, self._robots, self._invocations, sees)
+        self._sight = Sight(base, self._robots, self._invocations, sees, secured)
 
     def resolve(self, path: str) -> Found:
         """The resource at ``path`` (percent-decoded, starting with a slash), its other spelling, or None."""
@@ -123,6 +125,7 @@ class Tree:
                 *(path for _, path in self._wings.linked()),
             ),
             parts=robots,
+            documents=of_thing(self._sight),
             has_linkset=True,
         )
 
@@ -192,6 +195,7 @@ class Tree:
             source=_thing(robot, properties, lambda: self._tasks(robot)),
             own=_own(path, properties, actions),
             parts=tuple(part_paths(robot)),
+            documents=of_thing(self._sight, robot),
             has_linkset=True,
         )
 
@@ -216,6 +220,7 @@ class Tree:
             lambda graph: self._say.joint(robot, joint, graph),
             source=_thing(robot, properties),
             own=_own(path, properties, actions),
+            documents=of_thing(self._sight, robot, joint),
             has_linkset=True,
         )
 
@@ -236,6 +241,7 @@ class Tree:
             lambda graph: self._say.link(robot, link, graph),
             source=_thing(robot, properties),
             own=_own(path, properties),
+            documents=of_thing(self._sight, robot, link),
             has_linkset=True,
         )
 
@@ -271,7 +277,7 @@ class Tree:
         def measured(graph: Graph, seen: Seen) -> None:
             self._say.property(robot, owner, item, graph, seen)
 
-        return Resource(
+        resource = Resource(
             path,
             item.title,
             lambda graph: measured(graph, Seen.of(item.look())),
@@ -282,6 +288,7 @@ class Tree:
             layout=layout_path(path) if is_framed(item) else None,
             affords=affordance(item.put),
         )
+        return with_json(resource, item.shape, self._base)
 
     # -- all that is below ------------------------------------------------------------------------------------------
 

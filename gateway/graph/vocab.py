@@ -43,11 +43,12 @@ LDP = Namespace(
 SH = Namespace(
     "http://www.w3.org/ns/shacl#",
     "NodeShape property path targetClass targetNode minCount maxCount datatype minInclusive"
-    " minExclusive maxInclusive maxExclusive in hasValue or node name description"
+    " minExclusive maxInclusive maxExclusive minLength maxLength nodeKind IRI in hasValue or node name description"
     " result focusNode resultPath value resultMessage sourceConstraintComponent",
 )
 PROV = Namespace("http://www.w3.org/ns/prov#", "Activity Agent startedAtTime endedAtTime wasAssociatedWith")
 SOSA = Namespace("http://www.w3.org/ns/sosa/", "resultTime Sensor isHostedBy hosts")
+SOSA = Namespace("http://www.w3.org/ns/sosa/", "resultTime ObservableProperty Actuation actsOnProperty")
 QUDT = Namespace("http://qudt.org/schema/qudt/", "unit")
 UNIT = Namespace(
     "http://qudt.org/vocab/unit/",
@@ -106,7 +107,7 @@ LF = Namespace(
     " speed speedScale precondition tolerance tiedTo waypoint atTime ofLink poseName namedPose input duration progress"
     " preempts preemptedBy positionResidual orientationResidual answer ofRobot currentTask"
     # predicates: control and settings
-    " lease holder expires leaseDuration targetRotation targetTranslation title annotations maximumSpeedScale"
+    " things lease holder expires leaseDuration targetRotation targetTranslation title annotations maximumSpeedScale"
     # predicates: subscriptions and their messages
     " depth minimumInterval deadband secret signed deliveryState lastDelivery lastStatus failures"
     " version previousVersion"

@@ -24,6 +24,8 @@ class Sight:
     robots: Mapping[str, Robot]
     invocations: InvocationsInView
     sees: View
+    secured: bool = False
+    """Whether who asks has to say who they are."""
 
     def iri(self, path: str) -> NamedNode:
         return NamedNode(self.base + path)

@@ -1,5 +1,8 @@
 """The RDF in the body of a request: whole, bounded, and parsed with the request's own resource as base."""
 
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
 from pyoxigraph import Triple
 from starlette.requests import Request
 
@@ -8,16 +11,22 @@ from gateway.graph.serialise import ParseError, parse
 from gateway.graph.vocab import PREFIXES
 from gateway.http.fields import field
 from gateway.http.negotiation import parse_content_type
+from gateway.things.documents import JSON
+
+if TYPE_CHECKING:
+    from gateway.things.schema import Form
 
 # No Jelly: its parser was not made for strangers' bytes, which end it with whatever exception they hit upon.
 BODY_TYPES = ("text/turtle", "application/ld+json", "application/n-triples", "application/rdf+xml")
 MAX_BODY_BYTES = 64 * 1024
+FORM_TYPES = (*BODY_TYPES, JSON)
+"""What is taken where a shape says which members an object in plain JSON has."""
 _CONTEXT = "https://w3id.org/linked-fleet/context"
 
 
-def body_type(request: Request) -> str:
+def body_type(request: Request, taken: Sequence[str] = BODY_TYPES) -> str:
     """The media type of the body, known before the body is read; 415 or 400 for what is not taken."""
-    media_type, _ = parse_content_type(field(request, "content-type"), BODY_TYPES)
+    media_type, _ = parse_content_type(field(request, "content-type"), taken)
     _check_whole(request)
     return media_type
 
@@ -35,6 +44,17 @@ def parse_body(body: bytes, media_type: str, iri: str, base: str, max_triples: i
         return parse(body, media_type, iri, contexts=contexts, max_triples=max_triples)
     except ParseError as error:
         raise BadRequest(f"The body is no {media_type}: {error}", line=error.line, column=error.column) from error
+
+
+def parse_form(
+    body: bytes, media_type: str, iri: str, base: str, form: "Callable[[], Form]", max_triples: int = 1000
+) -> list[Triple]:
+    """As ``parse_body``, of a body that may be plain JSON, of which ``form`` says what its members mean."""
+    if media_type != JSON:
+        return parse_body(body, media_type, iri, base, max_triples)
+    from gateway.things.plain import triples_of
+
+    return triples_of(body, form(), iri, max_triples)
 
 
 def _check_whole(request: Request) -> None:

@@ -1,5 +1,8 @@
 """The control lease and the settings of a robot: what is put there, and taken away (R0.5)."""
 
+from typing import TYPE_CHECKING
+
+from pyoxigraph import Triple
 from starlette.requests import Request
 from starlette.responses import Response
 
@@ -9,12 +12,15 @@ from gateway.errors import BadRequest, NotFound
 from gateway.graph.affordance import Control, PutSetting
 from gateway.graph.paths import lease_path
 from gateway.graph.resource import Resource
-from gateway.graph.setting import judged
+from gateway.graph.setting import Setting, judged
 from gateway.graph.vocab import LF
-from gateway.http.body import body_type, read_triples
+from gateway.http.body import FORM_TYPES, body_type, parse_form, read_body, read_triples
 from gateway.http.invoke import lock_token, refuse_rehearsal
 from gateway.http.preconditions import check_preconditions
 from gateway.http.rights import tree_of
+
+if TYPE_CHECKING:
+    from gateway.things.schema import Form
 
 
 async def control(request: Request, afforded: Control, base: str) -> Response:
@@ -45,7 +51,7 @@ async def put_setting(request: Request, afforded: PutSetting, base: str) -> Resp
     memory = _memory(request)
     refuse_rehearsal(request)
     setting = afforded.setting
-    triples = await read_triples(request, body_type(request), base + setting.path, base)
+    triples = await _read_setting(request, setting, base)
     value = setting.admit(triples, base)
     # Again, because the value may have changed while the body was on its way.
     present = tree_of(request, base).resolve(setting.path)
@@ -53,3 +59,17 @@ async def put_setting(request: Request, afforded: PutSetting, base: str) -> Resp
         check_preconditions(request, present, base)
     await memory.configure(setting.robot, setting.name, value, lock_token(request))
     return Response(status_code=204)
+
+
+async def _read_setting(request: Request, setting: Setting, base: str) -> list[Triple]:
+    iri, shape = base + setting.path, setting.shape
+    if shape is None:
+        return await read_triples(request, body_type(request), iri, base)
+
+    def form() -> "Form":
+        from gateway.things.schema import form_of
+
+        return form_of(shape)
+
+    media_type = body_type(request, FORM_TYPES)
+    return parse_form(await read_body(request), media_type, iri, base, form)

@@ -16,6 +16,7 @@ from starlette.websockets import WebSocket
 from gateway.errors import BadRequest, FleetError, MethodNotAllowed, NotAcceptable, NotFound, PreconditionFailed
 from gateway.face.policy import FORMS, POLICY
 from gateway.graph.affordance import (
+    Affordance,
     CancelSubscription,
     Control,
     EndInvocation,
@@ -27,6 +28,7 @@ from gateway.graph.affordance import (
 )
 from gateway.graph.cameras import Eye
 from gateway.graph.paths import owner_path, robot_of
+from gateway.graph.paths import is_below, owner_path, robot_of
 from gateway.graph.resource import Redirect, Remote, Resource
 from gateway.graph.subscription import container_path
 from gateway.graph.tree import EMPTY, Shelf
@@ -34,7 +36,7 @@ from gateway.graph.vocab import PREFIXES
 from gateway.graph.wing import Found
 from gateway.http.audit import NEEDS as AUDIT_NEEDS
 from gateway.http.audit import audit_resource, is_audit, note, with_audit
-from gateway.http.body import BODY_TYPES
+from gateway.http.body import BODY_TYPES, FORM_TYPES
 from gateway.http.conditional import not_modified, precondition_holds
 from gateway.http.control import control, put_setting
 from gateway.http.fields import field
@@ -49,10 +51,13 @@ from gateway.http.representation import negotiated, preferred
 from gateway.http.rights import caller_of, demand, shown, tree_of
 from gateway.http.streams import EventStream, is_over, open_websocket, wants_events
 from gateway.http.subscribe import cancel, post_subscription, refusals, resume, subscribe_callback, wants_callback
+from gateway.http.things import read_listing
 from gateway.http.turns import Turns
 from gateway.identity.rights import Right
 from gateway.live import Live
 from gateway.subscriptions.service import Subscriptions
+from gateway.things.directory import Listing
+from gateway.things.documents import DIRECTORY
 
 log = logging.getLogger(__name__)
 
@@ -164,8 +169,8 @@ async def _find(connection: HTTPConnection, base: str) -> Resource | Redirect:
     if is_audit(path):
         demand(connection, path, AUDIT_NEEDS)
         return await audit_resource(connection, base)
-    # An encoded slash separates nothing (RFC 3986, 2.2), and no name in the tree has one.
-    encoded_slash = b"%2f" in connection.scope["raw_path"].lower()
+    # An encoded slash separates nothing (RFC 3986, 2.2), and no name in the tree has one, but the ids of things have.
+    encoded_slash = b"%2f" in connection.scope["raw_path"].lower() and not is_below(path, DIRECTORY)
     found: Found = None if encoded_slash else tree_of(connection, base, await _shelf(connection, path)).resolve(path)
     if found is None:
         raise NotFound(f"There is no resource at {path[:_LONGEST_NAMED]}; browse from {base}/.")
@@ -279,6 +284,9 @@ async def _read_camera(request: Request, resource: Resource, eye: Eye, base: str
 _READERS: dict[type, Callable[[Request, Resource, Any, str], Awaitable[Response]]] = {
     Remote: _read_mesh,
     Eye: _read_camera,
+_READERS: dict[type, Callable[[Request, Resource, Any, str], Awaitable[Response]]] = {
+    Remote: _read_mesh,
+    Listing: read_listing,
 }
 
 
@@ -301,8 +309,16 @@ def _options(resource: Resource, allow: tuple[str, ...]) -> dict[str, str]:
     headers = {"allow": ", ".join(allow)}
     if resource.affords is not None and resource.affords.takes_body:
         fields = {"POST": "accept-post", "PUT": "accept-put"}
-        headers |= {fields[method]: ", ".join(BODY_TYPES) for method in allow if method in fields}
+        taken = ", ".join(FORM_TYPES if _takes_json(resource.affords) else BODY_TYPES)
+        headers |= {fields[method]: taken for method in allow if method in fields}
     return headers
+
+
+def _takes_json(affords: Affordance) -> bool:
+    """Whether a shape says what the members of an object would mean."""
+    if isinstance(affords, PutSetting):
+        return affords.setting.shape is not None
+    return isinstance(affords, Invoke | PutTarget)
 
 
 def _link(resource: Resource, base: str) -> str:

@@ -1,10 +1,12 @@
 """Invoking an action: body → plan → invocation → answer (flow "action"; R0.7, R0.8, RFC 7240, Idempotency-Key)."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
+from functools import partial
 from hashlib import blake2b
+from typing import TYPE_CHECKING
 
 from pyoxigraph import BlankNode, NamedNode, RdfFormat, Triple, serialize
 from starlette.requests import Request
@@ -28,14 +30,19 @@ from gateway.graph.judge import reachable
 from gateway.graph.resource import Resource
 from gateway.graph.validation import root
 from gateway.graph.vocab import LF, MATHS, VOM
-from gateway.http.body import body_type, parse_body, read_body
+from gateway.http.body import FORM_TYPES, body_type, parse_form, read_body
 from gateway.http.fields import field
+from gateway.http.negotiation import choose
 from gateway.http.prefer import Prefer, parse_prefer
 from gateway.http.representation import Representation, negotiated
 from gateway.http.rights import caller_of, name_of, tree_of
 from gateway.identity.rights import Right
 from gateway.live import Live
 from gateway.observe.context import step, traced
+from gateway.things.documents import JSON
+
+if TYPE_CHECKING:
+    from gateway.things.schema import Form
 
 MAX_BODY_BYTES, MAX_TRIPLES = 256 * 1024, 5_000  # of a trajectory: seven joints at some two hundred times
 _MAX_REMEMBERED = 32 * 1024  # characters; what is longer is carried out, and not shown with the invocation
@@ -51,7 +58,7 @@ async def invoke(request: Request, afforded: Invoke, base: str) -> Response:
     if not offer.takes_body:
         return await _halt(request, offer, base)
     prefer = _prefer(request, offer, base)
-    content, triples = await _read(request, base + offer.path, base)
+    content, triples = await _read(request, base + offer.path, base, partial(_input_form, offer, base))
     with step("guard"):
         body = admit(offer, triples, base)
     return await _carry_out(request, offer, body, moment, prefer, content, base)
@@ -63,7 +70,7 @@ async def put_target(request: Request, afforded: PutTarget, base: str) -> Respon
     iri = base + request.scope["path"]
     _trace(offer, iri.rpartition("/")[2])
     prefer = _prefer(request, offer, base)
-    content, triples = await _read(request, iri, base)
+    content, triples = await _read(request, iri, base, partial(_target_form, offer, base))
     focus = root(triples, NamedNode(iri))
     values = {t.object for t in triples if t.subject == focus and t.predicate == LF.value}
     if len(values) != 1:
@@ -134,17 +141,29 @@ def _key(request: Request) -> str:
 def _prefer(request: Request, offer: Offer, base: str) -> Prefer:
     """What the client would like; NotAcceptable before the motion or never."""
     prefer = parse_prefer(field(request, "prefer"))
-    if prefer.return_ == "representation" or prefer.dry_run:
-        # As negotiable as the answer will be.
+    if prefer.dry_run or (prefer.return_ == "representation" and choose(field(request, "accept"), (JSON,)) is None):
+        # As negotiable as the answer will be, but that an invocation is to be had in plain JSON too.
         _show(request, offer.path, base)
     return prefer
 
 
-async def _read(request: Request, iri: str, base: str) -> tuple[bytes, list[Triple]]:
+async def _read(request: Request, iri: str, base: str, form: "Callable[[], Form]") -> tuple[bytes, list[Triple]]:
     """The body as it came, and its triples."""
-    media_type = body_type(request)
+    media_type = body_type(request, FORM_TYPES)
     content = await read_body(request, MAX_BODY_BYTES)
-    return content, parse_body(content, media_type, iri, base, MAX_TRIPLES)
+    return content, parse_form(content, media_type, iri, base, form, MAX_TRIPLES)
+
+
+def _input_form(offer: Offer, base: str) -> "Form":
+    from gateway.things.schema import form_of_input
+
+    return form_of_input(offer, base)
+
+
+def _target_form(offer: Offer, base: str) -> "Form":
+    from gateway.things.schema import form_of_target
+
+    return form_of_target(offer, base)
 
 
 async def _halt(request: Request, offer: Offer, base: str) -> Response:

@@ -14,6 +14,9 @@ from gateway.graph.vocab import PREFIXES
 from gateway.http.conditional import etag
 from gateway.http.links import LINKSET_TYPES, Link, linkset_json, linkset_text
 from gateway.http.negotiation import choose
+from gateway.things.documents import JSON, TD
+
+_PICKED = {name: media_type for name, (_, media_type) in FORMATS.items()} | {"json": JSON, "td": TD}
 
 
 @dataclass(frozen=True)
@@ -50,9 +53,10 @@ def preferred(accept: str | None, picked: str | None) -> str | None:
     """
     if picked is None:
         return accept
-    if picked not in FORMATS:
-        raise NotAcceptable(f"?as= picks one of {', '.join(FORMATS)}.", offered=tuple(FORMATS))
-    return FORMATS[picked][1]
+    media_type = _PICKED.get(picked)
+    if media_type is None:
+        raise NotAcceptable(f"?as= picks one of {', '.join(_PICKED)}.", offered=tuple(_PICKED))
+    return media_type
 
 
 def etags(resource: Resource, base: str) -> Iterator[str]:

@@ -19,6 +19,7 @@ from gateway.http.audit import note
 from gateway.http.event_stream import CANCELLED_ID, serve_event_stream
 from gateway.http.fields import field
 from gateway.http.negotiation import choose, parse_accept, weight
+from gateway.http.representation import preferred
 from gateway.http.rights import caller_of
 from gateway.http.subscribe import new_subscription, observable_types, options, refusals, seen, subscription_link
 from gateway.http.websocket import BINARY_TYPES, serve_websocket
@@ -28,6 +29,7 @@ from gateway.subscriptions.message import Feed, Outlet
 from gateway.subscriptions.service import Subscriptions
 from gateway.subscriptions.subscription import Kind, Subscription
 from gateway.subscriptions.watcher import Watcher
+from gateway.things.documents import JSON
 
 EVENT_STREAM = "text/event-stream"
 SUBPROTOCOLS = {
@@ -39,6 +41,7 @@ SUBPROTOCOLS = {
     "lf.frame": FRAME_MEDIA_TYPE,
     "lf.jpeg": "image/jpeg",
     "lf.png": "image/png",
+    "lf.json": JSON,
 }
 """Browsers cannot set Accept on a WebSocket, but they can name subprotocols."""
 _Start = Callable[[Outlet], Awaitable[Feed]]
@@ -163,8 +166,13 @@ def _opened(connection: HTTPConnection, resource: Resource, kind: Kind) -> Subsc
 
 
 def _type_in_events(request: Request, resource: Resource) -> str:
-    """The RDF type that Accept likes best beside event streams; Turtle when it names none."""
+    """The type that Accept likes best beside event streams, or that ``?as=`` picks; Turtle when there is none."""
     offered = tuple(each for each in observable_types(resource) if each not in BINARY_TYPES)
+    if (picked := request.query_params.get("as")) is not None:
+        media_type = preferred(None, picked)
+        if media_type not in offered:
+            raise NotAcceptable(f"Messages are to be had in {', '.join(offered)}.", offered=offered)
+        return media_type
     accept = field(request, "accept")
     ranges = [each for each in parse_accept(accept) if (each.type, each.subtype) != ("text", "event-stream")]
     if not any(weight(ranges, media_type) for media_type in offered):

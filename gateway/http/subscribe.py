@@ -58,7 +58,7 @@ def options(connection: HTTPConnection) -> Options:
     """The options in the query: ``depth``, ``interval`` (s), ``deadband`` (SI unit of the value); BadRequest."""
     query = connection.query_params
     for name, count in Counter(name for name, _ in query.multi_items()).items():
-        if name not in OPTIONS or count > 1:
+        if name not in (*OPTIONS, "as") or count > 1:
             raise BadRequest(
                 f"{name[:50]!r} is no option, or said twice; of a subscription there are {', '.join(OPTIONS)}."
             )

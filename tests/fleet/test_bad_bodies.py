@@ -314,9 +314,10 @@ def _broken_texts(draw: st.DrawFn) -> tuple[str, bytes, str]:
     if how == "typed":
         return target, good.encode(), draw(st.sampled_from(_TYPES))
     if how == "whole":
-        return target, draw(st.sampled_from(_WHOLE)).encode(), syntax
+        return target, draw(st.sampled_from(_WHOLE)).encode(), draw(st.sampled_from([syntax, "application/json"]))
     if how == "noise":
-        return target, draw(st.one_of(st.binary(max_size=200), _texts)), syntax
+        body = draw(st.one_of(st.binary(max_size=200), _texts))
+        return target, body, draw(st.sampled_from([syntax, "application/json"]))
     root = draw(st.sampled_from(["<elsewhere>", "[]", "</ur5/>"]))
     return target, good.replace("<> ", f"<> lf:reason 1 . {root} ", 1).encode(), _TURTLE
 
