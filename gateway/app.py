@@ -36,6 +36,7 @@ from gateway.subscriptions.network import Network
 from gateway.subscriptions.service import Subscriptions, new_run
 from gateway.subscriptions.store import Store
 from gateway.things.directory import WINGS as THINGS
+from gateway.world.service import World
 
 
 def create_app(settings: GatewaySettings, tracing: Tracing | None = None) -> Starlette:
@@ -54,9 +55,10 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None) -> Sta
                 key = SessionKey(url, settings.namespace, settings.session_key_file)
                 identities = Identities(Path(settings.identities), key, EndedSessions(url, settings.namespace))
                 app.state.identities = await stack.enter_async_context(identities)
+            world = app.state.world = await stack.enter_async_context(World(live, url, settings.namespace))
             remembered = await stack.enter_async_context(ActionStore(url, settings.namespace, run))
             most_motions = int(settings.invocations_per_client)
-            app.state.actions = await stack.enter_async_context(Actions(live, remembered, most_motions))
+            app.state.actions = await stack.enter_async_context(Actions(live, remembered, most_motions, world.judge))
             app.state.pictures = await stack.enter_async_context(Pictures(live))
             app.state.queries = await stack.enter_async_context(Queries(live))
             await live.join()

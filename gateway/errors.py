@@ -10,6 +10,7 @@
     ├── Conflict                    409     conflict
     │   ├── RefusedByAgent          409     refused
     │   ├── Changed                 409     changed
+    │   ├── Collides                409     collision
     │   └── Controlled              409     controlled
     ├── PreconditionFailed          412     precondition-failed
     ├── PayloadTooLarge             413     payload-too-large
@@ -28,6 +29,7 @@
     ├── Offline                     503     offline
     ├── Busy                        503     busy
     ├── QueryTooCostly              503     query-too-costly
+    ├── Unchecked                   503     unchecked
     ├── StoreAway                   503     store-away
     ├── IssuerAway                  503     issuer-away
     └── AgentSilent                 504     agent-silent
@@ -171,6 +173,23 @@ class Changed(Conflict):
     """The body named where joints must be (``lf:precondition``), and they are elsewhere."""
 
     code, title = "changed", "The robot is not where the motion was planned for"
+
+
+class Collides(Conflict):
+    """On its way the robot would meet something. ``things``: IRIs of its link and of what that meets, as far as who
+    asks may know it; ``share``: of the way that is free. ``reason`` names nothing but the robot's own."""
+
+    code, title = "collision", "The motion would end in a collision"
+
+    def __init__(
+        self, detail: str, *, things: Sequence[str] = (), share: float | None = None, reason: str = ""
+    ) -> None:
+        super().__init__(detail)
+        self.things, self.share, self.reason = list(things), share, reason
+
+    @property
+    def members(self) -> Members:
+        return {} if self.share is None else {"things": self.things, "share": self.share}
 
 
 class Controlled(Conflict):
@@ -325,6 +344,16 @@ class Busy(FleetError):
 
     def __init__(self, detail: str) -> None:
         super().__init__(detail, headers={"Retry-After": "1"})
+
+
+class Unchecked(FleetError):
+    """Whether the motion meets anything could not be told, so nothing moves; ``reason`` as of Collides."""
+
+    status, code, title = 503, "unchecked", "The motion could not be checked"
+
+    def __init__(self, detail: str, *, reason: str = "") -> None:
+        super().__init__(detail, headers={"Retry-After": "2"})
+        self.reason = reason or "it could not be checked for collisions"
 
 
 class StoreAway(FleetError):

@@ -92,6 +92,12 @@ class Process:
         """What files and segments of memory it has mapped, as the kernel lists them."""
         return Path(f"/proc/{self._child.pid}/maps").read_text()
 
+    def kill_child(self, module: str) -> None:
+        """One of its own, known by what it runs."""
+        children = Path(f"/proc/{self._child.pid}/task/{self._child.pid}/children").read_text().split()
+        (one,) = (pid for pid in children if module.encode() in Path(f"/proc/{pid}/cmdline").read_bytes())
+        os.kill(int(one), signal.SIGKILL)
+
     def send(self, number: signal.Signals) -> None:
         self._child.send_signal(number)
 

@@ -35,6 +35,7 @@ PAGES = (
     "docs/BINARY.md",
     "docs/SETTINGS.md",
     "docs/ROS2.md",
+    "docs/WORLD.md",
 )
 FOLDERS = {path.name for path in ROOT.iterdir() if path.is_dir()}
 

@@ -8,7 +8,8 @@ from gateway.identity.rights import ALL, View
 @dataclass(frozen=True)
 class Caller:
     """``name``: as it is shown; ``token``: of the control lease; ``key``: an idempotency key, for the request that
-    ``digest`` stands for; ``body``: what was admitted, as N-Triples; ``stops``: robots that it may stop."""
+    ``digest`` stands for; ``body``: what was admitted, as N-Triples; ``stops``: robots that it may stop;
+    ``sees``: those that it may be told of."""
 
     name: str = ""
     token: str = ""
@@ -16,3 +17,4 @@ class Caller:
     digest: str = ""
     body: str = ""
     stops: View = ALL
+    sees: View = ALL

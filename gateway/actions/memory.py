@@ -186,8 +186,8 @@ class Memory:
         self.control(robot.name, None)
         return released
 
-    async def configure(self, robot: Robot, name: str, value: str, token: str) -> None:
-        """Set something of a robot, for all gateways and for good; Controlled, StoreAway."""
+    async def configure(self, robot: Robot, name: str, value: str | None, token: str) -> None:
+        """Set something of a robot, for all gateways and for good, or take it back; Controlled, StoreAway."""
         async with refusals():
             await self._store.check(robot.name, token)
             await self._store.set_setting(robot.name, name, value)

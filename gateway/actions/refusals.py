@@ -7,7 +7,7 @@ from typing import cast
 
 from agents.wire.messages import RefusalCode, Refused
 from gateway.actions.store import KeyReused, LeaseHeld, LeaseOver, StoreUnavailable
-from gateway.errors import AgentSilent, Changed, Conflict, Controlled, RefusedByAgent, StoreAway
+from gateway.errors import AgentSilent, Changed, Collides, Conflict, Controlled, RefusedByAgent, StoreAway, Unchecked
 from gateway.errors import KeyReused as KeyReusedError
 from gateway.fleet.invocations import Invocation
 from gateway.fleet.robot import Robot
@@ -28,6 +28,10 @@ def refusal(robot: Robot, reply: Refused) -> Conflict:
 
 def repeated(robot: Robot, invocation: Invocation) -> None:
     """Raise what the request that began the invocation was answered with, unless its agent accepted it."""
+    if invocation.refused == Collides.code:
+        raise Collides(f"The motion was not begun: {invocation.reason}.", reason=invocation.reason)
+    if invocation.refused == Unchecked.code:
+        raise Unchecked(f"The motion was not begun: {invocation.reason}.", reason=invocation.reason)
     if invocation.refused:
         raise refusal(robot, Refused(invocation.id, cast(RefusalCode, invocation.refused), invocation.reason))
     if not invocation.accepted and not invocation.state.terminal:

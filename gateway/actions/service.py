@@ -4,7 +4,7 @@ import asyncio
 import logging
 import time
 import uuid
-from collections.abc import Iterable
+from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Self
@@ -20,7 +20,7 @@ from gateway.actions.refusals import lease_of, refusal, refusals, repeated, sile
 from gateway.actions.store import ActionStore, Full, StoreUnavailable
 from gateway.actions.waiting import Waiting
 from gateway.ending import end
-from gateway.errors import AgentSilent, Busy, Conflict
+from gateway.errors import AgentSilent, Busy, Collides, Conflict, Unchecked
 from gateway.fleet.invocations import FLEET, Invocation, InvocationState
 from gateway.fleet.robot import Robot
 from gateway.graph.invocation import invocation_path
@@ -40,19 +40,27 @@ _PATIENCE = 3.0  # times the duration that the agent states, before a motion is 
 _SILENT = "unknown: no answer"
 
 
+Judge = Callable[[Motion, View, str], Awaitable[bool]]
+"""Whether the way of a motion was found free, False where it is unknown where the robot stands; Collides, Unchecked.
+
+To be told to who sees these robots; what else is under way counts, but for the invocation of this id.
+"""
+
+
 @dataclass(frozen=True)
 class Rehearsed:
-    """What would happen: how long it takes, and the invocations that it ends."""
+    """What would happen: how long it takes, and the invocations that it ends; ``free``: as the judge says."""
 
     duration_s: float
     preempts: tuple[str, ...]
+    free: bool = False
 
 
 class Actions:
     """Carries out plans, and keeps what became of them; an async context manager."""
 
-    def __init__(self, live: Live, store: ActionStore, most_motions: int) -> None:
-        self._live, self._store = live, store
+    def __init__(self, live: Live, store: ActionStore, most_motions: int, judge: Judge) -> None:
+        self._live, self._store, self._judge = live, store, judge
         self._quota = Quota(live.invocations, most_motions)
         self.waiting = Waiting()
         self.memory = Memory(live, store, self.stop_one, self.waiting.wake)
@@ -82,8 +90,8 @@ class Actions:
         """Have the robot begin, and return the invocation once its agent accepted; the first one for a repeated key.
 
         Raises Controlled when somebody else has the lease, Changed when the body's precondition does not hold,
-        RefusedByAgent with the agent's reason, TooManyInvocations, StoreAway, and AgentSilent when no answer came: then
-        the invocation is "unknown" until progress or its deadline settles it.
+        RefusedByAgent with the agent's reason, Collides, Unchecked, TooManyInvocations, StoreAway, and AgentSilent when
+        no answer came: then the invocation is "unknown" until progress or its deadline settles it.
         """
         robot = motion.robot
         if self._alertness.was_held_up():
@@ -111,12 +119,22 @@ class Actions:
                 if first is not None:
                     return await self._first(robot, first)
             invocation = self._begin(invocation)
+        await self._check(invocation, motion, caller)
         reply = await self._send(invocation, command_of(invocation.id, motion))
         if isinstance(reply, Refused):
             self._refuse(invocation, reply)
             raise refusal(robot, reply)
         self._accept(invocation, reply)
         return invocation
+
+    async def _check(self, invocation: Invocation, motion: Motion, caller: Caller) -> None:
+        """It has begun for everybody else: of two that begin at once, one at least is checked against the other."""
+        try:
+            await self._judge(motion, caller.sees, invocation.id)
+        except (Collides, Unchecked) as error:
+            invocation.refused = error.code
+            self._fail(invocation, error.reason)
+            raise
 
     async def _open(self, invocation: Invocation, caller: Caller, full: bool) -> str | None:
         try:
@@ -147,6 +165,7 @@ class Actions:
             raise self._quota.refusal(caller.name)
         async with refusals():
             await self._store.check(robot.name, caller.token, lease_of(robot) if motion.tied else "")
+        free = await self._judge(motion, caller.sees, "")
         try:
             command = command_of(str(uuid.uuid4()), motion, rehearsal=True)
             reply = await self._live.link.command(robot.name, command, _ANSWER_TIMEOUT_S)
@@ -154,7 +173,7 @@ class Actions:
             raise AgentSilent(f"The agent of {robot.name} gave no answer: {error}.") from error
         if isinstance(reply, Refused):
             raise refusal(robot, reply)
-        return Rehearsed(reply.duration_s, reply.preempts)
+        return Rehearsed(reply.duration_s, reply.preempts, free)
 
     async def _send(self, invocation: Invocation, command: Command) -> Reply:
         try:

@@ -71,6 +71,20 @@ def placed(base: Base | None) -> Pose | None:
     return Pose(base.position_m, _signed((x / length, y / length, z / length, w / length)))
 
 
+def compose(outer: Pose, inner: Pose) -> Pose:
+    """Where what is at ``inner`` in a frame is, when that frame is at ``outer``."""
+    position = _sum(outer.position_m, _turned(inner.position_m, outer.orientation_xyzw))
+    return Pose(position, _signed(_product(outer.orientation_xyzw, inner.orientation_xyzw)))
+
+
+def inverse(pose: Pose) -> Pose:
+    """Where the frame in which ``pose`` is given is, seen from what is at ``pose``."""
+    x, y, z, w = pose.orientation_xyzw
+    back = (-x, -y, -z, w)
+    a, b, c = _turned(pose.position_m, back)
+    return Pose((-a, -b, -c), _signed(back))
+
+
 def _sum(a: Vector, b: Vector) -> Vector:
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 

@@ -43,7 +43,7 @@ class Robot:
         """The last change that no frame brought: how many frames there had been, and which such change after that."""
         self.lease: Lease | None = None
         self.settings: Mapping[str, str] = {}
-        """What clients have set: ``title``, ``annotations`` (Turtle), ``maximumSpeedScale``; as it is remembered."""
+        """What clients have set, as it is remembered: ``title``, ``annotations`` (Turtle), ``maximumSpeedScale`` …"""
         self.targets: dict[str, float] = {}
         """Where joints were last commanded to (rad or m), as far as that still holds."""
         self._complain = complain

@@ -66,12 +66,15 @@ class EndInvocation:
 
 @dataclass(frozen=True)
 class PutSetting:
-    """Replace the value of a property that clients may set."""
+    """Replace the value of a property that clients may set, or take it back."""
 
     setting: Setting
-    methods: ClassVar[tuple[str, ...]] = ("PUT",)
     takes_body: ClassVar[bool] = True
     needs: ClassVar[tuple[Right, ...]] = (Right.ADMIN,)
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        return ("PUT", "DELETE") if self.setting.removable else ("PUT",)
 
 
 @dataclass(frozen=True)

@@ -82,8 +82,10 @@ def describe_rehearsal(
     facts: Mapping[str, float],
     duration_s: float,
     preempts: Iterable[Invocation],
+    free: bool | None,
 ) -> None:
-    """What the action would do: the answer to the preference ``dry-run``."""
+    """What the action would do: the answer to the preference ``dry-run``. ``free``: whether the way was found free of
+    collisions, False where that could not be told; None of what does not move."""
     iri = graph.blank(LF.Rehearsal)
     graph.add(iri, DCTERMS.title, Literal(f"Rehearsal of {action}; nothing has moved"))
     graph.add(iri, RDFS.seeAlso, NamedNode(base + action))
@@ -91,6 +93,8 @@ def describe_rehearsal(
     for name, value in facts.items():
         predicate, unit = _FACTS[name]
         graph.scalar(iri, predicate, value, unit)
+    if free is not None:
+        graph.add(iri, LF.collisionFree, Literal(True) if free else LF.unknown)
     graph.add(iri, LF.preempts, *(NamedNode(base + invocation_path(each)) for each in preempts))
     if robot is not None:
         positions(graph, iri, LF.target, base, robot, targets)

@@ -9,10 +9,12 @@ from gateway.graph.affordance import PutSetting, PutTarget
 from gateway.graph.annotations import annotate
 from gateway.graph.build import Graph, integer
 from gateway.graph.kinds import ANGULAR, UNITLESS, kind_of
+from gateway.graph.paths import robot_path
 from gateway.graph.property import Property, Seen
 from gateway.graph.resource import Resource
 from gateway.graph.setting import Setting, settings
 from gateway.graph.vocab import HYBRIT, LF, SH
+from gateway.world.placement import PLACEMENT, WORLD, describe_pose, placement_of
 
 ABSOLUTE = (LF.Rotate, LF.Translate)
 """The actions by which a joint is brought to a target."""
@@ -34,6 +36,12 @@ def settable(robot: Robot) -> list[Property]:
         subject = iri.value.removesuffix("annotations")
         annotate(graph, NamedNode(subject), robot.annotations, subject)
 
+    def placed(graph: Graph, iri: NamedNode, _: Seen) -> None:
+        describe_pose(graph, iri, placement_of(robot))
+        root = iri.value.removesuffix(robot_path(robot.name) + PLACEMENT)
+        graph.add(iri, LF.inFrame, NamedNode(root + WORLD))
+        graph.add(iri, HYBRIT.consumes, LF.PlacementInput)
+
     named = f"of {robot.name}"
     return [
         Property(segment, LF.terms[segment], (type_,), shape, f"{words} {named}", describe, put=known[segment])
@@ -41,6 +49,7 @@ def settable(robot: Robot) -> list[Property]:
             ("title", LF.TextProperty, LF.TextPropertyShape, "title", title),
             ("annotations", LF.Annotations, LF.AnnotationsShape, "annotations", annotations),
             ("maximumSpeedScale", LF.SpeedScale, LF.SpeedScaleShape, "maximum speed scale", scale),
+            (PLACEMENT, LF.Placement, LF.PlacementShape, "placement", placed),
         )
     ]
 

@@ -1,4 +1,4 @@
-"""What clients may set of a robot: title, annotations, maximum speed scale. From a body to what is remembered."""
+"""What clients may set of a robot: title, annotations, maximum speed scale, placement; from a body to the memory."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -16,6 +16,7 @@ from gateway.graph.paths import robot_path
 from gateway.graph.shapes import load
 from gateway.graph.validation import root
 from gateway.graph.vocab import LF, VOM
+from gateway.world.placement import PLACEMENT, read_placement
 
 _XML_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]*\Z")
 MAX_ANNOTATIONS = 65_536  # characters, as on the wire
@@ -30,6 +31,8 @@ class Setting:
     name: str
     shape: NamedNode | None = None
     read: Callable[[Body], str] | None = None
+    removable: bool = False
+    """Whether clients may take it back, by DELETE."""
 
     @property
     def path(self) -> str:
@@ -59,6 +62,7 @@ def settings(robot: Robot) -> dict[str, Setting]:
         Setting(robot, "title", LF.TextInput, _title),
         Setting(robot, "annotations"),
         Setting(robot, "maximumSpeedScale", LF.SpeedScaleInput, _scale),
+        Setting(robot, PLACEMENT, LF.PlacementInput, read_placement, removable=True),
     )
     return {each.name: each for each in found}
 

@@ -55,6 +55,10 @@ UNIT = Namespace(
     "RAD DEG M MilliM SEC NanoSEC KiloGM N N-M RAD-PER-SEC DEG-PER-SEC M-PER-SEC MilliM-PER-SEC"
     " KiloGM-M2 N-M-SEC-PER-RAD N-SEC-PER-M UNITLESS HZ",
 )
+HYDRA = Namespace(
+    "http://www.w3.org/ns/hydra/core#",
+    "IriTemplate IriTemplateMapping template mapping variable property required",
+)
 XHV = Namespace("http://www.w3.org/1999/xhtml/vocab#", "prev next")
 HYBRIT = Namespace(
     "https://hybr-it-projekt.de/ns/hybr-it#",
@@ -124,7 +128,11 @@ LF = Namespace(
     # predicates: geometry (desideratum D5)
     " model mesh byteSize sha256"
     # queries
-    " query canReach",
+    " query canReach"
+    # the world: classes, shapes, predicates
+    " World Placement SceneObject Obstacle KeepOutZone Box Sphere Cylinder TriangleMesh"
+    " WorldShape PlacementShape PlacementInput SceneObjectShape SceneObjectInput PoseInFrameShape"
+    " PoseInFrame world placement inFrame poseOf objects poses geometry size radius length stl collisionFree",
 )
 
 PREFIXES: dict[str, str] = {
@@ -138,6 +146,7 @@ PREFIXES: dict[str, str] = {
     "sosa": SOSA.iri,
     "qudt": QUDT.iri,
     "unit": UNIT.iri,
+    "hydra": HYDRA.iri,
     "xhv": XHV.iri,
     "hybrit": HYBRIT.iri,
     "ros": ROS.iri,

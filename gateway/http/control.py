@@ -51,8 +51,9 @@ async def put_setting(request: Request, afforded: PutSetting, base: str) -> Resp
     memory = _memory(request)
     refuse_rehearsal(request)
     setting = afforded.setting
-    triples = await _read_setting(request, setting, base)
-    value = setting.admit(triples, base)
+    value = None
+    if request.method == "PUT":
+        value = setting.admit(await _read_setting(request, setting, base), base)
     # Again, because the value may have changed while the body was on its way.
     present = tree_of(request, base).resolve(setting.path)
     if isinstance(present, Resource):

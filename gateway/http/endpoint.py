@@ -53,11 +53,13 @@ from gateway.http.streams import EventStream, is_over, open_websocket, wants_eve
 from gateway.http.subscribe import cancel, post_subscription, refusals, resume, subscribe_callback, wants_callback
 from gateway.http.things import read_listing
 from gateway.http.turns import Turns
+from gateway.http.world import posed, post_object, put_object
 from gateway.identity.rights import Right
 from gateway.live import Live
 from gateway.subscriptions.service import Subscriptions
 from gateway.things.directory import Listing
 from gateway.things.documents import DIRECTORY
+from gateway.world.resources import AskPose, PostObject, PutObject
 
 log = logging.getLogger(__name__)
 
@@ -226,6 +228,8 @@ _WRITERS: dict[type, Callable[[Request, Any, str], Awaitable[Response]]] = {
     Subscribe: post_subscription,
     CancelSubscription: cancel,
     ResumeSubscription: resume,
+    PostObject: post_object,
+    PutObject: put_object,
 }
 
 
@@ -281,12 +285,17 @@ async def _read_camera(request: Request, resource: Resource, eye: Eye, base: str
     return _read(request, resource, base)
 
 
+async def _read_pose(request: Request, resource: Resource, asked: AskPose, base: str) -> Response:
+    return _read(request, posed(request, resource, asked, base), base)
+
+
 _READERS: dict[type, Callable[[Request, Resource, Any, str], Awaitable[Response]]] = {
     Remote: _read_mesh,
     Eye: _read_camera,
 _READERS: dict[type, Callable[[Request, Resource, Any, str], Awaitable[Response]]] = {
     Remote: _read_mesh,
     Listing: read_listing,
+    AskPose: _read_pose,
 }
 
 

@@ -20,7 +20,7 @@ from gateway.actions.handlers import HANDLERS
 from gateway.actions.offer import Offer
 from gateway.actions.plan import Halt, Later, Moment, Motion
 from gateway.actions.service import Actions, Rehearsed
-from gateway.errors import AgentSilent, BadRequest, NotAcceptable, UnprocessableContent
+from gateway.errors import AgentSilent, BadRequest, Collides, NotAcceptable, UnprocessableContent
 from gateway.fleet.invocations import Invocation
 from gateway.graph.affordance import EndInvocation, Invoke, PutTarget
 from gateway.graph.build import Graph
@@ -96,7 +96,7 @@ async def end_invocation(request: Request, afforded: EndInvocation, base: str) -
 
 def caller(request: Request, body: str = "", digest: str = "") -> Caller:
     """Who asks; BadRequest for an Idempotency-Key or Lock-Token that is none."""
-    return Caller(name_of(request), lock_token(request), _key(request), digest, body)
+    return Caller(name_of(request), lock_token(request), _key(request), digest, body, sees=caller_of(request).sees)
 
 
 def _trace(offer: Offer, end: str) -> None:
@@ -194,18 +194,21 @@ async def _carry_out(
         if isinstance(plan, Later):
             plan = await actions.compute(plan)
     assert isinstance(plan, Motion)  # what takes a body moves
-    if prefer.dry_run:
-        return _rehearsal(request, offer, plan, await actions.rehearse(plan, asking), base)
     with _located(base):
+        if prefer.dry_run:
+            return _rehearsal(request, offer, plan, await actions.rehearse(plan, asking), base)
         invocation = await actions.start(offer.path, plan, asking)
     return await _answer(request, invocation, prefer, base)
 
 
 @contextmanager
 def _located(base: str) -> Iterator[None]:
-    """Where to look for what becomes of a command that got no answer."""
+    """Where to look for what becomes of a command that got no answer, and at what is in the way of one."""
     try:
         yield
+    except Collides as error:
+        error.things = [base + path for path in error.things]
+        raise
     except AgentSilent as error:
         if "location" in error.headers:
             error.headers["location"] = base + error.headers["location"]
@@ -232,9 +235,10 @@ def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt, rehearsed: R
     seen = InvocationsInView(live.invocations, caller_of(request).sees)
     known = [each for each in map(seen.get, rehearsed.preempts) if each is not None]
     targets, facts = ({}, {}) if isinstance(plan, Halt) else (plan.targets, plan.facts)
+    free = None if isinstance(plan, Halt) else rehearsed.free
 
     def describe(graph: Graph) -> None:
-        describe_rehearsal(graph, base, offer.path, offer.robot, targets, facts, rehearsed.duration_s, known)
+        describe_rehearsal(graph, base, offer.path, offer.robot, targets, facts, rehearsed.duration_s, known, free)
 
     shown = negotiated(field(request, "accept"), Resource(offer.path, f"Rehearsal of {offer.name}", describe), base)
     headers = {"content-type": shown.content_type, "cache-control": "no-store", "vary": "Accept, Prefer"}

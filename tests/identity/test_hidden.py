@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import httpx
 import pytest
-from browser import HYBRIT, LDP, LF, Browser, links
+from browser import HYBRIT, LDP, LF, MATHS, VOM, Browser, links
 from guarded import HIDDEN, SEEN, Guarded, Listening, refusal
 from rdflib import URIRef
 from running import eventually, process
@@ -161,6 +161,38 @@ def test_what_a_motion_ended_is_told_to_who_sees_it(lab: Browser, root: Browser)
     assert ended
     assert ended_by(root) in ([URIRef(stop)], [])
     assert ended_by(lab) == []
+
+
+def test_what_is_in_the_way_is_not_named_to_who_may_not_see_it(lab: Browser, root: Browser) -> None:
+    """Nor is where it stands, by poses or in the world."""
+    prefixes = "".join(
+        f"@prefix {name}: <{iri}> .\n"
+        for name, iri in (("lf", LF), ("maths", MATHS), ("vom", VOM), ("unit", "http://qudt.org/vocab/unit/"))
+    )
+    for name, y in ((SEEN, 0), (HIDDEN, 0.45)):
+        where = f"<> lf:position [ maths:x 0 ; maths:y {y} ; maths:z 0 ; vom:unit unit:M ] ."
+        url = str(root.robot(name).one(LF.placement))
+        assert root.http.put(url, content=prefixes + where, headers=_TURTLE).status_code == 204
+
+    def refused(browser: Browser) -> httpx.Response | None:
+        turn = browser.action(browser.part(SEEN, "shoulder_pan_joint"), LF.Rotate)
+        body = prefixes + "[] vom:numericalValue 90 ; vom:unit unit:DEG ."
+        answer = browser.http.post(turn, content=body, headers=_TURTLE)
+        assert answer.status_code in (409, 503), answer.text
+        assert browser is root or HIDDEN not in answer.text
+        return answer if answer.status_code == 409 else None
+
+    assert HIDDEN in eventually(lambda: refused(root), "a refusal").text
+    assert len(eventually(lambda: refused(lab), "a refusal").json()["things"]) == 1
+    invocations = root.page(root.action(root.part(SEEN, "shoulder_pan_joint"), LF.Rotate)).one(LF.invocations)
+    assert HIDDEN not in lab.page(str(invocations)).response.text
+    world = root.page(str(root.page(root.root).one(LF.world)))
+    assert HIDDEN in world.response.text and HIDDEN not in lab.page(world.url).response.text
+    poses = str(world.one(LF.poses))
+    asked = {"of": root.robot(HIDDEN).url}
+    assert (root.http.get(poses, params=asked).status_code, lab.http.get(poses, params=asked).status_code) == (200, 404)
+    for name in (SEEN, HIDDEN):
+        assert root.http.delete(str(root.robot(name).one(LF.placement))).status_code == 204
 
 
 def test_the_version_of_the_fleet_is_of_what_one_sees(here: Guarded, lab: Browser, root: Browser) -> None:

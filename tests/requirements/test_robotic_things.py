@@ -28,11 +28,13 @@ def _writes(tree: Walk, page: Visited) -> set[str]:
         return {"PUT", "DELETE"}
     if page.kind == "property":
         settable = _takes_body(page) or (page.iri, RDF.type, LF.Annotations) in page.graph
-        return {"PUT"} if settable else set()
+        removable = (page.iri, RDF.type, LF.Placement) in page.graph
+        return {"PUT", *(["DELETE"] if removable else [])} if settable else set()
     if page.kind in ("invocation", "subscription"):
         return {"DELETE"}
     lists = any((thing, HYBRIT.subscriptions, page.iri) in tree.pages[str(thing)].graph for thing in _about(page))
-    return {"POST"} if lists else set()
+    objects = any((world, LF.objects, page.iri) in tree.pages[str(world)].graph for world in _about(page))
+    return {"POST"} if lists or objects else set()
 
 
 def _takes_body(page: Visited) -> bool:

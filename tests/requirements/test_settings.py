@@ -272,7 +272,7 @@ def test_what_can_be_put_says_so(pair: tuple[Gateway, Gateway]) -> None:
     one, _ = pair
     robot, joint = one.browser.robot("ur5"), one.browser.part("ur5", WRIST)
     urls = {str(url) for page in (robot, joint) for url in page.graph.objects(page.iri, HYBRIT.property)}
-    settable = {str(robot.one(each)) for each in (LF.title, LF.annotations, LF.maximumSpeedScale)}
+    settable = {str(robot.one(each)) for each in (LF.title, LF.annotations, LF.maximumSpeedScale, LF.placement)}
     settable.add(str(joint.one(LF.targetRotation)))
     assert settable < urls
     assert len(urls - settable) > 5
@@ -281,11 +281,12 @@ def test_what_can_be_put_says_so(pair: tuple[Gateway, Gateway]) -> None:
         allow, types = (f"{_READ}, PUT", _TYPES) if url in settable else (_READ, None)
         if types and url != str(robot.one(LF.annotations)):  # of which nobody knows what members would mean
             types += ", application/json"
+        allow += ", DELETE" if url == str(robot.one(LF.placement)) else ""
         assert [(each["allow"], each.get("accept-put")) for each in fields] == 2 * [(allow, types)], url
         if url not in settable:
             answer = one.browser.http.put(url, content=_scalar(1), headers=TURTLE)
             assert (*problem(answer), answer.headers["allow"]) == (405, "method-not-allowed", _READ)
-        assert one.browser.http.delete(url).headers["allow"] == allow
+        assert one.browser.http.post(url).headers["allow"] == allow
 
 
 def test_without_redis_nothing_is_set(tmp_path: Path) -> None:

@@ -1,0 +1,92 @@
+"""Objects of the world over HTTP, and poses in the frames that a query names."""
+
+from dataclasses import replace
+from functools import partial
+from urllib.parse import unquote
+
+from starlette.requests import Request
+from starlette.responses import Response
+
+from gateway.errors import BadRequest, NotFound
+from gateway.graph.resource import Resource
+from gateway.http.body import body_type, parse_body, read_body
+from gateway.http.invoke import refuse_rehearsal
+from gateway.http.preconditions import check_preconditions
+from gateway.http.rights import tree_of
+from gateway.world.body import read_object
+from gateway.world.describe import OBJECTS, POSES, describe_posed, object_path
+from gateway.world.placement import WORLD
+from gateway.world.poses import seen_from
+from gateway.world.resources import AskPose, PostObject, PutObject
+from gateway.world.scene import SceneObject
+from gateway.world.service import World
+
+MAX_BODY_BYTES = 768 * 1024  # of a mesh in Base64
+_MAX_TRIPLES = 200
+_LONGEST_NAMED = 200
+
+
+async def post_object(request: Request, afforded: PostObject, base: str) -> Response:
+    """201 with Location."""
+    refuse_rehearsal(request)
+    thing = await _read(request, base + OBJECTS, base, None)
+    id = await _world(request).objects.add(thing)
+    return Response(status_code=201, headers={"location": base + object_path(id), "cache-control": "no-store"})
+
+
+async def put_object(request: Request, afforded: PutObject, base: str) -> Response:
+    """204: replaced, or taken away."""
+    refuse_rehearsal(request)
+    objects, path = _world(request).objects, object_path(afforded.id)
+    if request.method == "DELETE":
+        await objects.delete(afforded.id)
+        return Response(status_code=204)
+    thing = await _read(request, base + path, base, objects.known.get(afforded.id))
+    # Again, because it may have changed, or gone, while the body was on its way.
+    present = tree_of(request, base).resolve(path)
+    if not isinstance(present, Resource):
+        raise NotFound("Somebody has taken the object away meanwhile.")
+    check_preconditions(request, present, base)
+    await objects.put(afforded.id, thing)
+    return Response(status_code=204)
+
+
+async def _read(request: Request, iri: str, base: str, present: SceneObject | None) -> SceneObject:
+    media_type = body_type(request)
+    content = await read_body(request, MAX_BODY_BYTES)
+    return read_object(parse_body(content, media_type, iri, base, _MAX_TRIPLES), iri, base + WORLD, present)
+
+
+def posed(request: Request, resource: Resource, asked: AskPose, base: str) -> Resource:
+    """The pose that the query asks for, or how to ask for one; BadRequest, NotFound."""
+    query = request.query_params
+    if unknown := [name for name in query if name not in ("of", "in", "as")]:
+        raise BadRequest(f"{unknown[0][:50]!r} is nothing to ask for a pose by; of and in are, by IRIs.")
+    return _posed(request, resource, asked, base) if "of" in query or "in" in query else resource
+
+
+def _posed(request: Request, resource: Resource, asked: AskPose, base: str) -> Resource:
+    of, frame = _path(request, "of", base), _path(request, "in", base)
+    try:
+        found = seen_from(of, frame, asked.sight.robots, _world(request).objects.known)
+    except LookupError as error:
+        named = str(error.args[0])[:_LONGEST_NAMED]
+        raise NotFound(f"{named} is no place in the world: that is itself, robots, links and objects.") from error
+    path = f"{POSES}?{request.url.query}"
+    iri = asked.sight.iri(path)
+    describe = partial(describe_posed, iri=iri, of=base + of, frame=base + frame, posed=found)
+    return replace(resource, path=path, title="Pose in a frame", describe=describe)
+
+
+def _path(request: Request, name: str, base: str) -> str:
+    said = request.query_params.getlist(name)
+    if not said and name == "in":
+        return WORLD
+    if len(said) != 1 or not said[0].startswith(base + "/"):
+        raise BadRequest(f"{name} is one IRI of this fleet; here they begin with {base}/.")
+    return unquote(said[0][len(base) :])
+
+
+def _world(request: Request) -> World:
+    world: World = request.app.state.world
+    return world

@@ -1,0 +1,126 @@
+"""The objects of the world as this gateway knows them, and how they are changed for all. Outages are waited out."""
+
+import asyncio
+import logging
+import uuid
+from collections.abc import AsyncIterator
+from contextlib import aclosing, asynccontextmanager
+from types import TracebackType
+from typing import Self
+
+from gateway.ending import end
+from gateway.errors import Conflict, NotFound, StoreAway
+from gateway.live import Live
+from gateway.store.connection import StoreUnavailable
+from gateway.world.describe import OBJECTS, object_path
+from gateway.world.scene import MAX_OBJECTS, SceneObject, decode, encode
+from gateway.world.store import MAX_BYTES, Full, ObjectStore
+
+log = logging.getLogger(__name__)
+
+_BACKOFF_S = 0.2
+
+
+class Objects:
+    """``known`` is what everything is read from, whether or not Redis is there; an async context manager."""
+
+    def __init__(self, live: Live, store: ObjectStore) -> None:
+        self._live, self._store = live, store
+        self.known: dict[str, SceneObject] = {}
+        self._following: asyncio.Task[None] | None = None
+
+    async def __aenter__(self) -> Self:
+        try:
+            await self._load()
+        except StoreUnavailable as error:  # it is loaded as soon as it is there
+            log.warning("the store is away, the objects of the world are not known yet: %s", error)
+        self._following = asyncio.create_task(self._follow_for_ever(), name="follow objects")
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._following is not None:
+            await end([self._following])
+        await self._store.close()
+
+    async def add(self, thing: SceneObject) -> str:
+        """The id of the new object; StoreAway, Conflict when there is no room."""
+        id = str(uuid.uuid4())
+        await self.put(id, thing)
+        return id
+
+    async def put(self, id: str, thing: SceneObject) -> None:
+        """StoreAway, Conflict when there is no room."""
+        async with _refusals():
+            await self._store.put(id, encode(thing))
+        self._take(id, thing)
+
+    async def delete(self, id: str) -> None:
+        """StoreAway, NotFound."""
+        async with _refusals():
+            there = await self._store.delete(id)
+        self._take(id, None)
+        if not there:
+            raise NotFound("Somebody has taken the object away meanwhile.")
+
+    def _take(self, id: str, thing: SceneObject | None) -> None:
+        before = self.known.get(id)
+        if before == thing:
+            return
+        if thing is None:
+            del self.known[id]
+        else:
+            self.known[id] = thing
+        if before is None:
+            self._live.fan_out.appeared(object_path(id))
+        for path in (object_path(id), OBJECTS):
+            self._live.fan_out.touched(path)
+
+    async def _follow_for_ever(self) -> None:
+        """What other gateways change is heard of; after an outage everything is read anew."""
+        whole = True
+        while True:
+            try:
+                if not whole:
+                    await self._load()
+                    whole = True
+                await self._follow()
+            except StoreUnavailable as error:
+                whole = False
+                log.debug("the objects of the world may be out of date: %s", error)
+            except Exception:
+                # The boundary of the task: without it nothing would be heard of any more.
+                whole = False
+                log.exception("the objects of the world are not up to date; they are read anew")
+            await asyncio.sleep(_BACKOFF_S)
+
+    async def _follow(self) -> None:
+        async with aclosing(self._store.news()) as news:
+            async for id in news:
+                body = await self._store.read(id)
+                self._take(id, None if body is None else _read(id, body))
+
+    async def _load(self) -> None:
+        bodies = await self._store.load()
+        for id in {*self.known, *bodies}:
+            self._take(id, _read(id, bodies[id]) if id in bodies else None)
+
+
+def _read(id: str, body: bytes) -> SceneObject | None:
+    try:
+        return decode(body)
+    except ValueError as error:
+        log.error("object %s cannot be read, and is not there for this gateway: %r", id, error)
+        return None
+
+
+@asynccontextmanager
+async def _refusals() -> AsyncIterator[None]:
+    try:
+        yield
+    except Full as error:
+        most = f"at most {MAX_OBJECTS} objects, and {MAX_BYTES // 2**20} MiB of them"
+        raise Conflict(f"There is no room: the world holds {most}.") from error
+    except StoreUnavailable as error:
+        raise StoreAway(f"Redis is away: {error}. What is known of the world can be read nevertheless.") from error
