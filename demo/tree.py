@@ -23,6 +23,11 @@ from typing import IO
 
 ROBOTS = ("baxter", "ur5", "panda", "tiago", "go2")
 SWAYING = "ur5:shoulder_pan_joint"
+# Side by side, all looking along x: where the frame of the root link is, in metre; of the go2 that of its odometry.
+PLACES = {
+    "tiago": (0.0, -2.4, 0.0), "baxter": (0.0, 0.0, 0.93), "ur5": (0.0, 2.4, 0.0), "panda": (0.0, 4.0, 0.0),
+    "go2": (0.0, -4.0, 0.0),
+}  # fmt: skip
 HOST = "127.0.0.1"
 PATIENCE_S = 30.0  # then the address is printed with what is missing
 GRACE_S = 5.0  # a good second is what a whole fleet takes when nothing else keeps the machine busy
@@ -31,6 +36,8 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _ONLINE = re.compile(
     r"^<([^>]+)> <https://w3id\.org/linked-fleet#presence> <https://w3id\.org/linked-fleet#online> \.$", re.M
 )
+_PLACEMENT = re.compile(r"<https://w3id\.org/linked-fleet#placement> <([^>]+)> \.$", re.M)
+_UNKNOWN = "<https://w3id.org/linked-fleet#unknown>"
 # Log lines that a demonstration can do without; the agents knock before the gateway, started with them, opens.
 _CHATTER = re.compile(r"\S+ \S+ (DEBUG |INFO |WARNING agents\.link: nothing answers )")
 _PDEATHSIG = 1  # PR_SET_PDEATHSIG of Linux's prctl
@@ -127,9 +134,28 @@ def free_port() -> int:
 
 def robots_online(root: str) -> set[str]:
     """IRIs of the robots that the fleet's root says are online; OSError while it does not answer."""
-    request = urllib.request.Request(root, headers={"Accept": "application/n-triples"})  # noqa: S310 (http alone)
+    return set(_ONLINE.findall(_get(root)))
+
+
+def place(robot: str, where: tuple[float, float, float]) -> None:
+    """Have the robot at an IRI stand somewhere, unless somebody has placed it in an earlier demo; OSError."""
+    x, y, z = where
+    body = f"""@prefix lf: <https://w3id.org/linked-fleet#> . @prefix unit: <http://qudt.org/vocab/unit/> .
+@prefix maths: <http://vocab.arvida.de/2015/06/maths/vocab#> .
+@prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> .
+<> lf:position [ maths:x {x} ; maths:y {y} ; maths:z {z} ; vom:unit unit:M ] ."""
+    for placement in _PLACEMENT.findall(_get(robot)):
+        if _UNKNOWN in _get(placement):
+            headers = {"Content-Type": "text/turtle"}
+            request = urllib.request.Request(placement, body.encode(), headers, method="PUT")  # noqa: S310
+            _OPENER.open(request, timeout=2).close()
+
+
+def _get(iri: str) -> str:
+    request = urllib.request.Request(iri, headers={"Accept": "application/n-triples"})  # noqa: S310 (http alone)
     with _OPENER.open(request, timeout=2) as answer:
-        return set(_ONLINE.findall(answer.read().decode()))
+        text: str = answer.read().decode()
+        return text
 
 
 _OPENER = urllib.request.build_opener(urllib.request.ProxyHandler({}))  # loopback is reached without any proxy
@@ -168,6 +194,8 @@ def run(root: str, children: list[Child], zenoh: str) -> int:
 def _greet(root: str, seen: set[str]) -> set[str]:
     try:
         online = robots_online(root)
+        for iri in sorted(online - seen):
+            place(iri, PLACES[iri.rstrip("/").rpartition("/")[2]])
     except (OSError, http.client.HTTPException, ValueError):
         return seen
     for iri in sorted(online - seen):
