@@ -28,7 +28,11 @@ region.adopt((root) => {
 });
 
 const scene = document.getElementById("scene");
-if (scene) import("./scene.js").then(({ show }) => show(scene), failed);
+if (scene) drawing(scene).then(({ show }) => show(scene), failed);
+
+function drawing({ dataset }) {
+  return "world" in dataset ? import("./scene_world.js") : import("./scene.js");
+}
 
 /** Plots and the robot are large: only pages that have them fetch them. */
 function plots() {

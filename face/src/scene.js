@@ -5,6 +5,7 @@ import { Vector3 } from "three";
 import { converted, number } from "./format.js";
 import { build, complete, fetchModel, loadMeshes, meshesOf } from "./scene_model.js";
 import { Motion } from "./scene_motion.js";
+import { Objects, poseOf, putInverse } from "./scene_objects.js";
 import { Panel } from "./scene_panel.js";
 import { load, Part, proximity, ramp } from "./scene_parts.js";
 import { Picker } from "./scene_pick.js";
@@ -19,7 +20,7 @@ const AHEAD = "400px"; // a section that is about to be scrolled to is made read
 
 /**
  * Draw a robot in this section, from `data-model` (its URDF), `data-state` (its joint state) and `data-pose` (where its
- * base is, if that floats). `data-phase` says how far it is: loading, ready or failed; `section.scene` is the drawing.
+ * base is, if that floats), among the objects of `data-objects` once `data-placement` says where it stands. `data-phase` says how far it is: loading, ready or failed; `section.scene` is the drawing.
  *
  * @param {HTMLElement} section
  */
@@ -149,8 +150,30 @@ class RobotScene {
       const { resource } = document.body.dataset;
       const frames = watch(this.section.dataset.state, { protocol: "lf.frame", interval: INTERVAL_S }, (frame) => this.take(frame));
       const presence = watch(resource, { interval: 0.1 }, (graph) => this.presence(graph.value(resource, lf("presence"))?.value));
-      this.stop = () => [frames, presence].forEach((end) => end());
+      const around = this.surround();
+      this.stop = () => [frames, presence, ...around].forEach((end) => end());
     }
+  }
+
+  /** Follow what stands around it, which is not drawn while nobody knows where it stands itself. */
+  surround() {
+    const { objects, placement } = this.section.dataset;
+    if (!objects || !placement) return [];
+    const [container, place] = [objects, placement].map((each) => new URL(each, document.baseURI).href);
+    if (!this.around) {
+      this.around = new Objects(this.ending.signal, () => this.view?.invalidate(true));
+      this.around.visible = false;
+      this.view.scene.add(this.around);
+    }
+    return [
+      watch(container, { interval: 0.2 }, (graph) => this.around.show(graph, container)),
+      watch(place, {}, (graph) => {
+        const pose = poseOf(graph, place);
+        this.around.visible = Boolean(pose);
+        if (pose) putInverse(this.around, pose);
+        this.view?.invalidate(true);
+      }),
+    ];
   }
 
   take(frame) {

@@ -9,8 +9,9 @@ from pyoxigraph import BlankNode, NamedNode
 from gateway.face import labels
 from gateway.face.values import Address, Facts, Link, Number, Row, State, Time, Value, Vector
 from gateway.graph.outline import Subject, Term
-from gateway.graph.vocab import DCTERMS, HYBRIT, LDP, LF, RDF, RDFS, ROS, SOSA
+from gateway.graph.vocab import DCTERMS, HYBRIT, LDP, LF, MATHS, RDF, RDFS, ROS, SOSA
 from gateway.lazily import Lazily
+from gateway.world.describe import OBJECTS
 
 if TYPE_CHECKING:
     from gateway.face import form
@@ -156,6 +157,44 @@ def fleet(facts: Facts, iri: NamedNode) -> Part:
     return Part(more, {LDP.contains, HYBRIT.action}, set(members))
 
 
+# -- world ----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Standing:
+    """A robot in the world; addresses of what draws it, empty where it has not said what it is."""
+
+    link: Link
+    name: str
+    placement: str
+    placed: bool
+    model: str
+    state: str
+    pose: str
+
+
+def world(facts: Facts, iri: NamedNode) -> Part:
+    robots = [each for each in facts.all(iri, DCTERMS.hasPart) if isinstance(each, NamedNode)]
+    placements = {each: facts.one(each, LF.placement) for each in robots}
+    standing = [_standing(facts, each, placements[each]) for each in robots]
+    more = {"robots": standing, "objects": _path(getattr(facts.one(iri, LF.objects), "value", ""), facts.root)}
+    done = {each for each in (*robots, *placements.values()) if isinstance(each, NamedNode)}
+    return Part(more, {DCTERMS.hasPart}, done)
+
+
+def _standing(facts: Facts, iri: NamedNode, placement: Term | None) -> Standing:
+    def address(predicate: NamedNode) -> str:
+        return _path(getattr(facts.one(iri, predicate), "value", ""), facts.root)
+
+    position = facts.one(placement, LF.position) if isinstance(placement, NamedNode) else None
+    x = facts.one(position, MATHS.x) if isinstance(position, BlankNode) else None
+    name = labels.place(iri.value, facts.root)
+    return Standing(
+        facts.link(iri), name, address(LF.placement), x != LF.unknown, address(LF.model), address(LF.jointState),
+        address(LF.pose),
+    )  # fmt: skip
+
+
 # -- robot ----------------------------------------------------------------------------------------------------------
 
 
@@ -188,6 +227,8 @@ def robot(facts: Facts, iri: NamedNode) -> Part:
         "state": getattr(state, "value", ""),
         "state_time": _first(facts, state, SOSA.resultTime),
         "pose": getattr(facts.one(iri, LF.pose), "value", ""),
+        "placement": getattr(facts.one(iri, LF.placement), "value", ""),
+        "objects": OBJECTS,
         "model": _path(getattr(facts.one(iri, LF.model), "value", f"{iri.value}model"), facts.root),
         "tasks": [facts.link(each) for each in facts.all(iri, LF.currentTask) if isinstance(each, NamedNode)],
         "actions": actions(facts, iri),

@@ -21,6 +21,7 @@ _KINDS: Mapping[NamedNode, tuple[str, Callable[[Facts, NamedNode], Part]]] = {
     LF.Robot: ("robot", things.robot),
     LF.Joint: ("joint", things.joint),
     ROS.Link: ("link", things.link),
+    LF.World: ("world", things.world),
     LF.Invocation: ("invocation", doings.invocation),
     HYBRIT.Action: ("action", doings.action),
     LF.Camera: ("camera", things.camera),

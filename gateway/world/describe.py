@@ -7,7 +7,7 @@ from pyoxigraph import Literal, NamedNode
 from gateway.fleet.robot import Robot
 from gateway.graph.build import Graph, Node
 from gateway.graph.kinds import METRE
-from gateway.graph.paths import link_path, robot_path
+from gateway.graph.paths import link_path, model_path, robot_path
 from gateway.graph.vocab import DCTERMS, HYBRIT, HYDRA, LDP, LF, RDFS
 from gateway.world.placement import PLACEMENT, WORLD, describe_pose, placement_of
 from gateway.world.poses import Posed
@@ -51,8 +51,12 @@ def _describe_robot(graph: Graph, base: str, robot: Robot) -> None:
     graph.a(iri, HYBRIT.RoboticThing, LF.Robot)
     graph.add(iri, DCTERMS.title, Literal(robot.title))
     graph.add(iri, LF.placement, placement)
-    if robot.model is not None:
+    if robot.model is not None and robot.description is not None:
         graph.add(iri, LF.rootLink, NamedNode(base + link_path(robot.name, robot.model, robot.model.root)))
+        graph.add(iri, LF.model, NamedNode(base + model_path(robot.name)))
+        graph.add(iri, LF.jointState, NamedNode(base + path + "jointState"))
+        if robot.description.base == "floating":
+            graph.add(iri, LF.pose, NamedNode(base + path + "pose"))
     graph.a(placement, LF.Placement, HYBRIT.Property)
     graph.add(placement, DCTERMS.title, Literal(f"placement of {robot.name}"))
     graph.add(placement, RDFS.seeAlso, iri)
