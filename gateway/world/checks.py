@@ -6,13 +6,16 @@ way was found free, and only then.
 
 import asyncio
 import logging
+import math
 from collections.abc import Mapping
+from functools import lru_cache
 from hashlib import blake2b
 from types import TracebackType
 from typing import Self
 
 import msgspec
 
+from agents.wire.messages import Description
 from gateway.actions.plan import Motion
 from gateway.ending import end
 from gateway.errors import Busy, Collides, FleetError, Unchecked
@@ -26,15 +29,18 @@ from gateway.world.describe import object_path
 from gateway.world.messages import Check, Meets, Positions, Prepare, PrepareObject, Stood, Unable
 from gateway.world.placement import placement_of, pose_in_world
 from gateway.world.process import Checker
-from gateway.world.scene import SceneObject
+from gateway.world.scene import MAX_OBJECTS, SceneObject
 from gateway.world.ways import stances_of, ways_of
 
 log = logging.getLogger(__name__)
 
-WITHIN_S = 1.0  # a command is too late after two
-_ANSWER_S, _PREPARE_S, _PATIENCE_S = 3.0, 60.0, 1.0
+WITHIN_S = 1.0
+_PATIENCE_S = 1.5  # for all of it: a command is too late after two seconds
+_ANSWER_S, _PREPARE_S = 3.0, 60.0
 _LOOK_S = 1.0
 MOST_WAITING = 16
+NEAR_M = 25.0
+"""Robots whose roots are further from each other than this do not meet."""
 
 
 class Checks:
@@ -45,6 +51,7 @@ class Checks:
         self._checker = Checker()
         self._preparing: dict[str, asyncio.Task[None]] = {}
         self._unusable: dict[str, str] = {}
+        self._keys: dict[str, tuple[Description, str]] = {}
         self._waiting = 0
         self._looking: asyncio.Task[None] | None = None
 
@@ -66,13 +73,18 @@ class Checks:
             raise Busy(f"{MOST_WAITING} motions are being checked; ask again.")
         self._waiting += 1
         try:
-            await self._check(motion, sees, own)
+            async with asyncio.timeout(_PATIENCE_S):
+                await self._check(motion, sees, own)
+        except TimeoutError as error:
+            raise Unchecked("What there is to be met is still being prepared; ask again.") from error
         finally:
             self._waiting -= 1
         return True
 
     async def _check(self, motion: Motion, sees: View, own: str) -> None:
-        robots = [robot for robot in self._live.fleet.robots.values() if _counts(robot)]
+        here = _base(motion.robot, sees)
+        placed = [robot for robot in self._live.fleet.robots.values() if _counts(robot)]
+        robots = [robot for robot in placed if math.dist(_base(robot, sees).position_m, here.position_m) <= NEAR_M]
         await self._be_prepared(robots, sees)
         answer = await self._checker.ask(self._question(motion, robots, sees, own), _ANSWER_S)
         if isinstance(answer, Meets):
@@ -88,7 +100,7 @@ class Checks:
         if missing := [name for name in motion.targets if name not in start]:
             raise Unchecked(f"Whether {robot.name} meets anything is unknown: so is where {missing[0]} is.")
         return Check(
-            Stood(robot.name, _key(robot), _base(robot, sees)),
+            Stood(robot.name, self._key(robot), _base(robot, sees)),
             ways_of(motion.motion, start, self._underway(robot, own)),
             tuple(self._stood(each, sees) for each in robots if each is not robot),
             tuple(Stood(id, _key_of(thing), thing.pose) for id, thing in self._objects.items()),
@@ -98,7 +110,7 @@ class Checks:
     def _stood(self, robot: Robot, sees: View) -> Stood:
         name = robot.name if sees.sees(robot.name) else ""
         stances = stances_of(_positions(robot), self._underway(robot, ""))
-        return Stood(name, _key(robot), _base(robot, sees), stances)
+        return Stood(name, self._key(robot), _base(robot, sees), stances)
 
     def _underway(self, robot: Robot, own: str) -> dict[str, float]:
         """Where its joints go by motions that have not ended."""
@@ -132,23 +144,35 @@ class Checks:
             reason=f"{met.link} would meet {kind} {after}",
         )
 
+    def _key(self, robot: Robot) -> str:
+        """The same for robots that look the same."""
+        description = robot.description
+        assert description is not None
+        held = self._keys.get(robot.name)
+        if held is None or held[0] is not description:
+            digest = blake2b(description.urdf.encode(), digest_size=16)
+            for mesh in description.meshes:
+                digest.update(f"{mesh.uri} {mesh.sha256}\n".encode())
+            held = self._keys[robot.name] = description, digest.hexdigest()
+        return held[1]
+
     # -- shapes -----------------------------------------------------------------------------------------------------
 
     async def _be_prepared(self, robots: list[Robot], sees: View) -> None:
         tasks = [task for robot in robots if (task := self._prepare_soon(robot)) is not None]
         if tasks:
-            await asyncio.wait(tasks, timeout=_PATIENCE_S)
+            await asyncio.wait(tasks)
         for thing in list(self._objects.values()):
             await self._prepare_object(thing)
         for robot in robots:
-            if _key(robot) in self._checker.known:
+            if self._key(robot) in self._checker.known:
                 continue
             name = robot.name if sees.sees(robot.name) else "another robot"
-            why = self._unusable.get(_key(robot), "it is being prepared, ask again")
+            why = self._unusable.get(self._key(robot), "it is being prepared, ask again")
             raise Unchecked(f"The shape of {name} is not known yet: {why if sees.sees(robot.name) else 'ask again'}.")
 
     def _prepare_soon(self, robot: Robot) -> asyncio.Task[None] | None:
-        key = _key(robot)
+        key = self._key(robot)
         if key in self._checker.known or key in self._unusable:
             return None
         task = self._preparing.get(key)
@@ -214,15 +238,6 @@ def _base(robot: Robot, sees: View) -> Pose:
     return pose
 
 
-def _key(robot: Robot) -> str:
-    """The same for robots that look the same."""
-    description = robot.description
-    assert description is not None
-    digest = blake2b(description.urdf.encode(), digest_size=16)
-    for mesh in description.meshes:
-        digest.update(f"{mesh.uri} {mesh.sha256}\n".encode())
-    return digest.hexdigest()
-
-
+@lru_cache(maxsize=2 * MAX_OBJECTS)
 def _key_of(thing: SceneObject) -> str:
     return "object-" + blake2b(msgspec.msgpack.encode(thing.geometry), digest_size=16).hexdigest()

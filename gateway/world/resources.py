@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
+from zlib import crc32
 
 from gateway.graph.reading import Source
 from gateway.graph.resource import CONTAINER, Resource, blueprint_of
@@ -73,7 +74,9 @@ def _world(sight: Sight) -> Resource:
         WORLD,
         "World",
         lambda graph: describe_world(graph, sight.base, robots.values()),
-        source=Source(lambda: [(robot.name, robot.title, robot.settings.get(PLACEMENT)) for robot in robots.values()]),
+        source=Source(
+            lambda: [(r.name, r.title, r.description is None, r.settings.get(PLACEMENT)) for r in robots.values()]
+        ),
         own=(f"{WORLD}/{_BLUEPRINT}", OBJECTS, POSES),
         followed=False,  # who wants to hear of it follows the placements, and the objects
     )
@@ -86,7 +89,7 @@ def _in_objects(sight: Sight, rest: list[str], objects: Mapping[str, SceneObject
             "Objects of the world",
             lambda graph: describe_objects(graph, sight.base, objects),
             CONTAINER,
-            Source(lambda: list(objects.items())),
+            Source(lambda: list(objects.items()), digest=lambda: [(id, *_facts(each)) for id, each in objects.items()]),
             own=(f"{OBJECTS}/{_BLUEPRINT}",),
             parts=tuple(object_path(id) for id in objects),
             affords=PostObject(),
@@ -106,7 +109,7 @@ def _of_object(
             path,
             thing.title,
             lambda graph: describe_object(graph, sight.base, id, thing),
-            source=Source(lambda: objects.get(id)),
+            source=Source(lambda: objects.get(id), digest=lambda: _facts(objects.get(id))),
             own=(f"{path}/{_BLUEPRINT}", *mesh),
             affords=PutObject(id),
         )
@@ -117,3 +120,12 @@ def _of_object(
             f"{path}/mesh", f"Mesh of {thing.title}", None, (LDP.Resource, LDP.NonRDFSource), documents=documents
         )
     return None
+
+
+def _facts(thing: SceneObject | None) -> tuple[object, ...]:
+    """What a version is made of: all of an object, but of a mesh a sum that is made quickly."""
+    if thing is None:
+        return ()
+    geometry = thing.geometry
+    form = crc32(geometry.stl) if isinstance(geometry, TriangleMesh) else geometry
+    return thing.title, thing.kind, thing.pose, form

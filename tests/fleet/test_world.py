@@ -118,7 +118,8 @@ def conforms(browser: Browser, page: Page) -> None:
     (blueprint,) = (str(b) for b in page.graph.objects(page.iri, HYBRIT.blueprint) if str(b).startswith(browser.root))
     shapes = browser.page(blueprint).graph
     assert set(shapes.objects(None, SH.targetClass)) & page.types
-    ok, _, text = pyshacl.validate(page.graph, shacl_graph=shapes, inference="none")
+    data, guard = (rdflib.Graph() + graph for graph in (page.graph, shapes))  # with contexts, which pySHACL demands
+    ok, _, text = pyshacl.validate(data, shacl_graph=guard, inference="none")
     assert ok, text
 
 
