@@ -3,13 +3,17 @@
 import re
 from collections.abc import Sequence
 
-from pyoxigraph import BlankNode, Literal, NamedNode, Triple
+from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, serialize
 
 from gateway.errors import UnprocessableContent
 from gateway.graph.build import Node
+from gateway.graph.invocation import ROOT
+from gateway.graph.judge import reachable
 from gateway.graph.kinds import UNITS
-from gateway.graph.vocab import VOM
+from gateway.graph.vocab import LF, MATHS, VOM
 
+_MAX_REMEMBERED = 32 * 1024  # characters; what is longer is carried out, and not shown with the invocation
+_TERMS = (VOM.iri, MATHS.iri, LF.iri)
 _NOT_ZERO = re.compile(r"[^eE]*[1-9]")  # a digit before the exponent
 
 
@@ -57,3 +61,23 @@ class Body:
         value = self.number(subject, VOM.numericalValue, self.unit(subject))
         assert value is not None
         return value
+
+
+def written(body: Body) -> str:
+    """What the body says of its root and of the blank nodes below in terms of actions, as N-Triples about ``_:input``.
+
+    Nothing when it is too long to keep. What it says besides, or of other resources, is not for us to repeat.
+    """
+
+    def own(term: object) -> object:
+        return ROOT if term == body.root else term
+
+    about = [
+        triple
+        for triple in reachable(body.triples, body.root)
+        if triple.predicate.value.startswith(_TERMS)
+        and (triple.subject == body.root or isinstance(triple.subject, BlankNode))
+    ]
+    written = serialize([Triple(*map(own, triple)) for triple in about], format=RdfFormat.N_TRIPLES)  # type: ignore[arg-type]
+    assert written is not None  # nothing is written to a file
+    return written.decode() if len(written) <= _MAX_REMEMBERED else ""

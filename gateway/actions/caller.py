@@ -9,7 +9,8 @@ from gateway.identity.rights import ALL, View
 class Caller:
     """``name``: as it is shown; ``token``: of the control lease; ``key``: an idempotency key, for the request that
     ``digest`` stands for; ``body``: what was admitted, as N-Triples; ``stops``: robots that it may stop;
-    ``sees``: those that it may be told of."""
+    ``sees``: those that it may be told of; ``rule``: the rule that asks in the name of its creator, empty for others.
+    """
 
     name: str = ""
     token: str = ""
@@ -18,3 +19,4 @@ class Caller:
     body: str = ""
     stops: View = ALL
     sees: View = ALL
+    rule: str = ""

@@ -70,6 +70,8 @@ class Actions:
         self._computing = asyncio.Semaphore(1)
         self._planning = 0
         self.commands = Commands()
+        # Who has more begun hears of robots that somebody stops; None for all.
+        self.on_stop: Callable[[tuple[str, ...] | None], None] = lambda robots: None
         live.on_progress, live.on_lost = self._progressed, self._lost
 
     async def __aenter__(self) -> Self:
@@ -217,6 +219,8 @@ class Actions:
         """Stop robots, whoever has a lease and whether or not Redis is there; AgentSilent when one robot is silent."""
         fleet, now_ns = self._live.fleet.robots, time.time_ns()
         robot, asked = FLEET if halt.robots is None else halt.robots[0], self._reached(halt, caller.stops)
+        if not halt.joints and not caller.rule:
+            self.on_stop(asked)
         of_fleet = fleet if asked is None else asked
         online = [name for name in of_fleet if fleet[name].online] if halt.robots is None else []
         invocation = Invocation(

@@ -27,7 +27,6 @@ from gateway.graph.affordance import (
     Subscribe,
 )
 from gateway.graph.cameras import Eye
-from gateway.graph.paths import owner_path, robot_of
 from gateway.graph.paths import is_below, owner_path, robot_of
 from gateway.graph.resource import Redirect, Remote, Resource
 from gateway.graph.subscription import container_path
@@ -292,8 +291,6 @@ async def _read_pose(request: Request, resource: Resource, asked: AskPose, base:
 _READERS: dict[type, Callable[[Request, Resource, Any, str], Awaitable[Response]]] = {
     Remote: _read_mesh,
     Eye: _read_camera,
-_READERS: dict[type, Callable[[Request, Resource, Any, str], Awaitable[Response]]] = {
-    Remote: _read_mesh,
     Listing: read_listing,
     AskPose: _read_pose,
 }

@@ -8,13 +8,13 @@ from functools import partial
 from hashlib import blake2b
 from typing import TYPE_CHECKING
 
-from pyoxigraph import BlankNode, NamedNode, RdfFormat, Triple, serialize
+from pyoxigraph import NamedNode, Triple
 from starlette.requests import Request
 from starlette.responses import Response
 
 from gateway.actions.admission import admit
 from gateway.actions.asked import Asked, moment_of
-from gateway.actions.body import Body
+from gateway.actions.body import Body, written
 from gateway.actions.caller import Caller
 from gateway.actions.handlers import HANDLERS
 from gateway.actions.offer import Offer
@@ -25,11 +25,11 @@ from gateway.fleet.invocations import Invocation
 from gateway.graph.affordance import EndInvocation, Invoke, PutTarget
 from gateway.graph.build import Graph
 from gateway.graph.in_view import InvocationsInView
-from gateway.graph.invocation import ROOT, describe_rehearsal, invocation_path
+from gateway.graph.invocation import describe_rehearsal, invocation_path
 from gateway.graph.judge import reachable
 from gateway.graph.resource import Resource
 from gateway.graph.validation import root
-from gateway.graph.vocab import LF, MATHS, VOM
+from gateway.graph.vocab import LF
 from gateway.http.body import FORM_TYPES, body_type, parse_form, read_body
 from gateway.http.fields import field
 from gateway.http.negotiation import choose
@@ -45,8 +45,6 @@ if TYPE_CHECKING:
     from gateway.things.schema import Form
 
 MAX_BODY_BYTES, MAX_TRIPLES = 256 * 1024, 5_000  # of a trajectory: seven joints at some two hundred times
-_MAX_REMEMBERED = 32 * 1024  # characters; what is longer is carried out, and not shown with the invocation
-_TERMS = (VOM.iri, MATHS.iri, LF.iri)
 _KEY = re.compile(r'"([\x20\x21\x23-\x5b\x5d-\x7e]{1,255})"|([!-~]{1,255})')
 _TOKEN = re.compile(r"<?(urn:uuid:[0-9a-f-]{36})>?")
 
@@ -188,7 +186,7 @@ async def _carry_out(
     request: Request, offer: Offer, body: Body, moment: Moment | None, prefer: Prefer, content: bytes, base: str
 ) -> Response:
     actions: Actions = request.app.state.actions
-    asking = caller(request, _written(body), _digest(request, content))
+    asking = caller(request, written(body), _digest(request, content))
     with step("plan"):
         plan = HANDLERS[offer.definition.iri].plan(Asked(base, body, offer.robot, offer.joint, moment))
         if isinstance(plan, Later):
@@ -259,26 +257,6 @@ async def _outcome(actions: Actions, invocation: Invocation, prefer: Prefer) -> 
     if prefer.respond_async:
         return 202, ["respond-async"]
     return 204, []
-
-
-def _written(body: Body) -> str:
-    """What the body says of its root and of the blank nodes below in terms of actions, as N-Triples about ``_:input``.
-
-    Nothing when it is too long to keep. What it says besides, or of other resources, is not for us to repeat.
-    """
-
-    def own(term: object) -> object:
-        return ROOT if term == body.root else term
-
-    about = [
-        triple
-        for triple in reachable(body.triples, body.root)
-        if triple.predicate.value.startswith(_TERMS)
-        and (triple.subject == body.root or isinstance(triple.subject, BlankNode))
-    ]
-    written = serialize([Triple(*map(own, triple)) for triple in about], format=RdfFormat.N_TRIPLES)  # type: ignore[arg-type]
-    assert written is not None  # nothing is written to a file
-    return written.decode() if len(written) <= _MAX_REMEMBERED else ""
 
 
 def _digest(request: Request, content: bytes) -> str:
