@@ -73,7 +73,8 @@ class Live:
     def _sweep(self) -> None:
         """Tell of frames that came while somebody was about to watch, and that no other frame has followed."""
         frames = self.fleet.frames
-        self._on_events([Moved(name) for name in self.fan_out.watched if name and frames.untold(name)])
+        watched = self.fleet.robots if frames.heeded else self.fan_out.watched
+        self._on_events([Moved(name) for name in watched if name and frames.untold(name)])
         self._sweeping = asyncio.get_running_loop().call_later(_SWEEP_S, self._sweep)
 
     async def join(self) -> None:
@@ -117,6 +118,14 @@ class Live:
         of_fleet = tuple(each for each in wings if isinstance(each, FleetWing))
         of_robots = tuple(each for each in wings if isinstance(each, RobotWing))
         self._wings = Wings(self._wings.of_fleet + of_fleet, self._wings.of_robots + of_robots)
+
+    def heed(self, hear: Callable[[str | None], None] | None) -> None:
+        """Have ``hear`` called at every change, of whichever robot, watched or not; None for nobody any more.
+
+        It is told the robot of which a frame came, whose values need not be others for that; None of anything else.
+        """
+        self.fan_out.heard = hear or (lambda robot: None)
+        self.fleet.frames.heeded = hear is not None
 
     async def halt(self, robots: Collection[str] | None, stop: Stop, timeout_s: float) -> dict[str, Reply]:
         """Stop robots, and wait until they are seen as they are after it: what is asked of them then is no longer late.

@@ -50,13 +50,15 @@ class Latest:
 class Frames:
     """What has come of all robots. ``key_of`` makes a robot's name the key under which its frames come.
 
-    ``taken`` counts frames put here. Whose frames are to be told at once: those in ``watched`` and in ``awaited``.
+    ``taken`` counts frames put here. Whose frames are to be told at once: those in ``watched`` and in ``awaited``, and
+    all while ``heeded``.
     """
 
     def __init__(self, key_of: Callable[[str], str] = str) -> None:
         self.taken = 0
         self.watched: Container[str | None] = frozenset()
         self.awaited: Counter[str] = Counter()
+        self.heeded = False
         self._key_of = key_of
         self._latest: dict[str, Latest] = {}
 
@@ -77,7 +79,7 @@ class Frames:
 
     def urgent(self, latest: Latest) -> bool:
         """Whether somebody has to be told, who is not on the way to look already."""
-        return not latest.rung and (latest.robot in self.watched or latest.robot in self.awaited)
+        return not latest.rung and (self.heeded or latest.robot in self.watched or latest.robot in self.awaited)
 
     def untold(self, robot: str) -> bool:
         """Whether a frame came of which nobody was told, because nobody watched the robot then."""

@@ -48,6 +48,8 @@ class FanOut:
         self._dirty: dict[Topic, bool] = {}
         self._runnable: deque[Watcher | Broadcast] = deque()
         self._turn_due = False
+        self.heard: Callable[[str | None], None] = lambda robot: None
+        """Called at every change: with the robot of which a frame came, None for anything else."""
         self.renders = self.messages = self.conflated = 0
         # Who has to do something for what is watched, as to ask a camera, hears of each watcher.
         self.on_watch: Callable[[Watcher], None] = lambda watcher: None
@@ -79,6 +81,7 @@ class FanOut:
 
     def moved(self, robot: str) -> None:
         """A frame came: look at what can have changed by it, when there is time."""
+        self.heard(robot)
         topics = self._of_robot.get(robot)
         if topics:
             for topic in topics:
@@ -88,6 +91,7 @@ class FanOut:
 
     def changed(self, robot: str) -> None:
         """Something else became different about a robot: presence, description, fault."""
+        self.heard(None)
         for watcher in list(self._absent):
             if robot_of(watcher.subscription.resource) in (robot, None):
                 self._find(watcher)
@@ -100,6 +104,7 @@ class FanOut:
 
     def touched(self, path: str) -> None:
         """One resource became different."""
+        self.heard(None)
         for watcher in [each for each in self._absent if each.subscription.resource == path]:
             self._find(watcher)
         for topic in self._topics.get(path, {}).values():
@@ -108,6 +113,7 @@ class FanOut:
 
     def appeared(self, path: str) -> None:
         """There is a resource that was not there before, and that subtrees above it cover."""
+        self.heard(None)
         for watcher in self._subtrees:
             subscription = watcher.subscription
             if is_below(path, subscription.resource) and path not in watcher.topics:
