@@ -30,6 +30,9 @@ from gateway.observe.sampler import Sampler
 from gateway.observe.tracing import Tracing
 from gateway.pictures import Pictures
 from gateway.query.service import Queries
+from gateway.rules.creators import creator_of
+from gateway.rules.service import Rules
+from gateway.rules.store import RuleStore
 from gateway.settings import GatewaySettings
 from gateway.store.embedded import Embedded
 from gateway.subscriptions.network import Network
@@ -70,6 +73,13 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None) -> Sta
                 vouches=app.state.identities.vouches if app.state.identities else lambda *_: True,
             )  # fmt: skip
             app.state.live, app.state.subscriptions = live, await stack.enter_async_context(subscriptions)
+            rules = Rules(
+                live, app.state.actions, RuleStore(url, settings.namespace, run),
+                app.state.queries.select,
+                lambda rule: creator_of(rule, app.state.identities),
+                app.state.audit, int(settings.rules_per_client),
+            )  # fmt: skip
+            app.state.rules = await stack.enter_async_context(rules)
             sampler = await stack.enter_async_context(Sampler(live.fleet))
             app.state.registry = registry(Numbers(live, subscriptions, app.state.actions, requests, sampler))
             yield

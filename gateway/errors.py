@@ -22,6 +22,7 @@
     │   ├── OutOfReach              422     out-of-reach
     │   └── KeyReused               422     key-reused
     ├── TooManySubscriptions        429     too-many-subscriptions
+    ├── TooManyRules                429     too-many-rules
     ├── TooManyInvocations          429     too-many-invocations
     ├── TooManyLogins               429     too-many-logins
     ├── TooManyRequests             429     too-many-requests
@@ -291,6 +292,12 @@ class TooManySubscriptions(FleetError):
     """RFC 6585, 4; delete some, or wait until streams have ended."""
 
     status, code, title = 429, "too-many-subscriptions", "The client has too many subscriptions"
+
+
+class TooManyRules(FleetError):
+    """RFC 6585, 4; delete some."""
+
+    status, code, title = 429, "too-many-rules", "There are too many rules"
 
 
 class TooManyInvocations(FleetError):

@@ -76,6 +76,7 @@ class GatewaySettings:
     invocations_per_client: str = _setting(
         "LINKED_FLEET_INVOCATIONS_PER_CLIENT", "100", "motions that one client may have begun and not ended at once"
     )
+    rules_per_client: str = _setting("LINKED_FLEET_RULES_PER_CLIENT", "50", "rules that one client may have at once")
     requests_per_client: str = _setting(
         "LINKED_FLEET_REQUESTS_PER_CLIENT", "1000", "requests a second that one client may make on average; 0: any"
     )

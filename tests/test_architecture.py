@@ -34,6 +34,7 @@ PAGES = (
     "docs/CAMERAS.md",
     "docs/BINARY.md",
     "docs/SETTINGS.md",
+    "docs/RULES.md",
     "docs/ROS2.md",
     "docs/WORLD.md",
 )

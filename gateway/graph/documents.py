@@ -31,7 +31,8 @@ def asset(rest: list[str]) -> Resource | None:
 
 
 def _vocabulary(graph: Graph) -> None:
-    for triples in load("vocabulary.ttl").values():
-        for triple in triples:
-            graph.add(triple.subject, triple.predicate, triple.object)  # type: ignore[arg-type]
+    for name in ("vocabulary.ttl", "rules.ttl"):
+        for triples in load(name).values():
+            for triple in triples:
+                graph.add(triple.subject, triple.predicate, triple.object)  # type: ignore[arg-type]
     describe_request_shape(graph)

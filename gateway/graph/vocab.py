@@ -86,7 +86,7 @@ LF = Namespace(
     "Fleet Robot Joint ContinuousJoint PrismaticJoint FixedJoint FloatingJoint PlanarJoint Invocation Blueprint"
     " ScalarProperty Translation Limits Pose Twist Point Inertia Mimicry JointState JointSample FrameLayout FrameField"
     " Quaternion Problem Stream WebSocketStream EventStream ActionKind Rehearsal ControlLease TextProperty"
-    " SpeedScale Annotations NamedPose JointTargets JointTrajectory TargetPosition Model Mesh"
+    " SpeedScale Annotations NamedPose JointTargets JointTrajectory TargetPosition Model Mesh Rule Firing"
     # kinds of actions
     " Rotate RotateBy Translate TranslateBy Hold MoveJoints FollowTrajectory Reach AssumePose StopRobot StopAll"
     " CancelInvocation"
@@ -96,11 +96,11 @@ LF = Namespace(
     " MimicryShape JointStateShape InvocationShape RehearsalShape SubscriptionShape SubscriptionResourceShape"
     " ActionShape"
     " ControlLeaseShape ControlLeaseInput TextPropertyShape TextInput AnnotationsShape SpeedScaleShape SpeedScaleInput"
-    " TargetPositionShape ModelShape MeshShape FrameLayoutShape"
+    " TargetPositionShape ModelShape MeshShape FrameLayoutShape RuleShape RuleResourceShape FiringShape"
     # individuals
     " unknown online offline accepted running succeeded failed cancelled preempted free held"
     " thisAlone withProperties wholeSubtree active"
-    " waiting awaitingConsent failing suspended"
+    " waiting awaitingConsent failing suspended disabled suppressed"
     # predicates: things
     " presence lastSeen lastFrame fault rootLink baseMobility parentJoint childJoint shape invocations state reason"
     " target ofJoint result status vocabulary"
@@ -115,6 +115,8 @@ LF = Namespace(
     # predicates: subscriptions and their messages
     " depth minimumInterval deadband secret signed deliveryState lastDelivery lastStatus failures"
     " version previousVersion"
+    # predicates: rules
+    " rules condition invokes body toldApartBy enabled firings suppressions variable binding invocation"
     # predicates: quantities
     " value translation displacement translationAxis velocity effort limits lowerLimit upperLimit velocityLimit"
     " effortLimit damping pose twist mass centreOfMass inertia mimic mimicsJoint multiplier offset jointState sample"

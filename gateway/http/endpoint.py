@@ -48,6 +48,7 @@ from gateway.http.problem import problem
 from gateway.http.repeatable import offer_repeat
 from gateway.http.representation import negotiated, preferred
 from gateway.http.rights import caller_of, demand, shown, tree_of
+from gateway.http.rules import change_rule, post_rule
 from gateway.http.streams import EventStream, is_over, open_websocket, wants_events
 from gateway.http.subscribe import cancel, post_subscription, refusals, resume, subscribe_callback, wants_callback
 from gateway.http.things import read_listing
@@ -55,6 +56,7 @@ from gateway.http.turns import Turns
 from gateway.http.world import posed, post_object, put_object
 from gateway.identity.rights import Right
 from gateway.live import Live
+from gateway.rules.description import ChangeRule, MakeRule
 from gateway.subscriptions.service import Subscriptions
 from gateway.things.directory import Listing
 from gateway.things.documents import DIRECTORY
@@ -229,6 +231,8 @@ _WRITERS: dict[type, Callable[[Request, Any, str], Awaitable[Response]]] = {
     ResumeSubscription: resume,
     PostObject: post_object,
     PutObject: put_object,
+    MakeRule: post_rule,
+    ChangeRule: change_rule,
 }
 
 

@@ -1,0 +1,75 @@
+"""An action invoked for a rule: by the way that a client's request takes, with the rights of the rule's creator."""
+
+from collections.abc import Mapping
+from hashlib import blake2b
+
+from pyoxigraph import NamedNode
+
+from gateway.actions.admission import admit
+from gateway.actions.asked import Asked
+from gateway.actions.body import Body, written
+from gateway.actions.caller import Caller
+from gateway.actions.handlers import HANDLERS
+from gateway.actions.offer import Offer
+from gateway.actions.plan import Halt, Later, Moment, Motion
+from gateway.actions.service import Actions
+from gateway.errors import InsufficientScope, UnprocessableContent
+from gateway.fleet.invocations import Invocation
+from gateway.graph.affordance import Invoke
+from gateway.graph.paths import robot_of
+from gateway.graph.resource import Resource
+from gateway.graph.tree import Tree
+from gateway.identity.rights import Identity, Right
+from gateway.rules.edges import Row
+from gateway.rules.rule import Rule
+from gateway.rules.template import filled
+
+Moments = Mapping[str, Moment | None]
+
+
+def offered(tree: Tree, path: str, creator: Identity) -> Offer:
+    """The action at ``path``, as far as ``creator`` may invoke it; UnprocessableContent, InsufficientScope."""
+    found = tree.resolve(path)
+    if not isinstance(found, Resource) or not isinstance(found.affords, Invoke):
+        raise UnprocessableContent(f"There is no action at {path[:200]} that could be invoked.")
+    needs = found.affords.needs
+    if not creator.may_any(needs, robot_of(path)):
+        wanted = " or ".join(needs)
+        raise InsufficientScope(f"{path[:200]} takes the right to {wanted}, which is missing.", scope=needs[0])
+    return found.affords.offer
+
+
+async def invoked(
+    actions: Actions, tree: Tree, rule: Rule, creator: Identity, number: int, row: Row, moments: Moments
+) -> Invocation:
+    """What the firing ``number`` of ``rule`` began, once its robot accepted it; FleetError.
+
+    ``moments``: of each robot when the condition was looked at. What the robot was told since, as to stop, comes first.
+    """
+    offer = offered(tree, _action(rule, row), creator)
+    action = NamedNode(rule.base + offer.path)
+    if not offer.takes_body:
+        halt = HANDLERS[offer.definition.iri].plan(Asked(rule.base, Body((), action), offer.robot, offer.joint))
+        assert isinstance(halt, Halt)
+        asking = Caller(rule.client, stops=creator.over(Right.STOP), rule=rule.id)
+        return await actions.halt(offer.path, halt, asking)
+    body = admit(offer, filled(rule.body, row, action), rule.base)
+    moment = None if offer.robot is None else moments.get(offer.robot.name)
+    plan = HANDLERS[offer.definition.iri].plan(Asked(rule.base, body, offer.robot, offer.joint, moment))
+    if isinstance(plan, Later):
+        plan = await actions.compute(plan)
+    assert isinstance(plan, Motion)  # what takes a body moves
+    # No client's key: of those every character is visible.
+    key, digest = f"\x1frule {rule.id} {number}", blake2b(repr(row).encode(), digest_size=16).hexdigest()
+    asking = Caller(rule.client, key=key, digest=digest, body=written(body), rule=rule.id)
+    return await actions.start(offer.path, plan, asking)
+
+
+def _action(rule: Rule, row: Row) -> str:
+    """The path of the action; UnprocessableContent for what is bound to no resource of this fleet."""
+    if rule.variable is None:
+        return rule.invokes
+    term = row.get(rule.variable)
+    if not isinstance(term, NamedNode) or not term.value.startswith(rule.base + "/"):
+        raise UnprocessableContent(f"?{rule.variable} is bound to no action of this fleet: {str(term)[:200]}.")
+    return term.value.removeprefix(rule.base)

@@ -1,0 +1,119 @@
+"""The request for a rule, held against the published shape and the fleet as who writes it sees it."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from functools import cache
+
+from pyoxigraph import BlankNode, Literal, NamedNode, Triple
+
+from gateway.errors import UnprocessableContent
+from gateway.graph.build import Node
+from gateway.graph.judge import Judge
+from gateway.graph.shapes import load
+from gateway.graph.validation import check_lexical_forms, root
+from gateway.graph.vocab import DCTERMS, LF, RDF
+from gateway.rules.template import template, variables
+
+CONTAINER = "/rules"
+_SAID = (DCTERMS.title, LF.condition, LF.invokes, LF.body, LF.toldApartBy, LF.minimumInterval, LF.enabled)
+_SHOWN = (LF.state, LF.reason, LF.firings, LF.suppressions)
+INTERVAL_S = 1.0
+"""The least time between two firings of a rule that does not say."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """As ``Rule`` has it; ``invokes`` is an IRI or ``?`` and a variable."""
+
+    title: str
+    condition: str
+    invokes: str
+    body: str
+    told_apart_by: tuple[str, ...]
+    interval_s: float
+    enabled: bool
+
+
+def requested(triples: Sequence[Triple], iri: str, base: str) -> Wanted:
+    """What ``triples``, sent to ``iri``, ask for; UnprocessableContent with the report if the shape refuses it."""
+    container = base + CONTAINER
+    focus = _focus(triples, iri)
+    about = list(dict.fromkeys(each for each in triples if each.subject == focus))
+    _check_terms(about, container)
+    check_lexical_forms(about, container)
+    found = _judge().report(about, focus, iri)
+    if found is not None:
+        detail, report = found
+        raise _refusal(f"The body does not conform to the shape of a rule: {detail}", container, report)
+    said: dict[NamedNode, list[Node | Literal]] = {}
+    for each in about:
+        said.setdefault(each.predicate, []).append(each.object)  # type: ignore[arg-type]
+    return Wanted(
+        title=_text(said, DCTERMS.title),
+        condition=_text(said, LF.condition),
+        invokes=_invoked(triples, said[LF.invokes][0], container),
+        body=_body(triples, said.get(LF.body), container),
+        told_apart_by=tuple(sorted({each.value for each in said.get(LF.toldApartBy, ())})),
+        interval_s=float(_text(said, LF.minimumInterval) or INTERVAL_S) + 0.0,
+        enabled=_text(said, LF.enabled) in ("", "true", "1"),
+    )
+
+
+def _focus(triples: Sequence[Triple], iri: str) -> Node:
+    """The one ``lf:Rule``, so that a description can be sent as it is; else the root, as of an action's body."""
+    typed = list(dict.fromkeys(t.subject for t in triples if t.predicate == RDF.type and t.object == LF.Rule))
+    return typed[0] if len(typed) == 1 else root(triples, NamedNode(iri))  # type: ignore[return-value]
+
+
+def _check_terms(about: Sequence[Triple], container: str) -> None:
+    """A misspelt option would be none. Terms of other vocabularies are their business."""
+    strange = [
+        each.predicate.value
+        for each in about
+        if each.predicate.value.startswith(LF.iri) and each.predicate not in {*_SAID, *_SHOWN}
+    ]
+    if strange:
+        known = ", ".join(f"<{term.value}>" for term in _SAID)
+        raise _refusal(f"Nothing that a rule can say is <{min(strange)[:200]}>; there are {known}.", container)
+
+
+def _text(said: dict[NamedNode, list[Node | Literal]], predicate: NamedNode) -> str:
+    return said[predicate][0].value.strip() if predicate in said else ""
+
+
+def _invoked(triples: Sequence[Triple], node: Node | Literal, container: str) -> str:
+    if isinstance(node, NamedNode):
+        return node.value
+    names = [each.object for each in triples if each.subject == node and each.predicate == LF.variable]
+    if len(names) != 1 or not isinstance(names[0], Literal):
+        raise _refusal('lf:invokes is one action of the fleet, or [ lf:variable "name" ].', container)
+    return f"?{names[0].value}"
+
+
+def _body(triples: Sequence[Triple], found: list[Node | Literal] | None, container: str) -> str:
+    if found is None:
+        return ""
+    assert isinstance(found[0], BlankNode)  # the shape has seen to it
+    try:
+        return template(triples, found[0])
+    except UnprocessableContent as error:
+        raise _refusal(error.detail, container) from error
+
+
+def check_variables(wanted: Wanted, selected: Collection[str], base: str) -> None:
+    """UnprocessableContent for a rule that speaks of what its condition does not select."""
+    used = variables(wanted.body) | set(wanted.told_apart_by)
+    if wanted.invokes.startswith("?"):
+        used.add(wanted.invokes[1:])
+    if missing := sorted(used.difference(selected)):
+        names = ", ".join(f"?{name[:50]}" for name in missing[:5])
+        raise _refusal(f"lf:condition does not select {names}, which the rule speaks of.", base + CONTAINER)
+
+
+@cache
+def _judge() -> Judge:
+    return Judge([triple for triples in load("rules.ttl").values() for triple in triples], LF.RuleShape)
+
+
+def _refusal(detail: str, container: str, report: list[Triple] | None = None) -> UnprocessableContent:
+    return UnprocessableContent(detail, constraint=container, report=report)

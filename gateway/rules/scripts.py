@@ -1,0 +1,116 @@
+"""What is decided in one step where the rules are kept."""
+
+# KEYS: records, revisions, rules of the client; ARGV: id, rule, revision that it replaces (0: a new one), how many the
+# client may have, how many there may be.
+WRITE = """
+local have = redis.call('HGET', KEYS[2], ARGV[1]) or '0'
+if have ~= ARGV[3] then return 'changed' end
+if have == '0' then
+  if redis.call('SCARD', KEYS[3]) >= tonumber(ARGV[4]) then return 'full' end
+  if redis.call('HLEN', KEYS[1]) >= tonumber(ARGV[5]) then return 'crowded' end
+  redis.call('SADD', KEYS[3], ARGV[1])
+end
+redis.call('HSET', KEYS[1], ARGV[1], ARGV[2])
+redis.call('HINCRBY', KEYS[2], ARGV[1], 1)
+return 'written'
+"""
+
+# KEYS: records, revisions, rules of the client, and the three of the rule; ARGV: id. Whether there was one.
+REMOVE = """
+redis.call('HDEL', KEYS[2], ARGV[1])
+redis.call('SREM', KEYS[3], ARGV[1])
+redis.call('DEL', KEYS[4], KEYS[5], KEYS[6])
+return redis.call('HDEL', KEYS[1], ARGV[1])
+"""
+
+# KEYS: server; ARGV: run, milliseconds. The run that evaluates rules now.
+SERVE = """
+local server = redis.call('GET', KEYS[1])
+if server and server ~= ARGV[1] then return server end
+redis.call('SET', KEYS[1], ARGV[1], 'PX', ARGV[2])
+return ARGV[1]
+"""
+
+# KEYS: server; ARGV: run.
+LEAVE = "if redis.call('GET', KEYS[1]) == ARGV[1] then redis.call('DEL', KEYS[1]) end return 1"
+
+# Whether this run still evaluates rules, and this is what the rule says.
+_MINE = """
+if redis.call('GET', KEYS[1]) ~= ARGV[1] then return {'lost'} end
+if redis.call('HGET', KEYS[2], ARGV[2]) ~= ARGV[3] then return {'changed'} end
+"""
+
+# KEYS: server, revisions, holds, counts, firings; ARGV: run, id, revision. The keys of the rows that held when it was
+# evaluated last; or that it was not since it was written. What another run had claimed and not finished is unknown.
+RECALL = (
+    _MINE
+    + """
+local firings = redis.call('HGETALL', KEYS[5])
+for index = 1, #firings, 2 do
+  if string.sub(firings[index + 1], 1, 8) == 'running ' then
+    redis.call('HSET', KEYS[5], firings[index], 'unknown' .. string.sub(firings[index + 1], 8))
+  end
+end
+if redis.call('HGET', KEYS[4], 'begun') ~= ARGV[3] then return {'new'} end
+return {'held', unpack(redis.call('SMEMBERS', KEYS[3]))}
+"""
+)
+
+# KEYS: as above; ARGV: run, id, revision, keys. What holds as the rule begins to be evaluated has not started to.
+BEGIN = (
+    _MINE
+    + """
+redis.call('DEL', KEYS[3])
+for index = 4, #ARGV do redis.call('SADD', KEYS[3], ARGV[index]) end
+redis.call('HSET', KEYS[4], 'begun', ARGV[3])
+return {'begun'}
+"""
+)
+
+# KEYS: as above; ARGV: run, id, revision, least milliseconds between firings, how many fire at once, how many are kept,
+# number of rows that began, key and firing of each, keys of those that ended. The number of the firing that each of the
+# first rows is; the others are suppressed, of which the first in a row is kept as a firing.
+ADVANCE = (
+    _MINE
+    + """
+local time, began = redis.call('TIME'), tonumber(ARGV[7])
+local now = time[1] * 1000 + math.floor(time[2] / 1000)
+local counts = redis.call('HMGET', KEYS[4], 'fired_ms', 'last')
+local passed = now - (tonumber(counts[1]) or -1e15)
+local early = passed >= 0 and passed < tonumber(ARGV[4])
+local last, answer = counts[2], {'advanced'}
+for row = 1, began do
+  local key, firing = ARGV[6 + 2 * row], ARGV[7 + 2 * row]
+  redis.call('SADD', KEYS[3], key)
+  local suppressed = early or row > tonumber(ARGV[5])
+  if suppressed then redis.call('HINCRBY', KEYS[4], 'suppressed', 1) end
+  local state = suppressed and 'suppressed' or 'running'
+  if not suppressed or last ~= 'suppressed' then
+    local number = redis.call('HINCRBY', KEYS[4], 'number', 1)
+    redis.call('HSET', KEYS[5], number, state .. ' ' .. firing)
+    redis.call('HDEL', KEYS[5], number - tonumber(ARGV[6]))
+    if not suppressed then answer[#answer + 1] = tostring(number) end
+  end
+  last = state
+end
+for index = 8 + 2 * began, #ARGV do redis.call('SREM', KEYS[3], ARGV[index]) end
+if began > 0 then redis.call('HSET', KEYS[4], 'last', last) end
+if #answer > 1 then redis.call('HSET', KEYS[4], 'fired_ms', now) end
+return answer
+"""
+)
+
+# KEYS: firings; ARGV: number, firing.
+FINISH = """
+if redis.call('HEXISTS', KEYS[1], ARGV[1]) == 1 then redis.call('HSET', KEYS[1], ARGV[1], ARGV[2]) end
+return 1
+"""
+
+# KEYS: server, revisions, counts; ARGV: run, id, revision, fault, suspension.
+COMPLAIN = (
+    _MINE
+    + """
+redis.call('HSET', KEYS[3], 'fault', ARGV[4], 'suspended', ARGV[5])
+return {'complained'}
+"""
+)

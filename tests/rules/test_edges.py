@@ -1,0 +1,49 @@
+"""When a pattern starts to hold, by the rows before and now."""
+
+import pytest
+from pyoxigraph import BlankNode, Literal, NamedNode
+
+from gateway.rules.edges import MOST_ROWS, Unusable, edge, holding
+
+ONE = {"arm": NamedNode("http://fleet/one"), "angle": Literal(1.0)}
+OTHER = {"arm": NamedNode("http://fleet/other"), "angle": Literal(1.0)}
+
+
+def test_a_row_begins_once_and_again_after_it_ended() -> None:
+    now = holding([ONE])
+    assert [row for _, row in edge(set(), now).began] == [ONE]
+    assert not edge(set(now), now)
+    assert edge(set(now), {}).ended == tuple(now)
+    assert edge(set(), now).began
+
+
+def test_rows_begin_one_by_one() -> None:
+    before = set(holding([ONE]))
+    change = edge(before, holding([OTHER, ONE]))
+    assert [row for _, row in change.began] == [OTHER] and not change.ended
+
+
+def test_the_order_of_an_answer_does_not_matter() -> None:
+    assert list(holding([ONE, OTHER])) == list(holding([OTHER, ONE]))
+
+
+def test_rows_are_told_apart_by_what_the_rule_says() -> None:
+    turned = {**ONE, "angle": Literal(2.0)}
+    assert edge(set(holding([ONE])), holding([turned])).began
+    assert not edge(set(holding([ONE], ("arm",))), holding([turned], ("arm",)))
+    assert len(holding([turned, ONE], ("arm",))) == 1
+
+
+def test_terms_that_are_written_alike_are_not_the_same() -> None:
+    values = [Literal("1"), Literal(1), NamedNode("http://fleet/one"), Literal("http://fleet/one")]
+    assert len(holding([{"x": value} for value in values])) == len(values)
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [[{"x": BlankNode()}], [{"x": Literal("x" * 10_000)}], [{"x": Literal(n)} for n in range(MOST_ROWS + 1)]],
+    ids=["blank", "long", "many"],
+)
+def test_what_cannot_be_compared_is_refused(rows: list[dict[str, Literal]]) -> None:
+    with pytest.raises(Unusable):
+        holding(rows)

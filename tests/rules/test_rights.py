@@ -1,0 +1,137 @@
+"""A rule has the rights of its creator, as they are when it fires, and shows nobody more than they may see."""
+
+from collections.abc import Iterator
+
+import pytest
+from browser import LDP, LF, Browser
+from guarded import ALL, HIDDEN, SEEN, Guarded, guarded
+from rdflib import URIRef
+from ruling import a_rule, container, fired, firings, post, posted, put, sides
+from running import eventually
+from small_fleet import move
+
+LAB = ("lab-*",)
+_BODY = "vom:numericalValue 0.1 ; vom:unit unit:RAD"
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
+    with guarded(tmp_path_factory.mktemp("guarded"), "--rules-per-client", "2") as one:
+        one.add("reader", "read")
+        one.add("subscriber", "read", "subscribe")
+        one.add("writer", "read", "subscribe", "act", robots=LAB)
+        one.add("colleague", "read", "subscribe", "act", robots=LAB)
+        one.add("hall", *ALL, robots=("hall-*",))
+        one.known("hall")
+        yield one
+
+
+@pytest.fixture(scope="module")
+def root(here: Guarded) -> Iterator[Browser]:
+    with here.browsing("root") as browser:
+        yield browser
+
+
+@pytest.fixture
+def rule(here: Guarded, root: Browser) -> Iterator[str]:
+    """The writer's: where one joint is decides about another."""
+    with here.browsing("writer") as writer:
+        text = a_rule(
+            sides(joint(root, SEEN)), rotate(root, SEEN), _BODY, 'lf:toldApartBy "side" ; lf:minimumInterval 0'
+        )
+        turn(root, 0.0)
+        iri = posted(writer, text)
+        reaches(root, iri, LF.active)
+        yield iri
+    assert root.http.delete(iri).status_code == 204
+
+
+def joint(root: Browser, robot: str) -> str:
+    return root.part(robot, "wrist_2_joint").url
+
+
+def rotate(root: Browser, robot: str, name: str = "wrist_3_joint") -> str:
+    return root.action(root.part(robot, name), LF.Rotate)
+
+
+def turn(root: Browser, angle: float) -> None:
+    """Until the first joint is there."""
+    assert move(root, rotate(root, SEEN, "wrist_2_joint"), angle, prefer="wait=20").status_code == 204
+
+
+def reaches(root: Browser, rule: str, state: URIRef) -> None:
+    eventually(lambda: root.page(rule).one(LF.state) == state, lambda: root.page(rule).response.text)
+
+
+@pytest.mark.parametrize("name", ["reader", "subscriber"])
+def test_a_rule_takes_the_rights_to_be_told_and_to_act(here: Guarded, root: Browser, name: str) -> None:
+    with here.browsing(name) as browser:
+        answer = post(browser, a_rule(sides(joint(root, SEEN)), rotate(root, SEEN), _BODY))
+        assert answer.status_code == 403
+
+
+def test_nobody_writes_for_robots_that_he_does_not_see_or_may_not_move(here: Guarded, root: Browser) -> None:
+    with here.browsing("writer") as writer:
+        answer = post(writer, a_rule(sides(joint(root, SEEN)), rotate(root, HIDDEN), _BODY))
+        absent = post(writer, a_rule(sides(joint(root, SEEN)), rotate(root, HIDDEN).replace(HIDDEN, "hall-9"), _BODY))
+        assert answer.status_code == absent.status_code == 422
+        assert answer.json()["detail"].replace(HIDDEN, "hall-9") == absent.json()["detail"]
+
+
+def test_who_does_not_see_its_robots_does_not_find_it(here: Guarded, root: Browser, rule: str) -> None:
+    with here.browsing("hall") as browser:
+        assert browser.http.get(rule).status_code == browser.http.get(rule + "/firings").status_code == 404
+        assert not list(browser.page(container(browser)).graph.objects(None, LDP.contains))
+        assert browser.http.delete(rule).status_code == 404
+    with here.browsing("colleague") as browser:
+        assert browser.page(rule).one(LF.enabled)
+
+
+def test_it_is_for_its_creator_to_change_and_for_who_administers_to_end(
+    here: Guarded, root: Browser, rule: str
+) -> None:
+    with here.browsing("colleague") as browser:
+        assert put(browser, rule, "lf:enabled true", "lf:enabled false").status_code == 403
+        assert browser.http.delete(rule).status_code == 403
+    assert put(root, rule, '"a rule"', '"another rule"').status_code == 403
+    assert put(root, rule, "lf:enabled true", "lf:enabled false").status_code == 204
+    reaches(root, rule, LF.disabled)
+    with here.browsing("writer") as writer:
+        assert put(writer, rule, "lf:enabled false", "lf:enabled true").status_code == 204
+    reaches(root, rule, LF.active)
+
+
+def test_it_fires_with_the_rights_that_its_creator_has_now(here: Guarded, root: Browser, rule: str) -> None:
+    turn(root, 1.2)
+    assert fired(root, rule, 1) == [("accepted", "up")]
+    whole = here.tables["writer"]
+    here.tables["writer"] = whole.replace('"act"', '"stop"')
+    here.write()
+    reaches(root, rule, LF.suspended)
+    assert "act" in str(root.page(rule).one(LF.reason))
+    here.revoke("writer")
+    eventually(lambda: "rights of its creator ended" in root.http.get(rule).text, "ended")
+    turn(root, 0.0)
+    assert len(firings(root, rule)) == 1
+    here.tables["writer"] = whole
+    here.write()
+    reaches(root, rule, LF.active)
+    assert len(firings(root, rule)) == 1  # what came to hold while nobody vouched for it is nothing new
+    turn(root, 1.2)
+    assert fired(root, rule, 2)[1:] == [("accepted", "up")]
+
+
+def test_a_client_has_so_many_rules(here: Guarded, root: Browser, rule: str) -> None:
+    text = a_rule(sides(joint(root, SEEN)), rotate(root, SEEN), _BODY)
+    with here.browsing("writer") as writer:
+        second = posted(writer, text)
+        assert post(writer, text).status_code == 429
+        assert writer.http.delete(second).status_code == 204
+
+
+def test_what_it_does_is_in_the_audit(root: Browser, rule: str) -> None:
+    turn(root, 1.2)
+    fired(root, rule, 1)
+    path = rule.removeprefix(root.root.rstrip("/")) + "/firings/1"
+    entry = eventually(lambda: path in root.http.get(root.root + "audit").text, "an entry")
+    assert entry

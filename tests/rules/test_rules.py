@@ -1,0 +1,212 @@
+"""Rules at two gateways with one memory, a robot that the test plays and one that is moved."""
+
+import contextlib
+import signal
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import pyshacl
+import pytest
+from browser import HYBRIT, LDP, LF, SH, Browser, Page
+from rdflib import URIRef
+from redis_servers import Servers, single
+from ruling import BEGIN, a_rule, container, fired, firings, post, posted, put, sides
+from running import eventually, process
+from several import Gateway, Hub, gateway, gateways, hub
+from small_fleet import live
+
+TO_TARGET = 'vom:numericalValue [ lf:variable "target" ] ; vom:unit unit:RAD'
+BY_SIDE = 'lf:minimumInterval 0 ; lf:toldApartBy "side"'
+
+
+@dataclass
+class Scene:
+    """``hub`` has the robot that the test plays; ``rotate`` is the action of the other's last joint."""
+
+    memory: Servers
+    hub: Hub
+    one: Gateway
+    other: Gateway
+    rotate: str
+
+    def turn(self, angle: float) -> None:
+        self.hub.steps = round(angle * 1000)
+        self.hub.repeat()
+
+    def rule(self, more: str = BY_SIDE, body: str = TO_TARGET, action: str = "") -> str:
+        """Written while the joint is down."""
+        self.turn(0.5)
+        eventually(lambda: '"0.5"' in self.one.get(self.one.rotation).text, "down")
+        rule = posted(self.one.browser, a_rule(sides(self.one.joint), action or self.rotate, body, more))
+        eventually(lambda: self.one.browser.page(rule).one(LF.state) == LF.active, "evaluated")
+        return rule
+
+    def invocations(self) -> int:
+        page = self.one.browser.page(self.rotate)
+        return len(list(self.one.browser.page(str(page.one(LF.invocations))).graph.objects(None, LDP.contains)))
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
+    with single(tmp_path_factory.mktemp("redis")) as memory, hub() as centre, contextlib.ExitStack() as stack:
+        stack.enter_context(process("-m", "agents", "--robot=ur5", "--connect", centre.endpoint))
+        one, other = stack.enter_context(gateways(centre, memory.url))
+        for each in (one, other):
+            live(each.browser, "ur5")
+        wrist = one.browser.part("ur5", "wrist_3_joint")
+        yield Scene(memory, centre, one, other, one.browser.action(wrist, LF.Rotate))
+
+
+@pytest.fixture(autouse=True)
+def nothing_left(request: pytest.FixtureRequest) -> Iterator[None]:
+    """No rule of one test acts in another."""
+    yield
+    if "scene" in request.fixturenames:
+        browser: Browser = request.getfixturevalue("scene").one.browser
+        for rule in browser.page(container(browser)).graph.objects(None, LDP.contains):
+            assert browser.http.delete(str(rule)).status_code == 204
+
+
+def test_a_rule_fires_each_time_that_its_condition_starts_to_hold(scene: Scene) -> None:
+    rule, before = scene.rule(), scene.invocations()
+    scene.turn(1.5)
+    assert fired(scene.one.browser, rule, 1) == [("accepted", "up")]
+    scene.turn(1.6)  # it goes on to hold
+    scene.turn(0.4)
+    assert fired(scene.one.browser, rule, 2)[1:] == [("accepted", "down")]
+    scene.turn(1.2)
+    assert fired(scene.one.browser, rule, 3)[2:] == [("accepted", "up")]
+    assert scene.invocations() == before + 3
+    here = scene.other.here(rule)
+    assert [state for state, _ in fired(scene.other.browser, here, 3)] == ["accepted"] * 3
+
+
+def test_a_firing_says_what_it_did(scene: Scene) -> None:
+    rule, browser = scene.rule(), scene.one.browser
+    for count in range(1, 20):  # unless it was too late for the robot
+        scene.turn(1.5 if count % 2 else 0.5)
+        fired(browser, rule, count)
+        firing = browser.page(f"{rule}/firings/{count}")
+        if count % 2 and firing.one(LF.state) == LF.accepted:
+            break
+    invocation = browser.page(str(firing.one(LF.invocation)))
+    assert '"0.15"' in invocation.response.text
+
+
+def test_what_starts_too_soon_is_suppressed_and_not_made_up_for(scene: Scene) -> None:
+    rule = scene.rule('lf:minimumInterval 3600 ; lf:toldApartBy "side"')
+    scene.turn(1.5)
+    fired(scene.one.browser, rule, 1)
+    scene.turn(0.5)
+    assert fired(scene.one.browser, rule, 2) == [("accepted", "up"), ("suppressed", "down")]
+    scene.turn(1.5)
+    eventually(lambda: str(scene.one.browser.page(rule).one(LF.suppressions)) == "2", "counted")
+    assert len(firings(scene.one.browser, rule)) == 2
+
+
+def test_what_the_action_refuses_is_what_became_of_it(scene: Scene) -> None:
+    rule = scene.rule(body="vom:numericalValue 99 ; vom:unit unit:RAD")
+    scene.turn(1.5)
+    assert fired(scene.one.browser, rule, 1) == [("failed", "up")]
+    reason = str(scene.one.browser.page(rule + "/firings/1").one(LF.reason))
+    assert reason.startswith("422") and "shape" in reason
+
+
+def test_the_action_may_come_from_the_condition(scene: Scene) -> None:
+    condition = sides(scene.one.joint).replace("SELECT ?side", f"SELECT (<{scene.rotate}> AS ?action) ?side")
+    scene.turn(0.5)
+    text = a_rule(condition, '[ lf:variable "action" ]', TO_TARGET, BY_SIDE)
+    rule = posted(scene.one.browser, text)
+    eventually(lambda: scene.one.browser.page(rule).one(LF.state) == LF.active, "evaluated")
+    scene.turn(1.5)
+    assert fired(scene.one.browser, rule, 1) == [("accepted", "up")]
+
+
+def test_who_stops_all_robots_disables_what_would_move_them(scene: Scene) -> None:
+    moves, stops = scene.rule(), scene.rule(body="", action=scene.one.browser.action(ur5(scene), LF.StopRobot))
+    stop_all = scene.one.browser.action(scene.one.browser.page(scene.one.browser.root), LF.StopAll)
+    assert scene.other.browser.http.post(scene.other.here(stop_all)).status_code == 204
+    page = eventually(lambda: disabled(scene.one.browser, moves), "disabled")
+    assert "stopped" in str(page.graph.value(page.iri, LF.reason))
+    scene.turn(1.5)
+    assert fired(scene.one.browser, stops, 1) == [("accepted", "up")]
+    assert firings(scene.one.browser, moves) == []
+    assert scene.one.browser.http.delete(stops).status_code == 204  # which would come between
+    assert put(scene.one.browser, moves, "lf:enabled false", "lf:enabled true").status_code == 204
+    eventually(lambda: scene.one.browser.page(moves).one(LF.state) == LF.active, "enabled")
+    scene.turn(0.5)
+    assert fired(scene.one.browser, moves, 1) == [("accepted", "down")]
+
+
+def ur5(scene: Scene) -> Page:
+    return scene.one.browser.robot("ur5")
+
+
+def disabled(browser: Browser, rule: str) -> Page | None:
+    page = browser.page(rule)
+    return page if page.one(LF.state) == LF.disabled else None
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "no triples"),
+        (BEGIN + '<> a lf:Rule ; dcterms:title "x" .', "lf:condition"),
+        (a_rule("ASK { ?a ?b ?c }", "{rotate}"), "SELECT"),
+        (a_rule("SELECT ?a WHERE { ?a ?b ", "{rotate}"), "lf:condition"),
+        (a_rule("SELECT ?a WHERE { SERVICE <http://x/> { ?a ?b ?c } }", "{rotate}"), "SERVICE"),
+        (a_rule("SELECT ?a WHERE { ?a ?b ?c }", "{rotate}", 'lf:value [ lf:variable "b" ]'), "does not select ?b"),
+        (a_rule("SELECT ?a WHERE { ?a ?b ?c }", "http://elsewhere/act"), "no action of this fleet"),
+        (a_rule("SELECT ?a WHERE { ?a ?b ?c }", "{root}ur5/"), "no action"),
+        (a_rule("SELECT ?a WHERE { ?a ?b ?c }", "{rotate}", more="lf:minimumInterval -1"), "minimumInterval"),
+        (a_rule("SELECT ?a WHERE { ?a ?b ?c }", "{rotate}", more="lf:intervall 1"), "intervall"),
+        (a_rule("SELECT ?a WHERE { ?a ?b ?c }", "{rotate}", more='lf:toldApartBy "c"'), "does not select ?c"),
+    ],
+)  # fmt: skip
+def test_what_is_no_rule_is_refused_with_the_way_to_the_shape(scene: Scene, text: str, says: str) -> None:
+    text = text.replace("{rotate}", scene.rotate).replace("{root}", scene.one.browser.root)
+    answer = post(scene.one.browser, text)
+    assert answer.status_code == 422 and says in answer.json()["detail"], answer.text
+    assert answer.json()["constraint"] == container(scene.one.browser)
+
+
+def test_rules_go_on_whichever_gateway_dies(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """One gateway is killed, then the other; what changes while there is none fires once when one is back."""
+    with single(tmp_path_factory.mktemp("redis")) as memory, hub() as centre:
+        flags = ("--redis-url", memory.url)
+        with (
+            process("-m", "agents", "--robot=ur5", "--connect", centre.endpoint),
+            gateway(centre, *flags) as one,
+            gateway(centre, *flags) as other,
+        ):
+            live(one.browser, "ur5")
+            live(other.browser, "ur5")
+            rotate = one.browser.action(one.browser.part("ur5", "wrist_3_joint"), LF.Rotate)
+            scene = Scene(memory, centre, one, other, rotate)
+            rule = scene.rule()
+            scene.turn(1.5)
+            assert fired(one.browser, rule, 1) == [("accepted", "up")]
+            one.process.send(signal.SIGKILL)
+            scene.turn(0.5)
+            assert fired(other.browser, other.here(rule), 2)[1:] == [("accepted", "down")]
+            other.process.send(signal.SIGKILL)
+            scene.turn(1.5)
+            with gateway(centre, *flags) as third:
+                found = fired(third.browser, third.here(rule), 3)
+                assert found == [("accepted", "up"), ("accepted", "down"), ("accepted", "up")]
+
+
+def test_rules_are_found_from_the_root_and_conform_to_their_blueprints(scene: Scene) -> None:
+    rule = scene.rule()
+    scene.turn(1.5)
+    fired(scene.one.browser, rule, 1)
+    listed = scene.one.browser.page(container(scene.one.browser))
+    assert (listed.iri, LDP.contains, URIRef(rule)) in listed.graph
+    for page in (scene.one.browser.page(rule), scene.one.browser.page(rule + "/firings/1")):
+        (blueprint,) = [
+            each for each in page.graph.objects(page.iri, HYBRIT.blueprint) if str(each).startswith("http://127")
+        ]
+        shapes = scene.one.browser.page(str(blueprint)).graph
+        conforms, _, text = pyshacl.validate(page.graph, shacl_graph=shapes, inference="none")
+        assert conforms and (page.types & set(shapes.objects(None, SH.targetClass))), text
+        assert scene.one.browser.http.get(page.url, headers={"accept": "text/html"}).status_code == 200

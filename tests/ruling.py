@@ -1,0 +1,82 @@
+"""Rules as clients write them, and what they see of them; everything by links."""
+
+import httpx
+from browser import DCTERMS, LDP, LF, Browser, Page
+from running import eventually
+
+BEGIN = (
+    f"@prefix lf: <{LF}> . @prefix dcterms: <{DCTERMS}> . @prefix unit: <http://qudt.org/vocab/unit/> . "
+    "@prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> .\n"
+)
+QUERY = (
+    f"PREFIX lf: <{LF}> PREFIX ros: <http://ros.org/#> PREFIX vom: <http://vocab.arvida.de/2015/06/vom/vocab#> "
+    "PREFIX spatial: <http://vocab.arvida.de/2015/06/spatial/vocab#> "
+)
+TURTLE = {"content-type": "text/turtle"}
+
+
+def sides(joint: str, limit: float = 1.0) -> str:
+    """On which side of an angle (rad) a joint is, and a tenth of that angle."""
+    at = "ros:rotation/spatial:rotationAngle/vom:numericalValue"
+    side = f'BIND(IF(?x > {limit}, "up", "down") AS ?side)'
+    return QUERY + f"SELECT ?side ?target WHERE {{ <{joint}> {at} ?x {side} BIND(?x / 10 AS ?target) }}"
+
+
+def a_rule(condition: str, action: str, body: str = "", more: str = "lf:minimumInterval 0") -> str:
+    invokes = action if action.startswith("[") else f"<{action}>"
+    said = f"lf:body [ {body} ] ;" if body else ""
+    return BEGIN + (
+        f'<> a lf:Rule ; dcterms:title "a rule" ; lf:condition """{condition}""" ; '
+        f"lf:invokes {invokes} ; {said} {more} ."
+    )
+
+
+def container(browser: Browser) -> str:
+    return str(browser.page(browser.root).one(LF.rules))
+
+
+def post(browser: Browser, text: str) -> httpx.Response:
+    return browser.http.post(container(browser), content=text, headers=TURTLE)
+
+
+def posted(browser: Browser, text: str) -> str:
+    """The IRI of a new rule."""
+    answer = post(browser, text)
+    assert answer.status_code == 201, answer.text
+    return answer.headers["location"]
+
+
+def firings(browser: Browser, rule: str) -> list[tuple[str, str]]:
+    """State and bindings, in their order; without those that are being invoked."""
+    page = browser.page(str(browser.page(rule).one(LF.firings)))
+    members = sorted(map(str, page.graph.objects(page.iri, LDP.contains)), key=lambda iri: int(iri.rpartition("/")[2]))
+    found = [browser.page(each) for each in members]
+    return [(_state(each), _side(each)) for each in found if _state(each) != "running"]
+
+
+def fired(browser: Browser, rule: str, count: int) -> list[tuple[str, str]]:
+    return eventually(
+        lambda: found if len(found := firings(browser, rule)) >= count else None,
+        lambda: f"{count} firings: {browser.page(rule).response.text}",
+    )
+
+
+def put(browser: Browser, rule: str, old: str, new: str) -> httpx.Response:
+    """Read it, change its text, and put it back."""
+    page = browser.page(rule)
+    assert old in page.response.text, page.response.text
+    headers = TURTLE | {"if-match": page.response.headers["etag"]}
+    return browser.http.put(rule, content=page.response.text.replace(old, new), headers=headers)
+
+
+def _state(page: Page) -> str:
+    """A busy machine may be too late for the robot: that it was asked is as good as that it moved."""
+    late = "time to live" in page.response.text
+    return "accepted" if late else str(page.one(LF.state)).rpartition("#")[2]
+
+
+def _side(page: Page) -> str:
+    for node in page.graph.objects(page.iri, LF.binding):
+        if str(page.graph.value(node, LF.variable)) == "side":
+            return str(page.graph.value(node, LF.value))
+    return ""
