@@ -21,7 +21,7 @@ from small_fleet import Place, live
 pytestmark = pytest.mark.fleet
 
 _attack = settings(
-    derandomize=True, deadline=None, max_examples=250, database=None,
+    derandomize=True, deadline=None, max_examples=100, database=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )  # fmt: skip
 _PREFIXES = """@prefix xsd: <http://www.w3.org/2001/XMLSchema#> . @prefix unit: <http://qudt.org/vocab/unit/> .
