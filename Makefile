@@ -62,7 +62,7 @@ egl:
 	  echo "EGL cannot be installed here; the tests of pictures are skipped: apt install libegl1 libgl1 libgl1-mesa-dri"; }
 
 test-fast: .venv/stamp $(ASSETS) $(NODE_WOT)
-	$(BIN)/python -m pytest -m "not fleet" --ignore tests/fleet --ignore tests/requirements --ignore tests/subscriptions --ignore tests/store --ignore tests/things --ignore tests/face --ignore tests/bench --ignore tests/fuzz --ignore tests/test_demo.py $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -n 2 --dist loadscope --no-loadscope-reorder -m "not fleet" --ignore tests/fleet --ignore tests/requirements --ignore tests/subscriptions --ignore tests/store --ignore tests/things --ignore tests/face --ignore tests/bench --ignore tests/fuzz --ignore tests/test_demo.py $(PYTEST_ARGS)
 
 check: .venv/stamp .venv-bare/stamp
 	$(BIN)/ruff check .
