@@ -47,8 +47,9 @@ SH = Namespace(
     " result focusNode resultPath value resultMessage sourceConstraintComponent",
 )
 PROV = Namespace("http://www.w3.org/ns/prov#", "Activity Agent startedAtTime endedAtTime wasAssociatedWith")
-SOSA = Namespace("http://www.w3.org/ns/sosa/", "resultTime Sensor isHostedBy hosts")
-SOSA = Namespace("http://www.w3.org/ns/sosa/", "resultTime ObservableProperty Actuation actsOnProperty")
+SOSA = Namespace(
+    "http://www.w3.org/ns/sosa/", "resultTime ObservableProperty Actuation actsOnProperty Sensor isHostedBy hosts"
+)
 QUDT = Namespace("http://qudt.org/schema/qudt/", "unit")
 UNIT = Namespace(
     "http://qudt.org/vocab/unit/",
