@@ -61,7 +61,7 @@ async def invoked(
     assert isinstance(plan, Motion)  # what takes a body moves
     # No client's key: of those every character is visible.
     key, digest = f"\x1frule {rule.id} {number}", blake2b(repr(row).encode(), digest_size=16).hexdigest()
-    asking = Caller(rule.client, key=key, digest=digest, body=written(body), rule=rule.id)
+    asking = Caller(rule.client, key=key, digest=digest, body=written(body), sees=creator.sees, rule=rule.id)
     return await actions.start(offer.path, plan, asking)
 
 
