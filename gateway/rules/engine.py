@@ -128,7 +128,8 @@ class Engine:
             self._due[rule.id].set()
             return held
         except (FleetError, Unusable) as error:
-            await self._complain(known, fault=str(error)[:_LONGEST])
+            # That it was suspended counts until it is evaluated: what came to hold meanwhile is nothing new.
+            await self._complain(known, fault=str(error)[:_LONGEST], suspended=known.suspended)
             return held
         await self._note_seen()
         if held is None or held[0] != known.revision:
