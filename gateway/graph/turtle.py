@@ -66,7 +66,8 @@ def _split(base: str) -> tuple[str, str]:
 
 
 def _relative(iri: str, base: str, folder: str) -> str | None:
-    if iri.startswith(base) and _TAIL.fullmatch(iri, len(base)):
+    # A query alone is a reference too, but one that rdflib takes to stand below the folder.
+    if iri.startswith(base) and not iri.startswith("?", len(base)) and _TAIL.fullmatch(iri, len(base)):
         return iri[len(base) :]
     if not iri.startswith(folder):
         return None
