@@ -69,6 +69,10 @@ class Frames:
     def close(self, robot: str) -> None:
         self._latest.pop(self._key_of(robot), None)
 
+    def all(self) -> list[Latest]:
+        """Of each robot that has sent frames, for the event loop, which alone opens and closes them."""
+        return list(self._latest.values())
+
     def put(self, key: str, payload: bytes, now_ns: int) -> Latest | None:
         """None for a frame that is not known to be good. Called by one thread at a time."""
         latest = self._latest.get(key)

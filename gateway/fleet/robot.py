@@ -208,8 +208,9 @@ class Robot:
         self._frames.open(self._latest)
 
     def trust(self) -> None:
-        """The frame that came before the description fits it."""
+        """The frame that came before the description fits it. Of what came before that nobody knows."""
         if self._latest is not None:
+            self._latest = Latest(self.name, self._latest.sequence, *self._latest.frame)
             self._frames.open(self._latest)
 
     def tell(self) -> None:
