@@ -10,6 +10,8 @@ from starlette.middleware import Middleware
 from gateway.actions.service import Actions
 from gateway.actions.store import ActionStore
 from gateway.graph.vocab import PREFIXES
+from gateway.history.recorder import History
+from gateway.history.wings import wings as histories
 from gateway.http.callers import Callers
 from gateway.http.cors import pages_elsewhere
 from gateway.http.endpoint import resources
@@ -50,6 +52,11 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None) -> Sta
         async with AsyncExitStack() as stack:
             live = await stack.enter_async_context(Live(settings))
             live.add(*THINGS)
+            span_s, rate_hz = float(settings.history_s), float(settings.history_hz)
+            history = await stack.enter_async_context(
+                History(live.fleet, span_s, rate_hz, int(settings.history_mb) * 10**6)
+            )
+            live.add(*(histories(history) if span_s else ()))
             url = settings.redis_url or (await stack.enter_async_context(Embedded(settings.state_path))).url
             run = new_run()
             app.state.audit = await stack.enter_async_context(Audit(url, settings.namespace))
@@ -81,7 +88,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None) -> Sta
             )  # fmt: skip
             app.state.rules = await stack.enter_async_context(rules)
             sampler = await stack.enter_async_context(Sampler(live.fleet))
-            app.state.registry = registry(Numbers(live, subscriptions, app.state.actions, requests, sampler))
+            app.state.registry = registry(Numbers(live, subscriptions, app.state.actions, requests, sampler, history))
             yield
 
     requests, rates = Requests(), Rates(float(settings.requests_per_client))

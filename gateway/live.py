@@ -17,7 +17,7 @@ from gateway.fleet.invocations import Invocation, Invocations
 from gateway.graph.invocation import invocation_path, invocations_path
 from gateway.graph.paths import joint_path, robot_path
 from gateway.graph.tree import EMPTY, Shelf, Tree
-from gateway.graph.wing import FleetWing, RobotWing, Wings
+from gateway.graph.wing import FleetWing, PropertyWing, RobotWing, Wings
 from gateway.identity.rights import ALL, View
 from gateway.link import FleetLink
 from gateway.meshes import Meshes
@@ -113,11 +113,13 @@ class Live:
         """What packages of their own have added to the tree."""
         return self._wings
 
-    def add(self, *wings: FleetWing | RobotWing) -> None:
+    def add(self, *wings: FleetWing | RobotWing | PropertyWing) -> None:
         """Have the tree show more than the fleet itself, from now on."""
         of_fleet = tuple(each for each in wings if isinstance(each, FleetWing))
         of_robots = tuple(each for each in wings if isinstance(each, RobotWing))
-        self._wings = Wings(self._wings.of_fleet + of_fleet, self._wings.of_robots + of_robots)
+        of_properties = tuple(each for each in wings if isinstance(each, PropertyWing))
+        had = self._wings
+        self._wings = Wings(had.of_fleet + of_fleet, had.of_robots + of_robots, had.of_properties + of_properties)
 
     def heed(self, hear: Callable[[str | None], None] | None) -> None:
         """Have ``hear`` called at every change, of whichever robot, watched or not; None for nobody any more.

@@ -92,6 +92,11 @@ class GatewaySettings:
         "",
         "file with the key of sessions, 32 bytes in base64 (default: made, in Redis)",
     )
+    history_s: str = _setting("LINKED_FLEET_HISTORY_S", "300", "seconds of each robot that are remembered; 0: none")
+    history_hz: str = _setting("LINKED_FLEET_HISTORY_HZ", "10", "samples a second of each robot that are remembered")
+    history_mb: str = _setting(
+        "LINKED_FLEET_HISTORY_MB", "24", "memory (MB) of all histories; when it is full, older samples are thinned out"
+    )
     log_format: str = _setting("LINKED_FLEET_LOG_FORMAT", "text", "form of the log: text or json")
 
     def __post_init__(self) -> None:
@@ -102,6 +107,13 @@ class GatewaySettings:
         for name in (each.name for each in fields(self) if each.name.endswith("_per_client") or each.name == "sockets"):
             if not getattr(self, name).isdecimal():
                 raise ValueError(f"LINKED_FLEET_{name.upper()} is a number, not {getattr(self, name)!r}")
+        for variable, text, least, most in (
+            ("LINKED_FLEET_HISTORY_S", self.history_s, 0, 86_400),
+            ("LINKED_FLEET_HISTORY_HZ", self.history_hz, 1, 100),
+            ("LINKED_FLEET_HISTORY_MB", self.history_mb, 1, 1_000_000),
+        ):
+            if not re.fullmatch(r"\d{1,7}", text, re.ASCII) or not least <= int(text) <= most:
+                raise ValueError(f"{variable} is a whole number from {least} to {most}, not {text!r}")
         if self.log_format not in FORMS:
             raise ValueError(f"LINKED_FLEET_LOG_FORMAT is text or json, not {self.log_format!r}")
         if bool(self.tls_cert) != bool(self.tls_key):

@@ -33,6 +33,7 @@ PAGES = (
     "docs/FUZZING.md",
     "docs/CAMERAS.md",
     "docs/BINARY.md",
+    "docs/HISTORY.md",
     "docs/SETTINGS.md",
     "docs/RULES.md",
     "docs/ROS2.md",

@@ -13,6 +13,7 @@ from gateway.face.things import Described, Part, described
 from gateway.face.values import Facts, Link, Row
 from gateway.graph.paths import AUDIT, RESERVED_AT_ROOT
 from gateway.graph.resource import Resource
+from gateway.graph.serialise import RDF_TYPES
 from gateway.graph.vocab import DCTERMS, HYBRIT, LDP, LF, PROV, RDF, ROS, XHV
 
 # In this order: what is first found among the types of a resource is its kind.
@@ -43,6 +44,8 @@ FORMATS: Mapping[str, tuple[str, str]] = {
     "ntriples": ("N-Triples", "application/n-triples"),
     "rdfxml": ("RDF/XML", "application/rdf+xml"),
     "jelly": ("Jelly", "application/x-jelly-rdf"),
+    "csv": ("CSV", "text/csv"),
+    "mcap": ("MCAP", "application/vnd.mcap"),
 }
 """What ``?as=`` picks for a browser, whose links cannot set Accept."""
 
@@ -53,6 +56,8 @@ class View:
     ``reader`` is who has logged in, ``audit`` where one who may reads what was done."""
 
     iri: str
+    query: str
+    documents: Sequence[str]
     root: str
     kind: str
     title: str
@@ -73,11 +78,17 @@ class View:
     @property
     def formats(self) -> list[tuple[str, str, str]]:
         """Name, media type and address of every other representation."""
-        return [(name, media_type, f"{self.iri}?as={key}") for key, (name, media_type) in FORMATS.items()]
+        rest = f"&{self.query}" if self.query else ""
+        offered = {*RDF_TYPES, *self.documents}
+        return [
+            (name, media_type, f"{self.iri}?as={key}{rest}")
+            for key, (name, media_type) in FORMATS.items()
+            if media_type in offered
+        ]
 
     @property
     def curl(self) -> str:
-        return f"curl -H 'Accept: text/turtle' {shlex.quote(self.iri)}"
+        return f"curl -H 'Accept: text/turtle' {shlex.quote(self.iri + (f'?{self.query}' if self.query else ''))}"
 
 
 def view_of(resource: Resource, triples: Sequence[Triple], base: str) -> View:
@@ -87,6 +98,8 @@ def view_of(resource: Resource, triples: Sequence[Triple], base: str) -> View:
     subscriptions = facts.one(iri, HYBRIT.subscriptions)
     return View(
         iri=iri.value,
+        query=resource.query,
+        documents=tuple(resource.documents),
         root=facts.root,
         kind=kind,
         title=facts.text(iri, DCTERMS.title) or labels.clean(resource.title),

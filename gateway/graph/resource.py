@@ -54,6 +54,8 @@ class Resource:
     immutable: bool = False
     measured: Callable[[Graph, Seen], None] | None = None
     """``describe`` of a measured value with other values than the present ones; None of all else."""
+    query: str = ""
+    """With which it was asked for, where that makes a difference."""
     followed: bool = True
     """Whether anything follows it as it changes."""
     reader: str = ""

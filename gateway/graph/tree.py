@@ -257,10 +257,15 @@ class Tree:
             return Resource(path, f"Links of {thing.title}", None, (LDP.Resource,), linkset_of=thing)
         return None
 
-    def _property(self, robot: Robot, owner: str, properties: list[Property], rest: list[str]) -> Resource | None:
+    def _property(self, robot: Robot, owner: str, properties: list[Property], rest: list[str]) -> Found:
         item = next((each for each in properties if each.segment == rest[0]), None)
-        if item is None or rest[1:] not in ([], ["blueprint"]):
-            return None if item is None else in_layout(self._say, robot, owner, item, rest[1:])
+        if item is None:
+            return None
+        if rest[1:] not in ([], ["blueprint"]):
+            wing = self._wings.below_property(item, rest[1])
+            if wing is not None:
+                return wing.resolve(self._sight, robot, owner, item, rest[2:])
+            return in_layout(self._say, robot, owner, item, rest[1:])
         resource = self._measurement(robot, owner, item)
         if not rest[1:]:
             return resource
@@ -283,7 +288,7 @@ class Tree:
             lambda graph: measured(graph, Seen.of(item.look())),
             measured=measured if item.measured else None,
             source=source,
-            own=(path + "/blueprint", *related_layouts(path, item)),
+            own=(path + "/blueprint", *related_layouts(path, item), *self._wings.related_to(path, item)),
             documents=frames_of(robot, item),
             layout=layout_path(path) if is_framed(item) else None,
             affords=affordance(item.put),

@@ -49,6 +49,9 @@ SH = Namespace(
 PROV = Namespace("http://www.w3.org/ns/prov#", "Activity Agent startedAtTime endedAtTime wasAssociatedWith")
 SOSA = Namespace(
     "http://www.w3.org/ns/sosa/", "resultTime ObservableProperty Actuation actsOnProperty Sensor isHostedBy hosts"
+    "http://www.w3.org/ns/sosa/",
+    "ObservationCollection Observation hasMember hasFeatureOfInterest observedProperty hasResult hasSimpleResult"
+    " resultTime Sensor isHostedBy hosts ObservableProperty Actuation actsOnProperty",
 )
 QUDT = Namespace("http://qudt.org/schema/qudt/", "unit")
 UNIT = Namespace(
@@ -58,7 +61,7 @@ UNIT = Namespace(
 )
 HYDRA = Namespace(
     "http://www.w3.org/ns/hydra/core#",
-    "IriTemplate IriTemplateMapping template mapping variable property required",
+    "IriTemplate IriTemplateMapping template mapping variable property required search view next previous",
 )
 XHV = Namespace("http://www.w3.org/1999/xhtml/vocab#", "prev next")
 HYBRIT = Namespace(
@@ -135,7 +138,9 @@ LF = Namespace(
     # the world: classes, shapes, predicates
     " World Placement SceneObject Obstacle KeepOutZone Box Sphere Cylinder TriangleMesh"
     " WorldShape PlacementShape PlacementInput SceneObjectShape SceneObjectInput PoseInFrameShape"
-    " PoseInFrame world placement inFrame poseOf objects poses geometry size radius length stl collisionFree",
+    " PoseInFrame world placement inFrame poseOf objects poses geometry size radius length stl collisionFree"
+    # histories
+    " History HistoryShape history historySpan samplingPeriod oldestSample newestSample sampleCount from to last limit",
 )
 
 PREFIXES: dict[str, str] = {

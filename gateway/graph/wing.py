@@ -1,4 +1,4 @@
-"""A wing of the tree: what a package of its own (the world, rules, queries …) adds to the fleet, or to each robot.
+"""A wing of the tree: what a package of its own (the world, rules, queries …) adds to fleet, robots or properties.
 
 The tree knows wings by their segment alone. Each gets what who asks may see, and finds its own resources in it.
 """
@@ -10,6 +10,7 @@ from pyoxigraph import NamedNode
 
 from gateway.fleet.robot import Robot
 from gateway.graph.in_view import InvocationsInView
+from gateway.graph.property import Property
 from gateway.graph.resource import Redirect, Resource
 from gateway.identity.rights import View
 
@@ -59,17 +60,37 @@ class RobotWing:
 
 
 @dataclass(frozen=True)
+class PropertyWing:
+    """Resources at ``{property}/{segment}`` and below it; ``has``: which properties have any.
+
+    ``resolve`` gets the path of the thing that has the property, the property, and the segments behind its own.
+    """
+
+    segment: str
+    resolve: Callable[[Sight, Robot, str, Property, list[str]], Found]
+    has: Callable[[Property], bool]
+
+
+@dataclass(frozen=True)
 class Wings:
     """All that there are. Their segments are reserved in ``gateway/graph/paths.py``."""
 
     of_fleet: tuple[FleetWing, ...] = ()
     of_robots: tuple[RobotWing, ...] = ()
+    of_properties: tuple[PropertyWing, ...] = ()
 
     def at_root(self, segment: str) -> FleetWing | None:
         return next((each for each in self.of_fleet if each.segment == segment), None)
 
     def in_robot(self, robot: Robot, segment: str) -> RobotWing | None:
         return next((each for each in self.of_robots if each.segment == segment and each.has(robot)), None)
+
+    def below_property(self, item: Property, segment: str) -> PropertyWing | None:
+        return next((each for each in self.of_properties if each.segment == segment and each.has(item)), None)
+
+    def related_to(self, path: str, item: Property) -> tuple[str, ...]:
+        """Paths of those that the property at ``path`` has."""
+        return tuple(f"{path}/{each.segment}" for each in self.of_properties if each.has(item))
 
     def linked(self) -> list[tuple[NamedNode, str]]:
         """Predicate and path of those that the fleet names."""

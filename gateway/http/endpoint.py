@@ -33,6 +33,7 @@ from gateway.graph.subscription import container_path
 from gateway.graph.tree import EMPTY, Shelf
 from gateway.graph.vocab import PREFIXES
 from gateway.graph.wing import Found
+from gateway.history.wings import Past
 from gateway.http.audit import NEEDS as AUDIT_NEEDS
 from gateway.http.audit import audit_resource, is_audit, note, with_audit
 from gateway.http.body import BODY_TYPES, FORM_TYPES
@@ -42,6 +43,7 @@ from gateway.http.fields import field
 from gateway.http.invoke import end_invocation, invoke, put_target
 from gateway.http.links import Link, link_header
 from gateway.http.negotiation import choose
+from gateway.http.past import read_past
 from gateway.http.pictures import picture, picture_type
 from gateway.http.preconditions import check_preconditions
 from gateway.http.problem import problem
@@ -292,11 +294,20 @@ async def _read_pose(request: Request, resource: Resource, asked: AskPose, base:
     return _read(request, posed(request, resource, asked, base), base)
 
 
+async def _read_past(request: Request, _: Resource, past: Past, base: str) -> Response:
+    def read(resource: Resource) -> Response:
+        check_preconditions(request, resource, base)
+        return _read(request, resource, base)
+
+    return await read_past(request, past, read)
+
+
 _READERS: dict[type, Callable[[Request, Resource, Any, str], Awaitable[Response]]] = {
     Remote: _read_mesh,
     Eye: _read_camera,
     Listing: read_listing,
     AskPose: _read_pose,
+    Past: _read_past,
 }
 
 

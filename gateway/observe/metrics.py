@@ -13,6 +13,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from gateway.actions.service import Actions
+from gateway.history.recorder import History
 from gateway.live import Live
 from gateway.observe.counts import Histogram, Requests
 from gateway.observe.sampler import Sampler
@@ -44,6 +45,7 @@ class Numbers(Collector):
     actions: Actions
     requests: Requests
     sampler: Sampler
+    history: History
 
     def collect(self) -> Iterator[Metric]:
         yield from self._of_robots()
@@ -51,6 +53,8 @@ class Numbers(Collector):
         yield from self._of_subscriptions()
         yield from self._of_commands()
         yield _histogram("event_loop_lag_seconds", "How late timers of the event loop were.", self.sampler.loop_lag)
+        yield _gauge("history_bytes", "Memory of the histories of all robots.", self.history.bytes)
+        yield _gauge("history_samples", "Samples in the histories of all robots.", self.history.samples)
         yield _gauge("redis_up", "Whether Redis answers.", self.subscriptions.store_answers)
         yield _gauge("zenoh_up", "Whether robots can be heard.", self.live.link.joined)
 
