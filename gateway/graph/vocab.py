@@ -53,6 +53,8 @@ SOSA = Namespace(
     "ObservationCollection Observation hasMember hasFeatureOfInterest observedProperty hasResult hasSimpleResult"
     " resultTime Sensor isHostedBy hosts ObservableProperty Actuation actsOnProperty",
     "http://www.w3.org/ns/sosa/", "resultTime Sensor isHostedBy hosts ObservableProperty Actuation actsOnProperty"
+    "http://www.w3.org/ns/sosa/",
+    "resultTime Sensor isHostedBy hosts ObservableProperty Actuation actsOnProperty",
 )
 QUDT = Namespace("http://qudt.org/schema/qudt/", "unit")
 UNIT = Namespace(
