@@ -1,7 +1,6 @@
 """What a robot sees, when somebody asks: questions judged, pictures tied to a frame of state. Pure of Zenoh."""
 
 import math
-import threading
 import time
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -26,13 +25,13 @@ class Shown(NamedTuple):
 
 
 class Cameras:
-    """The cameras of a robot. ``take`` is called in a thread, and at most once in ``PERIOD_S``."""
+    """The cameras of a robot. ``take`` is called in a thread, one call after another, and waits so that there is
+    one picture in ``PERIOD_S`` at most."""
 
     def __init__(self, robot: Robot, cameras: Sequence[Camera]) -> None:
         self.offers = tuple(cameras) if isinstance(robot, Seeing) else ()
         self._robot = robot
         self._cameras = {camera.name: camera for camera in self.offers}
-        self._one = threading.Lock()
         self._due_s = 0.0
 
     def take(self, question: bytes, shown: Shown | None) -> bytes:
@@ -48,11 +47,10 @@ class Cameras:
             raise PictureError(f"no {asked.format} picture of camera {asked.camera!r} can be had: {why}")
         if shown is None or not all(map(math.isfinite, shown.reading.positions)):
             raise PictureError("the robot cannot be measured now, so nobody knows what its camera sees")
-        with self._one:
-            time.sleep(max(0.0, self._due_s - time.monotonic()))
-            self._due_s = time.monotonic() + PERIOD_S
-            assert isinstance(self._robot, Seeing)
-            content = self._robot.picture(camera, asked.format, shown.reading)
+        time.sleep(max(0.0, self._due_s - time.monotonic()))
+        self._due_s = time.monotonic() + PERIOD_S
+        assert isinstance(self._robot, Seeing)
+        content = self._robot.picture(camera, asked.format, shown.reading)
         moment = Moment(camera.height, camera.width, *shown[1:], camera.near_m, camera.far_m)
         try:
             return encode_picture(asked.format, moment, content)

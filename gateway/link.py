@@ -32,9 +32,8 @@ from agents.wire.messages import (
     Reply,
     Stop,
 )
-from agents.wire.pictures import MAX_PICTURE_BYTES
 from gateway.fleet.answers import read_description, read_mesh, read_reply
-from gateway.fleet.cameras import Picture, read_picture
+from gateway.fleet.cameras import Picture, read_picture, size_limit
 from gateway.fleet.events import Appeared, Described, Event, Undescribed, Vanished
 from gateway.fleet.frames import Frames
 from gateway.fleet.inbox import MAX_KEYS
@@ -256,7 +255,7 @@ class FleetLink:
         question = encode(Glance(version=WIRE_VERSION, camera=camera.name, format=format))
         try:
             picture = await self._questions.ask(
-                self._session, key, timeout_s, MAX_PICTURE_BYTES, question, judge, zenoh.Priority.BACKGROUND
+                self._session, key, timeout_s, size_limit(camera), question, judge, zenoh.Priority.BACKGROUND
             )
         except TimeoutError:
             reasons.append(f"robot {robot.name!r} did not answer within {timeout_s} s")

@@ -1,6 +1,8 @@
 """Pictures of cameras: asked for once for all who want one, and again and again while somebody follows it."""
 
 import asyncio
+import logging
+from collections import defaultdict
 from contextlib import suppress
 from dataclasses import dataclass, field
 from types import TracebackType
@@ -11,14 +13,18 @@ from gateway.ending import end
 from gateway.errors import AgentSilent, Busy, Offline
 from gateway.fleet.cameras import FORMATS, Picture
 from gateway.graph.cameras import MAX_RATE_HZ, Eye, cameras_wing
+from gateway.graph.paths import camera_path, is_in_cameras
 from gateway.graph.resource import Resource
 from gateway.link import NoAnswer
 from gateway.live import Live
 from gateway.subscriptions.watcher import Watcher
 
-MAX_UNDER_WAY = 64
+log = logging.getLogger(__name__)
+
+# A robot that does not answer must not keep others from being asked.
+MAX_UNDER_WAY, MAX_UNDER_WAY_OF_A_ROBOT = 256, 16
 _PERIOD_S = 1 / MAX_RATE_HZ
-_AT_ONCE = 8
+_AT_ONCE, _AT_ONCE_OF_A_ROBOT = 32, 2
 _TIMEOUT_S = 20.0  # the first picture of a robot has its renderer started
 _AGAIN_S = 1.0
 
@@ -45,10 +51,10 @@ class Pictures:
     def __init__(self, live: Live) -> None:
         self._live = live
         self._followed: dict[str, _Followed] = {}
-        self._of: dict[tuple[str, str], str] = {}
         self._fresh: dict[_Key, Picture] = {}
         self._under_way: dict[_Key, asyncio.Task[Picture]] = {}
         self._room = asyncio.Semaphore(_AT_ONCE)
+        self._room_of = defaultdict[str, asyncio.Semaphore](lambda: asyncio.Semaphore(_AT_ONCE_OF_A_ROBOT))
 
     async def __aenter__(self) -> Self:
         self._live.add(cameras_wing(self.held))
@@ -64,19 +70,21 @@ class Pictures:
 
     def held(self, robot: str, camera: str) -> dict[str, Picture]:
         """What those who follow a camera are to see, by format; nothing where nobody does."""
-        path = self._of.get((robot, camera))
-        return self._followed[path].pictures if path is not None else {}
+        followed = self._followed.get(camera_path(robot, camera))
+        return followed.pictures if followed is not None else {}
 
     async def get(self, eye: Eye, format: PictureFormat, *, anew: bool = False) -> Picture:
         """A picture at most a moment old, or a new one. Raises Offline, AgentSilent or Busy."""
         key = (eye.robot.name, eye.camera.name, format)
         if not eye.robot.online:
             raise Offline(f"Robot {eye.robot.name!r} is offline: nobody knows what its cameras see.")
-        if (fresh := self._fresh.get(key)) is not None and not anew:
+        fresh = self._fresh.get(key)
+        if fresh is not None and fresh.moment.incarnation == eye.robot.incarnation and not anew:
             return fresh
         task = self._under_way.get(key)
         if task is None:
-            if len(self._under_way) >= MAX_UNDER_WAY:
+            of_robot = sum(name == eye.robot.name for name, *_ in self._under_way)
+            if len(self._under_way) >= MAX_UNDER_WAY or of_robot >= MAX_UNDER_WAY_OF_A_ROBOT:
                 raise Busy("Too many pictures are being asked for; ask again in a moment.")
             task = self._under_way[key] = asyncio.create_task(self._fetch(key, eye))
             task.add_done_callback(lambda done: self._ended(key, done))
@@ -85,14 +93,12 @@ class Pictures:
     def follow(self, watcher: Watcher) -> None:
         """Keep the pictures fresh that a subscription is about, if it is about any."""
         path, format = watcher.subscription.resource, FORMATS.get(watcher.subscription.media_type)
-        eye = None if format is None else self._find(path)
-        if format is None or eye is None:
+        if format is None or not is_in_cameras(path):
             return
         followed = self._followed.setdefault(path, _Followed())
         followed.watchers[watcher] = format
         followed.joined.set()
         if followed.task is None:
-            self._of[eye.robot.name, eye.camera.name] = path
             followed.task = asyncio.create_task(self._keep(path, followed), name=f"watch {path}")
 
     def leave(self, watcher: Watcher) -> None:
@@ -102,7 +108,6 @@ class Pictures:
         if followed is None or followed.watchers.pop(watcher, None) is None or followed.watchers:
             return
         del self._followed[path]
-        self._of = {camera: each for camera, each in self._of.items() if each != path}
         if followed.task is not None:
             followed.task.cancel()
 
@@ -112,7 +117,7 @@ class Pictures:
         while True:
             due_s, wanted = loop.time() + _PERIOD_S, set(followed.watchers.values())
             followed.joined.clear()
-            seen = await self._see(path, wanted)
+            seen = await self._look(path, wanted)
             followed.pictures = {format: picture for format, picture in followed.pictures.items() if format in wanted}
             followed.pictures |= seen
             if seen:
@@ -126,6 +131,14 @@ class Pictures:
     def _find(self, path: str) -> Eye | None:
         found = self._live.tree("").resolve(path)
         return found.remote if isinstance(found, Resource) and isinstance(found.remote, Eye) else None
+
+    async def _look(self, path: str, wanted: set[PictureFormat]) -> dict[str, Picture]:
+        try:
+            return await self._see(path, wanted)
+        except Exception:
+            # The boundary of the task: without it who follows the camera would wait for ever.
+            log.exception("what is seen at %s could not be had; it is tried again", path)
+            return {}
 
     async def _see(self, path: str, wanted: set[PictureFormat]) -> dict[str, Picture]:
         """What can be had of it now, which the camera may refuse, and the robot be away."""
@@ -142,7 +155,7 @@ class Pictures:
             task.exception()  # those who wait get it; perhaps nobody does any more
 
     async def _fetch(self, key: _Key, eye: Eye) -> Picture:
-        async with self._room:
+        async with self._room_of[key[0]], self._room:
             try:
                 picture = await self._live.link.picture(eye.robot, eye.camera, key[2], _TIMEOUT_S)
             except NoAnswer as silence:

@@ -229,7 +229,7 @@ def _simulate(name: str, model: Model, path: Path) -> Robot:
     try:
         facts = facts_of(model, path.read_text(encoding="utf-8"))
         facts = replace(facts, meshes=drawn(facts.urdf, path))
-        way, reason = ("", "") if sight is None else sight.result()
+        way, reason = ("", "") if sight is None else sight.result
         facts = replace(facts, cameras=as_available(model.cameras, reason))
         return MujocoRobot(name, facts, model.home, model.home_height_m, path, way)
     except OSError as error:

@@ -12,7 +12,7 @@ import sys
 import threading
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import IO, Literal
 
@@ -75,7 +75,7 @@ class Probe:
         self._off = asked is not None and asked.lower() in _OFF
         self._first = None if self._off else _Renderer(self._ways[0], "probe")
 
-    @cache  # noqa: B019 - there is one probe, which lives as long as the process
+    @cached_property
     def result(self) -> tuple[str, str]:
         """The way, and why there is none: one of both is empty."""
         if self._first is None:

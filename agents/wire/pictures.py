@@ -9,7 +9,6 @@ from agents.wire.messages import WIRE_VERSION, PictureFormat
 MAGICS: dict[PictureFormat, bytes] = {"jpeg": b"LJ", "png": b"LP", "depth": b"LD"}
 MAX_CONTENT_BYTES = 4 * 2**20
 HEADER = struct.Struct("<2sHHHQQqqdd")
-MAX_PICTURE_BYTES = HEADER.size + MAX_CONTENT_BYTES
 _START = {"jpeg": b"\xff\xd8\xff", "png": b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR"}
 _DEPTH_BYTES = 4
 # Start of frame: baseline, extended and progressive (ITU T.81, B.2.2); and markers that stand alone (B.1.1.3).

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from agents.wire.codec import WireError
 from agents.wire.messages import MAX_PIXELS, Camera, PictureFormat
 from agents.wire.names import MAX_NAME_BYTES
-from agents.wire.pictures import Moment, decode_picture
+from agents.wire.pictures import HEADER, Moment, decode_picture
 from gateway.fleet.robot import Robot
 
 FRAME_MEDIA_TYPE = "application/vnd.linked-fleet.frame"
+_FARTHEST_M, _AROUND_BYTES = 1e6, 4096
 FORMATS: Mapping[str, PictureFormat] = {
     "image/jpeg": "jpeg",
     "image/png": "png",
@@ -43,6 +44,11 @@ def types_of(camera: Camera) -> tuple[str, ...]:
     return () if camera.unavailable else tuple(each for each, format in FORMATS.items() if format in camera.formats)
 
 
+def size_limit(camera: Camera) -> int:
+    """Bytes of the longest answer: a depth for each pixel, of which no file has more either, and what is around."""
+    return HEADER.size + 4 * camera.width * camera.height + _AROUND_BYTES
+
+
 def read_picture(
     answer: bytes | str, camera: Camera, format: PictureFormat, incarnation: int | None
 ) -> tuple[Picture | None, str]:
@@ -55,6 +61,8 @@ def read_picture(
         return None, str(error)
     if moment.incarnation != incarnation:
         return None, f"the picture is of run {moment.incarnation}, but {incarnation} is present"
+    if len(answer) > size_limit(camera):
+        return None, f"the picture has {len(answer)} bytes; {size_limit(camera)} are the most of {camera.name!r}"
     said = (camera.height, camera.width, camera.near_m, camera.far_m)
     if (moment.rows, moment.columns, moment.near_m, moment.far_m) != said:
         return None, f"the picture is of another camera than {camera.name!r}: its size or its range differs"
@@ -62,10 +70,11 @@ def read_picture(
 
 
 def _sound(camera: Camera) -> bool:
+    """Whether it can be, and can be said."""
     values = (*camera.position_m, *camera.orientation_xyzw)
     return (
         len(camera.name.encode()) <= MAX_NAME_BYTES
-        and all(map(math.isfinite, values))
+        and all(abs(value) <= _FARTHEST_M for value in values)
         and abs(math.hypot(*camera.orientation_xyzw) - 1) < 1e-3
         and camera.width * camera.height <= MAX_PIXELS
         and camera.near_m < camera.far_m

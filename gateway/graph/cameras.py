@@ -103,7 +103,8 @@ def _camera(held: Held, sight: Sight, robot: Robot, camera: Camera) -> Resource:
     types = types_of(camera)
 
     def seen() -> dict[str, Picture]:
-        return held(robot.name, camera.name)
+        found = held(robot.name, camera.name)
+        return {format: each for format, each in found.items() if each.moment.incarnation == robot.incarnation}
 
     def look() -> tuple[Observation, ...]:
         moments = [(format, picture.moment) for format, picture in sorted(seen().items())]
@@ -117,6 +118,7 @@ def _camera(held: Held, sight: Sight, robot: Robot, camera: Camera) -> Resource:
         own=(path + "/blueprint",),
         documents={each: partial(_content, seen, path, FORMATS[each]) for each in types},
         remote=Eye(robot, camera),
+        news_in_documents=True,
         layout=layout_path(path) if FRAME_TYPES[0] in types else None,
     )
 

@@ -61,6 +61,11 @@ def camera_path(robot: str, camera: str) -> str:
     return f"{cameras_path(robot)}/{_segment(camera, RESERVED_IN_CAMERAS)}"
 
 
+def is_in_cameras(path: str) -> bool:
+    """Whether the resource at ``path`` is a camera, if it is any, or below one."""
+    return robot_of(path) is not None and path.split("/")[2:3] == ["cameras"]
+
+
 def mesh_path(robot: str, file_name: str) -> str:
     return f"{robot_path(robot)}meshes/{file_name}"
 

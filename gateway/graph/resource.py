@@ -58,6 +58,8 @@ class Resource:
     """With which it was asked for, where that makes a difference."""
     followed: bool = True
     """Whether anything follows it as it changes."""
+    news_in_documents: bool = False
+    """Whether what is measured shows in ``documents`` alone, and is no news of the description."""
     reader: str = ""
     """Who has logged in and reads it as a page, which says so."""
 

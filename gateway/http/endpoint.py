@@ -140,8 +140,7 @@ async def _answer(request: Request, base: str) -> ASGIApp:
         raise MethodNotAllowed(f"{request.method} is not possible here; {', '.join(allow)} are.", allow=allow)
     if request.method == "OPTIONS":
         return Response(status_code=204, headers=_options(found, allow))
-    follows = found.observable and (wants_events(request) or wants_callback(request))
-    if found.remote is not None and not follows:
+    if found.remote is not None and not (found.observable and (wants_events(request) or wants_callback(request))):
         if request.method in _READ:
             return await _READERS[type(found.remote)](request, found, found.remote, base)
         return await _write(request, found, base)

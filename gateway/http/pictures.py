@@ -35,7 +35,9 @@ async def picture(request: Request, eye: Eye, media_type: str, headers: dict[str
     """``headers``: as of any resource. Only who gets the bytes has the robot asked. Offline, AgentSilent, Busy."""
     headers = headers | _HEADERS | {"content-type": media_type}
     if request.method == "HEAD":
-        return Response(headers={name: value for name, value in headers.items() if name != "etag"})
+        answer = Response(headers={name: value for name, value in headers.items() if name != "etag"})
+        del answer.headers["content-length"]  # nobody knows yet
+        return answer
     pictures: Pictures = request.app.state.pictures
     format = FORMATS[media_type]
     found = await pictures.get(eye, format)

@@ -194,7 +194,7 @@ def new_subscription(
     connection: HTTPConnection, resource: Resource, kind: Kind, media_type: str, base: str, asked: Options
 ) -> Subscription:
     demand_all(connection, resource.path, asked.depth)
-    if kind is Kind.CALLBACK and resource.remote is not None and media_type in resource.documents:
+    if kind is Kind.CALLBACK and resource.news_in_documents and media_type in resource.documents:
         raise Conflict(
             f"Messages in {media_type} go to streams alone: open a WebSocket here, or take {', '.join(RDF_TYPES)}."
         )

@@ -260,8 +260,7 @@ class FanOut:
             return
         self._absent.pop(watcher, None)
         values = subscription.depth is Depth.PROPERTIES or resource.owner != resource.path
-        # What a robot has to be asked for is in the documents of a resource alone, and no news of its description.
-        values = values and (resource.remote is None or subscription.media_type in resource.documents)
+        values = values and (not resource.news_in_documents or subscription.media_type in resource.documents)
         self._join(watcher, resource, values)
 
     def _lose(self, watcher: Watcher) -> None:

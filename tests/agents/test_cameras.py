@@ -37,7 +37,7 @@ def mast(reason: str = "", way: str = "") -> MujocoRobot:
 
 @pytest.fixture(scope="module")
 def seeing() -> Iterator[MujocoRobot]:
-    way, reason = probe().result()
+    way, reason = probe().result
     if reason:
         pytest.skip(reason)
     robot = mast(way=way)
@@ -113,7 +113,7 @@ def test_what_cannot_be_shown_is_refused_with_a_reason(asked: bytes, reading: Sh
 @pytest.mark.parametrize("way", ["disabled", "no-such-way-to-opengl"])
 def test_without_a_renderer_there_is_a_reason_and_a_robot_all_the_same(way: str) -> None:
     """Here OpenGL is asked for in ways that no machine has."""
-    found, reason = Probe(way).result()
+    found, reason = Probe(way).result
     assert (found, bool(reason)) == ("", True)
     robot = mast(reason)
     [camera] = robot.describe().cameras

@@ -116,6 +116,7 @@ def test_only_who_gets_bytes_has_the_robot_asked(hall: Hall) -> None:
     seer, page = hall.seer(EYE)
     answer = httpx.head(page.url, headers={"accept": "image/jpeg"})
     assert (answer.status_code, answer.headers["content-type"]) == (200, "image/jpeg")
+    assert "content-length" not in answer.headers and "etag" not in answer.headers
     assert get(page, "image/gif").status_code == 406
     assert seer.asked == []
 
@@ -235,9 +236,9 @@ def test_what_is_said_of_cameras_conforms_to_its_blueprints(hall: Hall, camera: 
     layouts = [hall.browser.page(f"{page.url}/layout")] if camera.formats else []
     for each in (above, page, *layouts):
         blueprints = [str(iri) for iri in each.graph.objects(each.iri, HYBRIT.blueprint) if hall.browser.root in iri]
-        shapes = rdflib.Graph().parse(blueprints[0])
+        shapes, said = rdflib.Graph().parse(blueprints[0]), rdflib.Graph() + each.graph
         assert set(shapes.objects(None, SH.targetClass)) & set(each.types)
-        conforms, _, text = pyshacl.validate(each.graph, shacl_graph=shapes, inference="none")
+        conforms, _, text = pyshacl.validate(said, shacl_graph=shapes, inference="none")
         assert conforms, text
 
 

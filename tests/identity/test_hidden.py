@@ -61,7 +61,8 @@ def _told(answer: httpx.Response, path: str) -> tuple[object, ...]:
 
 @pytest.mark.parametrize("method", ["GET", "HEAD", "OPTIONS", "POST", "PUT", "DELETE", "PATCH"])
 @pytest.mark.parametrize(
-    "rest", ["", "/", "/wrist_3_joint", "/actions/stop", "/subscriptions", "/lease", "/title", "/linkset", "/x/"]
+    "rest",
+    ["", "/", "/wrist_3_joint", "/actions/stop", "/subscriptions", "/lease", "/title", "/linkset", "/cameras", "/x/"],
 )
 def test_a_hidden_robot_is_like_none(lab: Browser, method: str, rest: str) -> None:
     told = [
