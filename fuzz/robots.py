@@ -65,7 +65,9 @@ class Liars:
         self._runs = itertools.count(1)
         self._asked = threading.Semaphore(0)
         self._frames = 0
-        self._kept = [self._lie(name, kind) for name in _NAMES for kind in ("description", "command", "stop", "mesh")]
+        self._kept = [
+            self._lie(name, kind) for name in _NAMES for kind in ("description", "command", "stop", "mesh", "picture")
+        ]
         self._kept.append(self._session.declare_subscriber(KEYS.robot(_ROBOT, "state"), self._count))
 
     def send(self, tally: Tally, batch: range) -> None:

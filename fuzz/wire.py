@@ -8,16 +8,19 @@ from typing import Any
 from uuid import UUID
 
 from agents.meshes import MeshError
+from agents.robot import PictureError
 from agents.wire import traceparent
 from agents.wire.codec import WireError, decode, decode_reply, decode_state
 from agents.wire.keys import Keys
-from agents.wire.messages import Accepted, Mesh, Progress, Reply
+from agents.wire.messages import Accepted, Camera, Mesh, PictureFormat, Progress, Reply
 from agents.wire.names import escape, unescape
+from agents.wire.pictures import MAGICS, Moment, encode_picture
 from fuzz import good, mutation
 from fuzz.body import Patient
 from fuzz.findings import Tally, in_process
 from gateway.errors import FleetError
 from gateway.fleet.answers import read_description, read_mesh, read_reply
+from gateway.fleet.cameras import read_picture
 from gateway.fleet.events import Appeared, Described, Framed, Undescribed, Vanished
 from gateway.fleet.fleet import Fleet
 from gateway.fleet.invocations import Invocation, Invocations
@@ -30,6 +33,12 @@ _BASE = "http://127.0.0.1"
 _KEYS = Keys()
 _TYPES = ("text/turtle", "application/ld+json", "application/rdf+xml", "text/html")
 _MESH = Mesh(uri="file:///x.stl", sha256="0" * 64, size=4, type="model/stl")
+_EYE = Camera(name="eye", link="base", width=3, height=2, vertical_fov_rad=1.0, near_m=0.1, far_m=9.0)
+_SEEN: dict[PictureFormat, bytes] = {
+    "png": b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR\x00\x00\x00\x03\x00\x00\x00\x02\x08\x02\x00\x00\x00",
+    "jpeg": b"\xff\xd8\xff\xe0\x00\x04ab\xff\xc0\x00\x0b\x08\x00\x02\x00\x03\x03",
+    "depth": bytes(24),
+}
 _TRACE = b"00-0af7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01"
 
 
@@ -88,6 +97,14 @@ class World:
             return
         raise AssertionError("a robot without meshes handed one out")
 
+    def glance(self, random: Random) -> None:
+        asked = {"version": 1, "camera": "eye", "format": random.choice(tuple(MAGICS))}
+        try:
+            self._patient.agent.picture(spoilt(random, asked))
+        except PictureError:
+            return
+        raise AssertionError("a robot without cameras saw something")
+
     # To the gateway
 
     def frame(self, random: Random) -> None:
@@ -124,6 +141,13 @@ class World:
         assert (reply is None) == bool(reason), "an answer is either taken or told what is wrong"
         read_mesh(payload, _MESH)
 
+    def picture(self, random: Random) -> None:
+        format = random.choice(tuple(_SEEN))
+        payload = encode_picture(format, Moment(2, 3, 1, 1, 1, 1, 0.1, 9.0), _SEEN[format])
+        taken, reason = read_picture(mutation.raw(random, payload), _EYE, format, 1)
+        assert (taken is None) == bool(reason), "a picture is either taken or told what is wrong"
+        assert taken is None or taken.moment[:3] == (2, 3, 1), "a picture of another size or run is not taken"
+
     def trace(self, random: Random) -> None:
         found = traceparent.parse(mutation.raw(random, _TRACE).decode("latin-1"))
         if found is not None:
@@ -131,7 +155,7 @@ class World:
 
     def key(self, random: Random) -> None:
         name = random.choice((*good.NAMES, *mutation.TEXTS[:40]))
-        kind = random.choice(("state", "command", "stop", "progress", "mesh", "description"))
+        kind = random.choice(("state", "command", "stop", "progress", "mesh", "picture", "description"))
         try:
             key = _KEYS.robot(name, kind) if random.random() < 0.6 else _KEYS.presence(name, random.getrandbits(63))
             parsed = _KEYS.parse(mutation.raw(random, key.encode()).decode("utf-8", "surrogateescape"))
@@ -223,6 +247,6 @@ def _attributes(random: Random, urdf: str) -> str:
 
 _CASES = (
     World.command, World.stop, World.mesh_question, World.frame, World.description, World.progress, World.reply,
-    World.trace, World.key,
+    World.trace, World.key, World.glance, World.picture,
 )  # fmt: skip
-_WEIGHTS = (26, 12, 2, 20, 8, 10, 8, 6, 8)
+_WEIGHTS = (26, 12, 2, 20, 8, 10, 8, 6, 8, 2, 8)
