@@ -31,7 +31,7 @@ def with_json(resource: Resource, shape: NamedNode, base: str) -> Resource:
     """The resource with its values in plain JSON besides, if ``shape`` says which those are."""
     if resource.describe is None or shape == LF.AnnotationsShape:
         return resource
-    write = partial(_json, resource.describe, NamedNode(base + resource.path), shape)
+    write = partial(_json, resource.describe, base + resource.path, shape)
     return replace(resource, documents={**resource.documents, JSON: write})
 
 
@@ -41,7 +41,7 @@ def _thing_description(sight: Sight, robot: Robot | None, part: Joint | Link | N
     return thing_description(Thing(sight.base, sight.secured, robot, part), sight.robots)
 
 
-def _json(describe: Callable[[Graph], None], iri: NamedNode, shape: NamedNode) -> bytes:
+def _json(describe: Callable[[Graph], None], iri: str, shape: NamedNode) -> bytes:
     from gateway.things.plain import document
 
-    return document(describe, iri, shape)
+    return document(describe, NamedNode(iri), shape)
