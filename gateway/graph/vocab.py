@@ -48,13 +48,9 @@ SH = Namespace(
 )
 PROV = Namespace("http://www.w3.org/ns/prov#", "Activity Agent startedAtTime endedAtTime wasAssociatedWith")
 SOSA = Namespace(
-    "http://www.w3.org/ns/sosa/", "resultTime ObservableProperty Actuation actsOnProperty Sensor isHostedBy hosts"
     "http://www.w3.org/ns/sosa/",
     "ObservationCollection Observation hasMember hasFeatureOfInterest observedProperty hasResult hasSimpleResult"
     " resultTime Sensor isHostedBy hosts ObservableProperty Actuation actsOnProperty",
-    "http://www.w3.org/ns/sosa/", "resultTime Sensor isHostedBy hosts ObservableProperty Actuation actsOnProperty"
-    "http://www.w3.org/ns/sosa/",
-    "resultTime Sensor isHostedBy hosts ObservableProperty Actuation actsOnProperty",
 )
 QUDT = Namespace("http://qudt.org/schema/qudt/", "unit")
 UNIT = Namespace(
