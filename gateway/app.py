@@ -71,6 +71,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None) -> Sta
             app.state.actions = await stack.enter_async_context(Actions(live, remembered, most_motions, world.judge))
             app.state.pictures = await stack.enter_async_context(Pictures(live))
             app.state.queries = await stack.enter_async_context(Queries(live))
+            app.state.queries.contribute(world.triples)
             await live.join()
             store = await stack.enter_async_context(Store(url, settings.namespace, run))
             network = stack.enter_context(closing(Network(settings.callback_networks)))

@@ -24,14 +24,16 @@ def object_path(id: str) -> str:
     return f"{OBJECTS}/{id}"
 
 
-def describe_all(graph: Graph, base: str, robots: Iterable[Robot], objects: Objects) -> None:
-    """The whole world, for who asks many things of it at once: its frame, robots and objects."""
-    describe_world(graph, base, robots)
-    describe_objects(graph, base, objects, len(objects))
-
-
 def describe_world(graph: Graph, base: str, robots: Iterable[Robot]) -> None:
     """The frame tree down to the root links; from there it goes on by the joints of each robot."""
+    robots = sorted(robots, key=lambda robot: robot.name)
+    describe_frame(graph, base, robots)
+    for robot in robots:
+        _describe_robot(graph, base, robot)
+
+
+def describe_frame(graph: Graph, base: str, robots: Iterable[Robot]) -> None:
+    """What the world says of itself alone: that robots are in it, not where."""
     iri = NamedNode(base + WORLD)
     graph.a(iri, LF.World)
     graph.add(iri, DCTERMS.title, Literal("World"))
@@ -39,10 +41,7 @@ def describe_world(graph: Graph, base: str, robots: Iterable[Robot]) -> None:
     graph.add(iri, HYBRIT.blueprint, LF.WorldShape, NamedNode(iri.value + "/blueprint"))
     graph.add(iri, LF.objects, NamedNode(base + OBJECTS))
     graph.add(iri, LF.poses, NamedNode(base + POSES))
-    robots = sorted(robots, key=lambda robot: robot.name)
     graph.add(iri, DCTERMS.hasPart, *(NamedNode(base + robot_path(robot.name)) for robot in robots))
-    for robot in robots:
-        _describe_robot(graph, base, robot)
 
 
 def _describe_robot(graph: Graph, base: str, robot: Robot) -> None:

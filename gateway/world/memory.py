@@ -27,6 +27,8 @@ class Objects:
     def __init__(self, live: Live, store: ObjectStore) -> None:
         self._live, self._store = live, store
         self.known: dict[str, SceneObject] = {}
+        self.changes = 0
+        """How often anything was put or taken away."""
         self._following: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> Self:
@@ -68,6 +70,7 @@ class Objects:
         before = self.known.get(id)
         if before == thing:
             return
+        self.changes += 1
         if thing is None:
             del self.known[id]
         else:

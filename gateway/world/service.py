@@ -1,13 +1,18 @@
 """The world: its resources in the tree, its objects, and the checks of motions in it."""
 
+from collections.abc import Iterator, Sequence
 from contextlib import AsyncExitStack
 from types import TracebackType
 from typing import Self
 
+from pyoxigraph import Triple
+
+from gateway.graph.build import Graph
 from gateway.graph.vocab import LF
-from gateway.graph.wing import FleetWing
+from gateway.graph.wing import FleetWing, Sight
 from gateway.live import Live
 from gateway.world.checks import Checks
+from gateway.world.describe import OBJECTS, describe_frame, describe_objects
 from gateway.world.memory import Objects
 from gateway.world.placement import WORLD
 from gateway.world.resources import in_world
@@ -20,9 +25,21 @@ class World:
     def __init__(self, live: Live, url: str, namespace: str) -> None:
         self._live = live
         self.objects = Objects(live, ObjectStore(url, namespace))
+        self._described: tuple[tuple[str, int], Sequence[Triple]] = (("", 0), ())
         self._checks = Checks(live, self.objects.known)
         self.judge = self._checks.judge
         self._stack = AsyncExitStack()
+
+    def triples(self, sight: Sight) -> Iterator[tuple[str, Sequence[Triple]]]:
+        """The whole world, for who asks many things of it at once; where robots stand is said with each of them."""
+        frame, key, known = Graph(), (sight.base, self.objects.changes), self.objects.known
+        describe_frame(frame, sight.base, sight.robots.values())
+        yield WORLD, frame.triples
+        if self._described[0] != key:
+            objects = Graph()
+            describe_objects(objects, sight.base, known, len(known))
+            self._described = key, objects.triples
+        yield OBJECTS, self._described[1]
 
     async def __aenter__(self) -> Self:
         await self._stack.enter_async_context(self.objects)

@@ -1,0 +1,37 @@
+"""The world as triples for queries: everything that is in it, and what it is once more when nothing has changed."""
+
+from pyoxigraph import Literal, NamedNode
+
+from gateway.fleet.invocations import Invocations
+from gateway.fleet.model import Pose
+from gateway.graph.in_view import InvocationsInView
+from gateway.graph.vocab import DCTERMS, LDP, LF, RDF
+from gateway.graph.wing import Sight
+from gateway.identity.rights import ALL
+from gateway.live import Live
+from gateway.settings import GatewaySettings
+from gateway.world.scene import SceneObject, Sphere
+from gateway.world.service import World
+
+BASE = "http://fleet.test"
+
+
+def test_all_that_is_in_the_world_is_told_and_told_anew_when_it_changes() -> None:
+    settings = GatewaySettings()
+    live = Live(settings)
+    world = World(live, "unix:///nowhere", settings.namespace)
+    sight = Sight(BASE, live.fleet.robots, InvocationsInView(Invocations(), ALL), ALL)
+    where = Pose((0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0))
+    for i in range(150):  # more than a page of them shows
+        ball = SceneObject(title=f"ball {i}", kind="obstacle", pose=where, geometry=Sphere(0.1))
+        world.objects._take(f"ball{i}", ball)
+    told = dict(world.triples(sight))
+    assert {triple.subject for triple in told["/world"]} == {NamedNode(BASE + "/world")}
+    titles = {t.object for t in told["/world/objects"] if t.predicate == DCTERMS.title}
+    assert {Literal(f"ball {i}") for i in range(150)} <= titles
+    listed = {t.object for t in told["/world/objects"] if t.predicate == LDP.contains}
+    typed = {t.subject for t in told["/world/objects"] if t.predicate == RDF.type and t.object == LF.Obstacle}
+    assert listed == typed
+    assert dict(world.triples(sight))["/world/objects"] is told["/world/objects"]
+    world.objects._take("ball0", None)
+    assert len(dict(world.triples(sight))["/world/objects"]) < len(told["/world/objects"])
