@@ -31,6 +31,7 @@ from gateway.observe.metrics import Numbers, registry
 from gateway.observe.sampler import Sampler
 from gateway.observe.tracing import Tracing
 from gateway.pictures import Pictures
+from gateway.query.description import wing
 from gateway.query.service import Queries
 from gateway.rules.creators import creator_of
 from gateway.rules.service import Rules
@@ -72,6 +73,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None) -> Sta
             app.state.pictures = await stack.enter_async_context(Pictures(live))
             app.state.queries = await stack.enter_async_context(Queries(live))
             app.state.queries.contribute(world.triples)
+            live.add(wing(app.state.queries))
             await live.join()
             store = await stack.enter_async_context(Store(url, settings.namespace, run))
             network = stack.enter_context(closing(Network(settings.callback_networks)))

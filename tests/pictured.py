@@ -26,8 +26,8 @@ JOINTS = ("elbow", "slide")
 class Pictured:
     """``bring`` has the mirror become as the fleet is, by what goes from one process to the other."""
 
-    def __init__(self) -> None:
-        self.fleet, self.invocations, self.mirror = Fleet(), Invocations(), Mirror()
+    def __init__(self, fleet: Fleet | None = None, invocations: Invocations | None = None) -> None:
+        self.fleet, self.invocations, self.mirror = fleet or Fleet(), invocations or Invocations(), Mirror()
         self._feed = Feed(self.fleet, self.invocations, lambda: NONE)
         self._sequence = 0
 

@@ -34,6 +34,7 @@ PAGES = (
     "docs/CAMERAS.md",
     "docs/BINARY.md",
     "docs/HISTORY.md",
+    "docs/QUERY.md",
     "docs/SETTINGS.md",
     "docs/RULES.md",
     "docs/ROS2.md",

@@ -8,7 +8,7 @@ from pyoxigraph import BlankNode, NamedNode
 from gateway.face.things import Part, actions
 from gateway.face.values import Facts, Link, Number, Value
 from gateway.graph.outline import Term
-from gateway.graph.vocab import DCTERMS, HTTP, HYBRIT, LDP, LF, RDFS
+from gateway.graph.vocab import DCTERMS, HTTP, HYBRIT, LDP, LF, RDFS, SH
 from gateway.lazily import Lazily
 
 if TYPE_CHECKING:
@@ -121,3 +121,22 @@ def subscription(facts: Facts, iri: NamedNode) -> Part:
 
 def lease(facts: Facts, iri: NamedNode) -> Part:
     return Part({"state": _only(facts, iri, LF.state)}, {LF.state, HYBRIT.consumes})
+
+
+# -- queries ----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Example:
+    title: str
+    comment: str
+    text: str
+
+
+def query(facts: Facts, iri: NamedNode) -> Part:
+    """The endpoint: what can be asked."""
+    examples = [
+        Example(*(facts.text(each, predicate) for predicate in (DCTERMS.title, RDFS.comment, SH.select)))
+        for each in facts.all(iri, LF.example)
+    ]
+    return Part({"examples": examples}, {LF.example, RDFS.comment})

@@ -14,7 +14,7 @@ from gateway.face.values import Facts, Link, Row
 from gateway.graph.paths import AUDIT, RESERVED_AT_ROOT
 from gateway.graph.resource import Resource
 from gateway.graph.serialise import RDF_TYPES
-from gateway.graph.vocab import DCTERMS, HYBRIT, LDP, LF, PROV, RDF, ROS, XHV
+from gateway.graph.vocab import DCTERMS, HYBRIT, LDP, LF, PROV, RDF, ROS, SD, XHV
 
 # In this order: what is first found among the types of a resource is its kind.
 _KINDS: Mapping[NamedNode, tuple[str, Callable[[Facts, NamedNode], Part]]] = {
@@ -29,6 +29,7 @@ _KINDS: Mapping[NamedNode, tuple[str, Callable[[Facts, NamedNode], Part]]] = {
     HYBRIT.Property: ("property", things.property_),
     HYBRIT.Subscription: ("subscription", doings.subscription),
     LF.ControlLease: ("lease", doings.lease),
+    SD.Service: ("query", doings.query),
 }
 # These say what everything of a kind is; they help nobody at the head of a page.
 _PLAIN_TYPES = frozenset(

@@ -60,6 +60,8 @@ class Resource:
     """Whether anything follows it as it changes."""
     news_in_documents: bool = False
     """Whether what is measured shows in ``documents`` alone, and is no news of the description."""
+    forms: bool = False
+    """Whether its page sends a form without a script."""
     reader: str = ""
     """Who has logged in and reads it as a page, which says so."""
 

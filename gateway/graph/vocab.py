@@ -44,6 +44,7 @@ SH = Namespace(
     "http://www.w3.org/ns/shacl#",
     "NodeShape property path targetClass targetNode minCount maxCount datatype minInclusive"
     " minExclusive maxInclusive maxExclusive minLength maxLength nodeKind IRI in hasValue or node name description"
+    " SPARQLSelectExecutable select"
     " result focusNode resultPath value resultMessage sourceConstraintComponent",
 )
 PROV = Namespace("http://www.w3.org/ns/prov#", "Activity Agent startedAtTime endedAtTime wasAssociatedWith")
@@ -62,6 +63,16 @@ HYDRA = Namespace(
     "http://www.w3.org/ns/hydra/core#",
     "IriTemplate IriTemplateMapping template mapping variable property required search view next previous",
 )
+SD = Namespace(
+    "http://www.w3.org/ns/sparql-service-description#",
+    "Service endpoint supportedLanguage SPARQL11Query resultFormat feature UnionDefaultGraph extensionFunction"
+    " defaultDataset Dataset defaultGraph Graph namedGraph NamedGraph name graph",
+)
+FORMAT = Namespace(
+    "http://www.w3.org/ns/formats/",
+    "SPARQL_Results_JSON SPARQL_Results_XML SPARQL_Results_CSV SPARQL_Results_TSV Turtle JSON-LD N-Triples RDF_XML",
+)
+VOID = Namespace("http://rdfs.org/ns/void#", "Dataset triples sparqlEndpoint uriSpace vocabulary")
 XHV = Namespace("http://www.w3.org/1999/xhtml/vocab#", "prev next")
 HYBRIT = Namespace(
     "https://hybr-it-projekt.de/ns/hybr-it#",
@@ -133,7 +144,7 @@ LF = Namespace(
     # predicates: geometry (desideratum D5)
     " model mesh byteSize sha256"
     # queries
-    " query canReach"
+    " query canReach example"
     # the world: classes, shapes, predicates
     " World Placement SceneObject Obstacle KeepOutZone Box Sphere Cylinder TriangleMesh"
     " WorldShape PlacementShape PlacementInput SceneObjectShape SceneObjectInput PoseInFrameShape"
@@ -160,6 +171,8 @@ PREFIXES: dict[str, str] = {
     "vom": VOM.iri,
     "maths": MATHS.iri,
     "spatial": SPATIAL.iri,
+    "sd": SD.iri,
+    "void": VOID.iri,
     "http-core": HTTP.iri,
     "http-methods": METHODS.iri,
     "lf": LF.iri,

@@ -47,6 +47,7 @@ from gateway.http.past import read_past
 from gateway.http.pictures import picture, picture_type
 from gateway.http.preconditions import check_preconditions
 from gateway.http.problem import problem
+from gateway.http.query import is_query, post_query, read_query
 from gateway.http.repeatable import offer_repeat
 from gateway.http.representation import negotiated, preferred
 from gateway.http.rights import caller_of, demand, shown, tree_of
@@ -58,6 +59,7 @@ from gateway.http.turns import Turns
 from gateway.http.world import posed, post_object, put_object
 from gateway.identity.rights import Right
 from gateway.live import Live
+from gateway.query.description import Endpoint, PostQuery
 from gateway.rules.description import ChangeRule, MakeRule
 from gateway.subscriptions.service import Subscriptions
 from gateway.things.directory import Listing
@@ -106,7 +108,8 @@ async def _upgrade(websocket: WebSocket) -> None:
 
 async def _respond(request: Request) -> ASGIApp:
     answer = await _answered(request)
-    if isinstance(answer, Response) and (request.method not in _READ or wants_callback(request)):
+    does = wants_callback(request) or (request.method not in _READ and not is_query(request))
+    if isinstance(answer, Response) and does:
         note(request, request.method, answer.status_code, answer.headers.get("location", ""))
     return answer
 
@@ -234,6 +237,7 @@ _WRITERS: dict[type, Callable[[Request, Any, str], Awaitable[Response]]] = {
     PutObject: put_object,
     MakeRule: post_rule,
     ChangeRule: change_rule,
+    PostQuery: post_query,
 }
 
 
@@ -252,7 +256,7 @@ def _read(request: Request, resource: Resource, base: str) -> Response:
     offer_repeat(request, resource, representation.media_type, base)
     headers = _headers(resource, base, representation.etag)
     if representation.media_type == "text/html":
-        headers["content-security-policy"] = FORMS if resource.reader else POLICY
+        headers["content-security-policy"] = FORMS if resource.reader or resource.forms else POLICY
     elif representation.media_type.endswith("xml"):
         headers["content-security-policy"] = _NOTHING
     if not_modified(field(request, "if-none-match"), representation.etag):
@@ -301,12 +305,23 @@ async def _read_past(request: Request, _: Resource, past: Past, base: str) -> Re
     return await read_past(request, past, read)
 
 
+async def _read_query(request: Request, resource: Resource, endpoint: Endpoint, base: str) -> Response:
+    """The answer to a query, or RDF as of any resource."""
+    answer = await read_query(request, endpoint, base)
+    if isinstance(answer, Response):
+        return answer
+    described = replace(answer, reader=resource.reader)
+    check_preconditions(request, described, base)
+    return _read(request, described, base)
+
+
 _READERS: dict[type, Callable[[Request, Resource, Any, str], Awaitable[Response]]] = {
     Remote: _read_mesh,
     Eye: _read_camera,
     Listing: read_listing,
     AskPose: _read_pose,
     Past: _read_past,
+    Endpoint: _read_query,
 }
 
 

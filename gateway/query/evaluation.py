@@ -1,9 +1,11 @@
 """One query on a store: parsed, evaluated and written, in a process that is there for nothing else and may be lost."""
 
 import io
+import logging
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 from pyoxigraph import (
@@ -18,13 +20,15 @@ from pyoxigraph import (
     Variable,
 )
 
-from gateway.graph.serialise import WriteError, render
-from gateway.graph.vocab import PREFIXES
-from gateway.query.messages import Ask, Refusal
+from gateway.graph.serialise import RDF_TYPES, WriteError, render
+from gateway.graph.vocab import LF, PREFIXES, RDF
+from gateway.query import pages
+from gateway.query.messages import Ask, Refusal, Refused, too_large
 
 ROWS: Mapping[str, QueryResultsFormat] = {
     "application/sparql-results+json": QueryResultsFormat.JSON,
     "application/sparql-results+xml": QueryResultsFormat.XML,
+    "application/json": QueryResultsFormat.JSON,
     "text/csv": QueryResultsFormat.CSV,
     "text/tab-separated-values": QueryResultsFormat.TSV,
 }
@@ -33,15 +37,9 @@ _TERM_BYTES = 200  # that a triple takes at least, as it is counted
 _LONGEST = 400
 _POSITION = re.compile(r"error at (\d+):(\d+): (.*)", re.DOTALL)
 
+log = logging.getLogger(__name__)
+
 Function = Callable[..., Any]
-
-
-class Refused(Exception):  # noqa: N818 - it is what the caller is told
-    """There is no result, and why."""
-
-    def __init__(self, refusal: Refusal) -> None:
-        super().__init__(refusal.detail)
-        self.refusal = refusal
 
 
 @dataclass(frozen=True)
@@ -50,6 +48,15 @@ class Seen:
 
     graphs: Sequence[NamedNode]
     whole: bool
+
+
+@cache
+def warm(media_type: str) -> None:
+    """Load what writes it: afterwards no file can be opened."""
+    if media_type in RDF_TYPES:
+        render([Triple(LF.Fleet, RDF.type, LF.Fleet)], media_type, PREFIXES, base="http://localhost/")
+    elif media_type not in ROWS:
+        pages.warm()
 
 
 def evaluate(store: Store, ask: Ask, seen: Seen, functions: Mapping[NamedNode, Function]) -> bytes:
@@ -74,7 +81,8 @@ def evaluate(store: Store, ask: Ask, seen: Seen, functions: Mapping[NamedNode, F
     except MemoryError as error:
         raise Refused(Refusal(reason="failed", detail="memory")) from error
     except OSError as error:
-        raise Refused(Refusal(reason="wrong", detail=f"The query cannot be evaluated: {error}")) from error
+        log.exception("a query asked for more than is in the store")
+        raise Refused(Refusal(reason="wrong", detail="The query cannot be evaluated here.")) from error
 
 
 def _dataset(ask: Ask, seen: Seen) -> dict[str, Any]:
@@ -105,6 +113,8 @@ def _bindings(said: Mapping[str, Mapping[str, str]]) -> Iterator[tuple[Variable,
 
 def _written(result: Any, ask: Ask) -> bytes:
     if isinstance(result, QuerySolutions | QueryBoolean):
+        if ask.media_type == "text/html":
+            return pages.page_of(result, ask)
         output = _Bounded(ask.most_bytes)
         result.serialize(output, format=ROWS[ask.media_type])
         return output.getvalue()
@@ -112,10 +122,12 @@ def _written(result: Any, ask: Ask) -> bytes:
     for triple in result:
         triples.append(triple)
         if len(triples) * _TERM_BYTES > ask.most_bytes:
-            raise too_large(ask.most_bytes)
+            raise Refused(too_large(ask.most_bytes))
+    if ask.media_type == "text/html":
+        return pages.page_of(triples, ask)
     written = render(triples, ask.media_type, PREFIXES, base=ask.base + "/")
     if len(written) > ask.most_bytes:
-        raise too_large(ask.most_bytes)
+        raise Refused(too_large(ask.most_bytes))
     return written
 
 
@@ -128,13 +140,8 @@ class _Bounded(io.BytesIO):
 
     def write(self, content: Any) -> int:
         if self.tell() + len(content) > self._most:
-            raise too_large(self._most)
+            raise Refused(too_large(self._most))
         return super().write(content)
-
-
-def too_large(most_bytes: int) -> Refused:
-    detail = f"The result has more than {most_bytes} bytes. Select less, aggregate, or use LIMIT and OFFSET."
-    return Refused(Refusal(reason="large", detail=detail))
 
 
 def _malformed(said: str) -> Refusal:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
+from agents.wire.messages import Base
 from gateway.actions.completions import commandable
 from gateway.fleet.model import JointKind, ModelError
 from gateway.fleet.robot import Robot
@@ -16,6 +17,7 @@ from gateway.graph.vocab import LF
 from gateway.lazily import Lazily
 from gateway.query.messages import Ask
 
+TOLERANCE_M = 5e-5
 _SOLVER = "gateway.fleet.reach"
 if TYPE_CHECKING:
     from gateway.fleet import reach as solver
@@ -87,6 +89,8 @@ def _reaches(robot: Robot, link: str, place: tuple[float, ...]) -> bool | None:
         for joint in able
         if joint.kind is not JointKind.CONTINUOUS and joint.limits.lower is not None and joint.limits.upper is not None
     }
+    if _beyond(robot, link, frame.base, place):
+        return False
     floating, movable = description.base == "floating", [joint.name for joint in able]
     try:
         solver.reach(
@@ -101,3 +105,16 @@ def _reaches(robot: Robot, link: str, place: tuple[float, ...]) -> bool | None:
         log.exception("lf:canReach failed")  # the store takes whatever is raised for an error of the expression
         raise
     return True
+
+
+def _beyond(robot: Robot, link: str, base: Base | None, place: tuple[float, ...]) -> bool:
+    """Whether the robot is too short for it, whatever its joints do: a search that fails takes half a second."""
+    model, length = robot.model, 0.0
+    assert model is not None
+    while (parent := model.links[link].parent_joint) is not None:
+        joint = model.joints[parent]
+        ends = (joint.limits.lower, joint.limits.upper) if joint.kind is JointKind.PRISMATIC else (0.0, 0.0)
+        length += math.hypot(*joint.origin.position_m) + max(math.inf if end is None else abs(end) for end in ends)
+        link = joint.parent
+    root = (0.0, 0.0, 0.0) if base is None else base.position_m
+    return math.dist(root, place) > length + TOLERANCE_M

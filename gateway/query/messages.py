@@ -73,8 +73,24 @@ class Refusal(Struct, frozen=True, kw_only=True):
     column: int | None = None
 
 
+class Refused(Exception):  # noqa: N818 - it is what the caller is told
+    """There is no result, and why."""
+
+    def __init__(self, refusal: Refusal) -> None:
+        super().__init__(refusal.detail)
+        self.refusal = refusal
+
+
+def too_large(most_bytes: int) -> Refusal:
+    detail = f"The result has more than {most_bytes} bytes. Select less, aggregate, or use LIMIT and OFFSET."
+    return Refusal(reason="large", detail=detail)
+
+
 FORKED, DONE, REFUSED = b"f", b"d", b"r"
 """The first byte that comes says that the query has begun; the last, what came before: a result, or a ``Refusal``."""
+
+PATIENCE = 4
+"""How much longer than its processor time a query may last, on a machine that does other things."""
 
 _encode = msgspec.msgpack.Encoder().encode
 _ask = msgspec.msgpack.Decoder(Ask)

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 
 from gateway.errors import BadRequest, Busy, FleetError, QueryTooCostly, ResultTooLarge
-from gateway.query.messages import DONE, FORKED, REFUSED, Ask, Refusal, decode_refusal, encode
+from gateway.query.messages import DONE, FORKED, PATIENCE, REFUSED, Ask, Refusal, decode_refusal, encode
 from gateway.query.snapshot import Feed
 
 log = logging.getLogger(__name__)
@@ -39,8 +39,12 @@ class QueryProcess:
             ours.setblocking(False)
             limit_s = await self._begin(make, ours, theirs)
             started = time.monotonic()
-            answer = await _read_all(ours, limit_s + _GRACE_S)
+            answer = await _read_all(ours, limit_s * PATIENCE + _GRACE_S)
         return _result(answer, time.monotonic() - started >= limit_s)
+
+    @property
+    def running(self) -> bool:
+        return self._control is not None
 
     async def close(self) -> None:
         if self._control is not None:

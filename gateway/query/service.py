@@ -25,11 +25,11 @@ from gateway.query.snapshot import Contribution, Feed
 from gateway.query.turns import FairTurns
 
 LIMIT_S = 5.0
-"""How long one query may be evaluated."""
+"""Processor time that the evaluation of one query may take."""
 MAX_RESULT_BYTES = 8 * 2**20
 MAX_SELECTED_BYTES = 2**20
 """Of results that are asked for here, where they are read in the event loop."""
-_JSON = "application/sparql-results+json"
+JSON_RESULTS = "application/sparql-results+json"
 
 Term = NamedNode | BlankNode | Literal
 
@@ -51,6 +51,11 @@ class Queries:
     ) -> None:
         await self._process.close()
 
+    @property
+    def running(self) -> bool:
+        """Whether anybody has asked anything yet."""
+        return self._process.running
+
     def contribute(self, *sources: Contribution) -> None:
         """Have every query see more than the fleet itself; called for each, in the event loop, so to be quick."""
         self._contributions += sources
@@ -67,7 +72,7 @@ class Queries:
         """
         check_select(query)
         body = await self.run(
-            read(query, base + "/query"), base, sees, _JSON, bindings=bindings, most=MAX_SELECTED_BYTES
+            read(query, base + "/query"), base, sees, JSON_RESULTS, bindings=bindings, most=MAX_SELECTED_BYTES
         )
         found = parse_query_results(body, format=QueryResultsFormat.JSON)
         assert isinstance(found, QuerySolutions)
@@ -79,7 +84,7 @@ class Queries:
         """The variables of a SELECT query that is SPARQL from end to end; FleetError. Nothing is asked of the fleet."""
         variables = check_select(query)
         nobody = View((), "")
-        await self.run(read(query, base + "/query"), base, nobody, _JSON, only_check=True)
+        await self.run(read(query, base + "/query"), base, nobody, JSON_RESULTS, only_check=True)
         return variables
 
     async def run(

@@ -19,9 +19,9 @@ from pyoxigraph import NamedNode, RdfFormat, parse
 from gateway.graph.build import Graph
 from gateway.graph.describe import Describer
 from gateway.identity.rights import View
-from gateway.query.evaluation import Refused, Seen, evaluate
+from gateway.query.evaluation import Seen, evaluate, warm
 from gateway.query.functions import functions_of, prepare
-from gateway.query.messages import DONE, FORKED, REFUSED, Ask, decode_ask, encode
+from gateway.query.messages import DONE, FORKED, PATIENCE, REFUSED, Ask, Refused, decode_ask, encode
 from gateway.query.mirror import Mirror
 from gateway.query.twin import SHAPES, VOCABULARY, Twin
 
@@ -31,6 +31,7 @@ HEAD = struct.Struct("!Q")
 MEMORY_BYTES = 512 * 2**20
 """What the evaluation of one query may add to the memory of the process."""
 MAX_BASES = 2
+"""Under how many base URLs the fleet is kept; under another it is written down anew."""
 
 
 class Worker:
@@ -52,10 +53,11 @@ class Worker:
         twin = self._twin(ask.base)
         twin.bring(self._mirror)
         prepare(ask)
+        warm(ask.media_type)
         if os.fork() == 0:
             try:
                 control.close()
-                _limit(ask.limit_s)
+                limit(ask.limit_s)
                 to.sendall(FORKED)
                 to.sendall(self._result(ask, twin))
             except Exception:
@@ -99,9 +101,10 @@ def _complete(ask: Ask, twin: Twin, mirror: Mirror, sees: View) -> Seen:
     return Seen(sorted(names, key=lambda each: each.value), len(robots) == len(mirror.robots))
 
 
-def _limit(seconds: float) -> None:
-    """From here on: so much time and memory, no file, no socket, no process."""
-    signal.setitimer(signal.ITIMER_REAL, seconds)  # which ends it, whatever it is at
+def limit(seconds: float) -> None:
+    """From here on: so much time and memory, no file and no socket. The kernel ends it, whatever it is at."""
+    signal.setitimer(signal.ITIMER_PROF, seconds)
+    signal.setitimer(signal.ITIMER_REAL, seconds * PATIENCE)
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     most = pages * resource.getpagesize() + MEMORY_BYTES
     resource.setrlimit(resource.RLIMIT_AS, (most, most))

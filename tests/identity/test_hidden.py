@@ -205,3 +205,15 @@ def test_the_version_of_the_fleet_is_of_what_one_sees(here: Guarded, lab: Browse
         before = etag(lab)
         live(root, "hall-3")
         assert etag(lab) == before
+
+
+def test_queries_find_no_hidden_robot(lab: Browser, root: Browser) -> None:
+    def ask(browser: Browser, query: str) -> bytes:
+        return browser.http.get(f"{browser.root}query", params={"query": query}).raise_for_status().content
+
+    named = f"ASK {{ ?s ?p ?o FILTER(CONTAINS(CONCAT(STR(?s), STR(?o)), '{HIDDEN}')) }}"
+    assert (json.loads(ask(lab, named))["boolean"], json.loads(ask(root, named))["boolean"]) == (False, True)
+    for query in ("SELECT * {{ GRAPH <{}/> {{ ?s ?p ?o }} }}", "SELECT * FROM <{}/> {{ ?s ?p ?o }}"):
+        assert ask(lab, query.format(HIDDEN)) == ask(lab, query.format("nobody"))
+        assert ask(lab, query.format(SEEN)) != ask(lab, query.format("nobody"))
+    assert HIDDEN not in lab.page(f"{lab.root}query").response.text

@@ -1,0 +1,40 @@
+"""What evaluates a query can do nothing else: the wall behind the refusal of SERVICE."""
+
+import socket
+import subprocess
+import sys
+
+from running import ROOT
+
+_PROGRAM = """
+import sys
+from pyoxigraph import Store
+from gateway.query.worker import limit
+store = Store()
+limit(5.0)
+for silent in ("", "SILENT"):
+    try:
+        print(list(store.query("SELECT ?s { SERVICE %s <%s> { ?s ?p ?o } }" % (silent, sys.argv[1]))))
+    except OSError as error:
+        print(error.strerror)
+try:
+    open("/proc/self/environ")
+except OSError as error:
+    print(error.strerror)
+"""
+
+
+def test_it_reaches_nobody() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        address = f"http://127.0.0.1:{listener.getsockname()[1]}/"
+        done = subprocess.run(
+            [sys.executable, "-c", _PROGRAM, address], cwd=ROOT, capture_output=True, text=True, check=True
+        )
+        listener.setblocking(False)
+        try:
+            listener.accept()
+            raise AssertionError("somebody came")
+        except BlockingIOError:
+            pass
+    assert done.stdout.count("Too many open files") >= 1, done.stdout + done.stderr
+    assert done.stdout.splitlines()[-1] == "Too many open files"

@@ -1,0 +1,195 @@
+"""Queries as other parts of the gateway ask them: of one instant, of what is seen, and within their limits."""
+
+import asyncio
+import os
+import signal
+from collections.abc import Awaitable, Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from pictured import Pictured
+from pyoxigraph import Literal, NamedNode, Triple
+from running import eventually, free_port
+
+from gateway.errors import BadRequest, FleetError, QueryTooCostly, ResultTooLarge
+from gateway.graph.wing import Sight
+from gateway.identity.rights import ALL, View, view
+from gateway.live import Live
+from gateway.query.service import Queries, Term
+from gateway.settings import GatewaySettings
+
+BASE = "http://fleet.example"
+PREFIXES = """PREFIX lf: <https://w3id.org/linked-fleet#> PREFIX ros: <http://ros.org/#>
+PREFIX dcterms: <http://purl.org/dc/terms/> PREFIX vom: <http://vocab.arvida.de/2015/06/vom/vocab#>
+PREFIX spatial: <http://vocab.arvida.de/2015/06/spatial/vocab#>
+"""
+POSITIONS = """SELECT ?robot ?position {
+    ?joint dcterms:isPartOf/dcterms:title ?robot ; ros:rotation/spatial:rotationAngle/vom:numericalValue ?position }"""
+COSTLY = "SELECT (COUNT(*) AS ?n) { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i }"
+ONE = view(frozenset({"a"}), "ann")
+
+
+@dataclass
+class Asking:
+    """Queries over robots that the test tells of; ``run`` is in the one event loop of both."""
+
+    runner: asyncio.Runner
+    live: Live
+    queries: Queries
+    robots: Pictured
+
+    def run(self, query: str, sees: View = ALL, bindings: Mapping[str, Term] = {}) -> list[dict[str, Term]]:
+        return self.runner.run(self.select(query, sees, bindings))
+
+    async def select(self, query: str, sees: View = ALL, bindings: Mapping[str, Term] = {}) -> list[dict[str, Term]]:
+        return await self.queries.select(PREFIXES + query, BASE, sees, bindings)
+
+    def values(self, query: str, sees: View = ALL) -> list[tuple[str, ...]]:
+        return sorted(tuple(term.value for term in row.values()) for row in self.run(query, sees))
+
+
+@pytest.fixture(scope="module")
+def asking() -> Iterator[Asking]:
+    settings = GatewaySettings(port=str(free_port()), zenoh_listen=f"tcp/127.0.0.1:{free_port()}")
+
+    async def enter() -> tuple[Live, Queries]:
+        live = await Live(settings).__aenter__()
+        return live, await Queries(live, limit_s=0.5).__aenter__()
+
+    with asyncio.Runner() as runner:
+        live, queries = runner.run(enter())
+        robots = Pictured(live.fleet, live.invocations)
+        for name in ("a", "b"):
+            robots.describe(name)
+            robots.stand(name, (0.25, 0.1))
+        yield Asking(runner, live, queries, robots)
+        runner.run(queries.__aexit__(None, None, None))
+        runner.run(live.__aexit__(None, None, None))
+
+
+def test_the_whole_fleet_is_asked(asking: Asking) -> None:
+    assert asking.values(POSITIONS) == [("The a", "0.25"), ("The b", "0.25")]
+
+
+def test_each_query_sees_one_instant(asking: Asking) -> None:
+    """Both robots are always at the same position, which never stays."""
+    seen: list[set[str]] = []
+
+    async def ask() -> None:
+        for _ in range(4):
+            rows = await asking.select(POSITIONS)
+            assert len(rows) == 2
+            seen.append({row["position"].value for row in rows})
+
+    async def move() -> None:
+        queries = asyncio.gather(ask(), ask())
+        step = 0
+        while not queries.done():
+            step += 1
+            for name in ("a", "b"):
+                asking.robots.stand(name, (step % 1000 / 1000, 0.1))
+            await asyncio.sleep(0)
+        await queries
+
+    asking.runner.run(move())
+    assert [len(each) for each in seen] == [1] * 8
+    assert len(set.union(*seen)) > 1
+
+
+def test_what_is_not_seen_is_not_there(asking: Asking) -> None:
+    assert {row[0] for row in asking.values(POSITIONS, ONE)} == {"The a"}
+    for hidden in ("b", "nobody"):
+        graph = f"<{BASE}/{hidden}/>"
+        for query in (
+            f"SELECT ?p {{ GRAPH {graph} {{ ?s ?p ?o }} }}",
+            f"SELECT ?p FROM {graph} {{ ?s ?p ?o }}",
+            f"SELECT ?p {{ {graph} ?p ?o }}",
+            f"SELECT ?p {{ ?s ?p {graph} }}",
+            f"SELECT ?p {{ BIND(lf:canReach(<{BASE}/{hidden}/tip>, 0, 0, 1) AS ?p) FILTER(BOUND(?p)) }}",
+        ):
+            assert asking.run(query, ONE) == [], query
+    text = "SELECT ?s { ?s ?p ?o FILTER(CONTAINS(CONCAT(STR(?s), ' ', STR(?o)), '/b/')) }"
+    assert asking.run(text, ONE) == []
+    assert asking.run(text)
+
+
+def test_a_function_says_what_can_be_reached(asking: Asking) -> None:
+    near = "SELECT ?near { BIND(lf:canReach(<http://fleet.example/a/tip>, 0, 0, %s) AS ?near) }"
+    assert asking.values(near % "3.5") == [("true",)]
+    assert asking.values(near % "7") == [("false",)]
+    assert asking.values(near % "'up'") == [()]
+
+
+def test_bindings_stand_for_variables(asking: Asking) -> None:
+    robot = NamedNode(f"{BASE}/b/")
+    rows = asking.run("SELECT ?robot ?title { ?robot a lf:Robot ; dcterms:title ?title }", bindings={"robot": robot})
+    assert rows == [{"robot": robot, "title": Literal("The b")}]
+    with pytest.raises(BadRequest):
+        asking.run("SELECT ?title { ?robot dcterms:title ?title }", bindings={"robot": robot})
+
+
+def test_a_query_is_checked_without_being_asked(asking: Asking) -> None:
+    async def check(query: str) -> list[str]:
+        return await asking.queries.check(query, BASE)
+
+    assert asking.runner.run(check("SELECT ?s { ?s ?p ?o }")) == ["s"]
+    with pytest.raises(BadRequest):
+        asking.runner.run(check("SELECT ?s { ?s ?p }"))
+
+
+@pytest.mark.parametrize(
+    ("query", "error"),
+    [
+        (COSTLY, QueryTooCostly),
+        (
+            "SELECT (COUNT(?x) AS ?n) { ?x (<a:a>|!<a:a>)*/(<a:b>|!<a:b>)*/(<a:c>|!<a:c>)* ?y . ?z ?p ?w }",
+            QueryTooCostly,
+        ),
+        ("SELECT (1" + "+1" * 9000 + " AS ?x) {}", QueryTooCostly),
+        ("SELECT ?s {" + "OPTIONAL { ?s ?p ?o }" * 1400 + "}", QueryTooCostly),
+        ("SELECT (GROUP_CONCAT(CONCAT(STR(?a), STR(?b))) AS ?x) { ?a ?p ?q . ?b ?r ?t }", QueryTooCostly),
+        ("SELECT ?s ?p ?o ?x { ?s ?p ?o VALUES ?x { 1 2 3 4 5 6 7 8 9 } }", ResultTooLarge),
+        ("SELECT ?s { ?s ?p }", BadRequest),
+        ("SELECT ?s { BIND(<relative > AS ?s) }", BadRequest),
+    ],
+)
+def test_a_query_that_costs_too_much_disturbs_nobody(asking: Asking, query: str, error: type[FleetError]) -> None:
+    with pytest.raises(error):
+        asking.run(query)
+    assert len(asking.run(POSITIONS)) == 2
+
+
+def test_a_lost_process_is_replaced(asking: Asking) -> None:
+    def children() -> list[int]:
+        said = Path(f"/proc/self/task/{os.getpid()}/children").read_text()
+        lines = {int(each): Path(f"/proc/{each}/cmdline").read_bytes() for each in said.split()}
+        return [child for child, line in lines.items() if b"gateway.query.worker" in line]
+
+    asking.run(POSITIONS)
+    (before,) = children()
+    os.kill(before, signal.SIGKILL)
+    eventually(lambda: _answers(lambda: asking.select(POSITIONS), asking), "an answer of another process")
+    assert children() != [before]
+
+
+def _answers(ask: Callable[[], Awaitable[list[dict[str, Term]]]], asking: Asking) -> bool:
+    async def answered() -> bool:
+        try:
+            return len(await ask()) == 2
+        except FleetError:
+            return False
+
+    return asking.runner.run(answered())
+
+
+def test_wings_say_what_they_have_to_who_may_see_it(asking: Asking) -> None:
+    place = NamedNode("http://world.example/place")
+
+    def contribution(sight: Sight) -> list[tuple[str, list[Triple]]]:
+        return [(f"/{name}/", [Triple(sight.iri(f"/{name}/"), place, Literal(name))]) for name in sight.robots]
+
+    asking.queries.contribute(contribution)
+    query = f"SELECT ?name {{ GRAPH ?robot {{ ?robot <{place.value}> ?name }} }}"
+    assert asking.values(query) == [("a",), ("b",)]
+    assert asking.values(query, ONE) == [("a",)]
