@@ -171,7 +171,7 @@ class Describer:
 
     def _property(self, graph: Graph, owner: str, item: Property, seen: Seen) -> None:
         iri = self.iri(f"{owner.rstrip('/')}/{item.segment}")
-        graph.a(iri, *item.types, HYBRIT.Property)
+        graph.a(iri, *item.types, HYBRIT.Property, *((SOSA.ObservableProperty,) if item.measured else ()))
         graph.add(iri, DCTERMS.title, Literal(item.title))
         graph.add(iri, RDFS.seeAlso, self.iri(owner))
         graph.add(iri, HYBRIT.blueprint, item.shape, NamedNode(iri.value + "/blueprint"))

@@ -9,7 +9,7 @@ from gateway.fleet.robot import Robot
 from gateway.graph.build import Graph, Node, timestamp
 from gateway.graph.kinds import METRE, RADIAN, SECOND, UNITLESS, Unit, kind_of
 from gateway.graph.paths import joint_path, robot_path
-from gateway.graph.vocab import DCTERMS, HTTP, HYBRIT, LDP, LF, METHODS, PROV, RDFS
+from gateway.graph.vocab import DCTERMS, HTTP, HYBRIT, LDP, LF, METHODS, PROV, RDFS, SOSA
 
 STATES = {
     InvocationState.ACCEPTED: LF.accepted,
@@ -39,7 +39,7 @@ def describe_invocation(
     """``others``: the invocations that this one ended, and the one that ended it, as far as they are known;
     ``answers``: of the robots, to one of the fleet."""
     iri = NamedNode(base + invocation_path(invocation))
-    graph.a(iri, PROV.Activity, LF.Invocation)
+    graph.a(iri, PROV.Activity, LF.Invocation, SOSA.Actuation)
     graph.add(iri, DCTERMS.title, Literal(f"Invocation {invocation.id} of {invocation.action}"))
     graph.add(iri, DCTERMS.identifier, Literal(invocation.id))
     graph.add(iri, RDFS.seeAlso, NamedNode(base + invocation.action))
@@ -64,6 +64,7 @@ def describe_invocation(
     if invocation.preempted_by in others:
         graph.add(iri, LF.preemptedBy, NamedNode(base + invocation_path(others[invocation.preempted_by])))
     if robot is not None:
+        graph.add(iri, SOSA.actsOnProperty, *_moved(base, robot, invocation.targets))
         positions(graph, iri, LF.target, base, robot, invocation.targets)
         positions(graph, iri, LF.result, base, robot, invocation.result)
     for name, answer in sorted(answers.items()):
@@ -125,6 +126,16 @@ def describe_invocations(graph: Graph, base: str, action: str, invocations: list
         graph.add(iri, LDP.contains, member)
         graph.a(member, PROV.Activity, LF.Invocation)
         graph.add(member, LF.state, STATES[invocation.state])
+
+
+def _moved(base: str, robot: Robot, joints: Iterable[str]) -> list[NamedNode]:
+    """The positions that a motion acts on, of the joints that are known."""
+    known = robot.model.joints if robot.model else {}
+    return [
+        NamedNode(f"{base}{joint_path(robot.name, joint)}/{kind_of(known[joint]).position}")
+        for joint in joints
+        if joint in known
+    ]
 
 
 def positions(

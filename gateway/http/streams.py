@@ -53,7 +53,7 @@ def wants_events(request: Request) -> bool:
     named = max((each.q for each in ranges if (each.type, each.subtype) == ("text", "event-stream")), default=0.0)
     if named == 0 or request.method not in ("GET", "HEAD"):
         return False
-    return named >= max(weight(ranges, media_type) for media_type in (*MEDIA_TYPES, *FRAME_TYPES))
+    return named >= max(weight(ranges, media_type) for media_type in (*MEDIA_TYPES, *FRAME_TYPES, JSON))
 
 
 def is_over(request: Request) -> bool:

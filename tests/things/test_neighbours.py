@@ -8,6 +8,7 @@ from urllib.parse import quote
 
 import httpx
 import pytest
+import websockets.sync.client as websockets
 from running import PATIENCE_S, eventually
 from small_fleet import Place, live
 from wot import HERE, conforms, fits, node
@@ -138,3 +139,6 @@ def test_events_are_in_the_media_type_that_the_form_names(http: httpx.Client) ->
     assert fits(json.loads(first.removeprefix("data: ")), rotation)
     unknown = http.get(form["href"].replace("json", "nothing"), headers={"accept": "text/event-stream"})
     assert unknown.status_code == 406
+    form = next(each for each in rotation["forms"] if each["href"].startswith("ws://"))
+    with websockets.connect(form["href"], subprotocols=[form["subprotocol"]]) as socket:
+        assert fits(json.loads(socket.recv(PATIENCE_S)), rotation)
