@@ -115,7 +115,7 @@ def _camera(held: Held, sight: Sight, robot: Robot, camera: Camera) -> Resource:
         f"Camera {camera.name} of {robot.name}",
         partial(_describe, sight=sight, robot=robot, camera=camera),
         source=Source(lambda: (presence(robot), robot.description), look, robot),
-        own=(path + "/blueprint",),
+        own=(path + "/blueprint", robot_path(robot.name) + "subscriptions"),
         documents={each: partial(_content, seen, path, FORMATS[each]) for each in types},
         remote=Eye(robot, camera),
         news_in_documents=True,

@@ -146,8 +146,8 @@ LF = Namespace(
     # queries
     " query canReach example"
     # the world: classes, shapes, predicates
-    " World Placement SceneObject Obstacle KeepOutZone Box Sphere Cylinder TriangleMesh"
-    " WorldShape PlacementShape PlacementInput SceneObjectShape SceneObjectInput PoseInFrameShape"
+    " World Placement SceneObject SceneObjects Obstacle KeepOutZone Box Sphere Cylinder TriangleMesh"
+    " WorldShape PlacementShape PlacementInput SceneObjectShape SceneObjectsShape SceneObjectInput PoseInFrameShape"
     " PoseInFrame world placement inFrame poseOf objects poses geometry size radius length stl collisionFree"
     # histories
     " History HistoryShape history historySpan samplingPeriod oldestSample newestSample sampleCount from to last limit",

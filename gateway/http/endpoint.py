@@ -47,7 +47,7 @@ from gateway.http.past import read_past
 from gateway.http.pictures import picture, picture_type
 from gateway.http.preconditions import check_preconditions
 from gateway.http.problem import problem
-from gateway.http.query import is_query, post_query, read_query
+from gateway.http.query import QUERY_TYPES, is_query, post_query, read_query
 from gateway.http.repeatable import offer_repeat
 from gateway.http.representation import negotiated, preferred
 from gateway.http.rights import caller_of, demand, shown, tree_of
@@ -342,18 +342,22 @@ def _allow(resource: Resource) -> tuple[str, ...]:
 
 def _options(resource: Resource, allow: tuple[str, ...]) -> dict[str, str]:
     headers = {"allow": ", ".join(allow)}
-    if resource.affords is not None and resource.affords.takes_body:
+    if resource.affords is not None and (taken := _taken(resource.affords)):
         fields = {"POST": "accept-post", "PUT": "accept-put"}
-        taken = ", ".join(FORM_TYPES if _takes_json(resource.affords) else BODY_TYPES)
-        headers |= {fields[method]: taken for method in allow if method in fields}
+        headers |= {fields[method]: ", ".join(taken) for method in allow if method in fields}
     return headers
 
 
-def _takes_json(affords: Affordance) -> bool:
-    """Whether a shape says what the members of an object would mean."""
+def _taken(affords: Affordance) -> Sequence[str]:
+    """Media types of a body; JSON where a shape says what the members of an object would mean."""
+    if isinstance(affords, PostQuery):
+        return QUERY_TYPES
+    if not affords.takes_body:
+        return ()
+    shaped = isinstance(affords, Invoke | PutTarget)
     if isinstance(affords, PutSetting):
-        return affords.setting.shape is not None
-    return isinstance(affords, Invoke | PutTarget)
+        shaped = affords.setting.shape is not None
+    return FORM_TYPES if shaped else BODY_TYPES
 
 
 def _link(resource: Resource, base: str) -> str:

@@ -20,6 +20,7 @@ from gateway.query.language import MAX_QUERY_BYTES, Dataset, Query, read
 from gateway.query.service import JSON_RESULTS
 
 _QUERY, _FORM, _UPDATE = "application/sparql-query", "application/x-www-form-urlencoded", "application/sparql-update"
+QUERY_TYPES = (_QUERY, _FORM)
 _TAKEN = (_QUERY, _FORM)
 _BOOLEANS = (JSON_RESULTS, "application/sparql-results+xml", "application/json", "text/html")
 _SOLUTIONS = (*_BOOLEANS, "text/csv", "text/tab-separated-values")

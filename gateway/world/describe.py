@@ -67,11 +67,11 @@ def _describe_robot(graph: Graph, base: str, robot: Robot) -> None:
 def describe_objects(graph: Graph, base: str, objects: Objects, most: int = MAX_DESCRIBED) -> None:
     """The LDP container of the objects; the first ``most`` are described, in the order of their titles."""
     iri = NamedNode(base + OBJECTS)
-    graph.a(iri, LDP.BasicContainer, LDP.Container)
+    graph.a(iri, LF.SceneObjects, LDP.BasicContainer, LDP.Container)
     graph.add(iri, DCTERMS.title, Literal("Objects of the world"))
     graph.add(iri, RDFS.seeAlso, NamedNode(base + WORLD))
     graph.add(iri, LDP.constrainedBy, LF.SceneObjectInput)
-    graph.add(iri, HYBRIT.blueprint, LF.SceneObjectInput, NamedNode(iri.value + "/blueprint"))
+    graph.add(iri, HYBRIT.blueprint, LF.SceneObjectsShape, NamedNode(iri.value + "/blueprint"))
     ordered = sorted(objects.items(), key=lambda each: (each[1].title, each[0]))
     graph.add(iri, LDP.contains, *(NamedNode(base + object_path(id)) for id, _ in ordered))
     for id, thing in ordered[:most]:

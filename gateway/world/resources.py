@@ -94,7 +94,7 @@ def _in_objects(sight: Sight, rest: list[str], objects: Mapping[str, SceneObject
             parts=tuple(object_path(id) for id in objects),
             affords=PostObject(),
         )
-        return blueprint_of(container, sight.base, (LF.SceneObjectInput,)) if rest else container
+        return blueprint_of(container, sight.base, (LF.SceneObjectsShape, LF.SceneObjectInput)) if rest else container
     thing = objects.get(rest[0])
     return None if thing is None else _of_object(sight, rest[0], thing, rest[1:], objects)
 

@@ -19,6 +19,9 @@ def _raw(root: str, request: bytes) -> bytes:
         return connection.recv(65536)
 
 
+_SERVICE = URIRef("http://www.w3.org/ns/sparql-service-description#Service")
+
+
 def _writes(tree: Walk, page: Visited) -> set[str]:
     """Methods that change something: what subscriptions take beside these is shown with them."""
     if page.kind == "action":
@@ -33,8 +36,9 @@ def _writes(tree: Walk, page: Visited) -> set[str]:
     if page.kind in ("invocation", "subscription"):
         return {"DELETE"}
     lists = any((thing, HYBRIT.subscriptions, page.iri) in tree.pages[str(thing)].graph for thing in _about(page))
-    objects = any((world, LF.objects, page.iri) in tree.pages[str(world)].graph for world in _about(page))
-    return {"POST"} if lists or objects else set()
+    takes = (LF.objects, LF.rules, LF.query)
+    members = any((thing, each, page.iri) in tree.pages[str(thing)].graph for thing in _about(page) for each in takes)
+    return {"POST"} if lists or members else set()
 
 
 def _takes_body(page: Visited) -> bool:
@@ -42,8 +46,10 @@ def _takes_body(page: Visited) -> bool:
 
 
 def _about(page: Visited) -> list[URIRef]:
-    """The thing that a container belongs to, by its own word."""
-    return [URIRef(str(iri)) for iri in page.graph.objects(page.iri, RDFS.seeAlso)] if page.kind == "container" else []
+    """The thing that a container belongs to, or what answers queries, by its own word."""
+    if page.kind != "container" and (page.iri, RDF.type, _SERVICE) not in page.graph:
+        return []
+    return [URIRef(str(iri)) for iri in page.graph.objects(page.iri, RDFS.seeAlso)]
 
 
 def test_r0_1_server_is_http_1_1(tree: Walk) -> None:
