@@ -7,12 +7,15 @@ from collections.abc import Awaitable, Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import httpx
 import pytest
 from pictured import Pictured
 from pyoxigraph import Literal, NamedNode, Triple
 from running import eventually, free_port
+from small_fleet import Place
 
 from gateway.errors import BadRequest, FleetError, QueryTooCostly, ResultTooLarge
+from gateway.graph.vocab import LF
 from gateway.graph.wing import Sight
 from gateway.identity.rights import ALL, View, view
 from gateway.live import Live
@@ -193,3 +196,11 @@ def test_wings_say_what_they_have_to_who_may_see_it(asking: Asking) -> None:
     query = f"SELECT ?name {{ GRAPH ?robot {{ ?robot <{place.value}> ?name }} }}"
     assert asking.values(query) == [("a",), ("b",)]
     assert asking.values(query, ONE) == [("a",)]
+
+
+def test_a_fleet_without_robots_can_be_queried(tmp_path: Path) -> None:
+    place = Place(tmp_path)
+    with place.gateway():
+        select = f"SELECT ?fleet WHERE {{ ?fleet a {LF.Fleet} }}"
+        answer = httpx.get(f"{place.root}query", params={"query": select}, headers={"accept": "text/csv"}, timeout=60)
+    assert (answer.status_code, answer.text.split()) == (200, ["fleet", place.root])
