@@ -115,7 +115,7 @@ def _camera(held: Held, sight: Sight, robot: Robot, camera: Camera) -> Resource:
         f"Camera {camera.name} of {robot.name}",
         partial(_describe, sight=sight, robot=robot, camera=camera),
         source=Source(lambda: (presence(robot), robot.description), look, robot),
-        own=(path + "/blueprint", robot_path(robot.name) + "subscriptions"),
+        own=(path + "/blueprint",),
         documents={each: partial(_content, seen, path, FORMATS[each]) for each in types},
         remote=Eye(robot, camera),
         news_in_documents=True,
@@ -154,7 +154,6 @@ def _describe(graph: Graph, sight: Sight, robot: Robot, camera: Camera) -> None:
     graph.add(iri, DCTERMS.title, Literal(f"camera {camera.name} of {robot.name}"))
     graph.add(iri, RDFS.seeAlso, sight.iri(robot_path(robot.name)))
     graph.add(iri, HYBRIT.blueprint, LF.CameraShape, NamedNode(iri.value + "/blueprint"))
-    graph.add(iri, HYBRIT.subscriptions, sight.iri(robot_path(robot.name) + "subscriptions"))
     graph.add(iri, SOSA.isHostedBy, sight.iri(link_path(robot.name, robot.model, camera.link)))
     graph.vector(iri, LF.position, camera.position_m, METRE)
     graph.quaternion(iri, LF.orientation, camera.orientation_xyzw)

@@ -91,6 +91,7 @@ def _of_property(history: History, sight: Sight, robot: Robot, owner: str, item:
     of = f"{owner.rstrip('/')}/{item.segment}"
     path, title, source = f"{of}/{SEGMENT}", f"History of {item.title}", Source(robot=robot)
     whole = robot_path(robot.name) + SEGMENT
+    own = (whole + "/blueprint",)
 
     def shown(span: Span) -> Shown:
         track = history.track(robot)
@@ -107,10 +108,10 @@ def _of_property(history: History, sight: Sight, robot: Robot, owner: str, item:
                 raise WriteError(f"frames of {robot.name} say nothing of this property")
             return table(series.columns, series.samples(excerpt))
 
-        resource = Resource(path, title, describe, source=source, documents={CSV: csv}, followed=False)
+        resource = Resource(path, title, describe, source=source, own=own, documents={CSV: csv}, followed=False)
         return Shown(resource, page, file)
 
-    return Resource(path, title, None, source=source, remote=Past(history, shown))
+    return Resource(path, title, None, source=source, own=own, remote=Past(history, shown))
 
 
 def _series(joints: Joints, robot: Robot, owner: str, item: Property) -> Series | None:

@@ -150,7 +150,7 @@ def test_a_stream_is_of_pictures_and_ends_with_its_last_follower(hall: Hall) -> 
 
 def test_a_stream_is_made_by_post_and_a_callback_is_refused(hall: Hall) -> None:
     _, page = hall.seer(EYE)
-    container = str(page.one(HYBRIT.subscriptions))
+    container = str(hall.browser.page(str(page.one(rdflib.RDFS.seeAlso))).one(HYBRIT.subscriptions))
     body = f"""@prefix hybrit: <{HYBRIT}> . [] a hybrit:Subscription ;
         hybrit:onResource <{page.url}> ; hybrit:mediaType "image/jpeg" """
     made = httpx.post(container, content=body + ".", headers={"content-type": "text/turtle"})
