@@ -3,7 +3,7 @@
 import { watch } from "./socket.js";
 
 export function start() {
-  const image = document.getElementById("picture");
+  const image = document.querySelector("#seen > img");
   if (!image) return;
   let shown = "";
   watch(image.getAttribute("src"), { protocol: "lf.jpeg", interval: 0.1 }, (picture) => {

@@ -16,7 +16,8 @@ _STANDARD = (
     str(RDF), str(RDFS), str(DCTERMS), str(SOSA), str(rdflib.PROV), str(rdflib.SH), "http://www.w3.org/ns/ldp#",
     "http://qudt.org/", "http://www.w3.org/1999/xhtml/vocab#", "http://www.w3.org/2011/http",
     "http://www.w3.org/2001/XMLSchema#", "http://vocab.arvida.de/2015/06/", "http://ros.org/#", str(HYBRIT),
-    "http://www.w3.org/2002/07/owl#", "http://www.w3.org/ns/hydra/core#",
+    "http://www.w3.org/2002/07/owl#", "http://www.w3.org/ns/hydra/core#", "http://rdfs.org/ns/void#",
+    "http://www.w3.org/ns/sparql-service-description#",
 )  # fmt: skip
 
 
