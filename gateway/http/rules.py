@@ -24,6 +24,7 @@ from gateway.errors import (
 from gateway.graph.resource import Resource
 from gateway.graph.serialise import MEDIA_TYPES
 from gateway.http.body import body_type, read_triples
+from gateway.http.created import created
 from gateway.http.fields import field
 from gateway.http.invoke import refuse_rehearsal
 from gateway.http.negotiation import choose
@@ -58,16 +59,7 @@ async def post_rule(request: Request, afforded: MakeRule, base: str) -> Response
     shown = tree_of(request, base).resolve(path)
     if not isinstance(shown, Resource):
         raise NotFound("The rule was deleted at once.")
-    representation = negotiated(field(request, "accept"), shown, base)
-    headers = {
-        "location": base + path,
-        "content-location": base + path,
-        "content-type": representation.content_type,
-        "etag": representation.etag,
-        "cache-control": "no-store",
-        "vary": "Accept",
-    }
-    return Response(representation.body, 201, headers)
+    return created(shown, negotiated(field(request, "accept"), shown, base), base)
 
 
 async def change_rule(request: Request, afforded: ChangeRule, base: str) -> Response:

@@ -29,6 +29,7 @@ from gateway.graph.serialise import MEDIA_TYPES, RDF_TYPES
 from gateway.graph.subscription import Request as Wanted
 from gateway.graph.subscription import container_path, requested, subscription_path
 from gateway.http.body import body_type, read_triples
+from gateway.http.created import created
 from gateway.http.fields import field
 from gateway.http.links import Link, link_header
 from gateway.http.negotiation import choose
@@ -158,16 +159,7 @@ async def _create(request: Request, subscription: Subscription, base: str, media
     path = subscription_path(subscription)
     shown = tree_of(request, base, {subscription.owner: [record]}).resolve(path)
     assert isinstance(shown, Resource)
-    representation = negotiated(media_type or field(request, "accept"), shown, base)
-    headers = {
-        "location": base + path,
-        "content-location": base + path,
-        "content-type": representation.content_type,
-        "etag": representation.etag,
-        "cache-control": "no-store",
-        "vary": "Accept",
-    }
-    return Response(representation.body, 201, headers)
+    return created(shown, negotiated(media_type or field(request, "accept"), shown, base), base)
 
 
 async def cancel(request: Request, afforded: CancelSubscription, base: str) -> Response:
