@@ -20,7 +20,7 @@ from gateway.actions.keys import Keys, hashed, robot_of, tag
 from gateway.ending import end
 from gateway.fleet.invocations import MAX_TERMINAL, Invocation
 from gateway.fleet.lease import Lease
-from gateway.store.connection import Connection, StoreUnavailable
+from gateway.store.connection import Connection, StoreUnavailable, heed_cancellation
 
 __all__ = ["KEPT_S", "ActionStore", "Full", "KeyReused", "Lease", "LeaseHeld", "LeaseOver", "News", "StoreUnavailable"]
 _log = logging.getLogger(__name__)
@@ -223,7 +223,6 @@ class ActionStore:
         """
         seen_s = float("-inf")
         while True:
-            _heed_cancellation()
             try:
                 told = await self._redis.follow()
             except StoreUnavailable:
@@ -246,7 +245,7 @@ class ActionStore:
     async def _tell_for_ever(self) -> None:
         while True:
             await self._to_tell.wait()
-            _heed_cancellation()
+            heed_cancellation()
             self._to_tell.clear()
             try:
                 await self._tell_rest()
@@ -311,14 +310,6 @@ def _read(robot: str, body: bytes) -> Invocation | None:
     except ValueError as error:
         _log.warning("an invocation of %s is left alone, it cannot be read: %r", robot or "the fleet", error)
         return None
-
-
-def _heed_cancellation() -> None:
-    """redis-py sends with ``asyncio.wait_for``, which before Python 3.12 loses a cancellation that comes as the sending
-    is done; without this whoever waits for the reader of the news to end would wait for ever."""
-    task = asyncio.current_task()
-    if task is not None and task.cancelling():
-        raise asyncio.CancelledError
 
 
 def _settings(fields: dict[bytes, bytes]) -> dict[str, str]:

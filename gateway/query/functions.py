@@ -102,7 +102,8 @@ def _reaches(robot: Robot, link: str, place: tuple[float, ...]) -> bool | None:
     except (ModelError, ValueError):
         return None
     except Exception:
-        log.exception("lf:canReach failed")  # the store takes whatever is raised for an error of the expression
+        # Raised again: but the store takes whatever is raised for an error of the expression, and tells nobody.
+        log.exception("lf:canReach failed")
         raise
     return True
 

@@ -63,6 +63,7 @@ class Worker:
                 to.sendall(FORKED)
                 to.sendall(self._result(ask, twin))
             except Exception:
+                # The boundary of the copy: it must not go on as if it were the process that it is a copy of.
                 log.exception("a query failed")
             finally:
                 os._exit(0)

@@ -133,6 +133,7 @@ class Connection:
 
     async def follow(self) -> list[dict[bytes, bytes]]:
         """What came to the stream since the last call, if anything does within a second; StoreUnavailable."""
+        heed_cancellation()
         async with self._contact():  # takes no turn: it waits most of the time
             command = ("XREAD", "COUNT", 100, "BLOCK", _BLOCK_MS, "STREAMS", self._stream, self._position)
             answer = await self._client.execute_command(*command)
@@ -221,3 +222,11 @@ async def _disconnect(client: Any) -> None:
             *manager.nodes_cache.values(),
         ):  # they may differ and yet be equal
             await node.disconnect_free_connections()
+
+
+def heed_cancellation() -> None:
+    """redis-py sends with ``asyncio.wait_for``, which before Python 3.12 loses a cancellation that comes as the sending
+    is done; without this whoever waits for the reader of the news to end would wait for ever."""
+    task = asyncio.current_task()
+    if task is not None and task.cancelling():
+        raise asyncio.CancelledError
