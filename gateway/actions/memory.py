@@ -26,6 +26,7 @@ _RETRY_S = 0.5
 _FIRST_WORD_S = 1.0
 _MAX_FETCHES = 100
 _MAX_UNSAVED = 10_000
+_MAX_FORGOTTEN = 1000  # deletions that a copy which was read before may still be on its way from
 _LAST_S = 1.0  # to remember the rest when this gateway ends
 
 StopOne = Callable[[Invocation, str], Awaitable[object]]
@@ -40,6 +41,7 @@ class Memory:
         self._unasked: set[str] = set()  # nobody was asked for leave, and the store does not know of them yet
         self._to_save = asyncio.Event()
         self._own: set[str] = set()
+        self._forgotten: dict[str, None] = {}  # oldest first
         self._dropped = False
         self._ends_s: dict[str, float] = {}  # of leases by robot, monotonic, as far as was last heard
         self._fetching: set[asyncio.Task[None]] = set()
@@ -125,13 +127,18 @@ class Memory:
         self._unasked.add(invocation.id)
         self.save(invocation)
 
-    def forget(self, invocation: Invocation) -> None:
-        self._live.invocations.remove(invocation.id)
-        self._own.discard(invocation.id)
-        self._unsaved.pop(invocation.id, None)
-        self._unasked.discard(invocation.id)
-        self._live.tell(invocation)
-        self._changed(invocation)
+    def forget(self, id: str) -> None:
+        """It was deleted: what was read of it before comes too late, whenever it comes."""
+        self._forgotten[id] = None
+        if len(self._forgotten) > _MAX_FORGOTTEN:
+            del self._forgotten[next(iter(self._forgotten))]
+        self._own.discard(id)
+        self._unsaved.pop(id, None)
+        self._unasked.discard(id)
+        invocation = self._live.invocations.remove(id)
+        if invocation is not None:
+            self._live.tell(invocation)
+            self._changed(invocation)
 
     async def fetch(self, robot: str, id: str) -> Invocation | None:
         """An invocation that another gateway began; StoreUnavailable."""
@@ -158,6 +165,8 @@ class Memory:
             log.debug("invocation %s is not known here: %s", progress.id, error)
 
     def _put(self, found: Invocation) -> None:
+        if found.id in self._forgotten:
+            return
         new = self._live.invocations.get(found.id) is None
         invocation = self._live.invocations.put(found)
         if invocation is None:
@@ -241,9 +250,7 @@ class Memory:
         elif news.what == "invocation":
             await self.fetch(news.robot, news.id)
         elif news.what == "deleted":
-            invocation = self._live.invocations.get(news.id)
-            if invocation is not None:
-                self.forget(invocation)
+            self.forget(news.id)
         elif news.what == "lease":
             await self._look_at(news.robot)
         else:

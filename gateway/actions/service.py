@@ -316,7 +316,7 @@ class Actions:
             await self.ended(invocation, _ANSWER_TIMEOUT_S)
         async with refusals():
             await self._store.delete(invocation)
-        self.memory.forget(invocation)
+        self.memory.forget(invocation.id)
 
     async def ended(self, invocation: Invocation, timeout_s: float) -> bool:
         """Wait until the invocation has ended; False when ``timeout_s`` passed before."""

@@ -58,3 +58,38 @@ def test_a_stop_that_ends_before_it_is_recorded_is_remembered(tmp_path: Path) ->
 
     with single(tmp_path) as servers:
         asyncio.run(scenario(servers.url))
+
+
+def test_what_is_deleted_while_it_is_read_stays_deleted(tmp_path: Path) -> None:
+    """The answers of the store to both come by different connections, in any order."""
+    invocation = Invocation("i", "r", "/r/j/actions/rotate", {"j": 1.0}, time.time_ns(), time.time_ns() + 10**10)
+
+    async def stop(*_: object) -> None: ...
+
+    class Slow(ActionStore):
+        """Its answers to ``read`` are held back as long as a busy event loop may hold them back."""
+
+        def __init__(self, url: str) -> None:
+            super().__init__(url, "n", "run")
+            self.answered, self.handed_over = asyncio.Event(), asyncio.Event()
+
+        async def read(self, robot: str, id: str) -> Invocation | None:
+            found = await super().read(robot, id)
+            self.answered.set()
+            await self.handed_over.wait()
+            return found
+
+    async def scenario(url: str) -> None:
+        live = Live(GatewaySettings())
+        async with Slow(url) as store, Memory(live, store, stop, lambda _: None) as memory:
+            await store.open(invocation)
+            reading = asyncio.create_task(memory.fetch("r", "i"))
+            await store.answered.wait()
+            await store.delete(invocation)
+            memory.forget(invocation.id)
+            store.handed_over.set()
+            assert await reading is None
+            assert live.invocations.get("i") is None
+
+    with single(tmp_path) as servers:
+        asyncio.run(scenario(servers.url))
