@@ -30,7 +30,9 @@ _UNREACHABLE = (
 )  # fmt: skip
 # Errors without a class; the last two are those of a server that is no longer master.
 _NOT_NOW = ("MISCONF", "NOREPLICAS", "BUSY ", "LOADING", "CLUSTERDOWN", "MASTERDOWN", "UNBLOCKED", "WAIT cannot")
-_CLOSED = "the handler is closed"  # uvloop's word for writing to a connection that has just been lost
+# Words for writing to a connection that has just been lost: uvloop's, and those of redis-py, whose client of a cluster
+# closes all connections when one of them fails, also those that others are about to write to.
+_CLOSED = ("the handler is closed", "'NoneType' object has no attribute 'writelines'")
 _DURABLE = {"appendonly": "yes", "appendfsync": "always"}
 
 
@@ -158,8 +160,8 @@ class Connection:
             if not str(error).startswith(_NOT_NOW):
                 raise
             raise await self._failed(error) from error
-        except RuntimeError as error:
-            if _CLOSED not in str(error):
+        except (RuntimeError, AttributeError) as error:
+            if not str(error).endswith(_CLOSED):
                 raise
             raise await self._failed(error) from error
 
