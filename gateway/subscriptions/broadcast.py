@@ -49,7 +49,7 @@ class Broadcast:
         """When the last pass was over."""
         self._fan_out, self._topic, self._framing = fan_out, topic, framing
         self._subscription = subscription  # the first member's: the others want the same media type and base
-        self._members: dict[Watcher, _Send] = {}
+        self.members: dict[Watcher, _Send] = {}
         # What members have been sent; in a pass those that have been served, and the others what was before.
         self._reading = self._before = topic.reading
         self._pass: list[Watcher] = []
@@ -58,31 +58,30 @@ class Broadcast:
         self._frame = b""
         self._news = False
 
-    def __len__(self) -> int:
-        return len(self._members)
-
     def admit(self, watcher: "Watcher", send: _Send, reading: Reading) -> bool:
         """Take in who has been sent ``reading``, if that is what the others have, or get in this pass."""
-        if not self._members:
+        if not self.members:
             self._reading, self._pass = reading, []
         if reading is not self._reading:
             return False
-        self._members[watcher] = send
+        self.members[watcher] = send
         return True
 
     def dismiss(self, watcher: "Watcher") -> None:
-        del self._members[watcher]
+        del self.members[watcher]
 
     def tell(self) -> int:
         """There is news; how many will not be sent what was news before."""
-        replaced = len(self._members) if self._news else 0
+        replaced = len(self.members) if self._news else 0
         self._news = True
         return replaced
 
+    def prepare(self) -> bool:
+        """Have a message ready; whether there is one that has not been sent to all."""
+        return bool(self._pass) or self._begin()
+
     def step(self) -> bool:
-        """Send to some members; whether there is more to do."""
-        if not self._pass and not self._begin():
-            return False
+        """Send what is ready to some members; whether there is more to do."""
         frame, first = self._frame, self._served
         sent = [send(frame) for send in self._sends[first : first + _SHARE]]
         self._served += len(sent)
@@ -100,20 +99,20 @@ class Broadcast:
 
     def _leave_behind(self, full: Iterable["Watcher"]) -> None:
         for watcher in full:
-            if watcher in self._members:  # it can have left since the pass began
+            if watcher in self.members:  # it can have left since the pass began
                 watcher.fall_behind(self._topic, self._before)
 
     def _begin(self) -> bool:
         self._fan_out.freshen(self._topic)
         self._news = False
-        if not self._members or not self._topic.differs(self._reading):  # it may have moved back since
+        if not self.members or not self._topic.differs(self._reading):  # it may have moved back since
             return False
         try:
             message = self._fan_out.message(self._topic, self._subscription)
         except WriteError as error:
-            _log.warning("%d subscriptions of %s get no message: %s", len(self._members), self._topic.path, error)
+            _log.warning("%d subscriptions of %s get no message: %s", len(self.members), self._topic.path, error)
             return False
         self._frame = message.framed(self._framing)
         self._before, self._reading = self._reading, self._topic.reading
-        self._pass, self._sends, self._served = list(self._members), list(self._members.values()), 0
+        self._pass, self._sends, self._served = list(self.members), list(self.members.values()), 0
         return True

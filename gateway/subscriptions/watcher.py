@@ -122,6 +122,10 @@ class Watcher:
         self._whole = True
         self.ready()
 
+    def prepare(self) -> bool:
+        """Whether it may be its turn: its message is rendered as it is sent, and mostly has been for others before."""
+        return self._timer is None
+
     def step(self) -> bool:
         """Send one message; whether there is more that may go at once.
 
