@@ -5,6 +5,7 @@ import gc
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import httpx
 import pyoxigraph
@@ -30,8 +31,19 @@ class Visited:
 
     url: str
     response: httpx.Response
-    graph: rdflib.Graph
     kind: str
+    targets: set[str]
+    """What it names of the same tree."""
+
+    def says(self, response: httpx.Response) -> bool:
+        """Whether it was served the same, byte for byte."""
+        ours, other = self.response, response
+        return ours.content == other.content and ours.headers.get("link") == other.headers.get("link")
+
+    @cached_property
+    def graph(self) -> rdflib.Graph:
+        """What it says, for those who look at it: to read all of a fleet takes a minute."""
+        return graph_of(_triples(self.url, self.response))
 
     @property
     def iri(self) -> URIRef:
@@ -72,11 +84,15 @@ def walk(root: str, http: httpx.Client, before: Walk | None = None) -> Walk:
                 continue
             response = _answer(http, url)
             assert response.status_code == 200, f"{url}: {response.status_code} {response.text[:300]}"
-            triples = _triples(url, response)
             known = before and before.pages.get(url)
-            graph = known.graph if known and known.response.content == response.content else graph_of(triples)
-            found.pages[url] = Visited(url, response, graph, _kind(url, triples))
-            pending += [target for target in _targets(triples, response, root) if target not in found.pages]
+            if known and known.says(response):
+                page = known
+            else:
+                triples = _triples(url, response)
+                targets = _targets(triples, response, root)
+                page = Visited(url, response, _kind(url, triples), targets)
+            found.pages[url] = page
+            pending += [target for target in page.targets if target not in found.pages]
     return found
 
 
@@ -117,8 +133,8 @@ def _targets(triples: list[pyoxigraph.Triple], response: httpx.Response, root: s
 
 
 def _is_followed(url: str) -> bool:
-    """Views of a document, such as the last minute of each value's history: those of one robot stand for all."""
-    return "?" not in url or "/ur5/" in url
+    """Histories of values, which are never the same twice, and views of them: those of one robot stand for all."""
+    return "/ur5/" in url or not ("?" in url or url.endswith("/history"))
 
 
 def _kind(url: str, triples: list[pyoxigraph.Triple]) -> str:
