@@ -5,6 +5,7 @@ import logging
 import time
 from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from contextlib import suppress
+from itertools import islice
 from types import TracebackType
 from typing import Self
 
@@ -18,12 +19,14 @@ from gateway.fleet.robot import Robot
 from gateway.graph.invocation import invocation_path
 from gateway.graph.paths import lease_path
 from gateway.live import Live
+from gateway.store.connection import GATHER_S
 
 log = logging.getLogger(__name__)
 
 _WATCH_S = 0.25  # between two looks at leases; a motion that is tied to one stops that much later at most
 _RETRY_S = 0.5
 _FIRST_WORD_S = 1.0
+_AT_ONCE = 64  # are saved together
 _MAX_FETCHES = 100
 _MAX_UNSAVED = 10_000
 _MAX_FORGOTTEN = 1000  # deletions that a copy which was read before may still be on its way from
@@ -266,18 +269,20 @@ class Memory:
                 except StoreUnavailable:
                     await asyncio.sleep(_RETRY_S)
             self._dropped = False
+            await asyncio.sleep(GATHER_S)
 
     async def _save_oldest(self) -> None:
         # Taken out first: what becomes of it meanwhile is to be saved again.
-        id = next(iter(self._unsaved))
-        invocation = self._unsaved.pop(id)
+        taken = dict(islice(self._unsaved.items(), _AT_ONCE))
+        for id in taken:
+            del self._unsaved[id]
         try:
-            if id in self._unasked:
-                await self._store.open(invocation, unasked=True)
+            for id in [id for id in taken if id in self._unasked]:
+                await self._store.open(taken[id], unasked=True)
                 self._unasked.discard(id)
-            await self._store.save(invocation)
+            await self._store.save_all(list(taken.values()))
         except BaseException:  # cancelled as well
-            self._unsaved = {id: invocation, **self._unsaved}  # still the oldest
+            self._unsaved = {**taken, **self._unsaved}  # still the oldest
             raise
 
     async def _look(self) -> None:

@@ -111,11 +111,13 @@ return {'opened'}
 )
 
 # KEYS: invocations, forgotten, over; ARGV: id, body, milliseconds to keep it, 1 if it is over for good, creation.
-# Whether it is written: there is one, and it was not over.
+# Whether that is what is written now: there is one, and it was not over with another body.
 SAVE = (
     _INVOCATIONS
     + """
-if redis.call('HEXISTS', KEYS[1], ARGV[1]) == 0 or redis.call('ZSCORE', KEYS[3], ARGV[1]) then return 0 end
+local body = redis.call('HGET', KEYS[1], ARGV[1])
+if not body then return 0 end
+if redis.call('ZSCORE', KEYS[3], ARGV[1]) then return body == ARGV[2] and 1 or 0 end
 write(ARGV[1], ARGV[2], ARGV[3], ARGV[4], ARGV[5])
 return 1
 """

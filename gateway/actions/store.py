@@ -20,7 +20,7 @@ from gateway.actions.keys import Keys, hashed, robot_of, tag
 from gateway.ending import end
 from gateway.fleet.invocations import MAX_TERMINAL, Invocation
 from gateway.fleet.lease import Lease
-from gateway.store.connection import Connection, StoreUnavailable, heed_cancellation
+from gateway.store.connection import GATHER_S, Connection, StoreUnavailable, heed_cancellation
 
 __all__ = ["KEPT_S", "ActionStore", "Full", "KeyReused", "Lease", "LeaseHeld", "LeaseOver", "News", "StoreUnavailable"]
 _log = logging.getLogger(__name__)
@@ -138,13 +138,24 @@ class ActionStore:
     async def save(self, invocation: Invocation) -> bool:
         """Write what became of an invocation; False, and nothing is written, if it was deleted or over already.
 
+        May be repeated after StoreUnavailable: the same once more is True again.
         Others are told, of an acceptance too: only who asked knows how long it takes, and when it is late.
         """
-        keys = self._keys.invocations(invocation.robot)
-        saved = await self._redis.run(scripts.SAVE, keys, *self._written(invocation))
-        if saved:
-            self._tell("invocation", invocation.robot, invocation.id)
-        return bool(saved)
+        return (await self.save_all([invocation]))[0]
+
+    async def save_all(self, invocations: Sequence[Invocation]) -> list[bool]:
+        """``save`` for many at once."""
+        answers = await self._redis.all(
+            [
+                ("EVAL", scripts.SAVE, len(keys), *keys, *self._written(each))
+                for each in invocations
+                for keys in [self._keys.invocations(each.robot)]
+            ]
+        )
+        for each, saved in zip(invocations, answers, strict=True):
+            if saved:
+                self._tell("invocation", each.robot, each.id)
+        return [bool(saved) for saved in answers]
 
     async def delete(self, invocation: Invocation) -> bool:
         """Forget an invocation; False if there was none. Its idempotency key stays used."""
@@ -249,6 +260,7 @@ class ActionStore:
             self._to_tell.clear()
             try:
                 await self._tell_rest()
+                await asyncio.sleep(GATHER_S)
             except StoreUnavailable:
                 self._to_tell.set()
                 await asyncio.sleep(_BACKOFF_S)

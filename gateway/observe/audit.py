@@ -15,7 +15,7 @@ from types import TracebackType
 from typing import Self
 
 from gateway.ending import end
-from gateway.store.connection import Connection, StoreUnavailable
+from gateway.store.connection import GATHER_S, Connection, StoreUnavailable
 
 log = logging.getLogger("gateway.audit")
 
@@ -98,6 +98,7 @@ class Audit:
                     await self._write()
                 except StoreUnavailable:
                     await asyncio.sleep(_PAUSE_S)
+            await asyncio.sleep(GATHER_S)
 
     async def _write(self) -> None:
         """The oldest ones; after an outage perhaps a second time, since nobody knows whether Redis had them."""
