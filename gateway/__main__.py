@@ -1,6 +1,7 @@
 """``python -m gateway``: settings → socket → application; nothing else."""
 
 import asyncio
+import gc
 import logging
 import os
 import signal
@@ -65,6 +66,7 @@ class _Server(uvicorn.Server):
 
 
 _SWITCH_S = 0.0005
+_YOUNG = 10_000  # objects made and not unmade, after which those are looked through: a millisecond
 
 
 def main() -> int:
@@ -139,9 +141,17 @@ async def _serve(
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, server.leave, number)
     async with app.router.lifespan_context(app), _followed(certificate):
+        _settle()
         print(f"serving {settings.public_urls[0]}/", flush=True)
         await server.serve(sockets=[listener])
     return 0
+
+
+def _settle() -> None:
+    """What is there by now stays: to look through it for garbage again and again held the event loop for 140 ms, and
+    with Python's own threshold hundreds of messages at once made it look several times a second."""
+    gc.freeze()
+    gc.set_threshold(_YOUNG)
 
 
 @asynccontextmanager

@@ -19,7 +19,8 @@ _log = logging.getLogger(__name__)
 _CONNECT_S, _COMMAND_S = 1.0, 2.0
 _PATIENCE_S = 3.0  # for one command in all, waiting for its turn and finding the nodes of a cluster included
 _TURNS = 64  # commands at once; redis-py refuses more than its 100 connections
-_AT_ONCE = 256  # commands in one go: some 25 ms of redis-py's time, in which nobody else is served
+AT_ONCE = 32
+"""Commands in one go: some 3 ms of redis-py's time, in which nobody else is served."""
 _WAITS = 16  # for replicas at once, beside the turns: a replica that hangs must not keep the leases from being renewed
 _REPLICA_MS = 1_000  # for a replica to confirm; below the timeout of a command
 _BLOCK_MS = 1_000  # of a read of the news; below the timeout of a command
@@ -99,10 +100,10 @@ class Connection:
         Thousands are sent in parts, between which others have their turn.
         """
         answers: list[Any] = []
-        for first in range(0, len(commands), _AT_ONCE):
+        for first in range(0, len(commands), AT_ONCE):
             async with self._contact(), self._turns:
                 pipeline = self._client.pipeline(transaction=False)
-                for command in commands[first : first + _AT_ONCE]:
+                for command in commands[first : first + AT_ONCE]:
                     pipeline.execute_command(*command)
                 answers += _checked(await pipeline.execute(raise_on_error=False))
         return answers

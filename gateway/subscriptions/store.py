@@ -16,7 +16,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Self
 
-from gateway.store.connection import Connection, StoreUnavailable
+from gateway.store.connection import AT_ONCE, Connection, StoreUnavailable
 from gateway.subscriptions import scripts
 from gateway.subscriptions.keys import Keys
 from gateway.subscriptions.records import (
@@ -41,7 +41,7 @@ __all__ = ["LEASE_S", "Backlog", "Entry", "Lost", "News", "Outgoing", "Store", "
 _log = logging.getLogger(__name__)
 
 LEASE_S = 3.0  # after that long without a word a run counts as dead
-_AT_ONCE = 64  # subscriptions that are taken over together, before they are served
+_TAKEN_AT_ONCE = 64  # subscriptions that are taken over together, before they are served
 _GONE_MS = 30_000  # longer than it takes to clear a subscription away
 _ATTEMPTS, _CLEARING_S = 20, 0.05  # to add what others are clearing away
 _NEWS = 1_000  # are kept, about
@@ -106,8 +106,8 @@ class Store:
         lasting = [record for record in orphans if record.lasts]
         streams = {record.subscription.id: record.holder for record in orphans if not record.lasts}
         rest = set(records)
-        for first in range(0, len(lasting), _AT_ONCE):
-            won = await self._take(lasting[first : first + _AT_ONCE], held)
+        for first in range(0, len(lasting), _TAKEN_AT_ONCE):
+            won = await self._take(lasting[first : first + _TAKEN_AT_ONCE], held)
             for record in won:
                 yield record
             done = {record.subscription.id for record in won}
@@ -253,14 +253,15 @@ class Store:
 
     async def _records(self, ids: Iterable[str]) -> dict[str, Record | None]:
         """What the ids stand for; without those that another version has written and this one cannot read."""
-        asked = list(ids)
-        answers = await self._redis.all([("HGETALL", self._keys.record(id)) for id in asked])
-        records: dict[str, Record | None] = {}
-        for id, fields in zip(asked, answers, strict=True):
-            try:
-                records[id] = read_record(fields)
-            except (ValueError, KeyError) as error:
-                _log.warning("subscription %s is left alone, it cannot be read: %r", id, error)
+        asked, records = list(ids), dict[str, Record | None]()
+        for first in range(0, len(asked), AT_ONCE):  # so that others have their turn while they are read, too
+            part = asked[first : first + AT_ONCE]
+            answers = await self._redis.all([("HGETALL", self._keys.record(id)) for id in part])
+            for id, fields in zip(part, answers, strict=True):
+                try:
+                    records[id] = read_record(fields)
+                except (ValueError, KeyError) as error:
+                    _log.warning("subscription %s is left alone, it cannot be read: %r", id, error)
         return records
 
     async def _list(self, subscription: Subscription, limit: int) -> None:
