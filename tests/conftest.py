@@ -4,8 +4,10 @@ import contextlib
 import os
 import signal
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import hypothesis
 import pytest
@@ -76,8 +78,18 @@ _running: list[RunningFleet] = []
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The longest first: what shares the fleet, then all that starts processes; none is left alone with them."""
-    items.sort(key=lambda item: (not _of_the_fleet(item.nodeid), not item.get_closest_marker("fleet")))
+    """The longest first: what shares the fleet, then all that starts processes; none is left alone with them.
+
+    Of each folder one file after another: those of one mostly wait, those of another need a processor each.
+    """
+    files = dict.fromkeys(item.path for item in items)
+    before = Counter[Path]()
+    places = {path: before[path.parent] for path in files if not before.update([path.parent])}
+
+    def rank(item: pytest.Item) -> tuple[bool, bool, int]:
+        return not _of_the_fleet(item.nodeid), not item.get_closest_marker("fleet"), places[item.path]
+
+    items.sort(key=rank)
 
 
 @pytest.hookimpl(trylast=True)

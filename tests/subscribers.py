@@ -2,6 +2,7 @@
 
 import contextlib
 import itertools
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from types import TracebackType
@@ -79,7 +80,9 @@ def without_versions(graph: rdflib.Graph) -> rdflib.Graph:
 
 
 def angle_in(graph: rdflib.Graph, iri: URIRef) -> float:
-    return float(str(graph.value(graph.value(iri, SPATIAL.rotationAngle), VOM.numericalValue)))
+    """NaN where it is unknown, as to a gateway that has just begun."""
+    value = graph.value(graph.value(iri, SPATIAL.rotationAngle), VOM.numericalValue)
+    return math.nan if value == LF.unknown else float(str(value))
 
 
 def said(body: bytes | str, media_type: str, base: str) -> Said:

@@ -3,7 +3,7 @@
 import contextlib
 import gc
 import json
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -43,7 +43,11 @@ class Visited:
     @cached_property
     def graph(self) -> rdflib.Graph:
         """What it says, for those who look at it: to read all of a fleet takes a minute."""
-        return graph_of(_triples(self.url, self.response))
+        return graph_of(self.triples())
+
+    def triples(self) -> list[pyoxigraph.Triple]:
+        """The same, anew each time and a dozen times as fast."""
+        return _triples(self.url, self.response)
 
     @property
     def iri(self) -> URIRef:
@@ -73,14 +77,16 @@ class Walk:
         return found
 
 
-def walk(root: str, http: httpx.Client, before: Walk | None = None) -> Walk:
-    """``before`` is an earlier walk: what is the same byte for byte is taken from there."""
+def walk(root: str, http: httpx.Client, before: Walk | None = None, without: Collection[str] = ()) -> Walk:
+    """``before`` is an earlier walk: what is the same byte for byte is taken from there. ``without``: robots that are
+    not looked at."""
     found = Walk(root)
+    hidden = tuple(f"{root}{robot}/" for robot in without)
     pending = [root]
     with _without_garbage():
         while pending:
             url = pending.pop()
-            if url in found.pages:
+            if url in found.pages or url.startswith(hidden):
                 continue
             response = _answer(http, url)
             assert response.status_code == 200, f"{url}: {response.status_code} {response.text[:300]}"
