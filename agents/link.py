@@ -58,6 +58,8 @@ def configuration(
         "listen/endpoints": list(listen),
         "scouting/multicast/enabled": False,
         "transport/link/tx/lease": lease_ms,
+        # Each answer is one, and lost where there is no room: zenoh's own is two.
+        "transport/link/tx/queue/size/data": 16,
         "transport/shared_memory/enabled": False,  # 16 MB for each neighbour on the same machine
     }
     if credentials is not None:

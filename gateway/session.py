@@ -7,6 +7,9 @@ from pathlib import Path
 from agents.wire.trust import Credentials
 
 LEASE_MS = 2_500
+_BATCHES = 16
+"""That may wait for each neighbour: a command is one, and is given up where there is no room. With the two that Zenoh
+has a machine with more to do than processors loses some."""
 
 
 def trust(credentials: Credentials | None, access_file: str) -> dict[str, object]:
@@ -36,6 +39,7 @@ def settings(listen: tuple[str, ...], connect: tuple[str, ...], trust: Mapping[s
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "transport/link/tx/lease": LEASE_MS,
+        "transport/link/tx/queue/size/data": _BATCHES,
         # Of each neighbour on the same machine 16 MB would be kept for ever, of one that was killed too (zenoh 1.10).
         "transport/shared_memory/enabled": False,
     }
