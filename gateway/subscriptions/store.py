@@ -16,7 +16,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Self
 
-from gateway.store.connection import AT_ONCE, Connection, StoreUnavailable
+from gateway.store.connection import UNHURRIED, Connection, StoreUnavailable
 from gateway.subscriptions import scripts
 from gateway.subscriptions.keys import Keys
 from gateway.subscriptions.records import (
@@ -120,8 +120,10 @@ class Store:
 
     async def held(self) -> list[Record]:
         """What this run holds now; what it wrote or removed by halves is cleared away."""
-        held = await self._runs.held(self._run)
-        records = await self._records(held)
+        held, records = await self._runs.held(self._run), dict[str, Record | None]()
+        ids = list(held)
+        for first in range(0, len(ids), UNHURRIED):
+            records |= await self._records(ids[first : first + UNHURRIED])
         await self._reclaim({id: held[id] for id, record in records.items() if record is None}, self._run)
         return [record for record in records.values() if record is not None and record.holder == self._run]
 
@@ -193,7 +195,8 @@ class Store:
             [
                 ("EVAL", scripts.NOTE, 1, self._keys.record(id), self._run, *write_delivery(delivery))
                 for id, delivery in deliveries.items()
-            ]
+            ],
+            UNHURRIED,
         )
         return {id for id, noted in zip(deliveries, answers, strict=True) if not noted}
 
@@ -253,15 +256,14 @@ class Store:
 
     async def _records(self, ids: Iterable[str]) -> dict[str, Record | None]:
         """What the ids stand for; without those that another version has written and this one cannot read."""
-        asked, records = list(ids), dict[str, Record | None]()
-        for first in range(0, len(asked), AT_ONCE):  # so that others have their turn while they are read, too
-            part = asked[first : first + AT_ONCE]
-            answers = await self._redis.all([("HGETALL", self._keys.record(id)) for id in part])
-            for id, fields in zip(part, answers, strict=True):
-                try:
-                    records[id] = read_record(fields)
-                except (ValueError, KeyError) as error:
-                    _log.warning("subscription %s is left alone, it cannot be read: %r", id, error)
+        asked = list(ids)
+        answers = await self._redis.all([("HGETALL", self._keys.record(id)) for id in asked])
+        records: dict[str, Record | None] = {}
+        for id, fields in zip(asked, answers, strict=True):
+            try:
+                records[id] = read_record(fields)
+            except (ValueError, KeyError) as error:
+                _log.warning("subscription %s is left alone, it cannot be read: %r", id, error)
         return records
 
     async def _list(self, subscription: Subscription, limit: int) -> None:
