@@ -29,6 +29,7 @@ SUITES = (
     Suite("joining", repeated=False),
     Suite("latency"),
     Suite("actions", repeated=False),
+    Suite("parts", repeated=False),
     Suite("binary", repeated=False),
     Suite("transports"),
     Suite("links"),

@@ -25,6 +25,7 @@ SHORT: Mapping[str, Mapping[str, Any]] = {
     "joining": {"seconds": 0.1, "already": (2, 4)},
     "latency": {"seconds": 0.3},
     "actions": {"seconds": 0.1},
+    "parts": {"seconds": 0.3, "robots": 2},
     "transports": {"seconds": 0.3, "losses": (0.02,)},
     "links": {"seconds": 0.3, "losses": (0.02,)},
     "memory": {"_": 0.0, "steps": 2, "size": 40},
