@@ -171,19 +171,9 @@ def cluster_replicated(folder: Path) -> Iterator[Servers]:
 @contextlib.contextmanager
 def _cluster(folder: Path, spare: int) -> Iterator[Servers]:
     """Three masters with all slots, and nodes that may become their replicas."""
-    options = ("--cluster-enabled", "yes", "--cluster-node-timeout", "2000")
-    every = [Server(folder / str(number), *options) for number in range(3 + spare)]
-    nodes = every[:3]
-    servers = Servers("redis+cluster://" + ",".join(f"127.0.0.1:{node.port}" for node in nodes[:2]), nodes, every[3:])
+    servers = eventually(lambda: _begun(folder, spare), "nodes that begin anew")
+    every = (*servers.nodes, *servers.replicas)
     try:
-        for number, node in enumerate(every):
-            node.start()
-            if node in nodes:
-                first, end = number * SLOTS // 3, (number + 1) * SLOTS // 3
-                assert node.ask("CLUSTER ADDSLOTSRANGE", first, end - 1) == "+OK"
-            assert node.ask("CLUSTER SET-CONFIG-EPOCH", number + 1) == "+OK"
-            if number:
-                assert node.ask("CLUSTER MEET 127.0.0.1", nodes[0].port) == "+OK"
         known = f"cluster_known_nodes:{len(every)}"
         for node in every:
             eventually(lambda node=node: known in node.ask("CLUSTER INFO"), "all nodes")
@@ -191,6 +181,31 @@ def _cluster(folder: Path, spare: int) -> Iterator[Servers]:
         yield servers
     finally:
         servers.discard()
+
+
+def _begun(folder: Path, spare: int) -> Servers | None:
+    """Nodes that have been told of each other; None when one of them did not take that, and all are gone again.
+
+    So it is where an answer is too late, or a node got the port of one of another cluster, which was killed and is
+    still looked for.
+    """
+    options = ("--cluster-enabled", "yes", "--cluster-node-timeout", "2000")
+    every = [Server(folder / str(number), *options) for number in range(3 + spare)]
+    nodes = every[:3]
+    servers = Servers("redis+cluster://" + ",".join(f"127.0.0.1:{node.port}" for node in nodes[:2]), nodes, every[3:])
+    for number, node in enumerate(every):
+        node.start()
+        said = [node.ask("CLUSTER SET-CONFIG-EPOCH", number + 1)]
+        if node in nodes:
+            first, end = number * SLOTS // 3, (number + 1) * SLOTS // 3
+            said.append(node.ask("CLUSTER ADDSLOTSRANGE", first, end - 1))
+        if number:
+            said.append(node.ask("CLUSTER MEET 127.0.0.1", nodes[0].port))
+        if set(said) != {"+OK"}:
+            print(f"node {number} at port {node.port} said {said}")
+            servers.discard()
+            return None
+    return servers
 
 
 def _port() -> int:
