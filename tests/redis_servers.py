@@ -193,18 +193,20 @@ def _begun(folder: Path, spare: int) -> Servers | None:
     every = [Server(folder / str(number), *options) for number in range(3 + spare)]
     nodes = every[:3]
     servers = Servers("redis+cluster://" + ",".join(f"127.0.0.1:{node.port}" for node in nodes[:2]), nodes, every[3:])
-    for number, node in enumerate(every):
-        node.start()
-        said = [node.ask("CLUSTER SET-CONFIG-EPOCH", number + 1)]
-        if node in nodes:
-            first, end = number * SLOTS // 3, (number + 1) * SLOTS // 3
-            said.append(node.ask("CLUSTER ADDSLOTSRANGE", first, end - 1))
-        if number:
-            said.append(node.ask("CLUSTER MEET 127.0.0.1", nodes[0].port))
-        if set(said) != {"+OK"}:
-            print(f"node {number} at port {node.port} said {said}")
-            servers.discard()
-            return None
+    with contextlib.ExitStack() as otherwise:
+        otherwise.callback(servers.discard)
+        for number, node in enumerate(every):
+            node.start()
+            said = [node.ask("CLUSTER SET-CONFIG-EPOCH", number + 1)]
+            if node in nodes:
+                first, end = number * SLOTS // 3, (number + 1) * SLOTS // 3
+                said.append(node.ask("CLUSTER ADDSLOTSRANGE", first, end - 1))
+            if number:
+                said.append(node.ask("CLUSTER MEET 127.0.0.1", nodes[0].port))
+            if set(said) != {"+OK"}:
+                print(f"node {number} at port {node.port} said {said}")
+                return None
+        otherwise.pop_all()
     return servers
 
 
