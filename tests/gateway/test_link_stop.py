@@ -136,10 +136,7 @@ def test_a_stop_is_answered_while_many_commands_wait_for_a_frozen_agent() -> Non
         assert replies.keys() == {"a"}
         assert not any(task.done() for task in waiting)
         other.send(signal.SIGCONT)
-        said = await asyncio.gather(*waiting, return_exceptions=True)
-        assert any(isinstance(each, Accepted) for each in said)
-        # What finds the connection full is given up, and unanswered.
-        assert all(isinstance(each, Accepted | Refused | NoAnswer) for each in said), said
+        await asyncio.gather(*waiting)
 
     run(scenario)
 

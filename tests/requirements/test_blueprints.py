@@ -75,8 +75,7 @@ def test_taking_a_value_away_fails(tree: Walk) -> None:
 
 @pytest.fixture(scope="module")
 def moving(tree: Walk, browser: Browser) -> Iterator[Walk]:
-    """What can be reached while every robot moves and is controlled by somebody: all of three robots, which have all
-    that changes by it; the other two have 4,000 resources more."""
+    """All that can be reached while every robot moves and is controlled by somebody."""
     leases = {}
     for robot in tree.of("robot"):
         lease = str(robot.graph.value(robot.iri, LF.lease))
@@ -84,7 +83,7 @@ def moving(tree: Walk, browser: Browser) -> Iterator[Walk]:
         leases[lease] = {"lock-token": answer.headers["lock-token"]}
         begun(put(browser, _slow(tree, robot), _away(browser, _slow(tree, robot)), **leases[lease]))
     try:
-        yield walk(browser.root, browser.http, before=tree, without=("baxter", "tiago"))
+        yield walk(browser.root, browser.http, before=tree)
     finally:
         begun(post(browser, browser.action(browser.page(browser.root), LF.StopAll)))
         for lease, fields in leases.items():

@@ -3,7 +3,7 @@
 import contextlib
 import gc
 import json
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -77,16 +77,14 @@ class Walk:
         return found
 
 
-def walk(root: str, http: httpx.Client, before: Walk | None = None, without: Collection[str] = ()) -> Walk:
-    """``before`` is an earlier walk: what is the same byte for byte is taken from there. ``without``: robots that are
-    not looked at."""
+def walk(root: str, http: httpx.Client, before: Walk | None = None) -> Walk:
+    """``before`` is an earlier walk: what is the same byte for byte is taken from there."""
     found = Walk(root)
-    hidden = tuple(f"{root}{robot}/" for robot in without)
     pending = [root]
     with _without_garbage():
         while pending:
             url = pending.pop()
-            if url in found.pages or url.startswith(hidden):
+            if url in found.pages:
                 continue
             response = _answer(http, url)
             assert response.status_code == 200, f"{url}: {response.status_code} {response.text[:300]}"
