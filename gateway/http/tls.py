@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import socket
 import ssl
 from asyncio.sslproto import SSLProtocol
 from asyncio.transports import BaseTransport, Transport
@@ -85,6 +86,14 @@ def unsent(transport: BaseTransport) -> int:
     above = cast(Transport, transport)
     beneath: Transport | None = above.get_extra_info(_BENEATH)
     return above.get_write_buffer_size() + (0 if beneath is None else beneath.get_write_buffer_size())
+
+
+def descriptor(transport: BaseTransport) -> int | None:
+    """Of the socket that takes what is written as it is; None where TLS is between."""
+    if transport.get_extra_info("sslcontext") is not None:
+        return None
+    connection: socket.socket = transport.get_extra_info("socket")
+    return connection.fileno()
 
 
 def secured(inner: Callable[..., asyncio.Protocol], context: ssl.SSLContext) -> Any:
