@@ -1,48 +1,46 @@
 """What robots that join cost: all of them at once, and one more where there are many already."""
 
 import argparse
+import itertools
 import os
+import statistics
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import actor
-from running import PATIENCE_S
+from running import PATIENCE_S, process
 
-from bench.crowd import Scene, Size, stage
-from bench.scene import cpu_s
-from bench.table import Row
+from bench.crowd import Gateway, Scene, Size, stage
+from bench.scene import cpu_s, pid_of
+from bench.synthetic import name_of
+from bench.table import Row, known
 
 ALREADY = (10, 100, 1000)
 MOST_S = 10.0
-_JOINING, _PAUSE_S = 50, 0.3
+_JOINING, _ROUNDS, _PAUSE_S, _SETTLED_S = 50, 3, 0.3, 1.0
+_rounds = itertools.count()
 
 
 def rows(seconds: float, already: Sequence[int] = ALREADY) -> list[Row]:
     """``seconds`` is of no matter: each robot joins once. Processor time of the gateway, all threads."""
-    found, costs = list[Row](), list[float]()
+    found, ours, zenoh = list[Row](), list[float](), list[float]()
     for robots in already:
         with stage(Size(robots=robots, joints=18, models=20), 1) as scene:
             took = _all(scene)
-            costs.append(_one_more(scene))
+            ours.append(_one_more(scene, scene.gateways[0].pid, lambda name, one=scene.gateways[0]: _serves(one, name)))
+            zenoh.append(_greeted(scene))
         if robots == already[-1]:
-            found.append(
-                Row(
-                    f"{robots} robots join until all can be browsed",
-                    "s",
-                    took,
-                    "",
-                    None,
-                    f"<= {MOST_S:g} s",
-                    took <= MOST_S,
-                )
-            )
-        name, ratio = f"one joins {robots} robots: processor", costs[-1] / costs[0]
-        beside = f"{costs[0]:.2f} ms where there are {already[0]}"
-        found.append(
-            Row(name, "ms", costs[-1], beside, ratio, "the same", ratio < 1.5)
-            if len(costs) > 1
-            else Row(name, "ms", costs[-1], "", None, "", None)
-        )
+            name = f"{robots} robots join until all can be browsed"
+            found.append(Row(name, "s", took, "", None, f"<= {MOST_S:g} s", took <= MOST_S))
+        name, where = f"one joins {robots} robots: processor", f"where there are {already[0]}"
+        if len(ours) == 1:
+            found += [known(name, "ms", ours[0]), known(f"{name} of Zenoh alone", "ms", zenoh[0])]
+        else:
+            ratio = ours[-1] / ours[0]
+            found += [
+                Row(name, "ms", ours[-1], f"{ours[0]:.2f} ms {where}", ratio, "the same", ratio < 1.5),
+                known(f"{name} of Zenoh alone", "ms", zenoh[-1], f"{zenoh[0]:.2f} ms {where}", zenoh[0]),
+            ]
     return found
 
 
@@ -51,28 +49,42 @@ def _all(scene: Scene) -> float:
     scene.crowd.ask("rate 1")
     first_ns: int = scene.crowd.ask("appear")["first_ns"]
     scene.gateways[0].meet(scene.size.robots)
+    scene.crowd.ask("rate 0")
     return (time.monotonic_ns() - first_ns) / 1e9
 
 
-def _one_more(scene: Scene) -> float:
-    """Milliseconds for each of several, one after another, while no frames come; what else goes on is taken off."""
-    one = scene.gateways[0]
-    scene.crowd.ask("rate 0")
-    time.sleep(0.5)
-    idle, begin = cpu_s(one.pid), time.monotonic()
+def _greeted(scene: Scene) -> float:
+    with process("-m", "bench.greeter", scene.endpoint) as greeter:
+        greeter.said(f"met {name_of(scene.size.robots - 1)}\n")
+        return _one_more(scene, pid_of(greeter), lambda name: f"met {name}\n" in greeter.lines)
+
+
+def _serves(one: Gateway, robot: str) -> bool:
+    return one.http.get(f"http://127.0.0.1:{one.port}/{robot}/elbow").status_code == 200
+
+
+def _one_more(scene: Scene, pid: int, knows: Callable[[str], bool]) -> float:
+    """Milliseconds for each of several, one after another, while no frames come; what else goes on is taken off. The
+    median of some rounds: those are with others, and those before are known still."""
+    costs = list[float]()
+    time.sleep(_SETTLED_S)
+    idle, begin = cpu_s(pid), time.monotonic()
     time.sleep(1.0)
-    idle_share = (cpu_s(one.pid) - idle) / (time.monotonic() - begin)
-    with actor.stage(scene.endpoint) as session:
-        before, begin = cpu_s(one.pid), time.monotonic()
-        there = [actor.Actor(session, f"late-{number}") for number in range(_JOINING)]
-        for each in there:
-            each.appear()
-        last = f"http://127.0.0.1:{one.port}/late-{_JOINING - 1}/elbow"
-        while one.http.get(last).status_code != 200:  # not so often that asking is what is measured
-            assert time.monotonic() < begin + PATIENCE_S, "the last one never came"
-            time.sleep(_PAUSE_S)
-        spent_s = cpu_s(one.pid) - before - idle_share * (time.monotonic() - begin)
-    return spent_s / _JOINING * 1e3
+    idle_share = (cpu_s(pid) - idle) / (time.monotonic() - begin)
+    for _ in range(_ROUNDS):
+        number = next(_rounds)
+        with actor.stage(scene.endpoint) as session:
+            time.sleep(_SETTLED_S)  # those of the round before have gone, and a session has come
+            before, begin = cpu_s(pid), time.monotonic()
+            there = [actor.Actor(session, f"late-{number}-{each}") for each in range(_JOINING)]
+            for each in there:
+                each.appear()
+            while not knows(there[-1].name):  # not so often that asking is what is measured
+                assert time.monotonic() < begin + PATIENCE_S, "the last one never came"
+                time.sleep(_PAUSE_S)
+            spent_s = cpu_s(pid) - before - idle_share * (time.monotonic() - begin)
+        costs.append(spent_s / _JOINING * 1e3)
+    return statistics.median(costs)
 
 
 def main() -> None:

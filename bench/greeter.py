@@ -1,0 +1,53 @@
+"""What a robot that joins costs Zenoh alone: a session as a gateway has it, which asks who comes for its description.
+
+``python -m bench.greeter ENDPOINT`` says whom it has met, a line each, until it is killed.
+"""
+
+import json
+import queue
+import sys
+import threading
+
+import zenoh
+
+from agents.wire.keys import Keys
+from gateway.session import settings
+
+_KEYS = Keys()
+_AT_ONCE = 8  # as many questions as a gateway asks
+
+
+class Greeter:
+    def __init__(self, session: zenoh.Session) -> None:
+        self._session = session
+        self._come: queue.SimpleQueue[str] = queue.SimpleQueue()
+        for _ in range(_AT_ONCE):
+            threading.Thread(target=self._greet_for_ever, daemon=True).start()
+        states = session.declare_subscriber(_KEYS.all_states, zenoh.handlers.FifoChannel(4096))
+        presence = session.liveliness().declare_subscriber(_KEYS.all_presence, self._hear, history=True)
+        self._kept = (states, presence)
+
+    def _hear(self, sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.PUT:
+            self._come.put(_KEYS.parse(str(sample.key_expr)).robot)
+
+    def _greet_for_ever(self) -> None:
+        while True:
+            robot = self._come.get()
+            for reply in self._session.get(_KEYS.robot(robot, "description")):
+                if reply.ok is not None and reply.ok.payload.to_bytes():
+                    sys.stdout.write(f"met {robot}\n")  # in one piece, beside others
+
+
+def main() -> None:
+    config = zenoh.Config()
+    for key, value in settings((), (sys.argv[1],), {}).items():
+        config.insert_json5(key, json.dumps(value))
+    with zenoh.open(config) as session:
+        greeter = Greeter(session)
+        threading.Event().wait()
+        del greeter
+
+
+if __name__ == "__main__":
+    main()
