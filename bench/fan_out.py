@@ -131,6 +131,7 @@ def rows(seconds: float, cases: Sequence[Case] = CASES, robots: int = 50) -> lis
             at_least(name, _UNIT, ours.per_cpu_s, "one buffer to all by uvloop", bare.per_cpu_s, _SHARE),
             known(f"{name}, beside Starlette", _UNIT, ours.per_cpu_s, "bare Starlette", starlette.per_cpu_s),
             at_most(f"{name}: p99", ours.late(0.99), "one buffer to all by uvloop", bare.late(0.99), _LATE_MS),
+            known(f"{name}: processor of the readers", "%", ours.readers_s / ours.seconds * 100),
         ]
     rendered = distinct(seconds, robots).per_cpu_s
     name, goal = f"messages to {10 * robots} WebSockets on {10 * robots} values, 50 Hz", f">= {_RENDERED:,}"
