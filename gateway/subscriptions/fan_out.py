@@ -186,33 +186,42 @@ class FanOut:
             asyncio.get_running_loop().call_soon(self._turn)
 
     def _turn(self) -> None:
+        try:
+            self._work(time.perf_counter())
+        finally:
+            self._turn_due = False
+        if self._dirty or self._scans or self._runnable:
+            self._take_turn_soon()
+
+    def _work(self, begin: float) -> None:
         """A quarter of the time each, at least: reading what is different, finding what is covered, rendering, sending.
 
         What was rendered leaves in one burst: to write to a reader that fell asleep meanwhile takes three times as long
         as to write to one that still reads what came before.
         """
-        self._turn_due = False
-        begin = time.perf_counter()
         while self._dirty and time.perf_counter() - begin < TURN_S / 4:
             self._read(next(iter(self._dirty)))
         while self._scans and time.perf_counter() - begin < TURN_S / 2:
             self._scan_on(next(iter(self._scans)))
+        while ready := self._prepared(begin + TURN_S * 3 / 4):
+            try:
+                while ready and time.perf_counter() - begin < TURN_S:
+                    sender = ready.popleft()
+                    sender.running = False
+                    if sender.step():
+                        self.run(sender)
+            finally:
+                self._runnable.extendleft(reversed(ready))
+
+    def _prepared(self, end: float) -> deque[Watcher | Broadcast]:
+        """Those whose turn it is and who have something to send, as many as get ready by ``end`` (s)."""
         ready: deque[Watcher | Broadcast] = deque()
-        while self._runnable and time.perf_counter() - begin < TURN_S * 3 / 4:
+        while self._runnable and time.perf_counter() < end:
             sender = self._runnable.popleft()
             sender.running = sender.prepare()
             if sender.running:
                 ready.append(sender)
-        while ready:
-            sender = ready.popleft()
-            sender.running = False
-            if sender.step():
-                self.run(sender)
-            if time.perf_counter() - begin >= TURN_S:
-                break
-        self._runnable.extendleft(reversed(ready))
-        if self._dirty or self._scans or self._runnable:
-            self._take_turn_soon()
+        return ready
 
     def _read(self, topic: Topic) -> None:
         """Read a resource that is marked; if that is news, its watchers hear of it."""
