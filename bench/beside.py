@@ -7,7 +7,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,7 +16,7 @@ from running import ROOT, eventually, free_port, process
 from bench.references import QUESTION, SENT, STATE, session
 from bench.scene import pid_of
 
-BARE = f"bare Starlette ({'httptools' if find_spec('httptools') else 'h11'})"
+BARE = "bare Starlette (httptools)"
 
 
 @contextlib.contextmanager

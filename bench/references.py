@@ -83,7 +83,7 @@ def bare(port: str, size: str) -> None:
         return Response(status_code=204)
 
     app = Starlette(routes=[Route("/", read), Route("/unchanged", unchanged), Route("/", take, methods=["POST"])])
-    uvicorn.run(app, port=int(port), loop="uvloop", access_log=False)
+    uvicorn.run(app, port=int(port), loop="uvloop", http="httptools", access_log=False)
 
 
 def robot(endpoint: str, rate_hz: str, *trust: str) -> None:
