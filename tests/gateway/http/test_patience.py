@@ -94,6 +94,39 @@ def test_a_body_that_goes_on_after_the_answer_is_cut_off() -> None:
     run(scenario)
 
 
+def test_an_answer_may_take_longer_to_read_than_the_next_request_may_take_to_begin() -> None:
+    async def scenario() -> None:
+        body = bytes(1 << 20)
+        async with serving(Response(body), http=Hasty, timeout_keep_alive=1) as (_, port):
+            begin = asyncio.get_running_loop().time()
+            reader, writer = await connect(port, _GET, receive_buffer=8192)
+            await reader.readuntil(b"\r\n\r\n")
+            left = len(body)
+            while left:
+                piece = await reader.read(4096)
+                assert piece, f"cut off {left} bytes before the end"
+                left -= len(piece)
+                if left < len(body) // 2 and asyncio.get_running_loop().time() < begin + 5 * Hasty.head_s:
+                    await asyncio.sleep(Hasty.head_s / 10)  # as on a slow line
+            writer.close()
+
+    run(scenario)
+
+
+def test_an_answer_that_nobody_reads_is_given_up() -> None:
+    class Impatient(Hasty):
+        stall_s = 0.1
+
+    async def scenario() -> None:
+        async with serving(Response(bytes(1 << 20)), http=Impatient) as (server, port):
+            reader, writer = await connect(port, _GET, receive_buffer=8192)
+            await reader.readuntil(b"\r\n\r\n")
+            await until(lambda: not server.server_state.connections)
+            writer.close()
+
+    run(scenario)
+
+
 def test_who_only_listens_is_waited_for_by_nobody() -> None:
     """A WebSocket has said what it wants; what h11 takes for the body of its opening never comes."""
 
