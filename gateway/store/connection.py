@@ -16,7 +16,7 @@ from redis.backoff import NoBackoff
 
 _log = logging.getLogger(__name__)
 
-_CONNECT_S, _COMMAND_S = 1.0, 2.0
+_CONNECT_S, _COMMAND_S = 1.5, 2.0  # what opens a connection is sent again after a second, if it was lost
 _PATIENCE_S = 3.0  # for one command in all, waiting for its turn and finding the nodes of a cluster included
 _TURNS = 64  # commands at once; redis-py refuses more than its 100 connections
 _AT_ONCE = 256  # commands in one go: some 25 ms of redis-py's time, in which nobody else is served
