@@ -18,6 +18,7 @@ from agents.tracing import Tracing
 from agents.wire import traceparent
 from agents.wire.access import of_agent
 from agents.wire.keys import Keys
+from agents.wire.transport import TRANSPORT
 from agents.wire.trust import Credentials
 
 _log = logging.getLogger(__name__)
@@ -48,6 +49,7 @@ def configuration(
     """
     config = zenoh.Config()
     values: dict[str, object] = {
+        **TRANSPORT,
         # Clients see each other through one router or peer, so a second agent of the same name is noticed.
         "mode": "peer" if listen else "client",
         "connect/endpoints": list(connect),
@@ -56,11 +58,7 @@ def configuration(
         # A gateway that was away for long is to find its robots within two seconds as well; zenoh's own is 4 s.
         "connect/retry": {"period_init_ms": 200, "period_max_ms": 1_000, "period_increase_factor": 1.5},
         "listen/endpoints": list(listen),
-        "scouting/multicast/enabled": False,
         "transport/link/tx/lease": lease_ms,
-        # Each answer is one, and lost where there is no room: zenoh's own is two.
-        "transport/link/tx/queue/size/data": 16,
-        "transport/shared_memory/enabled": False,  # 16 MB for each neighbour on the same machine
     }
     if credentials is not None:
         values |= credentials.configuration()

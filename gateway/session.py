@@ -4,12 +4,10 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
+from agents.wire.transport import TRANSPORT
 from agents.wire.trust import Credentials
 
 LEASE_MS = 2_500
-_BATCHES = 16
-"""That may wait for each neighbour: a command is one, and is given up where there is no room. With the two that Zenoh
-has a machine with more to do than processors loses some."""
 
 
 def trust(credentials: Credentials | None, access_file: str) -> dict[str, object]:
@@ -28,6 +26,7 @@ def trust(credentials: Credentials | None, access_file: str) -> dict[str, object
 def settings(listen: tuple[str, ...], connect: tuple[str, ...], trust: Mapping[str, object]) -> dict[str, object]:
     """Router mode, because a peer hears no other peer through a router and a client cannot open without one."""
     return {
+        **TRANSPORT,
         **trust,
         "mode": "router",
         "listen/endpoints": list(listen),
@@ -36,12 +35,8 @@ def settings(listen: tuple[str, ...], connect: tuple[str, ...], trust: Mapping[s
         "connect/timeout_ms": -1,
         "connect/exit_on_failure": False,
         "connect/retry": {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 1.5},
-        "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "transport/link/tx/lease": LEASE_MS,
-        "transport/link/tx/queue/size/data": _BATCHES,
-        # Of each neighbour on the same machine 16 MB would be kept for ever, of one that was killed too (zenoh 1.10).
-        "transport/shared_memory/enabled": False,
     }
 
 
