@@ -15,7 +15,6 @@ from gateway.http.rates import network_of
 from gateway.http.repeats import Repeat, Repeats, repeatable
 from gateway.http.slow import STALL_S, Reader
 from gateway.http.sockets import Sockets
-from gateway.http.tls import unsent
 from gateway.http.websocket_protocol import FAREWELL_S, WebSocketProtocol
 
 HTTP = "linked-fleet.http"
@@ -109,7 +108,7 @@ class HttpProtocol(H11Protocol):
 
     def timeout_keep_alive_handler(self) -> None:
         left_s = self._repeated_s + self.timeout_keep_alive - self.loop.time()
-        if left_s <= 0 and self._is_taking():
+        if left_s <= 0 and self.reader.is_behind():  # on a slow line
             left_s = self.timeout_keep_alive
         if left_s > 0:
             self.timeout_keep_alive_task = self.loop.call_later(left_s, self.timeout_keep_alive_handler)
@@ -151,7 +150,7 @@ class HttpProtocol(H11Protocol):
         if left_s > 0 and self._is_free():
             self._deadline.again(left_s)
             return
-        if self._is_taking():
+        if self.reader.is_behind():
             self._deadline.again(self.head_s)
             return
         unsaid = self.conn.our_state is h11.SEND_RESPONSE or (self.conn.our_state is h11.IDLE and self._begun)
@@ -160,13 +159,6 @@ class HttpProtocol(H11Protocol):
             return
         self._refuse(HTTPStatus.REQUEST_TIMEOUT, "The request was not whole in time.")
         self.loop.call_later(FAREWELL_S, self.transport.abort)
-
-    def _is_taking(self) -> bool:
-        """Whether an answer is still on its way, on a slow line or a long one: if it is taken at all the watch sees."""
-        if not unsent(self.transport):
-            return False
-        self.reader.watch()
-        return True
 
     def _refuse(self, status: HTTPStatus, text: str) -> None:
         """Of what was asked before it too, if that has no answer yet: whoever is at that hears that nobody waits."""

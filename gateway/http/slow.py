@@ -84,6 +84,13 @@ class Reader:
             self._waited = False
             self._look()
 
+    def is_behind(self) -> bool:
+        """Whether bytes wait; if so, the watch sees from now on whether they are taken."""
+        if not unsent(self._transport):
+            return False
+        self.watch()
+        return True
+
     def stop(self) -> None:
         """The connection is gone; a timer would keep it in memory."""
         self._streaming = False

@@ -10,7 +10,6 @@ from websockets.http11 import Request
 from websockets.protocol import State
 
 from gateway.http.slow import STALL_S, Reader
-from gateway.http.tls import unsent
 from gateway.subscriptions.message import Ending
 
 WEBSOCKET = "linked-fleet.websocket"
@@ -133,9 +132,8 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
         self._abort_later()
 
     def keepalive_timeout(self) -> None:
-        if unsent(self.transport):  # the ping may wait among the rest: whether the peer still reads, the watch will see
+        if self.reader.is_behind():  # the ping may wait among the rest
             self.stop_keepalive()
-            self.reader.watch()
             self.schedule_ping()
             return
         self.reader.finish()
