@@ -19,7 +19,8 @@ _log = logging.getLogger(__name__)
 _CONNECT_S, _COMMAND_S = 1.5, 2.0  # what opens a connection is sent again after a second, if it was lost
 _PATIENCE_S = 3.0  # for one command in all, waiting for its turn and finding the nodes of a cluster included
 _TURNS = 64  # commands at once; redis-py refuses more than its 100 connections
-_AT_ONCE = 256  # commands in one go: some 25 ms of redis-py's time, in which nobody else is served
+AT_ONCE = 256
+"""Commands in one go: some 25 ms of redis-py's time, in which nobody else is served."""
 UNHURRIED = 32
 """As many for what is done again and again, and nobody waits for."""
 _WAITS = 16  # for replicas at once, beside the turns: a replica that hangs must not keep the leases from being renewed
@@ -95,7 +96,7 @@ class Connection:
         async with self._contact(), self._turns:
             return await self._client.execute_command(*command)
 
-    async def all(self, commands: Sequence[tuple[str | bytes | int, ...]], at_once: int = _AT_ONCE) -> list[Any]:
+    async def all(self, commands: Sequence[tuple[str | bytes | int, ...]], at_once: int = AT_ONCE) -> list[Any]:
         """The answers to commands of any slots, many sent at once; in order only those to one slot. StoreUnavailable.
 
         Thousands are sent in parts, between which others have their turn.

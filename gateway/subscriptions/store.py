@@ -16,7 +16,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Self
 
-from gateway.store.connection import UNHURRIED, Connection, StoreUnavailable
+from gateway.store.connection import AT_ONCE, UNHURRIED, Connection, StoreUnavailable
 from gateway.subscriptions import scripts
 from gateway.subscriptions.keys import Keys
 from gateway.subscriptions.records import (
@@ -120,10 +120,8 @@ class Store:
 
     async def held(self) -> list[Record]:
         """What this run holds now; what it wrote or removed by halves is cleared away."""
-        held, records = await self._runs.held(self._run), dict[str, Record | None]()
-        ids = list(held)
-        for first in range(0, len(ids), UNHURRIED):
-            records |= await self._records(ids[first : first + UNHURRIED])
+        held = await self._runs.held(self._run)
+        records = await self._records(held, UNHURRIED)
         await self._reclaim({id: held[id] for id, record in records.items() if record is None}, self._run)
         return [record for record in records.values() if record is not None and record.holder == self._run]
 
@@ -254,16 +252,17 @@ class Store:
     def _queue(self, id: str) -> tuple[str, str, str]:
         return self._keys.record(id), self._keys.queue(id), self._keys.sent(id)
 
-    async def _records(self, ids: Iterable[str]) -> dict[str, Record | None]:
+    async def _records(self, ids: Iterable[str], at_once: int = AT_ONCE) -> dict[str, Record | None]:
         """What the ids stand for; without those that another version has written and this one cannot read."""
-        asked = list(ids)
-        answers = await self._redis.all([("HGETALL", self._keys.record(id)) for id in asked])
-        records: dict[str, Record | None] = {}
-        for id, fields in zip(asked, answers, strict=True):
-            try:
-                records[id] = read_record(fields)
-            except (ValueError, KeyError) as error:
-                _log.warning("subscription %s is left alone, it cannot be read: %r", id, error)
+        asked, records = list(ids), dict[str, Record | None]()
+        for first in range(0, len(asked), at_once):  # so that others have their turn while they are read, too
+            part = asked[first : first + at_once]
+            answers = await self._redis.all([("HGETALL", self._keys.record(id)) for id in part], at_once)
+            for id, fields in zip(part, answers, strict=True):
+                try:
+                    records[id] = read_record(fields)
+                except (ValueError, KeyError) as error:
+                    _log.warning("subscription %s is left alone, it cannot be read: %r", id, error)
         return records
 
     async def _list(self, subscription: Subscription, limit: int) -> None:
