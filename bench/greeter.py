@@ -3,7 +3,6 @@
 ``python -m bench.greeter ENDPOINT`` says whom it has met, a line each, until it is killed.
 """
 
-import json
 import queue
 import sys
 import threading
@@ -11,7 +10,7 @@ import threading
 import zenoh
 
 from agents.wire.keys import Keys
-from gateway.session import settings
+from bench.references import session_of_gateway
 
 _KEYS = Keys()
 _AT_ONCE = 8  # as many questions as a gateway asks
@@ -21,8 +20,6 @@ class Greeter:
     def __init__(self, session: zenoh.Session) -> None:
         self._session = session
         self._come: queue.SimpleQueue[str] = queue.SimpleQueue()
-        for _ in range(_AT_ONCE):
-            threading.Thread(target=self._greet_for_ever, daemon=True).start()
         states = session.declare_subscriber(_KEYS.all_states, zenoh.handlers.FifoChannel(4096))
         presence = session.liveliness().declare_subscriber(_KEYS.all_presence, self._hear, history=True)
         self._kept = (states, presence)
@@ -31,7 +28,7 @@ class Greeter:
         if sample.kind == zenoh.SampleKind.PUT:
             self._come.put(_KEYS.parse(str(sample.key_expr)).robot)
 
-    def _greet_for_ever(self) -> None:
+    def greet_for_ever(self) -> None:
         while True:
             robot = self._come.get()
             for reply in self._session.get(_KEYS.robot(robot, "description")):
@@ -40,13 +37,11 @@ class Greeter:
 
 
 def main() -> None:
-    config = zenoh.Config()
-    for key, value in settings((), (sys.argv[1],), {}).items():
-        config.insert_json5(key, json.dumps(value))
-    with zenoh.open(config) as session:
+    with session_of_gateway(sys.argv[1]) as session:
         greeter = Greeter(session)
-        threading.Event().wait()
-        del greeter
+        for _ in range(_AT_ONCE - 1):
+            threading.Thread(target=greeter.greet_for_ever, daemon=True).start()
+        greeter.greet_for_ever()
 
 
 if __name__ == "__main__":

@@ -3,7 +3,6 @@ into a dictionary; and how old values are over HTTP meanwhile."""
 
 import argparse
 import contextlib
-import json
 import os
 import re
 import subprocess
@@ -14,10 +13,10 @@ from collections.abc import Iterator
 import zenoh
 
 from bench.crowd import Gateway, Probe, Scene, Size, stage
+from bench.references import session_of_gateway
 from bench.scene import cpu_s
 from bench.synthetic import KEYS, name_of
 from bench.table import Row
-from gateway.session import settings
 
 SIZE = Size(robots=1000, joints=18, models=20, rates_hz=(100,))
 """Of 18 joints a frame has 472 bytes."""
@@ -101,9 +100,6 @@ class Bare:
 
 def hear(endpoint: str, robots: int) -> None:
     """Put the latest frame of each robot into a dictionary, until the standard input ends."""
-    config = zenoh.Config()
-    for name, value in settings((), (endpoint,), {}).items():
-        config.insert_json5(name, json.dumps(value))
     latest, heard = dict[str, bytes](), 0
 
     def put(sample: zenoh.Sample) -> None:
@@ -111,7 +107,7 @@ def hear(endpoint: str, robots: int) -> None:
         heard += 1
         latest[str(sample.key_expr)] = sample.payload.to_bytes()
 
-    with zenoh.open(config) as session:
+    with session_of_gateway(endpoint) as session:
         kept = [session.declare_keyexpr(KEYS.robot(name_of(number), "state")) for number in range(robots)]
         kept.append(session.declare_subscriber(KEYS.all_states, put))
         deadline = time.monotonic() + 20

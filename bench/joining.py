@@ -1,7 +1,6 @@
 """What robots that join cost: all of them at once, and one more where there are many already."""
 
 import argparse
-import itertools
 import os
 import statistics
 import time
@@ -18,7 +17,6 @@ from bench.table import Row, known
 ALREADY = (10, 100, 1000)
 MOST_S = 10.0
 _JOINING, _ROUNDS, _PAUSE_S, _SETTLED_S = 50, 3, 0.3, 1.0
-_rounds = itertools.count()
 
 
 def rows(seconds: float, already: Sequence[int] = ALREADY) -> list[Row]:
@@ -65,18 +63,17 @@ def _serves(one: Gateway, robot: str) -> bool:
 
 def _one_more(scene: Scene, pid: int, knows: Callable[[str], bool]) -> float:
     """Milliseconds for each of several, one after another, while no frames come; what else goes on is taken off. The
-    median of some rounds: those are with others, and those before are known still."""
+    median of some rounds."""
     costs = list[float]()
     time.sleep(_SETTLED_S)
     idle, begin = cpu_s(pid), time.monotonic()
     time.sleep(1.0)
     idle_share = (cpu_s(pid) - idle) / (time.monotonic() - begin)
-    for _ in range(_ROUNDS):
-        number = next(_rounds)
+    for number in range(_ROUNDS):
         with actor.stage(scene.endpoint) as session:
             time.sleep(_SETTLED_S)  # those of the round before have gone, and a session has come
             before, begin = cpu_s(pid), time.monotonic()
-            there = [actor.Actor(session, f"late-{number}-{each}") for each in range(_JOINING)]
+            there = [actor.Actor(session, f"late-{pid}-{number}-{each}") for each in range(_JOINING)]
             for each in there:
                 each.appear()
             while not knows(there[-1].name):  # not so often that asking is what is measured

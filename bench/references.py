@@ -10,7 +10,7 @@ import struct
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import uvicorn
 import zenoh
@@ -20,6 +20,7 @@ from starlette.responses import Response
 from starlette.routing import Route
 
 from agents.wire.trust import Credentials
+from gateway.session import settings
 
 STATE, QUESTION = "raw/state", "raw/question"
 SENT = struct.Struct("<q")
@@ -49,7 +50,6 @@ class Beat:
 
 def session(mode: str, listen: str = "", connect: str = "", trust: Sequence[str] = ()) -> zenoh.Session:
     """As agents' and gateways' are. ``trust`` are files: the authority, and the certificate and key of this end."""
-    config = zenoh.Config()
     values: dict[str, object] = {
         "mode": mode,
         "listen/endpoints": [listen] if listen else [],
@@ -61,6 +61,16 @@ def session(mode: str, listen: str = "", connect: str = "", trust: Sequence[str]
     }
     if trust:
         values |= Credentials(*trust).configuration()
+    return _opened(values)
+
+
+def session_of_gateway(connect: str) -> zenoh.Session:
+    """Set up exactly as a gateway's is."""
+    return _opened(settings((), (connect,), {}))
+
+
+def _opened(values: Mapping[str, object]) -> zenoh.Session:
+    config = zenoh.Config()
     for key, value in values.items():
         config.insert_json5(key, json.dumps(value))
     return zenoh.open(config)
