@@ -214,11 +214,11 @@ Watch a joint that moves:
   curl {root}ur5/shoulder_pan_joint/rotation
 Be told of every change (Ctrl-C ends it):
   curl -N -H 'Accept: text/event-stream' {root}ur5/shoulder_pan_joint/rotation
-Turn another to 43.6 degrees, and follow the Location of the answer:
+Turn another to 20 degrees, and follow the Location of the answer:
   curl -i -H 'Content-Type: text/turtle' {root}baxter/right_s1/actions/rotate --data '
     @prefix maths: <http://vocab.arvida.de/2015/06/maths/vocab#> .
     @prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> .
-    [] a maths:Scalar ; vom:numericalValue 43.6 ; vom:unit maths:Degree .'
+    [] a maths:Scalar ; vom:numericalValue 20 ; vom:unit maths:Degree .'
 
 Ctrl-C ends the demo.
 """

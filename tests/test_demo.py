@@ -2,6 +2,8 @@
 
 import contextlib
 import os
+import re
+import shlex
 import signal
 import socket
 import subprocess
@@ -10,6 +12,7 @@ import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 
+import httpx
 import pytest
 from running import PATIENCE_S, ROOT, eventually, free_port
 
@@ -88,9 +91,24 @@ def demo(tmp_path: Path) -> Iterator[Demo]:
 pytestmark = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="counts processes in /proc")
 
 
+def _turns_what_it_says(demo: Demo) -> None:
+    """The command that is printed, as a newcomer copies it."""
+    printed = eventually(lambda: re.search(r"curl (-i .*?\.')\n", demo.output, re.DOTALL), "a command to turn a joint")
+    _, _, field, url, _, body = shlex.split(printed[1])
+    name, value = field.split(": ")
+
+    def answer() -> httpx.Response | None:
+        answered = httpx.post(url, content=body, headers={name: value})
+        return None if answered.status_code == 503 else answered  # for seconds after the start: see Retry-After
+
+    accepted = eventually(answer, "an answer when the world is prepared")
+    assert accepted.status_code == 204, accepted.text
+
+
 def test_it_starts_answers_and_ctrl_c_ends_it_whole(demo: Demo) -> None:
     eventually(lambda: demo.robots_online() == 5, "five robots online")
     eventually(lambda: f"The fleet is at http://127.0.0.1:{demo.port}/" in demo.output, "the root's address is printed")
+    _turns_what_it_says(demo)
     assert len(demo.members()) == 3  # the demo, the gateway, the agents
     assert len(demo.servers()) == 1
     assert demo.interrupt() in (0, 130)
