@@ -1,17 +1,18 @@
 """The loop of one robot: read → publish; command → judge → move; stop. Knows only Robot and Link."""
 
-import asyncio
 import logging
 import math
 import secrets
 import time
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Protocol, TypeVar
 
 from agents import safety
-from agents.cameras import Cameras, Shown
+from agents.cameras import Cameras
 from agents.meshes import MeshFiles
 from agents.motion import Measured, Motions, Outcome, Sway
+from agents.pace import every
 from agents.plan import ImpossibleError, Plan, joints_of, plan
 from agents.report import Report
 from agents.robot import Reading, Robot
@@ -66,6 +67,7 @@ class Agent:
         self._robot, self._facts = robot, robot.describe()
         self._joints = {joint.name: joint for joint in self._facts.joints}
         self._names = tuple(self._joints)
+        self._counts = (len(self._names),) * 3
         sways = tuple(sways)
         for sway in sways:
             joint = self._joints.get(sway.joint)
@@ -74,7 +76,7 @@ class Agent:
         self._motions = Motions(self._joints, sways)
         self._monotonic_ns, self._wall_ns = monotonic_ns, wall_ns
         self._seen, self._stops = safety.Remembered(), safety.Stops()
-        self._measured = self._unmeasured = Measured(dict.fromkeys(self._names, math.nan))
+        self._reading: Reading | None = None
         self._sequence = 0
         self._stepped_ns: int | None = None
         self._gateway_present = False
@@ -83,33 +85,28 @@ class Agent:
         self._report = Report(self.incarnation)
         self._meshes = MeshFiles(name, self._facts.meshes)
         self._cameras = Cameras(robot, self._facts.cameras)
-        self._shown: Shown | None = None
+        self._shown: State | None = None
         self.description = codec.encode(self._describe())
 
     async def run(self, link: Link) -> None:
         """Tick at ``rate_hz`` until cancelled, then hold and close the robot. Missed ticks are skipped, not made up."""
-        loop, period_s = asyncio.get_running_loop(), 1.0 / self.rate_hz
-        due_s = loop.time()
         try:
-            while True:
-                self.tick(link)
-                due_s = max(due_s + period_s, loop.time() - period_s)
-                await asyncio.sleep(max(0.0, due_s - loop.time()))
+            await every(1.0 / self.rate_hz, partial(self.tick, link))
         finally:
             self._outcomes += self._motions.forget("the agent ends")
-            self._tell(link)
+            self._tell(link, self._monotonic_ns())
             self._stop_robot()
             self._robot.close()
 
     def tick(self, link: Link) -> None:
         """Read, publish, hold if nobody is there any more, and move on."""
         now_ns = self._monotonic_ns()
-        reading = self._read(now_ns)
-        self._publish_state(link, now_ns, reading)
+        self._reading = self._read(now_ns)
+        self._publish_state(link, now_ns, self._reading)
         self._watch_gateways(link.gateway_present)
-        if reading is not None:
+        if self._reading is not None:
             self._move(now_ns)
-        self._tell(link)
+        self._tell(link, now_ns)
 
     def handle(self, payload: bytes) -> bytes:
         """Judge one command; the reply says accepted or why not. Never raises."""
@@ -213,15 +210,25 @@ class Agent:
     def _read(self, now_ns: int) -> Reading | None:
         try:
             reading = self._robot.read(now_ns / 1e9)
+            counts = (len(reading.positions), len(reading.velocities), len(reading.efforts))
+            if counts != self._counts:
+                raise ValueError(f"{counts} positions, velocities and efforts of {len(self._names)} joints")
         except Exception as error:  # noqa: BLE001 - a driver may raise whatever its hardware library does
             self._fail(error, "read")
             return None
         if self._fault is not None:
             _log.warning("%s: the robot can be read again", self.name)
             self._fault = None
-        rows = (reading.positions, reading.velocities, reading.efforts)
-        self._measured = Measured(*(dict(zip(self._names, row, strict=True)) for row in rows))
         return reading
+
+    @property
+    def _measured(self) -> Measured:
+        """The last reading by joint. Made for who asks: in most ticks nothing moves, and nobody does."""
+        reading = self._reading
+        if reading is None:
+            return Measured(dict.fromkeys(self._names, math.nan))
+        rows = (reading.positions, reading.velocities, reading.efforts)
+        return Measured(*(dict(zip(self._names, row, strict=True)) for row in rows))
 
     def _fail(self, error: Exception, doing: str) -> None:
         reason = f"{doing} failed: {error or type(error).__name__}"
@@ -229,7 +236,7 @@ class Agent:
             _log.exception("%s: %s; the robot holds", self.name, reason)
             self._stop_robot()
         self._fault = reason
-        self._measured = self._unmeasured
+        self._reading = None
         self._outcomes += self._motions.forget(f"driver fault: {reason}"[:1024])
 
     def _stop_robot(self) -> str:
@@ -242,9 +249,7 @@ class Agent:
         return ""
 
     def _publish_state(self, link: Link, now_ns: int, reading: Reading | None) -> None:
-        wall_ns = self._wall_ns()
-        run = self.incarnation
-        self._shown = None if reading is None else Shown(reading, run, self._sequence, now_ns, wall_ns)
+        known = reading is not None
         if reading is None:
             unknown = (math.nan,) * len(self._names)
             nans: tuple[float, float, float] = (math.nan, math.nan, math.nan)
@@ -254,12 +259,13 @@ class Agent:
             incarnation=self.incarnation,
             sequence=self._sequence,
             monotonic_ns=now_ns,
-            wall_ns=wall_ns,
+            wall_ns=self._wall_ns(),
             base=reading.base,
             positions=reading.positions,
             velocities=reading.velocities,
             efforts=reading.efforts,
         )
+        self._shown = state if known else None
         self._sequence += 1
         link.publish_state(codec.encode_state(state))
 
@@ -275,6 +281,8 @@ class Agent:
     def _move(self, now_ns: int) -> None:
         elapsed_s = 0.0 if self._stepped_ns is None else (now_ns - self._stepped_ns) / 1e9
         self._stepped_ns = now_ns
+        if self._motions.idle:
+            return
         setpoints, outcomes = self._motions.step(elapsed_s, self._measured, held=not self._gateway_present)
         self._outcomes += outcomes
         if setpoints:
@@ -283,11 +291,14 @@ class Agent:
             except Exception as error:  # noqa: BLE001 - as in _read
                 self._fail(error, "apply")
 
-    def _tell(self, link: Link) -> None:
-        now_ns, wall_ns, positions = self._monotonic_ns(), self._wall_ns(), self._measured.positions
+    def _tell(self, link: Link, now_ns: int) -> None:
         for payload in self._report.repeat(link.arrivals, now_ns):
             link.publish_progress(payload, final=True)
-        for outcome in (*self._outcomes, *(self._motions.underway() if self._report.due(now_ns) else ())):
+        outcomes = [*self._outcomes, *(self._motions.underway() if self._report.due(now_ns) else ())]
+        if not outcomes:
+            return
+        wall_ns, positions = self._wall_ns(), self._measured.positions
+        for outcome in outcomes:
             payload = self._report.write(outcome, positions, now_ns, wall_ns)
             link.publish_progress(payload, final=outcome.state != "running")
         self._outcomes.clear()

@@ -3,25 +3,14 @@
 import math
 import time
 from collections.abc import Sequence
-from typing import NamedTuple
 
 from agents.robot import PictureError, Reading, Robot, Seeing
 from agents.wire import codec
 from agents.wire.codec import WireError
-from agents.wire.messages import Camera, Glance
+from agents.wire.messages import Camera, Glance, State
 from agents.wire.pictures import Moment, encode_picture
 
 PERIOD_S = 0.05
-
-
-class Shown(NamedTuple):
-    """A frame of state as it was published: what a picture that is asked for now is to show."""
-
-    reading: Reading
-    incarnation: int
-    sequence: int
-    monotonic_ns: int
-    wall_ns: int
 
 
 class Cameras:
@@ -34,8 +23,8 @@ class Cameras:
         self._cameras = {camera.name: camera for camera in self.offers}
         self._due_s = 0.0
 
-    def take(self, question: bytes, shown: Shown | None) -> bytes:
-        """The reply: the picture of ``shown``, which is None while the robot cannot be read. PictureError."""
+    def take(self, question: bytes, shown: State | None) -> bytes:
+        """The reply: the picture of the robot in ``shown``, None while it cannot be read. PictureError."""
         try:
             asked = codec.decode(question, Glance)
         except WireError as error:
@@ -45,13 +34,17 @@ class Cameras:
             known = ", ".join(f"{each.name} ({', '.join(each.formats)})" for each in self.offers) or "none"
             why = camera.unavailable if camera is not None and camera.unavailable else f"there are {known}"
             raise PictureError(f"no {asked.format} picture of camera {asked.camera!r} can be had: {why}")
-        if shown is None or not all(map(math.isfinite, shown.reading.positions)):
+        if shown is None or not all(map(math.isfinite, shown.positions)):
             raise PictureError("the robot cannot be measured now, so nobody knows what its camera sees")
         time.sleep(max(0.0, self._due_s - time.monotonic()))
         self._due_s = time.monotonic() + PERIOD_S
         assert isinstance(self._robot, Seeing)
-        content = self._robot.picture(camera, asked.format, shown.reading)
-        moment = Moment(camera.height, camera.width, *shown[1:], camera.near_m, camera.far_m)
+        reading = Reading(shown.positions, shown.velocities, shown.efforts, shown.base)
+        content = self._robot.picture(camera, asked.format, reading)
+        moment = Moment(
+            camera.height, camera.width, shown.incarnation, shown.sequence, shown.monotonic_ns, shown.wall_ns,
+            camera.near_m, camera.far_m,
+        )  # fmt: skip
         try:
             return encode_picture(asked.format, moment, content)
         except WireError as error:

@@ -140,6 +140,16 @@ class Motions:
     def __post_init__(self) -> None:
         self._swaying = {sway.joint: _Swaying(sway) for sway in self.sways}
 
+    @property
+    def idle(self) -> bool:
+        """Whether a step would do nothing: no motion, no demonstration, and every joint at rest."""
+        if self._running or self._swaying:
+            return False
+        for axis in self._axes.values():  # noqa: SIM110 - asked in every tick, and a generator costs more than the rest
+            if not axis.at_rest:
+                return False
+        return True
+
     def starts(self, joints: Iterable[str], measured: Mapping[str, float]) -> list[Start]:
         """Where the setpoints of ``joints`` are; of one that never moved, where it is measured."""
         axes = (self._axes.get(name) or Axis(self.joints[name], measured[name]) for name in joints)

@@ -2,6 +2,7 @@
 
 import math
 import struct
+from functools import cache
 from typing import NamedTuple, TypeVar
 
 import msgspec
@@ -23,7 +24,8 @@ from agents.wire.messages import (
 MAGIC = b"LF"
 MAX_JOINTS = 1024
 FLOATING = 1  # bit 0 of the flags: thirteen values of the base stand before the joints
-_HEADER = struct.Struct("<2sHHHQQqq")
+_HEADER_FORMAT = "<2sHHHQQqq"
+_HEADER = struct.Struct(_HEADER_FORMAT)
 _BASE_VALUES = 13
 _ROWS = ("positions", "velocities", "efforts")
 
@@ -68,11 +70,11 @@ def encode_state(state: State) -> bytes:
     """Pack a frame: header of 40 bytes, then float64 values; see ``layout``."""
     rows = (state.positions, state.velocities, state.efforts)
     count = len(state.positions)
-    if count > MAX_JOINTS or any(len(row) != count for row in rows):
+    if count > MAX_JOINTS or not len(rows[1]) == len(rows[2]) == count:
         raise WireError(f"rows of {[len(row) for row in rows]} values are not three equal rows of at most {MAX_JOINTS}")
     base = state.base
     values = () if base is None else (*base.position_m, *base.orientation_xyzw, *base.linear_m_s, *base.angular_rad_s)
-    header = _HEADER.pack(
+    return _frame(len(values) + 3 * count).pack(
         MAGIC,
         WIRE_VERSION,
         0 if base is None else FLOATING,
@@ -81,8 +83,17 @@ def encode_state(state: State) -> bytes:
         state.sequence,
         state.monotonic_ns,
         state.wall_ns,
+        *values,
+        *rows[0],
+        *rows[1],
+        *rows[2],
     )
-    return header + struct.pack(f"<{len(values) + 3 * count}d", *values, *rows[0], *rows[1], *rows[2])
+
+
+@cache
+def _frame(values: int) -> struct.Struct:
+    """A whole frame of so many values; there are at most twice as many of these as there may be joints."""
+    return struct.Struct(f"{_HEADER_FORMAT}{values}d")
 
 
 class Header(NamedTuple):

@@ -46,7 +46,7 @@ class Memory:
 class Brittle:
     """A robot of two joints that are where they are told to be, and that can be broken."""
 
-    broken = unstoppable = False
+    broken = unstoppable = short = False
 
     def __init__(self) -> None:
         self.positions = {"arm": 0.0, "wheel": 0.0}
@@ -58,7 +58,7 @@ class Brittle:
     def read(self, now_s: float) -> Reading:
         if self.broken:
             raise RobotFaultError("cable out")
-        return Reading(tuple(self.positions.values()), (math.nan,) * 2, (math.nan,) * 2)
+        return Reading(tuple(self.positions.values()), (math.nan,) * (1 if self.short else 2), (math.nan,) * 2)
 
     def apply(self, setpoints: Mapping[str, float]) -> Mapping[str, float]:
         self.positions |= setpoints
@@ -127,6 +127,20 @@ def test_a_driver_fault_is_survived_and_nothing_is_invented(caplog: pytest.LogCa
     bench.robot.broken = False
     bench.tick()
     assert _code(bench.command("c")) == "accepted"
+
+
+def test_a_driver_that_leaves_out_a_joint_has_a_fault() -> None:
+    """Nobody could say whose the values are."""
+    bench = Bench()
+    bench.robot.short = True
+    bench.tick()
+    assert math.isnan(bench.link.states[-1].positions[0])
+    refused = bench.command("a")
+    assert isinstance(refused, Refused)
+    assert "of 2 joints" in refused.reason
+    bench.robot.short = False
+    bench.tick()
+    assert _code(bench.command("b")) == "accepted"
 
 
 @pytest.mark.parametrize("unstoppable", [False, True])

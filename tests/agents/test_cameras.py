@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from agents.cameras import Cameras, Shown
-from agents.robot import Facts, PictureError, Reading
+from agents.cameras import Cameras
+from agents.robot import Facts, PictureError
 from agents.robots.eyes import Probe, as_available, probe
 from agents.robots.mujoco_robot import MujocoRobot
 from agents.urdf import joints_of
 from agents.wire import codec
-from agents.wire.messages import Camera, Glance
+from agents.wire.messages import Camera, Glance, State
 from agents.wire.pictures import decode_picture
 
 HEIGHT_M, DOWN_RAD, FIELD_RAD = 1.5, 0.8, 1.0
@@ -45,8 +45,10 @@ def seeing() -> Iterator[MujocoRobot]:
     robot.close()
 
 
-def shown(tilt_rad: float) -> Shown:
-    return Shown(Reading((tilt_rad,), (0.0,), (0.0,)), incarnation=3, sequence=9, monotonic_ns=1, wall_ns=2)
+def shown(tilt_rad: float) -> State:
+    return State(
+        incarnation=3, sequence=9, monotonic_ns=1, wall_ns=2, positions=(tilt_rad,), velocities=(0.0,), efforts=(0.0,)
+    )
 
 
 def question(camera: str = "eye", format: str = "depth") -> bytes:
@@ -104,7 +106,7 @@ def test_a_renderer_that_ended_is_started_again(seeing: MujocoRobot) -> None:
         (question(), shown(math.nan), "cannot be measured"),
     ],
 )
-def test_what_cannot_be_shown_is_refused_with_a_reason(asked: bytes, reading: Shown | None, why: str) -> None:
+def test_what_cannot_be_shown_is_refused_with_a_reason(asked: bytes, reading: State | None, why: str) -> None:
     robot = mast()
     with pytest.raises(PictureError, match=why):
         Cameras(robot, robot.describe().cameras).take(asked, reading)
