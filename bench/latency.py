@@ -12,7 +12,7 @@ from running import free_port, process
 from small_fleet import live
 
 from bench.beside import BARE, bare, fsync_ms, wire
-from bench.scene import Readers, browsing, scene
+from bench.scene import Readers, browsing, cpu_s, scene
 from bench.table import Row, at_most, known, percentile
 
 RATE_HZ = 100
@@ -53,7 +53,9 @@ def actions(asked_ms: Sequence[float], seconds: float) -> list[Row]:
         browsing(place.place) as browser,
     ):
         live(browser, "ur5")
+        spent_s = cpu_s(place.pid)
         took = timed_ms(_rotate(browser), seconds, _body)
+        spent_s = cpu_s(place.pid) - spent_s
     on_disk = percentile(fsync_ms(), 0.5)
     least = percentile(asked_ms, 0.5) + percentile(posted_ms, 0.5)
     beside = f"a Zenoh query and a POST to {BARE}"
@@ -62,7 +64,9 @@ def actions(asked_ms: Sequence[float], seconds: float) -> list[Row]:
         known(f"a POST to {BARE}, p50", "ms", percentile(posted_ms, 0.5)),
         known("an fsync of this disk, p50", "ms", on_disk),
         at_most("from a POST to the agent's acceptance, p50", percentile(took, 0.5), beside, least, 1.5),
+        known("from a POST to the agent's acceptance, p10", "ms", percentile(took, 0.1)),
         known("from a POST to the agent's acceptance, p99", "ms", percentile(took, 0.99)),
+        known("a POST to the agent's acceptance: processor of the gateway", "ms CPU", spent_s * 1e3 / len(took)),
     ]
 
 

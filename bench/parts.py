@@ -16,6 +16,7 @@ from redis_servers import Server, single
 
 from agents.wire.codec import decode
 from agents.wire.messages import Description
+from bench.caches import reads
 from bench.synthetic import Robot, name_of, robot, urdf
 from bench.table import Row, known
 from gateway.actions import scripts
@@ -38,7 +39,7 @@ _ROUNDS = 20
 
 
 def rows(seconds: float, robots: int = ROBOTS) -> list[Row]:
-    return [*_messages(seconds, robots), *_steps(seconds)]
+    return [*_messages(seconds, robots), *_steps(seconds), *reads()]
 
 
 # -- a message to one subscriber ------------------------------------------------------------------------------------

@@ -2,7 +2,6 @@
 
 import hmac
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -12,7 +11,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar
 from urllib.parse import urlsplit
 
-import msgspec
+import msgspec.toml
 
 from gateway.identity.rights import EVERY, Claims, Credential, Grant, Identity, Right, TokenHash
 
@@ -167,7 +166,7 @@ def read_roster(path: Path) -> Roster:
 
 def parse_roster(text: str, folder: Path) -> Roster:
     """``folder``: where file names in it begin. ValueError."""
-    said = msgspec.convert(tomllib.loads(text), _File)
+    said = msgspec.toml.decode(text, type=_File)
     tokens = [_token(each) for each in said.token]
     issuers = [_issuer(each, folder) for each in said.issuer]
     _once([each.name for each in tokens], "tokens are called")
