@@ -11,6 +11,7 @@ from playwright.sync_api import Browser, ConsoleMessage, Page, Request, Viewport
 from running import PATIENCE_S
 
 CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-browser")
+_CALMLY = Path(__file__).with_name("calmly")
 # There is no sandbox for root and no graphics card in a container; WebGL is drawn by the processor.
 ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
 QUIET = ["--disable-background-networking", "--disable-component-update", "--disable-sync", "--no-first-run"]
@@ -24,8 +25,13 @@ def chromium() -> Iterator[Browser]:
     if CHROMIUM is None:
         pytest.fail("the tests of the pages need Chromium, which is not there: apt install chromium", pytrace=False)
     expect.set_options(timeout=PATIENCE_S * 1000)
+    calmly = os.geteuid() == 0 and shutil.which("setpriv") is not None
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=[*ARGUMENTS, *QUIET])
+        browser = playwright.chromium.launch(
+            executable_path=_CALMLY if calmly else CHROMIUM,
+            args=[*ARGUMENTS, *QUIET],
+            env={**os.environ, "CHROMIUM": CHROMIUM},
+        )
         yield browser
         browser.close()
 
