@@ -97,7 +97,7 @@ class HttpProtocol(H11Protocol):
         self.server_state.total_requests += 1
         self._repeated_s = self.loop.time()
         self._sockets.busy(self)
-        self._sockets.idle(self, self.transport.abort)
+        self._sockets.idle(self, self._give_way)
         return True
 
     def remember(self, repeat: Repeat) -> None:
@@ -140,10 +140,17 @@ class HttpProtocol(H11Protocol):
             self._deadline.clear()
             self._sockets.busy(self)
             return
-        self._sockets.idle(self, self.transport.abort)
+        self._sockets.idle(self, self._give_way)
         # By the request before it: that of one is never that of the next.
         what = (state, self._begun, id(self.cycle))
         self._deadline.set(what, self.head_s if state is h11.IDLE else self.body_s)
+
+    def _give_way(self) -> bool:
+        """End for another, unless the last answer is still on its way."""
+        if self.reader.is_behind():
+            return False
+        self.transport.abort()
+        return True
 
     def _give_up(self) -> None:
         left_s = self._repeated_s + self.head_s - self.loop.time()

@@ -1,8 +1,8 @@
 """How many connections there may be, and which of them gives way to a new one.
 
 A connection that has no request under way costs its peer nothing and has promised nobody anything. So when all places
-are taken, the one that has been without a request for longest is closed; only when every place is at work, or all of an
-address are, is a new connection refused.
+are taken, the one that has been without a request for longest is closed, unless its client still reads the last answer;
+only when none can be closed, or all places of an address are at work, is a new connection refused.
 """
 
 import resource
@@ -19,7 +19,7 @@ class Sockets:
         self._most, self._most_of_one = most, most_of_one
         self._client: dict[object, str] = {}
         self._of: Counter[str] = Counter()
-        self._idle: dict[object, Callable[[], None]] = {}
+        self._idle: dict[object, Callable[[], bool]] = {}
 
     def __len__(self) -> int:
         return len(self._client)
@@ -33,8 +33,8 @@ class Sockets:
         self._of[client] += 1
         return True
 
-    def idle(self, connection: object, give_way: Callable[[], None]) -> None:
-        """It has no request under way: from now on it gives way when it is asked to."""
+    def idle(self, connection: object, give_way: Callable[[], bool]) -> None:
+        """It has no request under way: from now on it gives way when it is asked to, if it then can."""
         if connection in self._client:
             self._idle.setdefault(connection, give_way)
 
@@ -53,9 +53,8 @@ class Sockets:
     def _make_room(self, client: str) -> bool:
         crowded = self._of[client] >= self._most_of_one
         for connection, give_way in self._idle.items():
-            if not crowded or self._client[connection] == client:
+            if (not crowded or self._client[connection] == client) and give_way():
                 self.close(connection)
-                give_way()
                 return True
         if not self._of[client]:
             del self._of[client]

@@ -153,10 +153,14 @@ def test_who_only_listens_is_waited_for_by_nobody() -> None:
 def test_what_comes_in_time_is_whole_however_it_is_cut() -> None:
     """A deadline belongs to one request: many on one connection take longer than one may."""
 
+    class Patient(HttpProtocol):  # as far as a busy machine needs that
+        head_s = body_s = 2.0
+
     async def scenario() -> None:
-        async with serving(echo, http=Hasty) as (_, port):
+        async with serving(echo, http=Patient) as (_, port):
             reader, writer = await connect(port, b"")
-            for _ in range(20):
+            end_s = asyncio.get_running_loop().time() + 1.5 * Patient.head_s
+            while asyncio.get_running_loop().time() < end_s:
                 for piece in (_POST[:9], _POST[9:], b"x" * 400, b"y" * 600):
                     writer.write(piece)
                     await asyncio.sleep(0.01)
@@ -239,6 +243,24 @@ def test_where_all_are_at_work_a_new_one_is_refused_until_one_is_done() -> None:
     _crowded(scenario, 2, 2, app)
 
 
+def test_an_answer_that_is_still_read_keeps_its_place() -> None:
+    body = bytes(1 << 20)
+
+    async def scenario(sockets: Sockets, port: int) -> None:
+        reader, writer = await connect(port, _GET, receive_buffer=8192)
+        await reader.readuntil(b"\r\n\r\n")
+        other, refused = await connect(port, b"")
+        assert (await other.readuntil(b"\r\n")).startswith(b"HTTP/1.1 503")
+        refused.close()
+        assert await reader.readexactly(len(body)) == body
+        other, served = await connect(port, _GET)
+        assert (await other.readuntil(b"\r\n")).startswith(b"HTTP/1.1 200")
+        for each in (writer, served):
+            each.close()
+
+    _crowded(scenario, 1, 1, Response(body))
+
+
 def test_places() -> None:
     """The bound of one client concerns no other, and what is closed twice frees one place."""
     sockets, gone = Sockets(3, 2), list[str]()
@@ -247,11 +269,14 @@ def test_places() -> None:
     assert not sockets.open("a3", "a")
     assert sockets.open("b1", "b")
     assert not sockets.open("c1", "c")
-    sockets.idle("b1", lambda: gone.append("b1"))
+    sockets.idle("b1", lambda: False)
+    assert not sockets.open("c1", "c")
+    sockets.busy("b1")
+    sockets.idle("b1", lambda: not gone.append("b1"))  # type: ignore[func-returns-value]
     assert not sockets.open("a3", "a")
     assert sockets.open("c1", "c")
     assert gone == ["b1"]
-    sockets.idle("a2", lambda: gone.append("a2"))
+    sockets.idle("a2", lambda: not gone.append("a2"))  # type: ignore[func-returns-value]
     sockets.busy("a2")
     assert not sockets.open("a3", "a")
     sockets.close("a1")
