@@ -16,7 +16,7 @@ from redis.backoff import NoBackoff
 
 _log = logging.getLogger(__name__)
 
-_CONNECT_S, _COMMAND_S = 1.5, 2.0  # what opens a connection is sent again after a second, if it was lost
+_ANSWER_S = 2.0  # for a command, and to connect: what opens a connection is sent again after a second, if it was lost
 _PATIENCE_S = 3.0  # for one command in all, waiting for its turn and finding the nodes of a cluster included
 _TURNS = 64  # commands at once; redis-py refuses more than its 100 connections
 AT_ONCE = 256
@@ -203,7 +203,7 @@ def _client(url: str) -> Any:
     scheme, _, rest = url.partition("://")
     once = Retry(NoBackoff(), 0)
     # RESP 2, so that answers look the same with every server.
-    options: dict[str, Any] = {"socket_connect_timeout": _CONNECT_S, "socket_timeout": _COMMAND_S, "protocol": 2}
+    options: dict[str, Any] = {"socket_connect_timeout": _ANSWER_S, "socket_timeout": _ANSWER_S, "protocol": 2}
     if scheme in ("redis", "rediss", "unix"):
         return redis.asyncio.Redis.from_url(url, retry=once, **options)
     if scheme not in ("redis+cluster", "rediss+cluster"):
