@@ -3,8 +3,8 @@
 import asyncio
 import logging
 import time
-from collections.abc import Awaitable, Callable, Coroutine, Mapping
-from contextlib import suppress
+from collections.abc import Awaitable, Callable, Coroutine, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from itertools import islice
 from types import TracebackType
 from typing import Self
@@ -44,6 +44,7 @@ class Memory:
         self._unasked: set[str] = set()  # nobody was asked for leave, and the store does not know of them yet
         self._to_save = asyncio.Event()
         self._own: set[str] = set()
+        self._asked: set[str] = set()
         self._forgotten: dict[str, None] = {}  # oldest first
         self._dropped = False
         self._ends_s: dict[str, float] = {}  # of leases by robot, monotonic, as far as was last heard
@@ -77,11 +78,24 @@ class Memory:
         """It is this gateway's own until it has ended."""
         self._own.add(invocation.id)
 
+    @contextmanager
+    def asking(self, invocation: Invocation) -> Iterator[None]:
+        """The agent is asked to begin it meanwhile. An end that overtakes the answer waits for it: what is over is
+        written once, and would be without what only the answer says."""
+        self._asked.add(invocation.id)
+        try:
+            yield
+        finally:
+            self._asked.discard(invocation.id)
+            if invocation.state.terminal:
+                self.save(invocation)
+
     def settle(self, invocation: Invocation) -> None:
         """Remember how it ended. The gateway that began it knows more of it than the others: it has the first word."""
         if invocation.id in self._own:
             self._own.discard(invocation.id)
-            self.save(invocation)
+            if invocation.id not in self._asked:
+                self.save(invocation)
         else:
             self._soon(self._settle_for_another(invocation), f"settle {invocation.id}")
 

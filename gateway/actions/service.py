@@ -179,7 +179,8 @@ class Actions:
 
     async def _send(self, invocation: Invocation, command: Command) -> Reply:
         try:
-            reply = await self._live.link.command(invocation.robot, command, _ANSWER_TIMEOUT_S)
+            with self.memory.asking(invocation):
+                reply = await self._live.link.command(invocation.robot, command, _ANSWER_TIMEOUT_S)
         except NoAnswer as error:
             self.commands.replied(invocation.robot, None)
             self._unheard(invocation)
