@@ -60,6 +60,35 @@ def test_a_stop_that_ends_before_it_is_recorded_is_remembered(tmp_path: Path) ->
         asyncio.run(scenario(servers.url))
 
 
+def test_an_end_that_overtakes_the_answer_is_remembered_with_what_the_answer_says(tmp_path: Path) -> None:
+    moved = Invocation("i", "r", "/r/j/actions/rotate", {"j": 1.0}, time.time_ns(), time.time_ns() + 10**10)
+    later = Invocation("k", "r", "/r/j/actions/rotate", {"j": 1.0}, time.time_ns(), time.time_ns() + 10**10)
+
+    async def stop(*_: object) -> None: ...
+
+    async def scenario(url: str) -> None:
+        store, other = (ActionStore(url, "n", run) for run in ("one", "other"))
+        async with store, other, Memory(Live(GatewaySettings()), store, stop, lambda _: None) as memory:
+            await other.load()
+            for each in (moved, later):
+                await store.open(each)
+                memory.begun(each)
+            async with asyncio.timeout(PATIENCE_S):
+                with memory.asking(moved):
+                    moved.state = later.state = InvocationState.SUCCEEDED
+                    memory.settle(moved)
+                    memory.settle(later)
+                    while not (found := await other.read("r", "k")) or not found.over:  # noqa: ASYNC110 - in Redis
+                        await asyncio.sleep(0.01)
+                moved.duration_s = 0.5
+                while not (found := await other.read("r", "i")) or not found.over:  # noqa: ASYNC110 - in Redis
+                    await asyncio.sleep(0.01)
+        assert found.duration_s == 0.5
+
+    with single(tmp_path) as servers:
+        asyncio.run(scenario(servers.url))
+
+
 def test_what_is_deleted_while_it_is_read_stays_deleted(tmp_path: Path) -> None:
     """The answers of the store to both come by different connections, in any order."""
     invocation = Invocation("i", "r", "/r/j/actions/rotate", {"j": 1.0}, time.time_ns(), time.time_ns() + 10**10)
