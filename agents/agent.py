@@ -102,7 +102,7 @@ class Agent:
         """Read, publish, hold if nobody is there any more, and move on."""
         now_ns = self._monotonic_ns()
         self._reading = self._read(now_ns)
-        self._publish_state(link, now_ns, self._reading)
+        self._publish_state(link, now_ns)
         self._watch_gateways(link.gateway_present)
         if self._reading is not None:
             self._move(now_ns)
@@ -248,8 +248,8 @@ class Agent:
             return f"the robot could not be stopped: {error or type(error).__name__}"
         return ""
 
-    def _publish_state(self, link: Link, now_ns: int, reading: Reading | None) -> None:
-        known = reading is not None
+    def _publish_state(self, link: Link, now_ns: int) -> None:
+        reading = self._reading
         if reading is None:
             unknown = (math.nan,) * len(self._names)
             nans: tuple[float, float, float] = (math.nan, math.nan, math.nan)
@@ -265,7 +265,7 @@ class Agent:
             velocities=reading.velocities,
             efforts=reading.efforts,
         )
-        self._shown = state if known else None
+        self._shown = None if self._reading is None else state
         self._sequence += 1
         link.publish_state(codec.encode_state(state))
 

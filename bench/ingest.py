@@ -48,7 +48,7 @@ def rows(seconds: float, size: Size = SIZE) -> list[Row]:
         Row(name + "processor of the gateway for a frame", "µs", each, f"a callback into a dictionary: {beside:.2f} µs",
             each / beside, f"<= {MOST_US:g} µs: 0.6 of a core for 100,000/s", each <= MOST_US),
         Row(name + "frames that did not arrive", "%", lost.here, "", None, "none", lost.here == 0),
-        Row(name + "frames that did not arrive at the callback either", "%", lost.beside, "", None, "", None),
+        Row(name + "frames that did not arrive at a bare callback", "%", lost.beside, "", None, "", None),
         Row(name + "frames late or of no run", "1/s", dropped / seconds, "", None, "none", dropped == 0),
         Row(name + "answer to /health/live, p99", "ms", probe.p99_ms, "", None, "", None),
         Row(name + "age of a value over HTTP, p99", "ms", oldest, f"the period: {1000 / rate_hz:g} ms",
