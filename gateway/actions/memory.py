@@ -47,6 +47,7 @@ class Memory:
         self._asked: set[str] = set()
         self._forgotten: dict[str, None] = {}  # oldest first
         self._dropped = False
+        self._reading = asyncio.Lock()  # one answer after the other, so that no settings are taken after newer ones
         self._ends_s: dict[str, float] = {}  # of leases by robot, monotonic, as far as was last heard
         self._fetching: set[asyncio.Task[None]] = set()
         self._stopping: dict[str, asyncio.Task[None]] = {}
@@ -212,12 +213,15 @@ class Memory:
         self.control(robot.name, None)
         return released
 
-    async def configure(self, robot: Robot, name: str, value: str | None, token: str) -> None:
-        """Set something of a robot, for all gateways and for good, or take it back; Controlled, StoreAway."""
+    async def configure(self, robot: Robot, name: str, value: str | None, token: str) -> bool:
+        """Set something of a robot in place of what is known, for all gateways and for good, or take it back;
+        Controlled, StoreAway. False, and nothing is set, when another gateway was faster: what it did is known now."""
+        present = self._live.fleet.settings.get(robot.name, {}).get(name)
         async with refusals():
             await self._store.check(robot.name, token)
-            await self._store.set_setting(robot.name, name, value)
+            done = await self._store.set_setting(robot.name, name, present, value)
             await self.configured(robot.name)
+        return done
 
     def control(self, robot: str, lease: Lease | None, asked_s: float = 0.0) -> None:
         """Note who has control, as the store said that was asked at ``asked_s``, monotonic."""
@@ -229,7 +233,8 @@ class Memory:
             self._live.fan_out.touched(lease_path(robot))
 
     async def configured(self, robot: str) -> None:
-        self._configure(robot, await self._store.settings(robot))
+        async with self._reading:
+            self._configure(robot, await self._store.settings(robot))
 
     def _configure(self, robot: str, settings: Mapping[str, str]) -> None:
         if self._live.fleet.configure(robot, settings):
@@ -249,8 +254,10 @@ class Memory:
     async def _load(self) -> None:
         for invocation in await self._store.load():
             self._put(invocation)
-        for robot, settings in (await self._store.all_settings()).items():
-            self._configure(robot, settings)
+        async with self._reading:
+            found = await self._store.all_settings()
+            for robot in {*self._live.fleet.settings, *found}:
+                self._configure(robot, found.get(robot, {}))
         for robot in {*self._live.fleet.robots, *self._live.fleet.leases}:
             await self._look_at(robot)
 
@@ -311,8 +318,13 @@ class Memory:
             known = robots
 
     async def _look_at(self, robot: str) -> None:
-        asked_s = time.monotonic()
-        self.control(robot, await self._store.lease(robot), asked_s)
+        """Again if somebody took or released the lease meanwhile: the answer may be older than that."""
+        while True:
+            asked_s, before = time.monotonic(), self._live.fleet.leases.get(robot)
+            lease = await self._store.lease(robot)
+            if self._live.fleet.leases.get(robot) is before:
+                break
+        self.control(robot, lease, asked_s)
 
     async def _watch(self) -> None:
         """Stop what is tied to a lease that is over, whether or not Redis answers: without it nobody can renew."""

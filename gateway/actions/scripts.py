@@ -184,10 +184,13 @@ return owner and {'held', unpack(held)} or {'free'}
 """
 )
 
-# KEYS: settings of the robot, configured; ARGV: robot, name, perhaps value.
+# KEYS: settings of the robot, configured; ARGV: robot, name, value that is to be there after a "=" or nothing, perhaps
+# value. Whether that was there.
 SET = """
-if ARGV[3] then
-  redis.call('HSET', KEYS[1], ARGV[2], ARGV[3])
+local present = redis.call('HGET', KEYS[1], ARGV[2])
+if (present and '=' .. present or '') ~= ARGV[3] then return 0 end
+if ARGV[4] then
+  redis.call('HSET', KEYS[1], ARGV[2], ARGV[4])
   redis.call('SADD', KEYS[2], ARGV[1])
 else
   redis.call('HDEL', KEYS[1], ARGV[2])

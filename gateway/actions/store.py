@@ -213,11 +213,15 @@ class ActionStore:
         """What was set for a robot, by name."""
         return _settings(await self._redis.one("HGETALL", self._keys.settings(robot)))
 
-    async def set_setting(self, robot: str, name: str, value: str | None) -> None:
-        """Set something for a robot for good; None takes it back."""
+    async def set_setting(self, robot: str, name: str, present: str | None, value: str | None) -> bool:
+        """Set something for a robot for good in place of what is ``present``, either of them None for nothing; False,
+        and nothing is set, when something else is there."""
         keys = (self._keys.settings(robot), self._keys.configured)
-        await self._redis.run(scripts.SET, keys, tag(robot), name, *(() if value is None else (value,)))
-        self._tell("settings", robot, name)
+        there = "" if present is None else f"={present}"
+        done = await self._redis.run(scripts.SET, keys, tag(robot), name, there, *(() if value is None else (value,)))
+        if done:
+            self._tell("settings", robot, name)
+        return bool(done)
 
     async def all_settings(self) -> dict[str, dict[str, str]]:
         """What was set, by robot and name."""

@@ -141,6 +141,11 @@ class Fleet:
         return [Change(robot, "configured")]
 
     @property
+    def settings(self) -> Mapping[str, Mapping[str, str]]:
+        """What was set by robot and name, also for robots that are not there."""
+        return MappingProxyType(self._settings)
+
+    @property
     def leases(self) -> Mapping[str, Lease]:
         return MappingProxyType(self._leases)
 

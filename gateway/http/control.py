@@ -54,11 +54,13 @@ async def put_setting(request: Request, afforded: PutSetting, base: str) -> Resp
     value = None
     if request.method == "PUT":
         value = setting.admit(await _read_setting(request, setting, base), base)
-    # Again, because the value may have changed while the body was on its way.
-    present = tree_of(request, base).resolve(setting.path)
-    if isinstance(present, Resource):
-        check_preconditions(request, present, base)
-    await memory.configure(setting.robot, setting.name, value, lock_token(request))
+    done = False
+    while not done:
+        # Each time, because the value may have changed while the body was on its way, or at another gateway.
+        present = tree_of(request, base).resolve(setting.path)
+        if isinstance(present, Resource):
+            check_preconditions(request, present, base)
+        done = await memory.configure(setting.robot, setting.name, value, lock_token(request))
     return Response(status_code=204)
 
 

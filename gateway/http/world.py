@@ -37,18 +37,17 @@ async def post_object(request: Request, afforded: PostObject, base: str) -> Resp
 async def put_object(request: Request, afforded: PutObject, base: str) -> Response:
     """204: replaced, or taken away."""
     refuse_rehearsal(request)
-    objects, path = _world(request).objects, object_path(afforded.id)
-    if request.method == "DELETE":
-        await objects.delete(afforded.id)
-        return Response(status_code=204)
-    thing = await _read(request, base + path, base, objects.known.get(afforded.id))
-    # Again, because it may have changed, or gone, while the body was on its way.
-    present = tree_of(request, base).resolve(path)
-    if not isinstance(present, Resource):
-        raise NotFound("Somebody has taken the object away meanwhile.")
-    check_preconditions(request, present, base)
-    await objects.put(afforded.id, thing)
-    return Response(status_code=204)
+    objects, path, thing = _world(request).objects, object_path(afforded.id), None
+    if request.method == "PUT":
+        thing = await _read(request, base + path, base, objects.known.get(afforded.id))
+    while True:
+        # Each time, because it may have changed, or gone, while the body was on its way, or at another gateway.
+        present = tree_of(request, base).resolve(path)
+        if not isinstance(present, Resource):
+            raise NotFound("Somebody has taken the object away meanwhile.")
+        check_preconditions(request, present, base)
+        if await objects.change(afforded.id, thing):
+            return Response(status_code=204)
 
 
 async def _read(request: Request, iri: str, base: str, present: SceneObject | None) -> SceneObject:

@@ -53,6 +53,8 @@ class Rules:
         self._changes = Changes(live, self._engine.wake)
         self._stopping: dict[str, str] = {}
         """Why rules are disabled here already, of which Redis does not know yet."""
+        # One answer after the other, so that none is taken after one that is newer.
+        self._reading = asyncio.Lock()
         self._written = asyncio.Event()
         self._writing: set[asyncio.Task[None]] = set()
         self._serving_since_s: float | None = None
@@ -146,12 +148,14 @@ class Rules:
 
     async def refresh(self, id: str) -> None:
         """Read one rule anew; StoreUnavailable."""
-        self._put(id, await self._store.read(id))
+        async with self._reading:
+            self._put(id, await self._store.read(id))
 
     async def _load(self) -> None:
-        found = await self._store.load()
-        for id in {*found, *self.known}:
-            self._put(id, found.get(id))
+        async with self._reading:
+            found = await self._store.load()
+            for id in {*found, *self.known}:
+                self._put(id, found.get(id))
 
     def _put(self, id: str, known: Known | None) -> None:
         before = self.known.pop(id, None)

@@ -9,12 +9,12 @@ from types import TracebackType
 from typing import Self
 
 from gateway.ending import end
-from gateway.errors import Conflict, NotFound, StoreAway
+from gateway.errors import Conflict, StoreAway
 from gateway.live import Live
 from gateway.store.connection import StoreUnavailable
 from gateway.world.describe import OBJECTS, object_path
 from gateway.world.scene import MAX_OBJECTS, SceneObject, decode, encode
-from gateway.world.store import MAX_BYTES, Full, ObjectStore
+from gateway.world.store import MAX_BYTES, Changed, Full, ObjectStore, digest
 
 log = logging.getLogger(__name__)
 
@@ -29,6 +29,10 @@ class Objects:
         self.known: dict[str, SceneObject] = {}
         self.changes = 0
         """How often anything was put or taken away."""
+        self._digests: dict[str, str] = {}
+        # One answer after the other, so that none is taken after one that is newer.
+        self._reading = asyncio.Lock()
+        self._whole = False
         self._following: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> Self:
@@ -49,25 +53,31 @@ class Objects:
     async def add(self, thing: SceneObject) -> str:
         """The id of the new object; StoreAway, Conflict when there is no room."""
         id = str(uuid.uuid4())
-        await self.put(id, thing)
+        await self.change(id, thing)
         return id
 
-    async def put(self, id: str, thing: SceneObject) -> None:
-        """StoreAway, Conflict when there is no room."""
+    async def change(self, id: str, thing: SceneObject | None) -> bool:
+        """Put an object in the place of the one that is known, or None to take that away; StoreAway, Conflict when
+        there is no room. False, and nothing is changed, when another gateway was faster: what it did is known now."""
+        changed, body = True, None if thing is None else encode(thing)
         async with _refusals():
-            await self._store.put(id, encode(thing))
-        self._take(id, thing)
+            try:
+                await self._store.change(id, self._digests.get(id, ""), body)
+            except Changed:
+                changed = False
+            await self._refresh(id)
+        return changed
 
-    async def delete(self, id: str) -> None:
-        """StoreAway, NotFound."""
-        async with _refusals():
-            there = await self._store.delete(id)
-        self._take(id, None)
-        if not there:
-            raise NotFound("Somebody has taken the object away meanwhile.")
+    async def _refresh(self, id: str) -> None:
+        async with self._reading:
+            self._take(id, await self._store.read(id))
 
-    def _take(self, id: str, thing: SceneObject | None) -> None:
-        before = self.known.get(id)
+    def _take(self, id: str, body: bytes | None) -> None:
+        before, thing = self.known.get(id), None if body is None else _read(id, body)
+        if body is None:
+            self._digests.pop(id, None)
+        else:
+            self._digests[id] = digest(body)
         if before == thing:
             return
         self.changes += 1
@@ -82,32 +92,31 @@ class Objects:
 
     async def _follow_for_ever(self) -> None:
         """What other gateways change is heard of; after an outage everything is read anew."""
-        whole = True
         while True:
             try:
-                if not whole:
+                if not self._whole:
                     await self._load()
-                    whole = True
                 await self._follow()
             except StoreUnavailable as error:
-                whole = False
+                self._whole = False
                 log.debug("the objects of the world may be out of date: %s", error)
             except Exception:
                 # The boundary of the task: without it nothing would be heard of any more.
-                whole = False
+                self._whole = False
                 log.exception("the objects of the world are not up to date; they are read anew")
             await asyncio.sleep(_BACKOFF_S)
 
     async def _follow(self) -> None:
         async with aclosing(self._store.news()) as news:
             async for id in news:
-                body = await self._store.read(id)
-                self._take(id, None if body is None else _read(id, body))
+                await self._refresh(id)
 
     async def _load(self) -> None:
-        bodies = await self._store.load()
-        for id in {*self.known, *bodies}:
-            self._take(id, _read(id, bodies[id]) if id in bodies else None)
+        async with self._reading:
+            bodies = await self._store.load()
+            for id in {*self._digests, *bodies}:
+                self._take(id, bodies.get(id))
+        self._whole = True
 
 
 def _read(id: str, body: bytes) -> SceneObject | None:

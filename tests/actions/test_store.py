@@ -445,21 +445,36 @@ def test_redis_does_not_know_a_token(namespace: str, store: Stores) -> None:
 def test_settings_are_kept_by_robot_until_they_are_taken_back(servers: Servers, namespace: str, store: Stores) -> None:
     async def run() -> None:
         async with store("a") as a, store("b") as b:
-            await a.set_setting("r", "title", "Später\r\n{}")
-            await b.set_setting("r", "scale", "0.5")
-            await a.set_setting(FLEET, "title", "")
+            await a.set_setting("r", "title", None, "Später\r\n{}")
+            await b.set_setting("r", "scale", None, "0.5")
+            await a.set_setting(FLEET, "title", None, "")
             assert await b.settings("r") == {"title": "Später\r\n{}", "scale": "0.5"}
             assert await a.settings("x") == {}
             assert await b.all_settings() == {"r": await a.settings("r"), FLEET: {"title": ""}}
-            await b.set_setting("r", "title", None)
+            await b.set_setting("r", "title", "Später\r\n{}", None)
             assert await a.settings("r") == {"scale": "0.5"}
-            await b.set_setting("r", "scale", None)
-            await b.set_setting("r", "scale", None)
-            await b.set_setting(FLEET, "title", None)
+            assert await b.set_setting("r", "scale", "0.5", None)
+            assert await b.set_setting("r", "scale", None, None)
+            await b.set_setting(FLEET, "title", "", None)
             assert await a.all_settings() == {}
 
     asyncio.run(run())
     assert servers.lasting_keys(f"{namespace}:*") == [Keys(namespace).news]
+
+
+def test_a_setting_takes_the_place_of_what_was_there_and_of_nothing_else(store: Stores) -> None:
+    async def run() -> None:
+        async with store("a") as a, store("b") as b, Listener(b) as heard:
+            assert await a.set_setting("r", "title", None, "first")
+            for present in (None, "", "other", "=first"):
+                assert not await a.set_setting("r", "title", present, "late")
+                assert not await a.set_setting("r", "title", present, None)
+            assert not await a.set_setting("r", "scale", "first", "late")
+            assert await b.settings("r") == {"title": "first"}
+            assert await a.set_setting("r", "title", "first", "second")
+            assert await heard.next(2) == [News("settings", "r", "title")] * 2
+
+    asyncio.run(run())
 
 
 # Names
@@ -476,7 +491,7 @@ def test_whatever_a_robot_is_called_what_is_its_own_is_nobody_else_s(store: Stor
                 lease, _ = await a.take(robot, robot, 60)
                 assert lease == await b.lease(robot)
                 assert (lease.robot, lease.holder) == (robot, robot)
-                await a.set_setting(robot, robot, robot)
+                await a.set_setting(robot, robot, None, robot)
                 assert await heard.next(3) == [
                     News("invocation", robot, one.id),
                     News("lease", robot, lease.id),
@@ -520,10 +535,10 @@ def test_others_hear_what_was_done_and_nobody_what_he_did_himself(store: Stores)
             lease, token = await a.take("r", "Ada", 60)
             await a.take("r", "Ada", 60, token)
             await a.release("r", token)
-            await a.set_setting("r", "title", "R")
+            await a.set_setting("r", "title", None, "R")
             await a.delete(one)
             await a.delete(one)
-            await b.set_setting("x", "title", "X")
+            await b.set_setting("x", "title", None, "X")
             assert await heard_by_b.next(8) == [
                 *[News("invocation", "r", one.id)] * 3,
                 *[News("lease", "r", lease.id)] * 3,
@@ -538,11 +553,11 @@ def test_others_hear_what_was_done_and_nobody_what_he_did_himself(store: Stores)
 def test_after_an_outage_a_listener_is_told_to_read_anew_and_hears_the_rest(servers: Servers, store: Stores) -> None:
     async def run() -> None:
         async with store("a") as a, store("b") as b, Listener(a) as heard, Listener(b):
-            await b.set_setting("r", "first", "1")
+            await b.set_setting("r", "first", None, "1")
             assert await heard.next(1) == [News("settings", "r", "first")]
             await asyncio.to_thread(servers.kill)
             await asyncio.to_thread(servers.start)
-            await until(lambda: done(b.set_setting("r", "second", "2")), "b is served again")
+            await until(lambda: done(b.set_setting("r", "second", None, "2")), "b is served again")
             assert await heard.next(2) == [News("lost"), News("settings", "r", "second")]
 
     asyncio.run(run())
@@ -557,7 +572,7 @@ def test_who_met_an_outage_before_listening_is_told_too(servers: Servers, store:
             await asyncio.to_thread(servers.start)
             await until(lambda: done(a.load()), "a is served again")
             async with Listener(a) as heard:
-                await until(lambda: done(b.set_setting("r", "title", "R")), "b is served")
+                await until(lambda: done(b.set_setting("r", "title", None, "R")), "b is served")
                 assert await heard.next(2) == [News("lost"), News("settings", "r", "title")]
 
     asyncio.run(run())
@@ -568,7 +583,7 @@ def test_a_listener_ends_when_it_is_told_to_even_as_news_come(store: Stores) -> 
         async with store("a") as a, store("b") as b:
             for number in range(3):
                 async with Listener(a) as heard:
-                    await b.set_setting("r", "title", str(number))
+                    await b.set_setting("r", str(number), None, "set")
                     await heard.next(1)
 
     asyncio.run(run())
@@ -604,7 +619,7 @@ def test_what_was_accepted_survives_kill_9_of_the_server(servers: Servers, store
             made[0] = ended(made[0])
             await a.save(made[0])
             lease, token = await a.take("r", "Ada", 600)
-            await a.set_setting("r", "title", "R")
+            await a.set_setting("r", "title", None, "R")
             await asyncio.to_thread(servers.kill)
             acts: tuple[Callable[[], Awaitable[Any]], ...] = (
                 lambda: a.open(an_invocation()),
@@ -617,7 +632,7 @@ def test_what_was_accepted_survives_kill_9_of_the_server(servers: Servers, store
                 lambda: a.release("r", token),
                 lambda: a.lease("r"),
                 lambda: a.settings("r"),
-                lambda: a.set_setting("r", "title", None),
+                lambda: a.set_setting("r", "title", "R", None),
                 a.all_settings,
             )
             for act in acts:

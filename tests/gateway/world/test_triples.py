@@ -10,7 +10,7 @@ from gateway.graph.wing import Sight
 from gateway.identity.rights import ALL
 from gateway.live import Live
 from gateway.settings import GatewaySettings
-from gateway.world.scene import SceneObject, Sphere
+from gateway.world.scene import SceneObject, Sphere, encode
 from gateway.world.service import World
 
 BASE = "http://fleet.test"
@@ -24,7 +24,7 @@ def test_all_that_is_in_the_world_is_told_and_told_anew_when_it_changes() -> Non
     where = Pose((0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0))
     for i in range(150):  # more than a page of them shows
         ball = SceneObject(title=f"ball {i}", kind="obstacle", pose=where, geometry=Sphere(0.1))
-        world.objects._take(f"ball{i}", ball)
+        world.objects._take(f"ball{i}", encode(ball))
     told = dict(world.triples(sight))
     assert {triple.subject for triple in told["/world"]} == {NamedNode(BASE + "/world")}
     titles = {t.object for t in told["/world/objects"] if t.predicate == DCTERMS.title}

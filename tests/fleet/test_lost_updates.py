@@ -1,0 +1,87 @@
+"""Who changes something under the condition that it is as it was read undoes nobody's change, at whichever gateway."""
+
+import contextlib
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+import rdflib
+from browser import LDP, LF, Browser, Page
+from commanding import PREFIXES, TURTLE
+from redis_servers import single
+from several import Gateway, gateways, hub
+
+pytestmark = pytest.mark.fleet
+CLIENTS, EACH = 2, 8  # at each of two gateways
+SPHERE = (
+    "lf:position [ maths:x 9 ; maths:y 9 ; maths:z 9 ; vom:unit unit:M ] ; "
+    "lf:orientation [ maths:x 0 ; maths:y 0 ; maths:z 0 ; lf:w 1 ] ; "
+    "lf:geometry [ a lf:Sphere ; lf:radius [ vom:numericalValue 1 ; vom:unit unit:M ] ]"
+)
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[list[Gateway]]:
+    folder: Path = tmp_path_factory.mktemp("redis")
+    with single(folder) as servers, hub() as stage, gateways(stage, servers.url) as found:
+        yield found
+
+
+def count_up(gateway: Gateway, url: str, read: Callable[[Page], str], write: Callable[[int], str]) -> int:
+    """Add one to the number that a resource says, again and again; how often it was another number by then."""
+    refused, left = 0, EACH
+    with contextlib.closing(Browser(gateway.browser.root)) as browser:
+        while left:
+            page = browser.page(gateway.here(url))
+            condition = {"if-match": page.response.headers["etag"]}
+            body = PREFIXES + write(int(read(page)) + 1)
+            answer = browser.http.put(page.url, content=body, headers=TURTLE | condition)
+            assert answer.status_code in (204, 412), answer.text
+            if answer.status_code == 204:
+                left -= 1
+                assert browser.page(page.url).response.headers["etag"] != condition["if-match"]  # one's own is seen
+            else:
+                refused += 1
+    return refused
+
+
+def at_both(two: list[Gateway], url: str, read: Callable[[Page], str], write: Callable[[int], str]) -> None:
+    with ThreadPoolExecutor() as pool:
+        refused = list(pool.map(lambda each: count_up(each, url, read, write), two * CLIENTS))
+    assert sum(refused) > 0, "nobody was in anybody's way"
+
+
+def test_of_objects_in_the_world(two: list[Gateway]) -> None:
+    def read(page: Page) -> str:
+        return str(page.one(rdflib.DCTERMS.title))
+
+    def write(count: int) -> str:
+        return f'<> a lf:Obstacle ; dcterms:title "{count}" ; {SPHERE} .'
+
+    browser = two[0].browser
+    objects = str(browser.page(str(browser.page(browser.root).one(LF.world))).one(LF.objects))
+    made = browser.http.post(objects, content=PREFIXES + write(0), headers=TURTLE)
+    assert made.status_code == 201, made.text
+    url = made.headers["location"]
+    at_both(two, url, read, write)
+    counts = [int(read(each.browser.page(each.here(url)))) for each in two]
+    assert max(counts) == CLIENTS * EACH * len(two)
+    for each in two:
+        assert each.browser.http.delete(each.here(url)).status_code in (204, 404)
+    container = browser.page(objects)
+    assert not list(container.graph.objects(container.iri, LDP.contains))
+
+
+def test_of_settings_of_a_robot(two: list[Gateway]) -> None:
+    def read(page: Page) -> str:
+        return str(page.one(LF.value))
+
+    def write(count: int) -> str:
+        return f'<> lf:value "{count}" .'
+
+    url = str(two[0].browser.robot("toy").one(LF.title))
+    assert two[0].browser.http.put(url, content=PREFIXES + write(0), headers=TURTLE).status_code == 204
+    at_both(two, url, read, write)
+    counts = [int(read(each.browser.page(each.here(url)))) for each in two]
+    assert max(counts) == CLIENTS * EACH * len(two)
