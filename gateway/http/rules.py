@@ -73,7 +73,9 @@ async def change_rule(request: Request, afforded: ChangeRule, base: str) -> Resp
     rules = _rules(request)
     if request.method == "DELETE":
         async with _refusals(rules):
-            if not await rules.remove(known.rule):
+            # Without a condition whatever the rule says by now is to end.
+            revision = None if field(request, "if-match") is None else known.revision
+            if not await rules.remove(known.rule, revision):
                 raise NotFound("The rule has been deleted meanwhile.")
         return Response(status_code=204)
     wanted = await _wanted(request, body_type(request), base + rule_path(known.rule), base)

@@ -15,8 +15,10 @@ redis.call('HINCRBY', KEYS[2], ARGV[1], 1)
 return 'written'
 """
 
-# KEYS: records, revisions, rules of the client, and the three of the rule; ARGV: id. Whether there was one.
+# KEYS: records, revisions, rules of the client, and the three of the rule; ARGV: id, and perhaps the only revision
+# to remove. Whether there was one.
 REMOVE = """
+if ARGV[2] and redis.call('HGET', KEYS[2], ARGV[1]) ~= ARGV[2] then return 'changed' end
 redis.call('HDEL', KEYS[2], ARGV[1])
 redis.call('SREM', KEYS[3], ARGV[1])
 redis.call('DEL', KEYS[4], KEYS[5], KEYS[6])

@@ -100,9 +100,9 @@ class Rules:
         await self.refresh(rule.id)
         return self.known.get(rule.id, Known(rule, revision + 1))
 
-    async def remove(self, rule: Rule) -> bool:
-        """False if there was none; StoreUnavailable."""
-        removed = await self._store.remove(rule)
+    async def remove(self, rule: Rule, revision: int | None) -> bool:
+        """False if there was none; with a revision, Changed unless it says what it said at that; StoreUnavailable."""
+        removed = await self._store.remove(rule, revision)
         await self.refresh(rule.id)
         return removed
 

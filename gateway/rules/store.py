@@ -76,10 +76,13 @@ class RuleStore:
             raise Changed(rule.id)
         await self._tell(rule.id)
 
-    async def remove(self, rule: Rule) -> bool:
-        """False if there was none."""
+    async def remove(self, rule: Rule, revision: int | None = None) -> bool:
+        """False if there was none; with a revision, Changed unless it says what it said at that."""
         keys = (self._keys.records, self._keys.revisions, self._keys.of_client(rule.client))
-        removed = await self._redis.run(scripts.REMOVE, keys + self._keys.of_rule(rule.id), rule.id)
+        arguments = (rule.id,) if revision is None else (rule.id, revision)
+        removed = await self._redis.run(scripts.REMOVE, keys + self._keys.of_rule(rule.id), *arguments)
+        if removed == b"changed":
+            raise Changed(rule.id)
         await self._tell(rule.id)
         return bool(removed)
 

@@ -58,7 +58,11 @@ def test_a_rule_is_read_as_it_was_written_until_it_is_removed(stores: Stores) ->
             await other.write(replace(rule, enabled=False), 1, 9)
             with pytest.raises(Changed):
                 await one.write(rule, 1, 9)
-            assert await one.remove(rule) and not await one.remove(rule)
+            with pytest.raises(Changed):
+                await one.remove(rule, 1)
+            assert await one.remove(rule, 2) and not await one.remove(rule)
+            with pytest.raises(Changed):
+                await one.remove(rule, 2)
             assert await other.load() == {}
             with pytest.raises(Changed):
                 await other.write(rule, 2, 9)
