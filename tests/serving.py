@@ -70,6 +70,13 @@ async def connect(
     return reader, writer
 
 
+async def fill(outlet: Outlet, message: Message) -> None:
+    """Write until no more is taken. The kernel takes some little by little, however long its reader reads nothing."""
+    while outlet.writable():
+        outlet.write(message)
+        await asyncio.sleep(0.002)
+
+
 class Channel:
     """What a subscription would be: it starts outlets, and sends what it is told to those that are writable."""
 

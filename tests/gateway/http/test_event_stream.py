@@ -8,7 +8,7 @@ from collections.abc import AsyncIterator
 import h11
 import httpx
 import pytest
-from serving import Channel, connect, run, serving, until
+from serving import Channel, connect, fill, run, serving, until
 from starlette.types import Receive, Scope, Send
 
 from gateway.http.event_stream import chunk, framed, serve_event_stream
@@ -281,7 +281,7 @@ def test_a_stalled_reader_holds_up_nobody_and_has_the_latest_in_the_end() -> Non
                 while len(source.events) <= int(message.version):
                     await anext(chunks)
                 assert http.transport.get_write_buffer_size() < HIGH_WATER_BYTES + LARGE + 100
-            assert not slow.writable()
+            await fill(slow, message)
             readies = app.readies[slow]
             behind = asyncio.create_task(_read_until(slow_reader, b"latest\n\n\r\n"))
             await until(lambda: app.readies[slow] > readies)
@@ -306,10 +306,7 @@ class Impatient(HttpProtocol):
 async def _stalled(app: App, port: int) -> asyncio.StreamWriter:
     _, writer = await connect(port, GET, receive_buffer=8192)
     await until(lambda: app.outlets)
-    for message in messages(60):
-        app.publish(message)
-        await asyncio.sleep(0)
-    await until(lambda: not app.outlets[0].writable())
+    await fill(app.outlets[0], messages(1)[0])
     return writer
 
 

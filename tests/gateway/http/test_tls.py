@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from certificates import made
-from serving import Channel, run, serving, until
+from serving import Channel, fill, run, serving, until
 from starlette.types import Receive, Scope, Send
 from starlette.websockets import WebSocket
 from websockets.asyncio.client import connect as client
@@ -88,13 +88,12 @@ def _large(number: int) -> Message:
 
 
 async def _fill(app: App) -> None:
-    """Until the one reader takes no more for a good while."""
+    """Until the one reader takes no more after a good while."""
     (outlet,) = app.outlets
-    for number in range(100):
-        if outlet.writable():
-            outlet.write(_large(number))
+    for _ in range(100):
+        await fill(outlet, _large(0))
         await asyncio.sleep(0.001)
-    assert not outlet.writable()
+    await fill(outlet, _large(0))
 
 
 @pytest.mark.parametrize("request_", [EVENTS, UPGRADE], ids=["events", "websocket"])

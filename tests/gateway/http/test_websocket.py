@@ -11,7 +11,7 @@ from contextlib import asynccontextmanager
 from typing import NoReturn
 
 import pytest
-from serving import Channel, connect, run, serving, until
+from serving import Channel, connect, fill, run, serving, until
 from starlette.types import Receive, Scope, Send
 from starlette.websockets import WebSocket
 from websockets.asyncio.client import ClientConnection
@@ -279,7 +279,7 @@ def test_a_stalled_reader_holds_up_nobody_and_has_the_latest_in_the_end() -> Non
                 app.publish(message)
                 assert [(await one.recv())[:9] for one in others] == [f"{int(message.version):09}"] * 49
                 assert protocol.transport.get_write_buffer_size() < HIGH_WATER_BYTES + LARGE + 20
-            assert not slow.writable()
+            await fill(slow, message)
             readies = app.readies[slow]
             reading = asyncio.create_task(_last_message(reader, b"latest"))
             await until(lambda: app.readies[slow] > readies)
@@ -303,10 +303,7 @@ async def _stalled(app: App, port: int) -> asyncio.StreamWriter:
     reader, writer = await connect(port, handshake(), receive_buffer=8192)
     await reader.readuntil(b"\r\n\r\n")
     await until(lambda: app.outlets)
-    for message in messages(60):
-        app.publish(message)
-        await asyncio.sleep(0)
-    await until(lambda: not app.outlets[0].writable())
+    await fill(app.outlets[0], messages(1)[0])
     return writer
 
 
