@@ -10,7 +10,7 @@ from types import TracebackType
 import httpx
 import rdflib
 from actor import Actor, joint, link, robot, stage
-from browser import DCTERMS, HYBRIT, LDP, LF, ROS, SPATIAL, VOM, Browser, Page
+from browser import DCTERMS, HYBRIT, LDP, LF, ROS, SPATIAL, VOM, Browser, Page, trusted
 from graphs import read
 from pyoxigraph import RdfFormat
 from rdflib import URIRef
@@ -211,7 +211,10 @@ class Events:
 def events(url: str, accept: str = EVENTS, last: str | None = None) -> Iterator[Events]:
     """An open event stream on a connection of its own."""
     fields = {"accept": accept} | ({} if last is None else {"last-event-id": last})
-    with httpx.Client(timeout=PATIENCE_S) as http, http.stream("GET", url, headers=fields) as response:
+    with (
+        httpx.Client(timeout=PATIENCE_S, verify=trusted()) as http,
+        http.stream("GET", url, headers=fields) as response,
+    ):
         assert response.status_code == 200, response.read()
         assert response.headers["content-type"] == EVENTS
         yield Events(response)
