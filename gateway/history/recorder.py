@@ -14,7 +14,7 @@ from gateway.ending import end
 from gateway.fleet.fleet import Fleet
 from gateway.fleet.frames import Latest
 from gateway.fleet.robot import Robot
-from gateway.history.track import Joints, Track
+from gateway.history.track import Track, joints_of
 
 _TURN_S = 0.002
 _LOOKS = 64
@@ -99,9 +99,9 @@ class History:
     def _begin(self, latest: Latest, before: Track | None) -> Track | None:
         """Another run of an agent, or another description: other joints are another history."""
         robot = self._fleet.robots.get(latest.robot)
-        if robot is None or not robot.described or robot.model is None or robot.description is None:
+        joints = None if robot is None else joints_of(robot)
+        if robot is None or joints is None:
             return None
-        joints = Joints(robot.model, robot.description.joints, robot.description.base == "floating")
         if before is not None and before.joints.is_of(joints):
             before.run = latest
             return before

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from agents.wire.codec import layout
 from gateway.fleet.frames import Latest
 from gateway.fleet.model import RobotModel
+from gateway.fleet.robot import Robot
 
 _WALL = struct.Struct("<q")
 _WALL_AT = next(field.offset for field in layout(1, False) if field.name == "wall_ns")
@@ -33,6 +34,13 @@ class Joints:
     def is_of(self, other: "Joints") -> bool:
         """Whether frames of both mean the same; a model is compared by identity, for it is read once."""
         return self.model is other.model and self.names == other.names and self.floating == other.floating
+
+
+def joints_of(robot: Robot) -> Joints | None:
+    """What its frames are of; None before it has said so."""
+    if not robot.described or robot.model is None or robot.description is None:
+        return None
+    return Joints(robot.model, robot.description.joints, robot.description.base == "floating")
 
 
 @dataclass(frozen=True)

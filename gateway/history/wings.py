@@ -20,7 +20,7 @@ from gateway.history.files import CSV, MCAP, recording, table
 from gateway.history.recorder import History
 from gateway.history.series import Series, all_columns, of_base, of_joint, of_link, remembers, samples
 from gateway.history.span import Span
-from gateway.history.track import Excerpt, Joints, Track
+from gateway.history.track import Excerpt, Joints, Track, joints_of
 
 SEGMENT = "history"
 _FILE_BYTES = 8 * 2**20
@@ -66,6 +66,7 @@ def _of_robot(history: History, sight: Sight, robot: Robot) -> Resource:
 
     def shown(span: Span) -> Shown:
         track, description = history.track(robot), robot.description
+        joints = _joints(track, robot)
         page, file = page_of(track, span, span.observations), page_of(track, span, _most(track, span))
 
         def describe(graph: Graph) -> None:
@@ -74,11 +75,11 @@ def _of_robot(history: History, sight: Sight, robot: Robot) -> Resource:
             describe_robot(graph, sight.iri(path), about, robot.name, history, page, parts)
 
         def csv() -> bytes:
-            excerpt = _kept(file)
+            excerpt = _kept(file, joints)
             return table(all_columns(robot.name, excerpt.joints), samples(excerpt))
 
         def mcap() -> bytes:
-            return recording(_kept(file), _urdf(robot.name, description, sight.base))
+            return recording(_kept(file, joints), _urdf(robot.name, description, sight.base))
 
         documents = {CSV: csv, MCAP: mcap}
         resource = Resource(path, title, describe, source=source, own=own, documents=documents, followed=False)
@@ -95,18 +96,18 @@ def _of_property(history: History, sight: Sight, robot: Robot, owner: str, item:
 
     def shown(span: Span) -> Shown:
         track = history.track(robot)
+        joints = _joints(track, robot)
         page, file = page_of(track, span, span.observations), page_of(track, span, _most(track, span))
-        series = None if track is None else _series(track.joints, robot, owner, item)
+        series = None if joints is None else _series(joints, robot, owner, item)
 
         def describe(graph: Graph) -> None:
             iri, about, thing, robots = map(sight.iri, (path, of, owner, whole))
             describe_property(graph, iri, about, thing, robots, item, series, page)
 
         def csv() -> bytes:
-            excerpt = _kept(file)
             if series is None:
-                raise WriteError(f"frames of {robot.name} say nothing of this property")
-            return table(series.columns, series.samples(excerpt))
+                raise WriteError(f"{robot.name} has not said what it is")
+            return table(series.columns, series.samples(_kept(file, joints)))
 
         resource = Resource(path, title, describe, source=source, own=own, documents={CSV: csv}, followed=False)
         return Shown(resource, page, file)
@@ -137,6 +138,10 @@ def _measured(robot: Robot) -> Iterator[str]:
     yield from (f"{link_path(robot.name, model, link)}/pose" for link in model.links)
 
 
+def _joints(track: Track | None, robot: Robot) -> Joints | None:
+    return joints_of(robot) if track is None else track.joints
+
+
 def _most(track: Track | None, span: Span) -> int:
     """Samples that go into one file."""
     newest = None if track is None else track.newest
@@ -144,10 +149,13 @@ def _most(track: Track | None, span: Span) -> int:
     return fit if span.limit is None else min(span.limit, fit)
 
 
-def _kept(page: Page) -> Excerpt:
-    if page.excerpt is None:
-        raise WriteError("nothing is kept of this robot yet")
-    return page.excerpt
+def _kept(page: Page, joints: Joints | None) -> Excerpt:
+    """Nothing yet is an empty file."""
+    if page.excerpt is not None:
+        return page.excerpt
+    if joints is None:
+        raise WriteError("the robot has not said what it is")
+    return Excerpt(joints)
 
 
 def _urdf(robot: str, description: Description | None, base: str) -> bytes:

@@ -10,13 +10,13 @@ import pyshacl
 import pytest
 import rdflib
 import zenoh
-from actor import KEYS, stage
+from actor import KEYS, Actor, stage
 from browser import HYBRIT, LF, ROS, SOSA, Browser, Page, links
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
-from rdflib import Literal
+from rdflib import Literal, URIRef
 from running import eventually
-from small_fleet import Place, live
+from small_fleet import Place, live, presence
 
 from agents.wire.codec import decode_state
 from agents.wire.messages import State
@@ -201,6 +201,25 @@ def test_a_span_without_samples_is_an_empty_answer(moving: Moving) -> None:
     assert moving.rows(moving.rotation, to="2020-01-01T00:00:00Z") == []
     page = moving.shown(moving.rotation + "?to=2020-01-01T00:00:00Z", moving.rotation)
     assert observations(page) == {}
+
+
+def test_who_has_sent_nothing_yet_has_empty_files(moving: Moving, place: Place) -> None:
+    def described() -> Page | None:
+        page = presence(moving.browser, "silent")
+        return page if page is not None and (page.iri, LF.history, None) in page.graph else None
+
+    with stage(place.zenoh) as session:
+        actor = Actor(session, "silent").appear()
+        whole = str(eventually(described, "the robot").one(LF.history))
+        rotation = str(moving.browser.part("silent", "elbow").one(ROS.rotation))
+        for url in (whole, str(moving.browser.page(whole).graph.value(URIRef(rotation), LF.history))):
+            answer = moving.http.get(url, headers={"accept": "text/csv"})
+            assert answer.status_code == 200, answer.text
+            head, *rows = csv.reader(io.StringIO(answer.text, newline=""))
+            assert head[0] == "time" and len(head) > 1 and rows == []
+        answer = moving.http.get(whole, headers={"accept": "application/vnd.mcap"})
+        assert answer.status_code == 200 and list(make_reader(io.BytesIO(answer.content)).iter_messages()) == []
+        actor.leave()
 
 
 def test_a_page_shows_it_and_leads_to_the_files(moving: Moving) -> None:
