@@ -15,7 +15,7 @@ def triples_of(body: bytes | str, base: str, form: RdfFormat = RdfFormat.TURTLE)
 
 
 def graph_of(triples: Iterable[Triple]) -> rdflib.Graph:
-    graph = rdflib.Graph(store="SimpleMemory")  # it takes half as long as the one that knows of contexts
+    graph = rdflib.Graph()
     for triple in triples:
         graph.add(tuple(map(_term, triple)))  # type: ignore[arg-type]
     return graph

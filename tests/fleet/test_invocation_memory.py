@@ -237,7 +237,7 @@ def test_the_other_gateway_shows_what_the_fleet_was_asked(pair: tuple[Gateway, G
     eventually(lambda: state_at(one, url) is not None, "the invocation at the other gateway")
     eventually(lambda: _answers(one, url).get("ur5") == "succeeded", "the answer of ur5")
     assert _answers(one, url)["toy"].startswith("unknown")
-    assert state_at(one, url) == LF.unknown
+    assert state_at(one, url) in (LF.unknown, LF.failed)  # which it is by its deadline
 
 
 def _answers(each: Gateway, invocation: str) -> dict[str, str]:
