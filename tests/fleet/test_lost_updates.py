@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import rdflib
 from browser import LDP, LF, Browser, Page
-from commanding import PREFIXES, TURTLE
+from commanding import PREFIXES, TURTLE, at_all
 from redis_servers import single
 from several import Gateway, gateways, hub
 
@@ -47,6 +47,11 @@ def count_up(gateway: Gateway, url: str, read: Callable[[Page], str], write: Cal
 
 
 def at_both(two: list[Gateway], url: str, read: Callable[[Page], str], write: Callable[[int], str]) -> None:
+    def begun(each: Gateway) -> bool:
+        there = each.get(each.here(url)).status_code == 200
+        return there and read(each.browser.page(each.here(url))) == "0"
+
+    at_all(two, begun, "what is counted")
     with ThreadPoolExecutor() as pool:
         refused = list(pool.map(lambda each: count_up(each, url, read, write), two * CLIENTS))
     assert sum(refused) > 0, "nobody was in anybody's way"
