@@ -108,7 +108,7 @@ redis.call('HSET', KEYS[1], 'state', 'active', 'failures', '0', 'reason', '')
 return redis.call('HGETALL', KEYS[1])
 """
 
-# KEYS: record; ARGV: run, fields of the delivery. Whether the run holds it.
+# KEYS: record; ARGV: run, fields of the record. Whether the run holds it.
 NOTE = """
 if redis.call('HGET', KEYS[1], 'holder') ~= ARGV[1] then return 0 end
 redis.call('HSET', KEYS[1], unpack(ARGV, 2))

@@ -182,9 +182,10 @@ class Store:
             await self._tell("woken", id, woken.holder)
         return woken
 
-    async def note(self, id: str, delivery: Delivery) -> None:
-        """Write what became of the messages; Lost when this run does not hold the subscription."""
-        if await self.note_all({id: delivery}):
+    async def note(self, id: str, delivery: Delivery, subscription: Subscription | None = None) -> None:
+        """Write what became of the messages, and perhaps of the subscription; Lost when this run does not hold it."""
+        fields = (*(() if subscription is None else write_spec(subscription)), *write_delivery(delivery))
+        if not await self._redis.run(scripts.NOTE, (self._keys.record(id),), self._run, *fields):
             raise Lost(id)
 
     async def note_all(self, deliveries: Mapping[str, Delivery]) -> set[str]:

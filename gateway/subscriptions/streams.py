@@ -155,9 +155,10 @@ class Streams:
             return
         waiting = Delivery(DeliveryState.WAITING, last_ns)
         try:
-            if id not in self._unlisted:
-                await self._store.note(id, waiting)  # what was deleted just now is not to come back
-            await self._store.add(unopened, waiting, self._limit, take=False)
+            if id in self._unlisted:
+                await self._store.add(unopened, waiting, self._limit, take=False)
+            else:
+                await self._store.note(id, waiting, unopened)  # what was deleted just now is not to come back
         except Lost:
             return  # it was opened through another gateway, or deleted
         except (StoreUnavailable, TooMany):

@@ -7,6 +7,7 @@ import uuid
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from actor import joint, link, robot
@@ -418,6 +419,24 @@ def test_what_reached_the_store_too_late_is_found(servers: Servers) -> None:
         await at.streams.catch_up()
         assert await at.listed() == {posted.id, one.id}
         assert outlet.ending is None
+
+    run(servers, test)
+
+
+def test_what_is_deleted_while_its_close_is_being_noted_does_not_come_back(servers: Servers) -> None:
+    async def test(at: Gateway) -> None:
+        posted, note = stream(), at.store.note
+        await at.streams.offer(posted)
+        watcher, _ = await at.connect(posted)
+
+        async def noted_and_deleted(*arguments: Any) -> None:
+            await note(*arguments)
+            assert await at.store.remove(posted.id) is not None
+
+        at.store.note = noted_and_deleted  # type: ignore[method-assign]
+        at.streams.close(replace(posted, kind=Kind.WEBSOCKET), watcher, reopenable=True)
+        await until(lambda: not at.streams._background, "what is done then")
+        assert await at.listed() == set()
 
     run(servers, test)
 
