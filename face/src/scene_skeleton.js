@@ -14,18 +14,22 @@ export function skeleton(robot, links, colour) {
     const drawn = new Group();
     const joints = link.children.filter((child) => child.isURDFJoint);
     if (link.parent?.jointType !== "fixed" || !joints.length) drawn.add(new Mesh(new SphereGeometry(radius, 24, 16), material));
-    for (const joint of joints) drawn.add(...bone(joint.position, radius / 2.5, material));
+    for (const joint of joints) {
+      const mesh = bone(joint.position, radius / 2.5, material);
+      if (mesh) drawn.add(mesh);
+    }
     link.add(drawn);
   }
 }
 
+/** None to a joint that is where the one before it is. */
 function bone(to, radius, material) {
   const length = to.length();
-  if (length < radius / 10) return [];
+  if (length < radius / 10) return undefined;
   const mesh = new Mesh(new CylinderGeometry(radius, radius, length, 12), material);
   mesh.position.copy(to).multiplyScalar(0.5);
   mesh.quaternion.setFromUnitVectors(UP, to.clone().normalize());
-  return [mesh];
+  return mesh;
 }
 
 /** How far the joints are apart in metre; a robot of one frame counts as a hand's breadth. */
