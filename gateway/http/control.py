@@ -54,14 +54,13 @@ async def put_setting(request: Request, afforded: PutSetting, base: str) -> Resp
     value = None
     if request.method == "PUT":
         value = setting.admit(await _read_setting(request, setting, base), base)
-    done = False
-    while not done:
+    while True:
         # Each time, because the value may have changed while the body was on its way, or at another gateway.
         present = tree_of(request, base).resolve(setting.path)
         if isinstance(present, Resource):
             check_preconditions(request, present, base)
-        done = await memory.configure(setting.robot, setting.name, value, lock_token(request))
-    return Response(status_code=204)
+        if await memory.configure(setting.robot, setting.name, value, lock_token(request)):
+            return Response(status_code=204)
 
 
 async def _read_setting(request: Request, setting: Setting, base: str) -> list[Triple]:

@@ -136,12 +136,10 @@ def test_a_stop_is_answered_while_many_commands_wait_for_a_frozen_agent() -> Non
         assert replies.keys() == {"a"}
         assert not any(task.done() for task in waiting)
         other.send(signal.SIGCONT)
-        # Not all of them: so many at once may be more than the connection takes, which then does without some.
-        answered, unanswered = await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
-        assert all(isinstance(task.result(), Accepted | Refused) for task in answered)
-        for task in unanswered:
-            task.cancel()
-        await asyncio.gather(*unanswered, return_exceptions=True)
+        replied = await asyncio.gather(*waiting, return_exceptions=True)
+        assert all(isinstance(each, Accepted | Refused | NoAnswer) for each in replied), replied
+        # So many at once may be more than the connection takes, which then does without some, but not without most.
+        assert len([each for each in replied if not isinstance(each, NoAnswer)]) > len(waiting) / 2
 
     run(scenario)
 
