@@ -53,7 +53,15 @@ from gateway.http.representation import negotiated, preferred
 from gateway.http.rights import caller_of, demand, shown, tree_of
 from gateway.http.rules import change_rule, post_rule
 from gateway.http.streams import EventStream, is_over, open_websocket, wants_events
-from gateway.http.subscribe import cancel, post_subscription, refusals, resume, subscribe_callback, wants_callback
+from gateway.http.subscribe import (
+    cancel,
+    check_handshake,
+    post_subscription,
+    refusals,
+    resume,
+    subscribe_callback,
+    wants_callback,
+)
 from gateway.http.things import read_listing
 from gateway.http.turns import Turns
 from gateway.http.world import posed, post_object, put_object
@@ -131,6 +139,7 @@ async def _answered(request: Request) -> ASGIApp:
 async def _answer(request: Request, base: str) -> ASGIApp:
     if request.scope["path"] == "*" and request.method == "OPTIONS":
         return Response(status_code=204, headers={"allow": ", ".join(_METHODS)})
+    check_handshake(request)
     if is_over(request):
         return Response(status_code=204)
     found = await _find(request, base)

@@ -28,9 +28,11 @@ class MediaRange:
     def matches(self, media_type: str) -> bool:
         kind, offered = _media_type(media_type) or ("", {})
         main, _, sub = kind.partition("/")
-        # all that we write is UTF-8, so that asking for it excludes nothing; a profile (RFC 6906, 3) never does
+        # All responses are UTF-8, so asking for it excludes nothing. A profile never does (RFC 6906, 3), and a version
+        # of RDF is the highest that the client reads (RDF 1.2 Turtle, media type registration): RDF 1.1 is within it.
         ours = {("charset", "utf-8"), ("charset", "utf8")}
-        asked = [(n, v) for n, v in self.parameters if n != "profile" and (n, v.lower()) not in ours]
+        ignored = {"profile", "version"} - offered.keys()
+        asked = [(n, v) for n, v in self.parameters if n not in ignored and (n, v.lower()) not in ours]
         return self.type in ("*", main) and self.subtype in ("*", sub) and all(offered.get(n) == v for n, v in asked)
 
 

@@ -10,6 +10,7 @@ from typing import Any, cast
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from gateway.http.framing import RefusedRequest, ServerConnection
 from gateway.http.patience import BODY_S, HEAD_S, MAX_HEAD_BYTES, Deadline
 from gateway.http.rates import network_of
 from gateway.http.repeats import Repeat, Repeats, repeatable
@@ -42,6 +43,7 @@ class HttpProtocol(H11Protocol):
         self, *arguments: Any, sockets: Sockets | None = None, repeats: Repeats | None = None, **named: Any
     ) -> None:
         super().__init__(*arguments, **named)
+        self.conn: ServerConnection = ServerConnection(h11.SERVER, MAX_HEAD_BYTES)
         self._repeats = repeats
         self._said: bytes | None = None
         self._repeated_s = -math.inf
@@ -130,7 +132,7 @@ class HttpProtocol(H11Protocol):
         """Called while the error is handled, which may know better than 400."""
         error = sys.exc_info()[1]
         status = error.error_status_hint if isinstance(error, h11.RemoteProtocolError) else 400
-        self._refuse(HTTPStatus(status), msg)
+        self._refuse(HTTPStatus(status), str(error) if isinstance(error, RefusedRequest) else msg)
 
     def _await_request(self) -> None:
         """Bound the time for what the client has still to say, if it has."""
@@ -176,7 +178,7 @@ class HttpProtocol(H11Protocol):
         if not answerable:
             self.transport.close()
             return
-        head = self.conn.our_state is h11.SEND_RESPONSE and self.scope["method"] == "HEAD"
+        head = self.conn.our_state is h11.SEND_RESPONSE and self.conn.method == b"HEAD"
         headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"connection", b"close")]
         answer = h11.Response(status_code=status, headers=headers, reason=status.phrase.encode())
         for event in (answer, *([] if head else [h11.Data(data=text.encode())]), h11.EndOfMessage()):

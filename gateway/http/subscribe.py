@@ -79,13 +79,28 @@ def _number(text: str | None, name: str, most: float) -> float:
 
 
 def wants_callback(request: Request) -> bool:
-    """``Upgrade: callback`` with the connection option that makes it count (RFC 9110, 7.8)."""
+    """Return True for a GET with ``Upgrade: callback`` (paper R0.16)."""
+    return _asks_upgrade_to("callback", request)
+
+
+def check_handshake(request: Request) -> None:
+    """Raise BadRequest for the opening of a WebSocket that lacks its key (RFC 6455, 4.2.2).
+
+    A complete opening never gets here as a request. One in HTTP/1.0 is ignored, as RFC 9110, 7.8 demands.
+    """
+    opens = request.scope["http_version"] == "1.1" and _asks_upgrade_to("websocket", request)
+    if opens and "sec-websocket-key" not in request.headers:
+        raise BadRequest("The opening handshake of a WebSocket needs a Sec-WebSocket-Key field (RFC 6455, 4.1).")
+
+
+def _asks_upgrade_to(protocol: str, request: Request) -> bool:
+    """Return True for a GET whose Upgrade names ``protocol``, with the connection option (RFC 9110, 7.8)."""
     connection = (field(request, "connection") or "").lower().split(",")
     protocols = (field(request, "upgrade") or "").lower().split(",")
     return (
         request.method == "GET"
         and "upgrade" in [option.strip() for option in connection]
-        and "callback" in [protocol.strip() for protocol in protocols]
+        and protocol in [name.strip() for name in protocols]
     )
 
 

@@ -162,6 +162,16 @@ def test_r0_14_upgrade_counts_only_as_a_connection_option(scene: Theatre) -> Non
         assert not members(toy.subscriptions())
 
 
+def test_r0_15_an_opening_without_its_key_is_refused(scene: Theatre) -> None:
+    """RFC 6455, 4.2.2: a WebSocket opening without Sec-WebSocket-Key gets 400; HEAD and other methods ignore it."""
+    with scene.toy() as toy:
+        fields = {"upgrade": "websocket", "connection": "upgrade", "sec-websocket-version": "13"}
+        answer = scene.browser.http.get(toy.rotation(), headers=fields)
+        assert answer.status_code == 400
+        assert "Sec-WebSocket-Key" in answer.json()["detail"]
+        assert scene.browser.http.head(toy.rotation(), headers=fields).status_code == 200
+
+
 def test_r0_14_head_creates_nothing(scene: Theatre) -> None:
     """R0.14: HEAD with any way to subscribe is answered like a HEAD, and the container stays empty."""
     with scene.toy() as toy:

@@ -27,6 +27,8 @@ BROWSER = "text/html,application/xhtml+xml,application/xml;q=0.9,*/*;q=0.8"
         ("text/turtle;q=0.1, */*;q=0.5", "application/ld+json"),
         ("text/turtle;charset=UTF-8", "text/turtle"),
         ("text/turtle;charset=latin-1", None),
+        ("text/turtle;version=1.2", "text/turtle"),
+        ("application/n-triples;version=1.1;charset=utf-8, text/html;q=0.5", "application/n-triples"),
         ("image/png", None),
         ("*/*;q=0", None),
         ("text/turtle;q=2, text/html", "text/html"),
