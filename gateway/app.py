@@ -76,7 +76,9 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None) -> Sta
             live.add(wing(app.state.queries))
             await live.join()
             store = await stack.enter_async_context(Store(url, settings.namespace, run))
-            network = stack.enter_context(closing(Network(settings.callback_networks)))
+            network = stack.enter_context(
+                closing(Network(settings.callback_networks, ports=settings.callback_port_ranges))
+            )
             subscriptions = Subscriptions(
                 store, run, live.fan_out, network,
                 consent=settings.callback_consent == "on", limit=int(settings.subscriptions_per_client),

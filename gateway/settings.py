@@ -67,6 +67,11 @@ class GatewaySettings:
     callback_allow: str = _setting(
         "LINKED_FLEET_CALLBACK_ALLOW", "", "networks (CIDR) that callbacks may reach although private, comma-separated"
     )
+    callback_ports: str = _setting(
+        "LINKED_FLEET_CALLBACK_PORTS",
+        "80,443,8080,8443",
+        "ports of public addresses that callbacks may reach, such as 443 or 8000-8999, comma-separated",
+    )
     callback_consent: str = _setting(
         "LINKED_FLEET_CALLBACK_CONSENT", "on", "whether a receiver is asked before its first delivery: on or off"
     )
@@ -126,6 +131,7 @@ class GatewaySettings:
                 raise ValueError(
                     f"LINKED_FLEET_CORS_ORIGINS is of origins such as https://twin.example:8443, not {origin!r}"
                 )
+        self.callback_port_ranges  # noqa: B018 -- ValueError
         for network in _items(self.callback_allow):
             try:
                 ip_network(network)
@@ -182,6 +188,11 @@ class GatewaySettings:
         return tuple(ip_network(network) for network in _items(self.callback_allow))
 
     @property
+    def callback_port_ranges(self) -> tuple[range, ...]:
+        """Ports of public receivers; ValueError for what is neither a port nor a range of ports."""
+        return tuple(_ports(item) for item in _items(self.callback_ports))
+
+    @property
     def cors_pages(self) -> tuple[str, ...]:
         """Origins (RFC 6454) of pages elsewhere that may use the fleet."""
         return _items(self.cors_origins)
@@ -207,3 +218,11 @@ class GatewaySettings:
 
 def _items(text: str) -> tuple[str, ...]:
     return tuple(item.strip() for item in text.split(",") if item.strip())
+
+
+def _ports(text: str) -> range:
+    first, _, last = text.partition("-")
+    numbers = [int(each) if re.fullmatch(r"\d{1,5}", each, re.ASCII) else 0 for each in (first, last or first)]
+    if not 1 <= numbers[0] <= numbers[1] <= 65535:
+        raise ValueError(f"LINKED_FLEET_CALLBACK_PORTS is of ports such as 443 or 8000-8999, not {text!r}")
+    return range(numbers[0], numbers[1] + 1)

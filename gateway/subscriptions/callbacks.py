@@ -10,6 +10,7 @@ from gateway.identity.rights import View
 from gateway.observe.counts import Deliveries
 from gateway.subscriptions.courier import Courier
 from gateway.subscriptions.fan_out import FanOut
+from gateway.subscriptions.handshakes import Handshakes
 from gateway.subscriptions.network import Network, Unresolvable
 from gateway.subscriptions.receiver import Receiver
 from gateway.subscriptions.store import Store, StoreUnavailable
@@ -39,6 +40,7 @@ class Callbacks:
         self._couriers: dict[str, Courier] = {}
         self.deliveries = Deliveries()
         self._refused: set[str] = set()
+        self._handshakes = Handshakes()
 
     @property
     def served(self) -> int:
@@ -133,7 +135,7 @@ class Callbacks:
             courier.start_suspended(UNENTITLED)
 
     def _receiver(self, subscription: Subscription) -> Receiver:
-        return Receiver(self._network, subscription.callback, ssl_context=_tls())
+        return Receiver(self._network, subscription.callback, ssl_context=_tls(), handshakes=self._handshakes)
 
 
 @cache

@@ -204,7 +204,7 @@ class Courier:
     async def _agreed(self) -> bool:
         """Wait until deliveries are welcome; whether only those addresses may be used that need no consent."""
         while self._consent_needed and not self.delivery.consented:
-            status, state = None, DeliveryState.AWAITING_CONSENT
+            status, verdict, state = None, Verdict.RETRY, DeliveryState.AWAITING_CONSENT
             try:
                 if await self._receiver.trusted():
                     return True
@@ -217,9 +217,10 @@ class Courier:
                     await self._note()
                     return False
                 status, reason = consent.status, consent.reason
+                verdict = Verdict.REFUSED if consent.refused else Verdict.RETRY
             except (Forbidden, Unresolvable) as error:
                 state, reason = DeliveryState.FAILING, str(error)
-            await self._failed(state, Outcome(Verdict.RETRY, status, None, reason))
+            await self._failed(state, Outcome(verdict, status, None, reason))
         return False
 
     def _headers(self, entry: Entry) -> dict[str, str]:
@@ -256,7 +257,7 @@ class Courier:
         """Note a failure and wait as long as it takes: a while, or until somebody resumes the subscription."""
         self._deliveries.failed += 1
         failures = self.delivery.failures + 1
-        over = outcome.verdict is Verdict.GONE or failures >= SUSPEND_AFTER
+        over = outcome.verdict in (Verdict.GONE, Verdict.REFUSED) or failures >= SUSPEND_AFTER
         self._became(DeliveryState.SUSPENDED if over else state, outcome.status, failures, outcome.reason)
         self._woken.clear()
         await self._note()

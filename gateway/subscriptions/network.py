@@ -20,6 +20,8 @@ Lookup = Callable[[str, int], Iterable[str]]
 """Addresses of a host and port, ``%scope`` included; OSError or ValueError when there are none. May block."""
 
 LONGEST_URL = 2048
+DEFAULT_PORTS = (range(80, 81), range(443, 444), range(8080, 8081), range(8443, 8444))
+"""Ports of public receivers where no setting names others: those of HTTP and their usual alternatives."""
 _RESOLVERS = 8
 
 _CLOSED_V4 = tuple(
@@ -69,16 +71,20 @@ def system_lookup(host: str, port: int) -> list[str]:
 
 
 class Network:
-    """Resolves hosts and judges their addresses. Threads of its own: a dead resolver holds up nothing but callbacks."""
+    """Resolves hosts and judges their addresses. Threads of its own: a dead resolver holds up nothing but callbacks.
+
+    ``ports`` are those of public addresses that may be connected to; in ``allowed`` networks every port may be.
+    """
 
     def __init__(
         self,
         allowed: tuple[IPv4Network | IPv6Network, ...] = (),
         *,
+        ports: tuple[range, ...] = DEFAULT_PORTS,
         lookup: Lookup = system_lookup,
         timeout_s: float = 5.0,
     ) -> None:
-        self._allowed = allowed
+        self._allowed, self._ports = allowed, ports
         self._lookup = lookup
         self._timeout_s = timeout_s
         self._threads = ThreadPoolExecutor(_RESOLVERS, thread_name_prefix="callback-dns")
@@ -90,9 +96,17 @@ class Network:
         """
         found = await self._addresses(host, port)
         judged = (self._judge(text) for text in found)
-        permitted = list(dict.fromkeys(address for address in judged if address is not None))
+        reachable = list(dict.fromkeys(address for address in judged if address is not None))
+        served = any(port in each for each in self._ports)
+        permitted = [address for address in reachable if served or address.allowed]
         if permitted:
             return permitted
+        if reachable:
+            ports = ", ".join(f"{each[0]}-{each[-1]}" if len(each) > 1 else str(each[0]) for each in self._ports)
+            raise Forbidden(
+                f"Callbacks may not reach port {port} of a public address; the operator allows {ports or 'none'} "
+                "(LINKED_FLEET_CALLBACK_PORTS)."
+            )
         if found:
             raise Forbidden(
                 "The callback's host has no address that may be reached: loopback, private, link-local and other "

@@ -10,13 +10,14 @@ import asyncio
 import importlib.metadata
 import ssl
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
 from typing import TYPE_CHECKING
 
 from gateway.lazily import Lazily
+from gateway.subscriptions.handshakes import Handshakes
 from gateway.subscriptions.network import Address, Forbidden, Network, Unresolvable, callback_url
 from gateway.subscriptions.retry import retry_after_s
 
@@ -33,6 +34,8 @@ MOST_ADDRESSES = 4
 _KEEP_ALIVE_S = 4.0
 """Below the 5 s after which common servers hang up, so that requests seldom meet a connection that is being closed."""
 _LONGEST_RATE = 9
+_TRY_AGAIN = (408, 425, 429)
+"""Client errors that ask for another request (RFC 9110, 15.5.9; RFC 8470; RFC 6585)."""
 
 
 class NoConsent(Exception):
@@ -40,11 +43,12 @@ class NoConsent(Exception):
 
 
 class Verdict(StrEnum):
-    """GONE: the receiver wants no more (410). RETRY: everything but a success."""
+    """GONE: the receiver wants no more (410). REFUSED: it was asked for its consent, and its answer is a refusal."""
 
     DELIVERED = "delivered"
     RETRY = "retry"
     GONE = "gone"
+    REFUSED = "refused"
 
 
 @dataclass(frozen=True)
@@ -59,18 +63,24 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Consent:
-    """What the receiver agreed to; ``interval_s``: the least time between deliveries that it asked for."""
+    """The answer to a request for consent.
+
+    ``refused``: the receiver answered, and not with a consent; False where it did not answer or asked for another try.
+    ``interval_s``: the least time between deliveries that it asked for.
+    """
 
     granted: bool
     interval_s: float
     status: int | None
     reason: str
+    refused: bool = False
 
 
 class Receiver:
     """Sends to one URL. Each request resolves it anew, and goes to an address that was judged in this very look-up.
 
-    ValueError if the URL is none that ``callback_url`` takes. Share the ``ssl_context``: making one takes 20 ms.
+    ValueError if the URL is none that ``callback_url`` takes. Share the ``ssl_context``: making one takes 20 ms; share
+    ``handshakes``, or requests for consent are bounded for this receiver alone.
     """
 
     def __init__(
@@ -79,10 +89,12 @@ class Receiver:
         url: str,
         *,
         ssl_context: ssl.SSLContext,
+        handshakes: Handshakes | None = None,
         timeout_s: float = TIMEOUT_S,
         connect_timeout_s: float = 3.0,
     ) -> None:
         self._network = network
+        self._handshakes = handshakes or Handshakes()
         self._url = httpx.URL(callback_url(url))
         self._timeout_s = timeout_s
         # the pool knows connections by address and port alone, not by the name that TLS verified: one pool, one URL
@@ -109,7 +121,7 @@ class Receiver:
         """
         fields = {**headers, "Content-Type": content_type}
         try:
-            response = await self._request("POST", fields, body, allowed_only=allowed_only)
+            response = await self._request("POST", fields, body, lambda address: address.allowed or not allowed_only)
         except (TimeoutError, httpx.TransportError, Forbidden, Unresolvable) as error:
             return Outcome(Verdict.RETRY, None, None, self._why(error))
         return _outcome(response)
@@ -118,12 +130,21 @@ class Receiver:
         """Ask whether deliveries from ``origin``, a DNS name, are welcome (CloudEvents HTTP Web Hooks 1.0.2, 4).
 
         After that each delivery has to carry ``WebHook-Request-Origin`` with the same value: the caller sees to it.
+        Waits until ``handshakes`` let this destination be asked.
         """
         try:
-            response = await self._request("OPTIONS", {"WebHook-Request-Origin": origin}, b"", allowed_only=False)
+            asked = (await self._addresses())[:MOST_ADDRESSES]
+            async with self._handshakes.turn(address.ip for address in asked) as turn:
+                fields = {"WebHook-Request-Origin": origin}
+                response = await self._request("OPTIONS", fields, b"", lambda address: address in asked)
+                consent = _consent(response, origin)
+                turn.granted = consent.granted
+                return consent
+        except NoConsent:
+            reason = "The callback's host changed its address while it was waited for."
+            return Consent(granted=False, interval_s=0.0, status=None, reason=reason)
         except (TimeoutError, httpx.TransportError, Forbidden, Unresolvable) as error:
             return Consent(granted=False, interval_s=0.0, status=None, reason=self._why(error))
-        return _consent(response, origin)
 
     async def trusted(self) -> bool:
         """Whether it needs no consent: all its permitted addresses are in allowed networks. Forbidden, Unresolvable."""
@@ -137,13 +158,16 @@ class Receiver:
         return await self._network.resolve(self._host, self._url.port or (443 if self._url.scheme == "https" else 80))
 
     async def _request(
-        self, method: str, fields: Mapping[str, str], body: bytes, *, allowed_only: bool
+        self, method: str, fields: Mapping[str, str], body: bytes, permitted: Callable[[Address], bool]
     ) -> "httpx.Response":
-        """The answer, closed. Raises TimeoutError, httpx.TransportError, Forbidden, Unresolvable and NoConsent."""
+        """The answer of a permitted address, closed.
+
+        Raises TimeoutError, httpx.TransportError, Forbidden, Unresolvable, and NoConsent if no address is permitted.
+        """
         response = None
         try:
             async with asyncio.timeout(self._timeout_s):
-                addresses = [address for address in await self._addresses() if address.allowed or not allowed_only]
+                addresses = [address for address in await self._addresses() if permitted(address)]
                 if not addresses:
                     raise NoConsent("The receiver has not consented to deliveries.")
                 response = await self._first_reached(addresses, method, fields, body)
@@ -222,10 +246,13 @@ def _outcome(response: "httpx.Response") -> Outcome:
 def _consent(response: "httpx.Response", origin: str) -> Consent:
     status = response.status_code
     if not response.is_success:
-        return Consent(False, 0.0, status, f"The receiver answered the request for consent with status {status}.")
+        later = response.is_server_error or status in _TRY_AGAIN
+        reason = f"The receiver answered the request for consent with status {status}."
+        return Consent(False, 0.0, status, reason, refused=not later)
     allowed = response.headers.get("WebHook-Allowed-Origin", "").strip()
     if allowed != "*" and allowed.lower() != origin.lower():
-        return Consent(False, 0.0, status, f"The receiver sent no WebHook-Allowed-Origin of {origin} or *.")
+        reason = f"The receiver sent no WebHook-Allowed-Origin of {origin} or *."
+        return Consent(False, 0.0, status, reason, refused=True)
     return Consent(True, _interval_s(response.headers.get("WebHook-Allowed-Rate", "")), status, "")
 
 

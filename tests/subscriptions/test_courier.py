@@ -35,6 +35,9 @@ LOOPBACK = (IPv4Network("127.0.0.0/8"),)
 class Outside(Network):
     """Loopback, as if it were out on the Internet: it may be reached, and its receivers must consent."""
 
+    def __init__(self) -> None:
+        super().__init__(lookup=lambda *_: ["127.0.0.1"], ports=(range(1, 65536),))
+
     def _judge(self, text: str) -> Address | None:
         return Address(text, allowed=False)
 
@@ -251,18 +254,19 @@ def test_retry_after_counts_when_it_is_longer_than_the_backoff(
 def test_nothing_is_delivered_before_the_receiver_consents(
     url: str, there: CallbackReceiver, at_once: list[int]
 ) -> None:
+    """A receiver that fails is asked again; one that refuses is asked no more until somebody resumes."""
+
     async def test() -> None:
-        there.script(Answer(500), Answer(204), consents("elsewhere.example"))
+        there.script(Answer(500), Answer(429), consents("elsewhere.example"))
         refusing = Delivery(DeliveryState.AWAITING_CONSENT)
-        async with work(url, there, refusing, Outside(lookup=lambda *_: ["127.0.0.1"])) as at:
-            # 405 to OPTIONS after what is scripted
+        async with work(url, there, refusing, Outside()) as at:
             delivery = await at.in_state(DeliveryState.SUSPENDED)
-            assert delivery.failures == SUSPEND_AFTER
-            assert "405" in delivery.reason
+            assert delivery.failures == 3
+            assert "WebHook-Allowed-Origin" in delivery.reason
             assert not delivery.consented
             at.toy.become(1)
             at.toy.become(2)
-            assert {seen.method for seen in there.log()} == {"OPTIONS"}
+            assert [seen.method for seen in there.log()] == 3 * ["OPTIONS"]
             assert all(seen.headers["webhook-request-origin"] == "fleet.example" for seen in there.log())
             there.consent = consents("fleet.example")
             at.courier.wake()
@@ -271,9 +275,23 @@ def test_nothing_is_delivered_before_the_receiver_consents(
             assert first.headers["webhook-request-origin"] == "fleet.example"
             at.toy.become(3)
             assert numbers(await at.requests(2, "POST")) == [1, 2]
-            assert [seen.method for seen in there.log()] == (SUSPEND_AFTER + 1) * ["OPTIONS"] + 2 * ["POST"]
+            assert [seen.method for seen in there.log()] == 4 * ["OPTIONS"] + 2 * ["POST"]
             record = await at.until(lambda record: record.delivery.last_status == 204, "success")
             assert (record.delivery.state, record.delivery.consented) == (DeliveryState.ACTIVE, True)
+
+    run(test())
+
+
+@pytest.mark.parametrize("answer", [Answer(405), Answer(200), Answer(404), Answer(302, {"Location": "/"})])
+def test_a_refusal_is_an_answer(url: str, there: CallbackReceiver, answer: Answer) -> None:
+    """One request for consent is all that a receiver gets that refuses."""
+
+    async def test() -> None:
+        there.consent = answer
+        async with work(url, there, Delivery(DeliveryState.AWAITING_CONSENT), Outside()) as at:
+            delivery = await at.in_state(DeliveryState.SUSPENDED)
+            assert (delivery.failures, delivery.last_status) == (1, answer.status)
+            assert [seen.method for seen in there.log()] == ["OPTIONS"]
 
     run(test())
 
@@ -282,12 +300,12 @@ def test_while_consent_is_awaited_the_subscription_says_so(url: str, there: Call
     async def test() -> None:
         there.script(Answer(stalls=True))
         waiting = Delivery(DeliveryState.AWAITING_CONSENT)
-        async with work(url, there, waiting, Outside(lookup=lambda *_: ["127.0.0.1"])) as at:
+        async with work(url, there, waiting, Outside()) as at:
             await at.requests(1, "OPTIONS")
             await at.in_state(DeliveryState.AWAITING_CONSENT)
             there.release()
             delivery = (await at.until(lambda record: bool(record.delivery.failures), "a refusal")).delivery
-            assert delivery.state is DeliveryState.AWAITING_CONSENT
+            assert delivery.state is DeliveryState.SUSPENDED
             assert "WebHook-Allowed-Origin" in delivery.reason
             assert there.log(method="POST") == []
 
@@ -297,7 +315,7 @@ def test_while_consent_is_awaited_the_subscription_says_so(url: str, there: Call
 def test_the_rate_that_is_allowed_becomes_an_interval(url: str, there: CallbackReceiver) -> None:
     async def test() -> None:
         there.consent = consents("*", "120")
-        async with work(url, there, network=Outside(lookup=lambda *_: ["127.0.0.1"])) as at:
+        async with work(url, there, network=Outside()) as at:
             await at.requests(1, "POST")
             record = await at.until(lambda record: record.delivery.last_status == 204, "the first delivery")
             assert record.delivery.allowed_interval_s == 0.5
@@ -320,7 +338,7 @@ def test_the_rate_that_is_allowed_is_kept_when_a_delivery_is_repeated(
     async def test() -> None:
         there.consent = consents("*", "1")
         there.script(there.consent, Answer(500), retry_after(0))
-        async with work(url, there, network=Outside(lookup=lambda *_: ["127.0.0.1"])) as at:
+        async with work(url, there, network=Outside()) as at:
             for failures, status in ((1, 500), (2, 503)):
                 record = await at.until(lambda record, n=status: record.delivery.last_status == n, f"a {status}")
                 assert record.delivery.allowed_interval_s == 60.0
@@ -339,7 +357,7 @@ def test_who_lost_the_subscription_while_it_kept_the_rate_delivers_no_more(url: 
 
     async def test() -> None:
         there.consent = consents("*", "20")
-        outside, namespace = Outside(lookup=lambda *_: ["127.0.0.1"]), uuid.uuid4().hex
+        outside, namespace = Outside(), uuid.uuid4().hex
         async with (
             work(url, there, network=outside, namespace=namespace, loses=True) as at,
             Store(url, namespace, "b") as other,
@@ -370,8 +388,9 @@ def test_an_address_that_changes_between_look_and_delivery_is_asked_again(url: s
 
     async def test() -> None:
         looks = itertools.count(1)
-        network = Network(LOOPBACK, lookup=lambda *_: ["8.8.8.8"] if next(looks) == 3 else ["127.0.0.1"])
-        async with work(url, there, network=network) as at:
+        anywhere = (range(1, 65536),)
+        moving = Network(LOOPBACK, lookup=lambda *_: ["8.8.8.8"] if next(looks) == 3 else ["127.0.0.1"], ports=anywhere)
+        async with work(url, there, network=moving) as at:
             delivery = await at.in_state(DeliveryState.AWAITING_CONSENT)
             assert delivery.failures == 1
             assert numbers(await at.requests(1)) == [1]

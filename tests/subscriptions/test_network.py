@@ -50,6 +50,22 @@ def test_an_address_in_the_url_is_judged_like_that_of_a_name(address: str) -> No
         resolve(Network(), host=address)
 
 
+@pytest.mark.parametrize("port", [22, 25, 6379, 8000])
+def test_ports_of_other_services_are_forbidden(port: int) -> None:
+    """A public address is reached at the ports of HTTP alone, unless the operator names others."""
+
+    def at_port(network: Network, port: int) -> list[Address]:
+        with closing(network):
+            return asyncio.run(network.resolve("receiver.example", port))
+
+    with pytest.raises(Forbidden, match=f"port {port} .* allows 80, 443, 8080, 8443 "):
+        at_port(Network(lookup=answering("8.8.8.8")), port)
+    assert at_port(Network(lookup=answering("8.8.8.8"), ports=(range(1, 9000),)), port) == [Address("8.8.8.8", False)]
+    assert at_port(Network(LOOPBACK, lookup=answering("127.0.0.1")), port) == [Address("127.0.0.1", True)]
+    both = Network(LOOPBACK, lookup=answering("8.8.8.8", "127.0.0.1"))
+    assert at_port(both, port) == [Address("127.0.0.1", True)]
+
+
 @pytest.mark.parametrize("address", PUBLIC)
 def test_public_addresses_are_permitted(address: str) -> None:
     assert resolve(Network(lookup=answering(address))) == [Address(address, allowed=False)]

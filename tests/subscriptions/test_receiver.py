@@ -34,7 +34,7 @@ def using(
     connect_timeout_s: float = 3.0,
 ) -> T:
     async def run() -> T:
-        with closing(Network(allowed, lookup=lookup)) as network:
+        with closing(Network(allowed, lookup=lookup, ports=(range(1, 65536),))) as network:
             timeouts = {"timeout_s": timeout_s, "connect_timeout_s": connect_timeout_s}
             receiver = Receiver(network, url, ssl_context=context, **timeouts)
             try:
