@@ -9,12 +9,19 @@ const SCALES = [
 ];
 // Below this the clocks are taken to agree: a Date field has whole seconds.
 const AGREED_MS = 2500;
+const SECOND_MS = 1000;
 let skewMs = 0;
 
-/** Count ages from the clock of the gateway, which its answer tells. */
-export function agree(response) {
+/**
+ * Count ages from the clock of the gateway, which its answer tells.
+ *
+ * @param {Response} response
+ * @param {number} sentMs when it was asked for: the answer was dated between then and now, and may have been slow
+ */
+export function agree(response, sentMs) {
   const theirs = Date.parse(response.headers.get("date") ?? "");
-  const off = Date.now() - theirs;
+  const [least, most] = [sentMs - theirs - SECOND_MS, Date.now() - theirs];
+  const off = least > 0 ? least : Math.min(most, 0);
   skewMs = Math.abs(off) > AGREED_MS ? off : 0;
 }
 

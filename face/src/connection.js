@@ -4,6 +4,7 @@ import { refresh } from "./region.js";
 import { onConnection } from "./socket.js";
 
 const WORDS = {
+  silent: "The gateway has not answered for 5 s: what you see is old. Trying again…",
   lost: "Connection lost: what you see may be old. Trying again…",
   gone: "There is no such resource at present: what you see may be old. Trying again…",
   cancelled: "Somebody cancelled the subscription of this page: what you see is old. Reload to watch again.",

@@ -1,6 +1,7 @@
 // Forms of actions come when somebody opens them: a robot has many.
 
 import { own, ready } from "./form.js";
+import { apply } from "./presence.js";
 
 export function start() {
   // This event does not bubble.
@@ -22,6 +23,7 @@ async function load(details) {
     const inserted = own(fragment).firstElementChild;
     details.append(inserted);
     ready(inserted);
+    apply();
     details.dataset.included = "done";
   } catch (error) {
     delete details.dataset.included; // opening it again tries again

@@ -5,6 +5,7 @@ import * as notice from "./notice.js";
 import * as region from "./region.js";
 import * as age from "./age.js";
 import * as live from "./live.js";
+import * as presence from "./presence.js";
 import * as connection from "./connection.js";
 import * as form from "./form.js";
 import * as act from "./act.js";
@@ -14,7 +15,7 @@ import * as remove from "./remove.js";
 import * as copy from "./copy.js";
 import * as camera from "./camera.js";
 
-for (const part of [stop, notice, region, live, age, connection, form, act, tasks, include, remove, copy, camera]) {
+for (const part of [stop, notice, region, presence, live, age, connection, form, act, tasks, include, remove, copy, camera]) {
   try {
     part.start();
   } catch (error) {

@@ -5,6 +5,7 @@ import uPlot from "uplot";
 import { number } from "./format.js";
 import { follow, reach } from "./live.js";
 import { adopt } from "./region.js";
+import { onConnection } from "./socket.js";
 import { UNKNOWN } from "./vocabulary.js";
 
 const SPAN_S = 60;
@@ -21,6 +22,7 @@ const series = new Map();
 /** @type {Map<Element, Plot>} */
 const plots = new Map();
 const visible = new Set();
+let live = true;
 
 const screen = new IntersectionObserver((entries) => {
   for (const { target, isIntersecting } of entries) visible[isIntersecting ? "add" : "delete"](target);
@@ -30,11 +32,15 @@ const sizes = new ResizeObserver((entries) => entries.forEach(({ target }) => pl
 export function start() {
   adopt(collect);
   follow(take);
+  onConnection((state) => {
+    live = state === "live";
+    if (!live) for (const each of series.values()) each.interrupt(Date.now() / 1000);
+  });
   const slow = matchMedia("(prefers-reduced-motion: reduce)");
   let last = 0;
   setInterval(() => {
     const now = Date.now();
-    if (document.hidden || (slow.matches && now - last < 1000)) return;
+    if (!live || document.hidden || (slow.matches && now - last < 1000)) return;
     last = now;
     requestAnimationFrame(() => visible.forEach((figure) => plots.get(figure)?.draw(Date.now() / 1000)));
   }, PERIOD_MS);
@@ -89,6 +95,11 @@ class Series {
     while (this.times[old + 1] < now - SPAN_S) old++;
     this.times.splice(0, old);
     this.values.splice(0, old);
+  }
+
+  /** End the line: of what nobody heard nothing is drawn. */
+  interrupt(now) {
+    if (this.times.length) this.push(now, null);
   }
 
   push(time, value) {

@@ -42,10 +42,11 @@ export async function refresh() {
 
 async function round() {
   let page;
+  const sentMs = Date.now();
   try {
     const response = await fetch(location.href, { headers: { Accept: "text/html" }, cache: "no-cache" });
     if (!response.ok) return;
-    agree(response);
+    agree(response, sentMs);
     page = new DOMParser().parseFromString(await response.text(), "text/html");
   } catch {
     return; // that the connection is lost is said elsewhere

@@ -1,5 +1,6 @@
 // Subscriptions over WebSocket (gateway/subscriptions/PROTOCOL.md): one connection for all who watch the same.
 
+import * as heartbeat from "./heartbeat.js";
 import { parse } from "./ntriples.js";
 
 const FIRST_PAUSE_MS = 300;
@@ -41,9 +42,10 @@ export function watch(iri, { protocol = "lf.ntriples", interval = 0.1, depth = "
 
 /**
  * Be told how the connections are: `live`, `lost` (and tried again), `gone` if there is no such resource (and tried
- * again, for robots come back), `cancelled` by somebody else, or `forbidden`. At once and when that changes.
+ * again, for robots come back), `cancelled` by somebody else, `forbidden`, or `silent` while they are open and the
+ * gateway does not answer. At once and when that changes.
  *
- * @param {(state: "live"|"lost"|"gone"|"cancelled"|"forbidden") => void} listener
+ * @param {(state: "live"|"lost"|"gone"|"cancelled"|"forbidden"|"silent") => void} listener
  */
 export function onConnection(listener) {
   listeners.add(listener);
@@ -52,7 +54,8 @@ export function onConnection(listener) {
 
 function tell() {
   const states = new Set([...channels.values()].map((channel) => channel.state));
-  const now = ["lost", "gone", "cancelled", "forbidden"].find((state) => states.has(state)) ?? "live";
+  const open = heartbeat.isSilent() ? "silent" : "live";
+  const now = ["lost", "gone", "cancelled", "forbidden"].find((state) => states.has(state)) ?? open;
   if (now === told) return;
   told = now;
   for (const listener of listeners) listener(now);
@@ -92,6 +95,7 @@ class Channel {
     socket.binaryType = "arraybuffer";
     socket.onopen = () => {
       this.failures = 0;
+      heartbeat.heard();
       this.become("live");
     };
     socket.onmessage = ({ data }) => this.take(data);
@@ -104,6 +108,7 @@ class Channel {
   }
 
   take(data) {
+    heartbeat.heard();
     const message = typeof data === "string" ? parse(data) : data;
     if (typeof data === "string") this.version = message.value(new URL(this.address.pathname, document.baseURI).href, VERSION)?.value;
     this.last = message;
@@ -174,6 +179,8 @@ async function statusOf(path) {
 function all(what) {
   for (const channel of [...channels.values()]) channel[what]();
 }
+
+heartbeat.start(() => channels.size > 0, tell);
 
 let hiding;
 document.addEventListener("visibilitychange", () => {

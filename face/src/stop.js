@@ -1,6 +1,9 @@
 // The stop button. It depends on nothing else of the page: whatever fails there, this works.
 
 const AGAIN_MS = 600;
+const ANSWER_MS = 3000;
+const HARDWARE = "Use the emergency stop at the robot itself.";
+let latest;
 
 export function start() {
   const form = document.querySelector("form.stop");
@@ -22,7 +25,11 @@ export function start() {
 }
 
 async function stop(form, output) {
-  say(output, "waiting", "Stopping…");
+  const mine = (latest = Symbol("stop"));
+  const tell = (state, text) => mine === latest && say(output, state, text);
+  tell("waiting", "Stopping…");
+  // The request goes on: a late answer is told as well.
+  const late = setTimeout(() => tell("error", `Nobody has answered the stop for 3 s. ${HARDWARE}`), ANSWER_MS);
   try {
     const response = await fetch(form.dataset.action, {
       method: "POST",
@@ -31,14 +38,22 @@ async function stop(form, output) {
       priority: "high",
       cache: "no-store",
     });
-    if (response.ok) {
-      say(output, "done", `Stop accepted at ${new Date().toLocaleTimeString("en-GB")}.`);
-      return;
-    }
-    const { title, detail } = await response.json();
-    say(output, "error", `Not stopped: ${title}. ${detail}`);
+    if (response.ok) tell("done", `Stop accepted at ${new Date().toLocaleTimeString("en-GB")}.`);
+    else tell("error", `Not stopped: ${await reason(response)} ${HARDWARE}`);
   } catch {
-    say(output, "error", "Not stopped: the gateway did not answer.");
+    tell("error", `Not stopped: the gateway did not answer. ${HARDWARE}`);
+  } finally {
+    clearTimeout(late);
+  }
+}
+
+/** A front's error page has no problem details. */
+async function reason(response) {
+  try {
+    const { title, detail } = await response.json();
+    return `${title}. ${detail}`;
+  } catch {
+    return `status ${response.status}.`;
   }
 }
 

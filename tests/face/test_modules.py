@@ -118,3 +118,35 @@ def test_nodes_that_share_nodes_are_read_once(module: Page) -> None:
         [said.replace("VALUE", "1"), said.replace("VALUE", "2"), said.replace("VALUE", "1").replace("_:b", "_:c")],
     )
     assert same[0] == same[2] != same[1]
+
+
+@pytest.mark.parametrize(
+    ("sent_s", "received_s", "dated_s", "text"),
+    [
+        (0, 0.1, 0, "5.0 s ago"),
+        (-6, 0, -6, "5.0 s ago"),  # an answer that took six seconds
+        (-6, 0, -1, "5.0 s ago"),
+        (0, 0, -60, "in 54 s"),  # the clock of the gateway is a minute late, and the value newer than its answer
+        (0, 0, 60, "1 min ago"),
+    ],
+)
+def test_a_slow_answer_is_no_clock_that_differs(
+    module: Page, sent_s: float, received_s: float, dated_s: float, text: str
+) -> None:
+    """Ages are counted from the gateway's clock only if its Date cannot lie between request and answer."""
+    shown = module.evaluate(
+        """async ([sent, received, dated]) => {
+            const age = await import("/age.js");
+            const now = Date.parse("2026-11-22T12:00:00Z");
+            Date.now = () => now + received * 1000;
+            const date = new Date(now + dated * 1000).toUTCString();
+            age.agree({ headers: new Headers({ date }) }, now + sent * 1000);
+            Date.now = () => now;
+            const time = document.createElement("time");
+            time.dateTime = new Date(now - 5000).toISOString();
+            age.refresh(time);
+            return time.textContent;
+        }""",
+        [sent_s, received_s, dated_s],
+    )
+    assert shown == text

@@ -1,0 +1,69 @@
+// Whether the gateway answers. A connection to a gateway that hangs stays open, and no script sees the pings on it.
+
+const PERIOD_MS = 500;
+const ASK_AFTER_MS = 2000;
+export const SILENT_MS = 5000;
+
+let heardMs = 0;
+let tickedMs = 0;
+let asking = false;
+let silent = false;
+let report = () => {};
+
+/** Note that the gateway has just said something. */
+export function heard() {
+  heardMs = performance.now();
+  if (silent) become(false);
+}
+
+/**
+ * Ask the gateway whenever it has said nothing for two seconds while somebody looks at the page.
+ *
+ * @param {() => boolean} needed whether the page follows anything at present
+ * @param {() => void} changed is called when `isSilent` has another value
+ */
+export function start(needed, changed) {
+  report = changed;
+  heardMs = tickedMs = performance.now();
+  setInterval(() => tick(needed()), PERIOD_MS);
+}
+
+/** Whether nothing was heard for five seconds. */
+export function isSilent() {
+  return silent;
+}
+
+function tick(needed) {
+  const now = performance.now();
+  // A page that did not run, as in a hidden tab or on a machine that slept, has heard nothing because of that.
+  if (now - tickedMs > ASK_AFTER_MS || document.hidden || !needed) heardMs = Math.max(heardMs, now - ASK_AFTER_MS);
+  tickedMs = now;
+  if (document.hidden || !needed) {
+    if (silent) become(false);
+    return;
+  }
+  if (now - heardMs >= ASK_AFTER_MS) ask();
+  if (!silent && now - heardMs >= SILENT_MS) become(true);
+}
+
+/** One request at a time, so that a gateway that hangs does not use up the connections that Stop needs. */
+async function ask() {
+  if (asking) return;
+  asking = true;
+  try {
+    const { pathname } = new URL(document.body.dataset.root, document.baseURI);
+    const fields = { method: "HEAD", cache: "no-store", headers: { accept: "text/event-stream" } };
+    const { status } = await fetch(pathname, { ...fields, signal: AbortSignal.timeout(SILENT_MS) });
+    // A front answers in place of a gateway that does not.
+    if (status < 500) heard();
+  } catch {
+    // No answer is what `tick` looks for.
+  } finally {
+    asking = false;
+  }
+}
+
+function become(state) {
+  silent = state;
+  report();
+}

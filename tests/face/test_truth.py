@@ -1,0 +1,110 @@
+"""Pages say what they do not know: a gateway that hangs, an answer that is late, a robot that left."""
+
+import re
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from browser import VOM
+from playwright.sync_api import Page, expect
+from running import eventually
+from several import Gateway, Hub, gateway, hub
+from small_fleet import Place, live
+
+pytestmark = pytest.mark.fleet
+
+
+@pytest.fixture
+def toy() -> Iterator[tuple[Hub, Gateway]]:
+    """A robot with one joint that the test plays, and a gateway."""
+    with hub() as there, gateway(there) as one:
+        yield there, one
+
+
+def test_a_gateway_that_hangs_is_told_from_one_with_no_news(
+    page: Page,
+    watched: "Watched",  # noqa: F821
+    toy: tuple[Hub, Gateway],
+) -> None:
+    """A connection that stays open to a stopped process is called silent; values are grey until it goes on."""
+    robot, one = toy
+    page.goto(one.joint)
+    robot.step()
+    value = page.locator(f'data[data-subject="{one.rotation}"][data-path$="{VOM.numericalValue}"]').first
+    expect(value).to_have_text(f"{robot.angle:g}")
+    weight = "element => getComputedStyle(element.closest('.quantity')).filter"
+    assert value.evaluate(weight) == "none"
+    one.process.send(signal.SIGSTOP)
+    try:
+        connection = page.locator("#connection")
+        expect(connection).to_have_text(re.compile("has not answered for 5 s: what you see is old"))
+        assert "grayscale" in str(value.evaluate(weight))
+    finally:
+        one.process.send(signal.SIGCONT)
+    expect(connection).to_be_hidden()
+    robot.step()
+
+    def followed() -> bool:
+        robot.repeat()  # a frame is lost while the gateway connects to the robot again
+        return value.text_content() == f"{robot.angle:g}"
+
+    eventually(followed, "the page follows again")
+    watched.forgive("Failed to load resource")
+
+
+def test_a_page_that_is_left_alone_stays_live(page: Page, watched: object, toy: tuple[Hub, Gateway]) -> None:
+    """A robot that stands still is no gateway that hangs: the page asks, and its answer counts."""
+    _, one = toy
+    page.clock.install()
+    page.goto(one.joint)
+    expect(page.locator("body")).to_have_attribute("data-connection", "live")
+    for _ in range(20):
+        with page.expect_response(lambda answer: answer.request.method == "HEAD"):
+            page.clock.run_for(2500)
+        expect(page.locator("body")).to_have_attribute("data-connection", "live")
+
+
+def test_stop_says_that_nobody_answers(
+    page: Page,
+    watched: "Watched",  # noqa: F821
+    toy: tuple[Hub, Gateway],
+) -> None:
+    """After three seconds it points to the hardware, and tells the late answer; the button stays where it is."""
+    _, one = toy
+    page.goto(one.joint)
+    button, said = page.locator("form.stop button"), page.locator("form.stop output")
+    place = button.bounding_box()
+    one.process.send(signal.SIGSTOP)
+    try:
+        button.click()
+        expect(said).to_have_text("Stopping…")
+        assert button.bounding_box() == place
+        expect(said).to_contain_text("Nobody has answered the stop for 3 s. Use the emergency stop")
+        assert button.bounding_box() == place
+    finally:
+        one.process.send(signal.SIGCONT)
+    expect(said).to_contain_text("Stop accepted")
+    assert button.bounding_box() == place
+    watched.forgive("Failed to load resource")
+
+
+def test_nothing_can_be_sent_to_a_robot_that_is_offline(page: Page, watched: object, tmp_path: Path) -> None:
+    """Its numbers are no longer bold, and the form of an action says why it is closed, until the robot is back."""
+    place = Place(tmp_path)
+    with place.gateway() as (_, browser):
+        with place.ur5() as agent:
+            live(browser, "ur5")
+            page.goto(browser.part("ur5", "elbow_joint").url)
+            details = page.locator("details.action").first
+            details.locator("summary").click()
+            send = details.locator("form.invoke button[type=submit]").first
+            expect(send).to_be_enabled()
+            agent.send(signal.SIGKILL)
+            expect(send).to_be_disabled()
+            expect(details).to_contain_text("The robot is offline: nothing can be sent to it.")
+            number = page.locator("#lead .figure data").first
+            assert number.evaluate("each => getComputedStyle(each).fontWeight") == "400"
+        with place.ur5():
+            expect(send).to_be_enabled()
+            expect(details).not_to_contain_text("is offline")
