@@ -31,7 +31,6 @@ from gateway.observe.tracing import Tracing, open_tracing
 from gateway.session import trust
 from gateway.settings import GatewaySettings
 from gateway.store.connection import BadUrl
-from gateway.store.embedded import EmbeddedError
 from telemetry.spans import TracingUnavailable
 
 _DRAIN_S = 5  # for requests under way; 2 s may go by before a robot that does not answer is given up
@@ -88,7 +87,7 @@ def main() -> int:
     sys.setswitchinterval(_SWITCH_S)
     try:
         return uvloop.run(_serve(settings, listener, certificate, tracing))
-    except (LinkError, EmbeddedError, BadUrl, BadRoster) as error:
+    except (LinkError, BadUrl, BadRoster) as error:
         print(f"gateway: {error}", file=sys.stderr)
         return 1
     finally:

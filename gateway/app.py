@@ -58,7 +58,8 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None) -> Sta
                 History(live.fleet, span_s, rate_hz, int(settings.history_mb) * 10**6)
             )
             live.add(*(histories(history) if span_s else ()))
-            url = settings.redis_url or (await stack.enter_async_context(Embedded(settings.state_path))).url
+            embedded = app.state.embedded = None if settings.redis_url else Embedded(settings.state_path)
+            url = settings.redis_url if embedded is None else (await stack.enter_async_context(embedded)).url
             run = new_run()
             app.state.audit = await stack.enter_async_context(Audit(url, settings.namespace))
             app.state.identities = None
@@ -93,7 +94,9 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None) -> Sta
             )  # fmt: skip
             app.state.rules = await stack.enter_async_context(rules)
             sampler = await stack.enter_async_context(Sampler(live.fleet))
-            app.state.registry = registry(Numbers(live, subscriptions, app.state.actions, requests, sampler, history))
+            app.state.registry = registry(
+                Numbers(live, subscriptions, app.state.actions, requests, sampler, history, embedded)
+            )
             yield
 
     requests, rates = Requests(), Rates(float(settings.requests_per_client))

@@ -58,6 +58,9 @@ class Memory:
             await self._load()
         except StoreUnavailable as error:  # ``news`` says "lost" as soon as it is there
             log.warning("the store is away, nothing is remembered yet: %s", error)
+        except Exception:
+            # The boundary: whatever is in Redis, a gateway starts and stops robots.
+            log.exception("invocations, leases or settings cannot be read; the gateway starts without them")
         for task in (self._listen, self._save, self._look, self._watch):
             self._tasks.append(asyncio.create_task(self._for_ever(task), name=f"memory {task.__name__}"))
         return self

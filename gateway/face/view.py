@@ -54,7 +54,8 @@ FORMATS: Mapping[str, tuple[str, str]] = {
 @dataclass(frozen=True)
 class View:
     """``crumbs`` are names with IRIs, the last without; ``stop`` is whom the Stop button stops, and by which action;
-    ``reader`` is who has logged in, ``audit`` where one who may reads what was done."""
+    ``reader`` is who has logged in, ``audit`` where one who may reads what was done;
+    ``warning`` is about the gateway."""
 
     iri: str
     query: str
@@ -75,6 +76,7 @@ class View:
     others: Sequence[Described]
     reader: str
     audit: str
+    warning: str
 
     @property
     def formats(self) -> list[tuple[str, str, str]]:
@@ -121,6 +123,7 @@ def view_of(resource: Resource, triples: Sequence[Triple], base: str) -> View:
         others=[described(facts, each) for each in facts.outline.headings if each != iri and each not in part.done],
         reader=resource.reader,
         audit=facts.root + AUDIT[1:] if AUDIT in resource.own else "",
+        warning=resource.warning,
     )
 
 

@@ -64,6 +64,8 @@ class Resource:
     """Whether its page sends a form without a script."""
     reader: str = ""
     """Who has logged in and reads it as a page, which says so."""
+    warning: str = ""
+    """One sentence about the gateway that its page shows."""
 
     @property
     def linkset(self) -> str:

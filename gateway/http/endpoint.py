@@ -67,6 +67,7 @@ from gateway.http.turns import Turns
 from gateway.http.world import posed, post_object, put_object
 from gateway.identity.rights import Right
 from gateway.live import Live
+from gateway.observe.health import store_warning
 from gateway.query.description import Endpoint, PostQuery
 from gateway.rules.description import ChangeRule, MakeRule
 from gateway.subscriptions.service import Subscriptions
@@ -194,6 +195,8 @@ async def _find(connection: HTTPConnection, base: str) -> Resource | Redirect:
         return found
     if getattr(connection.state, "session", None):
         found = replace(found, reader=caller_of(connection).name)
+    if warning := store_warning(connection.app.state):
+        found = replace(found, warning=warning)
     return with_audit(connection, found)
 
 
@@ -319,7 +322,7 @@ async def _read_query(request: Request, resource: Resource, endpoint: Endpoint, 
     answer = await read_query(request, endpoint, base)
     if isinstance(answer, Response):
         return answer
-    described = replace(answer, reader=resource.reader)
+    described = replace(answer, reader=resource.reader, warning=resource.warning)
     check_preconditions(request, described, base)
     return _read(request, described, base)
 

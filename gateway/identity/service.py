@@ -55,9 +55,14 @@ class Identities:
         self._tasks: list[asyncio.Task[None]] = []
 
     async def __aenter__(self) -> Self:
-        with suppress(StoreUnavailable):
+        try:
             await self.key.get()
             await self._ended.look()
+        except StoreUnavailable as error:  # both are asked again when a session comes
+            log.warning("the store is away, sessions cannot be checked yet: %s", error)
+        except Exception:
+            # The boundary: whatever is in Redis, a gateway starts and stops robots.
+            log.exception("sessions that have ended cannot be read; the gateway starts without them")
         for task, what in ((self._look_for_ever, "look at identities"), (self._hear_for_ever, "hear of logouts")):
             self._tasks.append(asyncio.create_task(task(), name=what))
         return self

@@ -1,10 +1,13 @@
-"""Whether a gateway lives, and whether it can do all of its work."""
+"""Liveness and readiness of a gateway, and what its operator should know besides."""
 
 from collections.abc import Iterator
 from typing import Any
 
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
+
+from gateway.store.damage import statement
+from gateway.store.embedded import Embedded
 
 
 async def live(request: Request) -> Response:
@@ -13,11 +16,21 @@ async def live(request: Request) -> Response:
 
 
 async def ready(request: Request) -> Response:
-    """200, or 503 with what is missing: the robots' side, Redis, or the will to go on."""
-    missing = list(_missing(request.app.state))
+    """200, or 503 with what is missing: the robots' side, Redis, or the will to go on.
+
+    Damaged data of the embedded server are a warning: the gateway serves everything, and ``stop`` above all.
+    """
+    missing, warning = list(_missing(request.app.state)), store_warning(request.app.state)
+    warnings = {"warnings": [warning]} if warning else {}
     if missing:
-        return JSONResponse({"status": "not ready", "reasons": missing}, 503)
-    return JSONResponse({"status": "ready"})
+        return JSONResponse({"status": "not ready", "reasons": missing, **warnings}, 503)
+    return JSONResponse({"status": "ready", **warnings})
+
+
+def store_warning(state: Any) -> str:
+    """One sentence about data that the embedded server could not load; empty if there are none."""
+    embedded: Embedded | None = state.embedded
+    return "" if embedded is None else statement(embedded.set_aside)
 
 
 def _missing(state: Any) -> Iterator[str]:

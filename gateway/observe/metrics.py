@@ -17,6 +17,7 @@ from gateway.history.recorder import History
 from gateway.live import Live
 from gateway.observe.counts import Histogram, Requests
 from gateway.observe.sampler import Sampler
+from gateway.store.embedded import Embedded
 from gateway.subscriptions.service import Subscriptions
 
 _PREFIX = "linked_fleet_"
@@ -46,6 +47,7 @@ class Numbers(Collector):
     requests: Requests
     sampler: Sampler
     history: History
+    embedded: Embedded | None
 
     def collect(self) -> Iterator[Metric]:
         yield from self._of_robots()
@@ -56,6 +58,8 @@ class Numbers(Collector):
         yield _gauge("history_bytes", "Memory of the histories of all robots.", self.history.bytes)
         yield _gauge("history_samples", "Samples in the histories of all robots.", self.history.samples)
         yield _gauge("redis_up", "Whether Redis answers.", self.subscriptions.store_answers)
+        set_aside = len(self.embedded.set_aside) if self.embedded else 0
+        yield _gauge("redis_data_set_aside", "Folders of data that the embedded server could not load.", set_aside)
         yield _gauge("zenoh_up", "Whether robots can be heard.", self.live.link.joined)
 
     def _of_robots(self) -> Iterator[Metric]:

@@ -68,6 +68,9 @@ class Rules:
             await self._load()
         except StoreUnavailable as error:  # ``news`` says so as soon as it is there
             log.warning("the store is away, no rule is known yet: %s", error)
+        except Exception:
+            # The boundary: whatever is in Redis, a gateway starts and stops robots.
+            log.exception("rules cannot be read; the gateway starts without them")
         for task, what in ((self._keep, "serve rules"), (self._hear, "hear of rules")):
             self._tasks.append(asyncio.create_task(self._for_ever(task), name=what))
         return self

@@ -34,8 +34,10 @@ _UNREACHABLE = (
     exceptions.ReadOnlyError, exceptions.OutOfMemoryError, exceptions.TryAgainError, exceptions.AskError,
     OSError, TimeoutError,
 )  # fmt: skip
-# Errors without a class; the last two are those of a server that is no longer master.
-_NOT_NOW = ("MISCONF", "NOREPLICAS", "BUSY ", "LOADING", "CLUSTERDOWN", "MASTERDOWN", "UNBLOCKED", "WAIT cannot")
+# Errors without a class. WRONGTYPE: our keys hold what we did not write, because the data are damaged or somebody else
+# uses them. The last two are those of a server that is no longer master.
+_NOT_NOW = ("MISCONF", "NOREPLICAS", "BUSY ", "LOADING", "CLUSTERDOWN", "MASTERDOWN", "WRONGTYPE", "UNBLOCKED",
+            "WAIT cannot")  # fmt: skip
 # Words for writing to a connection that has just been lost: uvloop's, and those of redis-py, whose client of a cluster
 # closes all connections when one of them fails, also those that others are about to write to.
 _CLOSED = ("the handler is closed", "'NoneType' object has no attribute 'writelines'")
@@ -43,7 +45,8 @@ _DURABLE = {"appendonly": "yes", "appendfsync": "always"}
 
 
 class StoreUnavailable(Exception):  # noqa: N818 -- a state of the world, not a defect
-    """Redis does not serve: unreachable, loading, read-only, or without memory or a replica that should answer.
+    """Redis does not serve: unreachable, loading, read-only, with damaged data, or without memory or a replica that
+    should answer.
 
     Whether the command ran is unknown.
     """

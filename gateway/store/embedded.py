@@ -3,6 +3,9 @@
 Two locks of the folder keep it to one server. ``lock`` is held by a gateway while it looks for a server or starts one.
 ``server.lock`` is inherited by the server and so held as long as that lives, even by one that hangs or still shuts
 down: two servers on the same data would spoil it.
+
+Data that the server cannot load are set aside (``gateway/store/damage.py``), so that a gateway does not lack Redis for
+ever. Without any server a gateway serves as during an outage of Redis.
 """
 
 import asyncio
@@ -18,16 +21,19 @@ import sys
 import tempfile
 import time
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Self
 from urllib.parse import quote
 
 from gateway.ending import end
+from gateway.store import damage
 
 _log = logging.getLogger(__name__)
 
+_OPENING_S = 5.0  # for a server, before the gateway serves without one
+_LOOK_S = 10.0  # between two looks for data that are set aside: an operator may move them away
 _PATIENCE_S = 30.0  # for another gateway's start, an ending server's data and the loading of ours
 _FAREWELL_S = 5.0
 _ANSWER_S = 1.0
@@ -35,55 +41,82 @@ _POLL_S = 0.01
 _PAUSES_S = (0.1, 0.2, 0.5, 1.0, 2.0)  # between a server's end and the look for another; longer after each failure
 _SOCKET_BYTES = 100  # of the path; the least limit of an operating system is 103
 _PDEATHSIG = 1  # PR_SET_PDEATHSIG of Linux's prctl
+_ENDED_BY_OTHERS = {0, -signal.SIGTERM, -signal.SIGINT, -signal.SIGKILL}  # the last one also for lack of memory
+_STARTS = 2  # on the same data, before these are to blame for an end
 
 
 class EmbeddedError(Exception):
     """The embedded server cannot be started. One line for a human."""
 
 
+class _EndedError(EmbeddedError):
+    """The server ended before it served."""
+
+    def __init__(self, words: str, code: int) -> None:
+        super().__init__(f"the embedded server ended by itself: {words}")
+        self.code = code
+
+
 class Embedded:
     """A server with its data in ``state_dir``, as an async context manager; another gateway's is shared.
 
-    While it is open a server that ends, perhaps with the gateway that started it, is replaced on the same data. To be
-    entered in the main thread: the server ends with the thread that started it. Raises EmbeddedError on entry.
+    While it is open a server that ends, perhaps with the gateway that started it, is replaced on the same data, and one
+    that could not be started is tried again. ``set_aside`` names data that could not be loaded and are still kept.
+    To be entered in the main thread: the server ends with the thread that started it.
     """
 
     def __init__(self, state_dir: Path) -> None:
         self._dir = state_dir.absolute()
         self._socket = _socket_path(self._dir)
         self._child: subprocess.Popen[bytes] | None = None
-        self._supervision: asyncio.Task[None] | None = None
+        self._tasks: list[asyncio.Task[None]] = []
+        self._tried = asyncio.Event()
+        self.set_aside: tuple[str, ...] = ()
 
     @property
     def url(self) -> str:
         return f"unix://{quote(str(self._socket))}"
 
     async def __aenter__(self) -> Self:
+        self._tried.clear()
+        tasks = ((self._supervise, "supervise the embedded server"), (self._look, "look for data that are set aside"))
+        self._tasks = [asyncio.create_task(task(), name=name) for task, name in tasks]
         try:
-            await self._ensure()
+            async with asyncio.timeout(_OPENING_S):
+                await self._tried.wait()
+        except TimeoutError:
+            _log.warning("the embedded server is not ready yet; the gateway starts without it")
         except BaseException:
-            await self._end()
+            await self.__aexit__()
             raise
-        self._supervision = asyncio.create_task(self._supervise())
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        assert self._supervision is not None
-        await end([self._supervision])
+        await end(self._tasks)
         await self._end()
 
     async def _supervise(self) -> None:
         failures = 0
         while True:
-            await _ended(self._socket)
-            await asyncio.sleep(_PAUSES_S[min(failures, len(_PAUSES_S) - 1)])
             try:
                 await self._ensure()
                 failures = 0
             except EmbeddedError as error:
                 if failures == 0:  # not with every attempt
-                    _log.error("subscriptions are not stored: %s", error)
+                    _log.error("the gateway has no Redis, and tries again: %s", error)
                 failures += 1
+            self._tried.set()
+            await _ended(self._socket)
+            await asyncio.sleep(_PAUSES_S[min(failures, len(_PAUSES_S) - 1)])
+
+    async def _look(self) -> None:
+        while True:
+            with suppress(OSError):  # supervision reports a folder that cannot be used
+                names = await asyncio.to_thread(damage.kept_aside, self._dir)
+                if set(names) - set(self.set_aside):  # by an earlier run, or by another gateway
+                    _log.warning("%s State folder: %s", damage.statement(names), self._dir)
+                self.set_aside = names
+            await asyncio.sleep(_LOOK_S)
 
     async def _ensure(self) -> None:
         """Find a server that answers, or start one."""
@@ -99,22 +132,47 @@ class Embedded:
             ) from None
 
     async def _answered(self) -> None:
+        for attempt in range(1, _STARTS + 1):
+            try:
+                return await self._serving()
+            except _EndedError as ended:
+                if attempt == _STARTS:
+                    await self._serve_without_data(ended)
+
+    async def _serving(self) -> None:
         deadline, started = time.monotonic() + _PATIENCE_S, False
         while (answer := await _answer(self._socket)) != b"+PONG":
             if answer is None and not started:
                 await self._start()
                 started = True
-            elif self._child is not None and self._child.poll() is not None:
-                raise EmbeddedError(f"the embedded server ended by itself: {_last_line(self._dir / 'valkey.log')}")
+            elif started and self._child is not None and (code := self._child.poll()) is not None:
+                raise _EndedError(_last_line(self._dir / "valkey.log"), code)
             if time.monotonic() > deadline:
                 raise EmbeddedError(f"the embedded server does not answer: {(answer or b'').decode()}")
             await asyncio.sleep(_POLL_S)
+
+    async def _serve_without_data(self, ended: _EndedError) -> None:
+        """Start without the data if these are to blame, which is so if a server without them starts."""
+        if ended.code in _ENDED_BY_OTHERS or (aside := damage.set_aside(self._dir)) is None:
+            raise ended
+        try:
+            await self._serving()
+        except _EndedError:
+            damage.put_back(self._dir, aside)
+            raise
+        self._report(str(ended))
+
+    def _report(self, reason: str) -> None:
+        self.set_aside = damage.kept_aside(self._dir)
+        _log.error("%s State folder: %s. Reason: %s", damage.statement(self.set_aside), self._dir, reason)
 
     async def _start(self) -> None:
         async with _locked(self._dir / "server.lock", "the server before has not ended") as lock:
             if self._child is not None:
                 self._child.wait()  # the lock says that it has ended
             self._socket.unlink(missing_ok=True)
+            if damage.lacks_manifest(self._dir) and damage.set_aside(self._dir):
+                self._report("files of data without a manifest")
             self._child = _spawn([_program(), *_configuration(self._dir, self._socket)], lock)
         _log.info("started the embedded server, its data is in %s", self._dir)
 

@@ -40,6 +40,9 @@ class Objects:
             await self._load()
         except StoreUnavailable as error:  # it is loaded as soon as it is there
             log.warning("the store is away, the objects of the world are not known yet: %s", error)
+        except Exception:
+            # The boundary: whatever is in Redis, a gateway starts and stops robots.
+            log.exception("the objects of the world cannot be read; the gateway starts without them")
         self._following = asyncio.create_task(self._follow_for_ever(), name="follow objects")
         return self
 

@@ -235,7 +235,7 @@ def sample(http: httpx.Client, name: str, default: float | None = None, **labels
 def test_a_gateway_that_ends_is_not_ready() -> None:
     """Asked on a connection that is still open: it takes no new ones."""
     up = SimpleNamespace(link=SimpleNamespace(joined=True), store_answers=True)
-    app = SimpleNamespace(state=SimpleNamespace(live=up, subscriptions=up, draining=True))
+    app = SimpleNamespace(state=SimpleNamespace(live=up, subscriptions=up, embedded=None, draining=True))
     answer = asyncio.run(ready(Request({"type": "http", "app": app})))
     assert (answer.status_code, json.loads(answer.body)["reasons"]) == (503, ["the gateway is ending"])
 

@@ -1,0 +1,57 @@
+"""Data that the embedded server cannot load: renamed and kept beside the new ones, never deleted."""
+
+import shutil
+import time
+from pathlib import Path
+
+DATA = "appendonlydir"
+"""Folder of the append-only file, as Valkey names it."""
+FORGOTTEN = (
+    "subscriptions and messages that were not delivered, invocations, idempotency keys, control leases, settings and "
+    "annotations of robots, objects of the world, rules, sessions and the audit"
+)
+"""Everything that gateways keep in Redis."""
+_DAMAGED = f"{DATA}.damaged-"
+_MANIFEST = "appendonly.aof.manifest"
+
+
+def lacks_manifest(state_dir: Path) -> bool:
+    """Return True for files of data without a manifest: Valkey would ignore them without a word and start empty.
+
+    The first file that it writes precedes the manifest, and holds nothing yet.
+    """
+    data = state_dir / DATA
+    return any(data.glob("*.incr.aof")) and not (data / _MANIFEST).exists()
+
+
+def set_aside(state_dir: Path) -> Path | None:
+    """Rename the data; return their new path, or None if there are none. Raises OSError."""
+    data = state_dir / DATA
+    stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
+    names = (f"{_DAMAGED}{stamp}{suffix}" for suffix in ("", *(f"-{number}" for number in range(1, 1000))))
+    target = next(path for name in names if not (path := state_dir / name).exists())
+    try:
+        return data.rename(target)
+    except FileNotFoundError:
+        return None
+
+
+def put_back(state_dir: Path, aside: Path) -> None:
+    """Undo ``set_aside``. Data of a server that was started meanwhile and never served are deleted. Raises OSError."""
+    shutil.rmtree(state_dir / DATA, ignore_errors=True)
+    aside.rename(state_dir / DATA)
+
+
+def kept_aside(state_dir: Path) -> tuple[str, ...]:
+    """Names of the folders that were set aside and are still there, oldest first. Raises OSError."""
+    return tuple(sorted(path.name for path in state_dir.iterdir() if path.name.startswith(_DAMAGED)))
+
+
+def statement(names: tuple[str, ...]) -> str:
+    """One sentence for people; empty if nothing is set aside."""
+    if not names:
+        return ""
+    return (
+        f"The embedded server could not load its data and started without them. They are kept in the state folder as "
+        f"{', '.join(names)}. Forgotten are {FORGOTTEN}. Delete or move that folder to end this warning."
+    )
