@@ -18,6 +18,8 @@ SEED ?= $(shell date +%s)
 MINUTES ?= 60
 COMPOSE ?=
 BENCH_ARGS ?=
+# A test that fails is run once more, and named at the end (tests/second_try.py); one that fails twice is a failure.
+SECOND_TRY := --reruns 1
 CADDY ?= $(or $(shell command -v caddy),$(CURDIR)/build/caddy/usr/bin/caddy)
 BIN := .venv/bin
 ASSETS := gateway/face/assets/manifest.json
@@ -45,7 +47,7 @@ demo: .venv/stamp $(ASSETS)
 	@$(BIN)/python -m demo --port $(PORT)
 
 test: .venv/stamp $(ASSETS) $(NODE_WOT) chromium egl
-	$(BIN)/python -m pytest -n 3 --dist loadscope --no-loadscope-reorder $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -n 3 --dist loadscope --no-loadscope-reorder $(SECOND_TRY) $(PYTEST_ARGS)
 
 # For the tests of the pages. Those say so and fail where it cannot be had.
 chromium:
@@ -62,7 +64,7 @@ egl:
 	  echo "EGL cannot be installed here; the tests of pictures are skipped: apt install libegl1 libgl1 libgl1-mesa-dri"; }
 
 test-fast: .venv/stamp $(ASSETS) $(NODE_WOT)
-	$(BIN)/python -m pytest -n 2 --dist loadscope --no-loadscope-reorder -m "not fleet" --ignore tests/fleet --ignore tests/requirements --ignore tests/subscriptions --ignore tests/store --ignore tests/things --ignore tests/face --ignore tests/bench --ignore tests/fuzz --ignore tests/test_demo.py $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -n 2 --dist loadscope --no-loadscope-reorder $(SECOND_TRY) -m "not fleet" --ignore tests/fleet --ignore tests/requirements --ignore tests/subscriptions --ignore tests/store --ignore tests/things --ignore tests/face --ignore tests/bench --ignore tests/fuzz --ignore tests/test_demo.py $(PYTEST_ARGS)
 
 check: .venv/stamp .venv-bare/stamp
 	$(BIN)/ruff check .

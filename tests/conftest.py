@@ -13,6 +13,7 @@ import hypothesis
 import pytest
 from browser import Browser, all_live
 from running import Process, eventually, free_port, process
+from second_try import pytest_terminal_summary  # noqa: F401 - a hook
 from xdist.remote import Producer
 from xdist.scheduler.loadscope import LoadScopeScheduling
 
@@ -92,10 +93,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=rank)
 
 
-@pytest.hookimpl(trylast=True)
-def pytest_runtest_teardown(nextitem: pytest.Item | None) -> None:
-    """A third of a core is free for the other tests as soon as all that need the fleet have had it."""
-    if "PYTEST_XDIST_WORKER" in os.environ and nextitem and not _of_the_fleet(nextitem.nodeid):
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """A third of a core is free for the other tests as soon as all that need the fleet have had it.
+
+    Not at the end of the last of those: it may fail and be run once more.
+    """
+    if "PYTEST_XDIST_WORKER" in os.environ and not _of_the_fleet(item.nodeid):
         for running in _running:
             running.agents.stop()
             running.gateway.stop()
