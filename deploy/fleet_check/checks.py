@@ -1,7 +1,6 @@
 """What must hold of the running fleet, each seen from outside as a user would see it."""
 
 import math
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,6 +9,7 @@ from typing import TypeVar
 
 from front import Front, deliveries
 from rdflib import URIRef
+from reads import Reads, complaint
 from stack import Stack, StackError
 
 HYBRIT, LF = "https://hybr-it-projekt.de/ns/hybr-it#", "https://w3id.org/linked-fleet#"
@@ -132,14 +132,14 @@ def every_gateway(fleet: Fleet) -> None:
 
 
 def gateway_dies(fleet: Fleet) -> None:
-    """a gateway is killed: no read fails, callbacks go on, robots move"""
+    """a gateway is killed: reads are answered but for one that it was answering, callbacks go on, robots move"""
     victim = fleet.stack.containers("gateway")[0]
-    reads = _Reads(fleet.front)
+    reads = Reads(lambda: fleet.front.ask(fleet.front.root + _SWAYING).status)
     fleet.stack.kill(victim)
     try:
         time.sleep(_LOAD_S)
-        answered, failed = reads.end()
-        assert answered and not failed, f"{answered} reads were answered, these were not: {failed[:3]}"
+        wrong = complaint(reads.end())
+        assert not wrong, wrong
         _more_callbacks(fleet)
         _rotate(fleet, 10)
     finally:
@@ -194,34 +194,6 @@ c = http.client.HTTPConnection("127.0.0.1", 8000, timeout=10)
 c.request("GET", url.path, headers={"Host": url.netloc})
 print(c.getresponse().status)
 """
-
-
-class _Reads:
-    """A user who reads again and again, until told to end."""
-
-    def __init__(self, front: Front) -> None:
-        self._front, self._over = front, threading.Event()
-        self._answered, self._failed = 0, list[str]()
-        self._thread = threading.Thread(target=self._read, daemon=True)
-        self._thread.start()
-
-    def _read(self) -> None:
-        while not self._over.is_set():
-            try:
-                status = self._front.ask(self._front.root + _SWAYING).status
-            except (OSError, HTTPException) as error:
-                self._failed.append(repr(error))
-                continue
-            if status == 200:
-                self._answered += 1
-            else:
-                self._failed.append(str(status))
-
-    def end(self) -> tuple[int, list[str]]:
-        """How many were answered, and what became of the others."""
-        self._over.set()
-        self._thread.join()
-        return self._answered, self._failed
 
 
 def _online(fleet: Fleet) -> set[str]:

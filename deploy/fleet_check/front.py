@@ -20,6 +20,10 @@ TURTLE = "text/turtle"
 _TIMEOUT_S = 30.0
 
 
+class BrokenOffError(http.client.HTTPException):
+    """The connection ended in the middle of the body of an answer."""
+
+
 @dataclass(frozen=True)
 class Answer:
     """Of one request; the body as it came."""
@@ -44,11 +48,11 @@ class Front:
     def ask(
         self, iri: str, method: str = "GET", body: str | None = None, timeout_s: float = _TIMEOUT_S, **fields: str
     ) -> Answer:
-        """One request on a connection of its own; ``Content_Type`` is written for Content-Type."""
+        """One request on a connection of its own; ``Content_Type`` is written for Content-Type. BrokenOffError."""
         with contextlib.closing(_Connection(self.domain, self.port, timeout_s, self._tls)) as connection:
             connection.request(method, self._target(iri), body, self._fields(fields))
             answer = connection.getresponse()
-            return Answer(answer.status, {k.lower(): v for k, v in answer.getheaders()}, answer.read())
+            return Answer(answer.status, {k.lower(): v for k, v in answer.getheaders()}, _body(answer))
 
     def graph(self, iri: str) -> Graph:
         """What a resource says of itself; AssertionError when it is not there."""
@@ -121,6 +125,13 @@ class _Connection(http.client.HTTPSConnection):
     def connect(self) -> None:
         tcp = socket.create_connection((HERE, self.port), self.timeout)
         self.sock = self._own_tls.wrap_socket(tcp, server_hostname=self.host)
+
+
+def _body(answer: http.client.HTTPResponse) -> bytes:
+    try:
+        return answer.read()
+    except (http.client.IncompleteRead, ConnectionError, ssl.SSLError) as error:
+        raise BrokenOffError(repr(error)) from error
 
 
 def _events(answer: http.client.HTTPResponse) -> Iterator[str]:

@@ -1,0 +1,55 @@
+"""Reads while something fails, and what may become of them."""
+
+import threading
+from collections.abc import Callable, Sequence
+from http.client import OK, HTTPException
+
+from front import BrokenOffError
+
+ANSWERED, BROKEN_OFF = "answered", "broken off"
+
+
+class Reads:
+    """A user who reads again and again, one read after the other, until told to end; ``read`` returns a status."""
+
+    def __init__(self, read: Callable[[], int]) -> None:
+        self._read, self._over = read, threading.Event()
+        self._outcomes: list[str] = []
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def end(self) -> list[str]:
+        """What became of each read, in order."""
+        self._over.set()
+        self._thread.join()
+        return self._outcomes
+
+    def _run(self) -> None:
+        while not self._over.is_set():
+            self._outcomes.append(self._outcome())
+
+    def _outcome(self) -> str:
+        try:
+            status = self._read()
+        except BrokenOffError:
+            return BROKEN_OFF
+        except (OSError, HTTPException) as error:
+            return repr(error)
+        return ANSWERED if status == OK else str(status)
+
+
+def complaint(outcomes: Sequence[str]) -> str:
+    """What is wrong with reads during the end of one gateway; empty if nothing is.
+
+    The front repeats a read whose answer has not begun. What it has passed on of an answer it cannot take back: the one
+    read that the gateway was answering may break off in its body, and the next one is answered.
+    """
+    failed = [outcome for outcome in outcomes if outcome not in (ANSWERED, BROKEN_OFF)]
+    if failed:
+        return f"{len(failed)} of {len(outcomes)} reads failed, the first with {failed[0]}"
+    broken = [index for index, outcome in enumerate(outcomes) if outcome == BROKEN_OFF]
+    if len(broken) > 1:
+        return f"{len(broken)} of {len(outcomes)} reads broke off; one gateway answers one of them at a time"
+    if not outcomes or outcomes[-1] != ANSWERED:
+        return f"no read was answered at the end, of {len(outcomes)}"
+    return ""
