@@ -2,46 +2,47 @@
 # with simulated robots:   docker build -f deploy/agent.Dockerfile --target agent-sim .
 # Where packages come from is the business of the machine: its PIP_* variables are build arguments.
 
-FROM python:3.11-slim AS packages
+# An exact version, by tag; where you deploy, give one with its digest: --build-arg PYTHON_TAG=…@sha256:…
+ARG PYTHON_TAG=3.11.15-slim-bookworm
+
+FROM python:${PYTHON_TAG} AS packages
 ARG PIP_INDEX_URL
 ARG PIP_EXTRA_INDEX_URL
-ENV PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=ignore \
-    PIP_CONSTRAINT=/build/constraints.txt PIP_BUILD_CONSTRAINT=/build/constraints.txt
+ENV PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=ignore
 WORKDIR /build
-COPY pyproject.toml constraints.txt ./
-# An empty package first: what it needs is then fetched again only when pyproject.toml or constraints.txt change.
-RUN mkdir agents && touch agents/__init__.py README.md LICENSE \
+COPY deploy/requirements-agent.txt deploy/requirements-build.txt deploy/
+# No package whose hash is not in these files, which "make requirements" writes from pyproject.toml and constraints.txt.
+RUN pip install -q --require-hashes -r deploy/requirements-build.txt \
  && python -m venv --without-pip /opt/linked-fleet \
- && pip --python /opt/linked-fleet/bin/python install -q .
+ && pip --python /opt/linked-fleet/bin/python install -q --require-hashes -r deploy/requirements-agent.txt
 
 FROM packages AS packages-sim
 ARG PIP_INDEX_URL
 ARG PIP_EXTRA_INDEX_URL
-RUN pip --python /opt/linked-fleet/bin/python install -q '.[sim]'
+COPY deploy/requirements-simulation.txt deploy/
+RUN pip --python /opt/linked-fleet/bin/python install -q --require-hashes -r deploy/requirements-simulation.txt
 
 FROM packages AS built
-ARG PIP_INDEX_URL
-ARG PIP_EXTRA_INDEX_URL
-COPY README.md LICENSE ./
+COPY pyproject.toml README.md LICENSE ./
 COPY agents agents
 COPY telemetry telemetry
 COPY deploy/bill_of_materials.py deploy/
-RUN pip --python /opt/linked-fleet/bin/python install -q --no-deps --force-reinstall . \
+RUN pip wheel -q --no-index --no-deps --no-build-isolation -w /build/wheels . \
+ && pip --python /opt/linked-fleet/bin/python install -q --no-index --no-deps /build/wheels/*.whl \
  && rm /opt/linked-fleet/bin/linked-fleet \
  && /opt/linked-fleet/bin/python deploy/bill_of_materials.py /opt/doc
 
 FROM packages-sim AS built-sim
-ARG PIP_INDEX_URL
-ARG PIP_EXTRA_INDEX_URL
-COPY README.md LICENSE ./
+COPY pyproject.toml README.md LICENSE ./
 COPY agents agents
 COPY telemetry telemetry
 COPY deploy/bill_of_materials.py deploy/
-RUN pip --python /opt/linked-fleet/bin/python install -q --no-deps --force-reinstall . \
+RUN pip wheel -q --no-index --no-deps --no-build-isolation -w /build/wheels . \
+ && pip --python /opt/linked-fleet/bin/python install -q --no-index --no-deps /build/wheels/*.whl \
  && rm /opt/linked-fleet/bin/linked-fleet \
  && /opt/linked-fleet/bin/python deploy/bill_of_materials.py /opt/doc
 
-FROM python:3.11-slim AS run
+FROM python:${PYTHON_TAG} AS run
 LABEL org.opencontainers.image.version="0.1.0" \
       org.opencontainers.image.licenses="Apache-2.0" \
       org.opencontainers.image.source="https://w3id.org/linked-fleet"

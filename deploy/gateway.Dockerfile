@@ -1,17 +1,19 @@
 # The gateway:   docker build -f deploy/gateway.Dockerfile .
 # Where packages come from is the business of the machine: its PIP_* and NPM_CONFIG_* variables are build arguments.
 
-FROM python:3.11-slim AS packages
+# An exact version, by tag; where you deploy, give one with its digest: --build-arg PYTHON_TAG=…@sha256:…
+ARG PYTHON_TAG=3.11.15-slim-bookworm
+
+FROM python:${PYTHON_TAG} AS packages
 ARG PIP_INDEX_URL
 ARG PIP_EXTRA_INDEX_URL
-ENV PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=ignore \
-    PIP_CONSTRAINT=/build/constraints.txt PIP_BUILD_CONSTRAINT=/build/constraints.txt
+ENV PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=ignore
 WORKDIR /build
-COPY pyproject.toml constraints.txt ./
-# An empty package first: what it needs is then fetched again only when pyproject.toml or constraints.txt change.
-RUN mkdir gateway && touch gateway/__init__.py README.md LICENSE \
+COPY deploy/requirements.txt deploy/requirements-build.txt deploy/
+# No package whose hash is not in these files, which "make requirements" writes from pyproject.toml and constraints.txt.
+RUN pip install -q --require-hashes -r deploy/requirements-build.txt \
  && python -m venv --without-pip /opt/linked-fleet \
- && pip --python /opt/linked-fleet/bin/python install -q '.[gateway,tracing]'
+ && pip --python /opt/linked-fleet/bin/python install -q --require-hashes -r deploy/requirements.txt
 
 # The scripts and styles of the pages; Node.js is not in the image that runs.
 FROM packages AS pages
@@ -19,13 +21,13 @@ ARG PIP_INDEX_URL
 ARG PIP_EXTRA_INDEX_URL
 ARG NPM_CONFIG_REGISTRY
 ENV NODE_EXTRA_CA_CERTS=/etc/ssl/certs/ca-certificates.crt NPM_CONFIG_CAFILE=/etc/ssl/certs/ca-certificates.crt
+COPY deploy/requirements-pages.txt deploy/
+RUN pip install -q --require-hashes -r deploy/requirements-pages.txt
 COPY face face
 RUN mkdir -p gateway/face && face/build "$(command -v python)"
 
 FROM packages AS built
-ARG PIP_INDEX_URL
-ARG PIP_EXTRA_INDEX_URL
-COPY README.md LICENSE ./
+COPY pyproject.toml README.md LICENSE ./
 COPY agents/__init__.py agents/__init__.py
 COPY agents/wire agents/wire
 COPY client client
@@ -36,10 +38,11 @@ COPY --from=pages /build/gateway/face/assets gateway/face/assets
 COPY deploy/bill_of_materials.py deploy/
 COPY face/package.json face/
 RUN --mount=from=pages,source=/build/face/node_modules,target=/build/face/node_modules \
-    pip --python /opt/linked-fleet/bin/python install -q --no-deps --force-reinstall . \
+    pip wheel -q --no-index --no-deps --no-build-isolation -w /build/wheels . \
+ && pip --python /opt/linked-fleet/bin/python install -q --no-index --no-deps /build/wheels/*.whl \
  && /opt/linked-fleet/bin/python deploy/bill_of_materials.py /opt/doc face
 
-FROM python:3.11-slim AS gateway
+FROM python:${PYTHON_TAG} AS gateway
 LABEL org.opencontainers.image.title="Linked Fleet gateway" \
       org.opencontainers.image.version="0.1.0" \
       org.opencontainers.image.licenses="Apache-2.0" \

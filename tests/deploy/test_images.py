@@ -1,13 +1,18 @@
 """What the files of the deployment say agrees with the rest of the repository, and with each other."""
 
+import importlib
+import importlib.metadata
 import json
 import re
 import subprocess
 import sys
 import tomllib
+from fnmatch import fnmatch
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).parents[2]
 COMPOSE = (ROOT / "docker-compose.yml").read_text()
@@ -72,3 +77,103 @@ def test_the_bill_lists_what_pages_are_made_of_and_not_what_builds_them(tmp_path
         f"pkg:npm/{name}@1.2.3" for name in ("three", "loader", "deep")
     }
     assert "Licence of deep" in licences and "Licence of bundler" not in licences
+
+
+REQUIREMENTS = sorted((ROOT / "deploy").glob("requirements*.txt"))
+_PIN = re.compile(r"([A-Za-z0-9._-]+)==([A-Za-z0-9.!+]+)((?: --hash=sha256:[0-9a-f]{64})+)")
+
+
+def _pins(path: Path) -> dict[str, str]:
+    """Names, as the index knows them, and versions. Each line is a name, a version and hashes, or the first comment."""
+    head, *lines = path.read_text().splitlines()
+    assert head.startswith("# Written by make requirements: ")
+    found = {}
+    for line in lines:
+        match = _PIN.fullmatch(line)
+        assert match, f"{path.name}: {line!r}"
+        found[canonicalize_name(match[1])] = match[2]
+    assert len(found) == len(lines)
+    return found
+
+
+def _requires(name: str) -> list[str]:
+    try:
+        return importlib.metadata.requires(name) or []
+    except importlib.metadata.PackageNotFoundError:  # of another Python 3.11 than this
+        assert name == importlib.import_module("lock_requirements").BEFORE_3_11_3
+        return []
+
+
+def _needed(requirements: list[str]) -> set[str]:
+    """These packages and those that they need here, by the metadata of what is installed."""
+    waiting, seen = [Requirement(text) for text in requirements], set[tuple[str, str]]()
+    while waiting:
+        requirement = waiting.pop()
+        name = canonicalize_name(requirement.name)
+        for extra in ("", *requirement.extras):
+            if (name, extra) not in seen:
+                seen.add((name, extra))
+                more = [Requirement(text) for text in _requires(name)]
+                waiting += [each for each in more if each.marker is None or each.marker.evaluate({"extra": extra})]
+    return {name for name, _ in seen}
+
+
+@pytest.mark.parametrize("path", REQUIREMENTS, ids=lambda path: path.name)
+def test_requirements_have_the_versions_of_the_constraints(path: Path) -> None:
+    constraints = dict(re.findall(r"^([^#=]+)==(.+)$", (ROOT / "constraints.txt").read_text(), re.M))
+    known = {canonicalize_name(name): version for name, version in constraints.items()}
+    pins = _pins(path)
+    assert pins and pins.items() <= known.items(), pins.items() - known.items()
+
+
+def test_requirements_are_what_the_package_needs_and_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    """If not: make requirements."""
+    monkeypatch.syspath_prepend(str(ROOT / "deploy"))
+    wanted = importlib.import_module("lock_requirements").wanted()
+    assert sorted(wanted) == [path.name for path in REQUIREMENTS]
+    for name in ("requirements.txt", "requirements-agent.txt", "requirements-simulation.txt"):
+        assert set(_pins(ROOT / "deploy" / name)) == _needed(wanted[name]), name
+    for name in ("requirements-build.txt", "requirements-pages.txt"):
+        asked = {canonicalize_name(Requirement(text).name) for text in wanted[name]}
+        assert asked <= set(_pins(ROOT / "deploy" / name)), name
+
+
+@pytest.mark.parametrize("text", DOCKERFILES)
+def test_images_are_built_on_an_exact_version_that_is_a_build_argument(text: str) -> None:
+    stages = {stage for _, stage in re.findall(r"^FROM (\S+) AS (\S+)$", text, re.M)}
+    bases = {base for base in re.findall(r"^FROM (\S+)", text, re.M) if base not in stages}
+    assert bases == {"python:${PYTHON_TAG}"}
+    (tag,) = re.findall(r"^ARG PYTHON_TAG=(\S+)$", text.partition("FROM ")[0], re.M)
+    assert re.match(r"\d+\.\d+\.\d+-slim-", tag)
+    assert f"${{PYTHON_TAG:-{tag}}}" in (ROOT / "deploy/fleet_check/compose.yaml").read_text()
+
+
+def test_images_of_others_have_exact_versions_that_can_be_replaced() -> None:
+    images = re.findall(r"^ +image: (?!linked-fleet/)(\S+)$", COMPOSE, re.M)
+    assert len(images) == 3
+    for image in images:
+        assert re.fullmatch(r"[\w/]+:\$\{[A-Z]+_TAG:-\d+\.\d+\.\d+\}", image), image
+
+
+@pytest.mark.parametrize("text", DOCKERFILES)
+def test_images_install_nothing_without_a_hash(text: str) -> None:
+    """Only our own wheel, which is built of what was copied, without any index."""
+    installs = re.findall(r"\bpip (?:--python \S+ )?(?:install|wheel|download) [^&\n]*", text)
+    assert len(installs) >= 4
+    for install in installs:
+        hashed = re.search(r"--require-hashes -r deploy/(requirements[\w-]*\.txt)", install)
+        assert hashed or "--no-index --no-deps" in install, install
+        assert not hashed or (ROOT / "deploy" / hashed[1]).is_file()
+
+
+@pytest.mark.parametrize("text", DOCKERFILES)
+def test_what_images_copy_is_in_the_context_of_the_build(text: str) -> None:
+    """Each path exists, and .dockerignore, which lets in what it names alone, names it."""
+    lines = (ROOT / ".dockerignore").read_text().splitlines()
+    assert lines[1] == "*"
+    let_in = [line[1:] for line in lines if line.startswith("!")]
+    copied = [path for words in re.findall(r"^COPY (?!--from)(.+) \S+$", text, re.M) for path in words.split()]
+    assert len(copied) > 5
+    for path in copied:
+        assert (ROOT / path).exists(), path
+        assert any(fnmatch(path, each) or path.startswith(f"{each}/") for each in let_in), path

