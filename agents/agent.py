@@ -29,7 +29,10 @@ class Link(Protocol):
 
     @property
     def gateway_present(self) -> bool:
-        """Whether at least one gateway is known to be alive."""
+        """Whether at least one gateway was known to be alive when ``watch_gateways`` was called last."""
+
+    def watch_gateways(self, period_s: float) -> None:
+        """Judge which gateways are alive; to be called in each tick, one every ``period_s`` seconds."""
 
     @property
     def arrivals(self) -> int:
@@ -80,6 +83,7 @@ class Agent:
         self._sequence = 0
         self._stepped_ns: int | None = None
         self._gateway_present = False
+        self._lost_ns: int | None = None
         self._fault: str | None = None
         self._outcomes: list[Outcome] = []
         self._report = Report(self.incarnation)
@@ -103,7 +107,7 @@ class Agent:
         now_ns = self._monotonic_ns()
         self._reading = self._read(now_ns)
         self._publish_state(link, now_ns)
-        self._watch_gateways(link.gateway_present)
+        self._watch_gateways(link, now_ns)
         if self._reading is not None:
             self._move(now_ns)
         self._tell(link, now_ns)
@@ -269,13 +273,19 @@ class Agent:
         self._sequence += 1
         link.publish_state(codec.encode_state(state))
 
-    def _watch_gateways(self, present: bool) -> None:
+    def _watch_gateways(self, link: Link, now_ns: int) -> None:
+        link.watch_gateways(1.0 / self.rate_hz)
+        present = link.gateway_present
         if self._gateway_present and not present:
             _log.warning("%s: the last gateway is gone; the robot holds", self.name)
             self._outcomes += self._motions.halt("gateway lost")
             self._stops.note(self._names, self._monotonic_ns())
-        elif present and not self._gateway_present:
+            self._lost_ns = now_ns
+        elif present and not self._gateway_present and self._lost_ns is None:
             _log.info("%s: a gateway is present", self.name)
+        elif present and not self._gateway_present:
+            away_s = (now_ns - (self._lost_ns or now_ns)) / 1e9
+            _log.warning("%s: a gateway is back after %.1f s; the robot takes commands again", self.name, away_s)
         self._gateway_present = present
 
     def _move(self, now_ns: int) -> None:

@@ -3,6 +3,7 @@
 import asyncio
 import json
 import logging
+import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import ExitStack, asynccontextmanager
 from dataclasses import dataclass, field
@@ -12,6 +13,7 @@ from typing import Any, Literal, NamedTuple, Self
 
 import zenoh
 
+from agents.gateways import Gateways
 from agents.meshes import MeshError
 from agents.robot import PictureError
 from agents.tracing import Tracing
@@ -132,18 +134,20 @@ class ZenohLink:
         self._tracing = tracing
         slow: dict[_Slow, Callable[[bytes], bytes] | None] = {"mesh": on_mesh, "picture": on_picture}
         self._slow = {kind: _Slowly(read) for kind, read in slow.items() if read is not None}
-        self._gateways: set[str] = set()
-        self._arrivals = 0
+        self._gateways = Gateways(robot)
         self._dropping = False
         self._declared = ExitStack()
 
     @property
     def gateway_present(self) -> bool:
-        return bool(self._gateways)
+        return self._gateways.present
 
     @property
     def arrivals(self) -> int:
-        return self._arrivals
+        return self._gateways.arrivals
+
+    def watch_gateways(self, period_s: float) -> None:
+        self._gateways.watch(time.monotonic(), period_s)
 
     async def __aenter__(self) -> Self:
         await self._wait_for_name()
@@ -213,17 +217,26 @@ class ZenohLink:
         for slow in self._slow:
             key = keys.robot(robot, slow)
             declare(session.declare_queryable(key, hand_over(partial(self._answer_slowly, slow)), complete=True))
+        declare(session.declare_subscriber(keys.all_heartbeats, hand_over(self._note_heartbeat)))
         declare(session.liveliness().declare_subscriber(keys.all_gateways, hand_over(self._note_gateway), history=True))
         # Last: whoever sees the robot can ask it.
         declare(session.liveliness().declare_token(keys.presence(robot, self._incarnation)))
 
     def _note_gateway(self, sample: zenoh.Sample) -> None:
-        gateway = str(sample.key_expr)
-        if sample.kind == zenoh.SampleKind.PUT:
-            self._gateways.add(gateway)
-            self._arrivals += 1
-        else:
-            self._gateways.discard(gateway)
+        note = self._gateways.appeared if sample.kind == zenoh.SampleKind.PUT else self._gateways.left
+        self._note(note, sample)
+
+    def _note_heartbeat(self, sample: zenoh.Sample) -> None:
+        self._note(self._gateways.heard, sample)
+
+    def _note(self, note: Callable[[str, float], None], sample: zenoh.Sample) -> None:
+        key = str(sample.key_expr)
+        try:
+            gateway = self._keys.gateway_of(key)
+        except ValueError as error:
+            _log.debug("%s: ignored: %s", self._robot, error)
+            return
+        note(gateway, time.monotonic())
 
     def _answer_description(self, query: zenoh.Query) -> None:
         self._reply(query, self._keys.robot(self._robot, "description"), self._description)

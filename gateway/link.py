@@ -1,8 +1,8 @@
 """The gateway's end of Zenoh: presence, frames and progress come in, commands and questions go out.
 
-With ``incoming.py`` and ``questions.py`` all of the gateway that imports zenoh. Zenoh calls back on threads of its own;
-such a callback only puts a payload where the event loop finds it. Calls that may block on a full connection happen in
-a small thread pool.
+With ``heartbeat.py``, ``incoming.py`` and ``questions.py`` all of the gateway that imports zenoh. Zenoh calls back on
+its threads; such a callback only puts a payload where the event loop finds it. Calls that may block on a full
+connection happen in a small thread pool.
 """
 
 import asyncio
@@ -38,6 +38,7 @@ from gateway.fleet.events import Appeared, Described, Event, Undescribed, Vanish
 from gateway.fleet.frames import Frames
 from gateway.fleet.inbox import MAX_KEYS
 from gateway.fleet.robot import Robot
+from gateway.heartbeat import Heartbeat
 from gateway.incoming import Incoming
 from gateway.observe.context import step
 from gateway.questions import Questions
@@ -115,11 +116,13 @@ class FleetLink:
         except BaseException:
             self._questions.close()
             raise
+        self._heartbeat = Heartbeat(self._session, self._keys.heartbeat(self._gateway_name))
         return self
 
     async def join(self) -> None:
         """Be seen by the robots, and hear them; until then the link is open and silent."""
         await self._questions.in_thread(self._declare)
+        self._heartbeat.start()
 
     async def roll_call(self, timeout_s: float) -> set[str]:
         """Names of the robots that are there now, as far as is known within ``timeout_s``."""
@@ -136,6 +139,7 @@ class FleetLink:
         return {robot.robot for robot in found if robot is not None}
 
     async def __aexit__(self, *_: object) -> None:
+        self._heartbeat.close()
         self._incoming.close()
         fetches = list(self._fetches.values())
         for fetch in fetches:
@@ -292,6 +296,7 @@ class FleetLink:
             fetch.cancel()
         if not present:
             return Vanished(key.robot, incarnation)
+        self._heartbeat.hasten()
         fetch = self._fetches[key] = self._loop.create_task(self._fetch(key.robot, incarnation))
         fetch.add_done_callback(_report)
         return Appeared(key.robot, incarnation)

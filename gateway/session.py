@@ -4,10 +4,8 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
-from agents.wire.transport import TRANSPORT
+from agents.wire.transport import GATEWAY_LEASE_MS, TRANSPORT
 from agents.wire.trust import Credentials
-
-LEASE_MS = 2_500
 
 
 def trust(credentials: Credentials | None, access_file: str) -> dict[str, object]:
@@ -36,7 +34,7 @@ def settings(listen: tuple[str, ...], connect: tuple[str, ...], trust: Mapping[s
         "connect/exit_on_failure": False,
         "connect/retry": {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 1.5},
         "scouting/gossip/enabled": False,
-        "transport/link/tx/lease": LEASE_MS,
+        "transport/link/tx/lease": GATEWAY_LEASE_MS,
     }
 
 

@@ -1,4 +1,4 @@
-"""Robots played by the test itself: a real Zenoh session that says whatever the test wants to the gateway."""
+"""Robots and gateways played by the test itself: real Zenoh sessions that say whatever the test wants."""
 
 import contextlib
 import itertools
@@ -119,6 +119,20 @@ class Actor:
         """Take back all that was declared, the presence first."""
         while self._kept:
             self._kept.pop().undeclare()  # type: ignore[attr-defined]
+
+
+def play_gateway(session: zenoh.Session, keys: Keys, name: str) -> zenoh.LivelinessToken:
+    """Be a gateway for the robots: heartbeats until the session closes, and the token, to be kept as long."""
+    beats, pause = session.declare_publisher(keys.heartbeat(name)), threading.Event()
+
+    def beat() -> None:
+        with contextlib.suppress(zenoh.ZError):
+            while not session.is_closed():
+                beats.put(b"")
+                pause.wait(0.1)
+
+    threading.Thread(target=beat, daemon=True).start()
+    return session.liveliness().declare_token(keys.gateway(name))
 
 
 @contextlib.contextmanager

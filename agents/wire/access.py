@@ -39,7 +39,9 @@ def of_router(keys: Keys, agents: Mapping[str, Iterable[str] | None]) -> dict[st
     access.grant("gateways ask", [GATEWAY], "ingress", ["query"], [keys.of_all_robots(kind) for kind in _ASKED])
     access.grant("gateways see", [GATEWAY], "ingress", _WATCHING, [keys.all_presence])
     access.grant("gateways are", [GATEWAY], "ingress", ["liveliness_token"], [keys.all_gateways])
+    access.grant("gateways beat", [GATEWAY], "ingress", ["put"], [keys.all_heartbeats])
     access.grant("agents see", names, "ingress", _WATCHING, [keys.all_gateways])
+    access.grant("agents hear", names, "ingress", ["declare_subscriber"], [keys.all_heartbeats])
     for agent, robots in agents.items():
         own = [keys.everything_of(robot) for robot in robots] if robots is not None else [keys.everything_of_robots]
         name = common_name(agent)

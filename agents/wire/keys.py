@@ -12,6 +12,7 @@ _NAMESPACE = re.compile(r"[A-Za-z0-9_.-]+(/[A-Za-z0-9_.-]+)*")
 _ROBOT_KEY = re.compile(
     r"robot/([^/*$?#]+)/(description|state|command|stop|progress|mesh|picture|presence)(?:/(0|[1-9][0-9]{0,18}))?"
 )
+_GATEWAY_KEY = re.compile(r"gateway/([^/*$?#]+)(?:/heartbeat)?")
 
 
 @dataclass(frozen=True)
@@ -83,6 +84,21 @@ class Keys:
     @property
     def all_gateways(self) -> str:
         return f"{self.namespace}/gateway/*"
+
+    def heartbeat(self, gateway: str) -> str:
+        """The key on which the event loop of a gateway says that it runs."""
+        return f"{self.gateway(gateway)}/heartbeat"
+
+    @property
+    def all_heartbeats(self) -> str:
+        return f"{self.all_gateways}/heartbeat"
+
+    def gateway_of(self, key: str) -> str:
+        """The gateway whose token or heartbeat has this key; ValueError for every other key."""
+        match = _GATEWAY_KEY.fullmatch(key.removeprefix(self.namespace + "/"))
+        if not key.startswith(self.namespace + "/") or match is None:
+            raise ValueError(f"{key!r} is not the key of a gateway in namespace {self.namespace!r}")
+        return unescape(match[1])
 
     def parse(self, key: str) -> RobotKey:
         """Parse any key of a robot; ValueError for every other key."""

@@ -2,6 +2,11 @@
 
 from collections.abc import Mapping
 
+GATEWAY_LEASE_MS = 2_500
+"""Silence after which a gateway counts as gone: that of its connection and that of its heartbeat."""
+HEARTBEAT_S = 0.5
+"""From one heartbeat of a gateway to the next."""
+
 TRANSPORT: Mapping[str, object] = {
     "scouting/multicast/enabled": False,
     # Batches that may wait for each neighbour. A command or an answer is one, and is lost where there is no room: with

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 import pytest
 import zenoh
+from actor import play_gateway
 
 from agents.agent import Agent
 from agents.link import DuplicateNameError, ZenohLink, open_session
@@ -78,7 +79,7 @@ class Gateway:
             self.session.declare_subscriber(
                 KEYS.all_progress, lambda s: self.progress.append(codec.decode(s.payload.to_bytes(), Progress))
             ),
-            self.session.liveliness().declare_token(KEYS.gateway("g")),
+            play_gateway(self.session, KEYS, "g"),
         )
         return self
 

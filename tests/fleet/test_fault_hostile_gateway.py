@@ -7,14 +7,14 @@ from collections.abc import Iterator
 
 import pytest
 import zenoh
-from actor import KEYS
+from actor import KEYS, play_gateway
 from actor import stage as session_at
 from running import eventually
 from several import hub
 from simulated import RESTING_RAD_S, Simulated, simulated
 
 from agents.wire import codec
-from agents.wire.messages import Accepted, Reply, Stop
+from agents.wire.messages import Accepted, Refused, Reply, Stop
 
 pytestmark = pytest.mark.fleet
 ROBOT = "ur5"
@@ -28,7 +28,7 @@ class Hostile:
         self.session = session
         self._kept = [
             session.declare_subscriber(KEYS.robot(ROBOT, "state"), self._saw),
-            session.liveliness().declare_token(KEYS.gateway("hostile")),
+            play_gateway(session, KEYS, "hostile"),
         ]
         self.seen_ns = self.incarnation = 0
         self._number = 0
@@ -128,6 +128,8 @@ def test_whatever_is_accepted_keeps_within_the_limits(pair: tuple[Hostile, Simul
     assert accepted > 20
     robot.check_limits()
     hostile.gone()
+    tried = {"type": "move", "targets": {PAN: 1.0}}
+    eventually(lambda: isinstance(hostile.command(tried, rehearsal=True), Refused), "a robot that knows no gateway")
     held = eventually(lambda: _held(robot), "a robot that holds")
     late = hostile.move(**{PAN: 1.0})
     assert (late.code if not isinstance(late, Accepted) else "") in ("fault", "stale")

@@ -141,6 +141,22 @@ def test_it_publishes_nothing_as_another(scene: Scene) -> None:
         assert len(kept) == 2
 
 
+def test_robots_hear_the_heartbeat_of_gateways_alone(scene: Scene) -> None:
+    """That of the fleet's gateway arrives, and one that a robot sends in its name does not."""
+    with scene.linked("agents/c") as robot, scene.linked("agents/b") as impostor:
+        heard: list[tuple[str, bytes]] = []
+        kept = robot.declare_subscriber(
+            KEYS.all_heartbeats, lambda said: heard.append((str(said.key_expr), said.payload.to_bytes()))
+        )
+        eventually(lambda: heard, "a heartbeat")
+        for key in (heard[0][0], KEYS.heartbeat("evil")):
+            impostor.put(key, FORGED)
+        before = len(heard)
+        eventually(lambda: len(heard) > before + 1, "heartbeats after the forged ones")
+        assert {payload for _, payload in heard} == {b""}
+        kept.undeclare()
+
+
 @pytest.mark.parametrize("kind", ["description", "command", "stop"])
 def test_it_answers_nothing_for_another(scene: Scene, kind: str) -> None:
     """Neither what the other is asked, nor with the other's key what it is asked itself."""

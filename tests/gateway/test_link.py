@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import socket
+import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 
 import pytest
@@ -13,6 +14,8 @@ from running import eventually
 from agents.wire.codec import encode, encode_state, layout
 from agents.wire.keys import Keys
 from agents.wire.messages import WIRE_VERSION, Accepted, Command, Description, Move, Progress, Refused, Reply, State
+from agents.wire.transport import HEARTBEAT_S
+from gateway import heartbeat
 from gateway.fleet.fleet import Appeared, Described, Event, Framed, Undescribed, Vanished
 from gateway.link import FleetLink, LinkError, NoAnswer
 
@@ -321,6 +324,42 @@ def test_agents_see_the_gateway_while_it_is_there(endpoint: str) -> None:
                 assert [str(reply.ok.key_expr) for reply in tokens if reply.ok] == [KEYS.gateway("g")]
 
     run(seen)
+
+
+def test_heartbeats_come_while_the_event_loop_runs_and_at_no_other_time(endpoint: str) -> None:
+    async def beats() -> None:
+        async with opened(endpoint) as gateway:
+            with session(endpoint) as agent:
+                heard: list[zenoh.Sample] = []
+                kept = agent.session.declare_subscriber(KEYS.all_heartbeats, heard.append)
+                await asyncio.to_thread(eventually, lambda: len(heard) > 2, "heartbeats")
+                before = len(heard)
+                time.sleep(5 * HEARTBEAT_S)  # noqa: ASYNC251 - the event loop hangs
+                assert len(heard) <= before + 1  # which was under way
+                await asyncio.to_thread(eventually, lambda: len(heard) > before + 2, "heartbeats afterwards")
+                kept.undeclare()
+                assert gateway.link.joined
+
+    run(beats)
+
+
+def test_a_robot_that_comes_is_sent_a_heartbeat_at_once(endpoint: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It need not wait for the next: here none would come within the time of the test."""
+    monkeypatch.setattr(heartbeat, "HEARTBEAT_S", 3600.0)
+
+    async def come() -> None:
+        async with opened(endpoint):
+            with session(endpoint) as agent:
+                heard: list[str] = []
+                kept = agent.session.declare_subscriber(
+                    KEYS.all_heartbeats, lambda sample: heard.append(str(sample.key_expr))
+                )
+                agent.declare(KEYS.presence("r", 1))
+                await asyncio.to_thread(eventually, lambda: heard, "a heartbeat")
+                assert heard == [KEYS.heartbeat("g")]
+                kept.undeclare()
+
+    run(come)
 
 
 async def _roll_call_of_many(endpoint: str) -> None:

@@ -32,11 +32,26 @@ def test_expressions_match_the_keys_they_are_for(robot: str) -> None:
         (keys.all_progress, keys.robot(robot, "progress")),
         (keys.all_stops, keys.robot(robot, "stop")),
         (keys.all_gateways, keys.gateway(robot)),
+        (keys.all_heartbeats, keys.heartbeat(robot)),
     ):
         assert len(key.split("/")) == len(expression.split("/"))
         assert all(
             pattern in ("*", chunk) for pattern, chunk in zip(expression.split("/"), key.split("/"), strict=True)
         )
+
+
+@given(names)
+def test_the_keys_of_a_gateway_come_back_as_its_name(gateway: str) -> None:
+    keys = Keys("site/hall-2")
+    assert keys.gateway_of(keys.gateway(gateway)) == keys.gateway_of(keys.heartbeat(gateway)) == gateway
+
+
+@pytest.mark.parametrize(
+    "key", ["", "fleet/gateway", "fleet/gateway/", "fleet/gateway/~61", "fleet/gateway/g/other", "fleet/robot/g/state"]
+)
+def test_the_key_of_no_gateway_is_refused(key: str) -> None:
+    with pytest.raises(ValueError):
+        Keys().gateway_of(key)
 
 
 @pytest.mark.parametrize("namespace", ["", "/fleet", "fleet/", "a//b", "fleet/*", "fleet/$x", "ä", "fleet\n", "@x"])

@@ -109,9 +109,11 @@ def test_the_key_table_is_what_keys_are_built_from() -> None:
     documented = {row[0] for row in table("key", "kind", "who declares or publishes", "who reads")}
     kinds: tuple[Any, ...] = ("description", "state", "command", "stop", "progress", "mesh", "picture")
     built = {Keys().robot("ROBOT", kind) for kind in kinds}
-    built |= {Keys().presence("ROBOT", 1).replace("/1", "/{incarnation}"), Keys().gateway("GATEWAY")}
+    built |= {Keys().presence("ROBOT", 1).replace("/1", "/{incarnation}")}
+    built |= {Keys().gateway("GATEWAY"), Keys().heartbeat("GATEWAY")}
     assert documented == {key.replace("ROBOT", "{robot}").replace("GATEWAY", "{gateway}") for key in built}
-    for key in documented - {"fleet/gateway/{gateway}"}:
+    assert {Keys().gateway_of(key.format(gateway="g")) for key in documented if "{gateway}" in key} == {"g"}
+    for key in (key for key in documented if "{robot}" in key):
         parsed = Keys().parse(key.replace("{robot}", "r").replace("{incarnation}", "1"))
         assert isinstance(parsed, RobotKey)
         assert parsed.kind in get_args(keys.Kind)
