@@ -168,7 +168,7 @@ class World:
         self._apply(Appeared(name, run_))
         said = good.description(random, name, run_)
         answer = spoilt_description(random, good.tree_of(said)) if bad else json.dumps(good.tree_of(said)).encode()
-        description, reason = read_description(answer, name, run_)
+        description, reason = read_description(answer, name, (run_,))
         self._apply(Undescribed(name, run_, reason) if description is None else Described(description))
         self._look(random, name, 0.25)
         self._apply(Vanished(name, run_ - 1 if random.random() < 0.9 else run_))

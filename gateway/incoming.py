@@ -13,6 +13,7 @@ import zenoh
 from agents.wire.codec import WireError, decode
 from agents.wire.keys import Keys, RobotKey
 from agents.wire.messages import Progress
+from gateway.discovery import Discovery
 from gateway.fleet.complaints import Complaints
 from gateway.fleet.events import Event, Framed, Moved
 from gateway.fleet.frames import Frames
@@ -29,20 +30,22 @@ _NAP_S = 0.001
 
 
 class Incoming:
-    """``on_present`` (True: came), ``on_events`` and ``on_progress`` are called in the event loop, in turns of a few
-    milliseconds. Frames that ``frames`` takes need no event until somebody watches their robot."""
+    """``discovery``, ``on_events`` and ``on_progress`` are called in the event loop, in turns of a few milliseconds.
+
+    Frames that ``frames`` takes need no event until somebody watches their robot.
+    """
 
     def __init__(
         self,
         keys: Keys,
         frames: Frames,
-        on_present: Callable[[RobotKey, int, bool], Event],
+        discovery: Discovery,
         on_events: Callable[[list[Event]], None],
         on_progress: Callable[[str, Progress], None],
     ) -> None:
         self._keys = keys
         self._frames = frames
-        self._on_present = on_present
+        self._discovery = discovery
         self._on_events = on_events
         self._on_progress = on_progress
         self._loop = asyncio.get_running_loop()
@@ -125,11 +128,14 @@ class Incoming:
         for key, present in batch.presence.items():
             robot = self.parse(key)
             if robot is not None and robot.incarnation is not None:
-                self._on_events([self._on_present(robot, robot.incarnation, present)])
+                self._on_events(self._discovery.token((robot.robot, robot.incarnation), present))
             yield
+        if batch.presence_lost:
+            self._discovery.relist()
         for key, payload in batch.states.items():
             robot = self.parse(key)
             if robot is not None and isinstance(payload, bytes):
+                self._discovery.heard(robot.robot)
                 self._on_events([Framed(robot.robot, payload)])
             elif robot is not None:
                 self._too_large(robot.robot, payload)

@@ -17,13 +17,12 @@ from typing import Any, Self
 import zenoh
 
 from agents.wire.codec import encode
-from agents.wire.keys import Keys, RobotKey
+from agents.wire.keys import Keys
 from agents.wire.messages import (
     WIRE_VERSION,
     Accepted,
     Camera,
     Command,
-    Description,
     Glance,
     Mesh,
     PictureFormat,
@@ -32,11 +31,13 @@ from agents.wire.messages import (
     Reply,
     Stop,
 )
-from gateway.fleet.answers import read_description, read_mesh, read_reply
+from gateway.discovery import Discovery, Judge
+from gateway.fleet.answers import read_mesh, read_reply
 from gateway.fleet.cameras import Picture, read_picture, size_limit
-from gateway.fleet.events import Appeared, Described, Event, Undescribed, Vanished
+from gateway.fleet.events import Event
 from gateway.fleet.frames import Frames
 from gateway.fleet.inbox import MAX_KEYS
+from gateway.fleet.presence import Token
 from gateway.fleet.robot import Robot
 from gateway.heartbeat import Heartbeat
 from gateway.incoming import Incoming
@@ -49,8 +50,7 @@ _log = logging.getLogger(__name__)
 MAX_DESCRIPTION_BYTES = 9_000_000
 MAX_REPLY_BYTES = 65_536
 DESCRIPTION_TIMEOUT_S = 2.0
-DESCRIPTION_BACKOFF_S = (0.1, 0.2, 0.5, 1.0, 2.0)  # the last one for ever
-SILENT_ATTEMPTS = 3  # before a robot that describes nothing is called faulty
+LISTING_TIMEOUT_S = 5.0
 BIND_PATIENCE_S = 2.0
 
 
@@ -92,8 +92,6 @@ class FleetLink:
         self._frames = frames or Frames()
         self._on_events = on_events
         self._on_progress = on_progress
-        self._fetches: dict[RobotKey, asyncio.Task[None]] = {}
-        self._describing = asyncio.Lock()  # a thousand at once are taken one at a time, between which others are served
         self._expected: dict[str, zenoh.KeyExpr] = {}
         self._declared: tuple[object, ...] = ()
 
@@ -107,10 +105,18 @@ class FleetLink:
         """How many messages were refused here, by robot or, where the key names none, by key."""
         return dict(self._incoming.complaints.counts)
 
+    @property
+    def undescribed(self) -> int:
+        """How many robots have a presence token, and have not described themselves."""
+        return self._discovery.undescribed
+
     async def __aenter__(self) -> Self:
         self._loop = asyncio.get_running_loop()
         self._questions = Questions()
-        self._incoming = Incoming(self._keys, self._frames, self._presence, self._on_events, self._on_progress)
+        self._discovery = Discovery(
+            self._ask_description, self._list_tokens, self._on_events, lambda: self._heartbeat.hasten()
+        )
+        self._incoming = Incoming(self._keys, self._frames, self._discovery, self._on_events, self._on_progress)
         try:
             self._session = await self._open()
         except BaseException:
@@ -126,25 +132,13 @@ class FleetLink:
 
     async def roll_call(self, timeout_s: float) -> set[str]:
         """Names of the robots that are there now, as far as is known within ``timeout_s``."""
-
-        def ask() -> list[str]:
-            # Those that are known are told before ``get`` returns: a channel of Zenoh is full at 256, and blocks it.
-            replies, over = list[zenoh.Reply](), threading.Event()
-            handler: Any = zenoh.handlers.Callback(replies.append, drop=over.set, indirect=False)
-            self._session.liveliness().get(self._keys.all_presence, handler, timeout=timeout_s)
-            over.wait(timeout_s)
-            return [str(reply.ok.key_expr) for reply in list(replies) if reply.ok is not None]
-
-        found = [self._incoming.parse(key) for key in await self._questions.in_thread(ask)]
-        return {robot.robot for robot in found if robot is not None}
+        tokens, _ = await self._list_tokens(timeout_s)
+        return {robot for robot, _ in tokens}
 
     async def __aexit__(self, *_: object) -> None:
         self._heartbeat.close()
         self._incoming.close()
-        fetches = list(self._fetches.values())
-        for fetch in fetches:
-            fetch.cancel()
-        await asyncio.gather(*fetches, return_exceptions=True)
+        await self._discovery.close()
         try:
             await self._questions.in_thread(self._session.close)
         except zenoh.ZError as error:
@@ -171,7 +165,7 @@ class FleetLink:
             try:
                 key = self._keys.robot(robot, "command")
                 reply = await self._questions.ask(
-                    self._session, key, timeout_s, MAX_REPLY_BYTES, encode(command), judge,
+                    self._session, self._expected.get(key, key), timeout_s, MAX_REPLY_BYTES, encode(command), judge,
                     traceparent=traceparent, patient=False,
                 )  # fmt: skip
             except TimeoutError:
@@ -181,6 +175,8 @@ class FleetLink:
                 span.replied(reply)
             if reply is None:
                 raise NoAnswer(reasons[-1])
+        if key not in self._expected:
+            await self._questions.in_thread(self._expect, key)
         return reply
 
     async def stop(self, robots: Collection[str] | None, stop: Stop, timeout_s: float) -> dict[str, Reply]:
@@ -290,61 +286,37 @@ class FleetLink:
         token = self._session.liveliness().declare_token(self._keys.gateway(self._gateway_name))
         self._declared = (*listened, token)
 
-    def _presence(self, key: RobotKey, incarnation: int, present: bool) -> Event:
-        fetch = self._fetches.pop(key, None)
-        if fetch is not None:
-            fetch.cancel()
-        if not present:
-            return Vanished(key.robot, incarnation)
-        self._heartbeat.hasten()
-        fetch = self._fetches[key] = self._loop.create_task(self._fetch(key.robot, incarnation))
-        fetch.add_done_callback(_report)
-        return Appeared(key.robot, incarnation)
+    async def _list_tokens(self, timeout_s: float = LISTING_TIMEOUT_S) -> tuple[list[Token], bool]:
+        """Tokens of all runs, the highest first, and whether these are all that there are."""
 
-    async def _fetch(self, robot: str, incarnation: int) -> None:
-        """Ask for the description until a usable one comes; the task is cancelled when the token goes."""
-        await self._questions.in_thread(self._expect, robot)
-        told = ""
-        attempt = 0
-        while True:
-            said, reason = await self._describe(robot, incarnation)
-            if said is not None:
-                async with self._describing:
-                    self._on_events([Described(said)])
-                    await asyncio.sleep(0)
-                return
-            attempt += 1
-            # Silence may be that of an agent under load; what was said wrongly is worth telling at once.
-            if (reason and reason != told) or (attempt == SILENT_ATTEMPTS and not told):
-                told = reason or "the agent is present but does not answer when asked for its description"
-                self._on_events([Undescribed(robot, incarnation, told)])
-            await asyncio.sleep(DESCRIPTION_BACKOFF_S[min(attempt, len(DESCRIPTION_BACKOFF_S)) - 1])
+        def ask() -> tuple[list[Token], bool]:
+            # Those that are known are told before ``get`` returns: a channel of Zenoh is full at 256, and blocks it.
+            replies, over = list[zenoh.Reply](), threading.Event()
+            handler: Any = zenoh.handlers.Callback(replies.append, drop=over.set, indirect=False)
+            self._session.liveliness().get(self._keys.all_presence, handler, timeout=timeout_s)
+            complete = over.wait(timeout_s)
+            found = list[Token]()
+            for reply in replies.copy():
+                complete = complete and reply.ok is not None
+                with contextlib.suppress(ValueError):  # who declared it was counted when it came
+                    key = self._keys.parse(str(reply.ok.key_expr)) if reply.ok is not None else None
+                    if key is not None and key.incarnation is not None:
+                        found.append((key.robot, key.incarnation))
+            return sorted(found, reverse=True), complete
 
-    def _expect(self, robot: str) -> None:
-        """Have Zenoh keep the way of its frames: that of a key nobody declared it seeks for each, among all robots."""
-        if robot not in self._expected and len(self._expected) < MAX_KEYS:
-            self._expected[robot] = self._session.declare_keyexpr(self._keys.robot(robot, "state"))
+        return await self._questions.in_thread(ask)
 
-    async def _describe(self, robot: str, incarnation: int) -> tuple[Description | None, str]:
-        """One round of asking: the description, or why what came was none ("" when nothing came)."""
-        reasons = [""]
+    async def _ask_description(self, robot: str, judge: Judge) -> None:
+        """One question. Raises TimeoutError."""
+        key, sent = self._keys.robot(robot, "description"), self._discovery.sent
+        said = await self._questions.ask(
+            self._session, key, DESCRIPTION_TIMEOUT_S, MAX_DESCRIPTION_BYTES, None, judge, sent=sent
+        )
+        if said is not None:
+            await self._questions.in_thread(self._expect, self._keys.robot(robot, "state"))
 
-        def judge(answer: bytes | str, _: str) -> Description | None:
-            description, reason = read_description(answer, robot, incarnation)
-            reasons.append(reason)
-            return description
-
-        key = self._keys.robot(robot, "description")
-        try:
-            return await self._questions.ask(
-                self._session, key, DESCRIPTION_TIMEOUT_S, MAX_DESCRIPTION_BYTES, None, judge
-            ), reasons[-1]
-        except TimeoutError:
-            said = None
-        return said, reasons[-1]
-
-
-def _report(task: asyncio.Task[None]) -> None:
-    """A fetch that fails for an unforeseen reason must be seen."""
-    if not task.cancelled() and (error := task.exception()) is not None:
-        _log.error("fetching a description failed", exc_info=error)
+    def _expect(self, key: str) -> zenoh.KeyExpr | str:
+        """Have Zenoh keep the route of a key. Without that it looks for it each time, among the keys of all robots."""
+        if key not in self._expected and len(self._expected) < MAX_KEYS:
+            self._expected[key] = self._session.declare_keyexpr(key)
+        return self._expected.get(key, key)

@@ -88,8 +88,8 @@ class Live:
         """Wait for the robots that are there already: a gateway in the place of another is to know what that knew."""
         while not self.link.joined:  # noqa: ASYNC110 - Zenoh tells nobody
             await asyncio.sleep(_PAUSE_S)
-        present = await self.link.roll_call(_MEETING_S)
-        while not all(self._is_known(name) for name in present):
+        awaited = await self.link.roll_call(_MEETING_S)
+        while awaited := {name for name in awaited if not self._is_known(name)}:
             self._heard.clear()
             await self._heard.wait()
 

@@ -3,6 +3,7 @@ small thread pool; that of a command, for which a client waits, may not: it is g
 
 import asyncio
 import contextlib
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
@@ -37,7 +38,7 @@ class Questions:
     async def ask(
         self,
         session: zenoh.Session,
-        key: str,
+        key: zenoh.KeyExpr | str,
         timeout_s: float,
         limit: int,
         payload: bytes | None,
@@ -45,11 +46,13 @@ class Questions:
         priority: zenoh.Priority = zenoh.Priority.DATA,
         traceparent: bytes | None = None,
         patient: bool = True,
+        sent: Callable[[float], None] = lambda processor_s: None,
     ) -> _T | None:
         """Ask, and return the first answer that ``judge`` makes something of; None when there are no more.
 
         An answer is a payload, or a sentence why it has none; its key comes with it. Answers have the ``priority``
         of the question. One that is not ``patient`` is not asked over a connection that is full, and goes unanswered.
+        ``sent`` is told how much processor time it took to send the question.
         Raises TimeoutError after ``timeout_s``.
         """
         urgent = priority == zenoh.Priority.REAL_TIME
@@ -65,9 +68,10 @@ class Questions:
             with contextlib.suppress(RuntimeError):  # the loop was closed while the question was under way
                 self._loop.call_soon_threadsafe(put, answer)
 
-        def get() -> None:
+        def get() -> float:
+            begin_s = time.thread_time()
             handler: Any = zenoh.handlers.Callback(
-                lambda reply: hand_over(_answer(reply, limit, key)), drop=lambda: hand_over(None), indirect=False
+                lambda reply: hand_over(_answer(reply, limit, str(key))), drop=lambda: hand_over(None), indirect=False
             )
             session.get(
                 key,
@@ -81,12 +85,13 @@ class Questions:
                 priority=priority,
                 congestion_control=zenoh.CongestionControl.BLOCK if patient else zenoh.CongestionControl.DROP,
             )
+            return time.thread_time() - begin_s
 
         async with asyncio.timeout(timeout_s):
             if patient:
-                await self._loop.run_in_executor(self._stop_threads if urgent else self._threads, get)
+                sent(await self._loop.run_in_executor(self._stop_threads if urgent else self._threads, get))
             else:
-                get()
+                sent(get())
             while (answer := await answers.get()) is not None:
                 judged = judge(*answer)
                 if judged is not None:

@@ -1,5 +1,7 @@
 """What agents answer, judged: a message, or a sentence that says why it is none."""
 
+from collections.abc import Collection
+
 from agents.wire.codec import WireError, decode, decode_reply
 from agents.wire.messages import Description, Mesh, Reply
 
@@ -23,16 +25,17 @@ def read_mesh(answer: bytes | str, mesh: Mesh) -> tuple[bytes | None, str]:
     return answer, ""
 
 
-def read_description(answer: bytes | str, robot: str, incarnation: int) -> tuple[Description | None, str]:
+def read_description(answer: bytes | str, robot: str, runs: Collection[int]) -> tuple[Description | None, str]:
+    """``runs``: those of the robot that have a presence token."""
     if isinstance(answer, str):
         return None, answer
     try:
         said = decode(answer, Description)
     except WireError as error:
         return None, str(error)
-    if (said.robot, said.incarnation) == (robot, incarnation):
+    if said.robot == robot and said.incarnation in runs:
         return said, ""
     return None, (
         f"the description is of robot {said.robot!r} in run {said.incarnation}, "
-        f"but the presence token is of {robot!r} in run {incarnation}"
+        f"but the presence token is of {robot!r} in run {max(runs, default=0)}"
     )

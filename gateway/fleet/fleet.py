@@ -2,10 +2,13 @@
 
 A run of an agent is an incarnation. While several runs of one robot are present (a restart before the lease of the
 dead one ended), the highest incarnation is the present one.
+
+A robot that has described itself stays, as offline, when its agent has gone. One that never has is forgotten then, and
+only ``MAX_UNDESCRIBED`` of these are shown: of the others only the runs are kept, until they describe themselves.
 """
 
 import logging
-from bisect import insort
+from bisect import bisect_left, insort
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -19,6 +22,7 @@ from gateway.fleet.events import Appeared, Described, Event, Framed, Moved, Unde
 from gateway.fleet.frames import Frames
 from gateway.fleet.lease import Lease
 from gateway.fleet.observation import Observation
+from gateway.fleet.presence import MAX_RUNS
 from gateway.fleet.robot import Robot
 
 __all__ = [
@@ -36,7 +40,9 @@ __all__ = [
 ]
 
 MAX_ROBOTS = 10_000
-MAX_RUNS = 8  # of one robot at once
+MAX_UNDESCRIBED = 64
+"""Robots at once that are shown although they have never described themselves."""
+_HIDDEN = "(undescribed)"
 _log = logging.getLogger(__name__)
 
 What = Literal["appeared", "vanished", "described", "faulty", "configured", "frame"]
@@ -56,6 +62,8 @@ class _Entry:
 
     robot: Robot
     runs: dict[int, Description | str | None] = field(default_factory=dict)
+    described: bool = False
+    """Some run of it has described itself usably."""
 
 
 class _ByName(Mapping[str, Robot]):
@@ -83,10 +91,15 @@ class _ByName(Mapping[str, Robot]):
         self._robots[robot.name] = robot
         insort(self._names, robot.name)  # to sort all of them for each that comes would cost most of its joining
 
+    def remove(self, name: str) -> None:
+        del self._robots[name], self._names[bisect_left(self._names, name)]
+
 
 class Fleet:
-    """Every robot that was ever seen. ``malformed`` and ``dropped`` count, by robot, what was not taken:
-    malformed things are faults of the sender, dropped ones (late, of another run) happen in good order.
+    """Every robot that has described itself, and some that have not.
+
+    ``malformed`` and ``dropped`` count, by robot, what was not taken: malformed things are faults of the sender,
+    dropped ones (late, of another run) happen in good order.
 
     ``frames`` is where frames that continue a run may be put without an event.
     """
@@ -94,6 +107,8 @@ class Fleet:
     def __init__(self, frames: Frames | None = None) -> None:
         self.frames = frames or Frames()
         self._entries: dict[str, _Entry] = {}
+        self._undescribed: set[str] = set()
+        self._hidden: dict[str, set[int]] = {}
         self._robots = _ByName()
         self._complaints = Complaints(_log)
         self._settings: dict[str, Mapping[str, str]] = {}
@@ -103,7 +118,7 @@ class Fleet:
             Appeared: self._appeared,
             Vanished: self._vanished,
             Described: self._described,
-            Undescribed: self._undescribed,
+            Undescribed: self._not_described,
             Framed: self._framed,
             Moved: self._moved,
         }
@@ -154,23 +169,46 @@ class Fleet:
         return self._handlers[type(event)](event, now_ns)
 
     def _appeared(self, event: Appeared, now_ns: int) -> list[Change]:
-        entry = self._entry(event.robot)
+        entry, changes = self._entries.get(event.robot), list[Change]()
+        if entry is None and (event.robot in self._hidden or len(self._undescribed) >= MAX_UNDESCRIBED):
+            self._hide(event)
+            return []
+        if entry is None:
+            entry, changes = self._enter(event.robot)
         if entry is None or (len(entry.runs) >= MAX_RUNS and event.incarnation not in entry.runs):
             self._complaints.add(event.robot, f"more than {MAX_ROBOTS} robots or {MAX_RUNS} runs of one")
-            return []
+            return changes
         entry.runs.setdefault(event.incarnation, None)
         entry.robot.heard_ns = now_ns
-        return self._elect(entry)
+        return [*changes, *self._elect(entry)]
 
     def _vanished(self, event: Vanished, now_ns: int) -> list[Change]:
         entry = self._entries.get(event.robot)
-        if entry is None or event.incarnation not in entry.runs:
+        if entry is None:
+            self._unhide(event)
+            return []
+        if event.incarnation not in entry.runs:
             return []
         del entry.runs[event.incarnation]
         if entry.runs:
             return self._elect(entry)
         entry.robot.appear(False)
+        if not entry.described:
+            self._remove(entry)
         return [Change(event.robot, "vanished")]
+
+    def _hide(self, event: Appeared) -> None:
+        if event.robot not in self._hidden and len(self._hidden) >= MAX_ROBOTS:
+            return
+        runs = self._hidden.setdefault(event.robot, set())
+        if len(runs) < MAX_RUNS:
+            runs.add(event.incarnation)
+
+    def _unhide(self, event: Vanished) -> None:
+        runs = self._hidden.get(event.robot, set())
+        runs.discard(event.incarnation)
+        if not runs:
+            self._hidden.pop(event.robot, None)
 
     def _elect(self, entry: _Entry) -> list[Change]:
         """Make the highest incarnation the present one."""
@@ -189,17 +227,38 @@ class Fleet:
     def _described(self, event: Described, now_ns: int) -> list[Change]:
         return self._said(event.description.robot, event.description.incarnation, event.description, now_ns)
 
-    def _undescribed(self, event: Undescribed, now_ns: int) -> list[Change]:
-        self._complaints.add(event.robot, event.reason)
+    def _not_described(self, event: Undescribed, now_ns: int) -> list[Change]:
+        self._complaints.add(event.robot if event.robot in self._entries else _HIDDEN, event.reason)
         return self._said(event.robot, event.incarnation, event.reason, now_ns)
 
     def _said(self, robot: str, incarnation: int, said: Description | str, now_ns: int) -> list[Change]:
+        if incarnation in self._hidden.get(robot, ()) and isinstance(said, Description):
+            return self._show(said, now_ns)
         entry = self._entries.get(robot)
         if entry is None or incarnation not in entry.runs:
             return []  # the run ended while it was being asked
         entry.robot.heard_ns = now_ns
         entry.runs[incarnation] = said
-        return self._tell(entry) if incarnation == entry.robot.incarnation else []
+        changes = self._tell(entry) if incarnation == entry.robot.incarnation else []
+        if entry.robot.model is not None:
+            entry.described = True
+            self._undescribed.discard(robot)
+        return changes
+
+    def _show(self, said: Description, now_ns: int) -> list[Change]:
+        """Let in a robot that was hidden; it is hidden again if its description cannot be used."""
+        runs = self._hidden.pop(said.robot)
+        entry, changes = self._enter(said.robot)
+        if entry is None:
+            self._hidden[said.robot] = runs
+            return changes
+        entry.runs = dict.fromkeys(runs)
+        told = [*self._elect(entry), *self._said(said.robot, said.incarnation, said, now_ns)]
+        if not entry.described and len(self._undescribed) > MAX_UNDESCRIBED:
+            self._remove(entry)
+            self._hidden[said.robot] = runs
+            return changes
+        return [*changes, *told]
 
     def _tell(self, entry: _Entry) -> list[Change]:
         """Bring what the present run said to the robot, if it is news."""
@@ -257,11 +316,27 @@ class Fleet:
         entry.robot.tell()
         return [Change(event.robot, "frame")] if entry.robot.header is not None else []
 
-    def _entry(self, name: str) -> _Entry | None:
-        """The entry of a robot, made when there is room for it."""
-        entry = self._entries.get(name)
-        if entry is None and len(self._entries) < MAX_ROBOTS:
-            entry = self._entries[name] = _Entry(Robot(name, self._complaints.add, self.frames))
-            entry.robot.settings, entry.robot.lease = self._settings.get(name, {}), self._leases.get(name)
-            self._robots.add(entry.robot)
-        return entry
+    def _enter(self, name: str) -> tuple[_Entry | None, list[Change]]:
+        """A new entry. Among too many robots the one that has been offline longest makes room, or there is none."""
+        changes = list[Change]()
+        if len(self._entries) >= MAX_ROBOTS:
+            offline = [each for each in self._entries.values() if not each.robot.online]
+            if not offline:
+                return None, []
+            oldest = min(offline, key=lambda each: each.robot.last_seen_ns or 0)
+            self._remove(oldest)
+            changes.append(Change(oldest.robot.name, "vanished"))
+        entry = self._entries[name] = _Entry(Robot(name, self._complaints.add, self.frames))
+        entry.robot.settings, entry.robot.lease = self._settings.get(name, {}), self._leases.get(name)
+        self._undescribed.add(name)
+        self._robots.add(entry.robot)
+        return entry, changes
+
+    def _remove(self, entry: _Entry) -> None:
+        name = entry.robot.name
+        entry.robot.drop_frame()
+        del self._entries[name]
+        self._undescribed.discard(name)
+        self._robots.remove(name)
+        self._complaints.forget(name)
+        self.dropped["(unknown)"] += self.dropped.pop(name, 0)

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 MAX_KEYS = 20_000
+MAX_TOKENS_OF_ONE = 64
+"""Several times as many as a robot has runs at once."""
 MAX_PROGRESS_OF_ONE = 512
 """Twice what an honest agent repeats at once to a gateway that comes."""
 MAX_PROGRESS = 10_000
@@ -18,7 +20,7 @@ class Batch:
     """What came since the last batch: presence by key (True: there), the latest state by key of those that have to be
     judged, robots that are watched and have newer frames, progress in order.
 
-    ``told`` counts the progress by key.
+    ``told`` counts the progress by key, ``tokens`` those in ``presence`` by robot. ``presence_lost``: there was more.
     """
 
     presence: dict[str, bool] = field(default_factory=dict)
@@ -26,12 +28,15 @@ class Batch:
     moved: dict[str, None] = field(default_factory=dict)
     progress: deque[tuple[str, Payload]] = field(default_factory=lambda: deque(maxlen=MAX_PROGRESS))
     told: Counter[str] = field(default_factory=Counter)
+    tokens: Counter[str] = field(default_factory=Counter)
+    presence_lost: bool = False
 
 
 class Inbox:
     """Filled by any thread, emptied by one reader, who is woken once per batch.
 
-    Overflow policy: one presence and one state per key, the latest wins, new keys beyond ``MAX_KEYS`` are refused;
+    Overflow policy: one presence and one state per key, the latest wins, new keys beyond ``MAX_KEYS`` are refused,
+    of presence those of one robot beyond ``MAX_TOKENS_OF_ONE``, and the reader is told that he has to list all tokens;
     of progress that of one key is dropped beyond ``MAX_PROGRESS_OF_ONE``, and the oldest beyond ``MAX_PROGRESS``.
     So however much one robot says, what others say is heard, and a batch is soon read.
     """
@@ -44,9 +49,13 @@ class Inbox:
 
     def put_presence(self, key: str, present: bool) -> None:
         with self._lock:
-            self._batch.presence.pop(key, None)  # so that the order is that of the latest change
-            if len(self._batch.presence) < MAX_KEYS:
-                self._batch.presence[key] = present
+            batch, robot = self._batch, key.rpartition("/")[0]
+            known = batch.presence.pop(key, None) is not None  # so that the order is that of the latest change
+            if known or (len(batch.presence) < MAX_KEYS and batch.tokens[robot] < MAX_TOKENS_OF_ONE):
+                batch.presence[key] = present
+                batch.tokens[robot] += not known
+            else:
+                batch.presence_lost = True
             self._ring()
 
     def put_state(self, key: str, payload: Payload) -> None:

@@ -64,10 +64,13 @@ class Numbers(Collector):
 
     def _of_robots(self) -> Iterator[Metric]:
         fleet, now_ns = self.live.fleet, time.time_ns()
-        robots = list(fleet.robots.values())
+        robots = [robot for name in fleet.robots if (robot := fleet.robots.get(name)) is not None]
         online = sum(robot.online for robot in robots)
         yield _gauges(
             "robots", "Robots by presence.", "presence", {"online": online, "offline": len(robots) - online}.items()
+        )
+        yield _gauge(
+            "robots_undescribed", "Robots with a presence token and no description.", self.live.link.undescribed
         )
         yield _gauges(
             "robot_frame_age_seconds", "Time since the latest frame of a robot came.", "robot",

@@ -46,8 +46,13 @@ class Sampler:
             await self._look_at_frames()
 
     async def _look_at_frames(self) -> None:
-        for number, name in enumerate(list(self._fleet.robots), 1):
-            robot = self._fleet.robots[name]
+        names = list(self._fleet.robots)
+        for name in self._seen.keys() - set(names):
+            del self._seen[name]
+        for number, name in enumerate(names, 1):
+            robot = self._fleet.robots.get(name)
+            if robot is None:
+                continue  # forgotten meanwhile
             header, taken_ns = robot.header, robot.last_seen_ns
             if header is not None and taken_ns is not None:
                 frame = (header.incarnation, header.sequence)

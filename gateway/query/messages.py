@@ -31,10 +31,14 @@ class Said(Struct, frozen=True, kw_only=True):
 
 
 class News(Struct, frozen=True, kw_only=True):
-    """What is different since the query before: of robots, and frames by robot, None for one that has gone."""
+    """What is different since the query before: of robots, and frames by robot, None for one that has none any more.
+
+    ``forgotten``: robots that the fleet does not have any more.
+    """
 
     robots: list[Said]
     frames: dict[str, bytes | None]
+    forgotten: list[str] = []
 
 
 class Ask(Struct, frozen=True, kw_only=True):

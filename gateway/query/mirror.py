@@ -40,6 +40,8 @@ class Mirror:
             if held is None:
                 held = self.robots[said.name] = Mirrored(Robot(said.name, _complain, self._frames))
             _tell(held, said)
+        for name in news.forgotten:
+            self.robots.pop(name, None)
         for name, frame in news.frames.items():
             _show(self.robots[name], frame)
 

@@ -42,7 +42,11 @@ class Feed:
                 robots.append(_said(robot, invocations, [(term.value, path) for term, path in wings]))
             if (frame := robot.payload) is not self._frames.get(name):
                 frames[name] = self._frames[name] = frame
-        return News(robots=robots, frames=frames)
+        forgotten = list(self._said.keys() - set(self._fleet.robots))
+        for name in forgotten:
+            del self._said[name]
+            self._frames.pop(name, None)
+        return News(robots=robots, frames=frames, forgotten=forgotten)
 
     def of_fleet(self) -> list[Invocation]:
         """Invocations of the whole fleet."""

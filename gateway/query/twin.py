@@ -89,8 +89,8 @@ class _Of(NamedTuple):
 class _Robot:
     """What the store has of one robot."""
 
-    def __init__(self, graph: NamedNode) -> None:
-        self.graph = graph
+    def __init__(self, graph: NamedNode, held: Mirrored) -> None:
+        self.graph, self.held = graph, held
         self.basis: object = None
         self.said = self.seen = -1
         self.documents: dict[str, _Of] = {}
@@ -124,8 +124,10 @@ class Twin:
         self._extend(NamedNode(self.base + path), graph.triples)
 
     def bring(self, mirror: Mirror) -> None:
+        for name in [name for name, known in self._robots.items() if known.held is not mirror.robots.get(name)]:
+            self.store.remove_graph(self._robots.pop(name).graph)
         for name, held in mirror.robots.items():
-            known = self._robots.setdefault(name, _Robot(self.graph_of(name)))
+            known = self._robots.setdefault(name, _Robot(self.graph_of(name), held))
             if known.said != held.said:
                 self._tell(known, held)
             elif known.seen != held.seen:

@@ -36,7 +36,7 @@ def test_good_messages_are_good() -> None:
     assert decode(mutation.dumped(good.stop(random, "a")), Stop)
     assert decode(mutation.dumped(good.progress(random, "a", 1)), Progress)
     said = good.description(random, "arm", 1)
-    assert read_description(mutation.dumped(good.tree_of(said)), "arm", 1) == (said, "")
+    assert read_description(mutation.dumped(good.tree_of(said)), "arm", (1,)) == (said, "")
     assert isinstance(said, Description)
 
 

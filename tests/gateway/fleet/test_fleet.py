@@ -9,7 +9,18 @@ import pytest
 
 from agents.wire.codec import encode_state, layout
 from agents.wire.messages import WIRE_VERSION, Base, Description, State
-from gateway.fleet.fleet import Appeared, Change, Described, Event, Fleet, Framed, Robot, Undescribed, Vanished
+from gateway.fleet.fleet import (
+    MAX_UNDESCRIBED,
+    Appeared,
+    Change,
+    Described,
+    Event,
+    Fleet,
+    Framed,
+    Robot,
+    Undescribed,
+    Vanished,
+)
 from gateway.fleet.observation import Observation, rounded
 
 URDF = """<robot name='r'><link name='a'/><link name='b'/><link name='c'/>
@@ -276,3 +287,66 @@ def test_a_restart_resets_what_was_observed() -> None:
 )
 def test_values_are_rounded_to_decimals_that_print_short(value: float, resolution: float, expected: float) -> None:
     assert repr(rounded(value, resolution)) == repr(expected)
+
+
+def test_of_robots_that_never_described_themselves_a_few_are_shown() -> None:
+    fleet = Fleet()
+    changes = [change for number in range(10_000) for change in fleet.apply(Appeared(f"flood{number}", 5), 1)]
+    assert len(fleet.robots) == len(changes) == MAX_UNDESCRIBED
+    for number in range(10_000):
+        fleet.apply(Undescribed(f"flood{number}", 5, "it is silent"), 2)
+    assert len(fleet.robots) == MAX_UNDESCRIBED
+    assert fleet.malformed.total() == 10_000
+
+
+def test_a_robot_that_describes_itself_is_shown_however_many_do_not() -> None:
+    fleet = Fleet()
+    for number in range(1000):
+        fleet.apply(Appeared(f"flood{number}", 5), 1)
+    assert fleet.apply(Appeared("r", 4), 2) == fleet.apply(Appeared("r", 5), 2) == []
+    assert kinds(fleet.apply(Described(said()), 3)) == ["appeared", "described"]
+    assert kinds(fleet.apply(framed(1, 0.25), 4)) == ["frame"]
+    robot = fleet.robots["r"]
+    assert (robot.online, robot.positions["turn"]) == (True, 0.25)
+    assert kinds(fleet.apply(Vanished("r", 5), 5)) == ["appeared"]
+    assert robot.incarnation == 4
+
+
+def test_a_robot_that_never_described_itself_is_forgotten_with_its_token() -> None:
+    fleet = Fleet()
+    for number in range(100):
+        fleet.apply(Appeared(f"flood{number}", 5), 1)
+        fleet.apply(Undescribed(f"flood{number}", 5, "it is silent"), 1)
+    for number in range(100):
+        fleet.apply(Vanished(f"flood{number}", 5), 2)
+    assert (len(fleet.robots), dict(fleet.malformed)) == (0, {"(others)": MAX_UNDESCRIBED, "(undescribed)": 36})
+    assert kinds(fleet.apply(Appeared("r", 5), 3)) == ["appeared"]
+
+
+def test_descriptions_that_cannot_be_used_make_no_more_robots_visible_than_silence() -> None:
+    fleet = Fleet()
+    for number in range(200):
+        fleet.apply(Appeared(f"flood{number}", 5), 1)
+        fleet.apply(Described(said(robot=f"flood{number}", urdf="<robot")), 1)
+    assert len(fleet.robots) == MAX_UNDESCRIBED
+    for number in range(200):
+        fleet.apply(Vanished(f"flood{number}", 5), 2)
+    assert len(fleet.robots) == 0
+
+
+def test_a_robot_that_described_itself_once_stays_readable() -> None:
+    fleet, robot = fleet_after(*UP, Vanished("r", 5), Appeared("r", 6), Undescribed("r", 6, "?"), Vanished("r", 6))
+    assert (fleet.robots["r"], robot.online) == (robot, False)
+
+
+def test_in_a_full_fleet_the_robot_that_has_been_offline_longest_makes_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gateway.fleet.fleet.MAX_ROBOTS", 3)
+    fleet = Fleet()
+    for now, name in enumerate(("a", "b", "c")):
+        fleet.apply(Appeared(name, 5), now)
+        fleet.apply(Described(said(robot=name)), now)
+    assert fleet.apply(Appeared("d", 5), 9) == []
+    fleet.apply(Vanished("c", 5), 9)
+    fleet.apply(Vanished("b", 5), 9)
+    assert fleet.apply(Appeared("d", 5), 9) == [Change("b", "vanished"), Change("d", "appeared")]
+    assert list(fleet.robots) == ["a", "c", "d"]

@@ -1,6 +1,6 @@
 """The hand-over to the event loop has bounds, and one sender's flood costs no other its place."""
 
-from gateway.fleet.inbox import MAX_KEYS, MAX_PROGRESS, MAX_PROGRESS_OF_ONE, Inbox
+from gateway.fleet.inbox import MAX_KEYS, MAX_PROGRESS, MAX_PROGRESS_OF_ONE, MAX_TOKENS_OF_ONE, Inbox
 
 
 def test_the_progress_of_one_is_bounded_and_that_of_others_heard() -> None:
@@ -26,3 +26,15 @@ def test_of_states_the_latest_of_each_key_is_kept() -> None:
     batch = inbox.take()
     assert batch.states["loud"] == b"%d" % (2 * MAX_KEYS - 1)
     assert len(batch.states) == MAX_KEYS
+
+
+def test_tokens_of_one_robot_leave_those_of_others_their_place() -> None:
+    inbox = Inbox(lambda: None)
+    for run in range(2 * MAX_KEYS):
+        inbox.put_presence(f"fleet/robot/loud/presence/{run}", True)
+    inbox.put_presence("fleet/robot/quiet/presence/1", True)
+    inbox.put_presence("fleet/robot/loud/presence/0", False)
+    batch = inbox.take()
+    assert (len(batch.presence), batch.presence["fleet/robot/quiet/presence/1"]) == (MAX_TOKENS_OF_ONE + 1, True)
+    assert batch.presence["fleet/robot/loud/presence/0"] is False
+    assert batch.presence_lost
