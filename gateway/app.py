@@ -90,12 +90,12 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None) -> Sta
                 live, app.state.actions, RuleStore(url, settings.namespace, run),
                 app.state.queries.select,
                 lambda rule: creator_of(rule, app.state.identities),
-                app.state.audit, int(settings.rules_per_client),
+                app.state.audit, int(settings.rules_per_client), settings.public_urls,
             )  # fmt: skip
             app.state.rules = await stack.enter_async_context(rules)
             sampler = await stack.enter_async_context(Sampler(live.fleet))
             app.state.registry = registry(
-                Numbers(live, subscriptions, app.state.actions, requests, sampler, history, embedded)
+                Numbers(live, subscriptions, app.state.actions, requests, sampler, history, rules, embedded)
             )
             yield
 

@@ -13,6 +13,8 @@ QUERY = (
     "PREFIX spatial: <http://vocab.arvida.de/2015/06/spatial/vocab#> "
 )
 TURTLE = {"content-type": "text/turtle"}
+TO_TARGET = 'vom:numericalValue [ lf:variable "target" ] ; vom:unit unit:RAD'
+BY_SIDE = 'lf:minimumInterval 0 ; lf:toldApartBy "side"'
 
 
 def sides(joint: str, limit: float = 1.0) -> str:

@@ -130,7 +130,7 @@ LF = Namespace(
     " depth minimumInterval deadband secret signed deliveryState lastDelivery lastStatus failures"
     " version previousVersion"
     # predicates: rules
-    " rules condition invokes body toldApartBy enabled firings suppressions variable binding invocation"
+    " rules condition invokes body toldApartBy enabled firings causedBy suppressions variable binding invocation"
     # predicates: quantities
     " value translation displacement translationAxis velocity effort limits lowerLimit upperLimit velocityLimit"
     " effortLimit damping pose twist mass centreOfMass inertia mimic mimicsJoint multiplier offset jointState sample"

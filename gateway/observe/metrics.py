@@ -2,6 +2,7 @@
 
 import asyncio
 import time
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
@@ -17,6 +18,8 @@ from gateway.history.recorder import History
 from gateway.live import Live
 from gateway.observe.counts import Histogram, Requests
 from gateway.observe.sampler import Sampler
+from gateway.rules.description import rule_state
+from gateway.rules.service import Rules
 from gateway.store.embedded import Embedded
 from gateway.subscriptions.service import Subscriptions
 
@@ -47,6 +50,7 @@ class Numbers(Collector):
     requests: Requests
     sampler: Sampler
     history: History
+    rules: Rules
     embedded: Embedded | None
 
     def collect(self) -> Iterator[Metric]:
@@ -54,6 +58,7 @@ class Numbers(Collector):
         yield from self._of_requests()
         yield from self._of_subscriptions()
         yield from self._of_commands()
+        yield from self._of_rules()
         yield _histogram("event_loop_lag_seconds", "How late timers of the event loop were.", self.sampler.loop_lag)
         yield _gauge("history_bytes", "Memory of the histories of all robots.", self.history.bytes)
         yield _gauge("history_samples", "Samples in the histories of all robots.", self.history.samples)
@@ -116,6 +121,11 @@ class Numbers(Collector):
         yield _counter("deliveries", "Callbacks that receivers took.", callbacks.deliveries.taken)
         yield _counter("delivery_failures", "Attempts at which a receiver took nothing.", callbacks.deliveries.failed)
         yield _gauge("callbacks_suspended", "Callbacks that wait for somebody to resume them.", callbacks.suspended)
+
+    def _of_rules(self) -> Iterator[Metric]:
+        states = Counter(rule_state(known).value.rpartition("#")[2] for known in list(self.rules.known.values()))
+        yield _gauges("rules", "Rules by state.", "state", states.items())
+        yield _counter("rule_loops", "Rules disabled here because they fired because of themselves.", self.rules.loops)
 
     def _of_commands(self) -> Iterator[Metric]:
         counter = CounterMetricFamily(

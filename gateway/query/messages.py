@@ -30,6 +30,20 @@ class Said(Struct, frozen=True, kw_only=True):
     invocations: list[Invocation]
 
 
+Measured = tuple[float, float, float]
+"""Position (rad or m), velocity and effort of a joint."""
+
+
+class Instead(Struct, frozen=True, kw_only=True):
+    """A robot in another state than it is: some of its joints and their targets, and motions by id as they were then;
+    None for a target or a motion that there was not."""
+
+    robot: str
+    joints: dict[str, Measured]
+    targets: dict[str, float | None]
+    motions: dict[str, Invocation | None]
+
+
 class News(Struct, frozen=True, kw_only=True):
     """What is different since the query before: of robots, and frames by robot, None for one that has none any more.
 
@@ -47,7 +61,7 @@ class Ask(Struct, frozen=True, kw_only=True):
     ``base`` is scheme and authority of all IRIs, ``base_iri`` what relative ones in the query are resolved against.
     ``default`` and ``named`` are the graphs that were asked for, None for all. ``invocations`` are those of the whole
     fleet. ``graphs``: N-Triples by the path of the graph that they are added to. ``bindings`` is a solution in the
-    JSON of results, ``accept`` what the answer may be.
+    JSON of results, ``accept`` what the answer may be. ``instead``: robots that are supposed to be in another state.
     """
 
     news: News
@@ -65,6 +79,7 @@ class Ask(Struct, frozen=True, kw_only=True):
     most_bytes: int
     limit_s: float
     bindings: dict[str, dict[str, str]] = {}
+    instead: tuple[Instead, ...] = ()
     only_check: bool = False
 
 

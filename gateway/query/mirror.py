@@ -2,11 +2,13 @@
 
 import logging
 
-from agents.wire.codec import read_header
+import msgspec
+
+from agents.wire.codec import encode_state, read_header
 from gateway.fleet.frames import Frames
 from gateway.fleet.invocation import Invocation
 from gateway.fleet.robot import Robot
-from gateway.query.messages import Member, News, Said
+from gateway.query.messages import Instead, Member, News, Said
 
 log = logging.getLogger(__name__)
 
@@ -44,6 +46,25 @@ class Mirror:
             self.robots.pop(name, None)
         for name, frame in news.frames.items():
             _show(self.robots[name], frame)
+
+    def suppose(self, instead: Instead) -> None:
+        """Have a robot be in another state than it is; for a copy that nothing is told afterwards."""
+        held = self.robots.get(instead.robot)
+        if held is None:
+            return
+        robot, state = held.robot, held.robot.frame
+        if state is not None and robot.description is not None:
+            measured = zip(state.positions, state.velocities, state.efforts, strict=True)
+            by_joint = dict(zip(robot.description.joints, measured, strict=True))
+            by_joint |= {name: values for name, values in instead.joints.items() if name in by_joint}
+            positions, velocities, efforts = zip(*by_joint.values(), strict=True) if by_joint else ((), (), ())
+            state = msgspec.structs.replace(state, positions=positions, velocities=velocities, efforts=efforts)
+            _show(held, encode_state(state))
+        targets: dict[str, float | None] = {**robot.targets, **instead.targets}
+        robot.targets = {name: target for name, target in targets.items() if target is not None}
+        supposed = [instead.motions.get(each.id, each) for each in held.invocations]
+        held.invocations = [each for each in supposed if each is not None]
+        held.said += 1
 
 
 def _tell(held: Mirrored, said: Said) -> None:

@@ -19,7 +19,7 @@ from gateway.graph.wing import Sight
 from gateway.identity.rights import View
 from gateway.live import Live
 from gateway.query.language import Dataset, Query, check_select, read
-from gateway.query.messages import Ask
+from gateway.query.messages import Ask, Instead
 from gateway.query.process import QueryProcess
 from gateway.query.snapshot import Contribution, Feed
 from gateway.query.turns import FairTurns
@@ -61,7 +61,13 @@ class Queries:
         self._contributions += sources
 
     async def select(
-        self, query: str, base: str, sees: View, bindings: Mapping[str, Term] = {}
+        self,
+        query: str,
+        base: str,
+        sees: View,
+        bindings: Mapping[str, Term] = {},
+        *,
+        instead: Sequence[Instead] = (),
     ) -> list[dict[str, Term]]:
         """The solutions of a SELECT query, unbound variables left out.
 
@@ -69,11 +75,13 @@ class Queries:
 
         ``base`` is scheme and authority of all IRIs. ``bindings`` stand for variables without their question marks;
         the query has to select each of them. Those who see the same robots under one name share their turns.
+        ``instead``: robots that are supposed to be in another state than they are.
         """
         check_select(query)
         body = await self.run(
-            read(query, base + "/query"), base, sees, JSON_RESULTS, bindings=bindings, most=MAX_SELECTED_BYTES
-        )
+            read(query, base + "/query"), base, sees, JSON_RESULTS,
+            bindings=bindings, instead=instead, most=MAX_SELECTED_BYTES,
+        )  # fmt: skip
         found = parse_query_results(body, format=QueryResultsFormat.JSON)
         assert isinstance(found, QuerySolutions)
         names = [each.value for each in found.variables]
@@ -97,6 +105,7 @@ class Queries:
         dataset: Dataset | None = None,
         client: str | None = None,
         bindings: Mapping[str, Term] = {},
+        instead: Sequence[Instead] = (),
         most: int = MAX_RESULT_BYTES,
         only_check: bool = False,
     ) -> bytes:
@@ -126,6 +135,7 @@ class Queries:
                 most_bytes=most,
                 limit_s=self._limit_s,
                 bindings={name: _json(term) for name, term in bindings.items()},
+                instead=tuple(instead),
                 only_check=only_check,
             )
 

@@ -79,6 +79,10 @@ class Worker:
     def _result(self, ask: Ask, twin: Twin) -> bytes:
         sees = View(ask.patterns, ask.caller)
         robots = {name: held.robot for name, held in self._mirror.robots.items() if sees.sees(name)}
+        if ask.instead:
+            for each in ask.instead:
+                self._mirror.suppose(each)
+            twin.bring(self._mirror)
         try:
             seen = _complete(ask, twin, self._mirror, sees)
             return evaluate(twin.store, ask, seen, functions_of(ask.base, robots)) + DONE

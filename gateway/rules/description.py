@@ -69,7 +69,7 @@ def wing(rules: Mapping[str, Known]) -> FleetWing:
         known = rules.get(rest[0])
         if known is None or not readable(known, sight):
             return None
-        return _in_rule(sight, known, rest[1:])
+        return _in_rule(sight, known, rules, rest[1:])
 
     return FleetWing(CONTAINER[1:], LF.rules, resolve)
 
@@ -93,7 +93,7 @@ def _facts(known: Known) -> tuple[object, ...]:
     return known.rule, known.suppressed, known.fault, known.suspended, known.begun, tuple(known.firings)
 
 
-def _in_rule(sight: Sight, known: Known, rest: list[str]) -> Resource | None:
+def _in_rule(sight: Sight, known: Known, rules: Mapping[str, Known], rest: list[str]) -> Resource | None:
     rule = known.rule
     path, firings = rule_path(rule), firings_path(rule)
     if not rest or rest == ["blueprint"]:
@@ -115,19 +115,20 @@ def _in_rule(sight: Sight, known: Known, rest: list[str]) -> Resource | None:
             Source(lambda: tuple(known.firings.items())),
             own=tuple(f"{firings}/{number}" for number in known.firings),
         )
-    return _in_firing(sight, known, rest[1:]) if rest[0] == "firings" else None
+    return _in_firing(sight, known, rules, rest[1:]) if rest[0] == "firings" else None
 
 
-def _in_firing(sight: Sight, known: Known, rest: list[str]) -> Resource | None:
+def _in_firing(sight: Sight, known: Known, rules: Mapping[str, Known], rest: list[str]) -> Resource | None:
     number = int(rest[0]) if rest[0].isdecimal() and rest[0].isascii() and len(rest[0]) < 16 else 0
     firing = known.firings.get(number)
     if firing is None or rest[0] != str(number) or rest[1:] not in ([], ["blueprint"]):
         return None
     path = f"{firings_path(known.rule)}/{number}"
+    causes = [rule_path(rules[id].rule) for id in firing.causes if id in rules and readable(rules[id], sight)]
     whole = Resource(
         path,
         f"Firing {number} of {known.rule.title}",
-        lambda graph: _describe_firing(graph, sight, known.rule, number, firing),
+        lambda graph: _describe_firing(graph, sight, known.rule, number, firing, causes),
         source=Source(lambda: firing),
         own=(path + "/blueprint",),
     )
@@ -147,7 +148,7 @@ def _describe_container(graph: Graph, sight: Sight, rules: Iterable[Known]) -> N
         graph.add(iri, LDP.contains, member)
         graph.a(member, LF.Rule)
         graph.add(member, DCTERMS.title, Literal(known.rule.title))
-        graph.add(member, LF.state, _state(known))
+        graph.add(member, LF.state, rule_state(known))
 
 
 def _describe_rule(graph: Graph, sight: Sight, known: Known) -> None:
@@ -169,7 +170,7 @@ def _describe_rule(graph: Graph, sight: Sight, known: Known) -> None:
     graph.add(iri, LF.toldApartBy, *(Literal(name) for name in rule.told_apart_by))
     graph.add(iri, LF.minimumInterval, _decimal(rule.interval_s))
     graph.add(iri, LF.enabled, Literal(rule.enabled))
-    graph.add(iri, LF.state, _state(known))
+    graph.add(iri, LF.state, rule_state(known))
     for reason in (rule.reason, known.suspended, known.fault):
         if reason:
             graph.add(iri, LF.reason, Literal(reason))
@@ -177,7 +178,7 @@ def _describe_rule(graph: Graph, sight: Sight, known: Known) -> None:
     graph.add(iri, LF.firings, sight.iri(firings_path(rule)))
 
 
-def _state(known: Known) -> NamedNode:
+def rule_state(known: Known) -> NamedNode:
     if not known.rule.enabled:
         return LF.disabled
     if known.suspended:
@@ -225,7 +226,9 @@ def _describe_firings(graph: Graph, sight: Sight, known: Known) -> None:
         graph.add(member, LF.state, _STATES[firing.state])
 
 
-def _describe_firing(graph: Graph, sight: Sight, rule: Rule, number: int, firing: Firing) -> None:
+def _describe_firing(
+    graph: Graph, sight: Sight, rule: Rule, number: int, firing: Firing, causes: Iterable[str]
+) -> None:
     iri = sight.iri(f"{firings_path(rule)}/{number}")
     graph.a(iri, LF.Firing, PROV.Activity)
     graph.add(iri, DCTERMS.title, Literal(f"Firing {number} of {rule.title}"))
@@ -236,6 +239,7 @@ def _describe_firing(graph: Graph, sight: Sight, rule: Rule, number: int, firing
     graph.add(iri, LF.state, _STATES[firing.state])
     if firing.reason:
         graph.add(iri, LF.reason, Literal(firing.reason))
+    graph.add(iri, LF.causedBy, *map(sight.iri, causes))
     for name, term in sorted(firing.bindings.items()):
         node = graph.blank()
         graph.add(iri, LF.binding, node)

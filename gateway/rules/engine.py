@@ -3,8 +3,9 @@
 import asyncio
 import logging
 import time
-from collections.abc import Awaitable, Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Awaitable, Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 from gateway.actions.asked import moment_of
 from gateway.actions.service import Actions
@@ -14,9 +15,12 @@ from gateway.graph.invocation import invocation_path
 from gateway.graph.paths import robot_of
 from gateway.identity.rights import Identity, View
 from gateway.live import Live
+from gateway.query.messages import Instead
+from gateway.rules.causes import Causes, Look, state_of
 from gateway.rules.creators import Ended, check_action
-from gateway.rules.edges import Row, Unusable, edge, holding
-from gateway.rules.invoking import Moments, invoked
+from gateway.rules.edges import Edge, Row, Unusable, edge, holding
+from gateway.rules.invoking import Moments, action_path, invoked
+from gateway.rules.loops import reason_to_disable, self_caused
 from gateway.rules.rule import Firing, FiringState, Known, Rule
 from gateway.rules.store import Changed, Lost, RuleStore, StoreUnavailable
 
@@ -29,13 +33,31 @@ SHARE = 4
 _RETRY_S = 0.5
 _LONGEST = 1_000  # characters of a reason
 
-Select = Callable[[str, str, View], Awaitable[Sequence[Row]]]
 Note = Callable[[Rule, int, Firing], None]
 
 
+class Select(Protocol):
+    """Answers a query under a base URL for who sees so much, perhaps of robots in another state than they are."""
+
+    def __call__(
+        self, query: str, base: str, sees: View, *, instead: Sequence[Instead] = ()
+    ) -> Awaitable[Sequence[Row]]: ...
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    """What a rule's condition came to at ``at_s`` (monotonic): the keys of the rows that held, and the state then of
+    the robots that firings had moved."""
+
+    revision: int
+    keys: Collection[str]
+    look: Look
+    at_s: float
+
+
 class Engine:
-    """``known`` are the rules by id, at any moment; ``select`` answers a query under a base URL for who sees so much;
-    ``creator_of`` raises Ended; ``refresh`` has a rule read anew, ``note`` is told how each firing ended."""
+    """``known`` are the rules by id, at any moment; ``bases`` are the public URLs of the fleet; ``creator_of`` raises
+    Ended; ``refresh`` has a rule read anew, ``note`` is told how each firing ended."""
 
     def __init__(
         self,
@@ -47,9 +69,14 @@ class Engine:
         creator_of: Callable[[Rule], Identity],
         refresh: Callable[[str], Awaitable[None]],
         note: Note,
+        bases: Sequence[str] = (),
     ) -> None:
         self._live, self._actions, self._store, self._known = live, actions, store, known
         self._select, self._creator_of, self._refresh, self._note = select, creator_of, refresh, note
+        self._bases = bases
+        self._causes = Causes()
+        self.loops = 0
+        """Rules that were disabled because they fired because of themselves."""
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._due: dict[str, asyncio.Event] = {}
         self._one = asyncio.Semaphore(1)
@@ -57,6 +84,8 @@ class Engine:
 
     async def compare(self, ids: set[str]) -> None:
         """Serve these rules and no others from now on; what is new among them is evaluated at once."""
+        if ids and not self._tasks:
+            self._causes.restore(self._known.values(), self._live.fleet.robots, self._live.invocations)
         for id in ids - self._tasks.keys():
             self._due[id] = asyncio.Event()
             self._due[id].set()
@@ -84,7 +113,7 @@ class Engine:
         return creator
 
     async def _serve(self, id: str) -> None:
-        held: tuple[int, set[str]] | None = None
+        held: Evaluated | None = None
         while True:
             await self._due[id].wait()
             self._due[id].clear()
@@ -112,18 +141,20 @@ class Engine:
             log.debug("rule %s cannot be read: %s", id, error)
         self._due[id].set()
 
-    async def _evaluate(self, known: Known, held: tuple[int, set[str]] | None) -> tuple[int, set[str]] | None:
+    async def _evaluate(self, known: Known, held: Evaluated | None) -> Evaluated | None:
         rule, was_suspended = known.rule, bool(known.suspended)
+        if held is not None and held.revision != known.revision:
+            held = None
         try:
             creator = self.entitled(rule)
         except Ended as error:
             await self._complain(known, suspended=str(error))
             return None
-        moments = self._moments(creator.sees)
+        moments, at_s = self._moments(creator.sees), time.monotonic()
+        look = self._causes.look(self._live.fleet.robots, self._live.invocations, at_s)
         try:
-            async with self._one:
-                rows = await self._select(rule.condition, rule.base, creator.sees)
-            now = holding(rows, rule.told_apart_by)
+            now = await self._ask(rule, creator.sees)
+            causes = {} if held is None else await self._causes_of(rule, creator.sees, held, edge(held.keys, now))
         except Busy:  # others ask as well: at another moment
             self._due[rule.id].set()
             return held
@@ -132,23 +163,57 @@ class Engine:
             await self._complain(known, fault=str(error)[:_LONGEST], suspended=known.suspended)
             return held
         await self._note_seen()
-        if held is None or held[0] != known.revision:
-            before = None if was_suspended else await self._store.recall(known)
-            if before is None:  # what holds already as it begins has not started to
-                await self._store.begin(known, now)
-                await self._complain(known)
-                await self._refresh(rule.id)
-                return known.revision, set(now)
-        else:
-            before = held[1]
+        evaluated = Evaluated(known.revision, set(now), look, at_s)
+        before = held.keys if held is not None else None if was_suspended else await self._store.recall(known)
+        if before is None:  # what holds already as it begins has not started to
+            await self._store.begin(known, now)
+            await self._complain(known)
+            await self._refresh(rule.id)
+            return evaluated
         await self._complain(known)
-        change = edge(before, now)
-        if change:
-            at_ns = time.time_ns()
-            began = {key: Firing(at_ns, {name: str(term) for name, term in row.items()}) for key, row in change.began}
-            numbers = await self._store.advance(known, began, change.ended)
-            await self._fire_all(known, creator, dict(zip(numbers, change.began, strict=False)), at_ns, moments)
-        return known.revision, set(now)
+        await self._advance(known, creator, edge(before, now), causes, moments)
+        return evaluated
+
+    async def _ask(self, rule: Rule, sees: View, instead: Sequence[Instead] = ()) -> dict[str, Row]:
+        async with self._one:
+            rows = await self._select(rule.condition, rule.base, sees, instead=instead)
+        return holding(rows, rule.told_apart_by)
+
+    async def _causes_of(self, rule: Rule, sees: View, held: Evaluated, change: Edge) -> dict[str, set[str]]:
+        """By the key of each row that began: the rules without whose earlier firings it would not have."""
+        found: dict[str, set[str]] = {key: set() for key, _ in change.began}
+        for question in self._causes.questions(rule.id, held.at_s, held.look) if found else ():
+            then = await self._ask(rule, sees, question.instead)
+            for key in found.keys() - then.keys():
+                found[key] |= question.rules
+        return found
+
+    async def _advance(
+        self, known: Known, creator: Identity, change: Edge, causes: Mapping[str, Collection[str]], moments: Moments
+    ) -> None:
+        """Note what started and ceased to hold, and fire."""
+        if not change:
+            return
+        at_ns, of_all = time.time_ns(), {id for ids in causes.values() for id in ids}
+        times_ns = self_caused(known, of_all, at_ns)
+        if reason := reason_to_disable(known, of_all, times_ns):
+            await self._disable(known, reason)
+            return
+        began = {}
+        for key, row in change.began:
+            bindings = {name: str(term) for name, term in row.items()}
+            because = tuple(sorted(causes.get(key, ())))
+            began[key] = Firing(at_ns, bindings, causes=because, self_caused=times_ns, revision=known.revision)
+        numbers = await self._store.advance(known, began, change.ended)
+        rows = [(row, began[key]) for key, row in change.began]
+        await self._fire_all(known, creator, dict(zip(numbers, rows, strict=False)), moments)
+
+    async def _disable(self, known: Known, reason: str) -> None:
+        """Until somebody enables it again."""
+        log.warning("rule %s (%s) is %s", known.rule.id, known.rule.title, reason)
+        self.loops += 1
+        await self._store.write(replace(known.rule, enabled=False, reason=reason), known.revision, 0)
+        await self._refresh(known.rule.id)
 
     def _moments(self, sees: View) -> Moments:
         """Taken before the condition is looked at: a robot that is stopped after that is told nothing by it."""
@@ -171,15 +236,16 @@ class Engine:
     # -- firings ------------------------------------------------------------------------------------------------------
 
     async def _fire_all(
-        self, known: Known, creator: Identity, rows: Mapping[int, tuple[str, Row]], at_ns: int, moments: Moments
+        self, known: Known, creator: Identity, rows: Mapping[int, tuple[Row, Firing]], moments: Moments
     ) -> None:
-        firings = [self._fire(known, creator, number, row, at_ns, moments) for number, (_, row) in rows.items()]
+        firings = [self._fire(known, creator, number, *each, moments) for number, each in rows.items()]
         await asyncio.gather(*firings)
         await self._refresh(known.rule.id)
 
-    async def _fire(self, known: Known, creator: Identity, number: int, row: Row, at_ns: int, moments: Moments) -> None:
+    async def _fire(
+        self, known: Known, creator: Identity, number: int, row: Row, firing: Firing, moments: Moments
+    ) -> None:
         rule = known.rule
-        firing = Firing(at_ns, {name: str(term) for name, term in row.items()})
         firing = await self._invoke(known, creator, number, row, moments, firing)
         self._note(rule, number, firing)
         try:
@@ -190,17 +256,22 @@ class Engine:
     async def _invoke(
         self, known: Known, creator: Identity, number: int, row: Row, moments: Moments, firing: Firing
     ) -> Firing:
-        present = self._known.get(known.rule.id)
+        rule, present = known.rule, self._known.get(known.rule.id)
         if present is None or not present.rule.enabled:
             return replace(firing, state=FiringState.FAILED, reason="the rule was disabled or deleted meanwhile")
-        tree = self._live.tree(known.rule.base, creator.sees)
+        tree, invocations = self._live.tree(rule.base, creator.sees), self._live.invocations
         try:
-            invocation = await invoked(self._actions, tree, known.rule, creator, number, row, moments)
+            path = action_path(rule, row, self._bases)
+            robot = self._live.fleet.robots.get(robot_of(path) or "")
+            before = None if robot is None else state_of(robot, invocations)
+            invocation = await invoked(self._actions, tree, rule, path, creator, number, row, moments)
         except AgentSilent as error:
             path = error.headers.get("location", "")
             return replace(firing, state=FiringState.UNKNOWN, invocation=path, reason=str(error)[:_LONGEST])
         except FleetError as error:
             return replace(firing, state=FiringState.FAILED, reason=str(error)[:_LONGEST])
+        if robot is not None and before is not None:
+            self._causes.began(invocation, robot, {rule.id, *firing.causes}, before)
         return replace(firing, state=FiringState.ACCEPTED, invocation=invocation_path(invocation))
 
 

@@ -1,7 +1,8 @@
 """An action invoked for a rule: by the way that a client's request takes, with the rights of the rule's creator."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from hashlib import blake2b
+from urllib.parse import unquote
 
 from pyoxigraph import NamedNode
 
@@ -40,13 +41,13 @@ def offered(tree: Tree, path: str, creator: Identity) -> Offer:
 
 
 async def invoked(
-    actions: Actions, tree: Tree, rule: Rule, creator: Identity, number: int, row: Row, moments: Moments
+    actions: Actions, tree: Tree, rule: Rule, path: str, creator: Identity, number: int, row: Row, moments: Moments
 ) -> Invocation:
-    """What the firing ``number`` of ``rule`` began, once its robot accepted it; FleetError.
+    """The invocation that the firing ``number`` of ``rule`` began at ``path``, once its robot accepted it; FleetError.
 
     ``moments``: of each robot when the condition was looked at. What the robot was told since, as to stop, comes first.
     """
-    offer = offered(tree, _action(rule, row), creator)
+    offer = offered(tree, path, creator)
     action = NamedNode(rule.base + offer.path)
     if not offer.takes_body:
         halt = HANDLERS[offer.definition.iri].plan(Asked(rule.base, Body((), action), offer.robot, offer.joint))
@@ -65,11 +66,19 @@ async def invoked(
     return await actions.start(offer.path, plan, asking)
 
 
-def _action(rule: Rule, row: Row) -> str:
-    """The path of the action; UnprocessableContent for what is bound to no resource of this fleet."""
+def action_path(rule: Rule, row: Row, bases: Sequence[str]) -> str:
+    """The path of the action; UnprocessableContent for a variable that is bound to nothing of this fleet."""
     if rule.variable is None:
         return rule.invokes
     term = row.get(rule.variable)
-    if not isinstance(term, NamedNode) or not term.value.startswith(rule.base + "/"):
-        raise UnprocessableContent(f"?{rule.variable} is bound to no action of this fleet: {str(term)[:200]}.")
-    return term.value.removeprefix(rule.base)
+    path = path_in_fleet(term.value, (rule.base, *bases)) if isinstance(term, NamedNode) else None
+    if path is None:
+        detail = f"?{rule.variable} is bound to {str(term)[:200]}, which is no action of this fleet"
+        raise UnprocessableContent(f"{detail}; nothing was requested from anywhere.")
+    return path
+
+
+def path_in_fleet(iri: str, bases: Sequence[str]) -> str | None:
+    """The path of a resource under one of the public URLs of this fleet; None for every other IRI."""
+    base = next((each for each in bases if iri.startswith(each + "/")), None)
+    return None if base is None else unquote(iri[len(base) :])

@@ -66,13 +66,20 @@ class FiringState(StrEnum):
 
 @dataclass(frozen=True)
 class Firing:
-    """``bindings``: terms as N-Triples, by variable; ``invocation``: the path of what was invoked."""
+    """``bindings``: terms as N-Triples, by variable; ``invocation``: the path of what was invoked.
+
+    ``causes``: ids of rules without whose earlier firings it would not have been; ``self_caused``: the times of the
+    last minute at which the rule itself was among them; ``revision``: of the rule.
+    """
 
     at_ns: int
     bindings: dict[str, str]
     state: FiringState = FiringState.RUNNING
     invocation: str = ""
     reason: str = ""
+    causes: tuple[str, ...] = ()
+    self_caused: tuple[int, ...] = ()
+    revision: int = 0
 
 
 @dataclass

@@ -3,7 +3,7 @@
 import asyncio
 import logging
 import time
-from collections.abc import Awaitable, Callable, Collection
+from collections.abc import Awaitable, Callable, Collection, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from types import TracebackType
@@ -46,10 +46,13 @@ class Rules:
         creator_of: Callable[[Rule], Identity],
         audit: Audit,
         limit: int,
+        bases: Sequence[str] = (),
     ) -> None:
         self._live, self._store, self._audit, self.limit = live, store, audit, limit
+        self.bases = bases
+        """Public URLs of the fleet."""
         self.known: dict[str, Known] = {}
-        self._engine = Engine(live, actions, store, self.known, select, creator_of, self.refresh, self._noted)
+        self._engine = Engine(live, actions, store, self.known, select, creator_of, self.refresh, self._noted, bases)
         self._changes = Changes(live, self._engine.wake)
         self._stopping: dict[str, str] = {}
         """Why rules are disabled here already, of which Redis does not know yet."""
@@ -92,6 +95,11 @@ class Rules:
     def serving(self) -> bool:
         """Whether it is this gateway that evaluates them."""
         return self._awaited is not None and not self._awaited
+
+    @property
+    def loops(self) -> int:
+        """How many rules were disabled here because they fired because of themselves."""
+        return self._engine.loops
 
     # -- what clients do ----------------------------------------------------------------------------------------------
 

@@ -15,10 +15,12 @@ from running import eventually, free_port
 from small_fleet import Place
 
 from gateway.errors import BadRequest, FleetError, QueryTooCostly, ResultTooLarge
+from gateway.fleet.invocation import Invocation
 from gateway.graph.vocab import LF
 from gateway.graph.wing import Sight
 from gateway.identity.rights import ALL, View, view
 from gateway.live import Live
+from gateway.query.messages import Instead
 from gateway.query.service import Queries, Term
 from gateway.settings import GatewaySettings
 
@@ -122,6 +124,28 @@ def test_a_function_says_what_can_be_reached(asking: Asking) -> None:
     assert asking.values(near % "3.5") == [("true",)]
     assert asking.values(near % "7") == [("false",)]
     assert asking.values(near % "'up'") == [()]
+
+
+def test_robots_can_be_supposed_to_be_in_another_state(asking: Asking) -> None:
+    """That counts for the one query."""
+    for name in ("a", "b"):
+        asking.robots.stand(name, (0.25, 0.1))
+    motion = Invocation("1", "a", "/a/elbow/actions/rotate", {"elbow": 1.0}, 1, 2)
+    asking.live.invocations.add(motion)
+    tasks = "SELECT ?robot { ?of lf:currentTask ?task ; dcterms:title ?robot }"
+    instead = Instead(robot="a", joints={"elbow": (0.75, 0.0, 0.0)}, targets={}, motions={"1": None})
+
+    async def suppose(query: str) -> list[tuple[str, ...]]:
+        rows = await asking.queries.select(PREFIXES + query, BASE, ALL, instead=[instead])
+        return sorted(tuple(term.value for term in row.values()) for row in rows)
+
+    try:
+        assert asking.runner.run(suppose(POSITIONS)) == [("The a", "0.75"), ("The b", "0.25")]
+        assert asking.runner.run(suppose(tasks)) == []
+        assert asking.values(POSITIONS) == [("The a", "0.25"), ("The b", "0.25")]
+        assert asking.values(tasks) == [("The a",)]
+    finally:
+        asking.live.invocations.remove("1")
 
 
 def test_bindings_stand_for_variables(asking: Asking) -> None:

@@ -2,22 +2,21 @@
 
 import contextlib
 import signal
+import socket
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import httpx
 import pyshacl
 import pytest
 import rdflib
 from browser import HYBRIT, LDP, LF, SH, Browser, Page
 from rdflib import URIRef
 from redis_servers import Servers, single
-from ruling import BEGIN, a_rule, container, fired, firings, post, posted, put, sides
+from ruling import BEGIN, BY_SIDE, TO_TARGET, a_rule, container, fired, firings, post, posted, put, sides
 from running import eventually, process
 from several import Gateway, Hub, gateway, gateways, hub
 from small_fleet import live
-
-TO_TARGET = 'vom:numericalValue [ lf:variable "target" ] ; vom:unit unit:RAD'
-BY_SIDE = 'lf:minimumInterval 0 ; lf:toldApartBy "side"'
 
 
 @dataclass
@@ -123,6 +122,35 @@ def test_the_action_may_come_from_the_condition(scene: Scene) -> None:
     assert fired(scene.one.browser, rule, 1) == [("accepted", "up")]
 
 
+@pytest.mark.parametrize("scheme", ["http", "file"])
+def test_an_action_elsewhere_is_refused_by_the_firing_and_asked_of_nobody(scene: Scene, scheme: str) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as elsewhere:
+        elsewhere.setblocking(False)
+        iri = f"http://127.0.0.1:{elsewhere.getsockname()[1]}/x" if scheme == "http" else "file:///etc/passwd"
+        condition = sides(scene.one.joint).replace("SELECT ?side", f'SELECT (IRI("{iri}") AS ?action) ?side')
+        scene.turn(0.5)
+        rule = posted(scene.one.browser, a_rule(condition, '[ lf:variable "action" ]', TO_TARGET, BY_SIDE))
+        eventually(lambda: scene.one.browser.page(rule).one(LF.state) == LF.active, "evaluated")
+        scene.turn(1.5)
+        assert fired(scene.one.browser, rule, 1) == [("failed", "up")]
+        reason = str(scene.one.browser.page(rule + "/firings/1").one(LF.reason))
+        assert iri in reason and "no action of this fleet" in reason and "nothing was requested" in reason
+        with pytest.raises(BlockingIOError):
+            elsewhere.accept()
+
+
+def test_an_action_is_named_under_any_public_url_of_the_fleet(scene: Scene) -> None:
+    other = str(httpx.URL(scene.rotate).copy_with(host="localhost"))
+    assert scene.one.get(other).status_code == 200
+    rule = scene.rule(action=other)
+    condition = sides(scene.one.joint).replace("SELECT ?side", f"SELECT (<{other}> AS ?action) ?side")
+    bound = posted(scene.one.browser, a_rule(condition, '[ lf:variable "action" ]', TO_TARGET, BY_SIDE))
+    eventually(lambda: scene.one.browser.page(bound).one(LF.state) == LF.active, "evaluated")
+    scene.turn(1.5)
+    for each in (rule, bound):
+        assert fired(scene.one.browser, each, 1) == [("accepted", "up")]
+
+
 def test_who_stops_all_robots_disables_what_would_move_them(scene: Scene) -> None:
     moves, stops = scene.rule(), scene.rule(body="", action=scene.one.browser.action(ur5(scene), LF.StopRobot))
     stop_all = scene.one.browser.action(scene.one.browser.page(scene.one.browser.root), LF.StopAll)
@@ -162,6 +190,21 @@ def disabled(browser: Browser, rule: str) -> Page | None:
         (a_rule("SELECT ?a WHERE { ?a ?b ?c }", "{rotate}", more="lf:minimumInterval -1"), "minimumInterval"),
         (a_rule("SELECT ?a WHERE { ?a ?b ?c }", "{rotate}", more="lf:intervall 1"), "intervall"),
         (a_rule("SELECT ?a WHERE { ?a ?b ?c }", "{rotate}", more='lf:toldApartBy "c"'), "does not select ?c"),
+        (a_rule("SELECT ?a WHERE { ?a ?b ?c }", "{rotate}", more='dcterms:titel "c"'), "<http://purl.org/dc/terms/titel>"),
+        (a_rule("SELECT ?a WHERE { ?a ?b ?c }", "{rotate}", more="a <http://a.example/T>"), "<http://a.example/T>"),
+        (a_rule("SELECT ?a WHERE { ?a ?b ?c }", "{rotate}") + " <http://b.example/> lf:enabled false .", "b.example"),
+        (a_rule("SELECT ?a WHERE { ?a ?b ?c }", '[ lf:variable "a" ; lf:enabled false ]'), "#enabled> of"),
+        *(
+            (a_rule(condition, '[ lf:variable "a" ]'), f"binds ?a to '{iri}'")
+            for iri in ("http://127.0.0.1:8260/x", "file:///etc/passwd")
+            for condition in (
+                f"SELECT (<{iri}> AS ?a) WHERE {{ }}",
+                f"SELECT ?a WHERE {{ BIND(<{iri}> AS ?a) }}",
+                f"PREFIX there: <{iri}> SELECT ?a WHERE {{ BIND(there: AS ?a) }}",
+                f"SELECT ?a WHERE {{ VALUES ?a {{ <{{rotate}}> <{iri}> }} }}",
+                f"SELECT ?a WHERE {{ VALUES (?b ?a) {{ (1 <{{rotate}}>) ('x'^^<b:c> <{iri}>) }} }}",
+            )
+        ),
     ],
 )  # fmt: skip
 def test_what_is_no_rule_is_refused_with_the_way_to_the_shape(scene: Scene, text: str, says: str) -> None:
