@@ -5,7 +5,6 @@ import uuid
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
-from urllib.parse import unquote
 
 from starlette.requests import Request
 from starlette.responses import Response
@@ -31,10 +30,11 @@ from gateway.http.negotiation import choose
 from gateway.http.representation import negotiated
 from gateway.http.rights import caller_of, name_of, tree_of
 from gateway.identity.rights import Claims, Identity, Right
+from gateway.query.language import bound_to
 from gateway.query.service import Queries
 from gateway.rules.creators import may_have_rules
 from gateway.rules.description import ChangeRule, MakeRule, rule_path
-from gateway.rules.invoking import offered
+from gateway.rules.invoking import offered, path_in_fleet
 from gateway.rules.request import CONTAINER, Wanted, check_variables, requested
 from gateway.rules.rule import Known, Rule
 from gateway.rules.service import Rules
@@ -106,6 +106,7 @@ async def _wanted(request: Request, media_type: str, iri: str, base: str) -> Wan
     queries: Queries = request.app.state.queries
     try:
         check_variables(wanted, await queries.check(wanted.condition, base), base)
+        _check_bound(request, wanted, base)
     except (BadRequest, PayloadTooLarge) as error:
         raise UnprocessableContent(f"lf:condition: {error.detail}", constraint=base + CONTAINER) from error
     return wanted
@@ -136,13 +137,27 @@ def _as_wanted(request: Request, wanted: Wanted, base: str, id: str, created_ns:
 
 def _action(request: Request, iri: str, base: str) -> str:
     """The path of an action that who asks may invoke."""
-    if not iri.startswith(base + "/"):
-        detail = f"{iri[:200]!r} is no action of this fleet; here their IRIs begin with {base}/."
-        raise UnprocessableContent(detail, constraint=base + CONTAINER)
+    path = path_in_fleet(iri, (base, *_rules(request).bases))
+    if path is None:
+        raise _foreign(f"{iri[:200]!r}", base)
     try:
-        return offered(tree_of(request, base), unquote(iri[len(base) :]), caller_of(request)).path
+        return offered(tree_of(request, base), path, caller_of(request)).path
     except UnprocessableContent as error:
         raise UnprocessableContent(error.detail, constraint=base + CONTAINER) from error
+
+
+def _check_bound(request: Request, wanted: Wanted, base: str) -> None:
+    """UnprocessableContent for a condition that itself names a foreign resource as the action."""
+    if not wanted.invokes.startswith("?"):
+        return
+    for iri in bound_to(wanted.condition, wanted.invokes[1:], base + "/query"):
+        if path_in_fleet(iri, (base, *_rules(request).bases)) is None:
+            raise _foreign(f"lf:condition binds {wanted.invokes[:50]} to {iri[:200]!r}, which", base)
+
+
+def _foreign(what: str, base: str) -> UnprocessableContent:
+    detail = f"{what} is no action of this fleet; here their IRIs begin with {base}/."
+    return UnprocessableContent(detail, constraint=base + CONTAINER)
 
 
 def _word(caller: Identity) -> Claims | None:

@@ -104,6 +104,38 @@ def check_select(query: str) -> list[str]:
     return variables
 
 
+def bound_to(query: str, variable: str, base: str) -> list[str]:
+    """The IRIs that a query itself binds to a variable, by ``<iri> AS ?variable`` or VALUES; ``base``: of relative
+    ones. What a pattern or a function binds is known only once it is evaluated."""
+    tokens = _tokens(query)
+    base, prefixes = _declared(tokens, base)
+    found = []
+    for each, after, to in zip(tokens, tokens[1:], tokens[2:], strict=False):
+        bound = after.word == "AS" and to.kind == "variable" and to.text[1:] == variable
+        if bound and each.kind in ("iri", "name"):
+            found.append(each)
+    for index, each in enumerate(tokens):
+        if each.word == "VALUES":
+            found += _listed(tokens[index + 1 :], variable)
+    return [_iri(query, each, prefixes, base) for each in found]
+
+
+def _listed(tokens: list[Token], variable: str) -> Iterator[Token]:
+    """Of the data block that ``tokens`` begin with, the IRIs that stand for the variable."""
+    start = next((index for index, each in enumerate(tokens) if each.text == "{"), len(tokens))
+    names = [each.text[1:] for each in tokens[:start] if each.kind == "variable"]
+    column = 0
+    for before, each in zip(tokens[start:], tokens[start + 1 :], strict=False):
+        if each.text == "}":
+            return
+        if each.kind in ("open", "close") or before.text == "^":  # a datatype is no term of its own
+            column = 0 if each.kind == "open" else column
+        elif each.kind in ("iri", "name", "string", "number", "word"):
+            if names and names[column % len(names)] == variable and each.kind in ("iri", "name"):
+                yield each
+            column += 1
+
+
 def _refusal(detail: str, text: str, token: Token) -> BadRequest:
     """With line and column of the token, from 1."""
     before = text[: token.start]
@@ -143,19 +175,27 @@ def _projected(tokens: list[Token]) -> Iterator[str]:
 
 
 def _dataset(text: str, tokens: list[Token], base: str) -> Dataset:
-    prefixes: dict[str, str] = {}
+    base, prefixes = _declared(tokens, base)
     default: list[str] = []
     named: list[str] = []
+    for index, each in enumerate(tokens):
+        rest = tokens[index + 1 : index + 3]
+        if each.word == "FROM" and rest:
+            into, term = (named, rest[-1]) if rest[0].word == "NAMED" else (default, rest[0])
+            into.append(_iri(text, term, prefixes, base))
+    return Dataset.of(tuple(default), tuple(named))
+
+
+def _declared(tokens: list[Token], base: str) -> tuple[str, dict[str, str]]:
+    """What relative IRIs are resolved against, and the namespaces by prefix."""
+    prefixes: dict[str, str] = {}
     for index, each in enumerate(tokens):
         rest = tokens[index + 1 : index + 3]
         if each.word == "BASE" and rest and rest[0].kind == "iri":
             base = _join(base, rest[0].text[1:-1])
         elif each.word == "PREFIX" and len(rest) == 2 and rest[1].kind == "iri":
             prefixes[rest[0].text.removesuffix(":")] = _join(base, rest[1].text[1:-1])
-        elif each.word == "FROM" and rest:
-            into, term = (named, rest[-1]) if rest[0].word == "NAMED" else (default, rest[0])
-            into.append(_iri(text, term, prefixes, base))
-    return Dataset.of(tuple(default), tuple(named))
+    return base, prefixes
 
 
 def _iri(text: str, term: Token, prefixes: dict[str, str], base: str) -> str:
@@ -163,7 +203,7 @@ def _iri(text: str, term: Token, prefixes: dict[str, str], base: str) -> str:
         return _join(base, term.text[1:-1])
     prefix, _, local = term.text.partition(":")
     if term.kind != "name" or prefix not in prefixes:
-        raise _refusal("FROM names no graph here: an IRI, or a name whose prefix is declared.", text, term)
+        raise _refusal("Here an IRI is expected, or a name whose prefix is declared.", text, term)
     return prefixes[prefix] + re.sub(r"\\(.)", r"\1", local)
 
 
