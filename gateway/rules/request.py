@@ -11,12 +11,16 @@ from gateway.graph.build import Node
 from gateway.graph.judge import Judge
 from gateway.graph.shapes import load
 from gateway.graph.validation import check_lexical_forms, root
-from gateway.graph.vocab import DCTERMS, LF, RDF
-from gateway.rules.template import template, variables
+from gateway.graph.vocab import DCTERMS, HYBRIT, LF, PROV, RDF, RDFS
+from gateway.rules.template import below, template, variables
 
 CONTAINER = "/rules"
 _SAID = (DCTERMS.title, LF.condition, LF.invokes, LF.body, LF.toldApartBy, LF.minimumInterval, LF.enabled)
-_SHOWN = (LF.state, LF.reason, LF.firings, LF.suppressions)
+# Terms of a rule's description that say nothing when it is sent back: what they tell is the gateway's.
+_SHOWN = (
+    RDF.type, DCTERMS.identifier, DCTERMS.created, RDFS.seeAlso, HYBRIT.blueprint, PROV.wasAssociatedWith,
+    LF.state, LF.reason, LF.firings, LF.suppressions,
+)  # fmt: skip
 INTERVAL_S = 1.0
 """The least time between two firings of a rule that does not say."""
 
@@ -40,6 +44,7 @@ def requested(triples: Sequence[Triple], iri: str, base: str) -> Wanted:
     focus = _focus(triples, iri)
     about = list(dict.fromkeys(each for each in triples if each.subject == focus))
     _check_terms(about, container)
+    _check_rest(triples, focus, container)
     check_lexical_forms(about, container)
     found = _judge().report(about, focus, iri)
     if found is not None:
@@ -66,15 +71,28 @@ def _focus(triples: Sequence[Triple], iri: str) -> Node:
 
 
 def _check_terms(about: Sequence[Triple], container: str) -> None:
-    """A misspelt option would be none. Terms of other vocabularies are their business."""
-    strange = [
-        each.predicate.value
-        for each in about
-        if each.predicate.value.startswith(LF.iri) and each.predicate not in {*_SAID, *_SHOWN}
-    ]
+    """A misspelt option would be none, and a term of another vocabulary would be dropped in silence."""
+    strange = [each.predicate.value for each in about if each.predicate not in {*_SAID, *_SHOWN}]
+    types = [each.object for each in about if each.predicate == RDF.type and each.object != LF.Rule]
+    strange += [each.value for each in types if isinstance(each, NamedNode)]
     if strange:
         known = ", ".join(f"<{term.value}>" for term in _SAID)
         raise _refusal(f"Nothing that a rule can say is <{min(strange)[:200]}>; there are {known}.", container)
+
+
+def _check_rest(triples: Sequence[Triple], focus: Node, container: str) -> None:
+    """Nothing is said beside the rule, what it invokes, its body and, in a description, who wrote it."""
+    said: dict[object, set[object]] = {}
+    for each in triples:
+        said.setdefault(each.subject, set()).add(each.predicate)
+    about = [each for each in triples if each.subject == focus]
+    used = {focus} | {each.subject for each in below(triples, [t.object for t in about if t.predicate == LF.body])}
+    for predicate, known in ((LF.invokes, {LF.variable}), (PROV.wasAssociatedWith, {RDF.type, DCTERMS.title})):
+        nodes = [each.object for each in about if each.predicate == predicate]
+        used |= {each for each in nodes if isinstance(each, BlankNode) and said.get(each, set()) <= known}
+    if rest := [each for each in triples if each.subject not in used]:
+        found = min(f"<{each.predicate.value}> of {each.subject}" for each in rest)
+        raise _refusal(f"A rule makes nothing of {found[:400]}.", container)
 
 
 def _text(said: dict[NamedNode, list[Node | Literal]], predicate: NamedNode) -> str:

@@ -18,20 +18,12 @@ MOST_TRIPLES = 200
 
 def template(triples: Sequence[Triple], root: BlankNode) -> str:
     """What is said of ``root`` and of the blank nodes below it, as N-Triples about ``ROOT``; UnprocessableContent."""
-    by_subject: dict[object, list[Triple]] = {}
-    for triple in triples:
-        by_subject.setdefault(triple.subject, []).append(triple)
+    body = below(triples, [root])
     names: dict[object, BlankNode] = {root: ROOT}
-    found: list[Triple] = []
-    pending: list[object] = [root]
-    while pending:
-        subject = pending.pop()
-        for triple in by_subject.get(subject, ()):
-            value = triple.object
-            if isinstance(value, BlankNode) and value not in names:
-                names[value] = BlankNode(f"n{len(names)}")
-                pending.append(value)
-            found.append(Triple(names[subject], triple.predicate, names.get(value, value)))
+    for each in body:
+        if isinstance(each.object, BlankNode) and each.object not in names:
+            names[each.object] = BlankNode(f"n{len(names)}")
+    found = [Triple(names[each.subject], each.predicate, names.get(each.object, each.object)) for each in body]
     if len(found) > MOST_TRIPLES:
         raise UnprocessableContent(f"lf:body has {len(found)} triples; there may be {MOST_TRIPLES}.")
     for node, said in _holes(found).items():
@@ -40,6 +32,22 @@ def template(triples: Sequence[Triple], root: BlankNode) -> str:
     written = serialize(found, format=RdfFormat.N_TRIPLES)
     assert written is not None  # nothing is written to a file
     return written.decode()
+
+
+def below(triples: Sequence[Triple], roots: Iterable[object]) -> list[Triple]:
+    """The triples about ``roots`` and about the blank nodes below them."""
+    by_subject: dict[object, list[Triple]] = {}
+    for each in triples:
+        by_subject.setdefault(each.subject, []).append(each)
+    pending = list(dict.fromkeys(roots))
+    known, found = set(pending), []
+    while pending:
+        for each in by_subject.get(pending.pop(), ()):
+            found.append(each)
+            if isinstance(each.object, BlankNode) and each.object not in known:
+                known.add(each.object)
+                pending.append(each.object)
+    return found
 
 
 def triples_of(text: str) -> list[Triple]:
