@@ -62,6 +62,8 @@ class Worker:
                 limit(ask.limit_s)
                 to.sendall(FORKED)
                 to.sendall(self._result(ask, twin))
+            except ConnectionError:
+                log.debug("nobody waits for the answer any more")
             except Exception:
                 # The boundary of the copy: it must not go on as if it were the process that it is a copy of.
                 log.exception("a query failed")
@@ -121,17 +123,20 @@ def limit(seconds: float) -> None:
 
 def _receive(control: socket.socket) -> tuple[bytes, int] | None:
     """A message and the socket that takes its answer; None when nothing comes any more."""
-    head, descriptors, _, _ = socket.recv_fds(control, HEAD.size, 1)
-    if len(head) < HEAD.size:
-        return None
-    (size,) = HEAD.unpack(head)
-    content = bytearray(size)
-    view = memoryview(content)
-    while view:
-        count = control.recv_into(view)
-        if not count:
+    try:
+        head, descriptors, _, _ = socket.recv_fds(control, HEAD.size, 1)
+        if len(head) < HEAD.size or not descriptors:
             return None
-        view = view[count:]
+        (size,) = HEAD.unpack(head)
+        content = bytearray(size)
+        view = memoryview(content)
+        while view:
+            count = control.recv_into(view)
+            if not count:
+                return None
+            view = view[count:]
+    except ConnectionError:  # the gateway was killed
+        return None
     return bytes(content), descriptors[0]
 
 

@@ -1,0 +1,43 @@
+"""The query process by itself, when who asked is gone."""
+
+import socket
+import subprocess
+import sys
+
+import msgspec
+import pytest
+
+from gateway.query.messages import Ask, News, encode
+
+ASK = Ask(
+    news=News(robots=[], frames={}), query="ASK {}", base="http://fleet", base_iri="http://fleet/query",
+    patterns=("*",), caller="", default=None, named=None, wings=[], invocations=[], graphs=[],
+    media_type="application/sparql-results+json", most_bytes=1000, limit_s=1.0,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("ask", [ASK, msgspec.structs.replace(ASK, query="this is no query")])
+def test_it_ends_without_a_word_when_nobody_waits_for_an_answer_any_more(ask: Ask) -> None:
+    ours, theirs = socket.socketpair()
+    arguments = [sys.executable, "-m", "gateway.query.worker", str(theirs.fileno())]
+    with subprocess.Popen(arguments, pass_fds=[theirs.fileno()], stderr=subprocess.PIPE) as worker:
+        theirs.close()
+        waiting, answer = socket.socketpair()
+        waiting.close()
+        content = encode(ask)
+        with ours, answer:
+            socket.send_fds(ours, [len(content).to_bytes(8)], [answer.fileno()])
+            ours.sendall(content)
+        said = worker.stderr.read() if worker.stderr is not None else b""
+    assert (worker.returncode, said) == (0, b"")
+
+
+def test_it_ends_without_a_word_in_the_middle_of_a_question() -> None:
+    ours, theirs = socket.socketpair()
+    arguments = [sys.executable, "-m", "gateway.query.worker", str(theirs.fileno())]
+    with subprocess.Popen(arguments, pass_fds=[theirs.fileno()], stderr=subprocess.PIPE) as worker:
+        theirs.close()
+        with ours:
+            ours.sendall((1000).to_bytes(8))
+        said = worker.stderr.read() if worker.stderr is not None else b""
+    assert (worker.returncode, said) == (0, b"")
