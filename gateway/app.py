@@ -74,6 +74,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None) -> Sta
             app.state.pictures = await stack.enter_async_context(Pictures(live))
             app.state.queries = await stack.enter_async_context(Queries(live))
             app.state.queries.contribute(world.triples)
+            app.state.queries.place(lambda: world.objects.known)
             live.add(wing(app.state.queries))
             await live.join()
             store = await stack.enter_async_context(Store(url, settings.namespace, run))

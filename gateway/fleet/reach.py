@@ -130,10 +130,9 @@ class _Chain:
 
 @lru_cache(maxsize=64)
 def _chain(urdf: str, floating: bool, link: str) -> _Chain:
-    robot = RobotModel.parse(urdf)
+    robot, whole = _whole(urdf, floating)
     if link not in robot.links:
         raise ValueError(f"the robot has no link {link[:128]!r}")
-    whole = build_model(urdf, floating)
     body = whole.frames[whole.getFrameId(link, pin.FrameType.BODY)]
     # Not by buildReducedModel, which refuses a joint that shares its name with a link. The base's free joint is first.
     above = [i for i in whole.supports[body.parentJoint] if i > int(floating)]
@@ -146,6 +145,12 @@ def _chain(urdf: str, floating: bool, link: str) -> _Chain:
     joints = tuple(_joint(robot, robot.joints[whole.names[i]]) for i in above)
     continuous = frozenset(joint.name for joint in robot.joints.values() if joint.kind is JointKind.CONTINUOUS)
     return _Chain(model, frame, joints, continuous)
+
+
+@lru_cache(maxsize=16)
+def _whole(urdf: str, floating: bool) -> tuple[RobotModel, pin.Model]:
+    """To read it takes longer than most searches. Threads share it: never written to."""
+    return RobotModel.of(urdf), build_model(urdf, floating)
 
 
 def _joint(robot: RobotModel, joint: Joint) -> _Joint:

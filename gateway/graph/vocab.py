@@ -144,7 +144,7 @@ LF = Namespace(
     # predicates: geometry (desideratum D5)
     " model mesh byteSize sha256"
     # queries
-    " query canReach example"
+    " query canReach poseIn distance example"
     # the world: classes, shapes, predicates
     " World Placement SceneObject SceneObjects Obstacle KeepOutZone Box Sphere Cylinder TriangleMesh"
     " WorldShape PlacementShape PlacementInput SceneObjectShape SceneObjectsShape SceneObjectInput PoseInFrameShape"

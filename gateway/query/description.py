@@ -14,6 +14,7 @@ from gateway.graph.vocab import DCTERMS, FORMAT, LF, PREFIXES, RDFS, SD, SH, VOI
 from gateway.graph.wing import FleetWing, Found, Sight
 from gateway.identity.rights import Right
 from gateway.query.examples import EXAMPLES
+from gateway.query.functions import FUNCTIONS
 from gateway.query.service import Queries
 from gateway.query.twin import SHAPES, VOCABULARY
 
@@ -75,7 +76,7 @@ def _describe(graph: Graph, sight: Sight, counts: Mapping[str, int]) -> None:
     graph.add(iri, SD.supportedLanguage, SD.SPARQL11Query)
     graph.add(iri, SD.resultFormat, *_FORMATS)
     graph.add(iri, SD.feature, SD.UnionDefaultGraph)
-    graph.add(iri, SD.extensionFunction, LF.canReach)
+    graph.add(iri, SD.extensionFunction, *FUNCTIONS)
     _dataset(graph, iri, sight, counts)
     for each in EXAMPLES:
         example = graph.blank(SH.SPARQLSelectExecutable)

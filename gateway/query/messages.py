@@ -8,6 +8,7 @@ from msgspec import Struct
 from agents.wire.messages import Description
 from gateway.fleet.invocation import Invocation
 from gateway.fleet.lease import Lease
+from gateway.fleet.model import Pose
 
 Member = tuple[str, str]
 """Predicate and path of what a wing adds to a description."""
@@ -44,6 +45,12 @@ class Instead(Struct, frozen=True, kw_only=True):
     motions: dict[str, Invocation | None]
 
 
+class Placed(Struct, frozen=True):
+    """An object of the world, as far as its place matters."""
+
+    pose: Pose
+
+
 class News(Struct, frozen=True, kw_only=True):
     """What is different since the query before: of robots, and frames by robot, None for one that has none any more.
 
@@ -61,7 +68,8 @@ class Ask(Struct, frozen=True, kw_only=True):
     ``base`` is scheme and authority of all IRIs, ``base_iri`` what relative ones in the query are resolved against.
     ``default`` and ``named`` are the graphs that were asked for, None for all. ``invocations`` are those of the whole
     fleet. ``graphs``: N-Triples by the path of the graph that they are added to. ``bindings`` is a solution in the
-    JSON of results, ``accept`` what the answer may be. ``instead``: robots that are supposed to be in another state.
+    JSON of results, ``accept`` what the answer may be.
+    ``objects`` stand in the world, by id. ``instead``: robots that are supposed to be in another state.
     """
 
     news: News
@@ -79,6 +87,7 @@ class Ask(Struct, frozen=True, kw_only=True):
     most_bytes: int
     limit_s: float
     bindings: dict[str, dict[str, str]] = {}
+    objects: dict[str, Placed] = {}
     instead: tuple[Instead, ...] = ()
     only_check: bool = False
 

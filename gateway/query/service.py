@@ -1,6 +1,6 @@
 """Queries over the live fleet: SPARQL 1.1, each of one consistent instant, evaluated beside the gateway."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
 
 from pyoxigraph import (
@@ -19,10 +19,11 @@ from gateway.graph.wing import Sight
 from gateway.identity.rights import View
 from gateway.live import Live
 from gateway.query.language import Dataset, Query, check_select, read
-from gateway.query.messages import Ask, Instead
+from gateway.query.messages import Ask, Instead, Placed
 from gateway.query.process import QueryProcess
 from gateway.query.snapshot import Contribution, Feed
 from gateway.query.turns import FairTurns
+from gateway.world.poses import Standing
 
 LIMIT_S = 5.0
 """Processor time that the evaluation of one query may take."""
@@ -40,6 +41,7 @@ class Queries:
     def __init__(self, live: Live, limit_s: float = LIMIT_S) -> None:
         self._live, self._limit_s = live, limit_s
         self._contributions: list[Contribution] = []
+        self._objects: Callable[[], Mapping[str, Standing]] = dict
         self._turns = FairTurns()
         self._process = QueryProcess(lambda: Feed(live.fleet, live.invocations, lambda: live.wings))
 
@@ -59,6 +61,10 @@ class Queries:
     def contribute(self, *sources: Contribution) -> None:
         """Have every query see more than the fleet itself; called for each, in the event loop, so to be quick."""
         self._contributions += sources
+
+    def place(self, objects: Callable[[], Mapping[str, Standing]]) -> None:
+        """Have functions find the objects of the world, by id."""
+        self._objects = objects
 
     async def select(
         self,
@@ -135,6 +141,7 @@ class Queries:
                 most_bytes=most,
                 limit_s=self._limit_s,
                 bindings={name: _json(term) for name, term in bindings.items()},
+                objects={id: Placed(each.pose) for id, each in self._objects().items()},
                 instead=tuple(instead),
                 only_check=only_check,
             )

@@ -87,7 +87,7 @@ class Worker:
             twin.bring(self._mirror)
         try:
             seen = _complete(ask, twin, self._mirror, sees)
-            return evaluate(twin.store, ask, seen, functions_of(ask.base, robots)) + DONE
+            return evaluate(twin.store, ask, seen, functions_of(ask.base, robots, ask.objects)) + DONE
         except Refused as refused:
             return encode(refused.refusal) + REFUSED
 

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 from gateway.fleet.kinematics import ORIGIN, compose, inverse
 from gateway.fleet.model import Pose
@@ -10,9 +11,15 @@ from gateway.fleet.robot import Robot
 from gateway.graph.kinds import POSE_RESOLUTION
 from gateway.graph.paths import part_of, robot_name
 from gateway.world.placement import WORLD, placement_of
-from gateway.world.scene import SceneObject
 
 _DECIMALS = round(-math.log10(POSE_RESOLUTION))
+
+
+class Standing(Protocol):
+    """An object, as far as its place matters."""
+
+    @property
+    def pose(self) -> Pose: ...
 
 
 @dataclass(frozen=True)
@@ -39,7 +46,7 @@ class _Place:
         return None if placement is None else compose(placement, self.pose)
 
 
-def seen_from(of: str, frame: str, robots: Mapping[str, Robot], objects: Mapping[str, SceneObject]) -> Posed:
+def seen_from(of: str, frame: str, robots: Mapping[str, Robot], objects: Mapping[str, Standing]) -> Posed:
     """``of`` and ``frame`` are paths of the world, a robot, a link or an object; LookupError, naming any other.
 
     Two parts of one robot need no placement. The time is of the robot whose latest frame is older.
@@ -55,7 +62,7 @@ def seen_from(of: str, frame: str, robots: Mapping[str, Robot], objects: Mapping
     return Posed(_rounded(compose(inverse(poses[1]), poses[0])), bool(times), wall_ns)
 
 
-def _place(path: str, robots: Mapping[str, Robot], objects: Mapping[str, SceneObject]) -> _Place:
+def _place(path: str, robots: Mapping[str, Robot], objects: Mapping[str, Standing]) -> _Place:
     if path == WORLD:
         return _Place(None, ORIGIN)
     if path.startswith(f"{WORLD}/objects/"):
@@ -75,6 +82,10 @@ def _place(path: str, robots: Mapping[str, Robot], objects: Mapping[str, SceneOb
 
 def _rounded(pose: Pose) -> Pose:
     """To the resolution at which the pose of a link is news: below it is noise, and another ETag each time."""
-    (x, y, z), (a, b, c, w) = pose.position_m, pose.orientation_xyzw
-    at = (round(x, _DECIMALS), round(y, _DECIMALS), round(z, _DECIMALS))
-    return Pose(at, (round(a, _DECIMALS), round(b, _DECIMALS), round(c, _DECIMALS), round(w, _DECIMALS)))
+    x, y, z = map(rounded, pose.position_m)
+    a, b, c, w = map(rounded, pose.orientation_xyzw)
+    return Pose((x, y, z), (a, b, c, w))
+
+
+def rounded(value: float) -> float:
+    return round(value, _DECIMALS)

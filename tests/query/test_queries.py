@@ -1,6 +1,7 @@
 """Queries as other parts of the gateway ask them: of one instant, of what is seen, and within their limits."""
 
 import asyncio
+import math
 import os
 import signal
 from collections.abc import Awaitable, Callable, Iterator, Mapping
@@ -8,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import httpx
+import msgspec
 import pytest
 from pictured import Pictured
 from pyoxigraph import Literal, NamedNode, Triple
@@ -16,11 +18,12 @@ from small_fleet import Place
 
 from gateway.errors import BadRequest, FleetError, QueryTooCostly, ResultTooLarge
 from gateway.fleet.invocation import Invocation
+from gateway.fleet.model import Pose
 from gateway.graph.vocab import LF
 from gateway.graph.wing import Sight
 from gateway.identity.rights import ALL, View, view
 from gateway.live import Live
-from gateway.query.messages import Instead
+from gateway.query.messages import Instead, Placed
 from gateway.query.service import Queries, Term
 from gateway.settings import GatewaySettings
 
@@ -124,6 +127,42 @@ def test_a_function_says_what_can_be_reached(asking: Asking) -> None:
     assert asking.values(near % "3.5") == [("true",)]
     assert asking.values(near % "7") == [("false",)]
     assert asking.values(near % "'up'") == [()]
+
+
+def test_functions_say_where_a_thing_is_seen_from_another_and_how_far(asking: Asking) -> None:
+    """Across robots once both are placed; two parts of one robot need no place."""
+    robots, half = asking.live.fleet.robots, math.sqrt(0.5)
+    tip, other, crate = (f"<{BASE}/{path}>" for path in ("a/tip", "b/", "world/objects/crate"))
+    asking.queries.place(lambda: {"crate": Placed(Pose((0.0, 0.0, 3.0), (0.0, 0.0, 0.0, 1.0)))})
+
+    def pose(of: str, frame: str) -> list[float]:
+        terms = " ".join(f'(lf:poseIn({of}, {frame}, "{each}") AS ?{each})' for each in ("x", "y", "z", "qz", "qw"))
+        return [float(term.value) for row in asking.run(f"SELECT {terms} {{}}") for term in row.values()]
+
+    def apart(one: str, two: str) -> list[tuple[str, ...]]:
+        return asking.values(f"SELECT (lf:distance({one}, {two}) AS ?d) {{}}")
+
+    for name in ("a", "b"):
+        asking.robots.stand(name, (0.0, 0.0))
+    try:
+        in_own = pose(tip, f"<{BASE}/a/>")
+        assert len(in_own) == 5 and apart(tip, f"<{BASE}/a/>")
+        assert pose(tip, other) == [] and apart(tip, other) == [()]
+        place = {"a": Pose((1.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), "b": Pose((1.0, 2.0, 0.0), (0.0, 0.0, half, half))}
+        for name, at in place.items():
+            asking.live.fleet.configure(name, {"placement": msgspec.json.encode(at).decode()})
+        x, y, z = in_own[:3]
+        assert pose(tip, other) == pytest.approx([y - 2.0, -x, z, -half, half], abs=1e-4)
+        assert float(apart(f"<{BASE}/a/>", other)[0][0]) == pytest.approx(2.0)
+        assert float(apart(crate, f"<{BASE}/world>")[0][0]) == pytest.approx(3.0)
+        for wrong in (f"<{BASE}/nobody/>", "<http://elsewhere/>", "4", f"<{BASE}/a/elbow>"):
+            assert apart(tip, wrong) == [()]
+        rows = asking.run(f'SELECT (lf:poseIn({tip}, {other}, "w") AS ?d) (lf:poseIn({tip}) AS ?e) {{}}')
+        assert rows == [{}]
+        assert asking.run(f"SELECT (lf:distance({tip}, {other}) AS ?d) {{}}", ONE) == [{}]  # who does not see it
+    finally:
+        for name in robots:
+            asking.live.fleet.configure(name, {})
 
 
 def test_robots_can_be_supposed_to_be_in_another_state(asking: Asking) -> None:
