@@ -21,20 +21,20 @@ class MeshError(Exception):
     """A mesh that cannot be had; the message says why."""
 
 
-def drawn(urdf: str, file: Path) -> dict[str, Path]:
-    """The meshes that are there of those that show the robot, by their URI in the URDF that lies at ``file``.
+def named(urdf: str, file: Path) -> dict[str, Path]:
+    """The meshes that are there of those that the URDF at ``file`` names, by their URI in it. UrdfError.
 
-    Of a link these are the meshes of its visual geometry; of its collision geometry if it has no visual. UrdfError.
+    Those of visual geometry come first: they show the robot. Those of collision geometry say what it would meet.
     """
     located = {uri: locate(uri, file) for uri in dict.fromkeys(_named(urdf)) if Path(uri).suffix.lower() in FORMATS}
     return {uri: path for uri, path in located.items() if path is not None}
 
 
 def _named(urdf: str) -> Iterator[str]:
-    for link in parse(urdf).findall("link"):
-        for geometry in link.findall("visual") or link.findall("collision"):
-            mesh = geometry.find("geometry/mesh")
-            if mesh is not None:
+    links = parse(urdf).findall("link")
+    for kind in ("visual", "collision"):
+        for link in links:
+            for mesh in link.findall(f"{kind}/geometry/mesh"):
                 yield mesh.get("filename", "")
 
 

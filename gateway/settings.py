@@ -62,7 +62,9 @@ class GatewaySettings:
     )
     redis_url: str = _setting("REDIS_URL", "", "Redis or Valkey that remembers subscriptions (default: embedded)")
     state_dir: str = _setting(
-        "LINKED_FLEET_STATE_DIR", "", "folder of the embedded server's data (default: $XDG_STATE_HOME/linked-fleet)"
+        "LINKED_FLEET_STATE_DIR",
+        "",
+        "folder of the embedded server's data, and of meshes (default: $XDG_STATE_HOME/linked-fleet)",
     )
     callback_allow: str = _setting(
         "LINKED_FLEET_CALLBACK_ALLOW", "", "networks (CIDR) that callbacks may reach although private, comma-separated"
@@ -180,7 +182,7 @@ class GatewaySettings:
 
     @property
     def state_path(self) -> Path:
-        """Where the embedded server keeps its data."""
+        """Where the embedded server keeps its data, and meshes that were read are kept."""
         return Path(self.state_dir or Path.home() / ".local" / "state" / "linked-fleet").absolute()
 
     @property

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from agents.meshes import drawn
+from agents.meshes import named
 from agents.robot import Facts, JointFacts, Robot
 from agents.robots.eyes import as_available, probe
 from agents.robots.ros2.address import SCHEME, AddressError, parse_address
@@ -228,7 +228,7 @@ def _simulate(name: str, model: Model, path: Path) -> Robot:
         raise UnavailableError(f"simulated robots need MuJoCo ({error}): pip install 'linked-fleet[sim]'") from error
     try:
         facts = facts_of(model, path.read_text(encoding="utf-8"))
-        facts = replace(facts, meshes=drawn(facts.urdf, path))
+        facts = replace(facts, meshes=named(facts.urdf, path))
         way, reason = ("", "") if sight is None else sight.result
         facts = replace(facts, cameras=as_available(model.cameras, reason))
         return MujocoRobot(name, facts, model.home, model.home_height_m, path, way)

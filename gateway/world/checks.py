@@ -5,68 +5,83 @@ way was found free, and only then.
 """
 
 import asyncio
-import logging
 import math
 from collections.abc import Mapping
-from functools import lru_cache
-from hashlib import blake2b
+from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-import msgspec
-
-from agents.wire.messages import Description
 from gateway.actions.plan import Motion
-from gateway.ending import end
-from gateway.errors import Busy, Collides, FleetError, Unchecked
-from gateway.fleet.geometry import SUFFIXES, meshes_of
+from gateway.errors import Busy, Collides, Unchecked
 from gateway.fleet.model import Pose
 from gateway.fleet.robot import Robot
 from gateway.graph.paths import link_path
 from gateway.identity.rights import View
 from gateway.live import Live
 from gateway.world.describe import object_path
-from gateway.world.messages import Check, Meets, Positions, Prepare, PrepareObject, Stood, Unable
+from gateway.world.messages import Check, Meets, Positions, Stood, Unable
 from gateway.world.placement import placement_of, pose_in_world
+from gateway.world.preparation import Preparation, is_placed, key_of
 from gateway.world.process import Checker
-from gateway.world.scene import MAX_OBJECTS, SceneObject
+from gateway.world.scene import SceneObject
 from gateway.world.ways import stances_of, ways_of
 
-log = logging.getLogger(__name__)
-
 WITHIN_S = 1.0
-_PATIENCE_S = 1.5  # for all of it: a command is too late after two seconds
-_ANSWER_S, _PREPARE_S = 3.0, 60.0
-_LOOK_S = 1.0
+EARLY_S = 5.0
+"""How long a motion waits at most for shapes that are being prepared."""
+_PATIENCE_S = 1.5  # for the check itself: a command is too late after two seconds
+_ANSWER_S = 3.0
 MOST_WAITING = 16
+MOST_EARLY = 64
 NEAR_M = 25.0
 """Robots whose roots are further from each other than this do not meet."""
 
 
 class Checks:
-    """An async context manager; it starts no process before a robot is placed."""
+    """A ``gateway.actions.service.Judge``, and an async context manager; it starts no process before a robot is placed.
 
-    def __init__(self, live: Live, objects: Mapping[str, SceneObject]) -> None:
+    Meshes are kept in ``folder``.
+    """
+
+    def __init__(self, live: Live, objects: Mapping[str, SceneObject], folder: Path) -> None:
         self._live, self._objects = live, objects
-        self._checker = Checker()
-        self._preparing: dict[str, asyncio.Task[None]] = {}
-        self._unusable: dict[str, str] = {}
-        self._keys: dict[str, tuple[Description, str]] = {}
-        self._waiting = 0
-        self._looking: asyncio.Task[None] | None = None
+        self._checker = Checker(folder)
+        self._preparation = Preparation(live, self._checker)
+        self._waiting = self._early = 0
 
     async def __aenter__(self) -> Self:
-        self._looking = asyncio.create_task(self._look_for_ever(), name="prepare robots")
+        self._preparation.open()
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        await end([*([] if self._looking is None else [self._looking]), *self._preparing.values()])
+        await self._preparation.close()
         await self._checker.close()
 
-    async def judge(self, motion: Motion, sees: View, own: str) -> bool:
-        """As ``gateway.actions.service.Judge``; Busy when so many wait that it would be too late."""
+    @property
+    def prepared(self) -> bool:
+        """Whether the motions of all robots that stand somewhere can be checked, as far as their shapes can be had."""
+        return self._preparation.is_complete()
+
+    async def ready(self, robot: Robot, sees: View) -> None:
+        """Wait for what is being prepared of the robot and of all that it could meet; Unchecked, Busy."""
+        if placement_of(robot) is None:
+            return
+        if self._early >= MOST_EARLY:
+            raise Busy(f"{MOST_EARLY} motions wait for shapes that are being prepared; ask again.")
+        self._early += 1
+        try:
+            async with asyncio.timeout(EARLY_S):
+                await self._preparation.robots(self._perhaps_around(robot))
+                await self._preparation.objects(self._objects)
+        except TimeoutError as error:
+            raise Unchecked("What there is to be met is still being prepared; ask again.") from error
+        finally:
+            self._early -= 1
+
+    async def free(self, motion: Motion, sees: View, own: str) -> bool:
+        """Busy when so many wait that it would be too late."""
         if placement_of(motion.robot) is None:
             return False
         if self._waiting >= MOST_WAITING:
@@ -76,21 +91,47 @@ class Checks:
             async with asyncio.timeout(_PATIENCE_S):
                 await self._check(motion, sees, own)
         except TimeoutError as error:
-            raise Unchecked("What there is to be met is still being prepared; ask again.") from error
+            raise Unchecked("The check of the motion took too long; ask again.") from error
         finally:
             self._waiting -= 1
         return True
 
     async def _check(self, motion: Motion, sees: View, own: str) -> None:
-        here = _base(motion.robot, sees)
-        placed = [robot for robot in self._live.fleet.robots.values() if _counts(robot)]
-        robots = [robot for robot in placed if math.dist(_base(robot, sees).position_m, here.position_m) <= NEAR_M]
+        robots = self._around(motion.robot, sees)
         await self._be_prepared(robots, sees)
         answer = await self._checker.ask(self._question(motion, robots, sees, own), _ANSWER_S)
         if isinstance(answer, Meets):
             raise self._collision(motion.robot, answer)
         if isinstance(answer, Unable):
             raise Unchecked(f"Whether {motion.robot.name} meets anything is unknown: {answer.reason}.")
+
+    def _around(self, robot: Robot, sees: View) -> list[Robot]:
+        """Robots that it could meet, itself among them."""
+        here = _base(robot, sees)
+        placed = [each for each in self._live.fleet.robots.values() if is_placed(each)]
+        return [each for each in placed if math.dist(_base(each, sees).position_m, here.position_m) <= NEAR_M]
+
+    def _perhaps_around(self, robot: Robot) -> list[Robot]:
+        """Robots that it could meet, and those of which it is not known yet where they are."""
+        placed = {each.name: each for each in self._live.fleet.robots.values() if is_placed(each)}
+        bases = {name: pose_in_world(each, each.model.root) for name, each in placed.items() if each.model is not None}
+        here = bases.get(robot.name)
+        far = {
+            name
+            for name, there in bases.items()
+            if here is not None and there is not None and math.dist(there.position_m, here.position_m) > NEAR_M
+        }
+        return [each for name, each in placed.items() if name not in far]
+
+    async def _be_prepared(self, robots: list[Robot], sees: View) -> None:
+        await self._preparation.robots(robots)
+        if (why := await self._preparation.objects(self._objects)) is not None:
+            raise Unchecked(why)
+        for robot in robots:
+            if (why := self._preparation.missing(robot)) is not None:
+                seen = sees.sees(robot.name)
+                name, why = (robot.name, why) if seen else ("another robot", "ask again")
+                raise Unchecked(f"The shape of {name} is not known yet: {why}.")
 
     # -- the question -----------------------------------------------------------------------------------------------
 
@@ -100,17 +141,17 @@ class Checks:
         if missing := [name for name in motion.targets if name not in start]:
             raise Unchecked(f"Whether {robot.name} meets anything is unknown: so is where {missing[0]} is.")
         return Check(
-            Stood(robot.name, self._key(robot), _base(robot, sees)),
+            Stood(robot.name, self._preparation.key(robot), _base(robot, sees)),
             ways_of(motion.motion, start, self._underway(robot, own)),
             tuple(self._stood(each, sees) for each in robots if each is not robot),
-            tuple(Stood(id, _key_of(thing), thing.pose) for id, thing in self._objects.items()),
+            tuple(Stood(id, key_of(thing), thing.pose) for id, thing in self._objects.items()),
             WITHIN_S,
         )
 
     def _stood(self, robot: Robot, sees: View) -> Stood:
         name = robot.name if sees.sees(robot.name) else ""
         stances = stances_of(_positions(robot), self._underway(robot, ""))
-        return Stood(name, self._key(robot), _base(robot, sees), stances)
+        return Stood(name, self._preparation.key(robot), _base(robot, sees), stances)
 
     def _underway(self, robot: Robot, own: str) -> dict[str, float]:
         """Where its joints go by motions that have not ended."""
@@ -144,85 +185,6 @@ class Checks:
             reason=f"{met.link} would meet {kind} {after}",
         )
 
-    def _key(self, robot: Robot) -> str:
-        """The same for robots that look the same."""
-        description = robot.description
-        assert description is not None
-        held = self._keys.get(robot.name)
-        if held is None or held[0] is not description:
-            digest = blake2b(description.urdf.encode(), digest_size=16)
-            for mesh in description.meshes:
-                digest.update(f"{mesh.uri} {mesh.sha256}\n".encode())
-            held = self._keys[robot.name] = description, digest.hexdigest()
-        return held[1]
-
-    # -- shapes -----------------------------------------------------------------------------------------------------
-
-    async def _be_prepared(self, robots: list[Robot], sees: View) -> None:
-        tasks = [task for robot in robots if (task := self._prepare_soon(robot)) is not None]
-        if tasks:
-            await asyncio.wait(tasks)
-        for thing in list(self._objects.values()):
-            await self._prepare_object(thing)
-        for robot in robots:
-            if self._key(robot) in self._checker.known:
-                continue
-            name = robot.name if sees.sees(robot.name) else "another robot"
-            why = self._unusable.get(self._key(robot), "it is being prepared, ask again")
-            raise Unchecked(f"The shape of {name} is not known yet: {why if sees.sees(robot.name) else 'ask again'}.")
-
-    def _prepare_soon(self, robot: Robot) -> asyncio.Task[None] | None:
-        key = self._key(robot)
-        if key in self._checker.known or key in self._unusable:
-            return None
-        task = self._preparing.get(key)
-        if task is None:
-            task = self._preparing[key] = asyncio.create_task(self._prepare(robot, key), name=f"prepare {robot.name}")
-            task.add_done_callback(lambda _: self._preparing.pop(key, None))
-        return task
-
-    async def _prepare(self, robot: Robot, key: str) -> None:
-        assert robot.description is not None
-        try:
-            meshes = {
-                uri: (SUFFIXES[mesh.type], await self._live.meshes.get(robot, mesh))
-                for uri, mesh in meshes_of(robot).items()
-            }
-        except FleetError as error:  # tried again at the next look
-            log.info("the shape of %s cannot be had: %s", robot.name, error.detail)
-            return
-        answer = await self._checker.ask(Prepare(key, robot.description.urdf, meshes), _PREPARE_S)
-        if isinstance(answer, Unable):
-            self._unusable[key] = answer.reason
-            log.warning("no motion near %s can be checked: %s", robot.name, answer.reason)
-        else:
-            self._checker.known.add(key)
-
-    async def _prepare_object(self, thing: SceneObject) -> None:
-        key = _key_of(thing)
-        if key not in self._checker.known:
-            answer = await self._checker.ask(PrepareObject(key, thing.geometry), _ANSWER_S)
-            if isinstance(answer, Unable):
-                raise Unchecked(f"The shape of {thing.title} cannot be used: {answer.reason}.")
-            self._checker.known.add(key)
-
-    async def _look_for_ever(self) -> None:
-        """Prepare robots as they are placed: the first motion need not wait for it."""
-        while True:
-            await asyncio.sleep(_LOOK_S)
-            try:
-                for robot in self._live.fleet.robots.values():
-                    if _counts(robot):
-                        self._prepare_soon(robot)
-            except Exception:
-                # The boundary of the task: without it robots would be prepared at their first motion.
-                log.exception("robots could not be prepared for checks; it is tried again")
-
-
-def _counts(robot: Robot) -> bool:
-    """Whether it has a place in the world and a form."""
-    return placement_of(robot) is not None and robot.model is not None and robot.description is not None
-
 
 def _positions(robot: Robot) -> Positions:
     return {name: position for name, position in robot.positions.items() if position == position}
@@ -236,8 +198,3 @@ def _base(robot: Robot, sees: View) -> Pose:
         name = robot.name if sees.sees(robot.name) else "another robot"
         raise Unchecked(f"Where {name} is at present is unknown, so nothing is known to be free of it.")
     return pose
-
-
-@lru_cache(maxsize=2 * MAX_OBJECTS)
-def _key_of(thing: SceneObject) -> str:
-    return "object-" + blake2b(msgspec.msgpack.encode(thing.geometry), digest_size=16).hexdigest()

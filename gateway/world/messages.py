@@ -12,11 +12,21 @@ Kind = Literal["self", "robot", "object"]
 
 
 class Prepare(Struct, frozen=True, tag="prepare"):
-    """Make the shapes of a robot, known by ``key`` from now on. ``meshes``: suffix and content by URI in the URDF."""
+    """Make the shapes of a robot, known by ``key`` from now on. ``meshes``: their file names by URI in the URDF.
+
+    A file name is the digest of a mesh and the suffix of its format. Lacks is answered when the mesh has to be told.
+    """
 
     key: str
     urdf: str
-    meshes: dict[str, tuple[str, bytes]]
+    meshes: dict[str, str]
+
+
+class PrepareMesh(Struct, frozen=True, tag="mesh"):
+    """The content of a mesh, for robots that are prepared after it."""
+
+    name: str
+    content: bytes
 
 
 class PrepareObject(Struct, frozen=True, tag="object"):
@@ -70,7 +80,15 @@ class Ready(Struct, frozen=True, tag="ready"):
     pass
 
 
+class Lacks(Struct, frozen=True, tag="lacks"):
+    """File names of meshes without which a robot cannot be prepared."""
+
+    meshes: tuple[str, ...]
+
+
 class Free(Struct, frozen=True, tag="free"):
+    """``samples``: at how many places of the way the robot was looked at."""
+
     samples: int
 
 
@@ -88,5 +106,5 @@ class Unable(Struct, frozen=True, tag="unable"):
     reason: str
 
 
-Question = Prepare | PrepareObject | Check
-Answer = Ready | Free | Meets | Unable
+Question = Prepare | PrepareMesh | PrepareObject | Check
+Answer = Ready | Lacks | Free | Meets | Unable

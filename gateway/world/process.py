@@ -6,31 +6,38 @@ import logging
 import os
 import sys
 from asyncio.subprocess import PIPE, Process
+from pathlib import Path
 
 import msgspec
 
-from gateway.world.messages import Answer, Question, Unable
+from gateway.world.messages import Answer, Prepare, PrepareObject, Question, Ready, Unable
 
 _log = logging.getLogger(__name__)
 
 _HEAD_BYTES = 4
-_MAX_ANSWER_BYTES = 64 * 1024
+_MAX_ANSWER_BYTES = 128 * 1024  # digests of all the meshes of a robot
 # Nothing else of the environment: what is in there is none of its business.
 _INHERITED = ("PATH", "PYTHONPATH", "PYTHONHOME", "LD_LIBRARY_PATH", "LANG", "TMPDIR")
 _MODULE = "gateway.world.worker"
 _ANSWERS = msgspec.msgpack.Decoder(Answer)
+NO_ANSWER = Unable("the process that checks motions gave no answer")
 
 
 class Checker:
-    """One question after another. ``known``: keys of what the present process has been told."""
+    """One question after another. Meshes are kept in ``folder``."""
 
-    def __init__(self) -> None:
-        self.known: set[str] = set()
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._known: set[str] = set()
         self._process: Process | None = None
         self._turn = asyncio.Lock()
 
+    def knows(self, key: str) -> bool:
+        """Whether the present process has prepared it."""
+        return key in self._known and self._process is not None and self._process.returncode is None
+
     async def ask(self, question: Question, timeout_s: float) -> Answer:
-        """Unable, and the process is ended, when no answer comes in time. Who goes away does not disturb it."""
+        """``NO_ANSWER``, and the process is ended, when none comes in time. Who goes away does not disturb it."""
         return await asyncio.shield(asyncio.create_task(self._in_turn(question, timeout_s)))
 
     async def _in_turn(self, question: Question, timeout_s: float) -> Answer:
@@ -41,7 +48,7 @@ class Checker:
             except (TimeoutError, OSError, EOFError, msgspec.ValidationError) as error:
                 _log.warning("the process that checks motions gave no answer and is started anew: %r", error)
                 await self._end()
-                return Unable("the process that checks motions gave no answer")
+                return NO_ANSWER
             except asyncio.CancelledError:
                 await self._end()
                 raise
@@ -57,19 +64,28 @@ class Checker:
         if size > _MAX_ANSWER_BYTES:
             raise EOFError("its answer is none")
         answer: Answer = _ANSWERS.decode(await self._process.stdout.readexactly(size))
+        if isinstance(question, Prepare | PrepareObject) and isinstance(answer, Ready):
+            self._known.add(question.key)
         return answer
 
     async def _start(self) -> None:
-        self.known.clear()
+        self._known.clear()
         environment = {name: os.environ[name] for name in _INHERITED if name in os.environ}
         # A session of its own: Ctrl-C is for the gateway, with whose end of the pipe this process ends.
         self._process = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", _MODULE, stdin=PIPE, stdout=PIPE, env=environment, start_new_session=True
+            sys.executable,
+            "-m",
+            _MODULE,
+            str(self._folder),
+            stdin=PIPE,
+            stdout=PIPE,
+            env=environment,
+            start_new_session=True,
         )
 
     async def _end(self) -> None:
         process, self._process = self._process, None
-        self.known.clear()
+        self._known.clear()
         if process is not None and process.returncode is None:
             with contextlib.suppress(ProcessLookupError):
                 process.kill()

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import AsyncExitStack
+from pathlib import Path
 from types import TracebackType
 from typing import Self
 
@@ -20,14 +21,13 @@ from gateway.world.store import ObjectStore
 
 
 class World:
-    """An async context manager; entering it adds the world to the tree."""
+    """An async context manager; entering it adds the world to the tree. In ``folder`` meshes are kept."""
 
-    def __init__(self, live: Live, url: str, namespace: str) -> None:
+    def __init__(self, live: Live, url: str, namespace: str, folder: Path) -> None:
         self._live = live
         self.objects = Objects(live, ObjectStore(url, namespace))
         self._described: tuple[tuple[str, int], Sequence[Triple]] = (("", 0), ())
-        self._checks = Checks(live, self.objects.known)
-        self.judge = self._checks.judge
+        self.checks = Checks(live, self.objects.known, folder)
         self._stack = AsyncExitStack()
 
     def triples(self, sight: Sight) -> Iterator[tuple[str, Sequence[Triple]]]:
@@ -43,7 +43,7 @@ class World:
 
     async def __aenter__(self) -> Self:
         await self._stack.enter_async_context(self.objects)
-        await self._stack.enter_async_context(self._checks)
+        await self._stack.enter_async_context(self.checks)
         known = self.objects.known
         self._live.add(FleetWing(WORLD[1:], LF.world, lambda sight, rest: in_world(sight, rest, known)))
         return self

@@ -1,329 +1,211 @@
-"""Whether a robot meets anything on its way: sampled so finely that nothing is passed by between two samples.
+"""Whether a robot meets anything on its way. Nothing is passed by, however thin it is or however fast it is passed.
 
-Runs in the process that checks motions. Between two samples no point of the robot moves further than twice the margin
-that is kept to objects and other robots, by the triangle inequality. Two parts of the robot itself, between which there
-are more than two joints, may come near and must not touch.
+Runs in the process that checks motions. The margin is kept to objects and other robots, and ``CLEARANCE_M`` between
+parts of the robot itself. A pair that is further apart is looked at again when it may have come so near: no pair comes
+nearer by more than its joints go, each times its reach. So no contact is between two looks.
 
-What is nearer than the margin at the start already may stay so, and may not come nearer: so a robot that stands in a
-zone moves out, and not further in. Parts of the robot that touch each other at the start are left to themselves.
+What is nearer than that at the start already may stay so, and may not come nearer: so a robot that stands in a zone
+moves out, and not further in. Parts of the robot that touch each other at the start are left to themselves.
 """
 
-import math
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import coal
 import numpy as np
-import pinocchio as pin
+import numpy.typing as npt
 
-from gateway.fleet.model import Pose
-from gateway.fleet.xml import rotation
-from gateway.world.messages import Answer, Check, Free, Kind, Leg, Meets, Positions, Unable, Way
-from gateway.world.shapes import Array, Robot
+from gateway.world.contact import Shape, depth, distance, is_inside
+from gateway.world.messages import Answer, Check, Free, Kind, Meets, Positions, Unable
+from gateway.world.path import STEP_M, Path, Unknown, changed, path_of
+from gateway.world.robot import Robot
+from gateway.world.surfaces import Array
+from gateway.world.surroundings import MARGIN_M, Mover, Thing, objects_of, others_of
 
-MARGIN_M = 0.01
+CLEARANCE_M = 0.001  # half a step, so that parts that keep it at two neighbouring places do not touch between them
+_TOUCHING_M = 1e-5
 _SLACK_M = 0.001  # what was near and does not move comes nearer by rounding
-_APART = 2  # joints between parts of one robot that are not held against each other: hulls of neighbours overlap
-_MOST_SAMPLES = 20_000
-_EASING = 2.0  # a cubic is at most so much faster than its mean
+_MOST_PAIRS = 100_000
+_WINDOW, _ROOM = 512, 1_000_000  # places that are looked ahead, and numbers that this may take
+_TOO_LONG = "it takes too long to be checked; go it in parts"
+_ALIGNED = 8  # places: pairs that are far apart are looked at together
+
+Indices = npt.NDArray[np.intp]
 
 
-class Unknown(Exception):  # noqa: N818
-    """It cannot be told where something is."""
+@dataclass
+class _Pair:
+    """A body of the robot, and another one or a thing, which keep ``least_m`` of distance, or of depth ``by_depth``."""
 
-
-@dataclass(frozen=True)
-class _Thing:
-    """A shape that stands still, seen from the root of the robot that moves. ``radius`` is infinite for large ones."""
-
-    kind: Kind
-    name: str
-    link: str
-    shape: coal.CollisionGeometry
-    at: coal.Transform3s
-    centre: Array
-    radius: float
-
-
-class _Mover:
-    """The robot that moves, at any positions of its joints."""
-
-    def __init__(self, robot: Robot) -> None:
-        self.robot = robot
-        self._data, self._placed = robot.model.createData(), pin.GeometryData(robot.geometry)
-        self._centres = [body.centre for body in robot.bodies]
-
-    def stand(self, positions: Mapping[str, float]) -> None:
-        model = self.robot.model
-        q = _configuration(self.robot, positions)
-        pin.updateGeometryPlacements(model, self._data, self.robot.geometry, self._placed, q)
-
-    def at(self, body: int) -> pin.SE3:
-        return self._placed.oMg[body]
-
-    def centres(self, bodies: list[int]) -> Array:
-        return np.array([self._placed.oMg[i].act(self._centres[i]) for i in bodies]).reshape(-1, 3)
+    body: int
+    other: int
+    thing: Thing | None
+    least_m: float
+    by_depth: bool = False
 
 
 def check(asked: Check, robots: Mapping[str, Robot], objects: Mapping[str, coal.CollisionGeometry]) -> Answer:
     """``robots`` and ``objects`` are what was prepared, by key."""
-    started_s = time.monotonic()
+    ends_s = time.monotonic() + asked.within_s
     try:
-        mover = robots[asked.robot.key]
-        things = [*_objects(asked, objects), *_others(asked, robots)]
-        sweep = _Sweep(asked, mover, things)
-        samples = 0
-        for way in asked.ways:
-            steps = _steps(mover, way)
-            samples += steps
-            if samples > _MOST_SAMPLES:
-                raise Unknown("the way is too long to be checked; go it in parts")
-            for at, positions in enumerate(_along(mover, way, steps)):
-                if time.monotonic() > started_s + asked.within_s:
-                    raise Unknown("it takes too long to be checked; go it in parts")
-                met = sweep.met(positions)
-                if met is not None:
-                    link, kind, name, other = met
-                    return Meets(link, kind, name, other, round(at / steps, 3))
+        missing = [each.key for each in (asked.robot, *asked.robots) if each.key not in robots]
+        if missing or any(each.key not in objects for each in asked.objects):
+            raise Unknown("something of it has to be prepared again")
+        robot = robots[asked.robot.key]
+        things = [*objects_of(asked, objects), *others_of(asked, robots)]
+        return _Sweep(asked, robot, things, ends_s).answer()
     except Unknown as error:
         return Unable(str(error))
-    return Free(samples)
-
-
-# -- what stands still ----------------------------------------------------------------------------------------------
-
-
-def _objects(asked: Check, objects: Mapping[str, coal.CollisionGeometry]) -> Iterator[_Thing]:
-    root = _se3(asked.robot.base).inverse()
-    for each in asked.objects:
-        shape = objects[each.key]
-        shape.computeLocalAABB()
-        at = root * _se3(each.base)
-        centre = at.act(np.array(shape.aabb_center, dtype=float))
-        yield _Thing("object", each.name, "", shape, _transform(at), centre, float(shape.aabb_radius))
-
-
-def _others(asked: Check, robots: Mapping[str, Robot]) -> Iterator[_Thing]:
-    """Of other robots what can be reached: all their parts, in each of their stances."""
-    root, near = _se3(asked.robot.base).inverse(), robots[asked.robot.key].reach_m[0] + MARGIN_M
-    for each in asked.robots:
-        other, base = robots[each.key], root * _se3(each.base)
-        if float(np.linalg.norm(base.translation)) > near + other.reach_m[0]:
-            continue
-        stood = _Mover(other)
-        for stance in each.stances:
-            try:
-                stood.stand(_follow(other, each.stances[0], stance))
-            except Unknown as error:
-                raise Unknown(f"of {each.name or 'another robot'} {error}") from error
-            for i, body in enumerate(other.bodies):
-                at = base * stood.at(i)
-                centre = at.act(body.centre)
-                if float(np.linalg.norm(centre)) <= near + body.radius:
-                    yield _Thing("robot", each.name, body.link, body.shape, _transform(at), centre, body.radius)
-
-
-def _se3(pose: Pose) -> pin.SE3:
-    return pin.SE3(np.array(rotation(pose.orientation_xyzw)), np.array(pose.position_m))
-
-
-def _transform(at: pin.SE3) -> coal.Transform3s:
-    return coal.Transform3s(at.rotation, at.translation)
-
-
-# -- what moves -----------------------------------------------------------------------------------------------------
-
-
-def _configuration(robot: Robot, positions: Mapping[str, float]) -> Array:
-    model = robot.model
-    q: Array = pin.neutral(model)
-    for index in range(1, model.njoints):
-        name, joint = model.names[index], model.joints[index]
-        position = positions.get(name, math.nan)
-        if not math.isfinite(position) or joint.nq > 2:
-            raise Unknown(f"it is unknown where joint {name} is")
-        if joint.nq == 1:
-            q[joint.idx_q] = position
-        else:
-            q[joint.idx_q : joint.idx_q + 2] = math.cos(position), math.sin(position)
-    return q
-
-
-def _travel(robot: Robot, changes: Mapping[str, float]) -> float:
-    """How far any point of the robot goes at most (m) when its joints move by ``changes``."""
-    model, far = robot.model, 0.0
-    for index in range(1, model.njoints):
-        change = abs(changes.get(model.names[index], 0.0))
-        slides = robot.tree.joints[model.names[index]].kind == "prismatic"
-        far += change if slides else change * robot.reach_m[index]
-    return far
-
-
-def _follow(robot: Robot, start: Positions, moved: Mapping[str, float]) -> Positions:
-    """All positions when some joints have ``moved`` to others: those that mimic them follow."""
-    found = {**start, **moved}
-    for name, joint in robot.tree.joints.items():
-        driver, factor = joint, 1.0
-        for _ in range(len(robot.tree.joints)):
-            if driver.mimic is None:
-                break
-            factor *= driver.mimic.multiplier
-            driver = robot.tree.joints[driver.mimic.joint]
-        if driver is not joint and driver.name in moved:
-            found[name] = start.get(name, math.nan) + factor * (moved[driver.name] - start.get(driver.name, math.nan))
-    return found
-
-
-def _changed(robot: Robot, way: Way) -> dict[str, float]:
-    """By joint the way that it goes in all."""
-    sums: dict[str, float] = {}
-    for before, after, _ in _between(robot, way):
-        for name, end in after.items():
-            sums[name] = sums.get(name, 0.0) + abs(end - before[name])
-    return sums
-
-
-def _between(robot: Robot, way: Way) -> Iterator[tuple[Positions, Positions, Leg]]:
-    before, moved = way.start, dict[str, float]()
-    for leg in way.legs:
-        moved |= leg.ends
-        after = _follow(robot, way.start, moved)
-        yield before, after, leg
-        before = after
-
-
-def _of_leg(robot: Robot, before: Positions, after: Positions, leg: Leg) -> int:
-    """In how many steps it is gone."""
-    far = _travel(robot, {name: end - before[name] for name, end in after.items()})
-    return max(1, math.ceil(far * (_EASING if leg.duration_s else 1.0) / (2 * MARGIN_M)))
-
-
-def _steps(robot: Robot, way: Way) -> int:
-    return sum(_of_leg(robot, *between) for between in _between(robot, way))
-
-
-def _along(robot: Robot, way: Way, steps: int) -> Iterator[Positions]:
-    """The start, and the end of each step."""
-    yield way.start
-    moved = dict[str, float]()
-    for before, after, leg in _between(robot, way):
-        count = _of_leg(robot, before, after, leg)
-        for step in range(1, count + 1):
-            now = {name: _on_leg(leg, name, before[name], step / count) for name in leg.ends}
-            yield _follow(robot, way.start, moved | now)
-        moved |= leg.ends
-
-
-def _on_leg(leg: Leg, name: str, start: float, share: float) -> float:
-    """A cubic of Hermite, or a straight way."""
-    end = leg.ends[name]
-    if not leg.duration_s:
-        return start + share * (end - start)
-    enters, leaves = leg.enters.get(name, 0.0) * leg.duration_s, leg.leaves.get(name, 0.0) * leg.duration_s
-    a, b = 2 * (start - end) + enters + leaves, 3 * (end - start) - 2 * enters - leaves
-    return start + share * (enters + share * (b + share * a))
-
-
-# -- both -----------------------------------------------------------------------------------------------------------
 
 
 class _Sweep:
-    """Everything that the robot could meet, asked at each sample in turn."""
+    """Every pair that may come near on any of the ways."""
 
-    def __init__(self, asked: Check, robot: Robot, things: list[_Thing]) -> None:
-        self._mover, self._things = _Mover(robot), things
-        moving = {name for way in asked.ways for name, change in _changed(robot, way).items() if change}
-        model = robot.model
-        driven = [{i for i in model.supports[joint] if model.names[i] in moving} for joint in range(model.njoints)]
-        self._bodies = [i for i, body in enumerate(robot.bodies) if driven[body.joint]]
-        self._own = np.array(_own_pairs(robot, driven), dtype=int).reshape(-1, 2)
-        self._all, self._all_radii = list(range(len(robot.bodies))), np.array([body.radius for body in robot.bodies])
-        self._radii = np.array([robot.bodies[i].radius for i in self._bodies])
-        self._centres = np.array([thing.centre for thing in things]).reshape(-1, 3)
-        self._reach = np.array([thing.radius for thing in things])
-        self._wide, self._tight = coal.CollisionRequest(), coal.CollisionRequest()
-        self._wide.security_margin = MARGIN_M
-        self._near: dict[tuple[int, int], float] = {}
-        self._mover.stand(asked.ways[0].start)
-        self._near = {pair: self._distance(*pair) for pair in self._candidates() if self._touches(*pair)}
-        self._own = self._own[[not self._rubs(*pair) for pair in self._own.tolist()]]
-        self._room = self._all_radii[self._own].sum(axis=1)
+    def __init__(self, asked: Check, robot: Robot, things: list[Thing], ends_s: float) -> None:
+        self._ways, self._robot, self._things, self._ends_s = asked.ways, robot, things, ends_s
+        start = asked.ways[0].start
+        self._mover = Mover(robot, start)
+        gone = self._furthest(start)
+        self._joints = tuple(name for name in gone if robot.model.existJointName(name))
+        moving = {name for way in asked.ways[:1] for name in changed(robot, way)}
+        self._radii = np.array([body.radius for body in robot.bodies])
+        # By joint that moves and body: how far the body goes at most with what the joint goes.
+        ids = [robot.model.getJointId(name) for name in self._joints]
+        slides = np.array([robot.tree.joints[name].kind == "prismatic" for name in self._joints], dtype=bool)
+        reach = robot.reach_m[ids].reshape(len(ids), len(robot.bodies))
+        self._reach = np.where(slides[:, None], (reach > 0).astype(float), reach)
+        self._own = np.array([name in moving for name in self._joints], dtype=bool)
+        self._gone = np.array([gone[name] for name in self._joints])
+        self._pairs, weights = self._near_pairs()
+        self._weights = np.array(weights).reshape(len(self._pairs), len(self._joints))
+        self._bodies = np.array([pair.body for pair in self._pairs], dtype=np.intp)
+        self._others = np.array([pair.other for pair in self._pairs], dtype=np.intp)
+        self._fixed = np.array([pair.thing is not None for pair in self._pairs], dtype=bool)
+        self._least = np.array([pair.least_m for pair in self._pairs])
 
-    def met(self, positions: Positions) -> tuple[str, Kind, str, str] | None:
-        """The link that meets something, what kind of thing, its name, and its link if it is a robot's."""
-        self._mover.stand(positions)
-        for i, k in self._candidates():
-            allowed = self._near.get((i, k))
-            if allowed is None and not self._touches(i, k):
-                continue
-            if allowed is not None and (allowed <= 0.0 and _is_surface(self._things[k].shape)):
-                continue  # how deep it is inside a surface is not known
-            if allowed is not None and self._distance(i, k) >= allowed - _SLACK_M:
-                continue
-            thing = self._things[k]
-            return self._link(i), thing.kind, thing.name, thing.link
-        for i, j in self._close():
-            if self._rubs(i, j):
-                return self._link(i), "self", "", self._link(j)
-        return None
-
-    def _close(self) -> list[list[int]]:
-        """Pairs of the robot's own bodies whose balls meet."""
-        if not len(self._own):
-            return []
-        centres = self._mover.centres(self._all)
-        apart = centres[self._own[:, 0]] - centres[self._own[:, 1]]
-        found: list[list[int]] = self._own[np.einsum("ij,ij->i", apart, apart) <= self._room**2].tolist()
+    def _furthest(self, start: Positions) -> dict[str, float]:
+        """By joint the most that it goes on any of the ways, with what lies between their starts."""
+        found: dict[str, float] = {}
+        for way in self._ways:
+            gone = changed(self._robot, way)
+            for name, position in way.start.items():
+                if position != start[name]:
+                    gone[name] = gone.get(name, 0.0) + abs(position - start[name])
+            found |= {name: max(way_m, found.get(name, 0.0)) for name, way_m in gone.items()}
         return found
 
-    def _candidates(self) -> list[tuple[int, int]]:
-        """Pairs of a body and a thing whose balls come within the margin."""
-        if not self._things or not self._bodies:
-            return []
-        apart = self._mover.centres(self._bodies)[:, None, :] - self._centres[None, :, :]
-        room = self._radii[:, None] + self._reach[None, :] + MARGIN_M
-        near = np.einsum("ijk,ijk->ij", apart, apart) <= room * room
-        return [(self._bodies[i], int(k)) for i, k in zip(*np.nonzero(near), strict=True)]
+    def _near_pairs(self) -> tuple[list[_Pair], list[Array]]:
+        """Pairs that the motion may bring near each other, and their weights: by joint how much nearer by what it goes.
 
-    def _touches(self, body: int, thing: int) -> bool:
-        there = self._things[thing]
-        at, found = _transform(self._mover.at(body)), coal.CollisionResult()
-        coal.collide(self._shape(body), at, there.shape, there.at, self._wide, found)
-        return bool(found.isCollision())
+        Those that are near at the start already may stay so.
+        """
+        centres = self._mover.centres(np.arange(len(self._robot.bodies)))
+        found = [*self._near_things(centres), *self._near_own(centres)]
+        if len(found) > _MOST_PAIRS:
+            raise Unknown("there is too much around it")
+        kept = [(pair, weights) for pair, weights, gap in found if gap >= pair.least_m or self._settle(pair)]
+        return [pair for pair, _ in kept], [weights for _, weights in kept]
 
-    def _distance(self, body: int, thing: int) -> float:
-        there = self._things[thing]
-        at = _transform(self._mover.at(body))
-        return float(
-            coal.distance(self._shape(body), at, there.shape, there.at, coal.DistanceRequest(), coal.DistanceResult())
-        )
+    def _near_things(self, centres: Array) -> Iterator[tuple[_Pair, Array, float]]:
+        if not self._things or not len(centres):
+            return
+        there = np.array([thing.centre for thing in self._things])
+        radii = np.array([thing.radius for thing in self._things])
+        driven = self._reach[self._own].any(axis=0)
+        for i in np.nonzero(driven)[0].tolist():
+            gaps = np.linalg.norm(there - centres[i], axis=1) - radii - self._radii[i]
+            for k in np.nonzero(gaps <= MARGIN_M + self._gone @ self._reach[:, i])[0].tolist():
+                yield _Pair(i, k, self._things[k], MARGIN_M), self._reach[:, i], float(gaps[k])
 
-    def _rubs(self, one: int, other: int) -> bool:
-        here, there = _transform(self._mover.at(one)), _transform(self._mover.at(other))
-        found = coal.CollisionResult()
-        coal.collide(self._shape(one), here, self._shape(other), there, self._tight, found)
-        return bool(found.isCollision())
+    def _near_own(self, centres: Array) -> Iterator[tuple[_Pair, Array, float]]:
+        pairs = np.array(self._robot.pairs, dtype=np.intp).reshape(-1, 2)
+        one, other = self._reach[:, pairs[:, 0]], self._reach[:, pairs[:, 1]]
+        weights = np.where((one > 0) & (other > 0), 0.0, one + other)  # a joint below both moves them alike
+        apart = np.linalg.norm(centres[pairs[:, 0]] - centres[pairs[:, 1]], axis=1)
+        gaps = apart - self._radii[pairs].sum(axis=1)
+        near = (gaps <= CLEARANCE_M + self._gone @ weights) & weights[self._own].any(axis=0)
+        for p in np.nonzero(near)[0].tolist():
+            yield _Pair(int(pairs[p, 0]), int(pairs[p, 1]), None, CLEARANCE_M), weights[:, p], float(gaps[p])
 
-    def _shape(self, body: int) -> coal.CollisionGeometry:
-        return self._mover.robot.bodies[body].shape
+    def _settle(self, pair: _Pair) -> bool:
+        """What the pair has to keep, by how near it is at the start; whether it is to be looked at at all."""
+        if time.monotonic() > self._ends_s:
+            raise Unknown(_TOO_LONG)
+        one, other = self._shapes(pair)
+        apart = distance(one, other, pair.least_m)
+        if apart > _TOUCHING_M and (is_inside(one, other) or is_inside(other, one)):
+            apart = 0.0
+        if apart >= pair.least_m:
+            return True
+        if pair.thing is None:
+            pair.least_m = _TOUCHING_M
+            return apart > _TOUCHING_M
+        if apart > _TOUCHING_M or (one.surface is None and other.surface is None and other.hull is not None):
+            pair.least_m = apart - _SLACK_M
+            return True
+        if other.hull is None:
+            return False  # how deep it is inside a surface is not known
+        pair.by_depth, pair.least_m = True, depth(one, other) - _SLACK_M
+        return True
 
-    def _link(self, body: int) -> str:
-        return self._mover.robot.bodies[body].link
+    def answer(self) -> Answer:
+        looks = 0
+        for way in self._ways:
+            path = path_of(self._robot, way, self._joints, self._weights)
+            due = np.zeros(len(self._pairs), dtype=np.intp)
+            while len(due) and (at := int(due.min())) <= path.steps:
+                if time.monotonic() > self._ends_s:
+                    raise Unknown(_TOO_LONG)
+                looks += 1
+                met = self._look(path, at, due)
+                if met is not None:
+                    link, kind, name, other = met
+                    return Meets(link, kind, name, other, round(at / path.steps, 3))
+        return Free(looks)
 
+    def _look(self, path: Path, at: int, due: Indices) -> tuple[str, Kind, str, str] | None:
+        """The link that meets something at a place, what kind of thing, its name, and its link if it is a robot's.
 
-def _is_surface(shape: coal.CollisionGeometry) -> bool:
-    return isinstance(shape, coal.BVHModelOBBRSS)
+        ``due`` is the place at which each pair is to be looked at next.
+        """
+        self._mover.stand(dict(zip(path.joints, path.positions[at].tolist(), strict=True)))
+        now = np.nonzero(due <= at)[0]
+        room = self._room(now)
+        for n in np.nonzero(room <= 2 * STEP_M)[0].tolist():
+            pair = self._pairs[now[n]]
+            one, other = self._shapes(pair)
+            room[n] = (depth(one, other) if pair.by_depth else distance(one, other, pair.least_m)) - pair.least_m
+            if room[n] < 0:
+                return self._told(pair)
+        due[now] = at + self._places(path, at, now, room)
+        return None
 
+    def _room(self, pairs: Indices) -> Array:
+        """How far each pair is from what it has to keep, at least, by the balls around both."""
+        bodies, others, fixed = self._bodies[pairs], self._others[pairs], self._fixed[pairs]
+        centres = self._mover.centres(np.concatenate([bodies, others[~fixed]]))
+        there, radii = np.zeros((len(pairs), 3)), np.zeros(len(pairs))
+        there[~fixed], radii[~fixed] = centres[others[~fixed]], self._radii[others[~fixed]]
+        for n in np.nonzero(fixed)[0].tolist():
+            there[n], radii[n] = self._things[others[n]].centre, self._things[others[n]].radius
+        apart: Array = np.linalg.norm(centres[bodies] - there, axis=1)
+        found: Array = apart - self._radii[bodies] - radii - self._least[pairs]
+        return found
 
-def _own_pairs(robot: Robot, driven: list[set[int]]) -> list[tuple[int, int]]:
-    """Bodies of the robot that move against each other with more than ``_APART`` joints between them."""
-    supports = [set(robot.model.supports[joint]) for joint in range(robot.model.njoints)]
-    found = []
-    for i, one in enumerate(robot.bodies):
-        for j in range(i + 1, len(robot.bodies)):
-            other = robot.bodies[j]
-            apart = supports[one.joint] ^ supports[other.joint]
-            if len(apart) > _APART and driven[one.joint] != driven[other.joint]:
-                found.append((i, j))
-    return found
+    def _places(self, path: Path, at: int, pairs: Indices, room: Array) -> Indices:
+        """In how many places each pair is to be looked at again: where it may first have used up its ``room``."""
+        window = max(2 * _ALIGNED, min(_WINDOW, _ROOM // len(pairs)))
+        gone = (path.gone[at : at + window] - path.gone[at]) @ self._weights[pairs].T
+        free: Indices = np.maximum(1, (gone <= room).sum(axis=0))
+        return np.where(free > 2 * _ALIGNED, (at + free) // _ALIGNED * _ALIGNED - at, free)
+
+    def _shapes(self, pair: _Pair) -> tuple[Shape, Shape]:
+        other = self._mover.shape(pair.other) if pair.thing is None else pair.thing.shape
+        return self._mover.shape(pair.body), other
+
+    def _told(self, pair: _Pair) -> tuple[str, Kind, str, str]:
+        bodies = self._robot.bodies
+        if pair.thing is None:
+            return bodies[pair.body].link, "self", "", bodies[pair.other].link
+        return bodies[pair.body].link, pair.thing.kind, pair.thing.name, pair.thing.link

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from agents.meshes import MeshError, MeshFiles, drawn, locate
+from agents.meshes import MeshError, MeshFiles, locate, named
 from agents.robots.catalogue import MODELS, data_folder
 from agents.wire.messages import MAX_MESH_BYTES
 
@@ -57,27 +57,28 @@ def urdf(tmp_path: Path) -> Path:
     return _put(tmp_path / "share" / "arm" / "urdf" / "arm.urdf")
 
 
-def test_the_meshes_of_a_demonstration_robot_are_those_of_its_visuals() -> None:
+def test_the_meshes_of_a_demonstration_robot_are_those_of_its_visuals_and_collisions() -> None:
     file = data_folder() / MODELS["ur5"].file
-    found = drawn(file.read_text(), file)
-    assert len(found) == 7
-    assert all("/visual/" in uri and path.is_file() and path.name in uri for uri, path in found.items())
+    found = named(file.read_text(), file)
+    assert ["/visual/" in uri for uri in found] == [True] * 7 + [False] * 7
+    assert ["/collision/" in uri for uri in found] == [False] * 7 + [True] * 7
+    assert all(path.is_file() and path.name in uri for uri, path in found.items())
 
 
-def test_a_link_without_visual_shows_its_collision_geometry(urdf: Path) -> None:
+def test_meshes_that_show_the_robot_come_before_those_of_its_collision_geometry(urdf: Path) -> None:
     for name in ("a.stl", "b.stl", "c.stl"):
         _put(urdf.parent.parent / "meshes" / name)
     collision = _visual("package://arm/meshes/b.stl").replace("visual", "collision")
     other = _visual("package://arm/meshes/c.stl").replace("visual", "collision")
-    found = drawn(_urdf(_visual("package://arm/meshes/a.stl") + collision, other), urdf)
-    assert list(found) == ["package://arm/meshes/a.stl", "package://arm/meshes/c.stl"]
+    found = named(_urdf(_visual("package://arm/meshes/a.stl") + collision, other), urdf)
+    assert list(found) == [f"package://arm/meshes/{name}.stl" for name in "abc"]
 
 
 def test_other_formats_and_missing_files_are_not_in_the_list(urdf: Path) -> None:
     for name in ("a.STL", "b.glb", "c.Dae", "d.obj"):
         _put(urdf.parent.parent / "meshes" / name)
     uris = [f"package://arm/meshes/{name}" for name in ("a.STL", "b.glb", "c.Dae", "d.obj", "e.stl")]
-    found = drawn(_urdf(*map(_visual, uris), '<visual><geometry><sphere radius="1"/></geometry></visual>'), urdf)
+    found = named(_urdf(*map(_visual, uris), '<visual><geometry><sphere radius="1"/></geometry></visual>'), urdf)
     assert [path.name for path in found.values()] == ["a.STL", "c.Dae", "d.obj"]
 
 

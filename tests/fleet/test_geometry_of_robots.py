@@ -58,17 +58,18 @@ def test_the_model_is_linked_and_says_what_its_meshes_are(place: tuple[Place, Pr
     assert LF.Model in model.types
     assert model.one(rdflib.RDFS.seeAlso) == ur5.iri
     meshes = set(model.graph.objects(model.iri, LF.mesh))
-    assert len(meshes) == 7
+    assert len(meshes) == 14  # seven that show it, and seven of its collision geometry
     assert {URIRef(each) for each in _addresses(browser, model)} == meshes
     for mesh in meshes:
         answer = browser.http.get(str(mesh))
         assert answer.status_code == 200
-        assert answer.headers["content-type"] == str(model.graph.value(mesh, DCTERMS.format)) == "model/vnd.collada+xml"
+        kind = {"dae": "model/vnd.collada+xml", "stl": "model/stl"}[suffix := str(mesh).rpartition(".")[2]]
+        assert answer.headers["content-type"] == str(model.graph.value(mesh, DCTERMS.format)) == kind
         assert len(answer.content) == int(model.graph.value(mesh, LF.byteSize))
         digest = hashlib.sha256(answer.content).hexdigest()
         assert digest == str(model.graph.value(mesh, LF.sha256))
         assert answer.headers["etag"] == f'"{digest}"'
-        assert str(mesh) == f"{ur5.url}meshes/{digest}.dae"
+        assert str(mesh) == f"{ur5.url}meshes/{digest}.{suffix}"
 
 
 def test_the_model_conforms_to_its_blueprint_and_not_with_less(

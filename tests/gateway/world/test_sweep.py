@@ -38,7 +38,7 @@ PAIR = (
     f"<robot name='pair'><link name='foot'/>{link('left', '.5 .02 .02', 0.25)}{link('right', '.5 .02 .02', 0.25, 0.3)}"
     f"{turning('turn', 'foot', 'left')}{turning('follow', 'foot', 'right', more=MIMIC)}</robot>"
 )
-ROBOTS = {name: robot_of(urdf, {}) for name, urdf in (("rod", ROD), ("chain", CHAIN), ("pair", PAIR))}
+ROBOTS = {name: robot_of(urdf) for name, urdf in (("rod", ROD), ("chain", CHAIN), ("pair", PAIR))}
 
 
 def at(x: float, y: float, z: float = 0.0) -> Pose:
@@ -125,10 +125,47 @@ def test_a_robot_that_is_out_of_reach_need_not_be_known() -> None:
     assert unknown == Unable("of near it is unknown where joint turn is")
 
 
-def test_it_meets_itself_with_more_than_two_joints_between() -> None:
+def test_it_meets_itself_with_more_than_one_joint_between() -> None:
     met = go({f"j{i}": 2.1 for i in range(3)}, robot="chain")
     assert isinstance(met, Meets) and (met.kind, {met.link, met.other}) == ("self", {"part0", "part3"})
-    assert isinstance(go({"j1": 3.0, "j2": 3.0}, robot="chain"), Free)  # neighbours are left to themselves
+    met = go({"j1": 2.2, "j2": 2.2}, robot="chain")
+    assert isinstance(met, Meets) and (met.kind, {met.link, met.other}) == ("self", {"part1", "part3"})
+    assert isinstance(go({"j1": 3.0}, robot="chain"), Free)  # neighbours are left to themselves
+
+
+def test_no_part_of_its_own_is_so_thin_that_it_is_passed_by() -> None:
+    """A rod that turns above a foot, from which a blade of a tenth of a millimetre stands up, at any angle."""
+    for i in range(20):
+        degrees = 20 + 3.1 * i
+        met = check(_own(f"blade{i}"), {f"blade{i}": robot_of(_blade(degrees))}, {})
+        assert isinstance(met, Meets) and (met.kind, {met.link, met.other}) == ("self", {"foot", "arm"}), degrees
+
+
+def _blade(degrees: float) -> str:
+    where = math.radians(degrees)
+    place = f'<origin xyz="{math.cos(where)} {math.sin(where)} 0.1" rpy="0 0 {where}"/>'
+    foot = f'<link name="foot"><collision>{place}<geometry><box size=".1 .0001 .1"/></geometry></collision></link>'
+    arm = link("arm", "1 .0001 .01", 0.5, 0.1)
+    joints = turning("turn", "foot", "mast") + turning("nod", "mast", "arm", 0.05)
+    return f"<robot name='blade'>{foot}<link name='mast'/>{arm}{joints}</robot>"
+
+
+def _own(key: str) -> Check:
+    way = Way({"turn": 0.0, "nod": 0.0}, (Leg({"turn": math.pi / 2}),))
+    return Check(Stood("me", key, HERE), (way,), (), (), 30.0)
+
+
+def test_parts_that_are_near_from_the_start_may_stay_so() -> None:
+    """Half a millimetre between foot and arm, as they turn."""
+    foot = '<link name="foot"><collision><geometry><cylinder radius=".2" length=".1"/></geometry></collision></link>'
+    arm = link("arm", ".3 .02 .02", 0.1, 0.0605)
+    joints = turning("turn", "foot", "mast") + turning("nod", "mast", "arm", 0.05)
+    robot = robot_of(f"<robot name='near'>{foot}<link name='mast'/>{arm}{joints}</robot>")
+    assert robot.pairs and isinstance(check(_own("near"), {"near": robot}, {}), Free)
+
+
+def test_a_robot_that_has_to_be_prepared_again_is_not_free() -> None:
+    assert isinstance(check(_own("nobody"), ROBOTS, {}), Unable)
 
 
 def test_what_mimics_moves_along() -> None:
@@ -145,7 +182,7 @@ def test_where_the_robot_stands_counts() -> None:
 
 
 def test_what_takes_too_long_is_not_free() -> None:
-    assert isinstance(go({"turn": 1e4}), Unable)
+    assert isinstance(go({"turn": 1e4}, (Sphere(0.1), at(0.5, 0, 0.2))), Unable)
 
 
 def test_positions_of_no_size_at_all_make_no_difference() -> None:

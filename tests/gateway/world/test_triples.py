@@ -1,5 +1,7 @@
 """The world as triples for queries: everything that is in it, and what it is once more when nothing has changed."""
 
+from pathlib import Path
+
 from pyoxigraph import Literal, NamedNode
 
 from gateway.fleet.invocations import Invocations
@@ -16,10 +18,10 @@ from gateway.world.service import World
 BASE = "http://fleet.test"
 
 
-def test_all_that_is_in_the_world_is_told_and_told_anew_when_it_changes() -> None:
+def test_all_that_is_in_the_world_is_told_and_told_anew_when_it_changes(tmp_path: Path) -> None:
     settings = GatewaySettings()
     live = Live(settings)
-    world = World(live, "unix:///nowhere", settings.namespace)
+    world = World(live, "unix:///nowhere", settings.namespace, tmp_path)
     sight = Sight(BASE, live.fleet.robots, InvocationsInView(Invocations(), ALL), ALL)
     where = Pose((0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0))
     for i in range(150):  # more than a page of them shows

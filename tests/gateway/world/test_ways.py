@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from agents.trajectory import through
 from agents.wire.messages import Follow, Move
-from gateway.world.sweep import _on_leg
+from gateway.world.path import on_leg
 from gateway.world.ways import MOST_STANCES, stances_of, ways_of
 
 values = st.floats(-3, 3)
@@ -19,7 +19,7 @@ def test_a_trajectory_is_the_cubics_of_the_agent(points: list[tuple[float, float
     agents = through(start, 0.0, times, [p for _, p in points])
     before, begun = start, 0.0
     for leg, time in zip(way.legs, times, strict=True):
-        now = _on_leg(leg, "a", before, share)
+        now = on_leg(leg, "a", before, share)
         assert now == pytest.approx(agents.at(begun + share * (time - begun))[0], abs=1e-6)
         before, begun = leg.ends["a"], time
 
