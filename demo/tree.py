@@ -29,7 +29,7 @@ PLACES = {
     "go2": (0.0, -4.0, 0.0),
 }  # fmt: skip
 HOST = "127.0.0.1"
-PATIENCE_S = 30.0  # then the address is printed with what is missing
+PATIENCE_S = 30.0  # then the address is printed with what is missing; before, all that is printed works
 GRACE_S = 5.0  # a good second is what a whole fleet takes when nothing else keeps the machine busy
 POLL_S = 0.1
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -151,6 +151,15 @@ def place(robot: str, where: tuple[float, float, float]) -> None:
             _OPENER.open(request, timeout=2).close()
 
 
+def is_ready(root: str) -> bool:
+    """Whether the gateway has prepared what the check of motions needs, and all else."""
+    try:
+        _get(root + "health/ready")
+    except (OSError, http.client.HTTPException):
+        return False
+    return True
+
+
 def _get(iri: str) -> str:
     request = urllib.request.Request(iri, headers={"Accept": "application/n-triples"})  # noqa: S310 (http alone)
     with _OPENER.open(request, timeout=2) as answer:
@@ -185,9 +194,10 @@ def run(root: str, children: list[Child], zenoh: str) -> int:
                 return code if code >= 0 else 128 - code
         if deadline is not None:
             seen = _greet(root, seen)
-            if len(seen) == len(ROBOTS) or time.monotonic() > deadline:
+            ready = len(seen) == len(ROBOTS) and is_ready(root)
+            if ready or time.monotonic() > deadline:
                 deadline = None
-                say(_welcome(root, seen))
+                say(_welcome(root, seen, ready))
         time.sleep(POLL_S)
 
 
@@ -203,10 +213,11 @@ def _greet(root: str, seen: set[str]) -> set[str]:
     return seen | online
 
 
-def _welcome(root: str, seen: set[str]) -> str:
+def _welcome(root: str, seen: set[str], ready: bool) -> str:
     missing = len(ROBOTS) - len(seen)
+    late = f"{missing} of {len(ROBOTS)} robots are not online yet" if missing else "motions are still being prepared"
     return f"""
-The fleet is at {root}{f"  ({missing} of {len(ROBOTS)} robots are not online yet)" if missing > 0 else ""}
+The fleet is at {root}{"" if ready else f"  ({late})"}
 
 Look at it, or open the address in a browser:
   curl {root}

@@ -71,7 +71,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None) -> Sta
             await stack.enter_async_context(world)
             remembered = await stack.enter_async_context(ActionStore(url, settings.namespace, run))
             most_motions = int(settings.invocations_per_client)
-            app.state.actions = await stack.enter_async_context(Actions(live, remembered, most_motions, world.checks.free))
+            app.state.actions = await stack.enter_async_context(Actions(live, remembered, most_motions, world.checks))
             app.state.pictures = await stack.enter_async_context(Pictures(live))
             app.state.queries = await stack.enter_async_context(Queries(live))
             app.state.queries.contribute(world.triples)

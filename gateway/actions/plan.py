@@ -12,11 +12,12 @@ class Moment:
     """When something was asked for, by the robot's own clock: its run, and the monotonic time of its latest frame.
 
     Whatever is waited for after that (a search, Redis, a turn), the command is of that moment, and too late if it took
-    too long or the robot was stopped meanwhile.
+    too long or the robot was stopped meanwhile. What it waited for shapes to be prepared does not make it late.
     """
 
     incarnation: int
     seen_ns: int
+    waited_ns: int = 0
 
 
 @dataclass(frozen=True)

@@ -4,10 +4,10 @@ import asyncio
 import logging
 import time
 import uuid
-from collections.abc import Awaitable, Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from types import TracebackType
-from typing import Self
+from typing import Protocol, Self
 
 from agents.wire.messages import WIRE_VERSION, Accepted, Command, Progress, Refused, Reply, Stop
 from gateway.actions.alertness import Alertness
@@ -40,11 +40,17 @@ _PATIENCE = 3.0  # times the duration that the agent states, before a motion is 
 _SILENT = "unknown: no answer"
 
 
-Judge = Callable[[Motion, View, str], Awaitable[bool]]
-"""Whether the way of a motion was found free, False where it is unknown where the robot stands; Collides, Unchecked.
+class Judge(Protocol):
+    """Tells which motions meet something. ``sees``: to whom it is told."""
 
-To be told to who sees these robots; what else is under way counts, but for the invocation of this id.
-"""
+    async def ready(self, robot: Robot, sees: View) -> None:
+        """Return once the motions of a robot can be judged; Unchecked when that takes too long."""
+
+    async def free(self, motion: Motion, sees: View, own: str) -> bool:
+        """Whether the way was found free, False where it is unknown where the robot stands; Collides, Unchecked.
+
+        What else is under way counts, but for the invocation of the id ``own``.
+        """
 
 
 @dataclass(frozen=True)
@@ -95,7 +101,7 @@ class Actions:
         RefusedByAgent with the agent's reason, Collides, Unchecked, TooManyInvocations, StoreAway, and AgentSilent when
         no answer came: then the invocation is "unknown" until progress or its deadline settles it.
         """
-        robot = motion.robot
+        robot, motion = motion.robot, await self._once_ready(motion, caller)
         if self._alertness.was_held_up():
             raise Busy("The gateway was held up, and this may have been asked for before: ask again.")
         now_ns = time.time_ns()
@@ -129,10 +135,17 @@ class Actions:
         self._accept(invocation, reply)
         return invocation
 
+    async def _once_ready(self, motion: Motion, caller: Caller) -> Motion:
+        """The motion, which may arrive later by what it waited here; a stop in between still comes before it."""
+        began_ns = time.monotonic_ns()
+        await self._judge.ready(motion.robot, caller.sees)
+        waited_ns = time.monotonic_ns() - began_ns
+        return replace(motion, asked=replace(motion.asked, waited_ns=motion.asked.waited_ns + waited_ns))
+
     async def _check(self, invocation: Invocation, motion: Motion, caller: Caller) -> None:
         """It has begun for everybody else: of two that begin at once, one at least is checked against the other."""
         try:
-            await self._judge(motion, caller.sees, invocation.id)
+            await self._judge.free(motion, caller.sees, invocation.id)
         except (Collides, Unchecked) as error:
             invocation.refused = error.code
             self._fail(invocation, error.reason)
@@ -162,12 +175,12 @@ class Actions:
 
     async def rehearse(self, motion: Motion, caller: Caller) -> Rehearsed:
         """What ``start`` would do; raises what it would raise."""
-        robot = motion.robot
+        robot, motion = motion.robot, await self._once_ready(motion, caller)
         if self._quota.is_full(caller.name):
             raise self._quota.refusal(caller.name)
         async with refusals():
             await self._store.check(robot.name, caller.token, lease_of(robot) if motion.tied else "")
-        free = await self._judge(motion, caller.sees, "")
+        free = await self._judge.free(motion, caller.sees, "")
         try:
             command = command_of(str(uuid.uuid4()), motion, rehearsal=True)
             reply = await self._live.link.command(robot.name, command, _ANSWER_TIMEOUT_S)

@@ -16,7 +16,7 @@ async def live(request: Request) -> Response:
 
 
 async def ready(request: Request) -> Response:
-    """200, or 503 with what is missing: the robots' side, Redis, or the will to go on.
+    """200, or 503 with what is missing: the robots' side, Redis, the check of motions, or the will to go on.
 
     Damaged data of the embedded server are a warning: the gateway serves everything, and ``stop`` above all.
     """
@@ -41,3 +41,5 @@ def _missing(state: Any) -> Iterator[str]:
         yield "no robot, router or other gateway is connected by Zenoh"
     if not state.subscriptions.store_answers:
         yield "Redis does not answer"
+    if not state.world.checks.prepared:
+        yield "the shapes of robots are being prepared for the check of their motions"

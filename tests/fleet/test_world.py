@@ -2,7 +2,9 @@
 
 import contextlib
 import math
+import shutil
 from collections.abc import Iterator
+from pathlib import Path
 
 import httpx
 import pyshacl
@@ -231,6 +233,21 @@ def test_the_pose_of_anything_in_the_frame_of_anything(browser: Browser) -> None
     for query in ("?of=nothing", f"?in={tool}", f"?of={tool}&of={tool}", "?x=1"):
         assert problem(browser.http.get(template.url + query)) == (400, "bad-request")
     assert problem(browser.http.get(template.url, params={"of": robot.url + "none"})) == (404, "not-found")
+
+
+def test_a_motion_that_comes_before_the_shapes_are_prepared_is_not_refused(tmp_path: Path) -> None:
+    """Where a robot stands is remembered; at a gateway that starts anew its first motion comes as early as can be."""
+    place = Place(tmp_path)
+    with place.ur5():
+        with place.gateway() as (_, browser):
+            live(browser, "ur5")
+            put_robot(browser, "ur5", 0, 0, 0)
+        shutil.rmtree(tmp_path / "meshes", ignore_errors=True)
+        with place.gateway() as (_, browser):
+            live(browser, "ur5")
+            body = f"{PREFIXES}[] vom:numericalValue 5 ; vom:unit unit:DEG ."
+            assert said_free(post(browser, of_joint(browser, PAN), body, **DRY)) is True
+            assert post(browser, of_joint(browser, PAN), body).status_code == 204
 
 
 def test_the_process_that_checks_may_die(here: tuple[Process, Browser], browser: Browser) -> None:

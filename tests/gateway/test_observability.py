@@ -234,10 +234,24 @@ def sample(http: httpx.Client, name: str, default: float | None = None, **labels
 
 def test_a_gateway_that_ends_is_not_ready() -> None:
     """Asked on a connection that is still open: it takes no new ones."""
+    assert reasons(prepared=True, draining=True) == ["the gateway is ending"]
+
+
+def test_a_gateway_that_prepares_the_check_of_motions_is_not_ready() -> None:
+    assert reasons(prepared=False) == ["the shapes of robots are being prepared for the check of their motions"]
+
+
+def reasons(*, prepared: bool, draining: bool = False) -> list[str]:
+    """Why a gateway is not ready to which all else is well."""
     up = SimpleNamespace(link=SimpleNamespace(joined=True), store_answers=True)
-    app = SimpleNamespace(state=SimpleNamespace(live=up, subscriptions=up, embedded=None, draining=True))
+    world = SimpleNamespace(checks=SimpleNamespace(prepared=prepared))
+    app = SimpleNamespace(
+        state=SimpleNamespace(live=up, subscriptions=up, world=world, embedded=None, draining=draining)
+    )
     answer = asyncio.run(ready(Request({"type": "http", "app": app})))
-    assert (answer.status_code, json.loads(answer.body)["reasons"]) == (503, ["the gateway is ending"])
+    assert answer.status_code == 503
+    found: list[str] = json.loads(answer.body)["reasons"]
+    return found
 
 
 def unready(http: httpx.Client) -> list[str]:
