@@ -6,6 +6,7 @@ The demo is a fleet of its own: settings of a real one in the environment do not
 import argparse
 import ctypes
 import http.client
+import json
 import os
 import re
 import signal
@@ -152,12 +153,12 @@ def place(robot: str, where: tuple[float, float, float]) -> None:
 
 
 def is_ready(root: str) -> bool:
-    """Whether the gateway has prepared what the check of motions needs, and all else."""
+    """Return True if the gateway is ready, with the check of the motions of all robots prepared."""
     try:
-        _get(root + "health/ready")
-    except (OSError, http.client.HTTPException):
+        answer = json.loads(_get(root + "health/ready"))
+    except (OSError, http.client.HTTPException, ValueError):
         return False
-    return True
+    return not any("prepared" in warning for warning in answer.get("warnings", ()))
 
 
 def _get(iri: str) -> str:

@@ -18,13 +18,26 @@ async def live(request: Request) -> Response:
 async def ready(request: Request) -> Response:
     """200, or 503 with what is missing: the robots' side, Redis, the check of motions, or the will to go on.
 
-    Damaged data of the embedded server are a warning: the gateway serves everything, and ``stop`` above all.
+    Two states are warnings, because the gateway serves everything, ``stop`` above all: damaged data of the embedded
+    server, and shapes that are prepared for a robot which joins a gateway that has been ready before.
     """
-    missing, warning = list(_missing(request.app.state)), store_warning(request.app.state)
-    warnings = {"warnings": [warning]} if warning else {}
+    state = request.app.state
+    missing, warnings = list(_missing(state)), list(_warnings(state))
+    if not missing and not state.world.checks.prepared:
+        (warnings if getattr(state, "has_been_ready", False) else missing).append(PREPARING)
+    more = {"warnings": warnings} if warnings else {}
     if missing:
-        return JSONResponse({"status": "not ready", "reasons": missing, **warnings}, 503)
-    return JSONResponse({"status": "ready", **warnings})
+        return JSONResponse({"status": "not ready", "reasons": missing, **more}, 503)
+    state.has_been_ready = True
+    return JSONResponse({"status": "ready", **more})
+
+
+PREPARING = "the shapes of robots are being prepared for the check of their motions"
+
+
+def _warnings(state: Any) -> Iterator[str]:
+    if warning := store_warning(state):
+        yield warning
 
 
 def store_warning(state: Any) -> str:
@@ -41,5 +54,3 @@ def _missing(state: Any) -> Iterator[str]:
         yield "no robot, router or other gateway is connected by Zenoh"
     if not state.subscriptions.store_answers:
         yield "Redis does not answer"
-    if not state.world.checks.prepared:
-        yield "the shapes of robots are being prepared for the check of their motions"

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import httpx
 import pytest
@@ -24,7 +25,7 @@ from small_fleet import Place, live, move, presence
 from starlette.requests import Request
 from websockets.sync.client import connect as websocket
 
-from gateway.observe.health import ready
+from gateway.observe.health import PREPARING, ready
 from gateway.settings import GatewaySettings
 
 
@@ -238,20 +239,34 @@ def test_a_gateway_that_ends_is_not_ready() -> None:
 
 
 def test_a_gateway_that_prepares_the_check_of_motions_is_not_ready() -> None:
-    assert reasons(prepared=False) == ["the shapes of robots are being prepared for the check of their motions"]
+    assert reasons(prepared=False) == [PREPARING]
+
+
+def test_a_robot_that_joins_takes_no_gateway_away() -> None:
+    """Shapes of a further robot are prepared by a gateway that stays ready: its front must go on to reach stop."""
+    state = all_well(prepared=True)
+    assert answered(state) == (200, {"status": "ready"})
+    state.world.checks.prepared = False
+    assert answered(state) == (200, {"status": "ready", "warnings": [PREPARING]})
 
 
 def reasons(*, prepared: bool, draining: bool = False) -> list[str]:
-    """Why a gateway is not ready to which all else is well."""
+    """The reasons for which a gateway is not ready to which all else is well."""
+    status, answer = answered(all_well(prepared=prepared, draining=draining))
+    assert status == 503
+    found: list[str] = answer["reasons"]
+    return found
+
+
+def all_well(*, prepared: bool, draining: bool = False) -> SimpleNamespace:
     up = SimpleNamespace(link=SimpleNamespace(joined=True), store_answers=True)
     world = SimpleNamespace(checks=SimpleNamespace(prepared=prepared))
-    app = SimpleNamespace(
-        state=SimpleNamespace(live=up, subscriptions=up, world=world, embedded=None, draining=draining)
-    )
-    answer = asyncio.run(ready(Request({"type": "http", "app": app})))
-    assert answer.status_code == 503
-    found: list[str] = json.loads(answer.body)["reasons"]
-    return found
+    return SimpleNamespace(live=up, subscriptions=up, world=world, embedded=None, draining=draining)
+
+
+def answered(state: SimpleNamespace) -> tuple[int, dict[str, Any]]:
+    answer = asyncio.run(ready(Request({"type": "http", "app": SimpleNamespace(state=state)})))
+    return answer.status_code, json.loads(answer.body)
 
 
 def unready(http: httpx.Client) -> list[str]:
