@@ -48,6 +48,13 @@ class Page:
         (value,) = self.graph.objects(self.iri, predicate)
         return URIRef(str(value))
 
+    def property(self, kind: URIRef) -> URIRef:
+        """The property of this class."""
+        (found,) = (
+            each for each in self.graph.objects(self.iri, HYBRIT.property) if (each, RDF.type, kind) in self.graph
+        )
+        return URIRef(str(found))
+
 
 class Browser:
     """Gets resources under one root; every URL it uses was given to it."""

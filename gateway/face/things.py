@@ -104,13 +104,13 @@ def _plots(name: str, rows: Iterable[Row]) -> Iterator[Plot]:
 
 
 def cards(facts: Facts, iri: NamedNode) -> list[tuple[NamedNode, Card]]:
-    """The properties of a thing by the predicates that lead to them, in the order of the description."""
+    """The properties of a thing in the order of the description, named by their predicates, else by their IRIs."""
     listed = [each for each in facts.all(iri, HYBRIT.property) if isinstance(each, NamedNode) and each in facts.of]
     names: dict[Term, NamedNode] = {}
     for predicate, values in facts.of.get(iri, {}).items():
         if predicate != HYBRIT.property:
             names.update((value, predicate) for value in values)
-    return [(each, card(facts, each, labels.words(names[each].value))) for each in listed if each in names]
+    return [(each, card(facts, each, labels.words(names.get(each, each).value))) for each in listed]
 
 
 def _leading(facts: Facts, iri: NamedNode) -> set[NamedNode]:

@@ -44,12 +44,20 @@ def settable(robot: Robot) -> list[Property]:
 
     named = f"of {robot.name}"
     return [
-        Property(segment, LF.terms[segment], (type_,), shape, f"{words} {named}", describe, put=known[segment])
-        for segment, type_, shape, words, describe in (
-            ("title", LF.TextProperty, LF.TextPropertyShape, "title", title),
-            ("annotations", LF.Annotations, LF.AnnotationsShape, "annotations", annotations),
-            ("maximumSpeedScale", LF.SpeedScale, LF.SpeedScaleShape, "maximum speed scale", scale),
-            (PLACEMENT, LF.Placement, LF.PlacementShape, "placement", placed),
+        Property(segment, predicate, (type_,), shape, f"{words} {named}", describe, put=known[segment])
+        for segment, predicate, type_, shape, words, describe in (
+            # dcterms:title says the title itself (R1.5), so its property has no predicate of its own.
+            ("title", HYBRIT.property, LF.TextProperty, LF.TextPropertyShape, "title", title),
+            ("annotations", LF.annotations, LF.Annotations, LF.AnnotationsShape, "annotations", annotations),
+            (
+                "maximumSpeedScale",
+                LF.maximumSpeedScale,
+                LF.SpeedScale,
+                LF.SpeedScaleShape,
+                "maximum speed scale",
+                scale,
+            ),
+            (PLACEMENT, LF.placement, LF.Placement, LF.PlacementShape, "placement", placed),
         )
     ]
 

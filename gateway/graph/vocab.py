@@ -125,7 +125,7 @@ LF = Namespace(
     " speed speedScale precondition tolerance tiedTo waypoint atTime ofLink poseName namedPose input duration progress"
     " preempts preemptedBy positionResidual orientationResidual answer ofRobot currentTask"
     # predicates: control and settings
-    " things lease holder expires leaseDuration targetRotation targetTranslation title annotations maximumSpeedScale"
+    " things lease holder expires leaseDuration targetRotation targetTranslation annotations maximumSpeedScale"
     # predicates: subscriptions and their messages
     " depth minimumInterval deadband secret signed deliveryState lastDelivery lastStatus failures"
     " version previousVersion"

@@ -121,7 +121,7 @@ def test_what_is_no_live_value_follows_too(page: Page, watched: object, toy: tup
     robot = one.browser.robot("toy")
     page.goto(robot.url)
     _mark(page)
-    title = str(robot.one(LF.title))
+    title = str(robot.property(LF.TextProperty))
     said = '@prefix lf: <https://w3id.org/linked-fleet#> . <> lf:value "Ada" .'
     details = page.locator("details.action").first
     details.locator("summary").click()

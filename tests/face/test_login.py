@@ -57,7 +57,7 @@ def test_a_page_of_a_session_is_live(page: Page, watched: object, own: Guarded) 
     expect(page).to_have_url(f"{own.root}{SEEN}/")
     page.evaluate("window.marked = true")
     with own.browsing("root") as root:
-        title = str(root.robot(SEEN).one(LF.title))
+        title = str(root.robot(SEEN).property(LF.TextProperty))
         body = f'<> <{LF}value> "Renamed" .'
         put = root.http.put(title, content=body, headers={"content-type": "text/turtle"})
         assert put.status_code == 204, put.text

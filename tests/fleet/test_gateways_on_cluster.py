@@ -51,7 +51,7 @@ def arms(endpoint: str) -> Iterator[None]:
 def prepare(gateway: Gateway, name: str) -> str:
     """Set a robot's title, turn it, and take control of it; the motion."""
     robot = gateway.browser.robot(name)
-    title = put(gateway.browser, str(robot.one(LF.title)), PREFIXES + f'<> lf:value "Arm of {name}" .')
+    title = put(gateway.browser, str(robot.property(LF.TextProperty)), PREFIXES + f'<> lf:value "Arm of {name}" .')
     assert title.status_code == 204, title.text
     motion = begun(put(gateway.browser, of_joint(gateway.browser, WRIST, robot=name), radian(0.2), prefer="wait=30"))
     taken = put(gateway.browser, str(robot.one(LF.lease)), control(name, 600))

@@ -85,7 +85,7 @@ def test_of_settings_of_a_robot(two: list[Gateway]) -> None:
     def write(count: int) -> str:
         return f'<> lf:value "{count}" .'
 
-    url = str(two[0].browser.robot("toy").one(LF.title))
+    url = str(two[0].browser.robot("toy").property(LF.TextProperty))
     assert two[0].browser.http.put(url, content=PREFIXES + write(0), headers=TURTLE).status_code == 204
     at_both(two, url, read, write)
     counts = [int(read(each.browser.page(each.here(url)))) for each in two]

@@ -232,7 +232,7 @@ def made_known(gateway: Gateway) -> dict[str, str]:
     answer = put(gateway.browser, str(robot.one(LF.lease)), control("Ada", 600))
     assert answer.status_code == 204, answer.text
     token = {"lock-token": answer.headers["lock-token"]}
-    said = put(gateway.browser, str(robot.one(LF.title)), PREFIXES + '<> lf:value "Left arm" .', **token)
+    said = put(gateway.browser, str(robot.property(LF.TextProperty)), PREFIXES + '<> lf:value "Left arm" .', **token)
     assert said.status_code == 204, said.text
     return token
 

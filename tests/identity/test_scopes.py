@@ -59,7 +59,7 @@ def _deeds(browser: Browser) -> list[Deed]:
         "@prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> . @prefix unit: <http://qudt.org/vocab/unit/> .\n"
         f"@prefix lf: <{LF}> . <> lf:value [ vom:numericalValue 0.1 ; vom:unit unit:RAD ] ."
     )
-    title, scale = str(robot.one(LF.title)), str(robot.one(LF.maximumSpeedScale))
+    title, scale = str(robot.property(LF.TextProperty)), str(robot.one(LF.maximumSpeedScale))
     act, stop, admin = ("actor",), ("stopper", "actor"), ("admin",)
     return [
         Deed("read the fleet", NAMES, "GET", browser.root),

@@ -54,6 +54,10 @@ def _setting(browser: Browser, predicate: URIRef) -> Page:
     return browser.page(str(browser.robot("ur5").one(predicate)))
 
 
+def _title(browser: Browser) -> Page:
+    return browser.page(str(browser.robot("ur5").property(LF.TextProperty)))
+
+
 def _target(browser: Browser, joint: str = WRIST) -> Page:
     return browser.page(str(browser.part("ur5", joint).one(LF.targetRotation)))
 
@@ -74,7 +78,7 @@ def _scalar(value: object, unit: str = "unit:UNITLESS") -> str:
 def _titles(browser: Browser) -> set[str]:
     """Of the robot: in the fleet, in its own description, and as a property."""
     fleet, robot = browser.page(browser.root), browser.robot("ur5")
-    setting = _setting(browser, LF.title)
+    setting = _title(browser)
     return {
         str(fleet.graph.value(robot.iri, DCTERMS.title)),
         str(robot.graph.value(robot.iri, DCTERMS.title)),
@@ -87,7 +91,7 @@ def test_a_title_is_shown_everywhere_and_stays(tmp_path: Path) -> None:
     with hub() as stage, single(tmp_path) as memory, arm(stage.endpoint):
         with gateways(stage, memory.url) as found:
             all_see(found)
-            answer = put(found[0].browser, _setting(found[0].browser, LF.title).url, _text("Grüße aus Halle 2"))
+            answer = put(found[0].browser, _title(found[0].browser).url, _text("Grüße aus Halle 2"))
             assert (answer.status_code, answer.content) == (204, b"")
             at_all(found, lambda each: _titles(each.browser) == {"Grüße aus Halle 2"}, "the title")
             for each in found:
@@ -102,7 +106,7 @@ def test_a_title_is_one_text(pair: tuple[Gateway, Gateway], body: str) -> None:
     """Anything else is 422, and the title stays."""
     one, _ = pair
     before = _titles(one.browser)
-    answer = put(one.browser, _setting(one.browser, LF.title).url, PREFIXES + body)
+    answer = put(one.browser, _title(one.browser).url, PREFIXES + body)
     assert problem(answer) == (422, "unprocessable-content")
     assert _titles(one.browser) == before
 
@@ -249,7 +253,7 @@ def test_a_joint_is_moved_by_its_target(pair: tuple[Gateway, Gateway]) -> None:
 def test_a_setting_is_replaced_only_as_it_was_read(pair: tuple[Gateway, Gateway]) -> None:
     """If-Match: 412 with an old tag, which the other gateway has too; 204 with the present one."""
     one, other = pair
-    url = _setting(one.browser, LF.title).url
+    url = _title(one.browser).url
     old = one.get(url).headers["etag"]
     assert put(one.browser, url, _text("Ada's"), **{"if-match": old}).status_code == 204
     at_all([one, other], lambda each: _titles(each.browser) == {"Ada's"}, "the title")
@@ -272,7 +276,8 @@ def test_what_can_be_put_says_so(pair: tuple[Gateway, Gateway]) -> None:
     one, _ = pair
     robot, joint = one.browser.robot("ur5"), one.browser.part("ur5", WRIST)
     urls = {str(url) for page in (robot, joint) for url in page.graph.objects(page.iri, HYBRIT.property)}
-    settable = {str(robot.one(each)) for each in (LF.title, LF.annotations, LF.maximumSpeedScale, LF.placement)}
+    settable = {str(robot.one(each)) for each in (LF.annotations, LF.maximumSpeedScale, LF.placement)}
+    settable.add(str(robot.property(LF.TextProperty)))
     settable.add(str(joint.one(LF.targetRotation)))
     assert settable < urls
     assert len(urls - settable) > 5
@@ -298,7 +303,7 @@ def test_without_redis_nothing_is_set(tmp_path: Path) -> None:
         gateway(stage, "--redis-url", memory.url) as one,
     ):
         all_see([one])
-        url = _setting(one.browser, LF.title).url
+        url = _title(one.browser).url
         assert put(one.browser, url, _text("before")).status_code == 204
         memory.kill()
         assert problem(put(one.browser, url, _text("after"))) == (503, "store-away")

@@ -1,6 +1,7 @@
 """Forms of the actions of five robots: what they make of themselves is what their shapes ask for."""
 
 from collections.abc import Iterator
+from urllib.parse import urljoin
 
 import pyshacl
 import pytest
@@ -155,15 +156,18 @@ def test_a_callback_is_made_by_the_form_of_the_container(browser: Browser) -> No
     assert URIRef(url) not in browser.page(container).graph.objects(None, LDP.contains)
 
 
-@pytest.mark.parametrize("setting", ["title", "maximumSpeedScale"])
-def test_settings_are_set_by_a_form_that_shows_what_is_set(browser: Browser, setting: str) -> None:
+@pytest.mark.parametrize("setting", [LF.TextProperty, LF.SpeedScale])
+def test_settings_are_set_by_a_form_that_shows_what_is_set(browser: Browser, setting: URIRef) -> None:
+    """The robot's page links the page of the setting, which has the form."""
     robot = browser.robot("ur5")
-    url = str(robot.one(LF[setting]))
+    url = str(robot.property(setting))
+    page = parsed(browser.http.get(robot.url, headers={"accept": "text/html"}).content)
+    assert url in [urljoin(robot.url, each["href"]) for each in page.with_attribute("href")]
     form = form_of(browser, url)
     assert form["data-action"] == url and form["data-methods"] == "PUT"
     (shown,) = [each["value"] for each in form.all("input") if each.get("type") != "hidden"]
     title = str(robot.graph.value(robot.iri, DCTERMS.title))
-    assert shown == title if setting == "title" else float(shown) > 0
+    assert shown == title if setting == LF.TextProperty else float(shown) > 0
     text = filled(form, everything=False).serialize(format="nt")
     assert browser.http.put(url, content=text, headers={"content-type": "text/turtle"}).status_code == 204
     after = browser.robot("ur5")
