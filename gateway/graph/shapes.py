@@ -8,29 +8,33 @@ from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple
 from pyoxigraph import parse as parse_rdf
 
 from gateway.graph.build import Graph, Node
-from gateway.graph.vocab import DCTERMS, LF, RDFS
+from gateway.graph.vocab import DCTERMS, LF, RDFS, SH
 
 Complete = Callable[[Graph, Node, NamedNode], None]
 
 
 @cache
 def load(name: str) -> dict[Node, list[Triple]]:
-    """The triples of shapes/NAME by subject, in the order of the file, blank nodes with labels of our own."""
-    return _read((resources.files("shapes") / name).read_text(encoding="utf-8"))
+    """The triples of shapes/NAME by subject, in the order of the file. No other file has its blank node labels."""
+    return _read((resources.files("shapes") / name).read_text(encoding="utf-8"), name.removesuffix(".ttl"))
 
 
 @cache
 def load_folder(name: str) -> dict[Node, list[Triple]]:
     """The triples of all files in the folder shapes/NAME, as if they were one."""
     files = [each for each in (resources.files("shapes") / name).iterdir() if each.name.endswith(".ttl")]
-    return _read("\n".join(each.read_text(encoding="utf-8") for each in sorted(files, key=lambda each: each.name)))
+    text = "\n".join(each.read_text(encoding="utf-8") for each in sorted(files, key=lambda each: each.name))
+    return _read(text, name)
 
 
-def _read(text: str) -> dict[Node, list[Triple]]:
+def _read(text: str, prefix: str) -> dict[Node, list[Triple]]:
+    """``prefix`` begins all blank node labels, so that files can be merged into one document."""
     labels: dict[str, BlankNode] = {}
 
     def rename(term: object) -> object:
-        return labels.setdefault(term.value, BlankNode(f"s{len(labels)}")) if isinstance(term, BlankNode) else term
+        return (
+            labels.setdefault(term.value, BlankNode(f"{prefix}{len(labels)}")) if isinstance(term, BlankNode) else term
+        )
 
     found: dict[Node, list[Triple]] = {}
     for quad in parse_rdf(text, format=RdfFormat.TURTLE):
@@ -82,11 +86,16 @@ def closure(graph: Graph, start: NamedNode, name: str = "blueprints.ttl") -> Non
 
 
 def blueprint(graph: Graph, iri: NamedNode, owner: NamedNode, shapes: Iterable[NamedNode]) -> None:
-    """A blueprint (paper 5.1, R1.11): the SHACL shapes that ``owner`` conforms to, as one document."""
+    """A blueprint (paper 5.1, R1.11): the SHACL shape that ``owner`` conforms to, as one document.
+
+    The first shape is that of ``owner`` and names it as target: by its class alone, a graph without it would conform.
+    The others say what can be sent to it.
+    """
     shapes = list(shapes)
     graph.a(iri, LF.Blueprint)
     graph.add(iri, DCTERMS.title, Literal(f"Blueprint of {owner.value}"))
     graph.add(iri, RDFS.seeAlso, owner)
     graph.add(iri, LF.shape, *shapes)
+    graph.add(shapes[0], SH.targetNode, owner)
     for shape in shapes:
         closure(graph, shape)

@@ -101,7 +101,7 @@ def describe_property(
     graph.add(iri, RDFS.seeAlso, of, whole)
     graph.add(iri, SOSA.observedProperty, of)
     graph.add(iri, SOSA.hasFeatureOfInterest, thing)
-    graph.add(iri, HYBRIT.blueprint, LF.HistoryShape, NamedNode(whole.value + "/blueprint"))
+    graph.add(iri, HYBRIT.blueprint, LF.HistoryShape, NamedNode(iri.value + "/blueprint"))
     _extent(graph, iri, page)
     for title, span in _READY.items():
         _view(graph, iri, f"?last={span}", title)

@@ -54,7 +54,10 @@ def wings(history: History) -> tuple[RobotWing, PropertyWing]:
         return None if rest else found
 
     def of_property(sight: Sight, robot: Robot, owner: str, item: Property, rest: list[str]) -> Found:
-        return None if rest else _of_property(history, sight, robot, owner, item)
+        found = _of_property(history, sight, robot, owner, item)
+        if rest == ["blueprint"]:
+            return blueprint_of(found, sight.base, (LF.HistoryShape,))
+        return None if rest else found
 
     in_robot = RobotWing(SEGMENT, LF.history, of_robot, lambda robot: robot.model is not None)
     return in_robot, PropertyWing(SEGMENT, of_property, remembers)
@@ -92,7 +95,7 @@ def _of_property(history: History, sight: Sight, robot: Robot, owner: str, item:
     of = f"{owner.rstrip('/')}/{item.segment}"
     path, title, source = f"{of}/{SEGMENT}", f"History of {item.title}", Source(robot=robot)
     whole = robot_path(robot.name) + SEGMENT
-    own = (whole + "/blueprint",)
+    own = (path + "/blueprint",)
 
     def shown(span: Span) -> Shown:
         track = history.track(robot)

@@ -60,6 +60,7 @@ def _describe_robot(graph: Graph, base: str, robot: Robot) -> None:
     graph.add(placement, DCTERMS.title, Literal(f"placement of {robot.name}"))
     graph.add(placement, RDFS.seeAlso, iri)
     graph.add(placement, HYBRIT.blueprint, LF.PlacementShape, NamedNode(placement.value + "/blueprint"))
+    graph.add(placement, HYBRIT.consumes, LF.PlacementInput)
     describe_pose(graph, placement, placement_of(robot))
     graph.add(placement, LF.inFrame, NamedNode(base + WORLD))
 

@@ -63,8 +63,6 @@ def in_world(sight: Sight, rest: list[str], objects: Mapping[str, SceneObject]) 
         return Resource(
             POSES, template, lambda graph: describe_template(graph, sight.base), remote=AskPose(sight), followed=False
         )
-    if rest == ["pose", _BLUEPRINT]:
-        return blueprint_of(Resource(POSES, "Pose", None), sight.base, (LF.PoseInFrameShape,))
     return _in_objects(sight, rest[1:], objects) if rest[0] == "objects" else None
 
 

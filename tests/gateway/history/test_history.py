@@ -193,7 +193,7 @@ def test_a_query_that_is_none_is_refused(moving: Moving, query: str) -> None:
 
 def test_what_has_no_history_has_none(moving: Moving) -> None:
     joint = moving.browser.part("ur5", JOINT)
-    for path in ("limits/history", "rotation/history/blueprint", "rotation/history/x", "history"):
+    for path in ("limits/history", "rotation/history/x", "history"):
         assert moving.http.get(f"{joint.url}/{path}").status_code == 404
 
 
