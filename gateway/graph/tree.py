@@ -134,7 +134,7 @@ class Tree:
 
     def _at_root(self, segment: str) -> Resource | None:
         if segment == "vocabulary":
-            return vocabulary()
+            return vocabulary(self._base)
         if segment == "context":
             return context()
         return self._of_thing(self._fleet_resource(), [segment], (LF.FleetShape,))

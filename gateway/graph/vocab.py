@@ -23,7 +23,8 @@ class Namespace:
 
 
 RDF = Namespace("http://www.w3.org/1999/02/22-rdf-syntax-ns#", "type first rest nil")
-RDFS = Namespace("http://www.w3.org/2000/01/rdf-schema#", "seeAlso comment")
+RDFS = Namespace("http://www.w3.org/2000/01/rdf-schema#", "seeAlso label comment")
+OWL = Namespace("http://www.w3.org/2002/07/owl#", "Ontology")
 XSD = Namespace(
     "http://www.w3.org/2001/XMLSchema#",
     "float double decimal integer int long short byte nonNegativeInteger positiveInteger "

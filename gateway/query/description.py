@@ -8,6 +8,7 @@ from typing import ClassVar
 from pyoxigraph import Literal, NamedNode
 
 from gateway.graph.build import Graph, integer
+from gateway.graph.documents import VOCABULARY
 from gateway.graph.paths import robot_path
 from gateway.graph.resource import Redirect, Resource
 from gateway.graph.vocab import DCTERMS, FORMAT, LF, PREFIXES, RDFS, SD, SH, VOID
@@ -16,7 +17,7 @@ from gateway.identity.rights import Right
 from gateway.query.examples import EXAMPLES
 from gateway.query.functions import FUNCTIONS
 from gateway.query.service import Queries
-from gateway.query.twin import SHAPES, VOCABULARY
+from gateway.query.twin import SHAPES
 
 PATH = "/query"
 _FORMATS = (

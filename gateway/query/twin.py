@@ -15,7 +15,7 @@ from gateway.fleet.model import Joint, Link
 from gateway.fleet.robot import Robot
 from gateway.graph.build import Graph, Node, Term
 from gateway.graph.describe import Describer
-from gateway.graph.documents import vocabulary
+from gateway.graph.documents import VOCABULARY, describe_terms
 from gateway.graph.invocation import describe_invocation, invocation_path
 from gateway.graph.lease import describe_lease
 from gateway.graph.paths import joint_path, link_path, robot_path
@@ -23,7 +23,7 @@ from gateway.graph.property import Property, Seen
 from gateway.graph.shapes import load
 from gateway.query.mirror import Mirror, Mirrored
 
-VOCABULARY, SHAPES = "/vocabulary", "/blueprint"
+SHAPES = "/blueprint"
 
 
 class Labelled(Graph):
@@ -106,9 +106,7 @@ class Twin:
         self._robots: dict[str, _Robot] = {}
         self._documents = 0
         graph = Labelled("v")
-        describe = vocabulary().describe
-        assert describe is not None
-        describe(graph)
+        describe_terms(base, graph)
         self._extend(NamedNode(base + VOCABULARY), graph.triples)
         shapes = [triple for triples in load("blueprints.ttl").values() for triple in triples]
         self.add(SHAPES, shapes, "s")

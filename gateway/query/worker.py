@@ -18,12 +18,13 @@ from pyoxigraph import NamedNode, RdfFormat, parse
 
 from gateway.graph.build import Graph
 from gateway.graph.describe import Describer
+from gateway.graph.documents import VOCABULARY
 from gateway.identity.rights import View
 from gateway.query.evaluation import Seen, evaluate, warm
 from gateway.query.functions import functions_of, prepare
 from gateway.query.messages import DONE, FORKED, PATIENCE, REFUSED, Ask, Refused, decode_ask, encode
 from gateway.query.mirror import Mirror
-from gateway.query.twin import SHAPES, VOCABULARY, Twin
+from gateway.query.twin import SHAPES, Twin
 
 log = logging.getLogger(__name__)
 
