@@ -6,13 +6,14 @@ A shape in shapes/actions names, by ``lf:completedBy``, what is to be added to i
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 
 from pyoxigraph import Literal, NamedNode
 
 from gateway.actions.poses import poses
 from gateway.fleet.model import Joint, JointKind
 from gateway.fleet.robot import Robot
-from gateway.graph.build import Graph, Node, Term, integer
+from gateway.graph.build import Graph, Node, Term, integer, lexical
 from gateway.graph.kinds import ANGULAR, LINEAR, Dimension, Unit, kind_of
 from gateway.graph.paths import joint_path, lease_path, link_path
 from gateway.graph.vocab import LF, NUMERIC, SH, VOM, XSD
@@ -121,7 +122,7 @@ def _joint_speed(graph: Graph, node: Node, scope: Scope) -> None:
     for unit in dimension.speeds:
         limits = _path(graph, VOM.numericalValue)
         graph.add(limits, SH.minExclusive, integer(0))
-        graph.add(limits, SH.maxInclusive, decimal(_inwards(0.0, fastest / unit.si)[1]))
+        graph.add(limits, SH.maxInclusive, at_most(_inwards(0.0, fastest / unit.si)[1]))
         branches.append(_both(graph, _unit_among(graph, unit.accepted), limits))
     graph.add(node, SH.or_, graph.collection(branches))
 
@@ -234,8 +235,8 @@ def _units(joints: Iterable[Joint]) -> list[Unit]:
 
 def _branch(graph: Graph, unit: Unit, low: float, high: float, *, open_end: bool = False) -> Node:
     limits = _path(graph, VOM.numericalValue)
-    graph.add(limits, SH.minInclusive, decimal(low))
-    graph.add(limits, SH.maxExclusive if open_end else SH.maxInclusive, decimal(high))
+    graph.add(limits, SH.minInclusive, at_least(low))
+    graph.add(limits, *((SH.maxExclusive, double(high)) if open_end else (SH.maxInclusive, at_most(high))))
     return _both(graph, _unit_among(graph, unit.accepted), limits)
 
 
@@ -270,6 +271,27 @@ def _with(graph: Graph, predicate: NamedNode, value: NamedNode) -> Node:
     return node
 
 
-def decimal(value: float) -> Literal:
-    text = f"{value:.{_DIGITS}f}".rstrip("0")
-    return Literal(text + "0" if text.endswith(".") else text, datatype=XSD.decimal)
+def at_least(value: float) -> Literal:
+    """``value``, of ``_DIGITS`` decimal places, as the lowest number that conforms."""
+    return double(-_reaching(-value))
+
+
+def at_most(value: float) -> Literal:
+    """``value``, of ``_DIGITS`` decimal places, as the highest number that conforms."""
+    return double(_reaching(value))
+
+
+def double(value: float) -> Literal:
+    """A limit. As a decimal it would make pySHACL raise an exception on a NaN in the body."""
+    return Literal(lexical(value), datatype=XSD.double)
+
+
+def _reaching(value: float) -> float:
+    """The first double from ``value`` upwards that is not below what it and ``value`` are as decimals.
+
+    Validators compare the two exactly, and half of all doubles are below the decimal that has their digits.
+    """
+    stated = Decimal(f"{value:.{_DIGITS}f}")
+    while Decimal(value) < max(stated, Decimal(repr(value))):
+        value = math.nextafter(value, math.inf)
+    return value

@@ -173,9 +173,14 @@ def _limit(
             bound = comparable(term, Data(()))
             if bound is None:
                 raise Unsupported(f"{shown(parameter)} {shown(term)}")
-            yield Constraint(component, f"{text} {shown(term)}", _within(bound, compare))
+            yield Constraint(component, f"{text} {_rounded(bound, term)}", _within(bound, compare))
 
     return constraints
+
+
+def _rounded(bound: Number, term: Term) -> str:
+    """A limit as a person reads it; the last digits of a double only say which binary fraction it is."""
+    return f"{bound:.14g}" if isinstance(bound, float) else shown(term)
 
 
 def _within(bound: Number, compare: Callable[[Number, Number], bool]) -> Callable[[Data, Term], bool]:

@@ -251,5 +251,6 @@ class _Reader:
 
 
 def _number(text: str) -> int | float:
-    value = float(text)
+    """A limit; the 15th digit and later ones only say which binary fraction it is."""
+    value = float(f"{float(text):.14g}")
     return int(value) if value.is_integer() else value

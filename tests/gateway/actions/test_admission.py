@@ -84,7 +84,7 @@ def test_a_refusal_says_what_and_where(bench: Any) -> None:
     with pytest.raises(UnprocessableContent) as caught:
         bench.body(_ROTATE, "<> vom:numericalValue 3 ; vom:unit unit:RAD .")
     error = caught.value
-    assert "3 must be at most 2.0" in error.detail
+    assert error.detail.endswith("3 must be at most 2")
     assert error.constraint == bench.base + _ROTATE
     assert NamedNode(bench.base + _ROTATE) in {t.object for t in error.report if t.predicate == SH.focusNode}
 

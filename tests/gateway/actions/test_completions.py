@@ -1,18 +1,20 @@
 """What a robot adds to the shape of an action: limits rounded inwards, speeds, distances, its own joints and links."""
 
 import math
+from decimal import Decimal
+from operator import ge, le
 from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.actions.completions import COMPLETIONS, MOST_TURNS, bounds, commandable, decimal, moved_links
+from gateway.actions.completions import COMPLETIONS, MOST_TURNS, at_least, at_most, bounds, commandable, moved_links
 from gateway.errors import UnprocessableContent
 from gateway.fleet.model import RobotModel
 from gateway.graph.kinds import DEGREE, METRE, MILLIMETRE, RADIAN, UNITS
 from gateway.graph.shapes import load_folder
-from gateway.graph.vocab import LF
+from gateway.graph.vocab import LF, XSD
 
 _URDF = """<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="{}"><parent link="a"/>
 <child link="b"/><axis xyz="0 0 1"/><limit lower="{!r}" upper="{!r}" velocity="2" effort="1"/></joint></robot>"""
@@ -44,7 +46,19 @@ def test_bounds_are_rounded_inwards(one: float, other: float, unit: Any) -> None
     stated = bounds(joint, unit)
     assert -1.1e-9 <= stated[0] - low / unit.si <= 1.1e-6
     assert -1.1e-9 <= high / unit.si - stated[1] <= 1.1e-6
-    assert [float(decimal(each).value) for each in stated] == pytest.approx(stated, abs=1e-12)
+    limits = [float(each.value) for each in (at_least(stated[0]), at_most(stated[1]))]
+    assert limits == pytest.approx(stated, rel=5e-15)
+
+
+@settings(derandomize=True, deadline=None)
+@given(st.integers(-400_000_000, 400_000_000))
+def test_a_limit_conforms_to_itself_as_every_type_of_number(millionths: int) -> None:
+    """Validators compare exactly: 1.047 as a double is less than 1.047 as a decimal, and both must conform."""
+    text = str(Decimal(millionths).scaleb(-6))
+    for limit, compare in ((at_least(float(text)), ge), (at_most(float(text)), le)):
+        assert limit.datatype == XSD.double
+        for number in (Decimal(text), float(text), Decimal(limit.value), float(limit.value)):
+            assert compare(number, float(limit.value)), (text, limit, number)
 
 
 def test_bounds_of_a_joint_without_ends() -> None:
