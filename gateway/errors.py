@@ -27,6 +27,7 @@
     ├── TooManyLogins               429     too-many-logins
     ├── TooManyRequests             429     too-many-requests
     ├── TooManyQueries              429     too-many-queries
+    ├── Unimplemented               501     not-implemented
     ├── Offline                     503     offline
     ├── Busy                        503     busy
     ├── QueryTooCostly              503     query-too-costly
@@ -338,6 +339,12 @@ class QueryTooCostly(FleetError):
     """A query was ended at its limit of time or memory; nothing else was disturbed. The same again fares no better."""
 
     status, code, title = 503, "query-too-costly", "The query takes too much time or memory"
+
+
+class Unimplemented(FleetError):
+    """An optional feature of a standard that is not offered here."""
+
+    status, code, title = 501, "not-implemented", "The gateway does not offer this"
 
 
 class Offline(FleetError):

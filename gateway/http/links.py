@@ -16,11 +16,13 @@ _SAFE = "!#$%&'()*+,/:;=?@[]~"
 
 @dataclass(frozen=True)
 class Link:
-    """A link from the resource in question to ``target``; ``type`` is a hint of its media type."""
+    """A link from the resource in question to ``target``; ``type`` is a hint of its media type, ``etag`` the state of
+    a collection of which the response is a page (WoT Discovery, 7.3.2.3)."""
 
     target: str
     rel: str
     type: str | None = None
+    etag: str | None = None
 
 
 def link_header(own: Sequence[Link], parts: Sequence[Link], linkset: str | None = None, limit: int = 4096) -> str:
@@ -48,7 +50,8 @@ def _target(target: str) -> str:
 
 def _member(link: Link) -> str:
     media_type = f"; type={quote(link.type)}" if link.type else ""
-    return f"<{_target(link.target)}>; rel={quote(_ascii(link.rel))}{media_type}"
+    state = f"; etag={quote(link.etag)}" if link.etag else ""
+    return f"<{_target(link.target)}>; rel={quote(_ascii(link.rel))}{media_type}{state}"
 
 
 def _ascii(text: str) -> str:

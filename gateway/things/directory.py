@@ -1,12 +1,11 @@
 """Where Thing Descriptions are found (W3C WoT Discovery): ``/.well-known/wot`` and the directory ``/things``."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import islice
 
 from gateway.fleet.model import Joint, Link
 from gateway.fleet.robot import Robot
-from gateway.graph.paths import part_of, robot_name
+from gateway.graph.paths import joint_path, link_path, part_of, robot_name, robot_path
 from gateway.graph.resource import Resource
 from gateway.graph.vocab import LDP, LF
 from gateway.graph.wing import FleetWing, Found, Sight
@@ -17,28 +16,25 @@ Place = tuple[Robot | None, Joint | Link | None]
 
 @dataclass(frozen=True)
 class Listing:
-    """All things that who asks may see, a part of them at a time (``gateway.http.things``)."""
+    """All things that the caller may see (``gateway.http.things`` serves them)."""
 
     sight: Sight
 
-    def written(self, offset: int, limit: int) -> Iterator[bytes]:
-        """At most so many Thing Descriptions, each made when its turn comes."""
-        return (of_thing(self.sight, *place)[TD]() for place in islice(self._places(offset), limit))
+    def things(self) -> list[tuple[str, Place]]:
+        """Each thing with its id, in code point order of the ids (Discovery, 7.3.2.3)."""
+        base = self.sight.base
+        found: list[tuple[str, Place]] = [(base + "/", (None, None))]
+        for name, robot in self.sight.robots.items():
+            found.append((base + robot_path(name), (robot, None)))
+            if (model := robot.model) is not None:
+                for joint in model.joints.values():
+                    found.append((base + joint_path(name, joint.name), (robot, joint)))
+                for link in model.links.values():
+                    found.append((base + link_path(name, model, link.name), (robot, link)))
+        return sorted(found, key=lambda each: each[0])
 
-    def _places(self, skipped: int) -> Iterator[Place]:
-        """The fleet, then each robot with its joints and links; of robots that are skipped nothing is looked at."""
-        if skipped == 0:
-            yield None, None
-        skipped = max(0, skipped - 1)
-        for _, robot in sorted(self.sight.robots.items()):
-            model = robot.model
-            count = 1 if model is None else 1 + len(model.joints) + len(model.links)
-            if skipped < count:
-                parts: list[Joint | Link | None] = [None]
-                if model is not None:
-                    parts += [*model.joints.values(), *model.links.values()]
-                yield from ((robot, part) for part in parts[skipped:])
-            skipped = max(0, skipped - count)
+    def description(self, place: Place) -> bytes:
+        return of_thing(self.sight, *place)[TD]()
 
 
 def _entrance(sight: Sight, rest: Sequence[str]) -> Found:

@@ -18,7 +18,7 @@ from gateway.graph.wing import Sight
 
 JSON, TD = "application/json", "application/td+json"
 DIRECTORY, MOST = "/things", 50
-"""Where the directory of Thing Descriptions is, and how many it gives at once."""
+"""Where the directory of Thing Descriptions is, and how many are on one page of it at most."""
 Documents = dict[str, Callable[[], bytes]]
 
 

@@ -20,12 +20,19 @@ from gateway.graph.paths import joint_path, link_path, robot_path
 from gateway.graph.properties import joint_properties, link_properties, robot_properties
 from gateway.graph.property import Property, Seen
 from gateway.graph.vocab import HYBRIT, LF, ROS, SOSA
-from gateway.things.documents import DIRECTORY, JSON, MOST, TD
+from gateway.things.documents import DIRECTORY, JSON, TD
 from gateway.things.plain import described
-from gateway.things.schema import Json, form_of, form_of_input
+from gateway.things.schema import Json, form_of, form_of_input, form_of_target
 
 CONTEXT = "https://www.w3.org/2022/wot/td/v1.1"
 DISCOVERY = "https://www.w3.org/2022/wot/discovery"
+_BEYOND = {
+    "minimum": "exclusiveMaximum",
+    "exclusiveMinimum": "maximum",
+    "maximum": "exclusiveMinimum",
+    "exclusiveMaximum": "minimum",
+}
+"""What is beyond a limit."""
 _ID = {"type": "string", "description": "of an invocation: the id that invoking gave"}
 
 
@@ -123,6 +130,8 @@ class Thing:
         }
         if not form_of(item.shape).fields:  # anybody's vocabulary, of which nothing is known
             return said | {"forms": _forms(href, "text/turtle", item)}
+        if isinstance(item.put, Offer):
+            return said | _target(item.put, self.base) | {"forms": _forms(href, JSON, item)}
         iri = NamedNode(href)
         present = described(partial(_describe, item, iri), iri, item.shape)
         return said | _in_units(form_of(item.shape).schema, present) | {"forms": _forms(href, JSON, item)}
@@ -186,6 +195,31 @@ def _forms(href: str, media_type: str, item: Property) -> list[Json]:
     return forms
 
 
+def _target(offer: Offer, base: str) -> Json:
+    """The schema of the target of a joint: what can be written, or else what can only be read.
+
+    A target is unknown before the first command. It is beyond the written limits by rounding (they have six decimal
+    places), or by turns of a joint without ends.
+    """
+    assert offer.joint is not None
+    dimension = kind_of(offer.joint).dimension
+    assert dimension is not None
+    written, unit = form_of_target(offer, base).schema, dimension.position.qudt.value
+    value = written["properties"]["value"]
+    (limits,) = (each["properties"]["value"] for each in value["oneOf"] if unit in each["properties"]["unit"]["enum"])
+    beyond = [{"type": "number", _BEYOND[name]: limit} for name, limit in limits.items() if name in _BEYOND]
+    read: Json = {
+        "type": "object",
+        "readOnly": True,
+        "properties": {
+            "value": {"oneOf": [{"type": "null"}, *beyond], "unit": unit},
+            "unit": {"type": "string", "const": unit},
+        },
+        "required": ["value", "unit"],
+    }
+    return written | {"properties": written["properties"] | {"value": {"oneOf": [value, read]}}}
+
+
 def _in_units(schema: Json, present: Mapping[str, Any]) -> Json:
     """The schema of a value as it is now, with the unit in which it always is (5.3.2.1, ``unit``)."""
     said = schema | {"properties": {**schema["properties"]}}
@@ -213,7 +247,7 @@ def _directory(base: str, said: Json) -> Json:
         "readOnly": True,
         "type": "array",
         "items": {"type": "object"},
-        "uriVariables": {"offset": index, "limit": index | {"minimum": 1, "maximum": MOST}},
+        "uriVariables": {"offset": index, "limit": index | {"minimum": 1}},
         "forms": [
             {
                 "href": base + DIRECTORY + "{?offset,limit}",

@@ -125,6 +125,9 @@ def test_the_directory_is_read_by_links(http: httpx.Client) -> None:
     assert len(set(ids)) == len(ids) > 15
     for td in found:
         conforms(td)
+    assert ids == sorted(ids) == [each["id"] for each in http.get(listing).json()]
+    assert http.get(listing, params={"sort_by": "created"}).status_code == 501
+    assert http.head(listing).content == b""
     again = http.get(f"{listing}/{quote(ids[-1], safe='')}")
     assert again.json()["id"] == ids[-1] and again.headers["content-type"] == TD["accept"]
     assert http.get(f"{listing}?limit=x").status_code == 400

@@ -4,22 +4,24 @@ import json
 from itertools import chain
 
 import pytest
+from pyoxigraph import NamedNode, Triple
 from wot import conforms, fits
 
 from agents.wire.codec import layout
 from agents.wire.messages import WIRE_VERSION, Description
 from gateway.actions.admission import admit
+from gateway.actions.offer import Offer
 from gateway.errors import BadRequest, UnprocessableContent
 from gateway.fleet.events import Appeared, Described
 from gateway.fleet.fleet import Fleet
 from gateway.fleet.invocations import Invocations
-from gateway.graph.affordance import Invoke
+from gateway.graph.affordance import Invoke, PutTarget
 from gateway.graph.resource import Resource
 from gateway.graph.tree import Tree
 from gateway.graph.vocab import LF, ROS, UNIT, VOM
 from gateway.graph.wing import Wings
 from gateway.identity.rights import ALL, View, view
-from gateway.things.directory import WINGS
+from gateway.things.directory import WINGS, Listing
 from gateway.things.plain import triples_of
 from gateway.things.schema import form_of_input
 
@@ -130,6 +132,49 @@ def test_limits_and_alternatives_come_from_the_shape() -> None:
     assert not fits({"value": 360, "unit": UNIT.DEG.value}, wheel)
 
 
+def _writable(schema: object) -> object:
+    """A schema without what is for reading only."""
+    if isinstance(schema, dict):
+        return {name: _writable(each) for name, each in schema.items()}
+    if isinstance(schema, list):
+        return [_writable(each) for each in schema if not (isinstance(each, dict) and each.get("readOnly") is True)]
+    return schema
+
+
+@pytest.mark.parametrize(
+    ("joint", "name", "unit", "written", "beyond"),
+    [
+        ("a~20turn", "targetRotation", UNIT.RAD, (-1, 0.5, 1), (1.0000003, -9)),
+        ("slide", "targetTranslation", UNIT.M, (0, 0.5), (-0.1, 0.6)),
+        ("wheel", "targetRotation", UNIT.RAD, (0, 6.28), (-0.1, 7.0)),
+    ],
+)
+def test_a_target_is_written_within_limits_and_read_as_it_is(
+    joint: str, name: str, unit: NamedNode, written: tuple[float, ...], beyond: tuple[float, ...]
+) -> None:
+    """Null and what is beyond the limits can be there, and cannot be put; both the schema and the guard say so."""
+    schema = _td(f"/r/{joint}")["properties"][name]
+    put = _resource(f"/r/{joint}/{name}").affords
+    assert isinstance(put, PutTarget)
+    for number in (*written, *beyond, None):
+        value = {"value": {"value": number, "unit": unit.value}}
+        assert fits(value, schema), number
+        assert fits(value, _writable(schema)) == (number in written), number
+        if number is not None:
+            body = triples_of(json.dumps(value["value"]).encode(), form_of_input(put.offer, BASE), BASE, 1000)
+            assert _admitted(put.offer, body) == (number in written), number
+    assert not fits({"value": {"value": 0.1, "unit": UNIT.SEC.value}}, schema)
+    assert fits({"value": {"value": 1, "unit": UNIT.DEG.value}}, _writable(schema)) == (unit == UNIT.RAD)
+
+
+def _admitted(offer: Offer, body: list[Triple]) -> bool:
+    try:
+        admit(offer, body, BASE)
+    except UnprocessableContent:
+        return False
+    return True
+
+
 def test_several_joints_have_their_own_limits() -> None:
     schema = _td("/r/")["actions"]["moveJoints"]["input"]
     slide, turn = f"{BASE}/r/slide", f"{BASE}/r/a~20turn"
@@ -199,10 +244,11 @@ def test_who_may_not_see_a_robot_is_not_told_of_it() -> None:
 
 def test_the_directory_has_each_thing_once() -> None:
     listing = _resource("/things").remote
-    found = [json.loads(each)["id"] for offset in range(0, 30, 3) for each in listing.written(offset, 3)]
-    assert sorted(found) == sorted(BASE + path for path in _things())
-    for id in found:
-        assert _td(f"/things/{id}")["id"] == id
+    assert isinstance(listing, Listing)
+    found = listing.things()
+    assert [id for id, _ in found] == sorted(BASE + path for path in _things())
+    for id, place in found:
+        assert _td(f"/things/{id}")["id"] == id == json.loads(listing.description(place))["id"]
 
 
 def test_classes_are_told() -> None:
