@@ -3,19 +3,22 @@
 pyoxigraph's parsers do not recurse, but whoever walks the result may; so depth is bounded here, once.
 """
 
-import json
 import re
 from collections import Counter
 from collections.abc import Mapping
 from typing import Any
-from urllib.parse import urljoin
 
 from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple
 from pyoxigraph import parse as oxigraph_parse
 
+from gateway.graph.jsonld_input import check_jsonld
 from gateway.graph.outline import REST
+from gateway.graph.parse_error import ParseError
+
+__all__ = ["MAX_LENGTH", "PARSEABLE", "ParseError", "parse"]
 
 MAX_LENGTH = 4096
+_JSON_VALUES = 8  # of JSON-LD, for each triple that may be said
 _FORMATS = {
     "text/turtle": RdfFormat.TURTLE,
     "application/ld+json": RdfFormat.JSON_LD,
@@ -26,16 +29,6 @@ PARSEABLE = tuple(_FORMATS)
 
 # RFC 3987 has room for U+00A0 and its like; rdflib's reader of N-Triples has not, and a person takes them for a space.
 _SPACE = re.compile(r"\s")
-# Strings are swallowed whole, closed or not, so that one pass over hostile input stays one pass.
-_JSON_BRACKETS = re.compile(r'"(?:[^"\\]++|\\.)*+"?|[\[{]|[\]}]', re.DOTALL)
-
-
-class ParseError(Exception):
-    """The document cannot be taken; ``line`` and ``column`` count from 1 where the syntax tells."""
-
-    def __init__(self, message: str, line: int | None = None, column: int | None = None) -> None:
-        super().__init__(message)
-        self.message, self.line, self.column = message, line, column
 
 
 def parse(
@@ -52,7 +45,7 @@ def parse(
         raise ParseError(f"no parser for {media_type}; there are {', '.join(PARSEABLE)}")
     text = _decode(body)
     if media_type == "application/ld+json":
-        text = _without_remote_contexts(text, base, contexts or {}, max_depth)
+        text = check_jsonld(text, base, contexts or {}, max_depth, max_triples * _JSON_VALUES)
     elif media_type == "application/rdf+xml" and "<!ENTITY" in text:
         # entities of entities grow exponentially before the first triple can be counted
         raise ParseError("entity declarations are not accepted; write the characters themselves")
@@ -129,62 +122,3 @@ def _check_depth(triples: list[Triple], max_depth: int) -> None:
                 ready.append(value)
     if max(depth.values(), default=0) + len(depth) - reached > max_depth:
         raise ParseError(f"blank nodes are nested more than {max_depth} deep")
-
-
-def _without_remote_contexts(text: str, base: str, contexts: Mapping[str, dict[str, Any]], max_depth: int) -> str:
-    """The JSON with the contexts that we know put in place of their IRIs."""
-    check_json_depth(text, max_depth)
-    if '"@context"' not in text and "\\" not in text:
-        return text  # the parser then sees, and reports positions of, exactly what the client sent
-    try:
-        document = json.loads(text, parse_constant=_no_constant)
-        replaced = _embed(document, base, contexts)
-        return text if replaced == document else json.dumps(replaced, allow_nan=False)
-    except json.JSONDecodeError as error:
-        raise ParseError(error.msg, error.lineno, error.colno) from error
-    except ValueError as error:  # a number beyond float, or beyond int's digits
-        raise ParseError(f"unacceptable JSON: {error}") from error
-
-
-def check_json_depth(text: str, max_depth: int) -> None:
-    depth = 0
-    for match in _JSON_BRACKETS.finditer(text):
-        bracket = match[0]
-        depth += 1 if bracket in "[{" else -1 if bracket in "]}" else 0
-        if depth > max_depth:
-            line = text.count("\n", 0, match.start()) + 1
-            column = match.start() - text.rfind("\n", 0, match.start())
-            raise ParseError(f"JSON is nested more than {max_depth} deep", line, column)
-
-
-def _no_constant(name: str) -> float:
-    raise ParseError(f"{name} is not JSON")
-
-
-def _embed(value: Any, base: str, contexts: Mapping[str, dict[str, Any]]) -> Any:
-    if isinstance(value, list):
-        return [_embed(item, base, contexts) for item in value]
-    if not isinstance(value, dict):
-        return value
-    return {
-        key: _context(item, base, contexts)
-        if key == "@context"
-        else item
-        if key == "@value"
-        else _embed(item, base, contexts)
-        for key, item in value.items()
-    }
-
-
-def _context(value: Any, base: str, contexts: Mapping[str, dict[str, Any]]) -> Any:
-    if isinstance(value, list):
-        return [_context(item, base, contexts) for item in value]
-    if not isinstance(value, str):
-        return _embed(value, base, contexts)
-    try:
-        known = contexts.get(value) or contexts.get(urljoin(base, value))
-    except ValueError as error:
-        raise ParseError(f"{value!r} is no IRI") from error
-    if known is None:
-        raise ParseError(f"remote contexts are never fetched ({value}); known: {', '.join(contexts) or 'none'}")
-    return known.get("@context", known)

@@ -12,12 +12,15 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from gateway.errors import BadRequest, UnprocessableContent
 from gateway.graph.build import Graph, Node, Term
-from gateway.graph.parsing import MAX_LENGTH, ParseError, check_json_depth
+from gateway.graph.json_input import load_json
+from gateway.graph.parse_error import ParseError
+from gateway.graph.parsing import MAX_LENGTH
 from gateway.graph.vocab import LF, NUMERIC, XSD
 from gateway.things.documents import JSON
 from gateway.things.schema import Field, Form, Json, Value, form_of
 
 _MAX_DEPTH = 16
+_VALUES = 4  # for each triple that may be said
 
 
 def document(describe: Callable[[Graph], None], iri: NamedNode, shape: NamedNode) -> bytes:
@@ -75,7 +78,7 @@ def triples_of(body: bytes, form: Form, iri: str, most: int) -> list[Triple]:
 
     BadRequest for what is no JSON or too much, UnprocessableContent for members that the form has no name for.
     """
-    given = _parsed(body)
+    given = _parsed(body, most)
     if not isinstance(given, dict):
         raise UnprocessableContent("The body is a JSON object.", constraint=iri)
     taker = _Taker(iri, most)
@@ -83,30 +86,13 @@ def triples_of(body: bytes, form: Form, iri: str, most: int) -> list[Triple]:
     return taker.triples
 
 
-def _parsed(body: bytes) -> Any:
+def _parsed(body: bytes, most: int) -> Any:
     try:
-        text = body.decode("utf-8-sig")
-        check_json_depth(text, _MAX_DEPTH)
-        return json.loads(
-            text, parse_int=_Number, parse_float=_Number, parse_constant=_no_number, object_pairs_hook=_once_each
-        )
-    except json.JSONDecodeError as error:
-        raise BadRequest(f"The body is no {JSON}: {error.msg}", line=error.lineno, column=error.colno) from error
+        return load_json(body.decode("utf-8-sig"), _MAX_DEPTH, most * _VALUES, _Number)
     except ParseError as error:
         raise BadRequest(f"The body is no {JSON}: {error}", line=error.line, column=error.column) from error
     except UnicodeDecodeError as error:
         raise BadRequest(f"The body is no {JSON}: not UTF-8") from error
-
-
-def _no_number(name: str) -> float:
-    raise ParseError(f"{name} is not JSON")
-
-
-def _once_each(pairs: list[tuple[str, Any]]) -> Json:
-    found = dict(pairs)
-    if len(found) != len(pairs):
-        raise ParseError("a member is there twice")
-    return found
 
 
 class _Taker:

@@ -1,6 +1,7 @@
 """What is written can be read back as the same graph; what strangers write is read within bounds, or refused."""
 
 import json
+import time
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 from io import BytesIO
@@ -279,11 +280,11 @@ def test_garbage_is_only_ever_a_parse_error(media_type: str, body: bytes) -> Non
         ("text/turtle", '<a> <b> "c"^^<d\u00a0> .'.encode(), "white space"),
         ("text/turtle", b"<a> <b> <<( <a> <b> <c> )>> .", "triple terms"),
         ("application/ld+json", b'{"@context": "http://evil.example/"}', "never fetched"),
-        ("application/ld+json", b'{"@context": {"@import": "http://evil.example/"}}', "remote context"),
+        ("application/ld+json", b'{"@context": {"@import": "http://evil.example/"}}', "@import names a remote context"),
         ("application/ld+json", b'{"@cont\\u0065xt": "http://evil.example/"}', "never fetched"),
         ("application/ld+json", b'{"@id": "urn:g", "@graph": [{"@id": "urn:s", "urn:p": 1}]}', "Named graphs"),
-        ("application/ld+json", b"[" * 100000, "nested more than 32"),
-        ("application/ld+json", b'{"urn:p":' * 100000, "nested more than 32"),
+        ("application/ld+json", b"[" * 100000, "more than 16 commas and opening brackets"),
+        ("application/ld+json", b'{"urn:p":' * 100000, "more than 16 commas and opening brackets"),
         ("application/rdf+xml", b'<!DOCTYPE r [<!ENTITY a "aaa">]><r>&a;</r>', "entity"),
         ("text/html", b"", "no parser for text/html"),
     ],
@@ -311,11 +312,88 @@ def test_errors_say_where() -> None:
     assert caught.value.line == 2 and caught.value.column is not None
 
 
-def test_known_contexts_are_substituted_everywhere() -> None:
-    """Ours work by absolute or relative IRI, alone, in arrays and inside nested nodes."""
-    context = {"@context": {"p": "urn:p"}}
-    known = {"https://w3id.org/linked-fleet/context": context, "http://127.0.0.1:8000/context": context}
-    for written in ("https://w3id.org/linked-fleet/context", "/context", ["/context", {"q": "urn:q"}]):
-        for body in ({"@context": written, "p": 1}, {"urn:x": {"@context": written, "p": 1}}):
-            triples = parse(json.dumps(body).encode(), "application/ld+json", BASE, contexts=known)
-            assert NamedNode("urn:p") in [triple.predicate for triple in triples]
+_OWN = {"@context": {"p": "urn:p"}}
+_KNOWN = {"https://w3id.org/linked-fleet/context": _OWN, "http://127.0.0.1:8000/context": _OWN}
+
+
+def _parse_json(document: object) -> list[Triple]:
+    content = document if isinstance(document, bytes) else json.dumps(document).encode()
+    return parse(content, "application/ld+json", BASE, contexts=_KNOWN)
+
+
+@pytest.mark.parametrize(
+    "context",
+    [
+        "https://w3id.org/linked-fleet/context",
+        "/context",
+        ["/context"],
+        ["/context", {"q": "urn:q"}],
+        {"p": "urn:p"},
+        [{"p": {"@id": "urn:p", "@container": ["@set"]}}],
+    ],
+)
+def test_one_context_at_the_top_is_taken(context: object) -> None:
+    """Accepted are our own by absolute or relative IRI, one inline, and one of each."""
+    for document in ({"@context": context, "p": 1}, [{"@context": context, "p": 1}]):
+        assert [triple.predicate for triple in _parse_json(document)] == [NamedNode("urn:p")]
+
+
+def _scoped(uses: int, contexts: int) -> dict[str, object]:
+    """A body of a few kilobytes that a parser of JSON-LD is busy with for ten seconds."""
+    context = {"a": {"@id": "http://a/", "@context": ["/context"] * contexts}}
+    return {"@context": context, "x": [{"a": {"a": 1}}] * uses}
+
+
+@pytest.mark.parametrize(
+    ("document", "message"),
+    [
+        (_scoped(300, 200), "scoped @context .a. is not accepted; accepted is one @context at the top"),
+        ({"@context": {"a": {"@id": "urn:a", "@context": None}}}, "scoped"),
+        ({"@context": {"c": "@context"}, "c": {}}, "scoped"),
+        ({"@context": {"c": {"@id": "@context"}}}, "scoped"),
+        ({"urn:x": {"@context": "/context"}}, "nested"),
+        ({"urn:x": [[{"@context": {}}]]}, "nested"),
+        ({"urn:x": {"@type": "@json", "@value": {"@context": {}}}}, "nested"),
+        ([{"@context": "/context"}, {"@context": "/context"}], "nested"),
+        ({"@context": ["/context", "/context"]}, "repeated"),
+        ({"@context": [{}, {}]}, "repeated"),
+        ({"@context": [["/context"]]}, "repeated"),
+        ({"@context": [None]}, "repeated"),
+        ({"@context": {"@propagate": False}}, "@propagate"),
+        ({"@context": {"a": {"@id": {"b": 1}}}}, "no text"),
+        ({"@context": {"a": {"id": "urn:a"}}}, "definition of a term"),
+        ({"@context": {f"a{number}": "urn:a" for number in range(101)}}, "101 terms"),
+        ({"@context": {"a": "urn:" + "a" * 300}}, "more than 256 characters"),
+        ({"@context": {f"a{number}": "urn:" + "a" * 200 for number in range(90)}}, "8192"),
+        (b'{"@context": "/context", "@context": {"a": {"@context": {}}}}', "two members of the same name"),
+        (b'{"@context": "/context", "\\u0040context": {}}', "two members of the same name"),
+        (b"[" * 500 + b"]" * 500, "nested more than 32"),
+        (b'{"urn:p": ' * 40 + b"1" + b"}" * 40, "nested more than 32"),
+        (b'{"urn:p": ' * 4000, "nested more than 32"),
+    ],
+    ids=lambda value: "" if not isinstance(value, str) else value[:30],
+)
+def test_contexts_that_multiply_work_are_refused_before_expansion(document: object, message: str) -> None:
+    """Scoped, nested, repeated and oversized contexts are refused in less than the time of one turn of the loop."""
+    begun_s = time.thread_time()
+    with pytest.raises(ParseError, match=message):
+        _parse_json(document)
+    assert time.thread_time() - begun_s < 0.025
+
+
+@pytest.mark.parametrize(
+    "body",
+    [b'{"urn:p": "\\ud800"}', b'{"\\ud800": 1}', b'{"urn:p": "\\\\\\udc00x"}', b'{"urn:p":\n "\\ud83d\\ud83d"}'],
+)
+def test_lone_surrogates_are_refused_where_they_stand(body: bytes) -> None:
+    """Half of a pair of surrogates is no character: the message names it, with line and column."""
+    with pytest.raises(ParseError, match=r"\\ud... is half of a surrogate pair") as caught:
+        _parse_json(body)
+    assert caught.value.line == body.count(b"\n") + 1
+    assert caught.value.column is not None
+
+
+def test_escapes_that_look_like_surrogates_are_taken() -> None:
+    """A pair is one character, and a backslash before a u is no escape."""
+    (triple,) = _parse_json(b'{"urn:p": "\\ud83e\\udd16 \\\\ud800 \\u00e9"}')
+    assert triple.object == Literal("\U0001f916 \\ud800 \u00e9")

@@ -1,0 +1,9 @@
+"""The one error of every parser of documents from clients."""
+
+
+class ParseError(Exception):
+    """A refused document. ``line`` and ``column`` count from 1; None where the syntax does not give them."""
+
+    def __init__(self, message: str, line: int | None = None, column: int | None = None) -> None:
+        super().__init__(message)
+        self.message, self.line, self.column = message, line, column
