@@ -17,6 +17,7 @@ from gateway.http.cors import pages_elsewhere
 from gateway.http.endpoint import resources
 from gateway.http.host import Authorities
 from gateway.http.loading import Loading
+from gateway.http.offload import Offload
 from gateway.http.rates import Pace, Rates
 from gateway.http.repeats import Repeats
 from gateway.http.turns import Turns
@@ -113,6 +114,6 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None) -> Sta
         ],
         lifespan=lifespan,
     )
-    app.state.turns, app.state.repeats = Turns(), Repeats(rates, requests)
+    app.state.turns, app.state.repeats, app.state.offload = Turns(), Repeats(rates, requests), Offload()
     app.router.default = resources  # no route of its own has ever to know the tree, nor `OPTIONS *`
     return app

@@ -1,6 +1,6 @@
 """What a handler is asked: whose action it is, and what the body says."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from pyoxigraph import NamedNode
 
@@ -29,6 +29,7 @@ class Asked:
     robot: Robot | None = None
     joint: Joint | None = None
     moment: Moment | None = None
+    _parts: dict[str, tuple[str | None, str | None]] = field(default_factory=dict, compare=False)
 
     def of_moment(self) -> Moment:
         """Offline for a robot that was not there to be seen."""
@@ -65,4 +66,7 @@ class Asked:
 
     def _part(self, iri: object) -> tuple[str | None, str | None]:
         assert isinstance(iri, NamedNode)
-        return part_of(iri.value.removeprefix(self.base + robot_path(self.of_robot().name)), self.model())
+        if iri.value not in self._parts:  # a trajectory names the same few joints thousands of times
+            local = iri.value.removeprefix(self.base + robot_path(self.of_robot().name))
+            self._parts[iri.value] = part_of(local, self.model())
+        return self._parts[iri.value]

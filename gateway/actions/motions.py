@@ -46,7 +46,8 @@ def hold(asked: Asked) -> Halt:
 
 
 def move_joints(asked: Asked) -> Motion:
-    targets = {joint.name: _near(asked, joint, value) for joint, value in _targets(asked, asked.body.root).items()}
+    joints = asked.model().joints
+    targets = {name: _near(asked, joints[name], value) for name, value in _targets(asked, asked.body.root).items()}
     return _motion(asked, Move(targets), targets)
 
 
@@ -61,7 +62,8 @@ def follow(asked: Asked) -> Motion:
     if len(set(times)) < len(times):
         raise UnprocessableContent("Two waypoints have the same lf:atTime; each needs its own.")
     rows: list[tuple[float, ...]] = []
-    joints: list[Joint] = []
+    known = asked.model().joints
+    joints: list[str] = []
     before: dict[str, float] = {}
     for time, waypoint in waypoints:
         targets = _targets(asked, waypoint)
@@ -70,9 +72,9 @@ def follow(asked: Asked) -> Motion:
             raise UnprocessableContent(
                 f"The waypoint at {time:g} s names other joints than the first; all name the same."
             )
-        before = {joint.name: _near(asked, joint, targets[joint], before.get(joint.name)) for joint in joints}
-        rows.append(tuple(before[joint.name] for joint in joints))
-    return _motion(asked, Follow(tuple(joint.name for joint in joints), times, tuple(rows)), before)
+        before = {name: _near(asked, known[name], targets[name], before.get(name)) for name in joints}
+        rows.append(tuple(before[name] for name in joints))
+    return _motion(asked, Follow(tuple(joints), times, tuple(rows)), before)
 
 
 def assume_pose(asked: Asked) -> Motion:
@@ -130,13 +132,13 @@ def _expectation(asked: Asked, node: Node) -> tuple[str, Expectation]:
     return joint.name, Expectation(body.quantity(node), tolerance * body.unit(node))
 
 
-def _targets(asked: Asked, node: Node) -> dict[Joint, float]:
-    """Where ``node`` wants which joint, as stated (rad or m); UnprocessableContent if it wants one in two places."""
-    body, found = asked.body, dict[Joint, float]()
+def _targets(asked: Asked, node: Node) -> dict[str, float]:
+    """The positions that ``node`` states, by joint (rad or m); UnprocessableContent for two of one joint."""
+    body, found = asked.body, dict[str, float]()
     for target in body.nodes(node, LF.target):
-        joint = asked.joint_at(body.node(target, LF.ofJoint))
+        joint = asked.joint_at(body.node(target, LF.ofJoint)).name
         if joint in found:
-            raise UnprocessableContent(f"Two targets name {joint.name}; each joint has one at a time.")
+            raise UnprocessableContent(f"Two targets name {joint}; each joint has one at a time.")
         found[joint] = body.quantity(target)
     return found
 

@@ -14,8 +14,8 @@ from gateway.graph.build import Node, Term
 from gateway.graph.compiled_data import Data, Reach
 from gateway.graph.compiled_report import SHACL, Violation, brief, listed, shown
 
-MOST = 50  # violations in a report; whoever sent more is not helped by a longer one
-_MOST_DETAILS = 200
+MOST = 25  # violations in a report; whoever sent more is not helped by a longer one
+_MOST_DETAILS = 50
 
 Values = Sequence[Term]
 # A failed discriminator tells that a branch of sh:or was not the one that was meant.

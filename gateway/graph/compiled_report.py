@@ -34,6 +34,7 @@ SHACL = Namespace(
 _T = TypeVar("_T", NamedNode | BlankNode, NamedNode | BlankNode | Literal)
 _LONGEST = 80  # characters of one term in a message
 _LONGEST_TEXT = 300
+_LONGEST_VALUE = 1024  # of a term that is repeated as it came
 _MOST_LISTED = 20
 
 
@@ -80,7 +81,7 @@ def _add_results(
         if violation.path is not None:
             graph.add(result, SHACL.resultPath, _relabel(violation.path, "shape"))
             _spell_out(graph, violation.path, shapes)
-        if violation.value is not None:
+        if violation.value is not None and len(violation.value.value) <= _LONGEST_VALUE:
             graph.add(result, SHACL.value, _relabel(violation.value, "body"))
         graph.add(result, SHACL.sourceConstraintComponent, violation.component)
         graph.add(result, SHACL.sourceShape, _relabel(violation.shape, "shape"))

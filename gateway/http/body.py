@@ -1,16 +1,18 @@
 """The RDF in the body of a request: whole, bounded, and parsed with the request's own resource as base."""
 
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, TypeVar
 
-from pyoxigraph import Triple
+from pyoxigraph import NamedNode, Triple
 from starlette.requests import Request
 
 from gateway.errors import BadRequest, PayloadTooLarge, UnsupportedMediaType
-from gateway.graph.serialise import ParseError, parse
+from gateway.graph.parsing import ParseError, parse
 from gateway.graph.vocab import PREFIXES
 from gateway.http.fields import field
 from gateway.http.negotiation import parse_content_type
+from gateway.http.offload import SHORT_BYTES, Offload
 from gateway.things.documents import JSON
 
 if TYPE_CHECKING:
@@ -22,6 +24,7 @@ MAX_BODY_BYTES = 64 * 1024
 FORM_TYPES = (*BODY_TYPES, JSON)
 """What is taken where a shape says which members an object in plain JSON has."""
 _CONTEXT = "https://w3id.org/linked-fleet/context"
+T = TypeVar("T")
 
 
 def body_type(request: Request, taken: Sequence[str] = BODY_TYPES) -> str:
@@ -31,17 +34,28 @@ def body_type(request: Request, taken: Sequence[str] = BODY_TYPES) -> str:
     return media_type
 
 
-async def read_triples(request: Request, media_type: str, iri: str, base: str) -> list[Triple]:
-    """The triples of the body, relative IRIs resolved against ``iri``; BadRequest, PayloadTooLarge."""
-    return parse_body(await read_body(request), media_type, iri, base)
+async def read_as(
+    request: Request, read: Callable[[bytes], T], most: int = MAX_BODY_BYTES, short_bytes: int = SHORT_BYTES
+) -> T:
+    """``read`` of the whole body, in a thread unless it is short; PayloadTooLarge, Busy and what ``read`` raises."""
+    offload: Offload = request.app.state.offload
+    content = await read_body(request, most)
+    return await offload.run(partial(read, content), len(content), short_bytes)
 
 
-def parse_body(body: bytes, media_type: str, iri: str, base: str, max_triples: int = 1000) -> list[Triple]:
-    """The triples of a body that was read already; BadRequest."""
+def parse_body(
+    body: bytes,
+    media_type: str,
+    iri: str,
+    base: str,
+    max_triples: int = 1000,
+    lengths: Mapping[NamedNode, int] | None = None,
+) -> list[Triple]:
+    """The triples of a body that was read already, relative IRIs resolved against ``iri``; BadRequest."""
     context = {"@context": PREFIXES}
     contexts = {_CONTEXT: context, f"{base}/context": context}
     try:
-        return parse(body, media_type, iri, contexts=contexts, max_triples=max_triples)
+        return parse(body, media_type, iri, contexts=contexts, max_triples=max_triples, lengths=lengths)
     except ParseError as error:
         raise BadRequest(f"The body is no {media_type}: {error}", line=error.line, column=error.column) from error
 

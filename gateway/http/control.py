@@ -2,7 +2,6 @@
 
 from typing import TYPE_CHECKING
 
-from pyoxigraph import Triple
 from starlette.requests import Request
 from starlette.responses import Response
 
@@ -14,13 +13,16 @@ from gateway.graph.paths import lease_path
 from gateway.graph.resource import Resource
 from gateway.graph.setting import Setting, judged
 from gateway.graph.vocab import LF
-from gateway.http.body import FORM_TYPES, body_type, parse_form, read_body, read_triples
+from gateway.http.body import FORM_TYPES, body_type, parse_body, parse_form, read_as
 from gateway.http.invoke import lock_token, refuse_rehearsal
 from gateway.http.preconditions import check_preconditions
 from gateway.http.rights import tree_of
 
 if TYPE_CHECKING:
     from gateway.things.schema import Form
+
+# All are in every description and on every page of the robot.
+MAX_ANNOTATION_TRIPLES = 256
 
 
 async def control(request: Request, afforded: Control, base: str) -> Response:
@@ -35,7 +37,10 @@ async def control(request: Request, afforded: Control, base: str) -> Response:
             raise NotFound("Nobody has control at present.")
         return Response(status_code=204)
     iri = base + lease_path(robot.name)
-    body = judged(await read_triples(request, body_type(request), iri, base), LF.ControlLeaseInput, iri)
+    media_type = body_type(request)
+    body = await read_as(
+        request, lambda content: judged(parse_body(content, media_type, iri, base), LF.ControlLeaseInput, iri)
+    )
     holder, duration_s = body.text(body.root, LF.holder), body.number(body.root, LF.leaseDuration)
     assert holder is not None and duration_s is not None
     _, proof = await memory.take(robot, holder, duration_s, token)
@@ -53,7 +58,7 @@ async def put_setting(request: Request, afforded: PutSetting, base: str) -> Resp
     setting = afforded.setting
     value = None
     if request.method == "PUT":
-        value = setting.admit(await _read_setting(request, setting, base), base)
+        value = await _read_setting(request, setting, base)
     while True:
         # Each time, because the value may have changed while the body was on its way, or at another gateway.
         present = tree_of(request, base).resolve(setting.path)
@@ -63,10 +68,14 @@ async def put_setting(request: Request, afforded: PutSetting, base: str) -> Resp
             return Response(status_code=204)
 
 
-async def _read_setting(request: Request, setting: Setting, base: str) -> list[Triple]:
+async def _read_setting(request: Request, setting: Setting, base: str) -> str:
+    """What is to be remembered; UnprocessableContent."""
     iri, shape = base + setting.path, setting.shape
     if shape is None:
-        return await read_triples(request, body_type(request), iri, base)
+        media_type = body_type(request)
+        return await read_as(
+            request, lambda body: setting.admit(parse_body(body, media_type, iri, base, MAX_ANNOTATION_TRIPLES), base)
+        )
 
     def form() -> "Form":
         from gateway.things.schema import form_of
@@ -74,4 +83,4 @@ async def _read_setting(request: Request, setting: Setting, base: str) -> list[T
         return form_of(shape)
 
     media_type = body_type(request, FORM_TYPES)
-    return parse_form(await read_body(request), media_type, iri, base, form)
+    return await read_as(request, lambda body: setting.admit(parse_form(body, media_type, iri, base, form), base))

@@ -1,9 +1,9 @@
 """Invoking an action: body → plan → invocation → answer (flow "action"; R0.7, R0.8, RFC 7240, Idempotency-Key)."""
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from hashlib import blake2b
 from typing import TYPE_CHECKING
@@ -30,7 +30,7 @@ from gateway.graph.judge import reachable
 from gateway.graph.resource import Resource
 from gateway.graph.validation import root
 from gateway.graph.vocab import LF
-from gateway.http.body import FORM_TYPES, body_type, parse_form, read_body
+from gateway.http.body import FORM_TYPES, body_type, parse_form, read_as
 from gateway.http.fields import field
 from gateway.http.negotiation import choose
 from gateway.http.prefer import Prefer, parse_prefer
@@ -56,10 +56,9 @@ async def invoke(request: Request, afforded: Invoke, base: str) -> Response:
     if not offer.takes_body:
         return await _halt(request, offer, base)
     prefer = _prefer(request, offer, base)
-    content, triples = await _read(request, base + offer.path, base, partial(_input_form, offer, base))
-    with step("guard"):
-        body = admit(offer, triples, base)
-    return await _carry_out(request, offer, body, moment, prefer, content, base)
+    read = partial(_read_input, offer, body_type(request, FORM_TYPES), base)
+    admitted = await read_as(request, read, MAX_BODY_BYTES)
+    return await _carry_out(request, offer, admitted, moment, prefer, base)
 
 
 async def put_target(request: Request, afforded: PutTarget, base: str) -> Response:
@@ -68,17 +67,9 @@ async def put_target(request: Request, afforded: PutTarget, base: str) -> Respon
     iri = base + request.scope["path"]
     _trace(offer, iri.rpartition("/")[2])
     prefer = _prefer(request, offer, base)
-    content, triples = await _read(request, iri, base, partial(_target_form, offer, base))
-    focus = root(triples, NamedNode(iri))
-    values = {t.object for t in triples if t.subject == focus and t.predicate == LF.value}
-    if len(values) != 1:
-        raise UnprocessableContent(f"The body has {len(values)} values of lf:value; one is put.", constraint=iri)
-    (value,) = values
-    action, about = NamedNode(base + offer.path), reachable(triples, value)  # type: ignore[arg-type]
-    moved = [Triple(action if t.subject == value else t.subject, t.predicate, t.object) for t in about]
-    with step("guard"):
-        body = admit(offer, moved, base)
-    return await _carry_out(request, offer, body, moment, prefer, content, base)
+    read = partial(_read_target, offer, body_type(request, FORM_TYPES), iri, base)
+    admitted = await read_as(request, read, MAX_BODY_BYTES)
+    return await _carry_out(request, offer, admitted, moment, prefer, base)
 
 
 async def end_invocation(request: Request, afforded: EndInvocation, base: str) -> Response:
@@ -145,11 +136,36 @@ def _prefer(request: Request, offer: Offer, base: str) -> Prefer:
     return prefer
 
 
-async def _read(request: Request, iri: str, base: str, form: "Callable[[], Form]") -> tuple[bytes, list[Triple]]:
-    """The body as it came, and its triples."""
-    media_type = body_type(request, FORM_TYPES)
-    content = await read_body(request, MAX_BODY_BYTES)
-    return content, parse_form(content, media_type, iri, base, form, MAX_TRIPLES)
+@dataclass(frozen=True)
+class _Admitted:
+    """A body as it came, as its handler reads it, and as it is remembered with the invocation."""
+
+    content: bytes
+    body: Body
+    written: str
+
+
+def _read_input(offer: Offer, media_type: str, base: str, content: bytes) -> _Admitted:
+    form = partial(_input_form, offer, base)
+    return _admitted(offer, content, parse_form(content, media_type, base + offer.path, base, form, MAX_TRIPLES), base)
+
+
+def _read_target(offer: Offer, media_type: str, iri: str, base: str, content: bytes) -> _Admitted:
+    triples = parse_form(content, media_type, iri, base, partial(_target_form, offer, base), MAX_TRIPLES)
+    focus = root(triples, NamedNode(iri))
+    values = {t.object for t in triples if t.subject == focus and t.predicate == LF.value}
+    if len(values) != 1:
+        raise UnprocessableContent(f"The body has {len(values)} values of lf:value; one is put.", constraint=iri)
+    (value,) = values
+    action, about = NamedNode(base + offer.path), reachable(triples, value)  # type: ignore[arg-type]
+    moved = [Triple(action if t.subject == value else t.subject, t.predicate, t.object) for t in about]
+    return _admitted(offer, content, moved, base)
+
+
+def _admitted(offer: Offer, content: bytes, triples: Sequence[Triple], base: str) -> _Admitted:
+    with step("guard"):
+        body = admit(offer, triples, base)
+    return _Admitted(content, body, written(body))
 
 
 def _input_form(offer: Offer, base: str) -> "Form":
@@ -183,12 +199,12 @@ async def _halt(request: Request, offer: Offer, base: str) -> Response:
 
 
 async def _carry_out(
-    request: Request, offer: Offer, body: Body, moment: Moment | None, prefer: Prefer, content: bytes, base: str
+    request: Request, offer: Offer, admitted: _Admitted, moment: Moment | None, prefer: Prefer, base: str
 ) -> Response:
     actions: Actions = request.app.state.actions
-    asking = caller(request, written(body), _digest(request, content))
+    asking = caller(request, admitted.written, _digest(request, admitted.content))
     with step("plan"):
-        plan = HANDLERS[offer.definition.iri].plan(Asked(base, body, offer.robot, offer.joint, moment))
+        plan = HANDLERS[offer.definition.iri].plan(Asked(base, admitted.body, offer.robot, offer.joint, moment))
         if isinstance(plan, Later):
             plan = await actions.compute(plan)
     assert isinstance(plan, Motion)  # what takes a body moves

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from urllib.parse import parse_qsl, urljoin
 
 from starlette.requests import Request
@@ -14,6 +15,7 @@ from gateway.graph.serialise import RDF_TYPES
 from gateway.http.body import read_body
 from gateway.http.fields import field
 from gateway.http.negotiation import choose, parse_content_type
+from gateway.http.offload import Offload
 from gateway.http.rights import name_of
 from gateway.query.description import PATH, Endpoint, PostQuery, described
 from gateway.query.language import MAX_QUERY_BYTES, Dataset, Query, read
@@ -31,6 +33,7 @@ _PICKED = {
     "ntriples": "application/n-triples", "rdfxml": "application/rdf+xml", "jelly": "application/x-jelly-rdf",
 }  # fmt: skip
 _MAX_FIELDS = 64
+_SHORT = 1024  # characters of a query that is read on the event loop
 # What is found in a fleet is for who asked, at that instant; and nothing of it is a document that runs something.
 _HEADERS = {"vary": "Accept", "cache-control": "no-store", "x-content-type-options": "nosniff"}
 _INERT = "sandbox; default-src 'none'"
@@ -117,7 +120,8 @@ def _asked(said: Sequence[tuple[str, str]], base: str) -> _Asked:
 
 
 async def _answer(request: Request, endpoint: Endpoint, asked: _Asked, base: str) -> Response:
-    query = read(asked.query, base + PATH)
+    offload: Offload = request.app.state.offload
+    query = await offload.run(partial(read, asked.query, base + PATH), len(asked.query), _SHORT)
     media_type = _chosen(request, query, asked.picked)
     body = await endpoint.queries.run(
         query, base, endpoint.sight.sees, media_type, dataset=asked.dataset, client=name_of(request)

@@ -22,7 +22,7 @@ from gateway.errors import (
 )
 from gateway.graph.resource import Resource
 from gateway.graph.serialise import MEDIA_TYPES
-from gateway.http.body import body_type, read_triples
+from gateway.http.body import body_type, parse_body, read_as
 from gateway.http.created import created
 from gateway.http.fields import field
 from gateway.http.invoke import refuse_rehearsal
@@ -102,7 +102,7 @@ def _iri(rule: Rule) -> str:
 
 
 async def _wanted(request: Request, media_type: str, iri: str, base: str) -> Wanted:
-    wanted = requested(await read_triples(request, media_type, iri, base), iri, base)
+    wanted = await read_as(request, lambda body: requested(parse_body(body, media_type, iri, base), iri, base))
     queries: Queries = request.app.state.queries
     try:
         check_variables(wanted, await queries.check(wanted.condition, base), base)

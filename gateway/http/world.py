@@ -9,7 +9,8 @@ from starlette.responses import Response
 
 from gateway.errors import BadRequest, NotFound
 from gateway.graph.resource import Resource
-from gateway.http.body import body_type, parse_body, read_body
+from gateway.graph.vocab import LF
+from gateway.http.body import body_type, parse_body, read_as
 from gateway.http.invoke import refuse_rehearsal
 from gateway.http.preconditions import check_preconditions
 from gateway.http.rights import tree_of
@@ -52,8 +53,12 @@ async def put_object(request: Request, afforded: PutObject, base: str) -> Respon
 
 async def _read(request: Request, iri: str, base: str, present: SceneObject | None) -> SceneObject:
     media_type = body_type(request)
-    content = await read_body(request, MAX_BODY_BYTES)
-    return read_object(parse_body(content, media_type, iri, base, _MAX_TRIPLES), iri, base + WORLD, present)
+
+    def read(content: bytes) -> SceneObject:
+        triples = parse_body(content, media_type, iri, base, _MAX_TRIPLES, {LF.stl: MAX_BODY_BYTES})
+        return read_object(triples, iri, base + WORLD, present)
+
+    return await read_as(request, read, MAX_BODY_BYTES)
 
 
 def posed(request: Request, resource: Resource, asked: AskPose, base: str) -> Resource:

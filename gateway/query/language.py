@@ -7,16 +7,21 @@ take the parser, or its planner, a minute or the stack. Here one pass finds what
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 from urllib.parse import urljoin
 
 from gateway.errors import BadRequest, PayloadTooLarge
 
 MAX_QUERY_BYTES = 32 * 1024
 MAX_DEPTH = 64
+MAX_DECLARATIONS = 256
+"""BASE, PREFIX and FROM of one query: each is resolved against the one before."""
+MAX_IRI = 2048
 FORMS = ("SELECT", "ASK", "CONSTRUCT", "DESCRIBE")
 _UPDATES = frozenset({"INSERT", "DELETE", "LOAD", "CLEAR", "CREATE", "DROP", "COPY", "MOVE", "ADD", "WITH"})
 
-# Strings are swallowed whole, closed or not, so that one pass over hostile input stays one pass.
+# Strings are swallowed whole, closed or not, so that one pass over hostile input stays one pass. For the same reason
+# prefixes are looked for up to 64 characters.
 _TOKEN = re.compile(
     r"""(?P<space>[\x20\t\r\n]+|\#[^\r\n]*+)
     |(?P<iri><(?:[^<>"{}|^`\\\x00-\x20]|\\u[0-9A-Fa-f]{4}|\\U[0-9A-Fa-f]{8})*+>)
@@ -24,7 +29,7 @@ _TOKEN = re.compile(
         |"(?:\\.|[^"\\\r\n])*+"?|'(?:\\.|[^'\\\r\n])*+'?)
     |(?P<variable>[?$]\w+)
     |(?P<language>@[A-Za-z][A-Za-z0-9-]*+)
-    |(?P<name>_:[\w.·-]++|(?:[^\W\d_][\w.·-]*+)?:(?:[\w.:·-]|%[0-9A-Fa-f]{2}|\\.)*+)
+    |(?P<name>_:[\w.·-]++|(?:[^\W\d_][\w.·-]{0,63}+)?:(?:[\w.:·-]|%[0-9A-Fa-f]{2}|\\.)*+)
     |(?P<word>[A-Za-z_]\w*+)
     |(?P<number>[0-9.]++)
     |(?P<open>[({\[])
@@ -33,9 +38,10 @@ _TOKEN = re.compile(
     re.VERBOSE | re.DOTALL,
 )
 
+_NO_TEXT = re.compile("[\0\ud800-\udfff]")
 
-@dataclass(frozen=True)
-class Token:
+
+class Token(NamedTuple):
     kind: str
     text: str
     start: int
@@ -146,7 +152,7 @@ def _tokens(text: str) -> list[Token]:
     """All but white space and comments; bounded in length and nesting."""
     if len(text.encode("utf-8", "surrogatepass")) > MAX_QUERY_BYTES:
         raise PayloadTooLarge(f"The query has more than {MAX_QUERY_BYTES} bytes.")
-    if "\0" in text or any("\ud800" <= each <= "\udfff" for each in text):
+    if _NO_TEXT.search(text):
         raise BadRequest("The query has characters in it that no text has.")
     tokens: list[Token] = []
     depth = 0
@@ -175,6 +181,8 @@ def _projected(tokens: list[Token]) -> Iterator[str]:
 
 
 def _dataset(text: str, tokens: list[Token], base: str) -> Dataset:
+    if sum(each.word in ("BASE", "PREFIX", "FROM") for each in tokens) > MAX_DECLARATIONS:
+        raise PayloadTooLarge(f"The query has more than {MAX_DECLARATIONS} of BASE, PREFIX and FROM.")
     base, prefixes = _declared(tokens, base)
     default: list[str] = []
     named: list[str] = []
@@ -210,9 +218,12 @@ def _iri(text: str, term: Token, prefixes: dict[str, str], base: str) -> str:
 def _join(base: str, reference: str) -> str:
     said = re.sub(r"\\u([0-9A-Fa-f]{4})|\\U([0-9A-Fa-f]{8})", lambda match: _character(match[1] or match[2]), reference)
     try:
-        return urljoin(base, said)
+        joined = urljoin(base, said) if len(said) <= MAX_IRI else said
     except ValueError as error:
         raise BadRequest(f"{said[:200]} is no IRI.") from error
+    if len(joined) > MAX_IRI:
+        raise BadRequest(f"An IRI has {len(joined)} characters; {MAX_IRI} are the most.")
+    return joined
 
 
 def _character(digits: str) -> str:

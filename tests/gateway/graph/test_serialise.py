@@ -286,6 +286,9 @@ def test_garbage_is_only_ever_a_parse_error(media_type: str, body: bytes) -> Non
         ("application/ld+json", b"[" * 100000, "more than 16 commas and opening brackets"),
         ("application/ld+json", b'{"urn:p":' * 100000, "more than 16 commas and opening brackets"),
         ("application/rdf+xml", b'<!DOCTYPE r [<!ENTITY a "aaa">]><r>&a;</r>', "entity"),
+        ("text/turtle", b"@base <a/> .\n" * 300, "more than 256 base IRIs"),
+        ("text/turtle", b"BASE#\n<a/>\n" * 300, "more than 256 base IRIs"),
+        ("application/rdf+xml", b"<r " + b"".join(b'xmlns:a%d="u:"' % n for n in range(300)) + b"/>", "256 namespaces"),
         ("text/html", b"", "no parser for text/html"),
     ],
 )  # fmt: skip

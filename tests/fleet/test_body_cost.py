@@ -1,0 +1,168 @@
+"""No body of an allowed size keeps the event loop busy: measured on the loop itself, in this process.
+
+The bound is on the processor time of the loop's thread, so that other work of the machine does not count. What is above
+it is measured again, and the least counts.
+"""
+
+import asyncio
+import contextlib
+import json
+from asyncio.events import Handle
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+
+import httpx
+import pytest
+from actor import Actor, stage
+from running import eventually, free_port
+
+from agents.wire.codec import encode, layout
+from agents.wire.messages import WIRE_VERSION, Description
+from fuzz.good import ARM, JOINTS, POSE, TURTLE_PREFIXES
+from fuzz.hostile import ACCEPTED, ENDPOINTS, JSON_LD, LOGIN, QUERIES, TURTLE, Attack, Endpoint, attacks
+from fuzz.living import obey
+from fuzz.watched import MOST_S, timed_callbacks
+from gateway.app import create_app
+from gateway.settings import GatewaySettings
+
+pytestmark = pytest.mark.fleet
+
+_REPETITIONS = 4
+_AFTER_S = 0.02
+"""For what a request leaves to do, such as to fan out a change."""
+
+
+class Gateway:
+    """The application on a loop whose callbacks are timed. ``used_s``: the most that one has used since it was zero."""
+
+    def __init__(self, runner: asyncio.Runner, client: httpx.AsyncClient) -> None:
+        self.used_s = 0.0
+        self._runner, self._client = runner, client
+
+    def note(self, used_s: float, callback: Handle) -> None:
+        self.used_s = max(self.used_s, used_s)
+
+    def ask(self, method: str, path: str, body: bytes = b"", **fields: str) -> httpx.Response:
+        return self._runner.run(self._ask(method, path, body, fields))
+
+    async def _ask(self, method: str, path: str, body: bytes, fields: dict[str, str]) -> httpx.Response:
+        headers = {name.replace("_", "-"): value for name, value in fields.items()}
+        answer = await self._client.request(method, path, content=body, headers=headers)
+        await asyncio.sleep(_AFTER_S)
+        return answer
+
+    def cost_s(self, method: str, path: str, body: bytes = b"", **fields: str) -> tuple[float, httpx.Response]:
+        """Of the longest callback, and the answer: of one request, or of the best of several."""
+        least_s = MOST_S
+        for _ in range(_REPETITIONS):
+            self.used_s = 0.0
+            answer = self.ask(method, path, body, **fields)
+            if self.used_s < MOST_S:
+                return self.used_s, answer
+            least_s = max(least_s, self.used_s)
+        return least_s, answer
+
+
+@pytest.fixture(scope="module")
+def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Gateway]:
+    """With a robot that has all kinds of actions and obeys."""
+    port, endpoint = free_port(), f"tcp/127.0.0.1:{free_port()}"
+    state: Path = tmp_path_factory.mktemp("state")
+    limits = {"requests_per_client": "0", "subscriptions_per_client": "20"}
+    app = create_app(GatewaySettings(port=str(port), zenoh_listen=endpoint, state_dir=str(state), **limits))
+    app.state.draining = False
+    with contextlib.ExitStack() as stack:
+        runner = stack.enter_context(asyncio.Runner())
+        life = app.router.lifespan_context(app)
+        runner.run(life.__aenter__())
+        stack.callback(lambda: runner.run(life.__aexit__(None, None, None)))
+        arm = Actor(stack.enter_context(stage(endpoint)), "arm")
+        obey(arm)
+        said = Description(
+            version=WIRE_VERSION, robot="arm", incarnation=arm.incarnation, title="An arm", urdf=ARM, joints=JOINTS,
+            rate_hz=100, annotations=TURTLE_PREFIXES + POSE, capabilities=("move", "follow", "stop"),
+            layout=layout(len(JOINTS), False),
+        )  # fmt: skip
+        arm.appear(encode(said)).stand(0.1, 0.1, 0.1, 0.1)
+        base = f"http://127.0.0.1:{port}"
+        client = httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url=base, timeout=60)
+        made = Gateway(runner, client)
+        stack.callback(lambda: runner.run(client.aclose()))
+        eventually(lambda: made.ask("GET", "/arm/", accept=TURTLE).status_code == 200, "the arm")
+        for accept in ACCEPTED:  # what is loaded or compiled once is no body's doing
+            made.ask("GET", "/arm/", accept=accept)
+        runner.run(asyncio.to_thread(import_module, "pyshacl"))
+        with timed_callbacks(made.note):
+            for each in (*ENDPOINTS, QUERIES, LOGIN):
+                made.ask(each.method, each.path, b"x", content_type="text/turtle")
+            yield made
+
+
+def _too_long(gateway: Gateway, attack: Attack, accept: str) -> str:
+    """Empty unless a callback was too long, or the answer is none that a body may have."""
+    end = attack.endpoint
+    fields = {"content_type": attack.media_type, "accept": accept, "prefer": "return=representation"}
+    used_s, answer = gateway.cost_s(end.method, end.path, attack.body, **fields)
+    what = f"{attack.family} ({attack.media_type}, {len(attack.body)} bytes): {answer.status_code}"
+    if answer.status_code >= 500 and answer.status_code != 503:
+        return f"{what} {answer.text[:300]}"
+    return f"{what} took {used_s * 1000:.1f} ms" if used_s >= MOST_S else ""
+
+
+_AT = [each for each in ENDPOINTS if each.path.rpartition("/")[2] in ("rotate", "annotations", "objects")]
+
+
+@pytest.mark.parametrize("endpoint", _AT, ids=lambda each: each.path)
+def test_no_syntax_keeps_the_loop_busy(gateway: Gateway, endpoint: Endpoint) -> None:
+    """Whatever fills a body of the allowed size in whichever syntax, no callback uses more than 25 ms."""
+    assert [wrong for each in attacks(endpoint) if (wrong := _too_long(gateway, each, "*/*"))] == []
+
+
+@pytest.mark.parametrize("endpoint", (*ENDPOINTS, QUERIES, LOGIN), ids=lambda each: each.path)
+def test_no_content_keeps_the_loop_busy(gateway: Gateway, endpoint: Endpoint) -> None:
+    """Bodies that say as much as they may, right or wrong, with the answer in each media type."""
+    own = attacks(endpoint, syntaxes=False)
+    accepted = ACCEPTED if endpoint in ENDPOINTS else ("*/*",)
+    found = [_too_long(gateway, each, accept) for each in own for accept in accepted]
+    assert list(filter(None, found)) == []
+
+
+@pytest.mark.parametrize("accept", [each for each in ACCEPTED if "problem" not in each])
+def test_what_was_put_keeps_no_reader_waiting(gateway: Gateway, accept: str) -> None:
+    """The robot with as many annotations as it may have, and they themselves, as any media type."""
+    (put,) = [each for each in ENDPOINTS if each.path == "/arm/annotations"]
+    for attack in attacks(put, syntaxes=False):
+        status = gateway.ask("PUT", put.path, attack.body, content_type=TURTLE).status_code
+        assert status in (204, 400, 422), attack.family
+        for path in ("/arm/", put.path):
+            used_s, answer = gateway.cost_s("GET", path, accept=accept)
+            assert answer.status_code in (200, 406)
+            assert used_s < MOST_S, f"{path} with {attack.family} as {accept}: {used_s * 1000:.1f} ms"
+
+
+def test_the_context_that_froze_a_gateway_is_refused(gateway: Gateway) -> None:
+    """6.4 kB that kept the loop busy for ten seconds, and a stop with it."""
+    context = {"a": {"@id": "http://a/", "@context": ["/context"] * 200}}
+    body = json.dumps({"@context": context, "x": [{"a": {"a": 1}}] * 300}).encode()
+    used_s, answer = gateway.cost_s("POST", "/arm/pan/subscriptions", body, content_type=JSON_LD)
+    assert (answer.status_code, "scoped @context" in answer.json()["detail"]) == (400, True), answer.text
+    assert used_s < MOST_S
+
+
+def test_a_mesh_of_as_many_triangles_as_there_may_be_is_taken(gateway: Gateway) -> None:
+    """10,000 triangles in Base64, which a parser reads as one literal of 667 kB."""
+    (post,) = [each for each in ENDPOINTS if each.path == "/world/objects"]
+    (mesh,) = [each for each in attacks(post, syntaxes=False) if each.family == "mesh"]
+    used_s, answer = gateway.cost_s(post.method, post.path, mesh.body, content_type=TURTLE)
+    assert answer.status_code == 201, answer.text
+    assert used_s < MOST_S
+
+
+@pytest.mark.parametrize("path", ["/arm/title", "/arm/pan/actions/rotate", "/arm/pan/targetRotation"])
+@pytest.mark.parametrize("body", [b'{"value": "\\ud800"}', b'{"\\ud800": "x"}'])
+@pytest.mark.parametrize("media_type", ["application/json", JSON_LD])
+def test_half_a_surrogate_pair_is_malformed(gateway: Gateway, path: str, body: bytes, media_type: str) -> None:
+    """As a value and as the name of a member, in plain JSON and in JSON-LD."""
+    answer = gateway.ask("PUT", path, body, content_type=media_type)
+    assert (answer.status_code, "half of a surrogate pair" in answer.json()["detail"]) == (400, True), answer.text
