@@ -247,7 +247,8 @@ class MisdirectedRequest(FleetError):
 
 
 class UnprocessableContent(FleetError):
-    """The body is well-formed but breaks a shape: ``report`` is the SHACL report, ``constraint`` where the shape is."""
+    """The body is well-formed but breaks a shape: ``report`` is the SHACL report, ``constraint`` where the shape is,
+    ``unused`` the statements of the body that nothing would have used."""
 
     status, code, title = 422, "unprocessable-content", "The content breaks a constraint"
 
@@ -257,16 +258,19 @@ class UnprocessableContent(FleetError):
         *,
         report: Sequence[Triple] | None = None,
         constraint: str | None = None,
+        unused: Sequence[str] = (),
         headers: Mapping[str, str] | None = None,
     ) -> None:
         # LDP 4.2.1.6: a constraint failure links to the constraints that it broke
         link = {"Link": f'<{constraint}>; rel="{LDP.constrainedBy.value}"'} if constraint else {}
         super().__init__(detail, headers={**link, **(headers or {})}, report=report)
         self.constraint = constraint
+        self.unused = list(unused)
 
     @property
     def members(self) -> Members:
-        return {"constraint": self.constraint} if self.constraint else {}
+        known: Members = {"constraint": self.constraint} if self.constraint else {}
+        return known | ({"unused": self.unused} if self.unused else {})
 
 
 class OutOfReach(UnprocessableContent):

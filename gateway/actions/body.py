@@ -8,12 +8,12 @@ from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, seriali
 from gateway.errors import UnprocessableContent
 from gateway.graph.build import Node
 from gateway.graph.invocation import ROOT
-from gateway.graph.judge import reachable
 from gateway.graph.kinds import UNITS
-from gateway.graph.vocab import LF, MATHS, VOM
+from gateway.graph.unused import subjects
+from gateway.graph.vocab import HYBRIT, LDP, LF, MATHS, PROV, RDF, ROS, SH, SOSA, SPATIAL, VOM
 
 _MAX_REMEMBERED = 32 * 1024  # characters; what is longer is carried out, and not shown with the invocation
-_TERMS = (VOM.iri, MATHS.iri, LF.iri)
+_OURS = tuple(each.iri for each in (HYBRIT, LDP, LF, MATHS, PROV, ROS, SH, SOSA, SPATIAL, VOM))
 _NOT_ZERO = re.compile(r"[^eE]*[1-9]")  # a digit before the exponent
 
 
@@ -63,21 +63,37 @@ class Body:
         return value
 
 
-def written(body: Body) -> str:
-    """What the body says of its root and of the blank nodes below in terms of actions, as N-Triples about ``_:input``.
+def own_part(triples: Sequence[Triple], root: Node) -> list[Triple]:
+    """What a body says of its root, and of the blank nodes that this leads to."""
+    by_subject = subjects(triples)
+    found: list[Triple] = []
+    pending, done = [root], set[Node]()
+    while pending:
+        node = pending.pop()
+        if node in done:
+            continue
+        done.add(node)
+        found += by_subject.get(node, ())
+        pending += [t.object for t in by_subject.get(node, ()) if isinstance(t.object, BlankNode)]
+    return found
 
-    Nothing when it is too long to keep. What it says besides, or of other resources, is not for us to repeat.
+
+def written(body: Body) -> str:
+    """What the body says of its root and of the blank nodes below, as N-Triples about ``_:input``.
+
+    Nothing when it is too long to keep. Types of our own vocabularies are left out: they follow from where a node is,
+    and would have whoever validates take a part of an input for a thing.
     """
 
     def own(term: object) -> object:
         return ROOT if term == body.root else term
 
-    about = [
-        triple
-        for triple in reachable(body.triples, body.root)
-        if triple.predicate.value.startswith(_TERMS)
-        and (triple.subject == body.root or isinstance(triple.subject, BlankNode))
-    ]
+    about = [triple for triple in own_part(body.triples, body.root) if not _is_type(triple)]
     written = serialize([Triple(*map(own, triple)) for triple in about], format=RdfFormat.N_TRIPLES)  # type: ignore[arg-type]
     assert written is not None  # nothing is written to a file
     return written.decode() if len(written) <= _MAX_REMEMBERED else ""
+
+
+def _is_type(triple: Triple) -> bool:
+    value = triple.object
+    return triple.predicate == RDF.type and isinstance(value, NamedNode) and value.value.startswith(_OURS)

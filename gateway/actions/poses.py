@@ -21,7 +21,8 @@ def poses(robot: Robot) -> Mapping[str, Mapping[str, float]]:
     """Positions (rad or m) by joint, by the title of the pose. Poses that the robot cannot take are left out."""
     if robot.model is None:
         return {}
-    named = _read(robot.annotations)
+    agents, clients = map(read_poses, robot.annotations)
+    named = {**clients, **agents}  # no client takes a pose away from the robot
     return {title: targets for title, targets in named.items() if _possible(robot, targets)}
 
 
@@ -37,7 +38,8 @@ def _possible(robot: Robot, targets: Mapping[str, float]) -> bool:
 
 
 @lru_cache(maxsize=256)
-def _read(annotations: str) -> Mapping[str, Mapping[str, float]]:
+def read_poses(annotations: str) -> Mapping[str, Mapping[str, float]]:
+    """Positions by joint, by title, of one layer of annotations."""
     try:
         triples = parse(annotations.encode(), "text/turtle", _BASE)
     except ParseError:  # ``annotate`` has said so in the log

@@ -12,6 +12,9 @@ from gateway.fleet.lease import Lease
 from gateway.fleet.model import ModelError, Pose, RobotModel
 from gateway.fleet.observation import Observation, Observations
 
+Annotations = tuple[str, str]
+"""Turtle whose base is the IRI of the robot: what its agent says, and what clients say besides."""
+
 
 @dataclass(slots=True)
 class _Derived:
@@ -65,10 +68,9 @@ class Robot:
         return self.settings.get("title") or said or self.name
 
     @property
-    def annotations(self) -> str:
-        """Turtle whose base is the IRI of the robot: what clients have set, or else what its agent says."""
+    def annotations(self) -> Annotations:
         said = self.description.annotations if self.description is not None else ""
-        return self.settings.get("annotations", said)
+        return said, self.settings.get("annotations", "")
 
     @property
     def speed_scale(self) -> float:

@@ -11,6 +11,7 @@ from pyoxigraph import Literal, NamedNode, Triple
 from gateway.errors import UnprocessableContent
 from gateway.graph.build import Graph, Node, integer, number, timestamp
 from gateway.graph.shapes import load
+from gateway.graph.unused import Terms, refuse, unused
 from gateway.graph.validation import check_lexical_forms, focused, from_rdflib, root, targeted, validate
 from gateway.graph.vocab import DCTERMS, HTTP, HYBRIT, LDP, LF, METHODS, RDF, RDFS, SH, XSD
 from gateway.lazily import Lazily
@@ -49,7 +50,13 @@ _SHOWN = (
     LF.reason,
     HYBRIT.action,
     HYBRIT.blueprint,
+    DCTERMS.identifier,
+    DCTERMS.title,
+    DCTERMS.created,
+    RDFS.seeAlso,
 )
+"""What the gateway alone manages of a subscription, and so ignores in a body (LDP 4.2.4.1)."""
+_OF_CONTAINER = (RDF.type, LDP.contains, LDP.constrainedBy, DCTERMS.title, RDFS.seeAlso, LF.vocabulary)
 _READ_TYPES = {HYBRIT.Subscription, *(each for types in _TYPES.values() for each in types)}
 
 
@@ -172,12 +179,12 @@ def _decimal(value: float) -> Literal:
 def requested(body: Sequence[Triple], container_iri: str, base: str) -> Request:
     """What ``body`` asks of the container; UnprocessableContent, with the report, if the published shape refuses it."""
     focus = _focus(body, NamedNode(container_iri))
-    _check_terms(body, focus, container_iri)
     about = _about(body, focus)
     check_lexical_forms(about, container_iri)
     conforms, report = validate(focused(about), _guard())
     if not conforms:
         raise _refusal(report, container_iri)
+    refuse(_left(body, focus, NamedNode(container_iri)), container_iri)
     stated = {HYBRIT.callbackURL if t.predicate in _CALLBACKS else t.predicate: _text(t) for t in about}
     resource, secret = stated[HYBRIT.onResource], stated.get(LF.secret, "")
     if not resource.startswith(base + "/"):
@@ -210,20 +217,16 @@ def _focus(body: Sequence[Triple], container: NamedNode) -> Node:
     return root(body, container)
 
 
-def _check_terms(body: Sequence[Triple], focus: Node, container_iri: str) -> None:
-    """A misspelt option would be none, a misspelt callback a stream. Terms of other vocabularies are their business."""
-    terms = {t.object if t.predicate == RDF.type else t.predicate for t in body if t.subject == focus}
-    strange = [
-        term.value
-        for term in terms - _READ_TYPES - {*_READ, *_SHOWN}
-        if isinstance(term, NamedNode) and term.value.startswith((HYBRIT.iri, LF.iri))
-    ]
-    if strange:
-        known = ", ".join(f"<{term.value}>" for term in _READ)
-        raise UnprocessableContent(
-            f"Nothing that a subscription can say is <{min(strange)[:200]}>; there are {known}.",
-            constraint=container_iri,
-        )
+def _left(body: Sequence[Triple], focus: Node, container: NamedNode) -> list[Triple]:
+    """What is not used, but for what the container says of itself, with which Figure 4 may be posted."""
+    left = unused(body, focus, _terms())
+    return [t for t in left if t.subject != container or t.subject == focus or t.predicate not in _OF_CONTAINER]
+
+
+@cache
+def _terms() -> Terms:
+    """What the shape speaks of, and what a subscription shows: its description may be posted to make another one."""
+    return Terms.of(load("subscriptions.ttl"), LF.SubscriptionShape).also(*_SHOWN, types=_READ_TYPES)
 
 
 def _about(body: Sequence[Triple], focus: Node) -> list[Triple]:

@@ -29,6 +29,7 @@ _INTEGER = re.compile(r"[ \t\r\n]*[+-]?[0-9]+[ \t\r\n]*")
 _DECIMAL = re.compile(r"[ \t\r\n]*[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)[ \t\r\n]*")
 _FLOAT = re.compile(r"[ \t\r\n]*[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?[ \t\r\n]*")
 _LEXICAL = {XSD.decimal: _DECIMAL, XSD.float: _FLOAT, XSD.double: _FLOAT}
+_XML_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]*\Z")
 FOCUS = NamedNode("urn:linked-fleet:body")
 
 
@@ -47,6 +48,16 @@ def root(body: Sequence[Triple], request: NamedNode) -> Node:
             constraint=request.value,
         )
     return roots[0]  # type: ignore[return-value]
+
+
+def check_writable(triples: Sequence[Triple], constraint: str) -> None:
+    """UnprocessableContent for a predicate that RDF/XML has no name for: who reads that could not read it back."""
+    unwritable = [t.predicate.value for t in triples if not _XML_NAME.search(t.predicate.value)]
+    if unwritable:
+        raise UnprocessableContent(
+            f"RDF/XML cannot say <{unwritable[0][:200]}>: a predicate ends in a name, such as label or isOwnedBy.",
+            constraint=constraint,
+        )
 
 
 def check_lexical_forms(body: Sequence[Triple], constraint: str) -> None:

@@ -44,7 +44,8 @@ LDP = Namespace(
 SH = Namespace(
     "http://www.w3.org/ns/shacl#",
     "NodeShape property path targetClass targetNode minCount maxCount datatype minInclusive"
-    " minExclusive maxInclusive maxExclusive minLength maxLength nodeKind IRI in hasValue or node name description"
+    " minExclusive maxInclusive maxExclusive minLength maxLength nodeKind IRI in hasValue or and class alternativePath"
+    " node name description"
     " SPARQLSelectExecutable select"
     " result focusNode resultPath value resultMessage sourceConstraintComponent",
 )

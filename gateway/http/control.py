@@ -2,9 +2,11 @@
 
 from typing import TYPE_CHECKING
 
+from pyoxigraph import Triple
 from starlette.requests import Request
 from starlette.responses import Response
 
+from gateway.actions.body import Body
 from gateway.actions.memory import Memory
 from gateway.actions.service import Actions
 from gateway.errors import BadRequest, NotFound
@@ -12,6 +14,7 @@ from gateway.graph.affordance import Control, PutSetting
 from gateway.graph.paths import lease_path
 from gateway.graph.resource import Resource
 from gateway.graph.setting import Setting, judged
+from gateway.graph.unused import shown
 from gateway.graph.vocab import LF
 from gateway.http.body import FORM_TYPES, body_type, parse_body, parse_form, read_as
 from gateway.http.invoke import lock_token, refuse_rehearsal
@@ -38,9 +41,13 @@ async def control(request: Request, afforded: Control, base: str) -> Response:
         return Response(status_code=204)
     iri = base + lease_path(robot.name)
     media_type = body_type(request)
-    body = await read_as(
-        request, lambda content: judged(parse_body(content, media_type, iri, base), LF.ControlLeaseInput, iri)
-    )
+    lease = tree_of(request, base).resolve(lease_path(robot.name))
+    present = shown(lease.describe) if isinstance(lease, Resource) else frozenset()
+
+    def read(content: bytes) -> Body:
+        return judged(parse_body(content, media_type, iri, base), LF.ControlLeaseInput, iri, present)
+
+    body = await read_as(request, read)
     holder, duration_s = body.text(body.root, LF.holder), body.number(body.root, LF.leaseDuration)
     assert holder is not None and duration_s is not None
     _, proof = await memory.take(robot, holder, duration_s, token)
@@ -56,26 +63,22 @@ async def put_setting(request: Request, afforded: PutSetting, base: str) -> Resp
     memory = _memory(request)
     refuse_rehearsal(request)
     setting = afforded.setting
-    value = None
-    if request.method == "PUT":
-        value = await _read_setting(request, setting, base)
+    triples = await _read_setting(request, setting, base) if request.method == "PUT" else None
     while True:
         # Each time, because the value may have changed while the body was on its way, or at another gateway.
         present = tree_of(request, base).resolve(setting.path)
-        if isinstance(present, Resource):
-            check_preconditions(request, present, base)
+        assert isinstance(present, Resource)  # no robot is forgotten while its settings are written
+        check_preconditions(request, present, base)
+        value = None if triples is None else setting.admit(triples, base, shown(present.describe))
         if await memory.configure(setting.robot, setting.name, value, lock_token(request)):
             return Response(status_code=204)
 
 
-async def _read_setting(request: Request, setting: Setting, base: str) -> str:
-    """What is to be remembered; UnprocessableContent."""
+async def _read_setting(request: Request, setting: Setting, base: str) -> list[Triple]:
     iri, shape = base + setting.path, setting.shape
     if shape is None:
         media_type = body_type(request)
-        return await read_as(
-            request, lambda body: setting.admit(parse_body(body, media_type, iri, base, MAX_ANNOTATION_TRIPLES), base)
-        )
+        return await read_as(request, lambda body: parse_body(body, media_type, iri, base, MAX_ANNOTATION_TRIPLES))
 
     def form() -> "Form":
         from gateway.things.schema import form_of
@@ -83,4 +86,4 @@ async def _read_setting(request: Request, setting: Setting, base: str) -> str:
         return form_of(shape)
 
     media_type = body_type(request, FORM_TYPES)
-    return await read_as(request, lambda body: setting.admit(parse_form(body, media_type, iri, base, form), base))
+    return await read_as(request, lambda body: parse_form(body, media_type, iri, base, form))

@@ -28,6 +28,7 @@ from gateway.graph.in_view import InvocationsInView
 from gateway.graph.invocation import describe_rehearsal, invocation_path
 from gateway.graph.judge import reachable
 from gateway.graph.resource import Resource
+from gateway.graph.unused import Terms, refuse, shown, unused
 from gateway.graph.validation import root
 from gateway.graph.vocab import LF
 from gateway.http.body import FORM_TYPES, body_type, parse_form, read_as
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
     from gateway.things.schema import Form
 
 MAX_BODY_BYTES, MAX_TRIPLES = 256 * 1024, 5_000  # of a trajectory: seven joints at some two hundred times
+_TARGET = Terms({LF.value: Terms()})
 _KEY = re.compile(r'"([\x20\x21\x23-\x5b\x5d-\x7e]{1,255})"|([!-~]{1,255})')
 _TOKEN = re.compile(r"<?(urn:uuid:[0-9a-f-]{36})>?")
 
@@ -67,7 +69,9 @@ async def put_target(request: Request, afforded: PutTarget, base: str) -> Respon
     iri = base + request.scope["path"]
     _trace(offer, iri.rpartition("/")[2])
     prefer = _prefer(request, offer, base)
-    read = partial(_read_target, offer, body_type(request, FORM_TYPES), iri, base)
+    present = tree_of(request, base).resolve(request.scope["path"])
+    seen = shown(present.describe if isinstance(present, Resource) else None)
+    read = partial(_read_target, offer, body_type(request, FORM_TYPES), iri, base, seen)
     admitted = await read_as(request, read, MAX_BODY_BYTES)
     return await _carry_out(request, offer, admitted, moment, prefer, base)
 
@@ -150,7 +154,9 @@ def _read_input(offer: Offer, media_type: str, base: str, content: bytes) -> _Ad
     return _admitted(offer, content, parse_form(content, media_type, base + offer.path, base, form, MAX_TRIPLES), base)
 
 
-def _read_target(offer: Offer, media_type: str, iri: str, base: str, content: bytes) -> _Admitted:
+def _read_target(
+    offer: Offer, media_type: str, iri: str, base: str, seen: frozenset[Triple], content: bytes
+) -> _Admitted:
     triples = parse_form(content, media_type, iri, base, partial(_target_form, offer, base), MAX_TRIPLES)
     focus = root(triples, NamedNode(iri))
     values = {t.object for t in triples if t.subject == focus and t.predicate == LF.value}
@@ -158,6 +164,8 @@ def _read_target(offer: Offer, media_type: str, iri: str, base: str, content: by
         raise UnprocessableContent(f"The body has {len(values)} values of lf:value; one is put.", constraint=iri)
     (value,) = values
     action, about = NamedNode(base + offer.path), reachable(triples, value)  # type: ignore[arg-type]
+    others = set(unused(triples, focus, _TARGET, seen)).difference(about)
+    refuse([triple for triple in triples if triple in others], f"{iri}/blueprint")
     moved = [Triple(action if t.subject == value else t.subject, t.predicate, t.object) for t in about]
     return _admitted(offer, content, moved, base)
 

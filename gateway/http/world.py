@@ -1,17 +1,21 @@
 """Objects of the world over HTTP, and poses in the frames that a query names."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from urllib.parse import unquote
 
+from pyoxigraph import Literal, Triple
 from starlette.requests import Request
 from starlette.responses import Response
 
 from gateway.errors import BadRequest, NotFound
 from gateway.graph.resource import Resource
+from gateway.graph.unused import shown
 from gateway.graph.vocab import LF
 from gateway.http.body import body_type, parse_body, read_as
 from gateway.http.invoke import refuse_rehearsal
+from gateway.http.offload import Offload
 from gateway.http.preconditions import check_preconditions
 from gateway.http.rights import tree_of
 from gateway.world.body import read_object
@@ -30,7 +34,7 @@ _LONGEST_NAMED = 200
 async def post_object(request: Request, afforded: PostObject, base: str) -> Response:
     """201 with Location."""
     refuse_rehearsal(request)
-    thing = await _read(request, base + OBJECTS, base, None)
+    thing = read_object(await _read(request, base + OBJECTS, base), base + OBJECTS, base + WORLD)
     id = await _world(request).objects.add(thing)
     return Response(status_code=201, headers={"location": base + object_path(id), "cache-control": "no-store"})
 
@@ -38,27 +42,38 @@ async def post_object(request: Request, afforded: PostObject, base: str) -> Resp
 async def put_object(request: Request, afforded: PutObject, base: str) -> Response:
     """204: replaced, or taken away."""
     refuse_rehearsal(request)
-    objects, path, thing = _world(request).objects, object_path(afforded.id), None
-    if request.method == "PUT":
-        thing = await _read(request, base + path, base, objects.known.get(afforded.id))
+    objects, path = _world(request).objects, object_path(afforded.id)
+    triples = await _read(request, base + path, base) if request.method == "PUT" else None
     while True:
         # Each time, because it may have changed, or gone, while the body was on its way, or at another gateway.
         present = tree_of(request, base).resolve(path)
         if not isinstance(present, Resource):
             raise NotFound("Somebody has taken the object away meanwhile.")
         check_preconditions(request, present, base)
+        known = objects.known[afforded.id]
+        thing = None if triples is None else await _changed(request, triples, present, known, base)
         if await objects.change(afforded.id, thing):
             return Response(status_code=204)
 
 
-async def _read(request: Request, iri: str, base: str, present: SceneObject | None) -> SceneObject:
+async def _read(request: Request, iri: str, base: str) -> list[Triple]:
     media_type = body_type(request)
 
-    def read(content: bytes) -> SceneObject:
-        triples = parse_body(content, media_type, iri, base, _MAX_TRIPLES, {LF.stl: MAX_BODY_BYTES})
-        return read_object(triples, iri, base + WORLD, present)
+    def read(content: bytes) -> list[Triple]:
+        return parse_body(content, media_type, iri, base, _MAX_TRIPLES, {LF.stl: MAX_BODY_BYTES})
 
     return await read_as(request, read, MAX_BODY_BYTES)
+
+
+async def _changed(
+    request: Request, triples: Sequence[Triple], resource: Resource, present: SceneObject | None, base: str
+) -> SceneObject:
+    """The object that a body describes, read in a thread if it has a mesh; UnprocessableContent, Busy."""
+    seen = shown(resource.describe)
+    read = partial(read_object, triples, base + resource.path, base + WORLD, present, seen)
+    offload: Offload = request.app.state.offload
+    meshes = [each.object for each in triples if each.predicate == LF.stl]
+    return await offload.run(read, sum(len(each.value) for each in meshes if isinstance(each, Literal)))
 
 
 def posed(request: Request, resource: Resource, asked: AskPose, base: str) -> Resource:

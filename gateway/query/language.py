@@ -181,8 +181,6 @@ def _projected(tokens: list[Token]) -> Iterator[str]:
 
 
 def _dataset(text: str, tokens: list[Token], base: str) -> Dataset:
-    if sum(each.word in ("BASE", "PREFIX", "FROM") for each in tokens) > MAX_DECLARATIONS:
-        raise PayloadTooLarge(f"The query has more than {MAX_DECLARATIONS} of BASE, PREFIX and FROM.")
     base, prefixes = _declared(tokens, base)
     default: list[str] = []
     named: list[str] = []
@@ -195,7 +193,9 @@ def _dataset(text: str, tokens: list[Token], base: str) -> Dataset:
 
 
 def _declared(tokens: list[Token], base: str) -> tuple[str, dict[str, str]]:
-    """What relative IRIs are resolved against, and the namespaces by prefix."""
+    """The IRI that relative ones are resolved against, and the namespaces by prefix; PayloadTooLarge."""
+    if sum(each.word in ("BASE", "PREFIX", "FROM") for each in tokens) > MAX_DECLARATIONS:
+        raise PayloadTooLarge(f"The query has more than {MAX_DECLARATIONS} of BASE, PREFIX and FROM.")
     prefixes: dict[str, str] = {}
     for index, each in enumerate(tokens):
         rest = tokens[index + 1 : index + 3]

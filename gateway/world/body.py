@@ -11,14 +11,32 @@ from gateway.errors import UnprocessableContent
 from gateway.fleet.model import Pose
 from gateway.graph.build import Node
 from gateway.graph.setting import judged
+from gateway.graph.unused import refuse
 from gateway.graph.vocab import DCTERMS, LF, RDF
 from gateway.world.placement import read_pose, read_vector
 from gateway.world.scene import FARTHEST_M, Box, Cylinder, Geometry, Kind, SceneObject, Sphere, TriangleMesh, read_stl
 
+_SAID_OF: dict[Node, tuple[NamedNode, ...]] = {
+    LF.Box: (LF.size,),
+    LF.Sphere: (LF.radius,),
+    LF.Cylinder: (LF.radius, LF.length),
+    LF.TriangleMesh: (LF.stl, LF.mesh),
+}
+"""What is used of each form of geometry."""
 
-def read_object(triples: Sequence[Triple], iri: str, world: str, present: SceneObject | None = None) -> SceneObject:
-    """An object to be put at ``iri``, in place of ``present``; UnprocessableContent says what would have been right."""
-    body = judged(triples, LF.SceneObjectInput, iri)
+
+def read_object(
+    triples: Sequence[Triple],
+    iri: str,
+    world: str,
+    present: SceneObject | None = None,
+    described: frozenset[Triple] = frozenset(),
+) -> SceneObject:
+    """An object to be put at ``iri``, in place of ``present``, of which ``described`` is the description.
+
+    UnprocessableContent says what would have been right.
+    """
+    body = judged(triples, LF.SceneObjectInput, iri, described)
     frames = body.nodes(body.root, LF.inFrame)
     if any(each != NamedNode(world) for each in frames):
         raise UnprocessableContent(f"Objects stand in the frame of the world: lf:inFrame is <{world}>, or left out.")
@@ -28,8 +46,19 @@ def read_object(triples: Sequence[Triple], iri: str, world: str, present: SceneO
     title, geometry, pose = body.text(body.root, DCTERMS.title), body.node(body.root, LF.geometry), read_pose(body)
     assert title is not None and geometry is not None
     _check_near(pose)
+    _check_form(body, geometry, iri, present)
     kind: Kind = "zone" if LF.KeepOutZone in types else "obstacle"
     return SceneObject(title=title, kind=kind, pose=pose, geometry=_geometry(body, geometry, iri, present))
+
+
+def _check_form(body: Body, node: Node, iri: str, present: SceneObject | None) -> None:
+    """The shape of geometries knows what any form of them has."""
+    form = body.node(node, RDF.type)
+    assert form is not None
+    other = {each for said in _SAID_OF.values() for each in said}.difference(_SAID_OF[form])
+    if present is None or any(each != NamedNode(iri + "/mesh") for each in body.nodes(node, LF.mesh)):
+        other.add(LF.mesh)
+    refuse([t for t in body.triples if t.subject == node and t.predicate in other], f"{iri}/blueprint")
 
 
 def _check_near(pose: Pose) -> None:

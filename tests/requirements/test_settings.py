@@ -149,6 +149,39 @@ def test_annotations_are_replaced_as_they_were_read(pair: tuple[Gateway, Gateway
     assert one.get(url).text == before.text
 
 
+def test_clients_cannot_lose_what_the_robot_says(pair: tuple[Gateway, Gateway]) -> None:
+    """PUT replaces what clients said, DELETE takes it away; comments and named poses of the agent stay all along."""
+    one, _ = pair
+    url = _setting(one.browser, LF.annotations).url
+    assert one.browser.http.delete(url).status_code == 204
+    agents = one.get(url).text
+    poses = _offered_poses(one.browser)
+    assert poses
+    assert put(one.browser, url, _RDFS + PREFIXES + _POSE).status_code == 204
+    assert _offered_poses(one.browser) == {*poses, "tucked"}
+    assert put(one.browser, url, '<./> <http://example.org/colour> "red" .').status_code == 204
+    assert _offered_poses(one.browser) == poses
+    assert '"red"' in one.get(url).text
+    assert one.browser.http.delete(url).status_code == 204
+    assert one.get(url).text == agents
+
+
+def _offered_poses(browser: Browser) -> set[str]:
+    robot = browser.robot("ur5")
+    return {str(robot.graph.value(pose, DCTERMS.title)) for pose in robot.graph.objects(robot.iri, LF.namedPose)}
+
+
+def test_what_annotations_would_lose_is_refused(pair: tuple[Gateway, Gateway]) -> None:
+    """422 that names the statement and links the constraint; the annotations stay."""
+    one, _ = pair
+    setting = _setting(one.browser, LF.annotations)
+    answer = put(one.browser, setting.url, "<./> <http://example.org/p> 1 . <http://example.org/hall> <urn:x:p> 3 .")
+    assert problem(answer) == (422, "unprocessable-content")
+    assert "example.org/hall" in answer.json()["detail"]
+    assert answer.links["http://www.w3.org/ns/ldp#constrainedBy"]["url"] == f"{setting.url}/blueprint"
+    assert one.get(setting.url).text == setting.response.text
+
+
 @pytest.mark.parametrize(
     "said",
     [
@@ -286,7 +319,7 @@ def test_what_can_be_put_says_so(pair: tuple[Gateway, Gateway]) -> None:
         allow, types = (f"{_READ}, PUT", _TYPES) if url in settable else (_READ, None)
         if types and url != str(robot.one(LF.annotations)):  # of which nobody knows what members would mean
             types += ", application/json"
-        allow += ", DELETE" if url == str(robot.one(LF.placement)) else ""
+        allow += ", DELETE" if url in {str(robot.one(each)) for each in (LF.annotations, LF.placement)} else ""
         assert [(each["allow"], each.get("accept-put")) for each in fields] == 2 * [(allow, types)], url
         if url not in settable:
             answer = one.browser.http.put(url, content=_scalar(1), headers=TURTLE)

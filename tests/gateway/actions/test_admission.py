@@ -7,6 +7,7 @@ from pyoxigraph import NamedNode
 from shacl_findings import pyshacl_finds
 
 from gateway.actions.admission import admit
+from gateway.actions.body import written
 from gateway.errors import UnprocessableContent
 from gateway.graph.compiled import Data, compile_shape
 from gateway.graph.judge import Judge
@@ -52,13 +53,15 @@ def test_joints_of_a_new_description_guard_at_once(bench: Any) -> None:
 
 
 def test_new_annotations_guard_at_once(bench: Any) -> None:
-    """Poses that clients name can be assumed, those that they took away cannot."""
+    """Poses that clients name can be assumed, those that they took away cannot; the agent's always can."""
     bench.robot(_elbow(), annotations=_named("agents"))
     bench.body("/r/actions/assumePose", '<> lf:poseName "agents" .')
     bench.fleet.configure("r", {"annotations": bench.prefixed(_named("clients"))})
-    bench.body("/r/actions/assumePose", '<> lf:poseName "clients" .')
+    for name in ("agents", "clients"):
+        bench.body("/r/actions/assumePose", f'<> lf:poseName "{name}" .')
+    bench.fleet.configure("r", {})
     with pytest.raises(UnprocessableContent, match="agents"):
-        bench.body("/r/actions/assumePose", '<> lf:poseName "agents" .')
+        bench.body("/r/actions/assumePose", '<> lf:poseName "clients" .')
 
 
 def test_robots_of_one_model_have_their_own_guards(bench: Any) -> None:
@@ -89,13 +92,54 @@ def test_a_refusal_says_what_and_where(bench: Any) -> None:
     assert NamedNode(bench.base + _ROTATE) in {t.object for t in error.report if t.predicate == SH.focusNode}
 
 
-def test_what_the_shape_does_not_cover_is_ignored(bench: Any) -> None:
-    """Other predicates, other subjects, and the resource itself as a predicate (paper, 5.4)."""
+def test_other_vocabularies_are_kept_with_the_input(bench: Any) -> None:
+    """Of the root and the blank nodes below: the shape does not judge them (paper, 5.4), the invocation shows them."""
     bench.robot(_elbow())
-    more = "; <> <> , 1 ; <http://example.org/p> [ lf:speed 1 ] . <x> vom:numericalValue 100 ."
+    more = '; <http://example.org/why> [ <http://example.org/ticket> 17 ] ; rdfs:comment "to the left" .'
     body = bench.body(_ROTATE, _ONE.replace(" .", more))
     assert body.quantity(body.root) == 1
+    assert all(word in written(body) for word in ("_:input", "ticket", "17", "to the left", "numericalValue"))
     assert bench.body(_ROTATE, _ONE.replace("<>", "[]")).root != NamedNode(bench.base + _ROTATE)
+
+
+@pytest.mark.parametrize(
+    ("path", "said"),
+    [
+        (_ROTATE, "lf:speedScal 0.1"),
+        (_ROTATE, "<http://w3id.org/linked-fleet#speedScale> 0.1"),
+        (_ROTATE, "lf:speed [ vom:numericalValue 1 ; vom:unit unit:RAD-PER-SEC ; lf:scale 0.1 ]"),
+        (_ROTATE, "qudt:unit unit:DEG"),
+        (_ROTATE, "hybrit:speed 1"),
+        (_ROTATE, "a lf:SlowRotation"),
+        (_ROTATE, "<http://example.org/p> [ lf:speed 1 ]"),
+        (_ROTATE, "lf:waypoint [ lf:atTime 3 ]"),
+        ("/r/actions/moveJoints", "lf:speed [ vom:numericalValue 1 ; vom:unit unit:RAD-PER-SEC ]"),
+        ("/r/actions/moveJoints", "vom:numericalValue 1"),
+    ],
+)
+def test_what_our_vocabularies_say_in_vain_is_refused(bench: Any, path: str, said: str) -> None:
+    """A misspelt option, or one of another action, is none: 422 names it, and nothing moves at full speed."""
+    bench.robot(_elbow())
+    good = _ONE if path == _ROTATE else _move("elbow")
+    bench.body(path, good)
+    with pytest.raises(UnprocessableContent, match="Nothing here uses") as caught:
+        bench.body(path, f"{good} <> {said} ." if "<>" in good else f"{good}".replace(" .", f" ; {said} ."))
+    assert caught.value.unused
+    assert caught.value.constraint == bench.base + path
+
+
+@pytest.mark.parametrize("said", ["<x> vom:numericalValue 100 .", "<x> <http://example.org/p> 1 ."])
+def test_a_body_speaks_of_no_other_resource(bench: Any, said: str) -> None:
+    """It could not be kept: what an invocation shows is about its input."""
+    bench.robot(_elbow())
+    with pytest.raises(UnprocessableContent, match="Nothing here uses"):
+        bench.body(_ROTATE, f"{_ONE} {said}")
+
+
+def test_the_unit_may_be_said_in_either_vocabulary(bench: Any) -> None:
+    """``qudt:unit`` may repeat ``vom:unit``, as the gateway's own descriptions do."""
+    bench.robot(_elbow())
+    bench.body(_ROTATE, _ONE.replace(" .", " ; qudt:unit unit:RAD ; a maths:Scalar ."))
 
 
 @pytest.mark.parametrize(

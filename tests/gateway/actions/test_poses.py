@@ -39,12 +39,16 @@ def test_poses_are_positions_by_joint_in_si(bench: Any) -> None:
     }
 
 
-def test_what_clients_set_counts_for_what_the_agent_says(bench: Any) -> None:
-    """As the setting is remembered: with IRIs relative to the robot."""
+def test_clients_add_poses_and_take_none_away(bench: Any) -> None:
+    """As the setting is remembered: with IRIs relative to the robot. A pose of the agent's stays what it is."""
     robot = bench.robot(_JOINTS, annotations=_named("agents", _GOOD))
     relative = _named("clients", _GOOD).replace("<>", "<./>").replace("<elbow>", "<./elbow>")
     bench.fleet.configure("r", {"annotations": bench.prefixed(relative)})
-    assert list(poses(robot)) == ["clients"]
+    assert poses(robot) == {"clients": {"elbow": 1.0}, "agents": {"elbow": 1.0}}
+    other = _named("agents", _GOOD.replace("numericalValue 1", "numericalValue 0.5")).replace("<elbow>", "<./elbow>")
+    assert other.count("0.5") == 1
+    bench.fleet.configure("r", {"annotations": bench.prefixed(other.replace("<>", "<./>"))})
+    assert poses(robot) == {"agents": {"elbow": 1.0}}
 
 
 @pytest.mark.parametrize(

@@ -1,20 +1,33 @@
 """What clients set of a robot: what is remembered of a body, and what is refused."""
 
 import contextlib
+import re
 
+import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyoxigraph import NamedNode
 
+from agents.wire.codec import layout
+from agents.wire.messages import Description
 from gateway.errors import UnprocessableContent
-from gateway.fleet.fleet import Appeared, Fleet
+from gateway.fleet.events import Appeared, Described
+from gateway.fleet.fleet import Fleet
+from gateway.fleet.robot import Robot
+from gateway.graph.annotation_body import MAX_ANNOTATIONS
 from gateway.graph.annotations import annotate
 from gateway.graph.build import Graph
-from gateway.graph.serialise import parse
-from gateway.graph.setting import MAX_ANNOTATIONS, Setting
+from gateway.graph.describe import Describer
+from gateway.graph.property import Seen
+from gateway.graph.serialise import parse, render
+from gateway.graph.settable import settable
+from gateway.graph.setting import Setting
 from gateway.graph.setting import settings as settings_of
+from gateway.graph.turtle import write
+from gateway.graph.unused import shown
 from gateway.graph.vocab import PREFIXES
+from gateway.http.body import BODY_TYPES
 
 _BASE, _OTHER = "http://fleet.example:8000", "https://robots.example.org"
 _PREFIXES = "".join(f"@prefix {prefix}: <{iri}> .\n" for prefix, iri in PREFIXES.items())
@@ -35,7 +48,7 @@ def _admit(name: str, turtle: str) -> str:
 def _shown(annotations: str, base: str = _BASE) -> set[tuple[object, object]]:
     """What a client that knows the fleet by ``base`` reads about the robot itself."""
     graph = Graph()
-    annotate(graph, NamedNode(f"{base}/r/"), annotations, f"{base}/r/")
+    annotate(graph, NamedNode(f"{base}/r/"), ("", annotations), f"{base}/r/")
     return {(t.predicate, t.object) for t in graph.triples if t.subject == NamedNode(f"{base}/r/")}
 
 
@@ -104,12 +117,92 @@ def test_named_poses_are_the_robots_own_to_say() -> None:
     assert "<./elbow>" in _admit("annotations", f"<./> lf:namedPose {pose} .")
 
 
-def test_annotations_are_about_the_robot() -> None:
-    """What is said of other resources is ignored; nothing at all takes the annotations away."""
-    remembered = _admit("annotations", "<./> ex:colour 'red' ; ex:of ex:thing . ex:thing ex:p 1 . <../s/> ex:p 1 .")
-    assert _shown(remembered) == _shown(remembered, _BASE)
-    assert remembered.count("\n") == 2
+def test_annotations_describe_what_the_robot_is_related_to() -> None:
+    """Blank nodes and resources outside the fleet to which its statements lead; nothing at all takes them away."""
+    said = "<./> ex:holds ex:tool, [ ex:p 1 ] . ex:tool ex:maker 'Ada' ; dcterms:title 'Gripper' ; ex:of <../s/> ."
+    remembered = _admit("annotations", said)
+    graph = Graph()
+    annotate(graph, NamedNode(f"{_BASE}/r/"), ("", remembered), f"{_BASE}/r/")
+    assert (len(graph.triples), len(_shown(remembered))) == (6, 2)
     assert _admit("annotations", "") == ""
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        "ex:thing ex:p 1 .",
+        "<../s/> ex:p 1 .",
+        "<elbow> ex:p 1 . <./> ex:has <elbow> .",
+        "[] ex:p 1 .",
+        "<> ex:p 1 .",
+        "<./> ex:as lf:Robot . lf:Robot ex:p 1 .",
+    ],
+)
+def test_what_annotations_would_lose_is_refused(more: str) -> None:
+    """Statements to which nothing leads that is said of the robot, and those about the fleet's own resources."""
+    with pytest.raises(UnprocessableContent, match="nothing uses") as caught:
+        _admit("annotations", f"<./> ex:colour 'red' . {more}")
+    assert caught.value.constraint == f"{_BASE}/r/annotations/blueprint"
+    (named,) = caught.value.unused
+    assert "<http://example.org/p>" in named
+
+
+_AGENTS = """<> rdfs:comment "made of steel" ; ex:maker [ ex:name "Ada" ; ex:at [ ex:name "Linz" ] ] ;
+  lf:namedPose [ dcterms:title "home" ;
+    lf:target [ lf:ofJoint <elbow> ; vom:numericalValue 0.5 ; vom:unit unit:RAD ] ] ."""
+
+
+def _robot_with(annotations: str) -> Robot:
+    fleet = Fleet()
+    fleet.apply(Appeared("r", 1), 1)
+    said = Description(
+        version=1, robot="r", incarnation=1, title="r", urdf="<robot/>", joints=(), rate_hz=1,
+        capabilities=(), annotations=_PREFIXES + annotations, layout=layout(0, False),
+    )  # fmt: skip
+    fleet.apply(Described(said), 1)
+    return fleet.robots["r"]
+
+
+def _put(robot: Robot, turtle: str) -> str:
+    setting = settings_of(robot)["annotations"]
+    return setting.admit(parse((_PREFIXES + turtle).encode(), "text/turtle", _BASE + setting.path), _BASE)
+
+
+def _all(robot: Robot, clients: str) -> Graph:
+    graph = Graph()
+    annotate(graph, NamedNode(f"{_BASE}/r/"), (robot.annotations[0], clients), f"{_BASE}/r/")
+    return graph
+
+
+def test_what_the_agent_says_is_a_layer_below() -> None:
+    """PUT replaces what clients said: the agent's statements stay, whether or not they are sent back, and once."""
+    robot = _robot_with(_AGENTS)
+    own = _all(robot, "").triples
+    assert len(own) == 11
+    mine = "<./> ex:colour 'red' ."
+    assert len(_all(robot, _put(robot, mine)).triples) == 12
+    read = write(own, PREFIXES, "")
+    remembered = _put(robot, read + mine)
+    assert remembered.count("\n") == 1
+    assert len(_all(robot, remembered).triples) == 12
+    # What was remembered before there were layers has all of it.
+    assert len(_all(robot, read).triples) == 11
+
+
+def test_a_changed_copy_of_what_the_agent_says_is_another_statement() -> None:
+    """Blank nodes are compared by what is said of them."""
+    robot = _robot_with(_AGENTS)
+    assert len(_all(robot, _put(robot, "<./> ex:maker [ ex:name 'Ada' ; ex:at [ ex:name 'Graz' ] ] .")).triples) == 15
+    assert len(_all(robot, _put(robot, "<./> ex:maker _:a . _:a ex:name 'Ada' ; ex:at _:a .")).triples) == 14
+
+
+def test_a_pose_of_the_robot_is_no_other_pose() -> None:
+    """422 for a pose that would have the title of one that the agent names."""
+    pose = "[ dcterms:title '{}' ; lf:target [ lf:ofJoint <elbow> ; vom:numericalValue 1 ; vom:unit unit:RAD ] ]"
+    robot = _robot_with(_AGENTS)
+    assert "elbow" in _put(robot, f"<./> lf:namedPose {pose.format('up')} .")
+    with pytest.raises(UnprocessableContent, match="names a pose 'home'"):
+        _put(robot, f"<./> lf:namedPose {pose.format('home')} .")
 
 
 def test_annotations_are_bounded() -> None:
@@ -145,6 +238,53 @@ def test_titles(text: str, good: bool) -> None:
         with pytest.raises(UnprocessableContent) as caught:
             _admit("title", body)
         assert caught.value.constraint == f"{_BASE}/r/title/blueprint"
+
+
+_AT = "<> lf:position [ maths:x 1 ; maths:y 0 ; maths:z 0 ; vom:unit unit:M"
+
+
+@pytest.mark.parametrize(
+    ("name", "body", "count"),
+    [
+        ("title", '<> lf:value "Arm" ; dcterms:title "Arm" .', 1),
+        ("title", '<> lf:value "Arm" . <../s/title> lf:value "Arm" .', 1),
+        ("title", '<> lf:value "Arm" ; a ex:Text .', 1),
+        ("maximumSpeedScale", "<> lf:value [ vom:numericalValue 0.5 ; lf:unit 1 ] .", 1),
+        ("maximumSpeedScale", "<> lf:value [ vom:numericalValue 0.5 ] ; lf:speedScale 0.1 .", 1),
+        ("placement", f"{_AT} ] ; lf:orientaton [ maths:x 0 ; maths:y 0 ; maths:z 1 ; lf:w 0 ] .", 5),
+        ("placement", f"{_AT} ; qudt:unit unit:MilliM ] .", 1),
+        ("placement", f"{_AT} ] ; lf:inFrame <../s/> .", 1),
+    ],
+)
+def test_what_a_setting_does_not_use_is_refused(name: str, body: str, count: int) -> None:
+    """Nothing is dropped in silence: a misspelt orientation would have the robot look the wrong way."""
+    with pytest.raises(UnprocessableContent, match="Nothing here uses") as caught:
+        _admit(name, body)
+    assert (len(caught.value.unused), caught.value.constraint) == (count, f"{_BASE}/r/{name}/blueprint")
+
+
+@pytest.mark.parametrize("name", ["title", "annotations", "maximumSpeedScale", "placement"])
+@pytest.mark.parametrize("media_type", BODY_TYPES)
+def test_what_was_read_can_be_put(name: str, media_type: str) -> None:
+    """In every syntax that is taken: what is remembered of the description is what was remembered before."""
+    robot = _robot_with(_AGENTS)
+    clients = _put(robot, "<./> ex:colour 'red' ; ex:by [ ex:name 'Ada' ] .")
+    placement = '{"position_m":[1,2,0.1],"orientation_xyzw":[0,0,0,1]}'
+    robot.settings = {"title": "Arm", "annotations": clients, "maximumSpeedScale": "0.25", "placement": placement}
+    graph, iri = Graph(), f"{_BASE}/r/{name}"
+    (item,) = (each for each in settable(robot) if each.segment == name)
+    describer = Describer(_BASE)
+    describer.property(robot, "/r/", item, graph, Seen())
+    triples = parse(render(graph.triples, media_type, PREFIXES, base=iri), media_type, iri)
+    present = shown(lambda again: describer.property(robot, "/r/", item, again, Seen()))
+    found = settings_of(robot)[name].admit(triples, _BASE, present)
+    assert _without_labels(found) == _without_labels(robot.settings[name])
+
+
+def _without_labels(remembered: str) -> object:
+    if remembered.startswith("{"):
+        return msgspec.json.decode(remembered)
+    return sorted(re.sub("_:[0-9a-z]+", "_:", remembered).splitlines())
 
 
 @pytest.mark.parametrize("number", ["1", "0.5", "1e-3", '"0.25"^^xsd:float', '" 1 "^^xsd:decimal'])

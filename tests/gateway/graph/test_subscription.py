@@ -250,9 +250,9 @@ def test_numbers_come_back_as_they_are(interval: float, deadband: float) -> None
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        ("lf:minimumIntervall 5", "Nothing that a subscription can say is <https://w3id.org/linked-fleet#minimumInter"),
-        ('hybrit:callbackUri "http://a.example/"', "Nothing that a subscription can say is"),
-        ("a lf:WebsocketStream", "Nothing that a subscription can say is"),
+        ("lf:minimumIntervall 5", "Nothing here uses what the body says by"),
+        ('hybrit:callbackUri "http://a.example/"', "<https://hybr-it-projekt.de/ns/hybr-it#callbackUri>"),
+        ("a lf:WebsocketStream", "<https://w3id.org/linked-fleet#WebsocketStream>"),
         ("lf:minimumInterval -1", "lf:minimumInterval must be one number of seconds from 0 to 86400"),
         ("lf:minimumInterval 86400.5", "lf:minimumInterval must be one number of seconds from 0 to 86400"),
         ('lf:minimumInterval "5"', "lf:minimumInterval must be one number"),
@@ -325,6 +325,32 @@ def test_the_report_is_about_the_container() -> None:
     focus = {t.object for t in error.report if t.predicate.value.endswith("#focusNode")}
     assert focus == {NamedNode(_CONTAINER)}
     assert error.detail.count("hybrit:mediaType must") == error.detail.count("hybrit:onResource must") == 1
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        '; <http://example.org/priority> "high" .',
+        "; lf:depht lf:thisAlone .",
+        "; a <http://example.org/Alarm> .",
+        '; <http://www.w3.org/2000/01/rdf-schema#comment> "mine" .',
+        ". <other> lf:minimumInterval 5 .",
+        "; lf:deadband [ lf:deadband 1 ] .",
+    ],
+)
+def test_what_a_subscription_cannot_keep_is_refused(more: str) -> None:
+    """Foreign terms, misspelt ones and statements about other resources: 422, and a subscription is not made."""
+    _refusal(f"<> a hybrit:Subscription ; hybrit:onResource <{_ROTATION}> {more}")
+
+
+def test_a_refusal_names_what_is_not_used() -> None:
+    """Each statement, as many as twenty; of a long text only the beginning, for it may be a secret."""
+    many = ", ".join(str(each) for each in range(30))
+    error = _refusal(f"<> a hybrit:Subscription ; hybrit:onResource <{_ROTATION}> ; <http://example.org/p> {many} .")
+    assert (len(error.unused), error.members["unused"]) == (20, error.unused)
+    assert error.unused[0].startswith(f"<{_CONTAINER}> <http://example.org/p> ")
+    (named,) = _refusal(f'<> a hybrit:Subscription ; hybrit:onResource <r> ; lf:secrett "{_SECRET}" .').unused
+    assert "lf:secrett".removeprefix("lf:") in named and _SECRET[8:] not in named
 
 
 def test_the_rest_of_the_body_costs_nothing() -> None:
