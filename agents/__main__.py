@@ -57,11 +57,12 @@ def _make_agent(settings: AgentSettings, index: int) -> Agent:
 
 
 async def _run(settings: AgentSettings, agents: list[Agent], tracing: Tracing | None) -> None:
-    """Serve all robots until a signal comes or one of them fails."""
+    """Serve all robots until a signal comes or one of them fails. SIGUSR1 begins demonstrations anew."""
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
+    loop.add_signal_handler(signal.SIGUSR1, _begin_demonstrations_anew, agents)
     serving = asyncio.create_task(_serve(settings, agents, tracing))
     stopping = asyncio.create_task(stop.wait())
     await asyncio.wait({serving, stopping}, return_when=asyncio.FIRST_COMPLETED)
@@ -76,6 +77,11 @@ async def _run(settings: AgentSettings, agents: list[Agent], tracing: Tracing | 
         if others is not None or taken is None:
             raise
         raise next(error for error in taken.exceptions) from None
+
+
+def _begin_demonstrations_anew(agents: list[Agent]) -> None:
+    for agent in agents:
+        agent.demonstration.begin_anew()
 
 
 async def _serve(settings: AgentSettings, agents: list[Agent], tracing: Tracing | None) -> None:

@@ -10,6 +10,7 @@ from typing import Protocol, TypeVar
 
 from agents import safety
 from agents.cameras import Cameras
+from agents.demonstration import Demonstration
 from agents.meshes import MeshFiles
 from agents.motion import Measured, Motions, Outcome, Sway
 from agents.pace import every
@@ -77,6 +78,7 @@ class Agent:
             if joint is None or joint.mimics is not None or joint.passive:
                 raise ValueError(f"{name} has no joint {sway.joint!r} that takes commands")
         self._motions = Motions(self._joints, sways)
+        self.demonstration = Demonstration(name, self._motions)
         self._monotonic_ns, self._wall_ns = monotonic_ns, wall_ns
         self._seen, self._stops = safety.Remembered(), safety.Stops()
         self._reading: Reading | None = None
@@ -178,6 +180,7 @@ class Agent:
         if not command.rehearsal:
             self._seen.add(command.id)
             self._outcomes += self._motions.start(command.id, made, measured)
+            self.demonstration.note()
         return Accepted(command.id, made.duration_s, preempted[:1024], at_ns)
 
     def _stop(self, stop: Stop) -> Accepted:
@@ -200,6 +203,7 @@ class Agent:
             said = f"the driver holds the robot, which cannot be measured: {self._fault}"
             self._outcomes += self._motions.conclude(stop.id, "failed" if problem else "succeeded", problem or said)
         _log.warning("%s: stop %s: %s", self.name, stop.id, reason)
+        self.demonstration.note()
         return Accepted(stop.id, duration_s, cancelled, now_ns)
 
     def _leader(self, name: str) -> str | None:

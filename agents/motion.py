@@ -4,7 +4,7 @@ Pure: time and measurements are passed in.
 """
 
 import math
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -40,7 +40,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Sway:
-    """A demonstration: the joint goes to and fro around where it is, until a command takes it over for good."""
+    """A demonstration: the joint goes to and fro around where it is, until a stop or a command takes it over."""
 
     joint: str
     amplitude: float = 0.4
@@ -133,7 +133,7 @@ class Motions:
     """All motions of one robot."""
 
     joints: Mapping[str, JointFacts]
-    sways: Iterable[Sway] = ()
+    sways: Sequence[Sway] = ()
     _axes: dict[str, Axis] = field(default_factory=dict, init=False)
     _running: list[_Motion] = field(default_factory=list, init=False)
 
@@ -149,6 +149,18 @@ class Motions:
             if not axis.at_rest:
                 return False
         return True
+
+    @property
+    def swaying(self) -> frozenset[str]:
+        """The joints of the demonstrations that have not ended."""
+        return frozenset(self._swaying)
+
+    def sway_anew(self) -> list[str]:
+        """Begin the demonstrations that have ended, of joints that no motion moves; the joints."""
+        moved = {name for motion in self._running for name in motion.joints}
+        begun = [sway for sway in self.sways if sway.joint not in moved | self._swaying.keys()]
+        self._swaying |= {sway.joint: _Swaying(sway) for sway in begun}
+        return [sway.joint for sway in begun]
 
     def starts(self, joints: Iterable[str], measured: Mapping[str, float]) -> list[Start]:
         """Where the setpoints of ``joints`` are; of one that never moved, where it is measured."""

@@ -326,6 +326,24 @@ def test_a_command_takes_a_swaying_joint_over_for_good() -> None:
     assert path[-1] == path[-100] == 0.5
 
 
+def test_a_demonstration_that_was_stopped_stays_so_until_it_is_begun_anew() -> None:
+    """It then goes to and fro around where the stop left it, and not while a motion moves its joint."""
+    robot = Robot([Sway("arm", 0.4, 2.0)])
+    robot.step(130)
+    robot.stop("s")
+    assert robot.motions.swaying == frozenset()
+    assert robot.motions.sway_anew() == []  # it still brakes
+    robot.step(6000)
+    path = robot.paths["arm"]
+    stood = path[-1]
+    assert path[-5000] == stood
+    assert robot.motions.sway_anew() == ["arm"]
+    assert robot.motions.sway_anew() == []
+    robot.step(400)
+    assert max(path[-400:]) > stood + 0.2
+    assert min(path[-400:]) < stood - 0.2
+
+
 def test_an_unknown_position_never_succeeds() -> None:
     """NaN is not within any tolerance."""
     robot = Robot()

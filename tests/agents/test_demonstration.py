@@ -1,0 +1,101 @@
+"""Demonstrations end by a stop or a command, say so, and begin anew when a person says so."""
+
+import logging
+import os
+
+import pytest
+
+from agents.agent import Agent
+from agents.motion import Sway
+from agents.robots.catalogue import load
+from agents.wire import codec
+from agents.wire.messages import Accepted, Command, Description, Move, Stop
+
+PAN = "shoulder_pan_joint"
+
+
+class Bench:
+    """A simulated arm that sways, on a clock of the test's own; it is its own link."""
+
+    gateway_present, arrivals = True, 1
+
+    def __init__(self) -> None:
+        self.now_ns = 1_000_000_000
+        self.positions: tuple[float, ...] = ()
+        self.agent = Agent("ur5", load("ur5", "ur5"), sways=[Sway(PAN)], monotonic_ns=lambda: self.now_ns)
+        self.run(1.0)
+
+    def watch_gateways(self, period_s: float) -> None:
+        """They are always there."""
+
+    def publish_state(self, payload: bytes) -> None:
+        self.positions = codec.decode_state(payload).positions
+
+    def publish_progress(self, payload: bytes, final: bool) -> None:
+        """Nobody listens."""
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds * 100)):
+            self.now_ns += 10_000_000
+            self.agent.tick(self)
+
+    def pan(self) -> float:
+        return self.positions[codec.decode(self.agent.description, Description).joints.index(PAN)]
+
+    def stop(self, stop_id: str, **more: object) -> None:
+        payload = codec.encode(Stop(version=1, id=stop_id, **more))  # type: ignore[arg-type]
+        assert isinstance(codec.decode_reply(self.agent.handle_stop(payload)), Accepted)
+
+    def move(self, command_id: str, joint: str, rehearsal: bool = False) -> None:
+        command = Command(
+            version=1,
+            id=command_id,
+            incarnation=self.agent.incarnation,
+            seen_ns=self.now_ns,
+            time_to_live_ns=1_000_000_000,
+            motion=Move({joint: 1.0}),
+            rehearsal=rehearsal,
+        )
+        assert isinstance(codec.decode_reply(self.agent.handle(codec.encode(command))), Accepted)
+
+
+def test_a_stop_holds_until_a_person_begins_the_demonstration_anew(caplog: pytest.LogCaptureFixture) -> None:
+    """However long that takes; the log has the command, and the next stop ends it once more."""
+    bench = Bench()
+    for turn in (1, 2):
+        bench.stop(f"s{turn}")
+        assert f"the demonstration of {PAN} has ended; to begin it anew: kill -USR1 {os.getpid()}" in caplog.text
+        bench.run(3.0)
+        caplog.clear()
+        stood = bench.pan()
+        bench.run(20.0)
+        assert bench.pan() == pytest.approx(stood, abs=1e-4)
+        assert caplog.text == ""
+        bench.agent.demonstration.begin_anew()
+        assert f"the demonstration of {PAN} begins anew" in caplog.text
+        bench.run(1.0)
+        assert abs(bench.pan() - stood) > 0.01
+
+
+def test_what_does_not_take_its_joint_ends_no_demonstration(caplog: pytest.LogCaptureFixture) -> None:
+    """A stop or a command of other joints, and rehearsals; a command of the joint does."""
+    bench = Bench()
+    bench.stop("s", joints=("elbow_joint",))
+    bench.stop("t", rehearsal=True)
+    bench.run(0.1)
+    bench.move("a", "elbow_joint")
+    bench.move("b", PAN, rehearsal=True)
+    assert "demonstration" not in caplog.text
+    bench.move("c", PAN)
+    assert f"the demonstration of {PAN} has ended" in caplog.text
+
+
+def test_there_is_nothing_to_begin_while_it_runs_or_while_a_command_moves_the_joint(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    bench = Bench()
+    with caplog.at_level(logging.INFO):
+        bench.agent.demonstration.begin_anew()
+        bench.move("a", PAN)
+        bench.agent.demonstration.begin_anew()
+    assert caplog.text.count("no demonstration that could begin anew") == 2

@@ -1,0 +1,25 @@
+"""The demonstration of an agent: a stop ends it, and nothing but a person begins it anew."""
+
+import signal
+from pathlib import Path
+
+import pytest
+from browser import LF
+from commanding import PAN, moving, post
+from small_fleet import Place, live
+
+pytestmark = pytest.mark.fleet
+
+
+def test_a_signal_begins_anew_what_was_stopped(tmp_path: Path) -> None:
+    """The log of the agent names the command, as a person copies it."""
+    place = Place(tmp_path)
+    with place.gateway() as (_, browser), place.ur5("--sway", f"ur5:{PAN}") as agent:
+        live(browser, "ur5")
+        moving(browser, PAN)
+        stop = browser.action(browser.page(browser.root), LF.StopAll)
+        assert post(browser, stop, prefer="wait=30").status_code == 204
+        agent.said(f"the demonstration of {PAN} has ended; to begin it anew: kill -USR1 ")
+        agent.send(signal.SIGUSR1)
+        agent.said(f"the demonstration of {PAN} begins anew")
+        moving(browser, PAN)
