@@ -58,7 +58,7 @@ class Discovery:
         self._presence = Presence()
         self._known, self._audible = DescriptionQueue(FEW), DescriptionQueue(FEW)
         self._strangers = DescriptionQueue(MANY)
-        self._sending_s = self._paced_s = 0.0
+        self._sending_s = self._paced_s = self._due_s = 0.0
         self._described_s: dict[str, float] = {}
         self._missing: dict[str, set[int]] = {}
         self._reported: dict[str, str] = {}
@@ -67,7 +67,8 @@ class Discovery:
         self._taking = asyncio.Lock()  # a thousand descriptions at once are taken one by one, and others served between
         self._tasks: set[asyncio.Task[None]] = set()
         self._relisting: asyncio.Task[None] | None = None
-        self._timer: asyncio.TimerHandle | None = None
+        self._relist_due = False
+        self._timer: asyncio.Handle | None = None  # of uvloop it has no ``when``
 
     @property
     def undescribed(self) -> int:
@@ -95,6 +96,7 @@ class Discovery:
 
     def relist(self) -> None:
         """News of tokens was lost: compare with all tokens soon."""
+        self._relist_due = True
         if self._relisting is None:
             self._relisting = self._start(self._relist())
 
@@ -157,10 +159,10 @@ class Discovery:
     def _ask_soon(self, delay_s: float) -> None:
         due_s = max(self._loop.time() + delay_s, self._paced_s)
         if self._timer is not None:
-            if self._timer.when() <= due_s + _TICK_S:
+            if self._due_s <= due_s + _TICK_S:
                 return
             self._timer.cancel()
-        self._timer = self._loop.call_at(due_s, self._begin)
+        self._due_s, self._timer = due_s, self._loop.call_at(due_s, self._begin)
 
     def _begin(self) -> None:
         """Begin questions, a few in one callback: a flood of tokens leaves time for everybody else."""
@@ -234,20 +236,25 @@ class Discovery:
     # -- tokens that are not kept -------------------------------------------------------------------------------------
 
     async def _relist(self) -> None:
-        """Add tokens that were refused or lost, as far as there is room, and remove those that are gone."""
         try:
-            await asyncio.sleep(_RELIST_S)
-            self._gone, before = set(), self._presence.tokens
-            listed, complete = await self._list_tokens()
-            gone, self._gone = self._gone, None
-            self._presence.incomplete = False
-            for token in before.difference(listed) if complete else ():
-                await self._tell_of(self._remove(token))
-            for token in listed:  # the highest run of each robot first
-                if token not in gone:
-                    await self._tell_of(self._add(token, evict=False))
+            while self._relist_due:  # again if a token went while the list was being taken over
+                await asyncio.sleep(_RELIST_S)
+                self._relist_due = False
+                await self._take_list()
         finally:
             self._gone, self._relisting = None, None
+
+    async def _take_list(self) -> None:
+        """Add tokens that were refused or lost, as far as there is room, and remove those that are gone."""
+        self._gone, before = set(), self._presence.tokens
+        listed, complete = await self._list_tokens()
+        gone, self._gone = self._gone, None
+        self._presence.incomplete = False
+        for token in before.difference(listed) if complete else ():
+            await self._tell_of(self._remove(token))
+        for token in listed:  # the highest run of each robot first
+            if token not in gone:
+                await self._tell_of(self._add(token, evict=False))
 
     async def _tell_of(self, events: list[Event]) -> None:
         if events:

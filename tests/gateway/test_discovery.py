@@ -5,6 +5,7 @@ import contextlib
 from collections.abc import AsyncIterator, Callable, Iterator
 
 import pytest
+import uvloop
 import zenoh
 from actor import KEYS, Actor, stage
 from running import eventually, free_port
@@ -93,7 +94,7 @@ async def _names() -> None:
 
 
 def test_a_flood_of_names_hides_no_robot_and_leaves_nothing_behind() -> None:
-    asyncio.run(_names())
+    uvloop.run(_names())
 
 
 async def _runs(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -119,7 +120,7 @@ async def _runs(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_flood_of_runs_costs_its_own_name_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    asyncio.run(_runs(monkeypatch))
+    uvloop.run(_runs(monkeypatch))
 
 
 async def _asked() -> None:
@@ -141,7 +142,7 @@ async def _asked() -> None:
 
 
 def test_one_question_asks_for_all_runs_of_a_robot() -> None:
-    asyncio.run(_asked())
+    uvloop.run(_asked())
 
 
 async def _evicted(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -159,4 +160,4 @@ async def _evicted(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_silent_robot_makes_room_for_one_that_comes(monkeypatch: pytest.MonkeyPatch) -> None:
-    asyncio.run(_evicted(monkeypatch))
+    uvloop.run(_evicted(monkeypatch))

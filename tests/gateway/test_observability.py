@@ -319,7 +319,7 @@ def test_dashboard_alerts_and_page_name_what_is_exported_and_all_of_it(http: htt
 
 
 def test_expressions_select_and_group_by_labels_that_there_are() -> None:
-    known = {"instance", "job", "le", "robot", "presence", "method", "status", "kind", "outcome", "code"}
+    known = {"instance", "job", "le", "robot", "presence", "method", "status", "kind", "outcome", "code", "state"}
     for each in expressions():
         selected = set(re.findall(r"(\w+)(?:=~|!=|!~|=)\"", each))
         grouped = {label.strip() for group in re.findall(r"by \(([^)]*)\)", each) for label in group.split(",")}
