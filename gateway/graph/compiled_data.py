@@ -1,8 +1,8 @@
 """What a compiled shape looks at: the triples of one body by subject and predicate, and the numbers in its literals.
 
-A literal is read as XML Schema 2 has it and compared as pySHACL compares: exactly, whatever the two types are, so that
-0.1 as a double (which is a little more) exceeds 0.1 as a decimal, and an xsd:float is not rounded to 32 bits. As in
-pySHACL an xsd:long or xsd:unsignedLong has no upper end.
+A literal is read by the lexical space of XML Schema 2, in which there is no white space, and compared as pySHACL
+compares: exactly, whatever the two types are, so that 0.1 as a double (which is a little more) exceeds 0.1 as a
+decimal, and an xsd:float is not rounded to 32 bits. As in pySHACL an xsd:long or xsd:unsignedLong has no upper end.
 """
 
 import math
@@ -19,9 +19,9 @@ Number = int | float | Decimal
 Reach = Callable[["Data", Term], Collection[Term]]
 
 _MOST_DIGITS = 4300  # of an integer, above which Python refuses to convert it: the time grows with the square
-_INTEGER = re.compile(r"[ \t\r\n]*[+-]?[0-9]+[ \t\r\n]*")
-_DECIMAL = re.compile(r"[ \t\r\n]*[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)[ \t\r\n]*")
-_FLOAT = re.compile(r"[ \t\r\n]*(?:[+-]?(?:(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|INF)|NaN)[ \t\r\n]*")
+_INTEGER = re.compile(r"[+-]?[0-9]+")
+_DECIMAL = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)")
+_FLOAT = re.compile(r"(?:[+-]?(?:(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|INF)|NaN)")
 _INTEGERS: Mapping[NamedNode, tuple[int | None, int | None]] = {
     XSD.integer: (None, None),
     XSD.long: (None, None),

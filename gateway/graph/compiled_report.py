@@ -108,7 +108,7 @@ def shown(term: object) -> str:
         return _compact(term.value)
     if isinstance(term, Literal):
         text = _cut(term.value)
-        return text if term.datatype in NUMERIC and text.strip() else repr(text)
+        return text if term.datatype in NUMERIC and text and text == text.strip() else repr(text)
     return "a blank node" if isinstance(term, BlankNode) else "a triple"
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from pyoxigraph import BlankNode, NamedNode, Triple
 
 from gateway.graph.build import Node
-from gateway.graph.compiled import Data, Guard, Unsupported, compile_shape, report
+from gateway.graph.compiled import Data, Guard, Unsupported, Violation, compile_shape, report
 from gateway.graph.validation import FOCUS, from_rdflib, targeted, to_rdflib, validate
 from gateway.lazily import Lazily
 
@@ -36,7 +36,7 @@ class Judge:
         violations = self._guard.check(Data(body), focus)
         if not violations:
             return None
-        messages = list(dict.fromkeys(each.message for each in violations))
+        messages = list(dict.fromkeys(each.message for each in _direct(violations)))
         return _sentence(messages), report(violations, self._guard.triples)
 
     def _slowly(self, body: Sequence[Triple], focus: Node, request: str) -> tuple[str, list[Triple]] | None:
@@ -66,6 +66,12 @@ def reachable(body: Sequence[Triple], focus: Node) -> list[Triple]:
 
 def _focused(term: object, focus: Node) -> object:
     return FOCUS if term == focus else term
+
+
+def _direct(violations: Sequence[Violation]) -> list[Violation]:
+    """Without those that others explain: of two units, or an unknown one, no branch of an ``sh:or`` holds."""
+    said = {(each.focus, each.path) for each in violations if not each.detail}
+    return [each for each in violations if not any((inner.focus, inner.path) in said for inner in each.detail)]
 
 
 def _sentence(messages: Sequence[str]) -> str:

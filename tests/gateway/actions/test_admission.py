@@ -175,3 +175,28 @@ def _refused(bench: Any, path: str, turtle: str) -> bool:
     except UnprocessableContent:
         return True
     return False
+
+
+@pytest.mark.parametrize(
+    ("body", "detail"),
+    [
+        ("<> vom:numericalValue 1 ; vom:unit unit:RAD , unit:DEG .", "unit: must have 1 value at most, and has"),
+        ("<> vom:numericalValue 1 ; vom:unit unit:M .", "unit: unit:M must be one of"),
+        ("<> vom:numericalValue 99 ; vom:unit unit:RAD .", "vom:numericalValue: 99 must be at most 2.0"),
+    ],
+)
+def test_a_refusal_begins_with_what_is_wrong(bench: Any, body: str, detail: str) -> None:
+    """The branches of a choice are not listed where two units, or an unknown one, keep all of them from holding."""
+    bench.robot(_elbow())
+    with pytest.raises(UnprocessableContent) as caught:
+        bench.body(_ROTATE, body)
+    assert caught.value.detail.partition("shape of the action: ")[2].startswith(detail)
+
+
+@pytest.mark.parametrize("datatype", ["integer", "decimal", "double", "unsignedByte"])
+@pytest.mark.parametrize("number", [" 1 ", "1 ", "\\n1", "\\t1"])
+def test_numbers_with_white_space_are_ill_typed(bench: Any, datatype: str, number: str) -> None:
+    """The lexical forms of XML Schema have none (RDF 1.1 Concepts, 5.1): nothing moves by one."""
+    bench.robot(_elbow())
+    with pytest.raises(UnprocessableContent, match="must be"):
+        bench.body(_ROTATE, f'<> vom:numericalValue "{number}"^^xsd:{datatype} ; vom:unit unit:RAD .')

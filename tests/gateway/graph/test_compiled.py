@@ -28,7 +28,7 @@ _INTEGERS = [
     XSD.nonPositiveInteger, XSD.negativeInteger, XSD.unsignedLong, XSD.unsignedInt, XSD.unsignedShort, XSD.unsignedByte,
 ]  # fmt: skip
 _FLOATS = [XSD.float, XSD.double]
-_WHOLE = ["0", "1", "-1", "+3", "-0", "007", " 5 ", "127", "128", "255", "256", "-129", "65536", "2147483648",
+_WHOLE = ["0", "1", "-1", "+3", "-0", "007", "127", "128", "255", "256", "-129", "65536", "2147483648",
           "9" * 4096, "-" + "7" * 4096, str(2**63), str(-(2**31))]  # fmt: skip
 _FRACTIONS = [
     "0.1",

@@ -33,6 +33,8 @@ _LEAST_5 = (SHACL.minInclusive, _literal("5", XSD.decimal))
     ("constraint", "value", "reason"),
     [
         ((SHACL.datatype, XSD.integer), _literal("1_0", XSD.integer), "no lexical form of XML Schema, only of Python"),
+        ((SHACL.datatype, XSD.integer), _literal(" 10 ", XSD.integer), "no lexical form: white space is none of it"),
+        ((SHACL.datatype, XSD.double), _literal("1\n", XSD.double), "no lexical form: white space is none of it"),
         ((SHACL.datatype, XSD.integer), _literal("\u0663", XSD.integer), "no lexical form: digits are 0 to 9"),
         ((SHACL.datatype, XSD.decimal), _literal("1e5", XSD.decimal), "no lexical form: a decimal has no exponent"),
         ((SHACL.datatype, XSD.decimal), _literal("NaN", XSD.decimal), "no lexical form: every decimal is a number"),

@@ -287,7 +287,7 @@ def _without_labels(remembered: str) -> object:
     return sorted(re.sub("_:[0-9a-z]+", "_:", remembered).splitlines())
 
 
-@pytest.mark.parametrize("number", ["1", "0.5", "1e-3", '"0.25"^^xsd:float', '" 1 "^^xsd:decimal'])
+@pytest.mark.parametrize("number", ["1", "0.5", "1e-3", '"0.25"^^xsd:float'])
 def test_speed_scales(number: str) -> None:
     """Above 0, at most 1, of any type that numbers have."""
     remembered = float(_admit("maximumSpeedScale", f"<> lf:value [ vom:numericalValue {number} ] ."))
@@ -303,7 +303,8 @@ def test_the_unit_of_a_speed_scale(unit: str, taken: bool) -> None:
 
 @pytest.mark.parametrize(
     "number", ["0", "-0.0", "1.0000001", "-1", "true", '"0.5"', '"NaN"^^xsd:double', '"INF"^^xsd:double', "1, 0.5",
-               "1e-400", "0." + "0" * 400 + "1", "[]", "<x>", '"0.5"@en', '"1_0e-2"^^xsd:double', '"0x1"^^xsd:integer'],
+               "1e-400", "0." + "0" * 400 + "1", "[]", "<x>", '"0.5"@en', '"1_0e-2"^^xsd:double', '" 1 "^^xsd:decimal',
+               '"0x1"^^xsd:integer'],
 )  # fmt: skip
 def test_what_is_no_speed_scale(number: str) -> None:
     """Least of all what would come to nothing: no command could be given any more."""
