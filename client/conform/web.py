@@ -9,7 +9,7 @@ from urllib.parse import urldefrag, urljoin, urlsplit
 
 import httpx
 
-MAX_BODY_BYTES = 4 * 2**20
+MAX_BODY_BYTES = 16 * 2**20
 _MAX_REDIRECTS = 5
 _MAX_URL_LENGTH = 2000
 _PORTS = {"http": 80, "https": 443}

@@ -35,6 +35,9 @@ async def read_listing(request: Request, resource: Resource, listing: Listing, b
     content = {"content-type": media_type, "allow": "GET, HEAD, OPTIONS"}
     if limit is None:
         headers["link"] = link_header([*links, *_canonical(things, base, paged=offset > 0)], [])
+        headers["etag"] = "W/" + etag(b"%d " % offset + listing.version())  # the body is known when it has been sent
+        if not_modified(field(request, "if-none-match"), headers["etag"]):
+            return Response(status_code=304, headers=headers)
         places = [place for _, place in things[offset:]]
         return StreamingResponse(_array(listing, places if request.method == "GET" else []), headers=headers | content)
     end = offset + min(limit, MOST)

@@ -33,6 +33,15 @@ class Listing:
                     found.append((base + link_path(name, model, link.name), (robot, link)))
         return sorted(found, key=lambda each: each[0])
 
+    def version(self) -> bytes:
+        """All that descriptions are made from: while this is the same, they are."""
+        facts: list[object] = [self.sight.base, self.sight.secured]
+        for name, robot in sorted(self.sight.robots.items()):
+            said = robot.description
+            known = None if said is None else (said.urdf, said.joints, said.base, said.capabilities)
+            facts.append((name, robot.title, robot.model is None, known, robot.annotations))
+        return repr(facts).encode()
+
     def description(self, place: Place) -> bytes:
         return of_thing(self.sight, *place)[TD]()
 

@@ -114,6 +114,15 @@ def test_a_page_has_an_etag_of_its_own() -> None:
     assert _get("limit=2&offset=2", if_none_match=page.headers["etag"]).status == 200
 
 
+def test_the_whole_has_an_etag_although_it_is_streamed() -> None:
+    """R0.11. It is weak, and other when there are other things."""
+    tag = _get().headers["etag"]
+    assert tag.startswith('W/"') and _get(method="HEAD").headers["etag"] == tag
+    assert (_get(if_none_match=tag).status, _get(if_none_match=tag).body) == (304, b"")
+    assert _get(if_none_match=tag, without="mute").status == 200
+    assert _get("offset=1", if_none_match=tag).status == 200
+
+
 def test_the_rest_of_the_collection_is_a_page() -> None:
     rest = _get("offset=30")
     assert len(rest.ids) == 5 and rest.link("canonical") and not rest.link("next")
