@@ -9,7 +9,7 @@ question goes to the robot that came last: one that comes after a flood does not
 from collections import OrderedDict
 from dataclasses import dataclass
 
-BACKOFF_S = (0.1, 0.2, 0.5, 1.0, 2.0, 2.0, 2.0, 5.0, 10.0, 30.0)
+BACKOFF_S = (0.1, 0.2, 0.5, 1.0, 2.0)
 """Waiting times before the repetitions of a question; the last one for ever."""
 
 
