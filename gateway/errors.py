@@ -29,6 +29,7 @@
     ├── TooManyQueries              429     too-many-queries
     ├── Unimplemented               501     not-implemented
     ├── Offline                     503     offline
+    ├── Faulty                      503     faulty
     ├── Busy                        503     busy
     ├── QueryTooCostly              503     query-too-costly
     ├── Unchecked                   503     unchecked
@@ -353,6 +354,12 @@ class Unimplemented(FleetError):
 
 class Offline(FleetError):
     status, code, title = 503, "offline", "The robot is offline"
+
+
+class Faulty(FleetError):
+    """The agent is there, and the positions that it reports cannot be true."""
+
+    status, code, title = 503, "faulty", "The robot is faulty"
 
 
 class Busy(FleetError):

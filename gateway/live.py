@@ -11,7 +11,7 @@ from types import TracebackType
 from agents.wire.keys import Keys
 from agents.wire.messages import Accepted, Progress, Reply, Stop
 from gateway.fleet.events import Event, Moved
-from gateway.fleet.fleet import Fleet
+from gateway.fleet.fleet import Change, Fleet
 from gateway.fleet.frames import Frames
 from gateway.fleet.invocations import Invocation, Invocations
 from gateway.graph.invocation import invocation_path, invocations_path
@@ -75,6 +75,8 @@ class Live:
         frames = self.fleet.frames
         watched = self.fleet.robots if frames.heeded else self.fan_out.watched
         self._on_events([Moved(name) for name in watched if name and frames.untold(name)])
+        for change in self.fleet.judge_limits(time.time_ns()):
+            self._on_change(change)
         self._sweeping = asyncio.get_running_loop().call_later(_SWEEP_S, self._sweep)
 
     async def join(self) -> None:
@@ -162,12 +164,15 @@ class Live:
                     self._judged += not isinstance(event, Moved)
                     self.fan_out.moved(change.robot)
                     continue
-                log.info("robot %s: %s", change.robot, change.what, extra={"robot": change.robot})
-                self._retarget(change.robot)
-                self.fan_out.changed(change.robot)
-                if change.what == "vanished":
-                    self.on_lost(change.robot)
+                self._on_change(change)
         self._heard.set()
+
+    def _on_change(self, change: Change) -> None:
+        log.info("robot %s: %s", change.robot, change.what, extra={"robot": change.robot})
+        self._retarget(change.robot)
+        self.fan_out.changed(change.robot)
+        if change.what == "vanished":
+            self.on_lost(change.robot)
 
     def tell(self, invocation: Invocation) -> None:
         """An invocation is different now, and so are those that speak of it: its container, its robot, its joints."""

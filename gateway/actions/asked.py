@@ -6,7 +6,7 @@ from pyoxigraph import NamedNode
 
 from gateway.actions.body import Body
 from gateway.actions.plan import Moment
-from gateway.errors import Offline
+from gateway.errors import Faulty, Offline
 from gateway.fleet.model import Joint, RobotModel
 from gateway.fleet.robot import Robot
 from gateway.graph.paths import part_of, robot_path
@@ -15,7 +15,7 @@ from gateway.graph.paths import part_of, robot_path
 def moment_of(robot: Robot | None) -> Moment | None:
     """None for a robot that cannot be commanded at present."""
     frame = None if robot is None or not robot.online else robot.frame
-    if robot is None or frame is None or robot.incarnation is None:
+    if robot is None or frame is None or robot.incarnation is None or robot.limit_fault:
         return None
     return Moment(robot.incarnation, frame.monotonic_ns)
 
@@ -35,6 +35,8 @@ class Asked:
         """Offline for a robot that was not there to be seen."""
         if self.moment is None:
             robot = self.of_robot()
+            if robot.online and robot.limit_fault:
+                raise Faulty(f"{robot.limit_fault}. {robot.name} moves again once they are within; it can be stopped.")
             since = "has not sent a frame yet" if robot.online else "is offline"
             raise Offline(f"Robot {robot.name} {since}; its actions answer again once it is back.")
         return self.moment

@@ -5,15 +5,21 @@ from decimal import Decimal
 from functools import lru_cache
 from typing import NamedTuple
 
+from gateway.fleet.limits import Bounds, is_outside
+
 MAX_HELD = 16_384  # several times what the largest robot has to observe
 
 
 class Observation(NamedTuple):
-    """Values rounded to the resolution, and the frame in which they last changed: agent's wall time (ns), sequence."""
+    """Values rounded to the resolution, and the frame in which they last changed: agent's wall time (ns), sequence.
+
+    ``outside``: the value is a position outside the limits of its joint.
+    """
 
     values: tuple[float, ...]
     wall_ns: int | None
     sequence: int | None = None
+    outside: bool = False
 
 
 class Observations:
@@ -23,14 +29,21 @@ class Observations:
         self._held: dict[str, Observation] = {}
 
     def observe(
-        self, key: str, values: tuple[float, ...], resolution: float, wall_ns: int | None, sequence: int | None = None
+        self,
+        key: str,
+        values: tuple[float, ...],
+        resolution: float,
+        wall_ns: int | None,
+        sequence: int | None = None,
+        bounds: Bounds | None = None,
     ) -> Observation:
         held = self._held.get(key)
         if held is not None and not _moved(held.values, values, resolution):
             return held
         if held is None and len(self._held) >= MAX_HELD:
             del self._held[next(iter(self._held))]
-        fresh = Observation(tuple([rounded(value, resolution) for value in values]), wall_ns, sequence)
+        outside = bounds is not None and is_outside(values[0], bounds)
+        fresh = Observation(tuple([rounded(value, resolution) for value in values]), wall_ns, sequence, outside)
         self._held[key] = fresh
         return fresh
 

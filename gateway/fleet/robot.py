@@ -3,12 +3,14 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 from agents.wire.codec import MAX_JOINTS, Header, WireError, decode_state, layout, read_header
 from agents.wire.messages import Description, State
 from gateway.fleet.frames import Frames, Latest
 from gateway.fleet.kinematics import ORIGIN, LinkPoses, placed
 from gateway.fleet.lease import Lease
+from gateway.fleet.limits import Bounds, bounds_of, joints_outside
 from gateway.fleet.model import ModelError, Pose, RobotModel
 from gateway.fleet.observation import Observation, Observations
 
@@ -51,6 +53,9 @@ class Robot:
         """Where joints were last commanded to (rad or m), as far as that still holds."""
         self._complain = complain
         self._fault: str | None = None
+        self.limit_fault: str | None = None
+        """That positions have been outside the limits of the URDF for a while, as a sentence."""
+        self._bounds: Mapping[str, Bounds] = {}
         self._observations = Observations()
         self._frames = frames
         self._latest: Latest | None = None
@@ -60,7 +65,11 @@ class Robot:
     @property
     def fault(self) -> str | None:
         """Why this robot cannot be used fully, as a sentence; None when it can."""
-        return self._fault
+        return self._fault or self.limit_fault
+
+    @property
+    def presence(self) -> Literal["online", "offline", "faulty"]:
+        return "offline" if not self.online else "faulty" if self.fault else "online"
 
     @property
     def title(self) -> str:
@@ -159,6 +168,20 @@ class Robot:
             return self._observations.observe(key, values, resolution, None)
         return self._observations.observe(key, values, resolution, header.wall_ns, header.sequence)
 
+    def observe_position(self, joint: str, resolution: float) -> Observation:
+        """The position (rad or m) of a joint, marked when it is outside its limits."""
+        header, values = self.header, (self.positions.get(joint, math.nan),)
+        wall_ns, sequence = (None, None) if header is None else (header.wall_ns, header.sequence)
+        bounds = self._bounds.get(joint)
+        return self._observations.observe(f"{joint}/position", values, resolution, wall_ns, sequence, bounds)
+
+    def outside(self) -> list[tuple[str, float]]:
+        """Joints whose positions in the present frame are outside their limits."""
+        frame = self._usable_frame()
+        if frame is None or self.description is None:
+            return []
+        return joints_outside(frame[0], self.description.base == "floating", self._bounds)
+
     # What follows is for Fleet alone.
 
     def run(self, incarnation: int) -> None:
@@ -166,7 +189,7 @@ class Robot:
         self.incarnation = incarnation
         self.news = (0, 0)
         self.targets = {}
-        self._fault = None
+        self._fault = self.limit_fault = None
         self.drop_frame()
         self._observations.clear()
 
@@ -181,13 +204,14 @@ class Robot:
         old = self.description
         if old is None or old.urdf != description.urdf:
             self.model = None
-        self.description, self._fault = description, None
+        self.description, self._fault, self.limit_fault = description, None, None
         try:
             self.model = self.model or RobotModel.of(description.urdf)
         except ModelError as error:
             self._fault = str(error)
         else:
             self._fault = _mismatch(description, self.model)
+            self._bounds = {} if self._fault else bounds_of(self.model, description.joints)
             if self._fault:
                 self.model = None  # the frames cannot be read by this tree, so it is not shown as if they could
         self._observations.clear()

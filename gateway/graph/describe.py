@@ -87,7 +87,7 @@ class Describer:
         self._actions(graph, iri, joint_offers(robot, joint))
         graph.add(iri, RDFS.seeAlso, self.iri(robot_path(robot.name)))
         graph.add(iri, DCTERMS.isPartOf, self.iri(robot_path(robot.name)))
-        self._presence_if_offline(graph, iri, robot)
+        self._presence_if_not_online(graph, iri, robot)
         for predicates, link in (
             ((XHV.prev, ROS.preceedingLink), joint.parent),
             ((XHV.next, ROS.succeedingLink), joint.child),
@@ -108,7 +108,7 @@ class Describer:
         self._interface(graph, path, LF.LinkShape)
         graph.add(iri, RDFS.seeAlso, self.iri(robot_path(robot.name)))
         graph.add(iri, DCTERMS.isPartOf, self.iri(robot_path(robot.name)))
-        self._presence_if_offline(graph, iri, robot)
+        self._presence_if_not_online(graph, iri, robot)
         parents = (link.parent_joint,) if link.parent_joint is not None else ()
         for predicates, names in (
             ((XHV.prev, LF.parentJoint), parents),
@@ -127,7 +127,7 @@ class Describer:
     def property(self, robot: Robot, owner: str, item: Property, graph: Graph, seen: Seen) -> None:
         """A property as its own small document (Figure 3)."""
         self._property(graph, owner, item, seen)
-        self._presence_if_offline(graph, self.iri(f"{owner.rstrip('/')}/{item.segment}"), robot)
+        self._presence_if_not_online(graph, self.iri(f"{owner.rstrip('/')}/{item.segment}"), robot)
 
     # -- the pieces -------------------------------------------------------------------------------------------------
 
@@ -135,15 +135,15 @@ class Describer:
         return robot_properties(robot, self.iri)
 
     def presence(self, graph: Graph, iri: NamedNode, robot: Robot) -> None:
-        graph.add(iri, LF.presence, LF.online if robot.online else LF.offline)
+        graph.add(iri, LF.presence, {"online": LF.online, "offline": LF.offline, "faulty": LF.faulty}[robot.presence])
         if not robot.online:
             seen = robot.last_seen_ns
             graph.add(iri, LF.lastSeen, LF.unknown if seen is None else timestamp(seen))
         if robot.fault is not None:
             graph.add(iri, LF.fault, Literal(robot.fault))
 
-    def _presence_if_offline(self, graph: Graph, iri: NamedNode, robot: Robot) -> None:
-        if not robot.online:
+    def _presence_if_not_online(self, graph: Graph, iri: NamedNode, robot: Robot) -> None:
+        if robot.presence != "online":
             self.presence(graph, iri, robot)
 
     def _last_frame(self, graph: Graph, iri: NamedNode, robot: Robot) -> None:

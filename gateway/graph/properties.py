@@ -11,7 +11,7 @@ from gateway.actions.offer import joint_offers
 from gateway.fleet.model import Joint, Link, Pose
 from gateway.fleet.observation import Observation
 from gateway.fleet.robot import Robot
-from gateway.graph.build import Graph, integer, number
+from gateway.graph.build import Graph, Node, integer, number
 from gateway.graph.kinds import (
     EFFORT_RESOLUTION,
     KILOGRAM,
@@ -31,7 +31,7 @@ from gateway.graph.kinds import (
 from gateway.graph.paths import joint_path
 from gateway.graph.property import Property, Seen
 from gateway.graph.settable import ABSOLUTE, settable, target
-from gateway.graph.vocab import DCTERMS, LF, MATHS, ROS, SPATIAL
+from gateway.graph.vocab import DCTERMS, LF, MATHS, ROS, SPATIAL, XSD
 
 FRAME_MEDIA_TYPE = "application/vnd.linked-fleet.frame"
 
@@ -62,7 +62,12 @@ def _measured(
 
 
 def _position(robot: Robot, joint: str) -> Observation:
-    return robot.observe(f"{joint}/position", (robot.positions.get(joint, math.nan),), POSITION_RESOLUTION)
+    return robot.observe_position(joint, POSITION_RESOLUTION)
+
+
+def _mark(graph: Graph, node: Node, outside: bool) -> None:
+    if outside:
+        graph.add(node, LF.outOfLimits, Literal("true", datatype=XSD.boolean))
 
 
 def _velocity(robot: Robot, joint: str) -> Observation:
@@ -164,6 +169,7 @@ def robot_properties(robot: Robot, iri_of: Callable[[str], NamedNode]) -> list[P
 def _rotation(robot: Robot, joint: Joint) -> Property:
     def describe(graph: Graph, iri: NamedNode, seen: Seen) -> None:
         graph.scalar(iri, SPATIAL.rotationAngle, seen.values[0], RADIAN)
+        _mark(graph, iri, any(seen.outside))
         graph.vector(iri, SPATIAL.rotationAxis, joint.axis, None)
         graph.result_time(iri, seen.wall_ns)
 
@@ -175,6 +181,7 @@ def _rotation(robot: Robot, joint: Joint) -> Property:
 def _translation(robot: Robot, joint: Joint) -> Property:
     def describe(graph: Graph, iri: NamedNode, seen: Seen) -> None:
         graph.scalar(iri, LF.displacement, seen.values[0], METRE)
+        _mark(graph, iri, any(seen.outside))
         graph.vector(iri, LF.translationAxis, joint.axis, None)
         graph.result_time(iri, seen.wall_ns)
 
@@ -280,13 +287,15 @@ def _joint_values(robot: Robot, joint: Joint) -> tuple[Observation, Observation,
 
 def _joint_state(graph: Graph, iri: NamedNode, robot: Robot, iri_of: Callable[[str], NamedNode], seen: Seen) -> None:
     """Every joint of the wire's arrays with its values, and the layout of the same in one binary frame (D5)."""
-    rows = zip(seen.values[::3], seen.values[1::3], seen.values[2::3], strict=True)
-    for joint, (position, velocity, effort) in zip(_movable(robot), rows, strict=True):
+    outside = seen.outside[::3] or (False,) * (len(seen.values) // 3)
+    rows = zip(seen.values[::3], seen.values[1::3], seen.values[2::3], outside, strict=True)
+    for joint, (position, velocity, effort, marked) in zip(_movable(robot), rows, strict=True):
         dimension = kind_of(joint).dimension
         assert dimension is not None
         sample = graph.blank(LF.JointSample)
         graph.add(iri, LF.sample, sample)
         graph.add(sample, LF.ofJoint, iri_of(joint_path(robot.name, joint.name)))
+        _mark(graph, sample, marked)
         for predicate, value, unit_term, unit in (
             (LF.position, position, LF.positionUnit, dimension.position),
             (LF.velocity, velocity, LF.velocityUnit, dimension.velocity),

@@ -18,13 +18,16 @@ class Seen(NamedTuple):
 
     values: tuple[float, ...] = ()
     wall_ns: int | None = None
+    outside: tuple[bool, ...] = ()
+    """Of each observation, whether it is a position outside its limits."""
 
     @classmethod
     def of(cls, observations: Sequence[Observation]) -> Self:
         if len(observations) == 1:
-            return cls(observations[0].values, observations[0].wall_ns)
+            return cls(observations[0].values, observations[0].wall_ns, (observations[0].outside,))
         stamps = [each.wall_ns for each in observations if each.wall_ns is not None]
-        return cls(tuple(chain.from_iterable(each.values for each in observations)), max(stamps, default=None))
+        values = tuple(chain.from_iterable(each.values for each in observations))
+        return cls(values, max(stamps, default=None), tuple([each.outside for each in observations]))
 
 
 Describe = Callable[[Graph, NamedNode, Seen], None]

@@ -34,7 +34,9 @@ class Reading(Struct):
         if len(self.observations) != len(other.observations):
             return True
         for ours, theirs in zip(self.observations, other.observations, strict=True):
-            if ours is not theirs and _apart(ours.values, theirs.values, deadband):
+            if ours is theirs:
+                continue
+            if ours.outside != theirs.outside or _apart(ours.values, theirs.values, deadband):
                 return True
         return False
 
@@ -76,9 +78,9 @@ class Source:
         return self.look is not tuple
 
 
-def presence(robot: Robot) -> tuple[bool, int | None, str | None]:
+def presence(robot: Robot) -> tuple[str, int | None, str | None]:
     """What descriptions say of the presence of a robot."""
-    return robot.online, None if robot.online else robot.last_seen_ns, robot.fault
+    return robot.presence, None if robot.online else robot.last_seen_ns, robot.fault
 
 
 def version_of(robot: Robot, observations: tuple[Observation, ...]) -> tuple[int, int, int]:

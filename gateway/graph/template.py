@@ -33,9 +33,11 @@ class Versions(NamedTuple):
 
 
 class _Form(NamedTuple):
-    """What changes the document's form and not only its numbers: which values are unknown, what is said at all."""
+    """What changes the document's form and not only its numbers: which values are unknown or outside their limits, and
+    what is said at all."""
 
     unknown: tuple[bool, ...]
+    outside: tuple[bool, ...]
     timed: bool
     versions: int
 
@@ -58,7 +60,7 @@ class Rendering:
         """The document with these values; WriteError when the syntax cannot say it."""
         values = seen.values
         said = 0 if versions is None else 1 if versions.previous is None else 2
-        form = _Form(tuple([value != value for value in values]), seen.wall_ns is not None, said)
+        form = _Form(tuple([value != value for value in values]), seen.outside, seen.wall_ns is not None, said)
         if form != self._form:
             self._template, self._form = self._compile(form), form
         texts = [lexical(value) for value in values]
@@ -83,7 +85,7 @@ class Rendering:
         versions = Versions(f"{_random.getrandbits(64):016x}", f"{_random.getrandbits(64):016x}")
         graph = Graph()
         assert self._resource.measured is not None
-        self._resource.measured(graph, Seen(tuple(values), wall_ns if form.timed else None))
+        self._resource.measured(graph, Seen(tuple(values), wall_ns if form.timed else None, form.outside))
         if form.versions:
             iri = NamedNode(self._base + self._resource.path)
             describe_version(graph, iri, versions.version, versions.previous if form.versions == 2 else None)

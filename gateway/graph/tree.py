@@ -129,7 +129,7 @@ class Tree:
             has_linkset=True,
         )
 
-    def _members(self) -> list[tuple[str, str, tuple[bool, int | None, str | None]]]:
+    def _members(self) -> list[tuple[str, str, tuple[str, int | None, str | None]]]:
         return [(name, robot.title, presence(robot)) for name, robot in self._robots.items()]
 
     def _at_root(self, segment: str) -> Resource | None:

@@ -114,11 +114,12 @@ LF = Namespace(
     " ControlLeaseShape ControlLeaseInput TextPropertyShape TextInput AnnotationsShape SpeedScaleShape SpeedScaleInput"
     " TargetPositionShape ModelShape MeshShape FrameLayoutShape RuleShape RuleResourceShape FiringShape"
     # individuals
-    " unknown online offline accepted running succeeded failed cancelled preempted free held"
+    " unknown online offline faulty accepted running succeeded failed cancelled preempted free held"
     " thisAlone withProperties wholeSubtree active"
     " waiting awaitingConsent failing suspended disabled suppressed"
     # predicates: things
-    " presence lastSeen lastFrame fault rootLink baseMobility parentJoint childJoint shape invocations state reason"
+    " presence lastSeen lastFrame fault outOfLimits"
+    " rootLink baseMobility parentJoint childJoint shape invocations state reason"
     " target ofJoint result status vocabulary"
     # predicates: kinds of actions, and what completes their shapes
     " segment offeredBy capability completedBy anyNumber jointPosition jointDisplacement jointSpeed jointTarget"

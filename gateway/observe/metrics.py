@@ -70,10 +70,9 @@ class Numbers(Collector):
     def _of_robots(self) -> Iterator[Metric]:
         fleet, now_ns = self.live.fleet, time.time_ns()
         robots = [robot for name in fleet.robots if (robot := fleet.robots.get(name)) is not None]
-        online = sum(robot.online for robot in robots)
-        yield _gauges(
-            "robots", "Robots by presence.", "presence", {"online": online, "offline": len(robots) - online}.items()
-        )
+        presence = Counter({"online": 0, "offline": 0, "faulty": 0})
+        presence.update(robot.presence for robot in robots)
+        yield _gauges("robots", "Robots by presence.", "presence", presence.items())
         yield _gauge(
             "robots_undescribed", "Robots with a presence token and no description.", self.live.link.undescribed
         )

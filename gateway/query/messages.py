@@ -23,6 +23,7 @@ class Said(Struct, frozen=True, kw_only=True):
     incarnation: int | None
     description: Description | None
     fault: str | None
+    limit_fault: str | None
     last_seen_ns: int | None
     lease: Lease | None
     settings: dict[str, str]

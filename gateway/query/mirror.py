@@ -77,6 +77,7 @@ def _tell(held: Mirrored, said: Said) -> None:
     elif said.description != robot.description:
         robot.describe(said.description)
     robot.online, robot.heard_ns, robot.lease = said.online, said.last_seen_ns, said.lease
+    robot.limit_fault = said.limit_fault
     robot.settings, robot.targets = said.settings, said.targets
     held.wings, held.invocations = said.wings, said.invocations
     held.said += 1

@@ -73,6 +73,7 @@ def _said(robot: Robot, invocations: list[Invocation], wings: list[Member]) -> S
         incarnation=robot.incarnation,
         description=robot.description,
         fault=robot.fault,
+        limit_fault=robot.limit_fault,
         last_seen_ns=robot.last_seen_ns,
         lease=robot.lease,
         settings=dict(robot.settings),

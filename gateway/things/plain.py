@@ -64,6 +64,8 @@ class _Teller:
         if isinstance(term, Literal) and term.datatype in NUMERIC:
             number = float(term.value)
             return (int(number) if value.scalar.get("type") == "integer" else number) if math.isfinite(number) else None
+        if isinstance(term, Literal) and term.datatype == XSD.boolean:
+            return term.value == "true"
         return None if term == LF.unknown and value.unknown else term.value
 
 
