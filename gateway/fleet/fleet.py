@@ -21,7 +21,7 @@ from gateway.fleet.complaints import Complaints
 from gateway.fleet.events import Appeared, Described, Event, Framed, Moved, Undescribed, Vanished
 from gateway.fleet.frames import Frames
 from gateway.fleet.lease import Lease
-from gateway.fleet.limits import FAULTY_AFTER_NS
+from gateway.fleet.limit_watch import LimitWatch
 from gateway.fleet.observation import Observation
 from gateway.fleet.presence import MAX_RUNS
 from gateway.fleet.robot import Robot
@@ -65,9 +65,7 @@ class _Entry:
     runs: dict[int, Description | str | None] = field(default_factory=dict)
     described: bool = False
     """Some run of it has described itself usably."""
-    judged: bytes | None = None
-    outside_ns: int | None = None
-    """Since when, in gateway wall time, all positions that were judged have been outside their limits."""
+    limits: LimitWatch = field(default_factory=LimitWatch)
 
 
 class _ByName(Mapping[str, Robot]):
@@ -173,39 +171,10 @@ class Fleet:
         return self._handlers[type(event)](event, now_ns)
 
     def judge_limits(self, now_ns: int) -> list[Change]:
-        """Compare the present frame of each robot with the limits of its URDF.
-
-        Each frame that is outside is a complaint; a robot is faulty when that has lasted for ``FAULTY_AFTER_NS``.
-        """
-        changes = list[Change]()
-        for entry in self._entries.values():
-            entry.robot.look()
-            payload = entry.robot.payload if entry.robot.online else None
-            if payload is not entry.judged or entry.outside_ns is not None:
-                changes += self._judge(entry, payload, now_ns)
-        return changes
-
-    def _judge(self, entry: _Entry, payload: bytes | None, now_ns: int) -> list[Change]:
-        robot, fresh = entry.robot, payload is not entry.judged
-        entry.judged = payload
-        outside = robot.outside() if payload is not None else []
-        if not outside:
-            entry.outside_ns = None
-            if robot.limit_fault is None:
-                return []
-            robot.limit_fault = None
-            robot.tell_news()
-            return [Change(robot.name, "recovered")]
-        if fresh:
-            (name, value), *_ = outside
-            self._complaints.add(robot.name, f"joint {name!r} at {value:g}, outside its limits")
-        if entry.outside_ns is None:
-            entry.outside_ns = now_ns
-        if robot.limit_fault is not None or now_ns - entry.outside_ns < FAULTY_AFTER_NS:
-            return []
-        robot.limit_fault = f"Joints read positions outside their limits: {', '.join(name for name, _ in outside[:8])}"
-        robot.tell_news()
-        return [Change(robot.name, "faulty")]
+        """Compare the latest frame of each robot with the limits of its URDF."""
+        complain, entries = self._complaints.add, self._entries.values()
+        judged = [(each.robot.name, each.limits.judge(each.robot, now_ns, complain)) for each in entries]
+        return [Change(name, what) for name, what in judged if what is not None]
 
     def _appeared(self, event: Appeared, now_ns: int) -> list[Change]:
         entry, changes = self._entries.get(event.robot), list[Change]()
