@@ -262,11 +262,17 @@ class UnprocessableContent(FleetError):
         unused: Sequence[str] = (),
         headers: Mapping[str, str] | None = None,
     ) -> None:
-        # LDP 4.2.1.6: a constraint failure links to the constraints that it broke
-        link = {"Link": f'<{constraint}>; rel="{LDP.constrainedBy.value}"'} if constraint else {}
-        super().__init__(detail, headers={**link, **(headers or {})}, report=report)
-        self.constraint = constraint
+        super().__init__(detail, headers=headers, report=report)
+        self.constraint: str | None = None
         self.unused = list(unused)
+        if constraint is not None:
+            self.constrain(constraint)
+
+    def constrain(self, constraint: str) -> None:
+        """Name the constraints that were broken, unless they are named (LDP 4.2.1.6)."""
+        if self.constraint is None:
+            self.constraint = constraint
+            self.headers["Link"] = f'<{constraint}>; rel="{LDP.constrainedBy.value}"'
 
     @property
     def members(self) -> Members:

@@ -74,7 +74,7 @@ class PutSetting:
 
     @property
     def methods(self) -> tuple[str, ...]:
-        return ("PUT", "DELETE") if self.setting.removable else ("PUT",)
+        return ("PUT", "PATCH", "DELETE") if self.setting.removable else ("PUT", "PATCH")
 
 
 @dataclass(frozen=True)

@@ -53,6 +53,13 @@ def read_annotations(
     return text
 
 
+def agents_part(described: Sequence[Triple], robot: Robot, base: str, iri: str) -> list[Triple]:
+    """Of the description of the annotations ``iri``: what it says of itself, and what the agent says."""
+    subject = NamedNode(base + robot_path(robot.name))
+    agents = set(about(of_agent(robot.annotations, subject.value), subject, subject.value))
+    return [triple for triple in described if triple in agents or triple.subject == NamedNode(iri)]
+
+
 def _check_poses(text: str, robot: Robot, constraint: str) -> None:
     """A pose that the robot names itself cannot be another one."""
     taken = sorted(read_poses(text).keys() & read_poses(robot.annotations[0]).keys())

@@ -10,7 +10,7 @@ from pyoxigraph import NamedNode, Triple
 from gateway.actions.body import Body
 from gateway.errors import UnprocessableContent
 from gateway.fleet.robot import Robot
-from gateway.graph.annotation_body import read_annotations
+from gateway.graph.annotation_body import agents_part, read_annotations
 from gateway.graph.judge import Judge
 from gateway.graph.paths import robot_path
 from gateway.graph.shapes import load
@@ -41,6 +41,19 @@ class Setting:
         if self.shape is None or self.read is None:
             return read_annotations(triples, self.robot, base, iri, present)
         return self.read(judged(triples, self.shape, iri, present))
+
+    def managed(self, described: Sequence[Triple], base: str) -> list[Triple]:
+        """The statements of its description that are not for clients to take back."""
+        iri = base + self.path
+        if self.shape is None:
+            return agents_part(described, self.robot, base, iri)
+        return managed(described, self.shape, iri)
+
+
+def managed(described: Sequence[Triple], shape: NamedNode, iri: str) -> list[Triple]:
+    """The statements of a description of ``iri`` of which the shape of a body says nothing."""
+    _, terms = _judge(shape)
+    return unused(described, NamedNode(iri), terms)
 
 
 def judged(triples: Sequence[Triple], shape: NamedNode, iri: str, present: frozenset[Triple] = frozenset()) -> Body:

@@ -39,7 +39,9 @@ NUMERIC = (
 """The types of numbers that bodies may use: 43.6 is a decimal in Turtle, a double in JSON-LD."""
 DCTERMS = Namespace("http://purl.org/dc/terms/", "title description identifier hasPart isPartOf format created")
 LDP = Namespace(
-    "http://www.w3.org/ns/ldp#", "Resource RDFSource NonRDFSource Container BasicContainer contains constrainedBy"
+    "http://www.w3.org/ns/ldp#",
+    "Resource RDFSource NonRDFSource Container BasicContainer contains constrainedBy"
+    " PreferContainment PreferMembership PreferMinimalContainer",
 )
 SH = Namespace(
     "http://www.w3.org/ns/shacl#",

@@ -1,5 +1,6 @@
 """The control lease and the settings of a robot: what is put there, and taken away (R0.5)."""
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from pyoxigraph import Triple
@@ -18,6 +19,7 @@ from gateway.graph.unused import shown
 from gateway.graph.vocab import LF
 from gateway.http.body import FORM_TYPES, body_type, parse_body, parse_form, read_as
 from gateway.http.invoke import lock_token, refuse_rehearsal
+from gateway.http.patch import patched, read_patch
 from gateway.http.preconditions import check_preconditions
 from gateway.http.rights import tree_of
 
@@ -63,15 +65,31 @@ async def put_setting(request: Request, afforded: PutSetting, base: str) -> Resp
     memory = _memory(request)
     refuse_rehearsal(request)
     setting = afforded.setting
-    triples = await _read_setting(request, setting, base) if request.method == "PUT" else None
+    change = await _change(request, setting, base)
     while True:
         # Each time, because the value may have changed while the body was on its way, or at another gateway.
         present = tree_of(request, base).resolve(setting.path)
         assert isinstance(present, Resource)  # no robot is forgotten while its settings are written
         check_preconditions(request, present, base)
-        value = None if triples is None else setting.admit(triples, base, shown(present.describe))
-        if await memory.configure(setting.robot, setting.name, value, lock_token(request)):
+        if await memory.configure(setting.robot, setting.name, change(present), lock_token(request)):
             return Response(status_code=204)
+
+
+async def _change(request: Request, setting: Setting, base: str) -> Callable[[Resource], str | None]:
+    """What is to be remembered, by the resource as it is at that moment; None when the setting is taken back."""
+    if request.method == "DELETE":
+        return lambda present: None
+    if request.method == "PUT":
+        triples = await _read_setting(request, setting, base)
+        return lambda present: setting.admit(triples, base, shown(present.describe))
+    iri = base + setting.path
+    update = await read_patch(request, iri)
+
+    def patch(present: Resource) -> str:
+        after = patched(update, present, f"{iri}/blueprint", lambda described: setting.managed(described, base))
+        return setting.admit(after, base, shown(present.describe))
+
+    return patch
 
 
 async def _read_setting(request: Request, setting: Setting, base: str) -> list[Triple]:

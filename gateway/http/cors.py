@@ -3,14 +3,14 @@
 from starlette.middleware import Middleware
 from starlette.middleware.cors import CORSMiddleware
 
-_METHODS = ("GET", "HEAD", "POST", "PUT", "DELETE", "OPTIONS")
+_METHODS = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS")
 _ASKED = (
     "authorization", "content-type", "if-match", "if-none-match", "idempotency-key", "last-event-id", "lock-token",
     "prefer", "traceparent", "x-request-id",
 )  # fmt: skip
 _ANSWERED = (
-    "accept-post", "accept-put", "allow", "etag", "link", "location", "lock-token", "preference-applied",
-    "retry-after", "www-authenticate", "x-request-id",
+    "accept-patch", "accept-post", "accept-put", "allow", "etag", "link", "location", "lock-token",
+    "preference-applied", "retry-after", "www-authenticate", "x-request-id",
 )  # fmt: skip
 
 

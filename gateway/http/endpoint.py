@@ -13,7 +13,15 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket
 
-from gateway.errors import BadRequest, FleetError, MethodNotAllowed, NotAcceptable, NotFound, PreconditionFailed
+from gateway.errors import (
+    BadRequest,
+    FleetError,
+    MethodNotAllowed,
+    NotAcceptable,
+    NotFound,
+    PreconditionFailed,
+    UnprocessableContent,
+)
 from gateway.face.policy import FORMS, POLICY
 from gateway.graph.affordance import (
     Affordance,
@@ -28,7 +36,7 @@ from gateway.graph.affordance import (
 )
 from gateway.graph.cameras import Eye
 from gateway.graph.paths import is_below, owner_path, robot_of
-from gateway.graph.resource import Redirect, Remote, Resource
+from gateway.graph.resource import CONTAINER, Redirect, Remote, Resource
 from gateway.graph.subscription import container_path
 from gateway.graph.tree import EMPTY, Shelf
 from gateway.graph.vocab import PREFIXES
@@ -38,12 +46,15 @@ from gateway.http.audit import NEEDS as AUDIT_NEEDS
 from gateway.http.audit import audit_resource, is_audit, note, with_audit
 from gateway.http.body import BODY_TYPES, FORM_TYPES
 from gateway.http.conditional import not_modified, precondition_holds
+from gateway.http.containers import preferred_part, shown_part
 from gateway.http.control import control, put_setting
 from gateway.http.fields import field
 from gateway.http.invoke import end_invocation, invoke, put_target
 from gateway.http.links import Link, link_header
+from gateway.http.models import check_model
 from gateway.http.negotiation import choose
 from gateway.http.past import read_past
+from gateway.http.patch import PATCH_TYPES
 from gateway.http.pictures import picture, picture_type
 from gateway.http.preconditions import check_preconditions
 from gateway.http.problem import problem
@@ -80,7 +91,7 @@ log = logging.getLogger(__name__)
 # The whole header block stays under 4 KiB, and Link is not alone in it.
 _LINK_BYTES = 3584
 _READ = ("GET", "HEAD", "OPTIONS")
-_METHODS = (*_READ, "POST", "PUT", "DELETE")
+_METHODS = (*_READ, "POST", "PUT", "PATCH", "DELETE")
 _LONGEST_NAMED = 200
 # Foreign XML and meshes: should a browser take one for a document, it is one that can do nothing.
 _NOTHING = "sandbox; default-src 'none'"
@@ -157,6 +168,9 @@ async def _answer(request: Request, base: str) -> ASGIApp:
         if request.method in _READ:
             return await _READERS[type(found.remote)](request, found, found.remote, base)
         return await _write(request, found, base)
+    part = preferred_part(request, found)
+    if part is not None:
+        found = shown_part(found, part, base)
     check_preconditions(request, found, base)
     if request.method not in _READ:
         return await _write(request, found, base)
@@ -232,8 +246,19 @@ def _moved(connection: HTTPConnection, to: Redirect, base: str) -> Response:
 
 
 async def _write(request: Request, resource: Resource, base: str) -> Response:
-    """What ``_allow`` allows."""
-    return await _WRITERS[type(resource.affords)](request, resource.affords, base)
+    """What ``_allow`` allows. A body that breaks a constraint is told where the constraints are (LDP 4.2.1.6)."""
+    try:
+        check_model(request, resource)
+        return await _WRITERS[type(resource.affords)](request, resource.affords, base)
+    except UnprocessableContent as error:
+        error.constrain(base + _constraints(resource))
+        raise
+
+
+def _constraints(resource: Resource) -> str:
+    """Path of what says which bodies the resource takes: the shape in an action's description, else the blueprint."""
+    blueprint = resource.path.rstrip("/") + "/blueprint"
+    return blueprint if blueprint in resource.own else resource.path
 
 
 _WRITERS: dict[type, Callable[[Request, Any, str], Awaitable[Response]]] = {
@@ -267,6 +292,8 @@ def _read(request: Request, resource: Resource, base: str) -> Response:
     representation = negotiated(accept, resource, base)
     offer_repeat(request, resource, representation.media_type, base)
     headers = _headers(resource, base, representation.etag)
+    if representation.media_type not in resource.documents and preferred_part(request, resource) is not None:
+        headers["preference-applied"] = "return=representation"
     if representation.media_type == "text/html":
         headers["content-security-policy"] = FORMS if resource.reader or resource.forms else POLICY
     elif representation.media_type.endswith("xml"):
@@ -340,7 +367,7 @@ _READERS: dict[type, Callable[[Request, Resource, Any, str], Awaitable[Response]
 def _headers(resource: Resource, base: str, etag: str) -> dict[str, str]:
     headers = {
         "etag": etag,
-        "vary": "Accept",
+        "vary": "Accept, Prefer" if resource.interaction == CONTAINER else "Accept",
         "cache-control": _FOR_EVER if resource.immutable else "no-cache",
         "x-content-type-options": "nosniff",
     }
@@ -357,6 +384,7 @@ def _options(resource: Resource, allow: tuple[str, ...]) -> dict[str, str]:
     if resource.affords is not None and (taken := _taken(resource.affords)):
         fields = {"POST": "accept-post", "PUT": "accept-put"}
         headers |= {fields[method]: ", ".join(taken) for method in allow if method in fields}
+        headers |= {"accept-patch": ", ".join(PATCH_TYPES)} if "PATCH" in allow else {}
     return headers
 
 

@@ -4,7 +4,7 @@ import re
 from dataclasses import dataclass
 from typing import Literal
 
-from gateway.http.fields import TOKEN, split, unquote
+from gateway.http.fields import TOKEN, parameters, split, unquote
 
 MAX_WAIT_S = 60.0
 Return = Literal["minimal", "representation"]
@@ -19,20 +19,32 @@ class Prefer:
     wait_s: float | None = None
     dry_run: bool = False
     """Ours: say what the action would do, and do nothing."""
+    include: frozenset[str] = frozenset()
+    omit: frozenset[str] = frozenset()
+    """IRIs of the parts of a representation that are wanted, and that are not (LDP 7.2)."""
 
 
 def parse_prefer(header: str | None) -> Prefer:
     """The header's values, joined by commas when there were several; the first of a repeated preference counts."""
     said: dict[str, str] = {}
+    parts: dict[str, str] = {}
     for member in split(header or "", ","):
-        preference, *_parameters = split(member, ";") or [""]
+        preference, *rest = split(member, ";") or [""]
         name, equals, value = (part.strip(" \t") for part in preference.partition("="))
         text = unquote(value) if equals else ""
         # section 2: an empty value is the same as none
         if TOKEN.fullmatch(name) and (text is not None or value == ""):
+            if name.lower() == "return" and "return" not in said:
+                parts = dict(each for each in parameters(rest) if each is not None)
             said.setdefault(name.lower(), text or "")
-    wait_s = _wait(said.get("wait"))
-    return Prefer(_return(said.get("return")), said.get("respond-async") == "", wait_s, "dry-run" in said)
+    return Prefer(
+        _return(said.get("return")),
+        said.get("respond-async") == "",
+        _wait(said.get("wait")),
+        "dry-run" in said,
+        frozenset(parts.get("include", "").split()),
+        frozenset(parts.get("omit", "").split()),
+    )
 
 
 def _return(value: str | None) -> Return | None:

@@ -1,6 +1,6 @@
 """Objects of the world over HTTP, and poses in the frames that a query names."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from urllib.parse import unquote
@@ -11,11 +11,13 @@ from starlette.responses import Response
 
 from gateway.errors import BadRequest, NotFound
 from gateway.graph.resource import Resource
+from gateway.graph.setting import managed
 from gateway.graph.unused import shown
 from gateway.graph.vocab import LF
 from gateway.http.body import body_type, parse_body, read_as
 from gateway.http.invoke import refuse_rehearsal
 from gateway.http.offload import Offload
+from gateway.http.patch import patched, read_patch
 from gateway.http.preconditions import check_preconditions
 from gateway.http.rights import tree_of
 from gateway.world.body import read_object
@@ -43,17 +45,30 @@ async def put_object(request: Request, afforded: PutObject, base: str) -> Respon
     """204: replaced, or taken away."""
     refuse_rehearsal(request)
     objects, path = _world(request).objects, object_path(afforded.id)
-    triples = await _read(request, base + path, base) if request.method == "PUT" else None
+    change = await _change(request, base + path, base)
     while True:
         # Each time, because it may have changed, or gone, while the body was on its way, or at another gateway.
         present = tree_of(request, base).resolve(path)
         if not isinstance(present, Resource):
             raise NotFound("Somebody has taken the object away meanwhile.")
         check_preconditions(request, present, base)
+        triples = change(present)
         known = objects.known[afforded.id]
-        thing = None if triples is None else await _changed(request, triples, present, known, base)
+        thing = None if triples is None else await _replaced(request, triples, present, known, base)
         if await objects.change(afforded.id, thing):
             return Response(status_code=204)
+
+
+async def _change(request: Request, iri: str, base: str) -> Callable[[Resource], list[Triple] | None]:
+    """The description to be, by the resource as it is at that moment; None when the object is taken away."""
+    if request.method == "DELETE":
+        return lambda present: None
+    if request.method == "PUT":
+        triples = await _read(request, iri, base)
+        return lambda present: triples
+    update = await read_patch(request, iri)
+    own = partial(managed, shape=LF.SceneObjectInput, iri=iri)
+    return lambda present: patched(update, present, f"{iri}/blueprint", own)
 
 
 async def _read(request: Request, iri: str, base: str) -> list[Triple]:
@@ -65,7 +80,7 @@ async def _read(request: Request, iri: str, base: str) -> list[Triple]:
     return await read_as(request, read, MAX_BODY_BYTES)
 
 
-async def _changed(
+async def _replaced(
     request: Request, triples: Sequence[Triple], resource: Resource, present: SceneObject | None, base: str
 ) -> SceneObject:
     """The object that a body describes, read in a thread if it has a mesh; UnprocessableContent, Busy."""

@@ -26,7 +26,7 @@ from gateway.observe.tracing import Tracing
 REQUEST_ID = "X-Request-Id"
 _STARTS = ("http.response.start", "websocket.http.response.start", "websocket.accept")
 _READ = ("GET", "HEAD", "OPTIONS")
-_TRACED = ("POST", "PUT", "DELETE")
+_TRACED = ("POST", "PUT", "PATCH", "DELETE")
 _LONGEST_PATH = 1024
 _PAGES: dict[str, Callable[[Request], Awaitable[Response]]] = {
     "/health/live": live,

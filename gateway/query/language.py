@@ -31,7 +31,7 @@ _TOKEN = re.compile(
     |(?P<language>@[A-Za-z][A-Za-z0-9-]*+)
     |(?P<name>_:[\w.·-]++|(?:[^\W\d_][\w.·-]{0,63}+)?:(?:[\w.:·-]|%[0-9A-Fa-f]{2}|\\.)*+)
     |(?P<word>[A-Za-z_]\w*+)
-    |(?P<number>[0-9.]++)
+    |(?P<number>[0-9.]++(?:[eE][+-]?+[0-9]++)?)
     |(?P<open>[({\[])
     |(?P<close>[)}\]])
     |(?P<other>.)""",
@@ -78,7 +78,7 @@ class Query:
 
 def read(text: str, base: str) -> Query:
     """The query; PayloadTooLarge or BadRequest for one that nobody evaluates here. ``base``: of relative IRIs."""
-    tokens = _tokens(text)
+    tokens = tokens_of(text)
     first = next((each.word for each in tokens if each.word not in ("", "PREFIX", "BASE", "VERSION")), "")
     if first in _UPDATES:
         raise BadRequest(f"{first} is an update; this endpoint reads. What moves robots are their actions.")
@@ -86,7 +86,7 @@ def read(text: str, base: str) -> Query:
         raise BadRequest(f"A query is one of {', '.join(FORMS)}.")
     for each in tokens:
         if each.word == "SERVICE":
-            raise _refusal("SERVICE is not evaluated: the fleet asks nobody else. Ask both, and join.", text, each)
+            raise refusal("SERVICE is not evaluated: the fleet asks nobody else. Ask both, and join.", text, each)
     names = (re.split(r"[:/#]", each.text.strip("<>"))[-1] for each in tokens if each.kind in ("iri", "name"))
     return Query(text, first, _dataset(text, tokens, base), frozenset(names))
 
@@ -100,7 +100,7 @@ def check_select(query: str) -> list[str]:
     found = read(query, "http://localhost/")
     if found.form != "SELECT":
         raise BadRequest(f"This takes a SELECT query, not {found.form}.")
-    tokens = _tokens(query)
+    tokens = tokens_of(query)
     after = next(index for index, each in enumerate(tokens) if each.word == "SELECT") + 1
     variables = list(_projected(tokens[after:]))
     if not variables:
@@ -142,13 +142,13 @@ def _listed(tokens: list[Token], variable: str) -> Iterator[Token]:
             column += 1
 
 
-def _refusal(detail: str, text: str, token: Token) -> BadRequest:
+def refusal(detail: str, text: str, token: Token) -> BadRequest:
     """With line and column of the token, from 1."""
     before = text[: token.start]
     return BadRequest(detail, line=before.count("\n") + 1, column=token.start - before.rfind("\n"))
 
 
-def _tokens(text: str) -> list[Token]:
+def tokens_of(text: str) -> list[Token]:
     """All but white space and comments; bounded in length and nesting."""
     if len(text.encode("utf-8", "surrogatepass")) > MAX_QUERY_BYTES:
         raise PayloadTooLarge(f"The query has more than {MAX_QUERY_BYTES} bytes.")
@@ -164,7 +164,7 @@ def _tokens(text: str) -> list[Token]:
         tokens.append(token)
         depth += (kind == "open") - (kind == "close")
         if depth > MAX_DEPTH:
-            raise _refusal(f"Brackets are nested more than {MAX_DEPTH} deep.", text, token)
+            raise refusal(f"Brackets are nested more than {MAX_DEPTH} deep.", text, token)
     return tokens
 
 
@@ -211,7 +211,7 @@ def _iri(text: str, term: Token, prefixes: dict[str, str], base: str) -> str:
         return _join(base, term.text[1:-1])
     prefix, _, local = term.text.partition(":")
     if term.kind != "name" or prefix not in prefixes:
-        raise _refusal("Here an IRI is expected, or a name whose prefix is declared.", text, term)
+        raise refusal("Here an IRI is expected, or a name whose prefix is declared.", text, term)
     return prefixes[prefix] + re.sub(r"\\(.)", r"\1", local)
 
 

@@ -40,7 +40,7 @@ class PutObject:
     """Replace an object, or take it out of the world."""
 
     id: str
-    methods: ClassVar[tuple[str, ...]] = ("PUT", "DELETE")
+    methods: ClassVar[tuple[str, ...]] = ("PUT", "PATCH", "DELETE")
     takes_body: ClassVar[bool] = True
     needs: ClassVar[tuple[Right, ...]] = (Right.ADMIN,)
 

@@ -319,6 +319,7 @@ def test_what_can_be_put_says_so(pair: tuple[Gateway, Gateway]) -> None:
         allow, types = (f"{_READ}, PUT", _TYPES) if url in settable else (_READ, None)
         if types and url != str(robot.one(LF.annotations)):  # of which nobody knows what members would mean
             types += ", application/json"
+        allow += ", PATCH" if types and url != str(joint.one(LF.targetRotation)) else ""
         allow += ", DELETE" if url in {str(robot.one(each)) for each in (LF.annotations, LF.placement)} else ""
         assert [(each["allow"], each.get("accept-put")) for each in fields] == 2 * [(allow, types)], url
         if url not in settable:

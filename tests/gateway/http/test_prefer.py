@@ -38,3 +38,9 @@ def test_applied() -> None:
     assert preference_applied() is None
     assert preference_applied(respond_async=True, wait_s=10.0) == "respond-async, wait=10"
     assert preference_applied(return_="representation") == "return=representation"
+
+
+def test_parts_of_a_representation() -> None:
+    """LDP 7.2: IRIs to include or to omit, parameters of the first ``return`` alone."""
+    found = parse_prefer('return=representation; include="http://a http://b" ;omit=c, return=minimal; include="d"')
+    assert found == Prefer("representation", include=frozenset({"http://a", "http://b"}), omit=frozenset({"c"}))

@@ -1,0 +1,43 @@
+"""PATCH of one resource by a SPARQL update (RFC 5789; LDP 4.2.7): what comes of it is then put."""
+
+from collections.abc import Callable, Iterable, Sequence
+
+from pyoxigraph import Triple
+from starlette.requests import Request
+
+from gateway.errors import BadRequest, UnsupportedMediaType
+from gateway.graph.build import Graph
+from gateway.graph.resource import Resource
+from gateway.graph.unused import refuse
+from gateway.http.body import body_type, read_body
+from gateway.query.language import MAX_QUERY_BYTES
+from gateway.query.update import Operation, read_update, updated
+
+PATCH_TYPES = ("application/sparql-update",)
+Managed = Callable[[Sequence[Triple]], Iterable[Triple]]
+"""The statements of a description that are not for clients to take back."""
+
+
+async def read_patch(request: Request, iri: str) -> list[Operation]:
+    """The update in the body, with ``iri`` as base; BadRequest, PayloadTooLarge, UnsupportedMediaType."""
+    try:
+        body_type(request, PATCH_TYPES)
+    except UnsupportedMediaType as error:
+        error.headers["Accept-Patch"] = ", ".join(PATCH_TYPES)
+        raise
+    content = await read_body(request, MAX_QUERY_BYTES)
+    try:
+        return read_update(content.decode("utf-8-sig"), iri)
+    except UnicodeDecodeError as error:
+        raise BadRequest("The update is not UTF-8.") from error
+
+
+def patched(operations: Sequence[Operation], resource: Resource, constraint: str, managed: Managed) -> list[Triple]:
+    """The description of the resource after the update; UnprocessableContent where it takes back what stays."""
+    graph = Graph()
+    assert resource.describe is not None
+    resource.describe(graph)
+    after = updated(graph.triples, operations)
+    left = set(after)
+    refuse([triple for triple in managed(graph.triples) if triple not in left], constraint, "No client takes back")
+    return after

@@ -1,0 +1,300 @@
+"""Writes at a real gateway: nothing is lost in silence, and each refusal says where its constraints are."""
+
+from collections.abc import Iterator
+
+import httpx
+import pytest
+import rdflib
+from browser import DCTERMS, LDP, LF, MATHS, Browser, Page
+from commanding import PREFIXES, problem, put
+from rdflib import Literal, URIRef
+from rdflib.term import Node
+from small_fleet import Place, live
+
+pytestmark = pytest.mark.fleet
+_SYNTAXES = ("text/turtle", "application/ld+json", "application/n-triples", "application/rdf+xml")
+_UPDATE = {"content-type": "application/sparql-update"}
+_SPARQL = """PREFIX lf: <https://w3id.org/linked-fleet#> PREFIX dcterms: <http://purl.org/dc/terms/>
+PREFIX vom: <http://vocab.arvida.de/2015/06/vom/vocab#> PREFIX maths: <http://vocab.arvida.de/2015/06/maths/vocab#>
+PREFIX ex: <http://example.org/> PREFIX rdfs: <http://www.w3.org/2000/01/rdf-schema#> """
+_AT = "lf:position [ maths:x 9 ; maths:y 9 ; maths:z 0.5 ; vom:unit unit:M ]"
+_CRATE = f"""<> dcterms:title "crate" ; {_AT} ;
+    lf:geometry [ a lf:Sphere ; lf:radius [ vom:numericalValue 0.2 ; vom:unit unit:M ] ] ."""
+_CONSTRAINED = str(LDP.constrainedBy)
+_MODELS = ("Container", "BasicContainer", "DirectContainer", "IndirectContainer", "NonRDFSource")
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    place = Place(tmp_path_factory.mktemp("place"))
+    with place.gateway() as (gateway, browser), place.ur5():
+        live(browser, "ur5")
+        yield browser
+        assert "Traceback" not in gateway.output, gateway.output
+
+
+@pytest.fixture
+def crate(browser: Browser) -> Iterator[str]:
+    answer = browser.http.post(_objects(browser), content=PREFIXES + _CRATE, headers={"content-type": "text/turtle"})
+    assert answer.status_code == 201, answer.text
+    yield answer.headers["location"]
+    browser.http.delete(answer.headers["location"])
+
+
+def _objects(browser: Browser) -> str:
+    world = browser.page(str(browser.page(browser.root).one(LF.world)))
+    return str(world.one(LF.objects))
+
+
+def _setting(browser: Browser, name: str) -> str:
+    return str(browser.robot("ur5").one(LF[name]))
+
+
+def _written(browser: Browser, crate: str) -> dict[str, str]:
+    """Each resource that takes PUT, with something that makes it have a state."""
+    bodies = {
+        "title": '<> lf:value "Arm" .',
+        "annotations": "<./> <urn:x/colour> 'red' ; <urn:x/by> [ <urn:x/n> 1 ] .",
+        "maximumSpeedScale": "<> lf:value [ vom:numericalValue 0.5 ] .",
+        "placement": f"<> {_AT} .",
+    }
+    urls = {name: _setting(browser, name) for name in bodies}
+    for name, body in bodies.items():
+        answer = put(browser, urls[name], PREFIXES + body)
+        assert answer.status_code == 204, answer.text
+    return urls | {"crate": crate}
+
+
+def _patch(browser: Browser, url: str, update: str, **fields: str) -> httpx.Response:
+    return browser.http.patch(url, content=_SPARQL + update, headers=_UPDATE | fields)
+
+
+def _value(page: Page, predicate: URIRef) -> Node | None:
+    return page.graph.value(page.iri, predicate)
+
+
+def test_what_was_read_can_be_put_back(browser: Browser, crate: str) -> None:
+    """Of every resource, in every syntax that is offered and taken, plain JSON too: nothing has changed."""
+    for name, url in _written(browser, crate).items():
+        before = browser.page(url)
+        taken = before.response.headers["accept-put"].split(", ")
+        assert set(_SYNTAXES) <= set(taken)
+        for media_type in taken:
+            read = browser.http.get(url, headers={"accept": media_type})
+            answer = browser.http.put(url, content=read.content, headers={"content-type": media_type})
+            assert answer.status_code == 204, f"{name} {media_type} {answer.text} {read.text}"
+            assert browser.page(url).response.text == before.response.text
+
+
+def test_every_constraint_failure_names_its_constraint(browser: Browser, crate: str) -> None:
+    """Each 422 to PUT, POST and PATCH of whatever takes them links a document by ldp:constrainedBy that can be read."""
+    robot = browser.robot("ur5")
+    joint = browser.part("ur5", "shoulder_pan_joint")
+    urls = {
+        str(url) for page in (robot, joint) for url in page.graph.objects(page.iri, None) if isinstance(url, URIRef)
+    }
+    urls = {url for url in urls if url.startswith(browser.root)} | {crate, _objects(browser)}
+    urls |= {url + "subscriptions" for url in (browser.root,)}
+    seen = set()
+    for url in urls:
+        allow = browser.http.options(url).headers.get("allow", "")
+        for method, media_type, body in _attempts(browser.root):
+            if method not in allow:
+                continue
+            answer = browser.http.request(method, url, content=body, headers={"content-type": media_type})
+            if answer.status_code == 422:
+                constraint = answer.links[_CONSTRAINED]["url"]
+                assert browser.http.get(constraint).status_code == 200, f"{method} {url} {constraint}"
+                assert problem(answer)
+                seen.add((url, method))
+    assert {url for url, _ in seen} >= {crate, _objects(browser), _setting(browser, "title")}
+    assert {method for _, method in seen} == {"PUT", "POST", "PATCH"}
+    assert len(seen) > 15
+
+
+def _attempts(root: str) -> Iterator[tuple[str, str, str]]:
+    """Bodies that break constraints of several kinds, and of which each resource refuses some."""
+    geometry = "lf:geometry [ a lf:Sphere ; lf:radius [ vom:numericalValue {} ; vom:unit unit:M ] ]"
+    bodies = [
+        "",
+        "<> lf:nothing 1 .",
+        "<a> lf:value 1 . <b> lf:value 2 .",
+        f"<> dcterms:title 'x' ; {_AT} ; {geometry.format('5e9')} .",
+        f"<> dcterms:title 'x' ; {_AT} ; {geometry.format(1)} ; a lf:Obstacle, lf:KeepOutZone .",
+        f"<> dcterms:title 'x' ; {_AT} ; {geometry.format(1)} ; lf:inFrame <{root}ur5/> .",
+        f"<> dcterms:title 'x' ; {_AT.replace('9', '1e5')} ; {geometry.format(1)} .",
+        f"<> dcterms:title 'x' ; {_AT} ; lf:geometry [ a lf:Box ] .",
+        f"<> dcterms:title 'x' ; {_AT} ; lf:geometry [ a lf:TriangleMesh ; lf:stl 'AAAA' ] .",
+        f"<> {_AT} ; lf:orientation [ maths:x 0 ; maths:y 0 ; maths:z 0 ; lf:w 3 ] .",
+        "<./> lf:presence lf:offline .",
+        "<> lf:value [ vom:numericalValue 1e-400 ] .",
+        "<> vom:numericalValue 0 ; vom:unit unit:RAD ; lf:speedScal 0.1 .",
+        f"<> lf:ofLink <{root}ur5/wrist_3_link> ; {_AT} .",
+        f"<> a <https://hybr-it-projekt.de/ns/hybr-it#Subscription> ; <urn:x> <{root}> .",
+    ]
+    for body in bodies:
+        for method in ("PUT", "POST"):
+            yield method, "text/turtle", PREFIXES + body
+    yield "PATCH", _UPDATE["content-type"], _SPARQL + "INSERT DATA { <> ex:p 1 . <http://example.org/x> ex:p 1 }"
+
+
+@pytest.mark.parametrize("model", _MODELS)
+def test_a_model_that_is_not_to_be_had_is_refused(browser: Browser, crate: str, model: str) -> None:
+    """POST and PUT with ``Link; rel="type"``: 422 that links the constraint, and nothing is made (LDP 5.2.3.4)."""
+    before = browser.page(_objects(browser)).response.text
+    link = f'<http://example.org/a,b>; rel="describedby", <http://www.w3.org/ns/ldp#{model}>; rel="type"'
+    for method, url in (("POST", _objects(browser)), ("PUT", crate)):
+        headers = {"content-type": "text/turtle", "link": link}
+        answer = browser.http.request(method, url, content=PREFIXES + _CRATE, headers=headers)
+        assert problem(answer) == (422, "unprocessable-content")
+        assert model in answer.json()["detail"]
+        assert answer.links[_CONSTRAINED]["url"].endswith("/blueprint")
+    assert browser.page(_objects(browser)).response.text == before
+
+
+@pytest.mark.parametrize(
+    "link",
+    [
+        '<http://www.w3.org/ns/ldp#Resource>; rel="type", <http://www.w3.org/ns/ldp#RDFSource>; rel=type',
+        '<http://example.org/Crate>; rel="type"',
+        '<http://www.w3.org/ns/ldp#Container>; rel="related"; title="rel=\\"type\\""',
+        '<http://www.w3.org/ns/ldp#Container>; rel="type"; anchor="http://example.org/"',
+        "<http://www.w3.org/ns/ldp#Container; rel=type",
+    ],
+)
+def test_other_links_are_no_matter(browser: Browser, link: str) -> None:
+    """The models that are had, links of other types or from other resources, and what is no link."""
+    headers = {"content-type": "text/turtle", "link": link}
+    answer = browser.http.post(_objects(browser), content=PREFIXES + _CRATE, headers=headers)
+    assert answer.status_code == 201, answer.text
+    browser.http.delete(answer.headers["location"])
+
+
+# -- PATCH ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_title_is_patched(browser: Browser) -> None:
+    """204; If-Match holds against it; an update that is refused changes nothing."""
+    url = _setting(browser, "title")
+    assert put(browser, url, PREFIXES + '<> lf:value "one" .').status_code == 204
+    old = browser.http.get(url).headers["etag"]
+    update = 'DELETE { <> lf:value ?old } INSERT { <> lf:value "two" } WHERE { <> lf:value ?old }'
+    answer = _patch(browser, url, update, **{"if-match": old})
+    assert (answer.status_code, answer.content) == (204, b"")
+    assert _value(browser.page(url), LF.value) == Literal("two")
+    assert problem(_patch(browser, url, update, **{"if-match": old})) == (412, "precondition-failed")
+    for refused, status in (
+        ('INSERT DATA { <> lf:value "three" }', 422),
+        ("DELETE WHERE { <> lf:value ?old }", 422),
+        ("DELETE WHERE { <> dcterms:title ?title }", 422),
+        ("INSERT DATA { <> lf:valeu 1 }", 422),
+        ("CLEAR ALL", 400),
+        ("LOAD <http://example.org/>", 400),
+    ):
+        assert problem(_patch(browser, url, refused))[0] == status, refused
+    assert _value(browser.page(url), LF.value) == Literal("two")
+
+
+def test_a_patch_is_sparql(browser: Browser) -> None:
+    """415 for any other type, with what is taken; OPTIONS and GET say it too."""
+    url = _setting(browser, "title")
+    answer = browser.http.patch(url, content="{}", headers={"content-type": "application/merge-patch+json"})
+    assert problem(answer) == (415, "unsupported-media-type")
+    for each in (answer, browser.http.options(url), browser.http.get(url)):
+        assert each.headers["accept-patch"] == "application/sparql-update"
+    assert "PATCH" in browser.http.options(url).headers["allow"]
+
+
+def test_annotations_are_patched(browser: Browser) -> None:
+    """What clients said can be changed; what the agent says cannot be taken back, and the answer names it."""
+    url, robot = _setting(browser, "annotations"), browser.robot("ur5").url
+    assert browser.http.delete(url).status_code == 204
+    agents = browser.page(url).response.text
+    assert _patch(browser, url, f'INSERT DATA {{ <{robot}> ex:colour "red" ; ex:by [ ex:n 1 ] }}').status_code == 204
+    assert (None, URIRef("http://example.org/colour"), Literal("red")) in browser.page(url).graph
+    answer = _patch(browser, url, f"DELETE WHERE {{ <{robot}> lf:namedPose ?pose }}")
+    assert problem(answer) == (422, "unprocessable-content")
+    assert "namedPose" in answer.json()["unused"][0]
+    assert (
+        _patch(browser, url, f"DELETE WHERE {{ <{robot}> ex:colour ?c ; ex:by ?by . ?by ex:n ?n }}").status_code == 204
+    )
+    assert browser.page(url).response.text == agents
+
+
+def test_a_placement_and_an_object_are_patched(browser: Browser, crate: str) -> None:
+    """One coordinate, in the graph as GET shows it."""
+    placement = _setting(browser, "placement")
+    assert put(browser, placement, PREFIXES + f"<> {_AT} .").status_code == 204
+    update = "DELETE { ?at maths:x ?x } INSERT { ?at maths:x 7 } WHERE { <> lf:position ?at . ?at maths:x ?x }"
+    for url in (placement, crate):
+        assert _patch(browser, url, update).status_code == 204
+        page = browser.page(url)
+        assert float(str(page.graph.value(_value(page, LF.position), MATHS.x))) == 7.0
+    title = 'DELETE { <> dcterms:title ?t } INSERT { <> dcterms:title "box" } WHERE { <> dcterms:title ?t }'
+    assert _patch(browser, crate, title).status_code == 204
+    assert _value(browser.page(crate), DCTERMS.title) == Literal("box")
+    assert problem(_patch(browser, crate, "DELETE WHERE { <> rdfs:seeAlso ?all }")) == (422, "unprocessable-content")
+    assert browser.http.delete(placement).status_code == 204
+
+
+# -- containers -----------------------------------------------------------------------------------------------------
+
+
+def _preferring(browser: Browser, url: str, said: str) -> tuple[httpx.Response, rdflib.Graph]:
+    answer = browser.http.get(url, headers={"prefer": f"return=representation; {said}".rstrip("; ")})
+    assert answer.status_code == 200
+    return answer, rdflib.Graph().parse(data=answer.text, format="turtle", publicID=url)
+
+
+def _part(name: str, *parts: str) -> str:
+    return f'{name}="{" ".join(f"http://www.w3.org/ns/ldp#Prefer{part}" for part in parts)}"'
+
+
+def _containers(browser: Browser) -> list[Page]:
+    urls = (browser.root, browser.root + "subscriptions", _objects(browser), browser.root + "rules")
+    pages = [browser.page(url) for url in urls]
+    assert all((page.iri, rdflib.RDF.type, LDP.Container) in page.graph for page in pages)
+    return pages
+
+
+_ITSELF = (
+    _part("include", "MinimalContainer"),
+    _part("omit", "Containment"),
+    _part("omit", "Containment", "Membership"),
+)
+_ALL = (
+    _part("include", "MinimalContainer", "Containment"),
+    _part("omit", "Membership"),
+    _part("include", "Containment"),
+)
+_NO_PART = ("", 'include="http://example.org/"', f"{_part('include', 'Containment')}; {_part('omit', 'Containment')}")
+
+
+def test_a_container_without_what_it_contains(browser: Browser, crate: str) -> None:
+    """Minimal or without containment: the container itself, no ``ldp:contains``, no description of a member."""
+    for page in _containers(browser):
+        itself = {t for t in page.graph if t[0] == page.iri and t[1] != LDP.contains}
+        assert len(itself) > 2
+        for said in _ITSELF:
+            answer, graph = _preferring(browser, page.url, said)
+            assert answer.headers["preference-applied"] == "return=representation"
+            assert set(graph.triples((page.iri, None, None))) == itself
+            assert {each for each in graph.subjects() if isinstance(each, URIRef)} == {page.iri}
+            assert (answer.headers["etag"] == page.response.headers["etag"]) == (answer.text == page.response.text)
+            fields = {"prefer": f"return=representation; {said}", "if-none-match": answer.headers["etag"]}
+            assert browser.http.get(page.url, headers=fields).status_code == 304
+
+
+def test_other_parts_of_a_container(browser: Browser, crate: str) -> None:
+    """Containment alone, or all; what is no preference, or contradicts itself, is not applied."""
+    for page in _containers(browser):
+        assert "Prefer" in page.response.headers["vary"]
+        assert "preference-applied" not in page.response.headers
+        _, graph = _preferring(browser, page.url, _part("omit", "MinimalContainer"))
+        assert set(graph.predicates(page.iri)) <= {LDP.contains}
+        for said in _ALL:
+            answer, _ = _preferring(browser, page.url, said)
+            assert (answer.headers["preference-applied"], answer.text) == ("return=representation", page.response.text)
+        for said in _NO_PART:
+            answer, _ = _preferring(browser, page.url, said)
+            assert "preference-applied" not in answer.headers
