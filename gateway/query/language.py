@@ -113,7 +113,7 @@ def check_select(query: str) -> list[str]:
 def bound_to(query: str, variable: str, base: str) -> list[str]:
     """The IRIs that a query itself binds to a variable, by ``<iri> AS ?variable`` or VALUES; ``base``: of relative
     ones. What a pattern or a function binds is known only once it is evaluated."""
-    tokens = _tokens(query)
+    tokens = tokens_of(query)
     base, prefixes = _declared(tokens, base)
     found = []
     for each, after, to in zip(tokens, tokens[1:], tokens[2:], strict=False):
