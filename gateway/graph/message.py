@@ -2,7 +2,6 @@
 
 from pyoxigraph import NamedNode
 
-from gateway.graph.build import Graph
 from gateway.graph.resource import Resource
 from gateway.graph.serialise import RDF_TYPES, WriteError, render
 from gateway.graph.subscription import describe_version
@@ -23,8 +22,6 @@ def message_body(resource: Resource, media_type: str, base: str, version: str, p
         return resource.documents[media_type]()
     if media_type not in RDF_TYPES:
         raise WriteError(f"there is no {media_type} of {resource.path} at present")
-    graph = Graph()
-    if resource.describe is not None:
-        resource.describe(graph)
+    graph = resource.whole(base)
     describe_version(graph, NamedNode(base + resource.path), version, previous)
     return render(graph.triples, media_type, PREFIXES, base=base + resource.path)

@@ -67,6 +67,22 @@ class Resource:
     warning: str = ""
     """One sentence about the gateway that its page shows."""
 
+    def whole(self, base: str) -> Graph:
+        """All that a representation in RDF says."""
+        graph = Graph()
+        if self.describe is not None:
+            self.describe(graph)
+        self.state_model(graph, base)
+        return graph
+
+    def state_model(self, graph: Graph, base: str) -> None:
+        """Say in its description, too, that it is an RDF source, which nobody has to infer (R1.7).
+
+        Containers say themselves what they are.
+        """
+        if LDP.RDFSource in self.interaction:
+            graph.a(NamedNode(base + self.path), LDP.RDFSource)
+
     @property
     def linkset(self) -> str:
         return self.path.rstrip("/") + "/linkset"

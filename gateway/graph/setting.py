@@ -14,9 +14,9 @@ from gateway.graph.annotation_body import agents_part, read_annotations
 from gateway.graph.judge import Judge
 from gateway.graph.paths import robot_path
 from gateway.graph.shapes import load
-from gateway.graph.unused import Terms, refuse, unused
+from gateway.graph.unused import TYPES_OF_ALL, Terms, refuse, unused
 from gateway.graph.validation import root
-from gateway.graph.vocab import LF, VOM
+from gateway.graph.vocab import LF, RDF, VOM
 from gateway.world.placement import PLACEMENT, read_placement
 
 
@@ -53,7 +53,8 @@ class Setting:
 def managed(described: Sequence[Triple], shape: NamedNode, iri: str) -> list[Triple]:
     """The statements of a description of ``iri`` of which the shape of a body says nothing."""
     _, terms = _judge(shape)
-    return unused(described, NamedNode(iri), terms)
+    models = [each for each in described if each.predicate == RDF.type and each.object in TYPES_OF_ALL]
+    return [*unused(described, NamedNode(iri), terms), *models]
 
 
 def judged(triples: Sequence[Triple], shape: NamedNode, iri: str, present: frozenset[Triple] = frozenset()) -> Body:

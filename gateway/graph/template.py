@@ -86,6 +86,7 @@ class Rendering:
         graph = Graph()
         assert self._resource.measured is not None
         self._resource.measured(graph, Seen(tuple(values), wall_ns if form.timed else None, form.outside))
+        self._resource.state_model(graph, self._base)
         if form.versions:
             iri = NamedNode(self._base + self._resource.path)
             describe_version(graph, iri, versions.version, versions.previous if form.versions == 2 else None)

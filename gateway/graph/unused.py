@@ -1,6 +1,6 @@
 """Triples of a body that its reader does not use: a write refuses them, because it would lose them (LDP 4.2.4.4)."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Self
 
@@ -11,7 +11,7 @@ from gateway.graph.build import Graph, Node, Term
 from gateway.graph.kinds import UNITS
 from gateway.graph.vocab import LDP, QUDT, RDF, SH, VOM
 
-_TYPES_OF_ALL = frozenset({LDP.Resource, LDP.RDFSource})
+TYPES_OF_ALL = frozenset({LDP.Resource, LDP.RDFSource})
 _MOST_NAMED, _MOST_IN_DETAIL = 20, 3
 _LONGEST_IRI, _LONGEST_LITERAL = 200, 32
 
@@ -121,7 +121,7 @@ def unused(body: Sequence[Triple], focus: Node, terms: Terms, present: frozenset
 def _goes_without_saying(predicate: object, value: object, known: Terms, about: Sequence[Triple], first: bool) -> bool:
     """A type that the node has anyway, or its unit, which is said already, in the words of QUDT."""
     if predicate == RDF.type:
-        return value in known.types or (first and value in _TYPES_OF_ALL)
+        return value in known.types or (first and value in TYPES_OF_ALL)
     if predicate != QUDT.unit or VOM.unit not in known.inner or value not in UNITS:
         return False
     units = [UNITS.get(t.object) for t in about if t.predicate == VOM.unit]  # type: ignore[arg-type]
@@ -136,12 +136,9 @@ def subjects(triples: Iterable[Triple]) -> dict[Node, list[Triple]]:
     return found
 
 
-def shown(describe: Callable[[Graph], None] | None) -> frozenset[Triple]:
+def shown(description: Graph) -> frozenset[Triple]:
     """The triples of a description that can come back as they are: those without blank nodes."""
-    graph = Graph()
-    if describe is not None:
-        describe(graph)
-    return frozenset(t for t in graph.triples if not any(isinstance(term, BlankNode) for term in t))
+    return frozenset(t for t in description.triples if not any(isinstance(term, BlankNode) for term in t))
 
 
 def refuse(left: Sequence[Triple], constraint: str, why: str = "Nothing here uses") -> None:

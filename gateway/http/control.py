@@ -44,7 +44,7 @@ async def control(request: Request, afforded: Control, base: str) -> Response:
     iri = base + lease_path(robot.name)
     media_type = body_type(request)
     lease = tree_of(request, base).resolve(lease_path(robot.name))
-    present = shown(lease.describe) if isinstance(lease, Resource) else frozenset()
+    present = shown(lease.whole(base)) if isinstance(lease, Resource) else frozenset()
 
     def read(content: bytes) -> Body:
         return judged(parse_body(content, media_type, iri, base), LF.ControlLeaseInput, iri, present)
@@ -81,13 +81,13 @@ async def _change(request: Request, setting: Setting, base: str) -> Callable[[Re
         return lambda present: None
     if request.method == "PUT":
         triples = await _read_setting(request, setting, base)
-        return lambda present: setting.admit(triples, base, shown(present.describe))
+        return lambda present: setting.admit(triples, base, shown(present.whole(base)))
     iri = base + setting.path
     update = await read_patch(request, iri)
 
     def patch(present: Resource) -> str:
-        after = patched(update, present, f"{iri}/blueprint", lambda described: setting.managed(described, base))
-        return setting.admit(after, base, shown(present.describe))
+        after = patched(update, present, base, lambda described: setting.managed(described, base))
+        return setting.admit(after, base, shown(present.whole(base)))
 
     return patch
 

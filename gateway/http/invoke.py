@@ -70,7 +70,7 @@ async def put_target(request: Request, afforded: PutTarget, base: str) -> Respon
     _trace(offer, iri.rpartition("/")[2])
     prefer = _prefer(request, offer, base)
     present = tree_of(request, base).resolve(request.scope["path"])
-    seen = shown(present.describe if isinstance(present, Resource) else None)
+    seen = shown(present.whole(base)) if isinstance(present, Resource) else frozenset[Triple]()
     read = partial(_read_target, offer, body_type(request, FORM_TYPES), iri, base, seen)
     admitted = await read_as(request, read, MAX_BODY_BYTES)
     return await _carry_out(request, offer, admitted, moment, prefer, base)
@@ -262,7 +262,7 @@ def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt, rehearsed: R
     def describe(graph: Graph) -> None:
         describe_rehearsal(graph, base, offer.path, offer.robot, targets, facts, rehearsed.duration_s, known, free)
 
-    shown = negotiated(field(request, "accept"), Resource(offer.path, f"Rehearsal of {offer.name}", describe), base)
+    shown = negotiated(field(request, "accept"), Resource(offer.path, f"Rehearsal of {offer.name}", describe, ()), base)
     headers = {"content-type": shown.content_type, "cache-control": "no-store", "vary": "Accept, Prefer"}
     return Response(shown.body, 200, headers | {"preference-applied": "dry-run"})
 

@@ -6,7 +6,6 @@ from pyoxigraph import Triple
 from starlette.requests import Request
 
 from gateway.errors import BadRequest, UnsupportedMediaType
-from gateway.graph.build import Graph
 from gateway.graph.resource import Resource
 from gateway.graph.unused import refuse
 from gateway.http.body import body_type, read_body
@@ -32,12 +31,14 @@ async def read_patch(request: Request, iri: str) -> list[Operation]:
         raise BadRequest("The update is not UTF-8.") from error
 
 
-def patched(operations: Sequence[Operation], resource: Resource, constraint: str, managed: Managed) -> list[Triple]:
+def patched(operations: Sequence[Operation], resource: Resource, base: str, managed: Managed) -> list[Triple]:
     """The description of the resource after the update; UnprocessableContent where it takes back what stays."""
-    graph = Graph()
-    assert resource.describe is not None
-    resource.describe(graph)
+    graph = resource.whole(base)
     after = updated(graph.triples, operations)
     left = set(after)
-    refuse([triple for triple in managed(graph.triples) if triple not in left], constraint, "No client takes back")
+    refuse(
+        [triple for triple in managed(graph.triples) if triple not in left],
+        f"{base}{resource.path}/blueprint",
+        "No client takes back",
+    )
     return after

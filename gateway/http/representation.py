@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from gateway.errors import NotAcceptable
 from gateway.face.page import write
 from gateway.face.view import FORMATS
-from gateway.graph.build import Graph
 from gateway.graph.resource import Resource
 from gateway.graph.serialise import MEDIA_TYPES, WriteError, render
 from gateway.graph.vocab import PREFIXES
@@ -78,12 +77,10 @@ def _represent(resource: Resource, media_type: str, base: str) -> Representation
         return Representation(write_links(anchor, links), media_type)
     if media_type in resource.documents:
         return Representation(resource.documents[media_type](), media_type)
-    graph = Graph()
-    if resource.describe is not None:
-        resource.describe(graph)
+    triples = resource.whole(base).triples
     if media_type == "text/html":
-        return Representation(write(resource, graph.triples, base), media_type)
-    return Representation(render(graph.triples, media_type, PREFIXES, base=base + resource.path), media_type)
+        return Representation(write(resource, triples, base), media_type)
+    return Representation(render(triples, media_type, PREFIXES, base=base + resource.path), media_type)
 
 
 def _offered(resource: Resource) -> tuple[str, ...]:

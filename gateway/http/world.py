@@ -68,7 +68,7 @@ async def _change(request: Request, iri: str, base: str) -> Callable[[Resource],
         return lambda present: triples
     update = await read_patch(request, iri)
     own = partial(managed, shape=LF.SceneObjectInput, iri=iri)
-    return lambda present: patched(update, present, f"{iri}/blueprint", own)
+    return lambda present: patched(update, present, base, own)
 
 
 async def _read(request: Request, iri: str, base: str) -> list[Triple]:
@@ -84,7 +84,7 @@ async def _replaced(
     request: Request, triples: Sequence[Triple], resource: Resource, present: SceneObject | None, base: str
 ) -> SceneObject:
     """The object that a body describes, read in a thread if it has a mesh; UnprocessableContent, Busy."""
-    seen = shown(resource.describe)
+    seen = shown(resource.whole(base))
     read = partial(read_object, triples, base + resource.path, base + WORLD, present, seen)
     offload: Offload = request.app.state.offload
     meshes = [each.object for each in triples if each.predicate == LF.stl]

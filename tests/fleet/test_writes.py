@@ -1,11 +1,12 @@
 """Writes at a real gateway: nothing is lost in silence, and each refusal says where its constraints are."""
 
+import re
 from collections.abc import Iterator
 
 import httpx
 import pytest
 import rdflib
-from browser import DCTERMS, LDP, LF, MATHS, Browser, Page
+from browser import DCTERMS, HYBRIT, LDP, LF, MATHS, Browser, Page
 from commanding import PREFIXES, problem, put
 from rdflib import Literal, URIRef
 from rdflib.term import Node
@@ -298,3 +299,23 @@ def test_other_parts_of_a_container(browser: Browser, crate: str) -> None:
         for said in _NO_PART:
             answer, _ = _preferring(browser, page.url, said)
             assert "preference-applied" not in answer.headers
+
+
+def test_what_is_an_rdf_source_says_so(browser: Browser, crate: str) -> None:
+    """In the body as by the Link field, so that nobody has to infer it (R1.7)."""
+    robot, joint = browser.robot("ur5"), browser.part("ur5", "shoulder_pan_joint")
+    pages = [robot, joint, browser.page(crate), browser.page(browser.root)]
+    pages += [
+        browser.page(str(url)) for page in (robot, joint) for url in page.graph.objects(page.iri, HYBRIT.property)
+    ]
+    for page in pages:
+        stated = set(page.graph.objects(page.iri, rdflib.RDF.type))
+        assert (LDP.RDFSource in stated) == (page.url != browser.root), page.url
+        assert {each for each in stated if each in LDP} <= _models(page.response), page.url
+        assert _models(page.response) - stated <= {LDP.Resource}, page.url
+
+
+def _models(answer: httpx.Response) -> set[URIRef]:
+    """Of the Link field, with the class of all containers beside that of a basic one."""
+    found = {URIRef(each) for each in re.findall(r'<([^>]*)>; rel="type"', answer.headers["link"])}
+    return found | ({LDP.Container} if LDP.BasicContainer in found else set())

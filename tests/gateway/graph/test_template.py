@@ -65,6 +65,7 @@ def _written(resource: Resource, media_type: str, seen: Seen, versions: Versions
     graph = Graph()
     assert resource.measured is not None
     resource.measured(graph, seen)
+    resource.state_model(graph, _BASE)
     if versions is not None:
         describe_version(graph, NamedNode(_BASE + resource.path), *versions)
     return render(graph.triples, media_type, PREFIXES, base=_BASE + resource.path)
@@ -95,9 +96,8 @@ def test_it_says_what_the_description_says(path: str, media_type: str, data: st.
 
 @pytest.mark.parametrize("path", _RESOURCES)
 def test_a_description_shows_what_is_measured(path: str) -> None:
-    resource, graph = _RESOURCES[path], Graph()
-    assert resource.describe is not None
-    resource.describe(graph)
+    resource = _RESOURCES[path]
+    graph = resource.whole(_BASE)
     present = Seen.of(resource.source.look())
     written = render(graph.triples, "text/turtle", PREFIXES, base=_BASE + path)
     assert Rendering(resource, "text/turtle", _BASE).body(present) == written
