@@ -12,11 +12,11 @@ from typing import Any
 from pyoxigraph import NamedNode, RdfFormat, Triple, parse, serialize
 from shacl_findings import pyshacl_finds
 
-from agents.wire.codec import encode_state, layout
-from agents.wire.messages import Description, State
+from agents.wire.codec import encode_state
+from agents.wire.messages import State
 from fuzz import mutation
 from fuzz.findings import Tally, in_process
-from fuzz.good import ARM, BODIES, JOINTS, POSE, TERMS, TURTLE_PREFIXES
+from fuzz.good import BODIES, JOINTS, TERMS, TURTLE_PREFIXES, able_arm
 from gateway.actions.admission import admit
 from gateway.actions.asked import Asked, moment_of
 from gateway.actions.handlers import HANDLERS
@@ -107,17 +107,11 @@ class Gate:
 
     def __init__(self) -> None:
         self._fleet = Fleet()
-        named = TURTLE_PREFIXES + POSE
-        capabilities = ("move", "follow", "stop")
-        said = Description(
-            version=1, robot="arm", incarnation=1, title="An arm", urdf=ARM, joints=JOINTS, rate_hz=100,
-            annotations=named, capabilities=capabilities, layout=layout(len(JOINTS), False),
-        )  # fmt: skip
         rows = (0.1,) * len(JOINTS)
         frame = State(
             incarnation=1, sequence=1, monotonic_ns=1, wall_ns=1, positions=rows, velocities=rows, efforts=rows
         )
-        for event in (Appeared("arm", 1), Described(said), Framed("arm", encode_state(frame))):
+        for event in (Appeared("arm", 1), Described(able_arm(1)), Framed("arm", encode_state(frame))):
             self._fleet.apply(event, 1)
 
     def take(self, random: Random) -> None:

@@ -39,6 +39,15 @@ def description(random: Random, name: str, incarnation: int) -> Description:
     )  # fmt: skip
 
 
+def able_arm(incarnation: int) -> Description:
+    """An arm that knows a pose and takes every kind of action."""
+    return Description(
+        version=WIRE_VERSION, robot="arm", incarnation=incarnation, title="An arm", urdf=ARM, joints=JOINTS,
+        rate_hz=100, annotations=TURTLE_PREFIXES + POSE, capabilities=("move", "follow", "stop"),
+        layout=layout(len(JOINTS), False),
+    )  # fmt: skip
+
+
 def frame(random: Random, joints: int, floating: bool, incarnation: int, sequence: int) -> bytes:
     rows = [tuple(random.uniform(-1, 1) for _ in range(joints)) for _ in range(3)]
     at, still = (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)

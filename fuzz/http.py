@@ -10,9 +10,11 @@ from random import Random
 from fuzz import bodies, mutation
 from fuzz.findings import Tally, random_of
 from fuzz.good import BODIES
+from fuzz.hostile import ACCEPTED, random_attack
 from fuzz.living import PATIENCE_S, Living, in_batches, living
 
 AT_ONCE = 12
+_HOSTILE = 0.04
 _SILENCE_S = 0.1
 _DOCUMENTED = (501, 503, 504)  # the first for transfer codings that nobody knows (RFC 9112, 6.1)
 _STATUS = re.compile(rb"(?:^|\n)HTTP/1\.1 (\d{3}) ")
@@ -150,6 +152,8 @@ class Crowd:
 
     def request(self, random: Random) -> Request:
         """A well framed one: whatever is wrong with it, it is to be answered."""
+        if random.random() < _HOSTILE:
+            return self._attack(random)
         method, path = random.choice(_METHODS), self._target(random)
         body, fields = b"", self._fields(random)
         if method in ("POST", "PUT", "DELETE", "PATCH") or random.random() < 0.03:
@@ -162,6 +166,16 @@ class Crowd:
                 fields.append(f"Content-Type: {media_type}")
         head = "\r\n".join([f"{method} {path} HTTP/1.1", *fields])
         return method, head.encode("utf-8", "replace") + _framed(random, body)
+
+    def _attack(self, random: Random) -> Request:
+        """A body that is to cost as much as one may."""
+        attack = random_attack(random)
+        end, accept = attack.endpoint, random.choice(ACCEPTED)
+        head = (
+            f"{end.method} {end.path} HTTP/1.1\r\nHost: 127.0.0.1:{self._port}\r\nAccept: {accept}\r\n"
+            f"Content-Type: {attack.media_type}"
+        )
+        return end.method, head.encode() + _framed(random, attack.body)
 
     def _target(self, random: Random) -> str:
         path = random.choice(self._paths)

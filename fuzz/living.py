@@ -20,13 +20,16 @@ from agents.wire.codec import WireError, decode, encode
 from agents.wire.messages import WIRE_VERSION, Accepted, Command, Progress, Refused, Stop
 from bench.scene import pid_of, rss_kib
 from fuzz.findings import Tally
-from fuzz.good import ARM, JOINTS
+from fuzz.good import able_arm
+from fuzz.stops import LATE_S, STOP, Stops, stopping
+from fuzz.watched import STALL
 
 PATIENCE_S = 20.0
 """For an answer, on a machine that does other things too; what takes longer hangs."""
 BATCH = 250
 """Inputs between two looks at the gateway."""
 SETTINGS = ("--subscriptions-per-client", "40", "--callback-allow", "127.0.0.0/8")
+_REPEATS = 3
 _LEFT_OPEN = 60
 """File descriptors more than after the warm-up: connections that have not been noticed to be gone yet."""
 WRONG = re.compile(r"Traceback|\bERROR\b|\bCRITICAL\b|never retrieved|never awaited")
@@ -38,8 +41,11 @@ _MOST_PATHS = 400
 class Living:
     """The gateway and what has been seen of it."""
 
-    def __init__(self, place: Place, gateway: Process, session: zenoh.Session) -> None:
+    def __init__(self, place: Place, gateway: Process, session: zenoh.Session, stops: Stops | None = None) -> None:
         self.place, self.gateway, self.session = place, gateway, session
+        self.stops = stops
+        self.stalls: list[str] = []
+        """What the gateway's loop has logged since it was emptied of callbacks that took too long."""
         self.port = place.port
         self.pid = pid_of(gateway)
         self.watched: list[tuple[str, Process]] = [("the gateway", gateway)]
@@ -73,11 +79,16 @@ class Living:
             lines = each.lines[self._read.get(who, 0) :]
             self._read[who] = len(each.lines)
             for at in (at for at, line in enumerate(lines) if WRONG.search(line) and _BEGIN.match(line)):
+                if STALL in lines[at]:
+                    self.stalls.append(lines[at])
+                    continue
                 said = [lines[at], *itertools.takewhile(lambda line: not _BEGIN.match(line), lines[at + 1 :])]
                 tally.found(f"log of {who}: {_cause(said)}", first, count, "".join(said)[-3500:])
             if not Path(f"/proc/{pid_of(each)}/fd").exists() or each._child.poll() is not None:
                 tally.found(f"{who} has ended", first, count, each.output[-4000:])
                 return False
+        if self.stops is not None and (late_s := self.stops.late_s()):
+            tally.found(f"a stop was answered after more than {LATE_S:g} s", first, count, f"after {late_s:.2f} s")
         try:
             self.probe()
         except AssertionError as error:
@@ -90,6 +101,8 @@ class Living:
         self._warm = {who: (rss_kib(pid_of(each)), _open(pid_of(each))) for who, each in self.watched}
 
     def judge(self, tally: Tally) -> None:
+        if self.stops is not None:
+            tally.notes.append(self.stops.note())
         for who, each in self.watched:
             if who in self._warm and each._child.poll() is None:
                 warm_kib, warm_open = self._warm[who]
@@ -122,16 +135,17 @@ def living() -> Iterator[Living]:
     """Two robots are in it: one that obeys, and one that is silent."""
     with tempfile.TemporaryDirectory() as state:
         place = Place(Path(state))
-        with process(*place.command(), *SETTINGS) as gateway:
+        with process("-m", "fuzz.watched", *place.command()[2:], *SETTINGS) as gateway:
             gateway.said("serving")
             with stage(place.zenoh) as session, contextlib.closing(Browser(place.root)) as browser:
                 arm, toy = Actor(session, "arm"), Actor(session, "toy")
                 obey(arm)
-                arm.appear(arm.description(ARM, JOINTS)).stand(0.1, 0.1, 0.1, 0.1)
+                arm.appear(encode(able_arm(arm.incarnation))).stand(0.1, 0.1, 0.1, 0.1)
                 toy.appear().stand(0.2)
                 for name in ("arm", "toy"):
                     live(browser, name)
-                yield Living(place, gateway, session)
+                with stopping(place.root + STOP) as stops:
+                    yield Living(place, gateway, session, stops)
 
 
 def obey(actor: Actor) -> None:
@@ -181,10 +195,28 @@ def in_batches(
         batch = range(begin, min(begin + BATCH, end))
         send(tally, batch)
         tally.inputs += len(batch)
-        if not there.look(tally, batch.start, len(batch)):
+        if not there.look(tally, batch.start, len(batch)) or not _again(tally, there, batch, send):
             break
         if begin <= first + count // 3 < begin + BATCH:
             there.warm()
     there.judge(tally)
     tally.seconds = time.monotonic() - started
     return tally
+
+
+def _again(tally: Tally, there: Living, batch: range, send: Callable[[Tally, range], None]) -> bool:
+    """Send a batch again in which the loop stalled: a finding is one that does so each time, whatever else runs here.
+
+    False when the gateway is no longer there.
+    """
+    for _ in range(_REPEATS):
+        if not there.stalls:
+            return True
+        there.stalls.clear()
+        send(tally, batch)
+        if not there.look(tally, batch.start, len(batch)):
+            return False
+    if there.stalls:
+        tally.found("the event loop stalled", batch.start, len(batch), "".join(there.stalls))
+        there.stalls.clear()
+    return True

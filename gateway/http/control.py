@@ -20,7 +20,7 @@ from gateway.graph.vocab import LF
 from gateway.http.body import FORM_TYPES, body_type, parse_body, parse_form, read_as
 from gateway.http.invoke import lock_token, refuse_rehearsal
 from gateway.http.patch import patched, read_patch
-from gateway.http.preconditions import check_preconditions
+from gateway.http.preconditions import present_under_preconditions
 from gateway.http.rights import tree_of
 
 if TYPE_CHECKING:
@@ -68,9 +68,8 @@ async def put_setting(request: Request, afforded: PutSetting, base: str) -> Resp
     change = await _change(request, setting, base)
     while True:
         # Each time, because the value may have changed while the body was on its way, or at another gateway.
-        present = tree_of(request, base).resolve(setting.path)
-        assert isinstance(present, Resource)  # no robot is forgotten while its settings are written
-        check_preconditions(request, present, base)
+        present = await present_under_preconditions(request, lambda: tree_of(request, base).resolve(setting.path), base)
+        assert present is not None  # no robot is forgotten while its settings are written
         if await memory.configure(setting.robot, setting.name, change(present), lock_token(request)):
             return Response(status_code=204)
 

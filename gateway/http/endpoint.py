@@ -56,7 +56,7 @@ from gateway.http.negotiation import choose
 from gateway.http.past import read_past
 from gateway.http.patch import PATCH_TYPES
 from gateway.http.pictures import picture, picture_type
-from gateway.http.preconditions import check_preconditions
+from gateway.http.preconditions import await_preconditions, check_preconditions
 from gateway.http.problem import problem
 from gateway.http.query import QUERY_TYPES, is_query, post_query, read_query
 from gateway.http.repeatable import offer_repeat
@@ -171,7 +171,7 @@ async def _answer(request: Request, base: str) -> ASGIApp:
     part = preferred_part(request, found)
     if part is not None:
         found = shown_part(found, part, base)
-    check_preconditions(request, found, base)
+    await await_preconditions(request, found, base)
     if request.method not in _READ:
         return await _write(request, found, base)
     if wants_callback(request):
@@ -328,7 +328,7 @@ async def _read_camera(request: Request, resource: Resource, eye: Eye, base: str
     media_type = picture_type(request, resource)
     if media_type is not None:
         return await picture(request, eye, media_type, _headers(resource, base, "") | _options(resource, _READ))
-    check_preconditions(request, resource, base)
+    await await_preconditions(request, resource, base)
     return _read(request, resource, base)
 
 
@@ -350,7 +350,7 @@ async def _read_query(request: Request, resource: Resource, endpoint: Endpoint, 
     if isinstance(answer, Response):
         return answer
     described = replace(answer, reader=resource.reader, warning=resource.warning)
-    check_preconditions(request, described, base)
+    await await_preconditions(request, described, base)
     return _read(request, described, base)
 
 

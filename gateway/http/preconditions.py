@@ -1,25 +1,63 @@
 """If-Match and, for writes, If-None-Match (RFC 9110, 13.1.1 and 13.1.2)."""
 
+import asyncio
+from collections.abc import Callable, Iterator
+
 from starlette.requests import Request
 
 from gateway.errors import PreconditionFailed
 from gateway.graph.affordance import EndInvocation, Invoke
-from gateway.graph.resource import Resource
+from gateway.graph.resource import Redirect, Resource
 from gateway.http.conditional import not_modified, precondition_holds
 from gateway.http.fields import field
 from gateway.http.representation import etags
 
 
 def check_preconditions(request: Request, resource: Resource, base: str) -> None:
-    """PreconditionFailed; never for what stops a robot."""
+    """PreconditionFailed; never for what stops a robot. Renders up to every representation: not for the event loop."""
+    for _ in _checks(request, resource, base):
+        pass
+
+
+async def await_preconditions(request: Request, resource: Resource, base: str) -> None:
+    """As ``check_preconditions``, in a turn of the event loop for each representation."""
+    for _ in _checks(request, resource, base):
+        await asyncio.sleep(0)
+
+
+async def present_under_preconditions(
+    request: Request, resolve: Callable[[], Resource | Redirect | None], base: str
+) -> Resource | None:
+    """The resource, whose preconditions hold for the state that it has when this returns; None where there is none."""
+    while isinstance(resource := resolve(), Resource):
+        before = _version(request, resource, base)
+        await await_preconditions(request, resource, base)
+        if isinstance(now := resolve(), Resource) and _version(request, now, base) == before:
+            return now
+    return None
+
+
+def _version(request: Request, resource: Resource, base: str) -> str:
+    conditional = field(request, "if-match") is not None or field(request, "if-none-match") is not None
+    return next(etags(resource, base), "") if conditional else ""
+
+
+def _checks(request: Request, resource: Resource, base: str) -> Iterator[None]:
+    """Yields after each representation whose entity tag did not decide yet."""
     wanted = field(request, "if-match")
     unwanted = None if request.method in ("GET", "HEAD", "OPTIONS") else field(request, "if-none-match")
     if (wanted is None and unwanted is None) or _stops(resource):
         return
-    if not any(precondition_holds(wanted, {tag}) for tag in etags(resource, base)):
+    holds = False
+    for tag in etags(resource, base):
+        if not_modified(unwanted, tag):
+            raise PreconditionFailed("If-None-Match names the present state of the resource.")
+        holds = holds or precondition_holds(wanted, {tag})
+        if holds and unwanted is None:
+            return
+        yield
+    if not holds:
         raise PreconditionFailed("The resource has changed since; none of the entity tags in If-Match is current.")
-    if any(not_modified(unwanted, tag) for tag in etags(resource, base)):
-        raise PreconditionFailed("If-None-Match names the present state of the resource.")
 
 
 def _stops(resource: Resource) -> bool:

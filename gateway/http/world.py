@@ -18,7 +18,7 @@ from gateway.http.body import body_type, parse_body, read_as
 from gateway.http.invoke import refuse_rehearsal
 from gateway.http.offload import Offload
 from gateway.http.patch import patched, read_patch
-from gateway.http.preconditions import check_preconditions
+from gateway.http.preconditions import present_under_preconditions
 from gateway.http.rights import tree_of
 from gateway.world.body import read_object
 from gateway.world.describe import OBJECTS, POSES, describe_posed, object_path
@@ -48,13 +48,13 @@ async def put_object(request: Request, afforded: PutObject, base: str) -> Respon
     change = await _change(request, base + path, base)
     while True:
         # Each time, because it may have changed, or gone, while the body was on its way, or at another gateway.
-        present = tree_of(request, base).resolve(path)
-        if not isinstance(present, Resource):
+        present = await present_under_preconditions(request, lambda: tree_of(request, base).resolve(path), base)
+        if present is None:
             raise NotFound("Somebody has taken the object away meanwhile.")
-        check_preconditions(request, present, base)
-        triples = change(present)
-        known = objects.known[afforded.id]
+        triples, known = change(present), objects.known[afforded.id]
         thing = None if triples is None else await _replaced(request, triples, present, known, base)
+        if objects.known.get(afforded.id) is not known:
+            continue  # another gateway was faster while the body was read
         if await objects.change(afforded.id, thing):
             return Response(status_code=204)
 

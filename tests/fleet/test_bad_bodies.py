@@ -212,8 +212,9 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
         urls = {each: page.url for each, page in kinds.items()} | {"targetRotation": str(joint.one(LF.targetRotation))}
         shows = {each: str(page.one(LF.invocations)) for each, page in kinds.items()}
         shows["targetRotation"] = shows["rotate"]
-        for each in ("lease", "title", "maximumSpeedScale"):
+        for each in ("lease", "maximumSpeedScale"):
             urls[each] = shows[each] = str(robot.one(LF[each]))
+        urls["title"] = shows["title"] = str(robot.property(LF.TextProperty))
         yield Scene(browser, gateway, robot.url, urls, shows)
         assert "Traceback" not in gateway.output, gateway.output
 

@@ -17,9 +17,8 @@ import pytest
 from actor import Actor, stage
 from running import eventually, free_port
 
-from agents.wire.codec import encode, layout
-from agents.wire.messages import WIRE_VERSION, Description
-from fuzz.good import ARM, JOINTS, POSE, TURTLE_PREFIXES
+from agents.wire.codec import encode
+from fuzz.good import able_arm
 from fuzz.hostile import ACCEPTED, ENDPOINTS, JSON_LD, LOGIN, QUERIES, TURTLE, Attack, Endpoint, attacks
 from fuzz.living import obey
 from fuzz.watched import MOST_S, timed_callbacks
@@ -79,12 +78,7 @@ def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Gateway]:
         stack.callback(lambda: runner.run(life.__aexit__(None, None, None)))
         arm = Actor(stack.enter_context(stage(endpoint)), "arm")
         obey(arm)
-        said = Description(
-            version=WIRE_VERSION, robot="arm", incarnation=arm.incarnation, title="An arm", urdf=ARM, joints=JOINTS,
-            rate_hz=100, annotations=TURTLE_PREFIXES + POSE, capabilities=("move", "follow", "stop"),
-            layout=layout(len(JOINTS), False),
-        )  # fmt: skip
-        arm.appear(encode(said)).stand(0.1, 0.1, 0.1, 0.1)
+        arm.appear(encode(able_arm(arm.incarnation))).stand(0.1, 0.1, 0.1, 0.1)
         base = f"http://127.0.0.1:{port}"
         client = httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url=base, timeout=60)
         made = Gateway(runner, client)
@@ -166,3 +160,16 @@ def test_half_a_surrogate_pair_is_malformed(gateway: Gateway, path: str, body: b
     """As a value and as the name of a member, in plain JSON and in JSON-LD."""
     answer = gateway.ask("PUT", path, body, content_type=media_type)
     assert (answer.status_code, "half of a surrogate pair" in answer.json()["detail"]) == (400, True), answer.text
+
+
+@pytest.mark.parametrize("name", ["if_match", "if_none_match"])
+def test_preconditions_take_a_turn_for_each_representation(gateway: Gateway, name: str) -> None:
+    """An entity tag that is none is compared with that of every representation, all of which are rendered for it."""
+    (put,) = [each for each in ENDPOINTS if each.path == "/arm/annotations"]
+    for attack in attacks(put, syntaxes=False):
+        gateway.ask("PUT", put.path, attack.body, content_type=TURTLE)
+        for path in ("/arm/", put.path, "/arm/pan/actions/rotate"):
+            fields = {name: '"x"', "content_type": TURTLE}
+            used_s, answer = gateway.cost_s("GET" if path == "/arm/" else "PUT", path, b"x", **fields)
+            assert answer.status_code in (200, 400, 412)
+            assert used_s < MOST_S, f"{path} with {attack.family}: {used_s * 1000:.1f} ms"

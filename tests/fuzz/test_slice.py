@@ -1,5 +1,8 @@
 """A slice of every target, so that none rots; and that each begins from messages that are good."""
 
+import asyncio
+import time
+from asyncio.events import Handle
 from random import Random
 
 import pytest
@@ -10,6 +13,9 @@ from fuzz import bodies, good, mutation
 from fuzz.__main__ import SHARES, report, run
 from fuzz.body import BrokenPromiseError, Patient
 from fuzz.findings import EPISODE, Tally, in_process, random_of
+from fuzz.living import in_batches
+from fuzz.stops import LATE_S, Stops
+from fuzz.watched import MOST_S, timed_callbacks
 from gateway.fleet.answers import read_description
 from gateway.http.body import parse_body
 
@@ -72,3 +78,51 @@ def test_a_robot_that_is_sent_beyond_its_limits_is_a_broken_promise() -> None:
     patient.robot.apply({"pan": 1.5})
     with pytest.raises(BrokenPromiseError):
         patient.pass_ms(10)
+
+
+def test_a_callback_that_keeps_the_loop_is_seen() -> None:
+    """By the processor time of its thread: one that sleeps is not."""
+    seen: list[tuple[float, Handle]] = []
+
+    async def busy() -> None:
+        await asyncio.sleep(0)
+        until_s = time.thread_time() + 2 * MOST_S
+        while time.thread_time() < until_s:
+            pass
+        await asyncio.sleep(0)
+        time.sleep(MOST_S)  # noqa: ASYNC251 - the loop is held up by nothing that uses the processor
+
+    with timed_callbacks(lambda used_s, callback: seen.append((used_s, callback))):
+        asyncio.run(busy())
+    assert len([used_s for used_s, _ in seen if used_s > MOST_S]) == 1
+
+
+@pytest.mark.parametrize(("stalls", "found"), [(99, 1), (2, 0), (0, 0)])
+def test_a_stall_that_comes_back_each_time_is_a_finding(stalls: int, found: int) -> None:
+    """And one that does not was the machine's."""
+
+    class There:
+        def __init__(self) -> None:
+            self.stalls: list[str] = []
+
+        def look(self, tally: Tally, first: int, count: int) -> bool:
+            self.stalls += ["a callback took long"] * (len(sent) <= stalls)
+            return True
+
+        def warm(self) -> None:
+            pass
+
+        def judge(self, tally: Tally) -> None:
+            pass
+
+    sent: list[range] = []
+    tally = in_batches("http", 100, SEED, 0, There(), lambda tally, batch: sent.append(batch))  # type: ignore[arg-type]
+    assert len(tally.findings) == found
+    assert set(sent) == {range(100)}
+
+
+def test_a_stop_that_comes_late_is_told_once() -> None:
+    stops = Stops("http://localhost/")
+    stops._took_s += [0.01, LATE_S + 1, 0.01]
+    assert (stops.late_s(), stops.late_s()) == (LATE_S + 1, 0.0)
+    assert stops.note() == "stops 10 ms, at most 3000"
