@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import zenoh
 from actor import Actor, joint, link, robot, stage
-from browser import DCTERMS, HYBRIT, LF, ROS, SPATIAL, Browser
+from browser import DCTERMS, HYBRIT, LDP, LF, ROS, SPATIAL, Browser
 from rdflib import RDF, URIRef
 from running import Process, eventually
 from small_fleet import Place, faulty, live, move, number, offline, presence, property_page, whole
@@ -191,7 +191,7 @@ def test_annotations_cannot_pose_as_the_gateway(theatre: Theatre) -> None:
     assert str(page.graph.value(page.iri, URIRef(example + "colour"))) == "red"
     assert (other.iri, URIRef(example + "colour"), None) not in other.graph
     types = {str(each) for each in page.graph.objects(page.iri, RDF.type)}
-    assert types == {str(HYBRIT.RoboticThing), str(LF.Robot), example + "Toy"}
+    assert types == {str(HYBRIT.RoboticThing), str(LF.Robot), str(LDP.RDFSource), example + "Toy"}
     elbow, tip = browser.part("r", "elbow"), browser.part("r", "tip")
     assert URIRef(example + "Hinge") in elbow.types
     assert ROS.Link not in elbow.types

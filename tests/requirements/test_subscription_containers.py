@@ -94,7 +94,7 @@ def test_r1_8_container_lists_every_kind_of_the_thing_and_its_properties(scene: 
         assert members(page) == set(kinds)
         for url, types in kinds.items():
             one = scene.browser.page(url)
-            assert one.types == {HYBRIT.Subscription} | types
+            assert one.types == {HYBRIT.Subscription, LDP.RDFSource} | types
             on = toy.part().url if url == socket.description else toy.rotation()
             assert one.one(HYBRIT.onResource) == URIRef(on)
             static = {(one.iri, p, one.graph.value(one.iri, p)) for p in (HYBRIT.onResource, DCTERMS.identifier)}
