@@ -14,13 +14,11 @@ from pathlib import Path
 
 import httpx
 import pytest
+import test_actions
+import test_figures
+from browser import Browser
 from running import PATIENCE_S, ROOT, eventually, free_port
 
-FIGURE_5B = """
-@prefix maths: <http://vocab.arvida.de/2015/06/maths/vocab#> .
-@prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> .
-@prefix rdf: <http://www.w3.org/1999/02/22-rdf-syntax-ns#> . @prefix xsd: <http://www.w3.org/2001/XMLSchema#> .
-<> rdf:type maths:Scalar ; vom:numericalValue "43.6"^^xsd:float ; vom:unit vom:Degree ."""
 ONLINE = b"<https://w3id.org/linked-fleet#presence> <https://w3id.org/linked-fleet#online>"
 
 
@@ -97,19 +95,27 @@ pytestmark = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="co
 
 
 def _turns_what_it_says(demo: Demo) -> None:
-    """The command that is printed, as a newcomer copies it, works when it is printed; and so does Figure 5b."""
+    """The command that is printed, as a newcomer copies it, works when it is printed."""
     printed = eventually(lambda: re.search(r"curl (-i .*?\.')\n", demo.output, re.DOTALL), "a command to turn a joint")
     _, _, field, url, _, body = shlex.split(printed[1])
     name, value = field.split(": ")
-    for content in (body, FIGURE_5B):
-        accepted = httpx.post(url, content=content, headers={name: value})
-        assert accepted.status_code == 204, accepted.text
+    accepted = httpx.post(url, content=body, headers={name: value})
+    assert accepted.status_code == 204, accepted.text
+
+
+def _has_the_figures(demo: Demo) -> None:
+    """Those of the paper, where the demo has its robots stand; the motion of Figure 5b arrives."""
+    with contextlib.closing(Browser(f"http://127.0.0.1:{demo.port}/")) as browser:
+        for name in (each for each in dir(test_figures) if each.startswith("test_figure")):
+            getattr(test_figures, name)(browser)
+        test_actions.test_figure_5b_turns_the_joint(browser)
 
 
 def test_it_starts_answers_and_ctrl_c_ends_it_whole(demo: Demo) -> None:
     eventually(lambda: demo.robots_online() == 5, "five robots online")
     eventually(lambda: f"The fleet is at http://127.0.0.1:{demo.port}/" in demo.output, "the root's address is printed")
     _turns_what_it_says(demo)
+    _has_the_figures(demo)
     assert len(demo.members()) == 3  # the demo, the gateway, the agents
     assert len(demo.servers()) == 1
     assert demo.interrupt() in (0, 130)

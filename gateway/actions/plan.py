@@ -12,7 +12,8 @@ class Moment:
     """When something was asked for, by the robot's own clock: its run, and the monotonic time of its latest frame.
 
     Whatever is waited for after that (a search, Redis, a turn), the command is of that moment, and too late if it took
-    too long or the robot was stopped meanwhile. What it waited for shapes to be prepared does not make it late.
+    too long or the robot was stopped meanwhile. What it waited to be
+    checked for collisions does not make it late.
     """
 
     incarnation: int

@@ -127,7 +127,7 @@ class Actions:
                 if first is not None:
                     return await self._first(robot, first)
             invocation = self._begin(invocation)
-        await self._check(invocation, motion, caller)
+        motion = await self._check(invocation, motion, caller)
         reply = await self._send(invocation, command_of(invocation.id, motion))
         if isinstance(reply, Refused):
             self._refuse(invocation, reply)
@@ -139,17 +139,18 @@ class Actions:
         """The motion, which may arrive later by what it waited here; a stop in between still comes before it."""
         began_ns = time.monotonic_ns()
         await self._judge.ready(motion.robot, caller.sees)
-        waited_ns = time.monotonic_ns() - began_ns
-        return replace(motion, asked=replace(motion.asked, waited_ns=motion.asked.waited_ns + waited_ns))
+        return _later(motion, began_ns)
 
-    async def _check(self, invocation: Invocation, motion: Motion, caller: Caller) -> None:
+    async def _check(self, invocation: Invocation, motion: Motion, caller: Caller) -> Motion:
         """It has begun for everybody else: of two that begin at once, one at least is checked against the other."""
+        began_ns = time.monotonic_ns()
         try:
             await self._judge.free(motion, caller.sees, invocation.id)
         except (Collides, Unchecked) as error:
             invocation.refused = error.code
             self._fail(invocation, error.reason)
             raise
+        return _later(motion, began_ns)
 
     async def _open(self, invocation: Invocation, caller: Caller, full: bool) -> str | None:
         try:
@@ -180,7 +181,9 @@ class Actions:
             raise self._quota.refusal(caller.name)
         async with refusals():
             await self._store.check(robot.name, caller.token, lease_of(robot) if motion.tied else "")
+        began_ns = time.monotonic_ns()
         free = await self._judge.free(motion, caller.sees, "")
+        motion = _later(motion, began_ns)
         try:
             command = command_of(str(uuid.uuid4()), motion, rehearsal=True)
             reply = await self._live.link.command(robot.name, command, _ANSWER_TIMEOUT_S)
@@ -421,3 +424,9 @@ class Actions:
 def _is_answered(invocation: Invocation) -> bool:
     """Whether the agent has answered who asked for it, or has not in time."""
     return invocation.accepted or invocation.state is not InvocationState.ACCEPTED
+
+
+def _later(motion: Motion, began_ns: int) -> Motion:
+    """The motion, which may arrive later by the time since a moment of the monotonic clock."""
+    waited_ns = motion.asked.waited_ns + time.monotonic_ns() - began_ns
+    return replace(motion, asked=replace(motion.asked, waited_ns=waited_ns))

@@ -27,10 +27,11 @@ from gateway.world.scene import SceneObject
 from gateway.world.ways import stances_of, ways_of
 
 WITHIN_S = 1.0
+"""Of the processor's time, for the check of one motion."""
 EARLY_S = 5.0
 """How long a motion waits at most for shapes that are being prepared."""
-_PATIENCE_S = 1.5  # for the check itself: a command is too late after two seconds
-_ANSWER_S = 3.0
+_PATIENCE_S = 3.0  # for the check itself, which has to wait its turn, and for the processor
+_ANSWER_S = 10.0
 MOST_WAITING = 16
 MOST_EARLY = 64
 NEAR_M = 25.0

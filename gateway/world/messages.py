@@ -67,7 +67,10 @@ class Way(Struct, frozen=True):
 
 
 class Check(Struct, frozen=True, tag="check"):
-    """Whether a robot meets anything on any of ``ways``; it is now where the first one starts."""
+    """Whether a robot meets anything on any of ``ways``; it is now where the first one starts.
+
+    The answer takes at most ``within_s`` of the processor's time.
+    """
 
     robot: Stood
     ways: tuple[Way, ...]
