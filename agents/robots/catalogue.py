@@ -132,7 +132,7 @@ MODELS: Mapping[str, Model] = {
         "tiago_description/robots/tiago.urdf",
         "TIAGo, a mobile manipulator",
         "A wheeled base, a torso that lifts, one arm and a five-fingered hand.",
-        {"torso_lift_joint": 0.15, "arm_1_joint": 0.5, "arm_2_joint": -0.6, "arm_4_joint": 1.2},
+        {"torso_lift_joint": 0.15, "arm_1_joint": 0.5, "arm_2_joint": -0.5, "arm_4_joint": 1.2},
         {
             "folded": {
                 "torso_lift_joint": 0.15,
