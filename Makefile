@@ -4,6 +4,7 @@
 # make check   lint, types, the walls between packages, the base install on its own
 # make bench-robots  what a thousand robots cost one gateway and two (docs/SCALE.md)
 # make bench   every figure beside the least there can be, measured here in a quarter of an hour (bench/README.md)
+# make check-collisions  a thousand random motions of each robot, checked for collisions and held against another library (MOTIONS=1000)
 # make fuzz    a million hostile inputs to everything that listens (COUNT=1000000, SEED=; docs/FUZZING.md)
 # make soak    an hour of everything at once, with faults (MINUTES=60)
 # make pictures  those of README.md, from the running demo
@@ -17,6 +18,7 @@ PYTEST_ARGS ?=
 COUNT ?= 1000000
 SEED ?= $(shell date +%s)
 MINUTES ?= 60
+MOTIONS ?= 1000
 COMPOSE ?=
 BENCH_ARGS ?=
 # A test that fails is run once more, and named at the end (tests/second_try.py); one that fails twice is a failure.
@@ -42,7 +44,7 @@ $$python -c 'import ensurepip' 2>/dev/null || { echo "$$python has no venv: apt 
 $$python -m venv --clear $(1)
 endef
 
-.PHONY: demo test test-fast check requirements fleet-check bench bench-robots fuzz soak assets pictures node-wot chromium egl wrk caddy clean
+.PHONY: demo test test-fast check check-collisions requirements fleet-check bench bench-robots fuzz soak assets pictures node-wot chromium egl wrk caddy clean
 
 demo: .venv/stamp $(ASSETS)
 	@$(BIN)/python -m demo --port $(PORT)
@@ -115,6 +117,10 @@ bench: .venv/stamp $(ASSETS) chromium wrk caddy
 bench-robots: export PYTHONPATH := .:tests:tests/requirements
 bench-robots: .venv/stamp $(ASSETS)
 	$(BIN)/python -m bench.robots
+
+# An hour. Exits with 1 when a contact is passed, or more than 1 % are refused without one.
+check-collisions: .venv/stamp
+	@$(BIN)/python -m bench.collisions --count $(MOTIONS)
 
 # Exits with 1 and a command for each finding that shows it again.
 fuzz: export PYTHONPATH := .:tests:tests/requirements

@@ -1,0 +1,39 @@
+"""The check of motions agrees with a second opinion: some of the random motions that ``make check-collisions`` has."""
+
+import math
+
+import pytest
+
+from agents.robots.catalogue import MODELS
+from bench.collisions import Scene, Trial
+from gateway.world.messages import Free, Meets
+
+SEED, COUNT = 5, 6
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return Scene()
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_no_contact_is_passed_and_nothing_is_refused_without_one(scene: Scene, name: str) -> None:
+    trial = Trial(scene, name, SEED)
+    for _ in range(COUNT):
+        trial.motion()
+    assert (trial.verdicts.passed, trial.verdicts.needless, trial.verdicts.unable) == ([], [], 0)
+
+
+def test_figure_5b_is_free_where_the_demo_stands_and_what_would_hit_is_not(scene: Scene) -> None:
+    home = scene.home["baxter"]
+    assert isinstance(scene.check("baxter", home, {"right_s1": math.radians(43.6)}), Free)
+    met = scene.check("baxter", home, {"right_s1": math.radians(43.6), "right_s0": math.radians(90)})
+    assert isinstance(met, Meets)
+
+
+def test_the_second_opinion_sees_a_contact_that_is_there(scene: Scene) -> None:
+    """Two opinions that never see anything would agree as well."""
+    trial = Trial(scene, "ur5", SEED)
+    home = scene.home["ur5"]
+    contact = trial._contact(home, {"elbow_joint": 3.1}, set(), 0.0, -0.001)
+    assert contact is not None and isinstance(scene.check("ur5", home, {"elbow_joint": 3.1}), Meets)
