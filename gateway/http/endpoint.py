@@ -61,7 +61,7 @@ from gateway.http.problem import problem
 from gateway.http.query import QUERY_TYPES, is_query, post_query, read_query
 from gateway.http.repeatable import offer_repeat
 from gateway.http.representation import negotiated, preferred
-from gateway.http.rights import caller_of, demand, shown, tree_of
+from gateway.http.rights import SEES_SUBSCRIPTIONS, caller_of, demand, shown, tree_of
 from gateway.http.rules import change_rule, post_rule
 from gateway.http.streams import EventStream, is_over, open_websocket, wants_events
 from gateway.http.subscribe import (
@@ -189,7 +189,9 @@ def _needed(request: Request, resource: Resource) -> Sequence[Right]:
     if is_audit(resource.path):
         return AUDIT_NEEDS
     affords = resource.affords
-    return affords.needs if affords is not None and request.method in affords.methods else (Right.READ,)
+    if affords is not None and request.method in affords.methods:
+        return affords.needs
+    return SEES_SUBSCRIPTIONS if isinstance(affords, Subscribe) else (Right.READ,)
 
 
 async def _find(connection: HTTPConnection, base: str) -> Resource | Redirect:

@@ -11,6 +11,9 @@ from gateway.identity.rights import EVERYBODY, Identity, Right
 from gateway.live import Live
 from gateway.subscriptions.subscription import Depth, Record
 
+SEES_SUBSCRIPTIONS = (Right.SUBSCRIBE, Right.ADMIN)
+"""Rights of which one is needed to read a Subscriptions container: ``subscribe`` for one's own, ``admin`` for all."""
+
 
 def caller_of(connection: HTTPConnection) -> Identity:
     """As ``gateway.http.callers`` found out; where no identities are configured, everybody may do everything."""
@@ -46,8 +49,10 @@ def demand_all(connection: HTTPConnection, path: str, depth: Depth) -> None:
 
 
 def shown(connection: HTTPConnection, records: Sequence[Record], owner: str) -> list[Record]:
-    """The subscriptions of a thing that are one's own; to ``admin`` all of them."""
-    caller = caller_of(connection)
-    if caller.may(Right.ADMIN, robot_of(owner)):
+    """The subscriptions of a thing that the caller may see: his own with ``subscribe``, all of them with ``admin``."""
+    caller, robot = caller_of(connection), robot_of(owner)
+    if caller.may(Right.ADMIN, robot):
         return list(records)
+    if not caller.may(Right.SUBSCRIBE, robot):
+        return []
     return [each for each in records if caller.name and each.subscription.creator == caller.name]

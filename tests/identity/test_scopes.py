@@ -189,3 +189,33 @@ def test_a_subscription_is_seen_by_its_creator_and_by_who_administers(here: Guar
             assert opened.status_code == 409  # what it tells is for who made it
         assert other.http.delete(mine).status_code == 204
         assert mine not in seen("subscriber")
+
+
+def test_who_only_reads_finds_no_subscriptions(here: Guarded, root: Browser) -> None:
+    """Containers of robots and of the fleet are 403 for each method of reading; a subscription is as if not there.
+
+    That holds for the creator of a subscription too, once it has lost the right to subscribe.
+    """
+    joint, fleet = root.part(SEEN, _JOINT), root.page(root.root)
+    containers = [str(thing.one(HYBRIT.subscriptions)) for thing in (joint, fleet)]
+    body = _PREFIXES + f"[] a hybrit:Subscription ; hybrit:onResource <{joint.url}> ."
+    here.add("demoted", "read", "subscribe")
+    here.known("demoted")
+    with here.browsing("demoted") as demoted:
+        mine = demoted.http.post(containers[0], content=body, headers={"content-type": "text/turtle"})
+        location = mine.headers["location"]
+        assert demoted.http.get(location).status_code == 200
+        here.tables["demoted"] = here.tables["demoted"].replace('"read", "subscribe"', '"read"')
+        here.write()
+        assert eventually(lambda: demoted.http.get(location).status_code == 404, "the right to subscribe gone")
+        for name in ("demoted", "reader", "stopper", "actor"):
+            with here.browsing(name) as browser:
+                assert browser.http.get(location).status_code == 404
+                for method in ("GET", "HEAD", "OPTIONS"):
+                    for container in containers:
+                        answer = browser.http.request(method, container)
+                        assert answer.status_code == 403, f"{name}: {method} {container}"
+                        assert 'scope="subscribe"' in answer.headers["www-authenticate"]
+    for name in ("subscriber", "admin"):
+        with here.browsing(name) as browser:
+            assert {browser.http.get(container).status_code for container in containers} == {200}
