@@ -126,7 +126,7 @@ async def _serve(
     # The lifespan is entered here, not by the server: its errors stay exceptions, and the address is printed when true.
     config = uvicorn.Config(
         app, lifespan="off", log_config=None, access_log=False, server_header=False,
-        proxy_headers=False,  # whoever is on loopback could say to be anybody
+        proxy_headers=False,  # uvicorn would believe loopback; gateway.http.forwarded believes named fronts
         timeout_graceful_shutdown=_DRAIN_S, timeout_keep_alive=int(HEAD_S),
         # On h11. httptools loses the body of a request whose Upgrade is ignored (uvicorn issue 2722), and the authority
         # of an absolute request target, and makes a 400 of every method that it does not know.

@@ -15,6 +15,7 @@ from gateway.history.wings import wings as histories
 from gateway.http.callers import Callers
 from gateway.http.cors import pages_elsewhere
 from gateway.http.endpoint import resources
+from gateway.http.forwarded import Forwarded
 from gateway.http.host import Authorities
 from gateway.http.loading import Loading
 from gateway.http.offload import Offload
@@ -105,6 +106,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None) -> Sta
     requests, rates = Requests(), Rates(float(settings.requests_per_client))
     app = Starlette(
         middleware=[
+            Middleware(Forwarded, fronts=settings.front_networks),
             Middleware(Front, requests=requests, tracing=tracing),
             *pages_elsewhere(settings.cors_pages),
             Middleware(Authorities, public_urls=settings.public_urls, prefixes=PREFIXES, pages=settings.cors_pages),

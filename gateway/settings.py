@@ -91,6 +91,11 @@ class GatewaySettings:
     sockets_per_client: str = _setting(
         "LINKED_FLEET_SOCKETS_PER_CLIENT", "12000", "connections that one client address may have at once"
     )
+    fronts: str = _setting(
+        "LINKED_FLEET_FRONTS",
+        "",
+        "addresses or networks (CIDR) of fronts whose word on the client's address counts, comma-separated",
+    )
     cors_origins: str = _setting(
         "LINKED_FLEET_CORS_ORIGINS", "", "origins of other sites' pages that may use the fleet, comma-separated"
     )
@@ -134,11 +139,11 @@ class GatewaySettings:
                     f"LINKED_FLEET_CORS_ORIGINS is of origins such as https://twin.example:8443, not {origin!r}"
                 )
         self.callback_port_ranges  # noqa: B018 -- ValueError
-        for network in _items(self.callback_allow):
+        for name, given in (("LINKED_FLEET_CALLBACK_ALLOW", self.callback_allow), ("LINKED_FLEET_FRONTS", self.fronts)):
             try:
-                ip_network(network)
+                _networks(given)
             except ValueError as error:
-                raise ValueError(f"LINKED_FLEET_CALLBACK_ALLOW is of networks such as 10.0.0.0/8: {error}") from None
+                raise ValueError(f"{name} is of networks such as 10.0.0.0/8: {error}") from None
 
     @property
     def port_number(self) -> int:
@@ -187,7 +192,11 @@ class GatewaySettings:
 
     @property
     def callback_networks(self) -> tuple[IPv4Network | IPv6Network, ...]:
-        return tuple(ip_network(network) for network in _items(self.callback_allow))
+        return _networks(self.callback_allow)
+
+    @property
+    def front_networks(self) -> tuple[IPv4Network | IPv6Network, ...]:
+        return _networks(self.fronts)
 
     @property
     def callback_port_ranges(self) -> tuple[range, ...]:
@@ -220,6 +229,10 @@ class GatewaySettings:
 
 def _items(text: str) -> tuple[str, ...]:
     return tuple(item.strip() for item in text.split(",") if item.strip())
+
+
+def _networks(text: str) -> tuple[IPv4Network | IPv6Network, ...]:
+    return tuple(ip_network(network) for network in _items(text))
 
 
 def _ports(text: str) -> range:

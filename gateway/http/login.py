@@ -1,6 +1,7 @@
 """The pages where people log in and out: by a token, or at an issuer (OpenID Connect, code flow with PKCE)."""
 
 import logging
+import math
 import secrets
 import time
 from base64 import urlsafe_b64encode
@@ -12,12 +13,12 @@ from urllib.parse import parse_qs, quote, urlencode
 from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 
-from gateway.errors import BadRequest, ForeignOrigin, IssuerAway, MethodNotAllowed, NotFound, StoreAway
+from gateway.errors import BadRequest, ForeignOrigin, IssuerAway, MethodNotAllowed, NotFound, StoreAway, TooManyLogins
 from gateway.face.page import render
 from gateway.face.policy import FORMS
-from gateway.http.attempts import Attempts
 from gateway.http.body import read_body
 from gateway.http.cookies import LOGIN, read_cookie, set_cookie
+from gateway.http.rates import Rates, network_of
 from gateway.identity.jwts import BadToken, verified
 from gateway.identity.keys import endpoint
 from gateway.identity.rights import Claims, Credential, Identity
@@ -32,6 +33,9 @@ log = logging.getLogger(__name__)
 _PAGES = {"/login": ("GET", "POST"), "/login/start": ("GET",), "/login/return": ("GET",), "/logout": ("POST",)}
 _MOST_BYTES = 32 * 1024
 _LONGEST_PATH = 2000
+FAILURES = 10
+"""Failed logins of one address that are answered with the page; then one more every ``REFILL_S``."""
+REFILL_S = 6.0
 _NO_STORE = {"cache-control": "no-store"}
 
 
@@ -39,7 +43,7 @@ class Login:
     """Answers under these paths, whoever asks; ``caller`` may be nobody."""
 
     def __init__(self) -> None:
-        self._attempts = Attempts()
+        self._failures = Rates(1 / REFILL_S, burst=FAILURES)
 
     def has(self, path: str) -> bool:
         return path in _PAGES
@@ -63,21 +67,31 @@ class Login:
         except StoreUnavailable as error:
             raise StoreAway("Nobody can log in while Redis is away; tokens in Authorization are taken.") from error
 
+    def _failed(self, request: Request, error: BadToken) -> None:
+        """Count a login that failed; TooManyLogins, and no line of the log, for more than an address may have.
+
+        Only failures are refused, and only after the check: an address may be that of many people, and a guesser among
+        them must not keep the others out. The entropy of tokens is the bound on guessing, here as in ``Authorization``.
+        """
+        address = request.client.host if request.client else ""
+        if wait_s := math.ceil(self._failures.take(network_of(address))):
+            raise TooManyLogins(
+                f"The login failed, as others from this address did. Try again in {wait_s} s.", retry_after_s=wait_s
+            ) from error
+        log.info("a login from %s failed: %s", address, error)
+
     # -- by a token ---------------------------------------------------------------------------------------------------
 
     async def _with_token(self, request: Request, identities: Identities) -> Response:
         ours = "origin" in request.headers or request.headers.get("sec-fetch-site") == "same-origin"
         if request.state.elsewhere or not ours:
             raise ForeignOrigin("people log in here on the page itself; programs send Authorization: Bearer")
-        address = request.client.host if request.client else ""
-        self._attempts.check(address)
         form = parse_qs((await read_body(request, _MOST_BYTES)).decode("utf-8", "replace"))
         token, then = _one(form, "token").strip(), _path(_one(form, "then"))
         try:
             found = await identities.bearer(token)
         except BadToken as error:
-            self._attempts.failed(address)
-            log.info("a login from %s failed: %s", address, error)
+            self._failed(request, error)
             return _page(identities, then, None, f"The token is not accepted: {error}.", status=401)
         except IssuerSilent as error:
             raise IssuerAway("The issuer of this token cannot be asked for its keys; try again in a moment.") from error
@@ -113,8 +127,6 @@ class Login:
         return response
 
     async def _return(self, request: Request, identities: Identities) -> Response:
-        address = request.client.host if request.client else ""
-        self._attempts.check(address)
         login = open_login(read_cookie(request.scope, LOGIN), await identities.key.get())
         issuer = None if login is None else identities.roster.issuers.get(login.issuer)
         try:
@@ -122,8 +134,7 @@ class Login:
                 raise BadToken("it took too long, or began in another browser")
             claims = await _claims(request, identities, issuer, login)
         except BadToken as error:
-            self._attempts.failed(address)
-            log.info("a login from %s failed: %s", address, error)
+            self._failed(request, error)
             return _page(identities, "/", None, f"You are not logged in: {error}.", status=401)
         except IssuerSilent as error:
             log.warning("a login failed: %s", error)

@@ -21,13 +21,14 @@ _PREFIX = 64  # of an IPv6 address: what one customer has at least
 
 
 class Rates:
-    """``per_s`` requests of each client on average; endless if that is 0.
+    """``per_s`` requests of each client on average, ``burst`` of them at once; endless if ``per_s`` is 0.
 
     Of more than ``MAX_CLIENTS`` those are forgotten who have not asked for longest, which gives them their whole burst.
     """
 
-    def __init__(self, per_s: float, clock_s: Callable[[], float] = time.monotonic) -> None:
-        self._per_s, self._most, self._clock_s = per_s, max(1.0, per_s * BURST_S), clock_s
+    def __init__(self, per_s: float, clock_s: Callable[[], float] = time.monotonic, burst: float | None = None) -> None:
+        self._per_s, self._clock_s = per_s, clock_s
+        self._most = max(1.0, per_s * BURST_S if burst is None else burst)
         self._left: OrderedDict[str, tuple[float, float]] = OrderedDict()  # tokens, and when there were so many
 
     def take(self, client: str) -> float:

@@ -170,7 +170,7 @@ def test_a_return_without_a_beginning_is_refused(here: Guarded) -> None:
 
 
 def test_guessing_is_slowed_down(here: Guarded) -> None:
-    """Last in this file: from here on this address waits."""
+    """After ten failures a wrong token gets 429; what is asked with a right one is answered."""
     with httpx.Client() as client:
         answers = [log_in(here, client, f"guess{n}") for n in range(12)]
         statuses = [each.status_code for each in answers]

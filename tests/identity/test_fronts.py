@@ -1,0 +1,44 @@
+"""Logins behind a front: an address that fails often waits, and nobody else does."""
+
+from collections.abc import Iterator
+
+import httpx
+import pytest
+from guarded import Guarded, guarded
+
+from gateway.http.login import FAILURES
+
+pytestmark = pytest.mark.fleet
+
+
+@pytest.fixture(scope="module")
+def fronted(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
+    """A gateway that believes this machine, which is its front, what the addresses of clients are."""
+    with guarded(tmp_path_factory.mktemp("fronted"), "--fronts=127.0.0.1", robots=False) as one:
+        yield one
+
+
+def _log_in(here: Guarded, token: str, client: str) -> int:
+    headers = {"origin": here.root[:-1], "x-forwarded-for": f"198.51.100.200, {client}"}
+    return httpx.post(here.root + "login", data={"token": token}, headers=headers).status_code
+
+
+def test_failures_behind_a_front_count_for_the_client_and_not_for_the_front(fronted: Guarded) -> None:
+    assert [_log_in(fronted, f"guess{n}", "192.0.2.7") for n in range(FAILURES)] == [401] * FAILURES
+    assert _log_in(fronted, "guess", "192.0.2.7") == 429
+    assert _log_in(fronted, "guess", "192.0.2.8") == 401
+    assert _log_in(fronted, fronted.tokens["root"], "192.0.2.8") == 303
+
+
+def test_without_a_front_nobody_gets_another_count_by_saying_to_be_elsewhere(here: Guarded) -> None:
+    statuses = [_log_in(here, f"guess{n}", f"192.0.2.{n}") for n in range(FAILURES + 1)]
+    assert statuses[-1] == 429
+
+
+def test_a_correct_credential_is_taken_however_many_failed_from_its_address(here: Guarded) -> None:
+    """Many people may have one address, and a guesser among them keeps nobody out."""
+    for n in range(2 * FAILURES):
+        _log_in(here, f"guess{n}", "192.0.2.7")
+    assert _log_in(here, "guess", "192.0.2.7") == 429
+    assert _log_in(here, here.tokens["all"], "192.0.2.7") == 303
+    assert _log_in(here, "guess", "192.0.2.7") == 429  # a login that worked gives a guesser no new attempts
