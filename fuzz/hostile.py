@@ -12,9 +12,14 @@ from random import Random
 from typing import Any
 
 from fuzz.good import TURTLE_PREFIXES
+from gateway.graph.parsing import MAX_TRIPLES
 from gateway.http.body import MAX_BODY_BYTES
+from gateway.http.control import MAX_ANNOTATION_TRIPLES
 from gateway.http.invoke import MAX_BODY_BYTES as MAX_INPUT_BYTES
+from gateway.http.invoke import MAX_TRIPLES as MAX_INPUT_TRIPLES
+from gateway.http.login import MAX_BODY_BYTES as MAX_LOGIN_BYTES
 from gateway.http.world import MAX_BODY_BYTES as MAX_OBJECT_BYTES
+from gateway.http.world import MAX_TRIPLES as MAX_OBJECT_TRIPLES
 from gateway.query.language import MAX_QUERY_BYTES
 
 TURTLE, TRIPLES, XML = "text/turtle", "application/n-triples", "application/rdf+xml"
@@ -35,25 +40,25 @@ class Endpoint:
     method: str
     path: str
     bytes_: int = MAX_BODY_BYTES
-    triples: int = 1000
+    triples: int = MAX_TRIPLES
 
 
 ENDPOINTS: tuple[Endpoint, ...] = (
-    Endpoint("PUT", "/arm/pan/actions/rotate", MAX_INPUT_BYTES, 5000),
-    Endpoint("PUT", "/arm/actions/moveJoints", MAX_INPUT_BYTES, 5000),
-    Endpoint("POST", "/arm/actions/followTrajectory", MAX_INPUT_BYTES, 5000),
-    Endpoint("PUT", "/arm/pan/targetRotation", MAX_INPUT_BYTES, 5000),
+    Endpoint("PUT", "/arm/pan/actions/rotate", MAX_INPUT_BYTES, MAX_INPUT_TRIPLES),
+    Endpoint("PUT", "/arm/actions/moveJoints", MAX_INPUT_BYTES, MAX_INPUT_TRIPLES),
+    Endpoint("POST", "/arm/actions/followTrajectory", MAX_INPUT_BYTES, MAX_INPUT_TRIPLES),
+    Endpoint("PUT", "/arm/pan/targetRotation", MAX_INPUT_BYTES, MAX_INPUT_TRIPLES),
     Endpoint("PUT", "/arm/title"),
-    Endpoint("PUT", "/arm/annotations", triples=256),
+    Endpoint("PUT", "/arm/annotations", triples=MAX_ANNOTATION_TRIPLES),
     Endpoint("PUT", "/arm/maximumSpeedScale"),
     Endpoint("PUT", "/arm/placement"),
     Endpoint("PUT", "/arm/lease"),
     Endpoint("POST", "/arm/pan/subscriptions"),
     Endpoint("POST", "/rules"),
-    Endpoint("POST", "/world/objects", MAX_OBJECT_BYTES, 200),
+    Endpoint("POST", "/world/objects", MAX_OBJECT_BYTES, MAX_OBJECT_TRIPLES),
 )
 QUERIES = Endpoint("POST", "/query", MAX_QUERY_BYTES)
-LOGIN = Endpoint("POST", "/login", MAX_QUERY_BYTES)
+LOGIN = Endpoint("POST", "/login", MAX_LOGIN_BYTES)
 _OWN = {QUERIES: (QUERY, ""), LOGIN: (FORM, "")}
 """Endpoints that take no RDF, with their media type and what each body begins with."""
 

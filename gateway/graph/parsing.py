@@ -18,6 +18,7 @@ from gateway.graph.parse_error import ParseError
 
 __all__ = ["MAX_LENGTH", "PARSEABLE", "ParseError", "parse"]
 
+MAX_TRIPLES = 1000
 MAX_LENGTH = 4096
 _JSON_VALUES = 8  # of JSON-LD, for each triple that may be said
 _FORMATS = {
@@ -44,7 +45,7 @@ def parse(
     base: str,
     *,
     contexts: Mapping[str, dict[str, Any]] | None = None,
-    max_triples: int = 1000,
+    max_triples: int = MAX_TRIPLES,
     max_depth: int = 32,
     lengths: Mapping[NamedNode, int] | None = None,
 ) -> list[Triple]:

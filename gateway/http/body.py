@@ -8,7 +8,7 @@ from pyoxigraph import NamedNode, Triple
 from starlette.requests import Request
 
 from gateway.errors import BadRequest, PayloadTooLarge, UnsupportedMediaType
-from gateway.graph.parsing import ParseError, parse
+from gateway.graph.parsing import MAX_TRIPLES, ParseError, parse
 from gateway.graph.vocab import PREFIXES
 from gateway.http.fields import field
 from gateway.http.negotiation import parse_content_type
@@ -48,7 +48,7 @@ def parse_body(
     media_type: str,
     iri: str,
     base: str,
-    max_triples: int = 1000,
+    max_triples: int = MAX_TRIPLES,
     lengths: Mapping[NamedNode, int] | None = None,
 ) -> list[Triple]:
     """The triples of a body that was read already, relative IRIs resolved against ``iri``; BadRequest."""
@@ -61,7 +61,7 @@ def parse_body(
 
 
 def parse_form(
-    body: bytes, media_type: str, iri: str, base: str, form: "Callable[[], Form]", max_triples: int = 1000
+    body: bytes, media_type: str, iri: str, base: str, form: "Callable[[], Form]", max_triples: int = MAX_TRIPLES
 ) -> list[Triple]:
     """As ``parse_body``, of a body that may be plain JSON, of which ``form`` says what its members mean."""
     if media_type != JSON:
@@ -83,7 +83,7 @@ def _check_whole(request: Request) -> None:
 
 
 async def read_body(request: Request, most: int = MAX_BODY_BYTES) -> bytes:
-    """The body, at most 64 KiB unless said otherwise: PayloadTooLarge as soon as it is known to be more."""
+    """The body, at most ``most`` bytes: PayloadTooLarge as soon as it is known to be more."""
     length = request.headers.get("content-length", "0")
     if length.isdecimal() and int(length) > most:
         raise PayloadTooLarge(f"The body has {length} bytes; at most {most} are read.")

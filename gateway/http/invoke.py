@@ -45,7 +45,9 @@ from gateway.things.documents import JSON
 if TYPE_CHECKING:
     from gateway.things.schema import Form
 
-MAX_BODY_BYTES, MAX_TRIPLES = 256 * 1024, 5_000  # of a trajectory: seven joints at some two hundred times
+# Of a trajectory: seven joints at some two hundred times.
+MAX_BODY_BYTES = 256 * 1024
+MAX_TRIPLES = 5_000
 _TARGET = Terms({LF.value: Terms()})
 _KEY = re.compile(r'"([\x20\x21\x23-\x5b\x5d-\x7e]{1,255})"|([!-~]{1,255})')
 _TOKEN = re.compile(r"<?(urn:uuid:[0-9a-f-]{36})>?")

@@ -31,7 +31,7 @@ from gateway.identity.web import IssuerSilent
 log = logging.getLogger(__name__)
 
 _PAGES = {"/login": ("GET", "POST"), "/login/start": ("GET",), "/login/return": ("GET",), "/logout": ("POST",)}
-_MOST_BYTES = 32 * 1024
+MAX_BODY_BYTES = 32 * 1024
 _LONGEST_PATH = 2000
 FAILURES = 10
 """Failed logins of one address that are answered with the page; then one more every ``REFILL_S``."""
@@ -86,7 +86,7 @@ class Login:
         ours = "origin" in request.headers or request.headers.get("sec-fetch-site") == "same-origin"
         if request.state.elsewhere or not ours:
             raise ForeignOrigin("people log in here on the page itself; programs send Authorization: Bearer")
-        form = parse_qs((await read_body(request, _MOST_BYTES)).decode("utf-8", "replace"))
+        form = parse_qs((await read_body(request, MAX_BODY_BYTES)).decode("utf-8", "replace"))
         token, then = _one(form, "token").strip(), _path(_one(form, "then"))
         try:
             found = await identities.bearer(token)

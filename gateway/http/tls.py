@@ -15,7 +15,7 @@ from agents.wire.trust import check_pair
 log = logging.getLogger(__name__)
 LOOK_S = 10.0
 """How often the files are looked at."""
-_HANDSHAKE_S = 10
+HANDSHAKE_S = 10
 _FAREWELL_S = 10  # for the other side's part of it, and for what still waits
 _ENCRYPTED_BYTES = 16 * 1024
 _BENEATH = "linked-fleet.beneath"
@@ -102,7 +102,7 @@ def secured(inner: Callable[..., asyncio.Protocol], context: ssl.SSLContext) -> 
     def make(**arguments: Any) -> asyncio.BaseProtocol:
         return TlsProtocol(
             asyncio.get_running_loop(), inner(**arguments), context, None, server_side=True,  # type: ignore[arg-type]  # nobody waits for it
-            ssl_handshake_timeout=_HANDSHAKE_S, ssl_shutdown_timeout=_FAREWELL_S,
+            ssl_handshake_timeout=HANDSHAKE_S, ssl_shutdown_timeout=_FAREWELL_S,
         )  # fmt: skip
 
     return make

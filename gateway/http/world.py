@@ -29,7 +29,7 @@ from gateway.world.scene import SceneObject
 from gateway.world.service import World
 
 MAX_BODY_BYTES = 768 * 1024  # of a mesh in Base64
-_MAX_TRIPLES = 200
+MAX_TRIPLES = 200
 _LONGEST_NAMED = 200
 
 
@@ -75,7 +75,7 @@ async def _read(request: Request, iri: str, base: str) -> list[Triple]:
     media_type = body_type(request)
 
     def read(content: bytes) -> list[Triple]:
-        return parse_body(content, media_type, iri, base, _MAX_TRIPLES, {LF.stl: MAX_BODY_BYTES})
+        return parse_body(content, media_type, iri, base, MAX_TRIPLES, {LF.stl: MAX_BODY_BYTES})
 
     return await read_as(request, read, MAX_BODY_BYTES)
 
