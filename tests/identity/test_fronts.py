@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import httpx
 import pytest
 from guarded import Guarded, guarded
+from issuer import Issuer
 
 from gateway.http.login import FAILURES
 
@@ -42,3 +43,12 @@ def test_a_correct_credential_is_taken_however_many_failed_from_its_address(here
     assert _log_in(here, "guess", "192.0.2.7") == 429
     assert _log_in(here, here.tokens["all"], "192.0.2.7") == 303
     assert _log_in(here, "guess", "192.0.2.7") == 429  # a login that worked gives a guesser no new attempts
+
+
+def test_a_login_at_an_issuer_works_however_many_failed_from_its_address(here: Guarded, issuer: Issuer) -> None:
+    returned = here.root + "login/return?code=x&state=y"
+    statuses = [httpx.get(returned).status_code for _ in range(FAILURES + 1)]
+    assert statuses[-1] == 429
+    with httpx.Client(follow_redirects=True) as browser:
+        page = browser.get(here.root + "login/start?issuer=plant", headers={"accept": "text/turtle"})
+    assert page.status_code == 200 and page.url == here.root
