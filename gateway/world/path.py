@@ -47,7 +47,7 @@ def path_of(robot: Robot, way: Way, joints: Sequence[str], weights: Array) -> Pa
     for before, after, leg in _between(robot, way):
         changes = np.array([abs(after.get(name, 0.0) - before.get(name, 0.0)) for name in joints])
         far = float((weights @ np.nan_to_num(changes)).max(initial=0.0)) * (_EASING if leg.duration_s else 1.0)
-        if far > STEP_M * (MOST_STEPS - sum(map(len, rows))):
+        if not far <= STEP_M * (MOST_STEPS - sum(map(len, rows))):  # nor what is no number
             raise Unknown("the way is too long to be checked; go it in parts")
         count = max(1, math.ceil(far / STEP_M))
         shares = np.arange(1, count + 1) / count

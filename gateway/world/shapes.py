@@ -25,6 +25,7 @@ Surfaces = Callable[[str], Surface]
 """The mesh of a URI in the URDF; ModelError when it cannot be used."""
 
 _MOST_BODIES = 1_000
+_MOST_M = 1e6
 _POINT_M = 1e-9  # above zero, which stands for a joint that does not move the body
 _ZERO, _ONE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
 
@@ -75,6 +76,8 @@ def _place(part: Element, name: str) -> pin.SE3:
 def _body(link: str, joint: int, shape: coal.CollisionGeometry, surface: Surface | None) -> Body:
     shape.computeLocalAABB()
     centre, radius = np.array(shape.aabb_center, dtype=float), float(shape.aabb_radius)
+    if not (np.isfinite(centre).all() and radius < _MOST_M):
+        raise ModelError(f"a shape of link {link!r} is too large")
     return Body(link, joint, shape, shape if surface is None else surface.hull, surface, centre, radius)
 
 

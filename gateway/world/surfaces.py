@@ -21,6 +21,7 @@ MOST_TRIANGLES = 50_000  # some 30 MB as a surface
 _FILLED = 0.995  # share of the hull's volume from which on a closed mesh is its hull
 _OVERFULL = 1.0005  # a mesh whose parts overlap counts volume twice
 _SMALLEST_M3 = 1e-12
+_MOST = 1e6  # of vertices and scales; what is larger overflows where it is multiplied
 
 
 @dataclass(frozen=True)
@@ -34,8 +35,8 @@ class Surface:
     @classmethod
     def of(cls, vertices: Array, triangles: Indices) -> "Surface":
         """With equal vertices joined and triangles without an area left out; ModelError for what is no mesh."""
-        if not len(triangles) or not np.isfinite(vertices).all():
-            raise ModelError("it has no triangles, or vertices that are no numbers")
+        if not len(triangles):
+            raise ModelError("it has no triangles")
         joined, place = np.unique(vertices, axis=0, return_inverse=True)
         corners = place.reshape(-1)[triangles].astype(np.int32)
         a, b, c = corners.T
@@ -45,7 +46,13 @@ class Surface:
         return cls(joined, corners, _fills_hull(joined, corners))
 
     def scaled(self, scale: Array) -> "Surface":
-        return Surface(self.vertices * scale, self.triangles, self.fills_hull)
+        """ModelError when coal could not reckon with that: it ends the process over what is infinite."""
+        if not ((np.abs(scale) > 1 / _MOST) & (np.abs(scale) < _MOST)).all():
+            raise ModelError("a mesh is scaled out of all bounds")
+        vertices = self.vertices * scale
+        if not (np.abs(vertices) < _MOST).all():
+            raise ModelError("a mesh is too large")
+        return Surface(vertices, self.triangles, self.fills_hull)
 
     @cached_property
     def hull(self) -> coal.CollisionGeometry:
@@ -72,6 +79,8 @@ def read_mesh(suffix: str, content: bytes) -> Surface:
         except (ValueError, RuntimeError) as error:
             raise ModelError(f"it cannot be read as {suffix}") from error
     vertices = np.array(mesh.vertices(), dtype=float).reshape(-1, 3)
+    if not (np.abs(vertices) < _MOST).all():  # nor what is no number
+        raise ModelError("it has vertices out of all bounds")
     if mesh.num_tris > MOST_TRIANGLES:
         hull = _hull(vertices)
         return Surface(*_corners(hull), True)

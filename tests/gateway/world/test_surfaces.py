@@ -1,5 +1,6 @@
 """Meshes as shapes: which count as their convex hull, what is inside of them, and links that are concave."""
 
+import math
 import struct
 
 import numpy as np
@@ -42,9 +43,10 @@ def test_what_is_no_mesh_is_refused(content: bytes) -> None:
         read_mesh("stl", content)
 
 
-def test_a_mesh_with_a_vertex_that_is_no_number_is_refused() -> None:
+@pytest.mark.parametrize("value", [math.nan, math.inf, 3e38])
+def test_a_mesh_with_a_vertex_that_is_nowhere_is_refused(value: float) -> None:
     broken = bytearray(stl(BOX))
-    broken[84 + 12 : 84 + 16] = struct.pack("<f", float("nan"))
+    broken[84 + 12 : 84 + 16] = struct.pack("<f", value)
     with pytest.raises(ModelError):
         read_mesh("stl", bytes(broken))
 
@@ -68,6 +70,14 @@ def _go(start: dict[str, float], ends: dict[str, float]) -> Answer:
     robot = robot_of(_LIFT, {_CHANNEL}, lambda uri: read(channel()))
     way = Way({"turn": 0.0, "spin": 0.0} | start, (Leg(ends),))
     return check(Check(Stood("me", "lift", HERE), (way,), (), (), 30.0), {"lift": robot}, {})
+
+
+@pytest.mark.parametrize("scale", ["1e300 1 1", "1e308 1e308 1e308", "1e7 1e7 1e7", "0 0 0", "1 0 1"])
+def test_a_shape_without_a_size_that_can_be_reckoned_with_is_refused(scale: str) -> None:
+    """Nothing would be near it by comparisons with what is no number."""
+    urdf = _LIFT.replace("<mesh ", f"<mesh scale='{scale}' ")
+    with pytest.raises(ModelError):
+        robot_of(urdf, {_CHANNEL}, lambda uri: read(channel()))
 
 
 def test_a_part_goes_where_the_concave_link_is_not_and_its_hull_is() -> None:
