@@ -123,7 +123,7 @@ BODIES = {
     "lf:orientation [ maths:x 0 ; maths:y 0 ; maths:z 0 ; lf:w 1 ] .",
     "assumePose": '<> lf:poseName "up" ; lf:speedScale 1 .',
     "title": '<> lf:value "An arm" .',
-    "annotations": '<> rdfs:label "Arm"@en ; rdfs:seeAlso [ rdfs:label "x" ] .',
+    "annotations": '<./> rdfs:label "Arm"@en ; rdfs:seeAlso [ rdfs:label "x" ] .',
     "maximumSpeedScale": "<> lf:value [ vom:numericalValue 0.7 ] .",
     "targetRotation": f"<> lf:value [ {_RAD} ] .",
     "targetTranslation": f"<> lf:value [ {_METRE} ] .",

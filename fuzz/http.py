@@ -16,7 +16,8 @@ from fuzz.living import PATIENCE_S, Living, in_batches, living
 AT_ONCE = 12
 _HOSTILE = 0.04
 _SILENCE_S = 0.1
-_DOCUMENTED = (501, 503, 504)  # the first for transfer codings that nobody knows (RFC 9112, 6.1)
+# Unknown transfer codings (RFC 9112, 6.1), what is away or late, and other major versions of HTTP (RFC 9110, 15.6.6).
+_DOCUMENTED = (501, 503, 504, 505)
 _STATUS = re.compile(rb"(?:^|\n)HTTP/1\.1 (\d{3}) ")
 _METHODS = (
     "GET", "GET", "GET", "GET", "HEAD", "OPTIONS", "POST", "PUT", "PUT", "PUT", "DELETE", "PATCH", "TRACE", "get", "X-X"

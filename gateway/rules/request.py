@@ -11,12 +11,13 @@ from gateway.graph.build import Node
 from gateway.graph.judge import Judge
 from gateway.graph.shapes import load
 from gateway.graph.validation import check_lexical_forms, root
-from gateway.graph.vocab import DCTERMS, HYBRIT, LF, PROV, RDF, RDFS
+from gateway.graph.vocab import DCTERMS, HYBRIT, LDP, LF, PROV, RDF, RDFS
 from gateway.rules.template import below, template, variables
 
 CONTAINER = "/rules"
 _SAID = (DCTERMS.title, LF.condition, LF.invokes, LF.body, LF.toldApartBy, LF.minimumInterval, LF.enabled)
 # Terms of a rule's description that say nothing when it is sent back: what they tell is the gateway's.
+_TYPES = (LF.Rule, LDP.RDFSource, LDP.Resource)
 _SHOWN = (
     RDF.type, DCTERMS.identifier, DCTERMS.created, RDFS.seeAlso, HYBRIT.blueprint, PROV.wasAssociatedWith,
     LF.state, LF.reason, LF.firings, LF.suppressions,
@@ -73,7 +74,7 @@ def _focus(triples: Sequence[Triple], iri: str) -> Node:
 def _check_terms(about: Sequence[Triple], container: str) -> None:
     """A misspelt option would be none, and a term of another vocabulary would be dropped in silence."""
     strange = [each.predicate.value for each in about if each.predicate not in {*_SAID, *_SHOWN}]
-    types = [each.object for each in about if each.predicate == RDF.type and each.object != LF.Rule]
+    types = [each.object for each in about if each.predicate == RDF.type and each.object not in _TYPES]
     strange += [each.value for each in types if isinstance(each, NamedNode)]
     if strange:
         known = ", ".join(f"<{term.value}>" for term in _SAID)
