@@ -44,12 +44,12 @@ $$python -c 'import ensurepip' 2>/dev/null || { echo "$$python has no venv: apt 
 $$python -m venv --clear $(1)
 endef
 
-.PHONY: demo test test-fast check check-collisions requirements fleet-check bench bench-robots fuzz soak assets pictures node-wot chromium egl wrk caddy clean
+.PHONY: demo test test-fast check check-collisions requirements fleet-check bench bench-robots fuzz soak assets pictures node-wot chromium egl tools wrk caddy clean
 
 demo: .venv/stamp $(ASSETS)
 	@$(BIN)/python -m demo --port $(PORT)
 
-test: .venv/stamp $(ASSETS) $(NODE_WOT) chromium egl
+test: .venv/stamp $(ASSETS) $(NODE_WOT) chromium egl tools
 	$(BIN)/python -m pytest -n 3 --dist loadscope --no-loadscope-reorder $(SECOND_TRY) $(PYTEST_ARGS)
 
 # For the tests of the pages. Those say so and fail where it cannot be had.
@@ -66,8 +66,15 @@ egl:
 	  { $$run apt-get update -qq && $$run apt-get install -qqy --no-install-recommends libegl1 libgl1 libgl1-mesa-dri; } >/dev/null || \
 	  echo "EGL cannot be installed here; the tests of pictures are skipped: apt install libegl1 libgl1 libgl1-mesa-dri"; }
 
+# For the commands of the documentation, which a test runs.
+tools:
+	@command -v curl >/dev/null && command -v jq >/dev/null || { echo "Installing curl and jq for the tests of the documentation."; \
+	  run=; [ "$$(id -u)" = 0 ] || run="sudo -n"; \
+	  { $$run apt-get update -qq && $$run apt-get install -qqy --no-install-recommends curl jq; } >/dev/null || \
+	  { echo "curl and jq are not here and cannot be installed: apt install curl jq"; exit 1; }; }
+
 test-fast: .venv/stamp $(ASSETS) $(NODE_WOT)
-	$(BIN)/python -m pytest -n 2 --dist loadscope --no-loadscope-reorder $(SECOND_TRY) -m "not fleet" --ignore tests/fleet --ignore tests/requirements --ignore tests/subscriptions --ignore tests/store --ignore tests/things --ignore tests/face --ignore tests/bench --ignore tests/fuzz --ignore tests/test_demo.py $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -n 2 --dist loadscope --no-loadscope-reorder $(SECOND_TRY) -m "not fleet" --ignore tests/fleet --ignore tests/requirements --ignore tests/subscriptions --ignore tests/store --ignore tests/things --ignore tests/face --ignore tests/bench --ignore tests/fuzz --ignore tests/test_demo.py --ignore tests/docs $(PYTEST_ARGS)
 
 check: .venv/stamp .venv-bare/stamp
 	$(BIN)/ruff check .

@@ -1,0 +1,71 @@
+"""The demo as a user starts it, in a session of its own."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+
+from running import PATIENCE_S, ROOT, free_port
+
+ONLINE = b"<https://w3id.org/linked-fleet#presence> <https://w3id.org/linked-fleet#online>"
+
+
+class Demo:
+    """The demo in a session of its own, so that it can be signalled as a terminal does and its processes be counted."""
+
+    def __init__(self, folder: Path) -> None:
+        self.port = free_port()
+        self._folder, self._log = folder, folder / "output"
+        with self._log.open("wb") as output:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "demo", "--port", str(self.port)],
+                cwd=ROOT,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+                env={**os.environ, "XDG_STATE_HOME": str(folder)},
+            )
+
+    @property
+    def output(self) -> str:
+        return self._log.read_text(errors="replace")
+
+    def robots_online(self) -> int:
+        assert self.process.poll() is None, self.output
+        request = urllib.request.Request(f"http://127.0.0.1:{self.port}/", headers={"Accept": "application/n-triples"})
+        try:
+            with urllib.request.urlopen(request, timeout=2) as answer:
+                return int(answer.read().count(ONLINE))
+        except OSError:
+            return 0
+
+    def members(self) -> list[int]:
+        """Processes of the session that are alive (a zombie is not)."""
+        found = []
+        for stat in Path("/proc").glob("[0-9]*/stat"):
+            try:
+                text = stat.read_text()
+            except OSError:  # it has just ended
+                continue
+            state, _parent, _group, session = text.rpartition(")")[2].split()[:4]
+            if int(session) == self.process.pid and state not in "ZX":
+                found.append(int(stat.parent.name))
+        return found
+
+    def servers(self) -> list[int]:
+        """Embedded servers, which are in sessions of their own: processes that work in the folder of the data."""
+        found = []
+        for link in Path("/proc").glob("[0-9]*/cwd"):
+            with contextlib.suppress(OSError):  # it has just ended
+                if link.readlink().is_relative_to(self._folder):
+                    found.append(int(link.parent.name))
+        return found
+
+    def interrupt(self) -> int:
+        """Ctrl-C: every process of the group gets the signal."""
+        os.killpg(self.process.pid, signal.SIGINT)
+        return self.process.wait(PATIENCE_S)

@@ -1,0 +1,63 @@
+"""Every command of README.md and the pages in docs/, run against the demo as shipped."""
+
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from demonstration import Demo
+from running import ROOT, eventually, free_port
+from transcript import Command, Shell, matches, ports_of, steps
+
+_DEMO_PORT = "8000"
+_PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+def _commands(page: Path) -> list[Command]:
+    return [step for step in steps(page.read_text()) if isinstance(step, Command)]
+
+
+@pytest.fixture
+def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Demo]:
+    """A fresh one for each page."""
+    demo = Demo(tmp_path_factory.mktemp("demo"))
+    try:
+        eventually(lambda: "The fleet is at" in demo.output, lambda: demo.output)
+        yield demo
+    finally:
+        for pid in [*demo.members(), *demo.servers()]:
+            os.kill(pid, signal.SIGKILL)
+        demo.process.wait()
+
+
+@pytest.fixture
+def shell(demo: Demo, tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Shell]:
+    page: Path = request.getfixturevalue("page")
+    ports = {named: str(free_port()) for named in ports_of(page.read_text())} | {_DEMO_PORT: str(demo.port)}
+    shell = Shell(tmp_path, ports)
+    try:
+        yield shell
+    finally:
+        shell.close()
+
+
+@pytest.mark.parametrize("page", [page for page in _PAGES if _commands(page)], ids=lambda page: str(page.name))
+def test_commands_print_what_the_page_shows(page: Path, shell: Shell, demo: Demo) -> None:
+    """Each command of the page succeeds, and its output is the one shown, times, ids and measurements masked."""
+    wrong = []
+    for step in steps(page.read_text()):
+        if not isinstance(step, Command):
+            shell.write(step)
+            continue
+        if step.text.startswith("make demo"):
+            said, status = demo.output.replace(str(demo.port), _DEMO_PORT), 0
+        else:
+            said, status = shell.run(step)
+        where = f"{page.name}, line {step.line}: {step.text}"
+        if step.output is None:
+            if status:
+                wrong.append(f"{where}\nexit status {status}\n{said}")
+        elif not matches(step.output, said):
+            wrong.append(f"{where}\n-- the page\n{step.output}\n-- the command\n{said}")
+    assert not wrong, "\n".join(wrong)
