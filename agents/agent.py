@@ -30,7 +30,7 @@ class Link(Protocol):
 
     @property
     def gateway_present(self) -> bool:
-        """Whether at least one gateway was known to be alive when ``watch_gateways`` was called last."""
+        """Return True if a gateway was known to be alive when ``watch_gateways`` was called last."""
 
     def watch_gateways(self, period_s: float) -> None:
         """Judge which gateways are alive; to be called in each tick, one every ``period_s`` seconds."""

@@ -134,7 +134,7 @@ class Trial:
         return {each: float(self._random.uniform(*self._rigid.joints[each].limits)) for each in chosen}
 
     def _start(self) -> dict[str, float]:
-        """Where nothing touches that does not at home, and nothing else is near; home when that is not found."""
+        """Return positions at which no further parts touch and nothing else is near; home if there are none."""
         self._around.moving(self._rigid.joints.keys())
         for _ in range(_MOST_STARTS):
             start = self._rigid.complete({**self._scene.home[self._name], **self._targets(100)})

@@ -75,7 +75,7 @@ class Rigid:
         return found
 
     def places(self, positions: Mapping[str, float]) -> list[Array]:
-        """Of each part, as 4 by 4 matrices seen from the root."""
+        """Return the pose of each part in the root frame, as 4 by 4 matrices."""
         known: dict[str, Array] = {}
 
         def place(link: str) -> Array:

@@ -45,7 +45,7 @@ class Living:
         self.place, self.gateway, self.session = place, gateway, session
         self.stops = stops
         self.stalls: list[str] = []
-        """What the gateway's loop has logged since it was emptied of callbacks that took too long."""
+        """Return and clear the log lines about callbacks of the event loop that took too long."""
         self.port = place.port
         self.pid = pid_of(gateway)
         self.watched: list[tuple[str, Process]] = [("the gateway", gateway)]

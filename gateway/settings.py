@@ -187,7 +187,7 @@ class GatewaySettings:
 
     @property
     def state_path(self) -> Path:
-        """Where the embedded server keeps its data, and meshes that were read are kept."""
+        """Folder of the data of the embedded server and of the cache of meshes."""
         return Path(self.state_dir or Path.home() / ".local" / "state" / "linked-fleet").absolute()
 
     @property

@@ -53,7 +53,7 @@ DAMAGES: dict[str, Damage] = {
     "an empty manifest": lambda data: (data / MANIFEST).write_text(""),
     "no manifest": lambda data: (data / MANIFEST).unlink(),
 }
-"""Those that a server does not load."""
+"""Damage with which a server does not load its data."""
 
 
 @contextlib.contextmanager

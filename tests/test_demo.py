@@ -44,7 +44,7 @@ def _turns_what_it_says(demo: Demo) -> None:
 
 
 def _has_the_figures(demo: Demo) -> None:
-    """Those of the paper, where the demo has its robots stand; the motion of Figure 5b arrives."""
+    """The figures of the paper hold where the demo places its robots; the motion of Figure 5b arrives."""
     with contextlib.closing(Browser(f"http://127.0.0.1:{demo.port}/")) as browser:
         for name in (each for each in dir(test_figures) if each.startswith("test_figure")):
             getattr(test_figures, name)(browser)

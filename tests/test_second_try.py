@@ -105,7 +105,7 @@ def test_one_second_try_with_fixtures_that_stay(tmp_path: Path, workers: tuple[s
 
 
 def _options() -> list[str]:
-    """Those with which ``make test`` has tests tried again."""
+    """Return the options with which ``make test`` runs tests again."""
     makefile = (ROOT / "Makefile").read_text()
     (options,) = re.findall(r"^SECOND_TRY := (.+)$", makefile, re.M)
     assert len(re.findall(r"-m pytest .*\$\(SECOND_TRY\)", makefile)) == 2, "of make test and make test-fast"

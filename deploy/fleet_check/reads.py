@@ -19,7 +19,7 @@ class Reads:
         self._thread.start()
 
     def end(self) -> list[str]:
-        """What became of each read, in order."""
+        """The outcome of each read, in order."""
         self._over.set()
         self._thread.join()
         return self._outcomes
@@ -39,7 +39,7 @@ class Reads:
 
 
 def complaint(outcomes: Sequence[str]) -> str:
-    """What is wrong with reads during the end of one gateway; empty if nothing is.
+    """Describe the first broken promise about reads while one gateway ends; empty if there is none.
 
     The front repeats a read whose answer has not begun. What it has passed on of an answer it cannot take back: the one
     read that the gateway was answering may break off in its body, and the next one is answered.

@@ -50,7 +50,7 @@ def admit(offer: Offer, triples: Sequence[Triple], base: str) -> Body:
 
 
 def _not_kept(left: list[Triple], triples: Sequence[Triple], focus: Node, terms: Terms) -> list[Triple]:
-    """What is not used, and not kept with the invocation: a misspelt speed must not mean the full one."""
+    """Refuse terms that are neither used nor kept: a misspelt speed must not mean full speed."""
     if not left:
         return left
     kept, ours = set(own_part(triples, focus)), _namespaces(terms)
@@ -66,7 +66,7 @@ def _is_ours(triple: Triple, ours: tuple[str, ...]) -> bool:
 
 
 def _namespaces(terms: Terms) -> tuple[str, ...]:
-    """Those of the gateway's actions, and those of the predicates that the shape at hand knows."""
+    """Return the namespaces of the gateway's actions and of the predicates that the shape knows."""
     pending, found = [terms], {_bare(each.iri) for each in _OWN}
     while pending:
         inner = pending.pop().inner

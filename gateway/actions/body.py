@@ -64,7 +64,7 @@ class Body:
 
 
 def own_part(triples: Sequence[Triple], root: Node) -> list[Triple]:
-    """What a body says of its root, and of the blank nodes that this leads to."""
+    """Return the triples about the root and about the blank nodes that it leads to."""
     by_subject = subjects(triples)
     found: list[Triple] = []
     pending, done = [root], set[Node]()
@@ -79,7 +79,7 @@ def own_part(triples: Sequence[Triple], root: Node) -> list[Triple]:
 
 
 def written(body: Body) -> str:
-    """What the body says of its root and of the blank nodes below, as N-Triples about ``_:input``.
+    """Write the triples about the root and the blank nodes below it, as N-Triples about ``_:input``.
 
     Nothing when it is too long to keep. Types of our own vocabularies are left out: they follow from where a node is,
     and would have whoever validates take a part of an input for a thing.

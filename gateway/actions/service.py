@@ -47,7 +47,7 @@ class Judge(Protocol):
         """Return once the motions of a robot can be judged; Unchecked when that takes too long."""
 
     async def free(self, motion: Motion, sees: View, own: str) -> bool:
-        """Whether the way was found free, False where it is unknown where the robot stands; Collides, Unchecked.
+        """Check the path of a motion for collisions; Collides, Unchecked. Return False if the robot has no placement.
 
         What else is under way counts, but for the invocation of the id ``own``.
         """

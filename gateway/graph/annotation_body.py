@@ -54,7 +54,7 @@ def read_annotations(
 
 
 def agents_part(described: Sequence[Triple], robot: Robot, base: str, iri: str) -> list[Triple]:
-    """Of the description of the annotations ``iri``: what it says of itself, and what the agent says."""
+    """Return the triples of the description of ``iri`` that clients do not own: its own and the agent's."""
     subject = NamedNode(base + robot_path(robot.name))
     agents = set(about(of_agent(robot.annotations, subject.value), subject, subject.value))
     return [triple for triple in described if triple in agents or triple.subject == NamedNode(iri)]

@@ -1,4 +1,4 @@
-"""What is said of a robot in anybody's vocabulary (R1.12): a layer of its agent's, and one of clients above it.
+"""Annotations of a robot in any vocabulary (R1.12): a layer of its agent, and one of clients above it.
 
 Neither can pose as the gateway, and what clients say takes nothing away from what the agent says.
 """

@@ -19,7 +19,7 @@ class Seen(NamedTuple):
     values: tuple[float, ...] = ()
     wall_ns: int | None = None
     outside: tuple[bool, ...] = ()
-    """Of each observation, whether it is a position outside its limits."""
+    """Return for each observation True if it is a position outside its limits."""
 
     @classmethod
     def of(cls, observations: Sequence[Observation]) -> Self:

@@ -36,7 +36,7 @@ class Setting:
         return robot_path(self.robot.name) + self.name
 
     def admit(self, triples: Sequence[Triple], base: str, present: frozenset[Triple] = frozenset()) -> str:
-        """What is to be remembered in place of ``present``; UnprocessableContent for a body that cannot be used."""
+        """Return the value to store in place of ``present``; UnprocessableContent for an unusable body."""
         iri = base + self.path
         if self.shape is None or self.read is None:
             return read_annotations(triples, self.robot, base, iri, present)

@@ -55,7 +55,7 @@ _SHOWN = (
     DCTERMS.created,
     RDFS.seeAlso,
 )
-"""What the gateway alone manages of a subscription, and so ignores in a body (LDP 4.2.4.1)."""
+"""Server-managed predicates of a subscription, which a body may contain and which are ignored (LDP 4.2.4.1)."""
 _OF_CONTAINER = (RDF.type, LDP.contains, LDP.constrainedBy, DCTERMS.title, RDFS.seeAlso, LF.vocabulary)
 _READ_TYPES = {HYBRIT.Subscription, *(each for types in _TYPES.values() for each in types)}
 
@@ -218,14 +218,14 @@ def _focus(body: Sequence[Triple], container: NamedNode) -> Node:
 
 
 def _left(body: Sequence[Triple], focus: Node, container: NamedNode) -> list[Triple]:
-    """What is not used, but for what the container says of itself, with which Figure 4 may be posted."""
+    """Refuse unused triples, except those about the container: Figure 4 can be posted as it is."""
     left = unused(body, focus, _terms())
     return [t for t in left if t.subject != container or t.subject == focus or t.predicate not in _OF_CONTAINER]
 
 
 @cache
 def _terms() -> Terms:
-    """What the shape speaks of, and what a subscription shows: its description may be posted to make another one."""
+    """Return the terms of the shape and of a subscription: a description can be posted to make another one."""
     return Terms.of(load("subscriptions.ttl"), LF.SubscriptionShape).also(*_SHOWN, types=_READ_TYPES)
 
 

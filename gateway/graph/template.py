@@ -33,7 +33,7 @@ class Versions(NamedTuple):
 
 
 class _Form(NamedTuple):
-    """What changes the document's form and not only its numbers: which values are unknown or outside their limits, and
+    """The state on which the form of a document depends: which values are unknown or outside their limits, and
     what is said at all."""
 
     unknown: tuple[bool, ...]

@@ -25,7 +25,7 @@ class Terms:
 
     @property
     def speaks(self) -> bool:
-        """Whether there is anything to say of such a node."""
+        """Return True if any predicate or type may stand at such a node."""
         return bool(self.inner or self.types)
 
     @classmethod
@@ -152,7 +152,7 @@ def refuse(left: Sequence[Triple], constraint: str, why: str = "Nothing here use
 
 
 def _term(term: object) -> str:
-    """As in N-Triples, bounded; of a long text only the beginning, for it may be a secret."""
+    """Write a term as in N-Triples, bounded. A long literal is cut, because it may be a secret."""
     if isinstance(term, Literal):
         text = term.value if len(term.value) <= _LONGEST_LITERAL else term.value[: _LONGEST_LITERAL // 4] + "…"
         return str(Literal(text))

@@ -75,7 +75,7 @@ async def put_setting(request: Request, afforded: PutSetting, base: str) -> Resp
 
 
 async def _change(request: Request, setting: Setting, base: str) -> Callable[[Resource], str | None]:
-    """What is to be remembered, by the resource as it is at that moment; None when the setting is taken back."""
+    """Return the function from the present resource to the value to store; None clears the setting."""
     if request.method == "DELETE":
         return lambda present: None
     if request.method == "PUT":

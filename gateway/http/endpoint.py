@@ -248,7 +248,7 @@ def _moved(connection: HTTPConnection, to: Redirect, base: str) -> Response:
 
 
 async def _write(request: Request, resource: Resource, base: str) -> Response:
-    """What ``_allow`` allows. A body that breaks a constraint is told where the constraints are (LDP 4.2.1.6)."""
+    """Carry out an allowed write. A refusal by a constraint links the constraints (LDP 4.2.1.6)."""
     try:
         check_model(request, resource)
         return await _WRITERS[type(resource.affords)](request, resource.affords, base)

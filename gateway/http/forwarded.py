@@ -50,7 +50,7 @@ def client_behind(peer: str, headers: Headers, fronts: Sequence[Network]) -> str
 
 
 def _rightmost(peer: _Address, hops: Sequence[str], fronts: Sequence[Network]) -> _Address:
-    """Where all are fronts, or the next hop is hidden or no address, the last one that is known."""
+    """If all hops are fronts, or the next one is hidden or no address, the last known hop counts."""
     known = peer
     for hop in reversed(hops):
         address = _address(hop)

@@ -20,7 +20,7 @@ def check_preconditions(request: Request, resource: Resource, base: str) -> None
 
 
 async def await_preconditions(request: Request, resource: Resource, base: str) -> None:
-    """As ``check_preconditions``, in a turn of the event loop for each representation."""
+    """Check as ``check_preconditions`` does, in a turn of the event loop for each representation."""
     for _ in _checks(request, resource, base):
         await asyncio.sleep(0)
 

@@ -145,7 +145,7 @@ def _reaches(robot: Robot, link: str, place: Vector) -> bool | None:
 
 
 def _beyond(robot: Robot, link: str, movable: Collection[str], place: Vector) -> bool:
-    """Whether the robot is too short for it, whatever its joints do."""
+    """Return True if the robot is too short to reach the point, whatever its joints do."""
     assert robot.model is not None and robot.description is not None and robot.frame is not None
     root = placed(robot.frame.base) if robot.description.base == "floating" else ORIGIN
     if root is None:

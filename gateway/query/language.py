@@ -127,7 +127,7 @@ def bound_to(query: str, variable: str, base: str) -> list[str]:
 
 
 def _listed(tokens: list[Token], variable: str) -> Iterator[Token]:
-    """Of the data block that ``tokens`` begin with, the IRIs that stand for the variable."""
+    """Yield the IRIs that the data block at the start of ``tokens`` lists for the variable."""
     start = next((index for index, each in enumerate(tokens) if each.text == "{"), len(tokens))
     names = [each.text[1:] for each in tokens[:start] if each.kind == "variable"]
     column = 0

@@ -53,7 +53,7 @@ class Placed(Struct, frozen=True):
 
 
 class News(Struct, frozen=True, kw_only=True):
-    """What is different since the query before: of robots, and frames by robot, None for one that has none any more.
+    """Changes since the query before: robots, and frames by robot, None for a robot without a frame.
 
     ``forgotten``: robots that the fleet does not have any more.
     """

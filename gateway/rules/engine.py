@@ -46,7 +46,7 @@ class Select(Protocol):
 
 @dataclass(frozen=True)
 class Evaluated:
-    """What a rule's condition came to at ``at_s`` (monotonic): the keys of the rows that held, and the state then of
+    """Result of a rule's condition at ``at_s`` (monotonic): the keys of the rows that held, and the state then of
     the robots that firings had moved."""
 
     revision: int

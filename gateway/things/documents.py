@@ -18,7 +18,7 @@ from gateway.graph.wing import Sight
 
 JSON, TD = "application/json", "application/td+json"
 DIRECTORY, MOST = "/things", 50
-"""Where the directory of Thing Descriptions is, and how many are on one page of it at most."""
+"""Path of the directory of Thing Descriptions, and the most that one page of it has."""
 Documents = dict[str, Callable[[], bytes]]
 
 

@@ -32,7 +32,7 @@ _BEYOND = {
     "maximum": "exclusiveMinimum",
     "exclusiveMaximum": "minimum",
 }
-"""What is beyond a limit."""
+"""Values beyond a limit."""
 _ID = {"type": "string", "description": "of an invocation: the id that invoking gave"}
 
 

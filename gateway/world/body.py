@@ -22,7 +22,7 @@ _SAID_OF: dict[Node, tuple[NamedNode, ...]] = {
     LF.Cylinder: (LF.radius, LF.length),
     LF.TriangleMesh: (LF.stl, LF.mesh),
 }
-"""What is used of each form of geometry."""
+"""Predicates that each form of geometry uses."""
 
 
 def read_object(

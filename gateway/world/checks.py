@@ -27,7 +27,7 @@ from gateway.world.scene import SceneObject
 from gateway.world.ways import stances_of, ways_of
 
 WITHIN_S = 1.0
-"""Of the processor's time, for the check of one motion."""
+"""Processor time for the check of one motion."""
 EARLY_S = 5.0
 """How long a motion waits at most for shapes that are being prepared."""
 _PATIENCE_S = 3.0  # for the check itself, which has to wait its turn, and for the processor
@@ -62,7 +62,7 @@ class Checks:
 
     @property
     def prepared(self) -> bool:
-        """Whether the motions of all robots that stand somewhere can be checked, as far as their shapes can be had."""
+        """Return True if the shapes of all placed robots are prepared, as far as they can be had."""
         return self._preparation.is_complete()
 
     async def ready(self, robot: Robot, sees: View) -> None:

@@ -38,7 +38,7 @@ def distance(one: Shape, other: Shape, least_m: float) -> float:
 
 
 def depth(one: Shape, other: Shape) -> float:
-    """Of the convex hulls: how far they are apart, or, negative, how far one would have to go to leave the other."""
+    """Return the distance of the convex hulls in metre, or, negative, their penetration depth."""
     assert one.hull is not None and other.hull is not None
     return _distance(one.hull, one, other.hull, other)
 
@@ -48,7 +48,7 @@ def _distance(mine: coal.CollisionGeometry, one: Shape, yours: coal.CollisionGeo
 
 
 def is_inside(one: Shape, other: Shape) -> bool:
-    """Whether one that does not touch the surface of the other is inside of it."""
+    """Return True if one is inside the other. Their surfaces do not touch."""
     if other.surface is None:
         return False
     one.shape.computeLocalAABB()

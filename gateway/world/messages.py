@@ -67,7 +67,7 @@ class Way(Struct, frozen=True):
 
 
 class Check(Struct, frozen=True, tag="check"):
-    """Whether a robot meets anything on any of ``ways``; it is now where the first one starts.
+    """Question: does a robot meet anything on any of ``ways``? It is now at the start of the first.
 
     The answer takes at most ``within_s`` of the processor's time.
     """

@@ -54,7 +54,7 @@ def _is_gripper(robot: Robot, one: int, other: int) -> bool:
 
 
 def _is_compound(robot: Robot, one: int, other: int) -> bool:
-    """Whether two joints in a row turn about so near points that they are one joint with two axes."""
+    """Return True if two successive joints turn about points so near that they act as one with two axes."""
     turn = all(robot.tree.joints[robot.model.names[each]].kind is not JointKind.PRISMATIC for each in (one, other))
     apart = float(np.linalg.norm(robot.model.jointPlacements[other].translation))
     return turn and robot.model.parents[other] == one and apart < _COMPOUND_M

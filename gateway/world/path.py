@@ -36,7 +36,7 @@ class Path:
 
 
 def path_of(robot: Robot, way: Way, joints: Sequence[str], weights: Array) -> Path:
-    """Of the ``joints`` that move; a row of ``weights`` bounds how much nearer a pair comes by what each joint goes.
+    """Path of the ``joints`` that move. A row of ``weights`` bounds how much nearer a pair comes per joint motion.
 
     Unknown when it is too long.
     """

@@ -58,7 +58,7 @@ class Preparation:
         return held[1]
 
     def is_complete(self) -> bool:
-        """Whether no robot that stands somewhere is being prepared or still has to be, as far as it can be had."""
+        """Return True if every placed robot is prepared, as far as its shapes can be had."""
         keys = {self.key(robot) for robot in self._live.fleet.robots.values() if is_placed(robot)}
         return all(self._checker.knows(key) or key in self._unusable or key in self._unheard for key in keys)
 
@@ -142,7 +142,7 @@ class Preparation:
                 log.exception("robots could not be prepared for checks; it is tried again")
 
     def _forget(self) -> None:
-        """What is known of robots as they are no longer described."""
+        """Drop what was prepared for descriptions that no robot has any more."""
         robots = self._live.fleet.robots
         self._keys = {name: held for name, held in self._keys.items() if name in robots}
         present = {key for _, key in self._keys.values()}
@@ -152,7 +152,7 @@ class Preparation:
 
 
 def is_placed(robot: Robot) -> bool:
-    """Whether it has a place in the world and a form."""
+    """Return True if the robot has a placement and a description."""
     return placement_of(robot) is not None and robot.model is not None and robot.description is not None
 
 

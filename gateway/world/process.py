@@ -33,7 +33,7 @@ class Checker:
         self._turn = asyncio.Lock()
 
     def knows(self, key: str) -> bool:
-        """Whether the present process has prepared it."""
+        """Return True if the present process has prepared it."""
         return key in self._known and self._process is not None and self._process.returncode is None
 
     async def ask(self, question: Question, timeout_s: float) -> Answer:

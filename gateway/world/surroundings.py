@@ -1,4 +1,4 @@
-"""Where the robot that moves is, and what stands still around it, seen from its root. Metre."""
+"""The robot that moves and the static bodies around it, in its root frame. Metre."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -18,12 +18,12 @@ from gateway.world.robot import Body, Robot, put
 from gateway.world.surfaces import Array
 
 MARGIN_M = 0.01
-"""What is kept to everything but the robot itself."""
+"""Margin in metre to everything but the robot itself."""
 
 
 @dataclass(frozen=True)
 class Thing:
-    """What stands still, seen from the root of the robot that moves. Of an object's surface there is no hull."""
+    """A static body in the root frame of the robot that moves. The surface of an object has no hull."""
 
     kind: Kind
     name: str
@@ -43,7 +43,7 @@ class Mover:
         self.stand(start)
 
     def stand(self, moved: Positions) -> None:
-        """Where it started, but for joints that have ``moved``."""
+        """The positions at the start, except of joints that have ``moved``."""
         model = self.robot.model
         for name, position in moved.items():
             if model.existJointName(name):
@@ -75,7 +75,7 @@ def objects_of(asked: Check, objects: Mapping[str, coal.CollisionGeometry]) -> I
 
 
 def others_of(asked: Check, robots: Mapping[str, Robot]) -> Iterator[Thing]:
-    """Of other robots what can be reached: all their parts, in each of their stances."""
+    """Yield the parts of other robots that can be reached, in each of their stances."""
     root, near = _se3(asked.robot.base).inverse(), robots[asked.robot.key].radius_m + MARGIN_M
     for each in asked.robots:
         other, base = robots[each.key], root * _se3(each.base)

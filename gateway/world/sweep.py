@@ -1,4 +1,4 @@
-"""Whether a robot meets anything on its way. Nothing is passed by, however thin it is or however fast it is passed.
+"""Collision check of a path. No obstacle is passed by, however thin it is or however fast the motion.
 
 Runs in the process that checks motions. The margin is kept to objects and other robots, and ``CLEARANCE_M`` between
 parts of the robot itself. A pair that is further apart is looked at again when it may have come so near: no pair comes
@@ -129,7 +129,7 @@ class _Sweep:
             yield _Pair(int(pairs[p, 0]), int(pairs[p, 1]), None, CLEARANCE_M), weights[:, p], float(gaps[p])
 
     def _settle(self, pair: _Pair) -> bool:
-        """What the pair has to keep, by how near it is at the start; whether it is to be looked at at all."""
+        """Return the margin that the pair has to keep, by its distance at the start, and if it is checked."""
         if time.thread_time() > self._ends_s:
             raise Unknown(_TOO_LONG)
         one, other = self._shapes(pair)

@@ -27,11 +27,11 @@ from gateway.world.sweep import check
 MAX_MEMORY_BYTES = 4 * 2**30
 LENGTH = struct.Struct("<I")
 MOST_TRIANGLES_HELD = 2_000_000
-"""Of meshes that were read and of which robots may still be made: some 100 MB."""
+"""Bound on the meshes kept for robots that may still be prepared: some 100 MB."""
 
 
 class Worker:
-    """What it was told so far, and its answers."""
+    """The state that the worker was told so far, and its answers."""
 
     def __init__(self, cache: MeshCache, most_triangles: int = MOST_TRIANGLES_HELD) -> None:
         self._cache, self._most_triangles = cache, most_triangles

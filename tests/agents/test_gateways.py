@@ -170,7 +170,7 @@ def test_a_gateway_that_dies_in_a_pause_is_gone_within_its_lease_of_the_time_in_
 
 
 def test_pause_after_pause_does_not_keep_a_dead_gateway_alive() -> None:
-    """Of each pause some counts, however little the agent runs in between."""
+    """Each pause counts for some time, however little the agent runs in between."""
     robot = Robot()
     robot.appear()
     robot.run(10.0, "g")
@@ -204,7 +204,7 @@ def test_a_slow_agent_is_not_taken_for_paused() -> None:
 
 
 def test_tokens_of_strangers_cost_bounded_memory() -> None:
-    """Those that were there before go on to count."""
+    """Gateways that were there before the pause go on to count."""
     robot = Robot()
     robot.appear()
     for number in range(10 * MAX_GATEWAYS):

@@ -1,4 +1,4 @@
-"""What the check of the compose fleet says of reads while a gateway is killed."""
+"""The check of the compose fleet, on reads while a gateway is killed."""
 
 import contextlib
 import http.client
@@ -48,7 +48,7 @@ def server(*answers: bytes) -> Iterator[int]:
 
 
 def outcomes(reads: ModuleType, *answers: bytes) -> list[str]:
-    """Of the first reads, one for each answer, as the user of the check makes them."""
+    """Make one read for each answer, as the check does."""
     with server(*answers) as port:
         done = threading.Semaphore(0)
 

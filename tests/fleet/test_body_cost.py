@@ -52,7 +52,7 @@ class Gateway:
         return answer
 
     def cost_s(self, method: str, path: str, body: bytes = b"", **fields: str) -> tuple[float, httpx.Response]:
-        """Of the longest callback, and the answer: of one request, or of the best of several."""
+        """Return the thread time of the longest callback, and the answer; the best of several requests."""
         least_s = MOST_S
         for _ in range(_REPETITIONS):
             self.used_s = 0.0
@@ -157,7 +157,7 @@ def test_a_mesh_of_as_many_triangles_as_there_may_be_is_taken(gateway: Gateway) 
 @pytest.mark.parametrize("body", [b'{"value": "\\ud800"}', b'{"\\ud800": "x"}'])
 @pytest.mark.parametrize("media_type", ["application/json", JSON_LD])
 def test_half_a_surrogate_pair_is_malformed(gateway: Gateway, path: str, body: bytes, media_type: str) -> None:
-    """As a value and as the name of a member, in plain JSON and in JSON-LD."""
+    """A lone surrogate is 400 as a value and as a member name, in plain JSON and in JSON-LD."""
     answer = gateway.ask("PUT", path, body, content_type=media_type)
     assert (answer.status_code, "half of a surrogate pair" in answer.json()["detail"]) == (400, True), answer.text
 

@@ -20,7 +20,7 @@ _TURN = 3.0  # rad, slowly: it is under way when the stop comes
 
 @dataclass
 class Scene:
-    """Where gateways start one after the other, and one arm waits for them."""
+    """A place in which gateways start one after the other, and one arm waits for them."""
 
     place: Place
     arm: object
@@ -101,7 +101,7 @@ def test_values_that_nobody_wrote_do_not_keep_a_gateway_from_stopping_robots(
 
 
 def test_without_any_server_a_gateway_starts_and_stops_robots(scene: Scene, tmp_path: Path) -> None:
-    """As when Redis goes away later: motions are refused, stops are carried out; with Redis all is well again."""
+    """Motions are refused and stops carried out, as when Redis goes away later; with Redis all is well again."""
     obstacle = tmp_path / "file"
     obstacle.touch()
     state = obstacle / "state"

@@ -43,6 +43,6 @@ def test_robots_hold_while_the_event_loop_of_their_gateway_hangs(tmp_path: Path,
 
 
 def _moves(browser: Browser) -> bool:
-    """Whether it takes a motion; right after a hang the gateway may not have heard of the robot's new frames."""
+    """Return True if it takes a motion. Right after a hang the gateway may lack the robot's new frames."""
     answer = put(browser, of_joint(browser, PAN), radian(0.2), prefer="wait=30")
     return answer.status_code == 204 and browser.page(begun(answer)).one(LF.state) == LF.succeeded

@@ -236,7 +236,7 @@ def test_the_pose_of_anything_in_the_frame_of_anything(browser: Browser) -> None
 
 
 def test_a_motion_that_comes_before_the_shapes_are_prepared_is_not_refused(tmp_path: Path) -> None:
-    """Where a robot stands is remembered; at a gateway that starts anew its first motion comes as early as can be."""
+    """A placement survives a restart; the first motion at the new gateway comes as early as possible."""
     place = Place(tmp_path)
     with place.ur5():
         with place.gateway() as (_, browser):

@@ -75,7 +75,7 @@ def _value(page: Page, predicate: URIRef) -> Node | None:
 
 
 def test_what_was_read_can_be_put_back(browser: Browser, crate: str) -> None:
-    """Of every resource, in every syntax that is offered and taken, plain JSON too: nothing has changed."""
+    """Each writable resource takes back what it shows, in every syntax; nothing has changed."""
     for name, url in _written(browser, crate).items():
         before = browser.page(url)
         taken = before.response.headers["accept-put"].split(", ")
@@ -207,7 +207,7 @@ def test_a_patch_is_sparql(browser: Browser) -> None:
 
 
 def test_annotations_are_patched(browser: Browser) -> None:
-    """What clients said can be changed; what the agent says cannot be taken back, and the answer names it."""
+    """Clients change their own layer; a patch of the agent's is refused and the answer names it."""
     url, robot = _setting(browser, "annotations"), browser.robot("ur5").url
     assert browser.http.delete(url).status_code == 204
     agents = browser.page(url).response.text
@@ -316,6 +316,6 @@ def test_what_is_an_rdf_source_says_so(browser: Browser, crate: str) -> None:
 
 
 def _models(answer: httpx.Response) -> set[URIRef]:
-    """Of the Link field, with the class of all containers beside that of a basic one."""
+    """Return the types of the Link field, with the class of all containers beside that of a basic one."""
     found = {URIRef(each) for each in re.findall(r'<([^>]*)>; rel="type"', answer.headers["link"])}
     return found | ({LDP.Container} if LDP.BasicContainer in found else set())

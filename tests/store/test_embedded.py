@@ -210,7 +210,7 @@ def test_a_stale_socket_is_no_obstacle(tmp_path: Path) -> None:
 
 
 def open_without_server(state_dir: Path, caplog: pytest.LogCaptureFixture) -> str:
-    """What the log says of a server that cannot be started; the gateway's side opens nevertheless."""
+    """Return the log of a server that cannot be started; the gateway's side opens nevertheless."""
 
     async def run() -> None:
         async with Embedded(state_dir) as server:

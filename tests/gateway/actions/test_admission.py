@@ -93,7 +93,7 @@ def test_a_refusal_says_what_and_where(bench: Any) -> None:
 
 
 def test_other_vocabularies_are_kept_with_the_input(bench: Any) -> None:
-    """Of the root and the blank nodes below: the shape does not judge them (paper, 5.4), the invocation shows them."""
+    """Foreign terms of the root and the blank nodes below are not judged (paper, 5.4), and are shown."""
     bench.robot(_elbow())
     more = '; <http://example.org/why> [ <http://example.org/ticket> 17 ] ; rdfs:comment "to the left" .'
     body = bench.body(_ROTATE, _ONE.replace(" .", more))

@@ -40,7 +40,7 @@ def test_poses_are_positions_by_joint_in_si(bench: Any) -> None:
 
 
 def test_clients_add_poses_and_take_none_away(bench: Any) -> None:
-    """As the setting is remembered: with IRIs relative to the robot. A pose of the agent's stays what it is."""
+    """Write poses as the setting stores them, with IRIs relative to the robot."""
     robot = bench.robot(_JOINTS, annotations=_named("agents", _GOOD))
     relative = _named("clients", _GOOD).replace("<>", "<./>").replace("<elbow>", "<./elbow>")
     bench.fleet.configure("r", {"annotations": bench.prefixed(relative)})

@@ -106,7 +106,7 @@ def test_there_are_all_kinds() -> None:
 
 
 def test_every_resource_conforms_to_its_blueprint() -> None:
-    """As the gateway judges, which is an engine of its own."""
+    """Judge as the gateway does, by its own engine."""
     for case in _cases().values():
         assert not _guard(case).check(Data(_without_times(case.data)), case.iri), case.path
 
@@ -126,7 +126,7 @@ def test_every_triple_of_a_resource_is_required_unless_it_may_be_absent() -> Non
 
 
 def _is_subtype(triple: Triple, about: list[Triple]) -> bool:
-    """Whether the type says more than the blueprint: by which protocol a stream is read."""
+    """Return True if the type states the protocol of a stream, which the blueprint does not."""
     return triple.predicate == RDF.type and triple.object in (LF.WebSocketStream, LF.EventStream)
 
 

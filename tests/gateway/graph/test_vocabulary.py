@@ -35,7 +35,7 @@ def _vocabulary() -> list[Triple]:
 
 
 def _read(media_type: str) -> rdflib.Graph:
-    """What a client that uses rdflib has of the document in this syntax."""
+    """Return the document as a client with rdflib reads it in this syntax."""
     body = render(_vocabulary(), media_type, PREFIXES, base=_IRI.value)
     if media_type == "application/ld+json":  # rdflib's parser uses what rdflib has deprecated
         return read(body, _IRI.value, RdfFormat.JSON_LD)
@@ -49,7 +49,7 @@ def _conforms(data: str, shapes: rdflib.Graph) -> bool:
 
 @pytest.mark.parametrize("media_type", RDF_TYPES)
 def test_pyshacl_loads_the_vocabulary_and_judges_by_it(media_type: str) -> None:
-    """What containers name as ldp:constrainedBy is there as it stands in the file, in each syntax."""
+    """The targets of ldp:constrainedBy are served as they stand in the file, in each syntax."""
     shapes = _read(media_type)
     assert _conforms(_SUBSCRIPTION.format(interval="1.5"), shapes)
     assert not _conforms(_SUBSCRIPTION.format(interval="-1"), shapes)

@@ -81,7 +81,7 @@ def test_two_fields_that_disagree_are_not_believed() -> None:
 
 @pytest.mark.parametrize("kind", ["http", "websocket"])
 def test_clients_behind_a_front_are_told_apart(kind: str) -> None:
-    """Where requests are counted by address, each client behind a front has its own count."""
+    """Each client behind a front has a count of its own."""
     counted: list[str] = []
 
     async def count(scope: Scope, receive: Receive, send: Send) -> None:

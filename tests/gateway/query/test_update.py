@@ -48,7 +48,7 @@ def _canonical(triples: list[Triple]) -> Dataset:
     ],
 )
 def test_an_update_does_what_sparql_says(update: str) -> None:
-    """As pyoxigraph's store does it, up to the labels of blank nodes."""
+    """The result is that of pyoxigraph's store, up to the labels of blank nodes."""
     store = Store()
     store.extend(Quad(*triple) for triple in _graph())
     store.update(_PREFIXES + update, base_iri=_BASE)

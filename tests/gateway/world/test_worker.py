@@ -1,4 +1,4 @@
-"""What the process that checks motions answers, and what it keeps for the next one."""
+"""Answers of the process that checks motions, and what it keeps for the next check."""
 
 import hashlib
 from pathlib import Path
