@@ -13,7 +13,7 @@ from actor import Actor, joint, link, robot, stage
 from browser import DCTERMS, HYBRIT, LDP, LF, ROS, SPATIAL, Browser
 from rdflib import RDF, URIRef
 from running import Process, eventually
-from small_fleet import Place, faulty, live, move, number, offline, presence, property_page, whole
+from small_fleet import Place, faulty, live, move, number, presence, property_page, whole
 
 pytestmark = pytest.mark.fleet
 
@@ -146,14 +146,14 @@ def test_before_the_first_frame_and_with_nan(theatre: Theatre, floating: bool) -
         assert LF.unknown in set(property_page(browser, "r", "tip", LF.pose).graph.objects())
 
 
-def test_actor_that_leaves_is_offline(theatre: Theatre) -> None:
-    """Without one frame or a description as well: offline, conforming."""
+def test_actor_that_never_described_itself_is_forgotten_when_it_leaves(theatre: Theatre) -> None:
+    """A token is all that there was of it: the fleet lists it while it is there, conforming."""
     _, browser, session = theatre
     token = session.liveliness().declare_token("fleet/robot/r/presence/1")
     eventually(lambda: presence(browser, "r"), "r")
     whole(browser)
     token.undeclare()
-    offline(browser, "r")
+    eventually(lambda: presence(browser, "r") is None, "r forgotten")
     whole(browser)
 
 

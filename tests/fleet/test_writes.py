@@ -48,7 +48,8 @@ def _objects(browser: Browser) -> str:
 
 
 def _setting(browser: Browser, name: str) -> str:
-    return str(browser.robot("ur5").one(LF[name]))
+    robot = browser.robot("ur5")
+    return str(robot.property(LF.TextProperty) if name == "title" else robot.one(LF[name]))
 
 
 def _written(browser: Browser, crate: str) -> dict[str, str]:

@@ -296,8 +296,8 @@ _INTEGERS = "integer int long short byte nonNegativeInteger nonPositiveInteger u
 @fleet_test
 @pytest.mark.parametrize("datatype", f"float double decimal {_INTEGERS} unsignedByte".split())
 def test_every_numeric_type_is_taken(browser: Browser, action: str, datatype: str) -> None:
-    """Any numeric literal type is a number; what else the body says is nobody's business."""
-    extra = '<> a maths:Scalar ; <urn:p> "NaN"^^xsd:float . <urn:s> <urn:p> "<b>"^^rdf:HTML .'
+    """Any numeric literal type is a number; terms of other vocabularies about the input are nobody's business."""
+    extra = '<> a maths:Scalar ; <urn:p> "NaN"^^xsd:float , "<b>"^^rdf:HTML .'
     body = _PREFIXES + f'<> vom:numericalValue "0"^^xsd:{datatype} ; vom:unit maths:Degree . {extra}'
     assert _put(browser, action, body).status_code == 204
 

@@ -1,12 +1,13 @@
 """R1.1 to R1.12 of the paper, each on every Linked Robotic Thing of the tree."""
 
 import importlib.resources
+from collections.abc import Sequence
 
 import httpx
 import pytest
 import rdflib
 from browser import DCTERMS, HYBRIT, LF, RDFS, SOSA, VOM
-from pyoxigraph import CanonicalizationAlgorithm, Dataset, RdfFormat, parse
+from pyoxigraph import BlankNode, CanonicalizationAlgorithm, Dataset, RdfFormat, Triple, parse
 from rdflib import RDF, URIRef
 from walk import Walk
 
@@ -70,19 +71,32 @@ def test_r1_4_things_have_several_types(tree: Walk) -> None:
 
 
 def test_r1_5_terms_are_standard_or_described(tree: Walk) -> None:
-    """R1.5: every predicate and type is from a known vocabulary, or described in ours, which the fleet links."""
+    """R1.5: every predicate and type is from a known vocabulary, or described in ours, which the fleet links.
+
+    The input of an invocation is the client's: terms of other vocabularies stay in it.
+    """
     described = rdflib.Graph().parse(
         data=(importlib.resources.files("shapes") / "vocabulary.ttl").read_text(), format="turtle"
     )
     known = {str(subject) for subject in described.subjects()}
     for page in tree:
         triples = page.triples()
+        inputs = _inputs(triples)
+        triples = [each for each in triples if each.subject not in inputs]
         used = {each.predicate.value for each in triples}
         used |= {each.object.value for each in triples if each.predicate.value == str(RDF.type)}
         for term in used:
             assert term.startswith(_STANDARD) or term in known, f"{term} at {page.url}"
     (vocabulary,) = tree.pages[tree.root].graph.objects(URIRef(tree.root), LF.vocabulary)
     assert (LF.Robot, RDF.type, None) in tree.pages[str(vocabulary)].graph
+
+
+def _inputs(triples: Sequence[Triple]) -> set[object]:
+    """Return the nodes of the inputs of invocations."""
+    found = [each.object for each in triples if each.predicate.value == str(LF.input)]
+    for node in found:  # grows
+        found += [t.object for t in triples if t.subject == node and isinstance(t.object, BlankNode)]
+    return set(found)
 
 
 def test_r1_6_things_of_a_type_differ_in_predicates(tree: Walk) -> None:
