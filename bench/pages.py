@@ -5,8 +5,7 @@ import tempfile
 import threading
 from pathlib import Path
 
-import zenoh
-from actor import KEYS, Actor, stage
+from actor import Actor, stage
 from playwright.sync_api import Page, sync_playwright
 from running import eventually
 from small_fleet import Place, live
@@ -57,7 +56,7 @@ def _fleet(page: Page, robots: int, seconds: float) -> list[Row]:
             ended = threading.Event()
             threads = [
                 threading.Thread(target=_send, args=(actors, ended)),
-                threading.Thread(target=_come_and_go, args=(session, actors[:10], ended)),
+                threading.Thread(target=_come_and_go, args=(actors[:10], ended)),
             ]
             page.goto(browser.root)
             page.wait_for_function(f"() => document.querySelectorAll('#robots .robot').length === {robots}")
@@ -80,14 +79,13 @@ def _send(actors: list[Actor], ended: threading.Event) -> None:
             actor.put("state", actor.frame([angle]))
 
 
-def _come_and_go(session: zenoh.Session, actors: list[Actor], ended: threading.Event) -> None:
+def _come_and_go(actors: list[Actor], ended: threading.Event) -> None:
     while not ended.wait(0.25):
-        extra = [
-            session.liveliness().declare_token(KEYS.presence(each.name, each.incarnation + 1000)) for each in actors
-        ]
+        for actor in actors:
+            actor.leave()
         ended.wait(0.25)
-        for token in extra:
-            token.undeclare()
+        for actor in actors:
+            actor.appear()
 
 
 def _robot(page: Page, seconds: float) -> list[Row]:
