@@ -34,7 +34,7 @@ _KINDS: Mapping[NamedNode, tuple[str, Callable[[Facts, NamedNode], Part]]] = {
 # These say what everything of a kind is; they help nobody at the head of a page.
 _PLAIN_TYPES = frozenset(
     {HYBRIT.RoboticThing, HYBRIT.Property, HYBRIT.Action, HYBRIT.AsynchronousAction, LF.Joint, PROV.Activity}
-    | {LDP.Container, LDP.BasicContainer}
+    | {LDP.Container, LDP.BasicContainer, LDP.RDFSource}
 )
 # What the frame of the page shows already.
 _FRAME = frozenset({DCTERMS.title, HYBRIT.blueprint, HYBRIT.subscriptions, XHV.prev, XHV.next})
