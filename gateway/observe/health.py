@@ -9,6 +9,8 @@ from starlette.responses import JSONResponse, Response
 from gateway.store.damage import statement
 from gateway.store.embedded import Embedded
 
+PREPARING = "the shapes of robots are being prepared for the check of their motions"
+
 
 async def live(request: Request) -> Response:
     """200 as long as the process serves: reads, streams and stops need no Redis, and the robots may be away."""
@@ -22,7 +24,7 @@ async def ready(request: Request) -> Response:
     server, and shapes that are prepared for a robot which joins a gateway that has been ready before.
     """
     state = request.app.state
-    missing, warnings = list(_missing(state)), list(_warnings(state))
+    missing, warnings = list(_missing(state)), [warning for warning in (store_warning(state),) if warning]
     if not missing and not state.world.checks.prepared:
         (warnings if getattr(state, "has_been_ready", False) else missing).append(PREPARING)
     more = {"warnings": warnings} if warnings else {}
@@ -30,14 +32,6 @@ async def ready(request: Request) -> Response:
         return JSONResponse({"status": "not ready", "reasons": missing, **more}, 503)
     state.has_been_ready = True
     return JSONResponse({"status": "ready", **more})
-
-
-PREPARING = "the shapes of robots are being prepared for the check of their motions"
-
-
-def _warnings(state: Any) -> Iterator[str]:
-    if warning := store_warning(state):
-        yield warning
 
 
 def store_warning(state: Any) -> str:
