@@ -9,6 +9,7 @@ from urllib.parse import urlsplit
 import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Page, Request, ViewportSize, expect, sync_playwright
 from running import PATIENCE_S
+from several import Gateway, Hub, gateway, hub
 
 CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-browser")
 _CALMLY = Path(__file__).with_name("calmly")
@@ -88,3 +89,10 @@ def axe() -> str:
     """The source of axe-core, to be evaluated in a page."""
     source = Path(__file__).parents[2] / "face" / "node_modules" / "axe-core" / "axe.min.js"
     return source.read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def toy() -> Iterator[tuple[Hub, Gateway]]:
+    """A robot with one joint that the test plays, and a gateway."""
+    with hub() as there, gateway(there) as one:
+        yield there, one

@@ -2,7 +2,6 @@
 
 import re
 import signal
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -13,13 +12,6 @@ from several import Gateway, Hub, gateway, hub
 from small_fleet import Place, live, offline
 
 pytestmark = pytest.mark.fleet
-
-
-@pytest.fixture
-def toy() -> Iterator[tuple[Hub, Gateway]]:
-    """A robot with one joint that the test plays, and a gateway."""
-    with hub() as there, gateway(there) as one:
-        yield there, one
 
 
 def _position(page: Page, joint: Gateway) -> Locator:

@@ -2,24 +2,16 @@
 
 import re
 import signal
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from browser import VOM
 from playwright.sync_api import Page, expect
 from running import eventually
-from several import Gateway, Hub, gateway, hub
+from several import Gateway, Hub
 from small_fleet import Place, live
 
 pytestmark = pytest.mark.fleet
-
-
-@pytest.fixture
-def toy() -> Iterator[tuple[Hub, Gateway]]:
-    """A robot with one joint that the test plays, and a gateway."""
-    with hub() as there, gateway(there) as one:
-        yield there, one
 
 
 def test_a_gateway_that_hangs_is_told_from_one_with_no_news(
