@@ -11,6 +11,8 @@ from gateway.world.path import STEP_M
 from gateway.world.surfaces import Surface, winding
 
 _NEARLY_M = 4 * STEP_M  # from which on the distance of the hulls is as good as that of the surfaces
+_REQUEST = coal.DistanceRequest()
+_REQUEST.gjk_tolerance = 1e-9  # by default, convex shapes within a micrometre are at a distance of zero
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,7 @@ def depth(one: Shape, other: Shape) -> float:
 
 
 def _distance(mine: coal.CollisionGeometry, one: Shape, yours: coal.CollisionGeometry, other: Shape) -> float:
-    return float(coal.distance(mine, one.place, yours, other.place, coal.DistanceRequest(), coal.DistanceResult()))
+    return float(coal.distance(mine, one.place, yours, other.place, _REQUEST, coal.DistanceResult()))
 
 
 def is_inside(one: Shape, other: Shape) -> bool:

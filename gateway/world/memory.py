@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import Self
 
 from gateway.ending import end
-from gateway.errors import Conflict, StoreAway
+from gateway.errors import NoRoom, StoreAway
 from gateway.live import Live
 from gateway.store.connection import StoreUnavailable
 from gateway.world.describe import OBJECTS, object_path
@@ -54,14 +54,14 @@ class Objects:
         await self._store.close()
 
     async def add(self, thing: SceneObject) -> str:
-        """The id of the new object; StoreAway, Conflict when there is no room."""
+        """The id of the new object; StoreAway, NoRoom."""
         id = str(uuid.uuid4())
         await self.change(id, thing)
         return id
 
     async def change(self, id: str, thing: SceneObject | None) -> bool:
-        """Put an object in the place of the one that is known, or None to take that away; StoreAway, Conflict when
-        there is no room. False, and nothing is changed, when another gateway was faster: what it did is known now."""
+        """Put an object in the place of the one that is known, or None to take that away; StoreAway, NoRoom.
+        False, and nothing is changed, when another gateway was faster: what it did is known now."""
         changed, body = True, None if thing is None else encode(thing)
         async with _refusals():
             try:
@@ -136,6 +136,6 @@ async def _refusals() -> AsyncIterator[None]:
         yield
     except Full as error:
         most = f"at most {MAX_OBJECTS} objects, and {MAX_BYTES // 2**20} MiB of them"
-        raise Conflict(f"There is no room: the world holds {most}.") from error
+        raise NoRoom(f"There is no room: the world holds {most}.") from error
     except StoreUnavailable as error:
         raise StoreAway(f"Redis is away: {error}. What is known of the world can be read nevertheless.") from error

@@ -1,11 +1,13 @@
 """The places along a way at which a robot is looked at, and how far its joints go between them. Radian, metre.
 
-Between two neighbouring places no two parts that are held against each other come nearer by more than ``STEP_M``.
+Between two neighbouring places no two parts that are held against each other come nearer by more than ``STEP_M``; on
+the finer path between two places, by more than ``FINEST_M``.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -14,8 +16,10 @@ from gateway.world.robot import Robot
 from gateway.world.surfaces import Array
 
 STEP_M = 0.002
+FINEST_M = 0.0001
+_FINER = round(STEP_M / FINEST_M)
 MOST_STEPS = 200_000
-_EASING = 2.0  # a cubic is at most so much faster than its mean
+_EASING = 3.0  # a monotone cubic is at most so much faster than its mean
 
 
 class Unknown(Exception):  # noqa: N818
@@ -24,15 +28,29 @@ class Unknown(Exception):  # noqa: N818
 
 @dataclass(frozen=True)
 class Path:
-    """Positions of ``joints`` at each place (rows), and the ways that they went to it in all."""
+    """Positions of ``joints`` at each place (rows). By leg, ``legs`` has the place of its end, its number of steps, and
+    its positions by share of it."""
 
     joints: tuple[str, ...]
     positions: Array
-    gone: Array
+    legs: tuple[tuple[int, int, Callable[[Array], Array]], ...] = ()
+
+    @cached_property
+    def gone(self) -> Array:
+        """By place (rows), the ways that the joints went to it in all."""
+        found = np.zeros_like(self.positions)
+        np.cumsum(np.abs(np.diff(self.positions, axis=0)), axis=0, out=found[1:])
+        return found
 
     @property
     def steps(self) -> int:
         return len(self.positions) - 1
+
+    def between(self, place: int) -> "Path":
+        """The finer path from a place to the next."""
+        ends, count, positions = next(leg for leg in self.legs if place < leg[0])
+        begun = place - (ends - count)
+        return Path(self.joints, positions((begun + np.arange(_FINER + 1) / _FINER) / count))
 
 
 def path_of(robot: Robot, way: Way, joints: Sequence[str], weights: Array) -> Path:
@@ -41,23 +59,24 @@ def path_of(robot: Robot, way: Way, joints: Sequence[str], weights: Array) -> Pa
     Unknown when it is too long.
     """
     if not joints:
-        return Path((), np.zeros((1, 0)), np.zeros((1, 0)))
-    rows = [np.array([[way.start.get(name, math.nan) for name in joints]])]
-    moved = Positions()
+        return Path((), np.zeros((1, 0)))
+    rows, legs, steps = [np.array([[way.start.get(name, math.nan) for name in joints]])], [], 0
     for before, after, leg in _between(robot, way):
         changes = np.array([abs(after.get(name, 0.0) - before.get(name, 0.0)) for name in joints])
         far = float((weights @ np.nan_to_num(changes)).max(initial=0.0)) * (_EASING if leg.duration_s else 1.0)
-        if not far <= STEP_M * (MOST_STEPS - sum(map(len, rows))):  # nor what is no number
+        if not far <= STEP_M * (MOST_STEPS - steps):  # nor what is no number
             raise Unknown("the way is too long to be checked; go it in parts")
         count = max(1, math.ceil(far / STEP_M))
-        shares = np.arange(1, count + 1) / count
-        here = follow(robot, way.start, moved | {name: on_leg(leg, name, before[name], shares) for name in leg.ends})
-        rows.append(np.column_stack([np.broadcast_to(here[name], count) for name in joints]))
-        moved |= leg.ends
-    positions = np.concatenate(rows)
-    gone = np.zeros_like(positions)
-    np.cumsum(np.abs(np.diff(positions, axis=0)), axis=0, out=gone[1:])
-    return Path(tuple(joints), positions, gone)
+        positions, steps = partial(_positions, robot, joints, before, leg), steps + count
+        rows.append(positions(np.arange(1, count + 1) / count))
+        legs.append((steps, count, positions))
+    return Path(tuple(joints), np.concatenate(rows), tuple(legs))
+
+
+def _positions(robot: Robot, joints: Sequence[str], before: Positions, leg: Leg, shares: Array) -> Array:
+    """Positions of ``joints`` by share of a leg (rows)."""
+    here = follow(robot, before, {name: on_leg(leg, name, before[name], shares) for name in leg.ends})
+    return np.column_stack([np.broadcast_to(here[name], len(shares)) for name in joints])
 
 
 def changed(robot: Robot, way: Way) -> dict[str, float]:

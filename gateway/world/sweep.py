@@ -5,9 +5,12 @@ parts of the robot itself. A pair that is further apart is looked at again when 
 nearer by more than its joints go, each times its reach. So no contact is between two looks.
 
 What is nearer than that at the start already may stay so, and may not come nearer: so a robot that stands in a zone
-moves out, and not further in. Parts of the robot that touch each other at the start are left to themselves.
+moves out, and not further in. Parts of the robot may come nearer than they are, but not touch: where they might have
+touched between two looks, they are looked at again, at most every ``FINEST_M``, so that no contact is deeper than half
+of that. Those that touch each other at the start are left to themselves.
 """
 
+import math
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -24,7 +27,8 @@ from gateway.world.surfaces import Array
 from gateway.world.surroundings import MARGIN_M, Mover, Thing, objects_of, others_of
 
 CLEARANCE_M = 0.001  # half a step, so that parts that keep it at two neighbouring places do not touch between them
-_TOUCHING_M = 1e-5
+_TOUCHING_M = 1e-9  # rounding: what is further apart does not touch
+_NEAREST_M = 1e-5  # of what does not touch at the start
 _SLACK_M = 0.001  # what was near and does not move comes nearer by rounding
 _MOST_PAIRS = 100_000
 _WINDOW, _ROOM = 512, 1_000_000  # places that are looked ahead, and numbers that this may take
@@ -43,6 +47,7 @@ class _Pair:
     thing: Thing | None
     least_m: float
     by_depth: bool = False
+    fine: bool = False  # it keeps so little that it might touch between two places of the path
 
 
 def check(asked: Check, robots: Mapping[str, Robot], objects: Mapping[str, coal.CollisionGeometry]) -> Answer:
@@ -83,6 +88,8 @@ class _Sweep:
         self._others = np.array([pair.other for pair in self._pairs], dtype=np.intp)
         self._fixed = np.array([pair.thing is not None for pair in self._pairs], dtype=bool)
         self._least = np.array([pair.least_m for pair in self._pairs])
+        self._fine = np.array([pair.fine for pair in self._pairs], dtype=bool)
+        self._looks = 0
 
     def _furthest(self, start: Positions) -> dict[str, float]:
         """By joint the most that it goes on any of the ways, with what lies between their starts."""
@@ -138,48 +145,84 @@ class _Sweep:
             apart = 0.0
         if apart >= pair.least_m:
             return True
-        if pair.thing is None:
-            pair.least_m = _TOUCHING_M
-            return apart > _TOUCHING_M
-        if apart > _TOUCHING_M or (one.surface is None and other.surface is None and other.hull is not None):
-            pair.least_m = apart - _SLACK_M
+        solid = pair.thing is not None and one.surface is None and other.surface is None and other.hull is not None
+        if apart > _TOUCHING_M or solid:
+            touch_m = -math.inf if solid else min(_NEAREST_M, apart / 2)  # how deep it is inside a surface is not known
+            pair.least_m = max(apart - _SLACK_M, touch_m)
+            pair.fine = apart > _TOUCHING_M and pair.least_m < STEP_M / 2
             return True
-        if other.hull is None:
-            return False  # how deep it is inside a surface is not known
+        if pair.thing is None or other.hull is None:
+            return False
         pair.by_depth, pair.least_m = True, depth(one, other) - _SLACK_M
         return True
 
     def answer(self) -> Answer:
-        looks = 0
         for way in self._ways:
             path = path_of(self._robot, way, self._joints, self._weights)
-            due = np.zeros(len(self._pairs), dtype=np.intp)
-            while len(due) and (at := int(due.min())) <= path.steps:
-                if time.thread_time() > self._ends_s:
-                    raise Unknown(_TOO_LONG)
-                looks += 1
-                met = self._look(path, at, due)
-                if met is not None:
-                    link, kind, name, other = met
-                    return Meets(link, kind, name, other, round(at / path.steps, 3))
-        return Free(looks)
+            met = self._along(path)
+            if met is not None:
+                pair, at = met
+                link, kind, name, other = self._told(pair)
+                return Meets(link, kind, name, other, round(at / path.steps, 3))
+        return Free(self._looks)
 
-    def _look(self, path: Path, at: int, due: Indices) -> tuple[str, Kind, str, str] | None:
-        """The link that meets something at a place, what kind of thing, its name, and its link if it is a robot's.
+    def _along(self, path: Path) -> tuple[_Pair, int] | None:
+        """The first pair that meets on a path, and the place.
 
-        ``due`` is the place at which each pair is to be looked at next.
+        ``due`` is the place at which each pair is to be looked at next, ``seen`` where it was last.
         """
-        self._mover.stand(dict(zip(path.joints, path.positions[at].tolist(), strict=True)))
-        now = np.nonzero(due <= at)[0]
-        room = self._room(now)
-        for n in np.nonzero(room <= 2 * STEP_M)[0].tolist():
-            pair = self._pairs[now[n]]
-            one, other = self._shapes(pair)
-            room[n] = (depth(one, other) if pair.by_depth else distance(one, other, pair.least_m)) - pair.least_m
-            if room[n] < 0:
-                return self._told(pair)
-        due[now] = at + self._places(path, at, now, room)
+        due, seen = np.zeros((2, len(self._pairs)), dtype=np.intp)
+        rooms = np.zeros(len(self._pairs))
+        while len(due) and (at := int(due.min())) <= path.steps:
+            now = np.nonzero(due <= at)[0]
+            room, met = self._look(path, at, now)
+            if met is not None:
+                return met, at
+            gone = ((path.gone[at] - path.gone[seen[now]]) * self._weights[now]).sum(axis=1)
+            for n in now[self._fine[now] & (rooms[now] + room < gone)].tolist():
+                if self._meets_between(path, at - 1, n):
+                    return self._pairs[n], at
+            seen[now], rooms[now], due[now] = at, room, at + self._places(path, at, now, room)
         return None
+
+    def _look(self, path: Path, at: int, pairs: Indices) -> tuple[Array, _Pair | None]:
+        """How far each pair is from what it has to keep at a place, at least; and one that does not keep it."""
+        self._stand(path, at)
+        room = self._room(pairs)
+        for n in np.nonzero(room <= 2 * STEP_M)[0].tolist():
+            pair = self._pairs[pairs[n]]
+            room[n] = self._exact_room(pair)
+            if room[n] < 0:
+                return room, pair
+        return room, None
+
+    def _stand(self, path: Path, at: int) -> None:
+        if time.thread_time() > self._ends_s:
+            raise Unknown(_TOO_LONG)
+        self._looks += 1
+        self._mover.stand(dict(zip(path.joints, path.positions[at].tolist(), strict=True)))
+
+    def _exact_room(self, pair: _Pair) -> float:
+        one, other = self._shapes(pair)
+        return (depth(one, other) if pair.by_depth else distance(one, other, pair.least_m)) - pair.least_m
+
+    def _meets_between(self, path: Path, place: int, n: int) -> bool:
+        """Check a pair between a place and the next: wherever it may have used up its room, down to ``FINEST_M``."""
+        finer = path.between(place)
+        gone = finer.gone @ self._weights[n]
+        rooms: dict[int, float] = {}
+        pending = [(0, finer.steps)]
+        while pending:
+            low, high = pending.pop()
+            for at in {low, high} - rooms.keys():
+                self._stand(finer, at)
+                rooms[at] = self._exact_room(self._pairs[n])
+                if rooms[at] < 0:
+                    return True
+            if high - low > 1 and rooms[low] + rooms[high] < gone[high] - gone[low]:
+                middle = (low + high) // 2
+                pending += [(middle, high), (low, middle)]
+        return False
 
     def _room(self, pairs: Indices) -> Array:
         """How far each pair is from what it has to keep, at least, by the balls around both."""

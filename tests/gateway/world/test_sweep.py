@@ -4,12 +4,15 @@ import math
 import struct
 from itertools import product
 
+import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from gateway.fleet.model import Pose
 from gateway.world.messages import Check, Free, Leg, Meets, Stood, Unable, Way
 from gateway.world.scene import Box, Geometry, Sphere, TriangleMesh, read_stl
 from gateway.world.shapes import object_of, robot_of
+from gateway.world.surfaces import Array, Surface
 from gateway.world.sweep import MARGIN_M, check
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
@@ -150,8 +153,8 @@ def _blade(degrees: float) -> str:
     return f"<robot name='blade'>{foot}<link name='mast'/>{arm}{joints}</robot>"
 
 
-def _own(key: str) -> Check:
-    way = Way({"turn": 0.0, "nod": 0.0}, (Leg({"turn": math.pi / 2}),))
+def _own(key: str, turn: float = math.pi / 2) -> Check:
+    way = Way({"turn": 0.0, "nod": 0.0}, (Leg({"turn": turn}),))
     return Check(Stood("me", key, HERE), (way,), (), (), 30.0)
 
 
@@ -162,6 +165,65 @@ def test_parts_that_are_near_from_the_start_may_stay_so() -> None:
     joints = turning("turn", "foot", "mast") + turning("nod", "mast", "arm", 0.05)
     robot = robot_of(f"<robot name='near'>{foot}<link name='mast'/>{arm}{joints}</robot>")
     assert robot.pairs and isinstance(check(_own("near"), {"near": robot}, {}), Free)
+
+
+@pytest.mark.parametrize("gap_m", [5e-4, 5e-6, 5e-8])
+def test_parts_that_are_near_from_the_start_may_part_and_not_touch(gap_m: float) -> None:
+    """A rod beside a post of its own foot."""
+    post = f'<origin xyz="0.5 {0.02 + gap_m} 0"/><geometry><box size=".02 .02 .02"/></geometry>'
+    foot = f'<link name="foot"><collision>{post}</collision></link>'
+    joints = turning("turn", "foot", "mast") + turning("nod", "mast", "arm", 0.05)
+    robots = {
+        "post": robot_of(f"<robot name='post'>{foot}<link name='mast'/>{link('arm', '1 .02 .02', 0.5)}{joints}</robot>")
+    }
+    met = check(_own("post", 0.2), robots, {})
+    assert isinstance(met, Meets) and (met.kind, {met.link, met.other}) == ("self", {"foot", "arm"})
+    assert isinstance(check(_own("post", -0.2), robots, {}), Free)
+
+
+def test_parts_that_are_near_from_the_start_do_not_pass_through_each_other() -> None:
+    """A foot with two blades without thickness: the rod, as thin, starts half a millimetre beside one of them."""
+    arm = link("arm", "1 .0001 .01", 0.5, 0.1)
+    joints = turning("turn", "foot", "mast") + turning("nod", "mast", "arm", 0.05)
+    foot = '<link name="foot"><collision><geometry><mesh filename="blades"/></geometry></collision></link>'
+    urdf = f"<robot name='blades'>{foot}<link name='mast'/>{arm}{joints}</robot>"
+    for i in range(20):
+        degrees = 20 + 3.1 * i
+        blades = np.concatenate([_standing(1.0, -0.00055, degrees=0.0), _standing(1.0, 0.0, degrees)])
+        surface = Surface.of(blades, np.arange(6).reshape(-1, 3))
+        robots = {"blades": robot_of(urdf, {"blades"}, lambda uri, surface=surface: surface)}
+        met = check(_own("blades"), robots, {})
+        assert isinstance(met, Meets) and met.kind == "self", degrees
+        assert met.share * 90 == pytest.approx(degrees, abs=1.0)
+
+
+def _standing(x: float, y: float, degrees: float) -> Array:
+    """A triangle of 10 cm by 10 cm that stands along the rod, which has turned by so much."""
+    cos, sin = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    corners = [(x - 0.05, y, 0.05), (x + 0.05, y, 0.05), (x, y, 0.15)]
+    return np.array([(cos * a - sin * b, sin * a + cos * b, c) for a, b, c in corners])
+
+
+def test_a_surface_that_is_near_from_the_start_does_not_go_into_a_mesh() -> None:
+    """The rod as a mesh without its ends, half a millimetre beside a plate that stands."""
+    turned = [(x, y, z) for x in (0.1, 0.9) for y, z in ((-0.01, -0.01), (0.01, -0.01), (0.01, 0.01), (-0.01, 0.01))]
+    sides = [(i, (i + 1) % 4) for i in range(4)]
+    triangles = np.array([each for i, j in sides for each in ((i, j, j + 4), (i, j + 4, i + 4))])
+    surface = Surface.of(np.array(turned), triangles)
+    arm = '<link name="arm"><collision><geometry><mesh filename="rod"/></geometry></collision></link>'
+    robots = {
+        "mesh": robot_of(
+            f"<robot name='mesh'>{FOOT}{arm}{turning('turn', 'foot', 'arm')}</robot>", {"rod"}, lambda uri: surface
+        )
+    }
+    standing = Pose((0.5, 0.0105, 0.0), (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)))
+    asked = Check(Stood("me", "mesh", HERE), (), (), (Stood("plate", "plate", standing),), 30.0)
+    plates = {"plate": object_of(_plate(0.2))}
+    answers = [
+        check(replace(asked, ways=(Way({"turn": 0.0}, (Leg({"turn": end}),)),)), robots, plates) for end in (0.3, -0.3)
+    ]
+    assert isinstance(answers[0], Meets) and answers[0].name == "plate"
+    assert isinstance(answers[1], Free)
 
 
 def test_a_robot_that_has_to_be_prepared_again_is_not_free() -> None:
