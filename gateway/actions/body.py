@@ -9,7 +9,7 @@ from gateway.errors import UnprocessableContent
 from gateway.graph.build import Node
 from gateway.graph.invocation import ROOT
 from gateway.graph.kinds import UNITS
-from gateway.graph.unused import subjects
+from gateway.graph.unused import renamed, subjects
 from gateway.graph.vocab import HYBRIT, LDP, LF, MATHS, PROV, RDF, ROS, SH, SOSA, SPATIAL, VOM
 
 _MAX_REMEMBERED = 32 * 1024  # characters; what is longer is carried out, and not shown with the invocation
@@ -84,12 +84,8 @@ def written(body: Body) -> str:
     Nothing when it is too long to keep. Types of our own vocabularies are left out: they follow from where a node is,
     and would have whoever validates take a part of an input for a thing.
     """
-
-    def own(term: object) -> object:
-        return ROOT if term == body.root else term
-
     about = [triple for triple in own_part(body.triples, body.root) if not _is_type(triple)]
-    written = serialize([Triple(*map(own, triple)) for triple in about], format=RdfFormat.N_TRIPLES)  # type: ignore[arg-type]
+    written = serialize(renamed(about, body.root, ROOT), format=RdfFormat.N_TRIPLES)
     assert written is not None  # nothing is written to a file
     return written.decode() if len(written) <= _MAX_REMEMBERED else ""
 

@@ -7,6 +7,7 @@ from pyoxigraph import BlankNode, NamedNode, Triple
 
 from gateway.graph.build import Node
 from gateway.graph.compiled import Data, Guard, Unsupported, Violation, compile_shape, report
+from gateway.graph.unused import renamed
 from gateway.graph.validation import FOCUS, from_rdflib, targeted, to_rdflib, validate
 from gateway.lazily import Lazily
 
@@ -41,7 +42,7 @@ class Judge:
 
     def _slowly(self, body: Sequence[Triple], focus: Node, request: str) -> tuple[str, list[Triple]] | None:
         assert self._shapes is not None
-        data = to_rdflib([Triple(*(_focused(term, focus) for term in each)) for each in reachable(body, focus)])  # type: ignore[arg-type]
+        data = to_rdflib(renamed(reachable(body, focus), focus, FOCUS))
         conforms, found = validate(data, self._shapes)
         if conforms:
             return None
@@ -62,10 +63,6 @@ def reachable(body: Sequence[Triple], focus: Node) -> list[Triple]:
             if isinstance(triple.object, NamedNode | BlankNode):
                 pending.append(triple.object)
     return found
-
-
-def _focused(term: object, focus: Node) -> object:
-    return FOCUS if term == focus else term
 
 
 def _direct(violations: Sequence[Violation]) -> list[Violation]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Self
+from typing import Any, Self
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
@@ -126,6 +126,18 @@ def _goes_without_saying(predicate: object, value: object, known: Terms, about: 
         return False
     units = [UNITS.get(t.object) for t in about if t.predicate == VOM.unit]  # type: ignore[arg-type]
     return UNITS[value] in units  # type: ignore[index]
+
+
+def renamed(triples: Iterable[Triple], node: Node, name: Node) -> list[Triple]:
+    """Return the triples with ``node`` called ``name`` wherever it is a subject or an object.
+
+    A node may be a predicate as well. It keeps its name there: predicates are no nodes, and cannot be blank.
+    """
+
+    def called(term: object) -> Any:
+        return name if term == node else term
+
+    return [Triple(called(t.subject), t.predicate, called(t.object)) for t in triples]
 
 
 def subjects(triples: Iterable[Triple]) -> dict[Node, list[Triple]]:

@@ -12,7 +12,7 @@ from gateway.errors import UnprocessableContent
 from gateway.graph.compiled import Data, compile_shape
 from gateway.graph.judge import Judge
 from gateway.graph.serialise import parse
-from gateway.graph.vocab import HYBRIT, SH
+from gateway.graph.vocab import HYBRIT, SH, VOM
 
 _RANGE = '<limit lower="{}" upper="{}" velocity="1" effort="1"/>'
 _ROTATE = "/r/elbow/actions/rotate"
@@ -100,6 +100,14 @@ def test_other_vocabularies_are_kept_with_the_input(bench: Any) -> None:
     assert body.quantity(body.root) == 1
     assert all(word in written(body) for word in ("_:input", "ticket", "17", "to the left", "numericalValue"))
     assert bench.body(_ROTATE, _ONE.replace("<>", "[]")).root != NamedNode(bench.base + _ROTATE)
+
+
+def test_an_input_may_have_the_name_of_one_of_its_predicates(bench: Any) -> None:
+    """It is kept with the name that every input has, and with its predicates as they are."""
+    bench.robot(_elbow())
+    body = bench.body(_ROTATE, _ONE.replace("<>", "vom:numericalValue"))
+    assert body.quantity(body.root) == 1
+    assert f"_:input <{VOM.numericalValue.value}> " in written(body)
 
 
 @pytest.mark.parametrize(

@@ -48,7 +48,7 @@ _speeds = st.sampled_from(
 def _bodies(draw: st.DrawFn) -> str:
     values = ", ".join(draw(st.lists(_numbers, min_size=1, max_size=2)))
     units = ", ".join(draw(st.lists(st.sampled_from(["unit:RAD", "unit:DEG", '"rad"']), min_size=1, max_size=2)))
-    subject = draw(st.sampled_from(["<>", "_:b"]))
+    subject = draw(st.sampled_from(["<>", "_:b", "vom:numericalValue"]))
     return f"{subject} vom:numericalValue {values} ; vom:unit {units} {draw(_speeds)} ."
 
 
