@@ -10,18 +10,18 @@ from gateway.errors import UnprocessableContent
 from gateway.graph.build import Node
 from gateway.graph.judge import Judge
 from gateway.graph.shapes import load
+from gateway.graph.unused import Terms, refuse, unused
 from gateway.graph.validation import check_lexical_forms, root
-from gateway.graph.vocab import DCTERMS, HYBRIT, LDP, LF, PROV, RDF, RDFS
+from gateway.graph.vocab import DCTERMS, HYBRIT, LF, PROV, RDF, RDFS
 from gateway.rules.template import below, template, variables
 
 CONTAINER = "/rules"
-_SAID = (DCTERMS.title, LF.condition, LF.invokes, LF.body, LF.toldApartBy, LF.minimumInterval, LF.enabled)
-# Terms of a rule's description that say nothing when it is sent back: what they tell is the gateway's.
-_TYPES = (LF.Rule, LDP.RDFSource, LDP.Resource)
 _SHOWN = (
-    RDF.type, DCTERMS.identifier, DCTERMS.created, RDFS.seeAlso, HYBRIT.blueprint, PROV.wasAssociatedWith,
+    DCTERMS.identifier, DCTERMS.created, RDFS.seeAlso, HYBRIT.blueprint, PROV.wasAssociatedWith,
     LF.state, LF.reason, LF.firings, LF.suppressions,
 )  # fmt: skip
+"""Terms of a rule's description that say nothing when it is sent back: what they tell is the gateway's."""
+_OF_AUTHOR = (RDF.type, DCTERMS.title)
 INTERVAL_S = 1.0
 """The least time between two firings of a rule that does not say."""
 
@@ -44,8 +44,8 @@ def requested(triples: Sequence[Triple], iri: str, base: str) -> Wanted:
     container = base + CONTAINER
     focus = _focus(triples, iri)
     about = list(dict.fromkeys(each for each in triples if each.subject == focus))
-    _check_terms(about, container)
-    _check_rest(triples, focus, container)
+    # First of all: a misspelt option would be none.
+    refuse(unused(triples, focus, _terms(), _present(triples, focus)), container)
     check_lexical_forms(about, container)
     found = _judge().report(about, focus, iri)
     if found is not None:
@@ -71,29 +71,22 @@ def _focus(triples: Sequence[Triple], iri: str) -> Node:
     return typed[0] if len(typed) == 1 else root(triples, NamedNode(iri))  # type: ignore[return-value]
 
 
-def _check_terms(about: Sequence[Triple], container: str) -> None:
-    """A misspelt option would be none, and a term of another vocabulary would be dropped in silence."""
-    strange = [each.predicate.value for each in about if each.predicate not in {*_SAID, *_SHOWN}]
-    types = [each.object for each in about if each.predicate == RDF.type and each.object not in _TYPES]
-    strange += [each.value for each in types if isinstance(each, NamedNode)]
-    if strange:
-        known = ", ".join(f"<{term.value}>" for term in _SAID)
-        raise _refusal(f"Nothing that a rule can say is <{min(strange)[:200]}>; there are {known}.", container)
-
-
-def _check_rest(triples: Sequence[Triple], focus: Node, container: str) -> None:
-    """Nothing is said beside the rule, what it invokes, its body and, in a description, who wrote it."""
-    said: dict[object, set[object]] = {}
+def _present(triples: Sequence[Triple], focus: Node) -> frozenset[Triple]:
+    """The statements beside the rule that have a place: its body as it is, what names its action, who wrote it."""
+    nodes: dict[NamedNode, set[object]] = {LF.body: set(), LF.invokes: set(), PROV.wasAssociatedWith: set()}
     for each in triples:
-        said.setdefault(each.subject, set()).add(each.predicate)
-    about = [each for each in triples if each.subject == focus]
-    used = {focus} | {each.subject for each in below(triples, [t.object for t in about if t.predicate == LF.body])}
-    for predicate, known in ((LF.invokes, {LF.variable}), (PROV.wasAssociatedWith, {RDF.type, DCTERMS.title})):
-        nodes = [each.object for each in about if each.predicate == predicate]
-        used |= {each for each in nodes if isinstance(each, BlankNode) and said.get(each, set()) <= known}
-    if rest := [each for each in triples if each.subject not in used]:
-        found = min(f"<{each.predicate.value}> of {each.subject}" for each in rest)
-        raise _refusal(f"A rule makes nothing of {found[:400]}.", container)
+        if each.subject == focus and each.predicate in nodes and isinstance(each.object, BlankNode):
+            nodes[each.predicate].add(each.object)
+    said = [each for each in triples if each.subject != focus]
+    named = [each for each in said if each.subject in nodes[LF.invokes] and each.predicate == LF.variable]
+    author = [each for each in said if each.subject in nodes[PROV.wasAssociatedWith] and each.predicate in _OF_AUTHOR]
+    return frozenset([*below(said, nodes[LF.body]), *named, *author])
+
+
+@cache
+def _terms() -> Terms:
+    """Return the terms of the shape and of a rule's description, which can be sent back as it is."""
+    return Terms.of(load("rules.ttl"), LF.RuleShape).also(*_SHOWN)
 
 
 def _text(said: dict[NamedNode, list[Node | Literal]], predicate: NamedNode) -> str:

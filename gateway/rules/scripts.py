@@ -25,6 +25,13 @@ redis.call('DEL', KEYS[4], KEYS[5], KEYS[6])
 return redis.call('HDEL', KEYS[1], ARGV[1])
 """
 
+# KEYS: records, revisions, counts, firings; ARGV: id. What the rule says, its revision, counts and firings, all of one
+# moment: the revision is what the next write replaces.
+READ = """
+local counts, firings = redis.call('HGETALL', KEYS[3]), redis.call('HGETALL', KEYS[4])
+return {redis.call('HGET', KEYS[1], ARGV[1]), redis.call('HGET', KEYS[2], ARGV[1]), counts, firings}
+"""
+
 # KEYS: server; ARGV: run, milliseconds. The run that evaluates rules now.
 SERVE = """
 local server = redis.call('GET', KEYS[1])

@@ -7,8 +7,7 @@ was frozen, or cut off, claims nothing when it wakes.
 
 import asyncio
 import logging
-import time
-from collections.abc import AsyncIterator, Collection, Mapping
+from collections.abc import AsyncIterator, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -95,23 +94,17 @@ class RuleStore:
     async def read(self, id: str) -> Known | None:
         """One rule; None also for one that another version has written and this one cannot read."""
         _, counts, firings = self._keys.of_rule(id)
-        body, revision, said, fired = await self._redis.all(
-            [
-                ("HGET", self._keys.records, id),
-                ("HGET", self._keys.revisions, id),
-                ("HGETALL", counts),
-                ("HGETALL", firings),
-            ]
-        )
+        keys = (self._keys.records, self._keys.revisions, counts, firings)
+        body, revision, said, fired = await self._redis.run(scripts.READ, keys, id)
         if body is None or revision is None:
             return None
         try:
             rule = msgspec.json.decode(body, type=Rule)
-            numbered = {int(number): _firing(text) for number, text in _fields(fired).items()}
+            numbered = {int(number): _firing(text) for number, text in _pairs(fired)}
         except ValueError as error:
             log.warning("rule %s is left alone, it cannot be read: %r", id, error)
             return None
-        texts = {name.decode(): text.decode() for name, text in _fields(said).items()}
+        texts = {name.decode(): text.decode() for name, text in _pairs(said)}
         return Known(
             rule,
             int(revision),
@@ -184,15 +177,14 @@ class RuleStore:
 
     async def news(self) -> AsyncIterator[str | None]:
         """Ids of rules with which another run did something; None: Redis was away, and all must be read anew."""
-        seen_s = float("-inf")
+        seen = 0
         while True:
             try:
                 told = await self._redis.follow()
             except StoreUnavailable:
                 await asyncio.sleep(_BACKOFF_S)
                 continue
-            served_s, now_s = self._redis.served_s, time.monotonic()
-            lost, seen_s = served_s < now_s - seen_s, now_s
+            lost, seen = self._redis.outages > seen, self._redis.outages
             if lost:
                 yield None
             for fields in told:
@@ -216,6 +208,6 @@ def _firing(text: bytes) -> Firing:
     return replace(msgspec.json.decode(said, type=Firing), state=FiringState(state.decode()))
 
 
-def _fields(answer: Any) -> Mapping[bytes, bytes]:
-    """A hash, as one command or many at once give it."""
-    return answer if isinstance(answer, Mapping) else dict(zip(answer[::2], answer[1::2], strict=True))
+def _pairs(answer: Sequence[bytes]) -> Iterable[tuple[bytes, bytes]]:
+    """A hash, as a script gives it."""
+    return zip(answer[::2], answer[1::2], strict=True)

@@ -16,6 +16,7 @@ from small_fleet import live
 from gateway.rules.loops import FIRINGS, WITHIN_S, reason_to_disable, self_caused
 from gateway.rules.rule import Firing, FiringState, Known, Rule
 
+pytestmark = pytest.mark.virtual
 SECOND = 10**9
 WRIST = "wrist_3_joint"
 

@@ -10,6 +10,7 @@ from ruling import a_rule, container, fired, firings, post, posted, put, sides
 from running import eventually
 from small_fleet import move
 
+pytestmark = pytest.mark.virtual
 LAB = ("lab-*",)
 _BODY = "vom:numericalValue 0.1 ; vom:unit unit:RAD"
 

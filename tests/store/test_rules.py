@@ -1,0 +1,165 @@
+"""Rules: what starts to hold is claimed once, whoever evaluates it."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from redis_backends import Backend, opened
+from stored import HOSTILE, a_rule, closing
+
+from gateway.rules import store as store_module
+from gateway.rules.rule import Firing, FiringState, Known, Rule
+from gateway.rules.store import Changed, Crowded, Full, Lost, RuleStore
+
+
+@pytest.fixture
+def a(server: Backend) -> Iterator[RuleStore]:
+    yield from opened(server, closing(RuleStore(server.url, "fleet", "a")))
+
+
+@pytest.fixture
+def b(server: Backend) -> Iterator[RuleStore]:
+    yield from opened(server, closing(RuleStore(server.url, "fleet", "b")))
+
+
+def began(*keys: str) -> dict[str, Firing]:
+    return {key: Firing(1, {"x": HOSTILE}) for key in keys}
+
+
+async def read(store: RuleStore) -> Known:
+    """The only rule."""
+    (known,) = (await store.load()).values()
+    return known
+
+
+async def evaluated(store: RuleStore, rule: Rule, *holding: str) -> Known:
+    """Write a rule, and evaluate it for the first time."""
+    await store.write(rule, 0, 9)
+    await store.serve()
+    known = await read(store)
+    assert await store.recall(known) is None
+    await store.begin(known, holding)
+    return known
+
+
+async def test_a_rule_and_its_revision_are_of_one_moment(
+    a: RuleStore, b: RuleStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else a write over that revision would undo a change that it has not seen: commands may be served apart."""
+    rule = a_rule(title="1")
+    await b.write(rule, 0, 9)
+    run_all = a._redis.all
+
+    async def apart(commands: Sequence[tuple[str | bytes | int, ...]], at_once: int = 1) -> list[Any]:
+        answers = []
+        for revision, command in enumerate(commands, 1):
+            answers += await run_all([command])
+            await b.write(replace(rule, title=str(revision + 1)), revision, 9)
+        return answers
+
+    monkeypatch.setattr(a._redis, "all", apart)
+    known = await a.read(rule.id)
+    assert known is not None
+    assert known.rule.title == str(known.revision)
+
+
+async def test_a_rule_is_read_as_it_was_written_until_it_is_removed(a: RuleStore, b: RuleStore) -> None:
+    rule = a_rule()
+    await a.write(rule, 0, 9)
+    known = await read(b)
+    assert (known.rule, known.revision) == (rule, 1)
+    await b.write(replace(rule, enabled=False), 1, 9)
+    for late in (a.write(rule, 1, 9), a.remove(rule, 1)):
+        with pytest.raises(Changed):
+            await late
+    assert await a.remove(rule, 2) and not await a.remove(rule)
+    assert await b.load() == {}
+    for late in (a.remove(rule, 2), b.write(rule, 2, 9)):
+        with pytest.raises(Changed):
+            await late
+
+
+async def test_a_client_and_all_together_have_so_many_rules(a: RuleStore, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(store_module, "MOST", 3)
+    rules = [a_rule() for _ in range(3)]
+    for rule in rules[:2]:
+        await a.write(rule, 0, 2)
+    with pytest.raises(Full):
+        await a.write(rules[2], 0, 2)
+    await a.write(a_rule(client="another"), 0, 2)
+    await a.remove(rules[0])
+    await a.write(rules[2], 0, 2)
+    with pytest.raises(Crowded):
+        await a.write(a_rule(client="a third"), 0, 2)
+
+
+async def test_one_run_serves_until_it_leaves(a: RuleStore, b: RuleStore) -> None:
+    await a.write(a_rule(), 0, 9)
+    known = await read(a)
+    assert await a.serve() and not await b.serve() and await a.serve()
+    await a.begin(known, ())
+    await a.leave()
+    assert await b.serve()
+    for late in (a.advance(known, began("row"), ()), a.recall(known), a.begin(known, ()), a.complain(known)):
+        with pytest.raises(Lost):
+            await late
+    assert await b.recall(known) == set()
+    assert await b.advance(known, began("row"), ()) == [1]
+
+
+async def test_what_holds_is_remembered_and_what_was_begun_is_unknown_to_the_next(a: RuleStore, b: RuleStore) -> None:
+    rule = a_rule()
+    known = await evaluated(a, rule, "held", "gone")
+    assert await a.advance(known, began("first", "second"), ["gone"]) == [1, 2]
+    await a.finish(rule, 1, Firing(1, {}, FiringState.FAILED, reason=HOSTILE))
+    await a.leave()
+    await b.serve()
+    assert await b.recall(known) == {"held", "first", "second"}
+    known = await read(b)
+    assert [each.state for each in known.firings.values()] == [FiringState.FAILED, FiringState.UNKNOWN]
+    assert known.firings[2].bindings == {"x": HOSTILE}
+    await b.write(replace(rule, title="anew"), 1, 9)
+    with pytest.raises(Changed):
+        await b.advance(known, began("late"), ())
+    assert await b.recall(replace(known, revision=2)) is None
+
+
+async def test_what_comes_too_early_is_suppressed_and_counted(a: RuleStore) -> None:
+    known = await evaluated(a, a_rule(interval_s=3600.0))
+    many = [f"row{n:02}" for n in range(18)]
+    assert await a.advance(known, began(*many), ()) == list(range(1, 17))  # at once, as far as may be
+    assert await a.advance(known, began("early"), many) == []
+    assert await a.advance(known, began("again"), ["early"]) == []
+    known = await read(a)
+    assert known.suppressed == 4
+    assert [n for n, each in known.firings.items() if each.state is FiringState.SUPPRESSED] == [17]
+
+
+async def test_so_many_firings_are_kept(a: RuleStore, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(store_module, "KEPT", 5)
+    rule = a_rule()
+    known = await evaluated(a, rule)
+    for number in range(8):
+        await a.advance(known, began(str(number)), ())
+    assert list((await read(a)).firings) == [4, 5, 6, 7, 8]
+    await a.finish(rule, 1, Firing(1, {}))  # it is forgotten already
+    assert 1 not in (await read(a)).firings
+
+
+async def test_others_hear_of_what_was_done_and_why_a_rule_does_not_fire(a: RuleStore, b: RuleStore) -> None:
+    await b.load()
+    rule = a_rule()
+    known = await evaluated(a, rule)
+    await a.complain(replace(known, fault=HOSTILE, suspended="revoked"))
+    news = b.news()
+    assert [await anext(news) for _ in range(3)] == [rule.id] * 3
+    await news.aclose()
+    known = await read(b)
+    assert (known.fault, known.suspended, known.begun) == (HOSTILE, "revoked", True)
+
+
+async def test_the_robots_that_were_seen_are_remembered(a: RuleStore, b: RuleStore) -> None:
+    await a.note_seen(["r", HOSTILE], [])
+    await a.note_seen([], ["r", "x"])
+    assert await b.seen() == {HOSTILE}
