@@ -11,7 +11,8 @@
     │   ├── RefusedByAgent          409     refused
     │   ├── Changed                 409     changed
     │   ├── Collides                409     collision
-    │   └── Controlled              409     controlled
+    │   ├── Controlled              409     controlled
+    │   └── NoRoom                  409     conflict
     ├── PreconditionFailed          412     precondition-failed
     ├── PayloadTooLarge             413     payload-too-large
     │   └── ResultTooLarge          413     result-too-large
@@ -68,6 +69,13 @@ class FleetError(Exception):
         self.detail = detail
         self.headers: dict[str, str] = dict(headers or {})
         self.report = report
+        self.constraint: str | None = None
+
+    def constrain(self, constraint: str) -> None:
+        """Link what describes the constraints that a write broke, unless that is linked (LDP 4.2.1.6)."""
+        if self.constraint is None:
+            self.constraint = constraint
+            self.headers["Link"] = f'<{constraint}>; rel="{LDP.constrainedBy.value}"'
 
     @property
     def type(self) -> str:
@@ -76,7 +84,7 @@ class FleetError(Exception):
     @property
     def members(self) -> Members:
         """Extension members (RFC 9457, 3.2): only those that are known."""
-        return {}
+        return {"constraint": self.constraint} if self.constraint else {}
 
     def __str__(self) -> str:
         return f"{self.status} {self.title}: {self.detail}"
@@ -209,6 +217,10 @@ class Controlled(Conflict):
         return {"holder": self.holder, "expires": self.expires}
 
 
+class NoRoom(Conflict):
+    """The container holds as much as it may."""
+
+
 class PreconditionFailed(FleetError):
     status, code, title = 412, "precondition-failed", "The resource has changed"
 
@@ -236,7 +248,7 @@ class UnsupportedMediaType(FleetError):
 
     @property
     def members(self) -> Members:
-        return {"offered": list(self.offered)} if self.offered else {}
+        return super().members | ({"offered": list(self.offered)} if self.offered else {})
 
 
 class ForeignOrigin(FleetError):
@@ -263,21 +275,13 @@ class UnprocessableContent(FleetError):
         headers: Mapping[str, str] | None = None,
     ) -> None:
         super().__init__(detail, headers=headers, report=report)
-        self.constraint: str | None = None
         self.unused = list(unused)
         if constraint is not None:
             self.constrain(constraint)
 
-    def constrain(self, constraint: str) -> None:
-        """Name the constraints that were broken, unless they are named (LDP 4.2.1.6)."""
-        if self.constraint is None:
-            self.constraint = constraint
-            self.headers["Link"] = f'<{constraint}>; rel="{LDP.constrainedBy.value}"'
-
     @property
     def members(self) -> Members:
-        known: Members = {"constraint": self.constraint} if self.constraint else {}
-        return known | ({"unused": self.unused} if self.unused else {})
+        return super().members | ({"unused": self.unused} if self.unused else {})
 
 
 class OutOfReach(UnprocessableContent):
@@ -291,7 +295,7 @@ class OutOfReach(UnprocessableContent):
 
     @property
     def members(self) -> Members:
-        return {"residual_m": self.residual_m, "residual_rad": self.residual_rad}
+        return super().members | {"residual_m": self.residual_m, "residual_rad": self.residual_rad}
 
 
 class KeyReused(UnprocessableContent):

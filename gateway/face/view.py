@@ -98,7 +98,7 @@ def view_of(resource: Resource, triples: Sequence[Triple], base: str) -> View:
     """``base`` is scheme and authority, without a slash at its end."""
     iri, facts = NamedNode(base + resource.path), Facts(triples, base + "/")
     kind, part = _kind(facts, iri)
-    subscriptions = facts.one(iri, HYBRIT.subscriptions)
+    subscriptions = facts.one(iri, HYBRIT.subscriptions) if resource.links_subscriptions else None
     return View(
         iri=iri.value,
         query=resource.query,

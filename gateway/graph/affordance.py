@@ -108,10 +108,12 @@ class Subscribe:
 
 
 @dataclass(frozen=True)
-class CancelSubscription:
+class ChangeSubscription:
+    """Change the options of a subscription, or end it."""
+
     record: Record
-    methods: ClassVar[tuple[str, ...]] = ("DELETE",)
-    takes_body: ClassVar[bool] = False
+    methods: ClassVar[tuple[str, ...]] = ("PATCH", "DELETE")
+    takes_body: ClassVar[bool] = True
     needs: ClassVar[tuple[Right, ...]] = (Right.SUBSCRIBE, Right.ADMIN)
 
 

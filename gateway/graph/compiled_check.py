@@ -106,9 +106,9 @@ class Shape:
     name: str
     message: str | None
     remembers: bool
-    counts: tuple[Count, ...] = ()
-    each: tuple[Constraint, ...] = ()
-    properties: tuple["Shape", ...] = ()
+    counts: tuple[Count, ...]
+    each: tuple[Constraint, ...]
+    properties: tuple["Shape", ...]
     requires: Mapping[NamedNode, frozenset[Term]] = field(default_factory=dict)
     expected: str = ""
 

@@ -7,7 +7,7 @@ from pyoxigraph import NamedNode
 
 from agents.wire.messages import Mesh
 from gateway.fleet.robot import Robot
-from gateway.graph.affordance import Affordance, CancelSubscription, ResumeSubscription, Subscribe
+from gateway.graph.affordance import Affordance, ChangeSubscription, ResumeSubscription, Subscribe
 from gateway.graph.build import Graph
 from gateway.graph.paths import owner_path
 from gateway.graph.property import Seen
@@ -16,7 +16,7 @@ from gateway.graph.shapes import blueprint
 from gateway.graph.vocab import LDP
 from gateway.subscriptions.subscription import Record
 
-_OF_SUBSCRIPTIONS = (Subscribe, CancelSubscription, ResumeSubscription)
+_OF_SUBSCRIPTIONS = (Subscribe, ChangeSubscription, ResumeSubscription)
 CONTAINER = (LDP.Resource, LDP.BasicContainer)
 
 
@@ -64,6 +64,8 @@ class Resource:
     """Whether its page sends a form without a script."""
     reader: str = ""
     """Who has logged in and reads it as a page, which says so."""
+    links_subscriptions: bool = True
+    """Its page links its Subscriptions container, which not everybody who reads the page may read."""
     warning: str = ""
     """One sentence about the gateway that its page shows."""
 
@@ -95,7 +97,7 @@ class Resource:
     @property
     def subscription(self) -> Record | None:
         """The subscription that it is."""
-        return self.affords.record if isinstance(self.affords, CancelSubscription) else None
+        return self.affords.record if isinstance(self.affords, ChangeSubscription) else None
 
     @property
     def owner(self) -> str:

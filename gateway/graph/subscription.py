@@ -39,8 +39,8 @@ _STATES = {
 }
 MAX_DESCRIBED = 100
 """Subscriptions that a container describes and not only lists: each takes half a millisecond."""
-_CALLBACKS = (HYBRIT.callbackURL, HYBRIT.callbackUrl)
-_READ = (*_CALLBACKS, HYBRIT.onResource, HYBRIT.mediaType, LF.depth, LF.minimumInterval, LF.deadband, LF.secret)
+CALLBACKS = (HYBRIT.callbackURL, HYBRIT.callbackUrl)
+_READ = (*CALLBACKS, HYBRIT.onResource, HYBRIT.mediaType, LF.depth, LF.minimumInterval, LF.deadband, LF.secret)
 _SHOWN = (
     LF.signed,
     LF.deliveryState,
@@ -185,7 +185,7 @@ def requested(body: Sequence[Triple], container_iri: str, base: str) -> Request:
     if not conforms:
         raise _refusal(report, container_iri)
     refuse(_left(body, focus, NamedNode(container_iri)), container_iri)
-    stated = {HYBRIT.callbackURL if t.predicate in _CALLBACKS else t.predicate: _text(t) for t in about}
+    stated = {HYBRIT.callbackURL if t.predicate in CALLBACKS else t.predicate: _text(t) for t in about}
     resource, secret = stated[HYBRIT.onResource], stated.get(LF.secret, "")
     if not resource.startswith(base + "/"):
         raise UnprocessableContent(

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from gateway.graph.affordance import CancelSubscription, ResumeSubscription, Subscribe
+from gateway.graph.affordance import ChangeSubscription, ResumeSubscription, Subscribe
 from gateway.graph.resource import CONTAINER, Resource, blueprint_of
 from gateway.graph.subscription import (
     container_path,
@@ -46,7 +46,7 @@ def in_subscriptions(thing: Resource, rest: list[str], records: Sequence[Record]
         title,
         lambda graph: describe_subscription(graph, base, record),
         own=(path + "/blueprint", *((resume,) if resumable(record) else ())),
-        affords=CancelSubscription(record),
+        affords=ChangeSubscription(record),
     )
     if rest[1:] == ["blueprint"]:
         return blueprint_of(whole, base, (LF.SubscriptionResourceShape,))

@@ -17,15 +17,18 @@ from gateway.errors import (
     BadRequest,
     FleetError,
     MethodNotAllowed,
+    NoRoom,
     NotAcceptable,
     NotFound,
+    PayloadTooLarge,
     PreconditionFailed,
     UnprocessableContent,
+    UnsupportedMediaType,
 )
 from gateway.face.policy import FORMS, POLICY
 from gateway.graph.affordance import (
     Affordance,
-    CancelSubscription,
+    ChangeSubscription,
     Control,
     EndInvocation,
     Invoke,
@@ -65,7 +68,6 @@ from gateway.http.rights import SEES_SUBSCRIPTIONS, caller_of, demand, shown, tr
 from gateway.http.rules import change_rule, post_rule
 from gateway.http.streams import EventStream, is_over, open_websocket, wants_events
 from gateway.http.subscribe import (
-    cancel,
     check_handshake,
     post_subscription,
     refusals,
@@ -73,6 +75,7 @@ from gateway.http.subscribe import (
     subscribe_callback,
     wants_callback,
 )
+from gateway.http.subscription_change import change_subscription
 from gateway.http.things import read_listing
 from gateway.http.turns import Turns
 from gateway.http.world import posed, post_object, put_object
@@ -211,6 +214,8 @@ async def _find(connection: HTTPConnection, base: str) -> Resource | Redirect:
         return found
     if getattr(connection.state, "session", None):
         found = replace(found, reader=caller_of(connection).name)
+    if not caller_of(connection).may_any(SEES_SUBSCRIPTIONS, robot_of(found.path)):
+        found = replace(found, links_subscriptions=False)
     if warning := store_warning(connection.app.state):
         found = replace(found, warning=warning)
     return with_audit(connection, found)
@@ -248,12 +253,14 @@ def _moved(connection: HTTPConnection, to: Redirect, base: str) -> Response:
 
 
 async def _write(request: Request, resource: Resource, base: str) -> Response:
-    """Carry out an allowed write. A refusal by a constraint links the constraints (LDP 4.2.1.6)."""
+    """Carry out an allowed write. A refusal by a constraint links the constraints (LDP 4.2.1.6), but not those on
+    queries, which are no representation of anything."""
     try:
         check_model(request, resource)
         return await _WRITERS[type(resource.affords)](request, resource.affords, base)
-    except UnprocessableContent as error:
-        error.constrain(base + _constraints(resource))
+    except (NoRoom, PayloadTooLarge, UnprocessableContent, UnsupportedMediaType) as error:
+        if not isinstance(resource.affords, PostQuery):
+            error.constrain(base + _constraints(resource))
         raise
 
 
@@ -270,7 +277,7 @@ _WRITERS: dict[type, Callable[[Request, Any, str], Awaitable[Response]]] = {
     PutSetting: put_setting,
     Control: control,
     Subscribe: post_subscription,
-    CancelSubscription: cancel,
+    ChangeSubscription: change_subscription,
     ResumeSubscription: resume,
     PostObject: post_object,
     PutObject: put_object,

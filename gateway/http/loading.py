@@ -34,6 +34,8 @@ class Loading:
 
 
 def _needed(scope: Scope) -> tuple[str, ...]:
-    if scope["method"] == "POST":
-        return SUBSCRIPTIONS if scope["path"].endswith("/subscriptions") else ()
+    path, method = scope["path"], scope["method"]
+    if method in ("POST", "PATCH"):
+        container = path if method == "POST" else path.rpartition("/")[0]
+        return SUBSCRIPTIONS if container.endswith("/subscriptions") else ()
     return PAGES if "text/html" in Headers(scope=scope).get("accept", "") else ()

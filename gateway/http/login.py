@@ -13,12 +13,13 @@ from urllib.parse import parse_qs, quote, urlencode
 from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 
+from gateway.addresses import network_of
 from gateway.errors import BadRequest, ForeignOrigin, IssuerAway, MethodNotAllowed, NotFound, StoreAway, TooManyLogins
 from gateway.face.page import render
 from gateway.face.policy import FORMS
 from gateway.http.body import read_body
 from gateway.http.cookies import LOGIN, read_cookie, set_cookie
-from gateway.http.rates import Rates, network_of
+from gateway.http.rates import Rates
 from gateway.identity.jwts import BadToken, verified
 from gateway.identity.keys import endpoint
 from gateway.identity.rights import Claims, Credential, Identity

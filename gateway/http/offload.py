@@ -6,7 +6,7 @@ from typing import TypeVar
 
 from gateway.errors import Busy
 
-SHORT_BYTES = 4096
+SHORT_BYTES = 1024
 """Bodies up to this length are read on the event loop, in at most a few milliseconds."""
 MOST_WAITING = 64
 T = TypeVar("T")

@@ -8,7 +8,7 @@ from starlette.requests import Request
 from gateway.errors import BadRequest, UnsupportedMediaType
 from gateway.graph.resource import Resource
 from gateway.graph.unused import refuse
-from gateway.http.body import body_type, read_body
+from gateway.http.body import body_type, read_as
 from gateway.query.language import MAX_QUERY_BYTES
 from gateway.query.update import Operation, read_update, updated
 
@@ -18,13 +18,16 @@ Managed = Callable[[Sequence[Triple]], Iterable[Triple]]
 
 
 async def read_patch(request: Request, iri: str) -> list[Operation]:
-    """The update in the body, with ``iri`` as base; BadRequest, PayloadTooLarge, UnsupportedMediaType."""
+    """The update in the body, with ``iri`` as base; BadRequest, PayloadTooLarge, Busy, UnsupportedMediaType."""
     try:
         body_type(request, PATCH_TYPES)
     except UnsupportedMediaType as error:
         error.headers["Accept-Patch"] = ", ".join(PATCH_TYPES)
         raise
-    content = await read_body(request, MAX_QUERY_BYTES)
+    return await read_as(request, lambda content: _read(content, iri), MAX_QUERY_BYTES)
+
+
+def _read(content: bytes, iri: str) -> list[Operation]:
     try:
         return read_update(content.decode("utf-8-sig"), iri)
     except UnicodeDecodeError as error:

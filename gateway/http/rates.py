@@ -4,10 +4,10 @@ import math
 import time
 from collections import OrderedDict
 from collections.abc import Callable
-from ipaddress import ip_address
 
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from gateway.addresses import network_of
 from gateway.errors import TooManyRequests
 from gateway.graph.vocab import PREFIXES
 from gateway.http.host import refuse
@@ -17,7 +17,6 @@ from gateway.identity.rights import NOBODY, Identity
 BURST_S = 10.0
 """What a client has not used is kept for so long."""
 MAX_CLIENTS = 10_000
-_PREFIX = 64  # of an IPv6 address: what one customer has at least
 
 
 class Rates:
@@ -26,7 +25,9 @@ class Rates:
     Of more than ``MAX_CLIENTS`` those are forgotten who have not asked for longest, which gives them their whole burst.
     """
 
-    def __init__(self, per_s: float, clock_s: Callable[[], float] = time.monotonic, burst: float | None = None) -> None:
+    def __init__(
+        self, per_s: float, clock_s: Callable[[], float] = lambda: time.monotonic(), burst: float | None = None
+    ) -> None:
         self._per_s, self._clock_s = per_s, clock_s
         self._most = max(1.0, per_s * BURST_S if burst is None else burst)
         self._left: OrderedDict[str, tuple[float, float]] = OrderedDict()  # tokens, and when there were so many
@@ -50,17 +51,6 @@ def by_caller(scope: Scope) -> str:
     caller: Identity = scope.get("state", {}).get("caller", NOBODY)
     client = scope.get("client")
     return f"identity {caller.name}" if caller.name else network_of(client[0]) if client else ""
-
-
-def network_of(host: str) -> str:
-    """The address that stands for a client: of IPv6 its network, in which it may have as many as it likes."""
-    try:
-        address = ip_address(host.partition("%")[0])
-    except ValueError:
-        return host
-    if address.version == 4:
-        return host
-    return str(address.ipv4_mapped or (int(address) >> (128 - _PREFIX)))
 
 
 class Pace:

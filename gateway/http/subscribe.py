@@ -21,7 +21,7 @@ from gateway.errors import (
     TooManySubscriptions,
     UnprocessableContent,
 )
-from gateway.graph.affordance import CancelSubscription, ResumeSubscription, Subscribe
+from gateway.graph.affordance import ChangeSubscription, ResumeSubscription, Subscribe
 from gateway.graph.frames import FRAME_TYPES, layout_path
 from gateway.graph.message import message_types
 from gateway.graph.resource import Resource
@@ -146,10 +146,7 @@ async def post_subscription(request: Request, afforded: Subscribe, base: str) ->
 
 
 def _from_body(request: Request, wanted: Wanted, resource: Resource, base: str, iri: str) -> Subscription:
-    offered = message_types(resource)
-    media_type = wanted.media_type or offered[0]
-    if media_type not in offered:
-        raise _unprocessable(f"Messages are to be had in {', '.join(offered)}, not in {media_type[:100]}.", iri)
+    media_type = offered_type(resource, wanted.media_type, iri)
     asked = Options(wanted.depth, wanted.interval_s, wanted.deadband)
     kind = Kind.CALLBACK if wanted.callback else Kind.STREAM
     subscription = new_subscription(request, resource, kind, media_type, base, asked)
@@ -159,6 +156,15 @@ def _from_body(request: Request, wanted: Wanted, resource: Resource, base: str, 
         return replace(subscription, callback=callback_url(wanted.callback), secret=wanted.secret)
     except ValueError as error:
         raise _unprocessable(str(error), iri) from error
+
+
+def offered_type(resource: Resource, wanted: str, iri: str) -> str:
+    """The media type that a body asks for, or leaves open; UnprocessableContent for one without such messages."""
+    offered = message_types(resource)
+    media_type = wanted or offered[0]
+    if media_type not in offered:
+        raise _unprocessable(f"Messages are to be had in {', '.join(offered)}, not in {media_type[:100]}.", iri)
+    return media_type
 
 
 async def _create(request: Request, subscription: Subscription, base: str, media_type: str | None) -> Response:
@@ -180,7 +186,7 @@ async def _create(request: Request, subscription: Subscription, base: str, media
     return created(shown, negotiated(media_type or field(request, "accept"), shown, base), base)
 
 
-async def cancel(request: Request, afforded: CancelSubscription, base: str) -> Response:
+async def cancel(request: Request, afforded: ChangeSubscription, base: str) -> Response:
     subscriptions: Subscriptions = request.app.state.subscriptions
     return await _carried_out(subscriptions.cancel(afforded.record.subscription.id))
 
@@ -204,10 +210,7 @@ def new_subscription(
     connection: HTTPConnection, resource: Resource, kind: Kind, media_type: str, base: str, asked: Options
 ) -> Subscription:
     demand_all(connection, resource.path, asked.depth)
-    if kind is Kind.CALLBACK and resource.news_in_documents and media_type in resource.documents:
-        raise Conflict(
-            f"Messages in {media_type} go to streams alone: open a WebSocket here, or take {', '.join(RDF_TYPES)}."
-        )
+    check_channel(resource, kind, media_type)
     return Subscription(
         id=str(uuid.uuid4()),
         owner=resource.owner,
@@ -223,6 +226,14 @@ def new_subscription(
         creator=caller_of(connection).name,
         sees=caller_of(connection).sees.patterns,
     )
+
+
+def check_channel(resource: Resource, kind: Kind, media_type: str) -> None:
+    """Conflict for messages that are not to be had by callback."""
+    if kind is Kind.CALLBACK and resource.news_in_documents and media_type in resource.documents:
+        raise Conflict(
+            f"Messages in {media_type} go to streams alone: open a WebSocket here, or take {', '.join(RDF_TYPES)}."
+        )
 
 
 def subscription_link(subscription: Subscription) -> str:

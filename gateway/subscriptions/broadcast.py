@@ -70,6 +70,15 @@ class Broadcast:
     def dismiss(self, watcher: "Watcher") -> None:
         del self.members[watcher]
 
+    def release(self, watcher: "Watcher") -> Reading:
+        """``dismiss`` a member whose outlet stays open; what it has been sent. It gets no more of this pass."""
+        del self.members[watcher]
+        if watcher not in self._pass[self._served :]:
+            return self._reading
+        place = self._pass.index(watcher, self._served)
+        del self._pass[place], self._sends[place]
+        return self._before
+
     def tell(self) -> int:
         """There is news; how many will not be sent what was news before."""
         replaced = len(self.members) if self._news else 0

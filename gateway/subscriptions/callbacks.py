@@ -92,6 +92,19 @@ class Callbacks:
             if not suspended and not self.entitled(courier.subscription):
                 await courier.suspend(UNENTITLED)
 
+    def serves(self, id: str) -> bool:
+        return id in self._couriers
+
+    def obeys(self, subscription: Subscription) -> bool:
+        """Return True if a callback goes by these options, or is not served here."""
+        courier = self._couriers.get(subscription.id)
+        return courier is None or courier.subscription.options == subscription.options
+
+    def change(self, subscription: Subscription) -> None:
+        """Have a callback that is served here go by the options that its record has now."""
+        if not self.obeys(subscription):
+            self._couriers[subscription.id].change(subscription)
+
     async def drop(self, id: str) -> None:
         """Serve it no longer, if it is served here."""
         if (courier := self._couriers.pop(id, None)) is not None:

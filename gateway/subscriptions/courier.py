@@ -24,8 +24,9 @@ from gateway.subscriptions.message import Ending, Message
 from gateway.subscriptions.network import Forbidden, Unresolvable
 from gateway.subscriptions.receiver import NoConsent, Outcome, Receiver, Verdict
 from gateway.subscriptions.retry import SUSPEND_AFTER, delay_s
-from gateway.subscriptions.store import Entry, Lost, Outgoing, Store, StoreUnavailable
-from gateway.subscriptions.subscription import DeliveryState, Record
+from gateway.subscriptions.store import Backlog, Entry, Lost, Outgoing, Store, StoreUnavailable
+from gateway.subscriptions.subscription import DeliveryState, Record, Subscription
+from gateway.subscriptions.watcher import Watcher
 
 log = logging.getLogger(__name__)
 _T = TypeVar("_T")
@@ -52,11 +53,14 @@ class Courier:
         self._consent_needed = consent
         self._deliveries = deliveries or Deliveries()
         self._message: Message | None = None
+        self._rendered_for = 0
+        self._watcher: Watcher | None = None
+        self._anew = False
         self._idle = False
         self._news = asyncio.Event()
         self._woken = asyncio.Event()
         self._not_before_s = 0.0
-        self._number: int | None = None
+        self._number = 0
         self._task: asyncio.Task[None] | None = None
 
     def start(self) -> None:
@@ -71,6 +75,14 @@ class Courier:
         """Somebody resumed the subscription: try at once."""
         self.delivery = replace(self.delivery, state=DeliveryState.ACTIVE, failures=0, reason="")
         self._woken.set()
+
+    def change(self, subscription: Subscription) -> None:
+        """Go by other options. What is queued goes out as it is, signed by the secret of the attempt."""
+        before, self.subscription = self.subscription.options, subscription
+        if self._watcher is not None:
+            self._fan_out.change(self._watcher, subscription)
+        else:
+            self._anew = self._anew or subscription.options.begins_anew(before)
 
     async def suspend(self, reason: str) -> None:
         """Deliver nothing more until somebody resumes it."""
@@ -96,7 +108,7 @@ class Courier:
         return self._idle and self._message is None
 
     def write(self, message: Message) -> None:
-        self._message = message
+        self._message, self._rendered_for = message, self.subscription.revision
         self._news.set()
 
     def end(self, ending: Ending) -> None:
@@ -125,10 +137,12 @@ class Courier:
             # Whoever resumed it while it changed hands told the gateway that held it before.
             if record is not None and record.delivery.state is DeliveryState.SUSPENDED:
                 await self._sleep(None)
-        backlog = await self._insist(lambda: self._store.backlog(id))
+        backlog = await self._backlog()
         await self._bring_all(backlog.entries)
         await self._agreed()  # before there is anything to say: what is said then is the present state
-        watcher = self._fan_out.watch(self.subscription, self, backlog.sent, patient=True)
+        # A change since the backlog was asked for may have made what it says was sent void.
+        sent, self._anew = {} if self._anew else backlog.sent, False
+        watcher = self._watcher = self._fan_out.watch(self.subscription, self, sent, patient=True)
         try:
             while True:
                 self._idle = True
@@ -138,6 +152,7 @@ class Courier:
                 await self._relay(left)
                 watcher.left.difference_update(left)
         finally:
+            self._watcher = None
             watcher.close()
 
     async def _relay(self, left: tuple[str, ...]) -> None:
@@ -148,24 +163,34 @@ class Courier:
         message, self._message, self._idle = self._message, None, False
         self._news.clear()
         assert message is not None
-        outgoing = Outgoing(message.path, message.version, message.media_type, message.body)
-        await self._bring_all(await self._queue(outgoing, left))
+        outgoing = Outgoing(message.path, message.version, message.media_type, message.body, self._rendered_for)
+        queued = False
+        while not queued:
+            entries = await self._queue(outgoing, left)
+            queued = (outgoing.path, outgoing.version) in [(entry.path, entry.version) for entry in entries]
+            await self._bring_all(entries)
 
     async def _queue(self, outgoing: Outgoing, left: tuple[str, ...]) -> list[Entry]:
-        """What is in the queue with a message; after an outage nobody knows whether it is there already."""
-        id = self.subscription.id
-        while True:
-            try:
-                entry = await self._store.advance(id, None, outgoing, self.delivery, left)
-                assert entry is not None
-                if self._number is None or entry.number == self._number + 1:
-                    return [entry]
-            except StoreUnavailable:
-                await asyncio.sleep(_STORE_PAUSE_S)
-            # Also for a number that is left out: then it was queued before, by a command that was thought lost.
-            backlog = await self._insist(lambda: self._store.backlog(id))
-            if backlog.entries:
-                return backlog.entries
+        """The entry of a message, or what is in the queue without it.
+
+        After an outage nobody knows whether the command was lost, or comes yet. It names the number of the message,
+        which no other can get then: a late one could put what was true before behind what is true now.
+        """
+        try:
+            number = self._number + 1
+            entry = await self._store.advance(self.subscription.id, None, outgoing, self.delivery, left, number)
+        except StoreUnavailable:
+            await asyncio.sleep(_STORE_PAUSE_S)
+            entry = None
+        if entry is None:  # or the number was given to a message by a command that was thought lost
+            return (await self._backlog()).entries
+        self._number = entry.number
+        return [entry]
+
+    async def _backlog(self) -> Backlog:
+        backlog = await self._insist(lambda: self._store.backlog(self.subscription.id))
+        self._number = backlog.number
+        return backlog
 
     async def _bring_all(self, entries: list[Entry]) -> None:
         for entry in entries:
@@ -173,9 +198,7 @@ class Courier:
             await self._done(entry)
 
     async def _done(self, entry: Entry) -> None:
-        id = self.subscription.id
-        await self._insist(lambda: self._store.advance(id, entry, None, self.delivery))
-        self._number = entry.number
+        await self._insist(lambda: self._store.advance(self.subscription.id, entry, None, self.delivery))
 
     async def _bring(self, entry: Entry) -> None:
         """Send an entry until the receiver has taken it."""
@@ -231,7 +254,7 @@ class Courier:
             subscription.secret, f"{subscription.id}.{entry.number}", int(time.time()), entry.body
         )
         links = f'<{resource}>; rel="self", <{own}>; rel="related"; title="subscription"'
-        if subscription.media_type in FRAME_TYPES:
+        if entry.media_type in FRAME_TYPES:
             links += f', <{layout_path(resource)}>; rel="describedby"'
         consent = {"WebHook-Request-Origin": self._origin} if self.delivery.consented else {}
         return {

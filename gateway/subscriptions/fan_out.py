@@ -64,13 +64,24 @@ class FanOut:
         the outlet is ended, unless the watcher is ``patient``: then it waits for the resource, and whenever it is gone.
         """
         watcher = Watcher(self, subscription, outlet, dict(sent or {}), patient)
-        if subscription.depth is Depth.SUBTREE:
+        self._begin(watcher)
+        return watcher
+
+    def _begin(self, watcher: Watcher) -> None:
+        if watcher.subtree:
             self._subtrees[watcher] = None
             self._scan_soon(watcher)
         else:
             self._find(watcher)
         self.on_watch(watcher)
-        return watcher
+
+    def change(self, watcher: Watcher, subscription: Subscription) -> None:
+        """Go on with other options; with another depth or media type from the present state of everything."""
+        if subscription.options.begins_anew(watcher.subscription.options):
+            watcher.leave_all(subscription)
+            self._begin(watcher)
+        else:
+            watcher.change(subscription)
 
     @property
     def watched(self) -> KeysView[str | None]:

@@ -9,14 +9,14 @@ import time
 from collections import OrderedDict
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from contextlib import AsyncExitStack, asynccontextmanager
-from ipaddress import IPv6Network, ip_address
+
+from gateway.addresses import network_of
 
 FIRST_PAUSE_S = 1.0
 LONGEST_PAUSE_S = 60.0
 """Between two requests to a destination that grants none; reached after seven refusals in a row."""
 MAX_DESTINATIONS = 10_000
 """The longest unused ones are forgotten beyond that."""
-_IPV6_PREFIX_BITS = 64
 
 
 class Turn:
@@ -42,7 +42,7 @@ class Handshakes:
 
     def __init__(
         self,
-        clock_s: Callable[[], float] = time.monotonic,
+        clock_s: Callable[[], float] = lambda: time.monotonic(),
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
     ) -> None:
         self._clock_s, self._sleep = clock_s, sleep
@@ -54,7 +54,7 @@ class Handshakes:
         turn = Turn()
         async with AsyncExitStack() as stack:
             # Sorted, so that two names with some addresses in common never wait for each other.
-            for name in sorted({destination_of(address) for address in addresses}):
+            for name in sorted({network_of(address) for address in addresses}):
                 await stack.enter_async_context(self._held(name, turn))
             yield turn
 
@@ -85,9 +85,3 @@ class Handshakes:
             if longest_unused.waiting:
                 return
             del self._destinations[name]
-
-
-def destination_of(address: str) -> str:
-    """The network that counts as one destination: an IPv4 address, or the /64 network of an IPv6 address."""
-    ip = ip_address(address)
-    return str(IPv6Network((ip, _IPV6_PREFIX_BITS), strict=False)) if ip.version == 6 else str(ip)

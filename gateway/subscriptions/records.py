@@ -1,24 +1,25 @@
 """What the store gives and takes besides subscriptions, and how records look as fields of a Redis hash."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, cast
 
 import msgspec
 
-from gateway.subscriptions.subscription import Delivery, DeliveryState, Record, Subscription
+from gateway.subscriptions.subscription import Changeable, Delivery, DeliveryState, Record, Subscription
 
-What = Literal["removed", "woken", "replaced"]
+What = Literal["removed", "woken", "replaced", "changed"]
 
 
 @dataclass(frozen=True)
 class Outgoing:
-    """A representation that is to be delivered to a callback."""
+    """A representation to deliver to a callback, rendered for the ``revision`` of its subscription."""
 
     path: str
     version: str
     media_type: str
     body: bytes
+    revision: int = 0
 
 
 @dataclass(frozen=True)
@@ -35,16 +36,19 @@ class Entry:
 
 @dataclass(frozen=True)
 class Backlog:
-    """What is not delivered yet, oldest first, and of each resource the version that was queued last."""
+    """Entries that are not delivered yet, oldest first; of each resource the version that was queued last; and the
+    number of the last entry, delivered or not."""
 
     entries: list[Entry]
     sent: dict[str, str]
+    number: int = 0
 
 
 @dataclass(frozen=True)
 class News:
     """What another gateway did to a subscription of the run ``holder``.
 
+    ``changed``: it has other options. That concerns any run: one may be about to open it that does not hold it yet.
     ``replaced``: a stream is open there now, unless ``holder`` has taken it back since; its record says who has it.
     """
 
@@ -80,7 +84,13 @@ def read_news(fields: Mapping[bytes, bytes]) -> News:
 
 
 def write_spec(subscription: Subscription) -> tuple[str | bytes, ...]:
-    return ("spec", msgspec.json.encode(subscription))
+    """The request of the client. Changes of options are in fields of their own, which no run overwrites by what it
+    knew."""
+    return ("spec", msgspec.json.encode(replace(subscription, revision=0)))
+
+
+def write_options(options: Changeable) -> bytes:
+    return msgspec.json.encode(options)
 
 
 def write_delivery(delivery: Delivery) -> tuple[str, ...]:
@@ -101,6 +111,8 @@ def read_record(fields: Mapping[bytes, bytes]) -> Record | None:
     if not fields:
         return None
     subscription = msgspec.json.decode(fields[b"spec"], type=Subscription)
+    if (options := fields.get(b"options")) is not None:
+        subscription = subscription.having(msgspec.json.decode(options, type=Changeable), int(fields[b"revision"]))
     delivery = Delivery(
         state=DeliveryState(fields[b"state"].decode()),
         last_ns=_number(fields[b"last_ns"]),

@@ -108,6 +108,21 @@ redis.call('HSET', KEYS[1], 'state', 'active', 'failures', '0', 'reason', '')
 return redis.call('HGETALL', KEYS[1])
 """
 
+# KEYS: record, sent; ARGV: revision that was read, options, 1 to send everything anew. The holder, or nothing when
+# there is no record or its options have been changed since. What is rendered for a revision before ``anew`` is not the
+# state that the receiver is to have, so ADVANCE does not remember it as sent.
+CHANGE = """
+local holder = redis.call('HGET', KEYS[1], 'holder')
+local revision = redis.call('HGET', KEYS[1], 'revision') or '0'
+if not holder or revision ~= ARGV[1] then return false end
+redis.call('HSET', KEYS[1], 'revision', revision + 1, 'options', ARGV[2])
+if ARGV[3] == '1' then
+  redis.call('HSET', KEYS[1], 'anew', revision + 1)
+  redis.call('DEL', KEYS[2])
+end
+return holder
+"""
+
 # KEYS: record; ARGV: run, fields of the record. Whether the run holds it.
 NOTE = """
 if redis.call('HGET', KEYS[1], 'holder') ~= ARGV[1] then return 0 end
@@ -115,8 +130,8 @@ redis.call('HSET', KEYS[1], unpack(ARGV, 2))
 return 1
 """
 
-# KEYS: record, queue, sent; ARGV: run, group. Nothing for another's subscription, else entries and what was sent.
-# Consumers of earlier runs are forgotten once nothing is pending with them.
+# KEYS: record, queue, sent; ARGV: run, group. Nothing for another's subscription, else entries, what was sent, and the
+# number that was given last. Consumers of earlier runs are forgotten once nothing is pending with them.
 BACKLOG = """
 if redis.call('HGET', KEYS[1], 'holder') ~= ARGV[1] then return false end
 local cursor = '0-0'
@@ -127,35 +142,41 @@ redis.call('XREADGROUP', 'GROUP', ARGV[2], ARGV[1], 'STREAMS', KEYS[2], '>')
 for _, consumer in ipairs(redis.call('XINFO', 'CONSUMERS', KEYS[2], ARGV[2])) do
   if consumer[2] ~= ARGV[1] then redis.call('XGROUP', 'DELCONSUMER', KEYS[2], ARGV[2], consumer[2]) end
 end
-return {redis.call('XRANGE', KEYS[2], '-', '+'), redis.call('HGETALL', KEYS[3])}
+local number = tonumber(redis.call('HGET', KEYS[1], 'number') or 0)
+return {redis.call('XRANGE', KEYS[2], '-', '+'), redis.call('HGETALL', KEYS[3]), number}
 """
 
 # KEYS: record, queue, sent; ARGV: run, group, entry that is done or nothing, number of delivery fields, these, number
-# of paths to forget, these, and perhaps path, version, media type and body of what goes out. Nothing for another's
-# subscription, else the new entry and its number if there is one. The fields come first: without memory for them
-# nothing at all is done. What is to be forgotten comes last: it may be what goes out, for the last time.
+# of paths to forget, these, and perhaps path, version, media type, body and revision of what goes out, and the number
+# that it is to get or nothing. Nothing for another's subscription, else the new entry and its number if there is one;
+# nothing is done if that number is not the next. The fields come first: without memory for them nothing at all is done.
+# What is to be forgotten comes last: it may be what goes out, for the last time.
 ADVANCE = """
 if redis.call('HGET', KEYS[1], 'holder') ~= ARGV[1] then return false end
 local fields = tonumber(ARGV[4])
+local first = 6 + fields
+local last = first + tonumber(ARGV[first - 1]) - 1
+local path, version, media_type, body, revision, wanted = unpack(ARGV, last + 1)
+local given = tonumber(redis.call('HGET', KEYS[1], 'number') or 0)
+if wanted and wanted ~= '' and tonumber(wanted) ~= given + 1 then return {} end
 redis.call('HSET', KEYS[1], unpack(ARGV, 5, 4 + fields))
 if ARGV[3] ~= '' then
   redis.call('XACK', KEYS[2], ARGV[2], ARGV[3])
   redis.call('XDEL', KEYS[2], ARGV[3])
 end
-local first = 6 + fields
-local last = first + tonumber(ARGV[first - 1]) - 1
 local function forget()
   for index = first, last do redis.call('HDEL', KEYS[3], ARGV[index]) end
 end
-if #ARGV == last then
+if not path then
   forget()
   return {}
 end
-local path, version, media_type, body = unpack(ARGV, last + 1)
 local number = redis.call('HINCRBY', KEYS[1], 'number', 1)
 local entry = redis.call('XADD', KEYS[2], '*', 'number', number, 'path', path, 'version', version,
   'media_type', media_type, 'body', body)
-redis.call('HSET', KEYS[3], path, version)
+if tonumber(revision) >= tonumber(redis.call('HGET', KEYS[1], 'anew') or '0') then
+  redis.call('HSET', KEYS[3], path, version)
+end
 forget()
 redis.call('XREADGROUP', 'GROUP', ARGV[2], ARGV[1], 'COUNT', 1, 'STREAMS', KEYS[2], '>')
 return {entry, number}

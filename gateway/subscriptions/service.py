@@ -4,6 +4,7 @@ import asyncio
 import logging
 import time
 import uuid
+from contextlib import suppress
 from types import TracebackType
 
 from gateway.ending import end
@@ -13,7 +14,7 @@ from gateway.subscriptions.message import Ending
 from gateway.subscriptions.network import Network
 from gateway.subscriptions.store import LEASE_S, News, Store, StoreUnavailable
 from gateway.subscriptions.streams import Streams
-from gateway.subscriptions.subscription import Record
+from gateway.subscriptions.subscription import Changeable, Record, Subscription
 
 log = logging.getLogger(__name__)
 
@@ -41,6 +42,7 @@ class Subscriptions:
         self._store, self._run = store, run
         self.streams = Streams(store, run, fan_out, limit)
         self.callbacks = Callbacks(store, run, fan_out, network, limit, consent, vouches)
+        self._refreshing = asyncio.Lock()
         self._tasks: list[asyncio.Task[None]] = []
         self._renewed_s = float("-inf")
 
@@ -83,6 +85,14 @@ class Subscriptions:
         await self._drop(id)
         return record is not None
 
+    async def change(self, before: Subscription, options: Changeable) -> bool:
+        """Give a subscription other options, at whichever gateway it is; False when ``before`` is out of date."""
+        if not await self._store.change(before, options):
+            return False
+        with suppress(StoreUnavailable):  # done is done: the news of it comes when the store is back
+            await self._refresh(before.id)
+        return True
+
     async def resume(self, id: str) -> bool:
         """Have a callback tried again at once, by whichever gateway holds it; False when there is none."""
         return await self._store.wake(id) is not None
@@ -97,7 +107,7 @@ class Subscriptions:
         while True:
             try:
                 async for news in self._store.news():
-                    if news.holder == self._run:
+                    if news.holder == self._run or news.what == "changed":
                         await self._heed(news)
             except Exception:
                 # The boundary of the task: without it no deletion through another gateway would be heard of again.
@@ -112,6 +122,18 @@ class Subscriptions:
                 await self.streams.replaced(news.id)
             case "woken":
                 self.callbacks.woken(news.id)
+            case "changed":
+                with suppress(StoreUnavailable):  # ``_keep`` compares later
+                    await self._refresh(news.id)
+
+    async def _refresh(self, id: str) -> None:
+        """Have what is served here go by its record. One at a time, so that what was read first is never last."""
+        async with self._refreshing:
+            if self.streams.serves(id) or self.callbacks.serves(id):
+                record = await self._store.record(id)
+                if record is not None:
+                    self.streams.change(record.subscription)
+                    self.callbacks.change(record.subscription)
 
     async def _live(self) -> None:
         """Renew the lease, also while a thousand callbacks are taken over; outages are told of elsewhere."""
@@ -150,6 +172,9 @@ class Subscriptions:
                     held = {record.subscription.id: record for record in await self._store.held()}
                     await self.callbacks.compare(held)
                     await self.streams.compare(held)
+                    for id, record in held.items():
+                        if not (self.streams.obeys(record.subscription) and self.callbacks.obeys(record.subscription)):
+                            await self._refresh(id)  # it was changed while this run came to hold it
                     compare_s = time.monotonic() + RECONCILE_S
                 away = False
             except StoreUnavailable as error:

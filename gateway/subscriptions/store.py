@@ -13,7 +13,7 @@ import asyncio
 import logging
 from collections.abc import AsyncIterator, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import astuple, replace
 from typing import Self
 
 from gateway.store.connection import AT_ONCE, UNHURRIED, Connection, StoreUnavailable
@@ -32,10 +32,11 @@ from gateway.subscriptions.records import (
     read_record,
     write_delivery,
     write_news,
+    write_options,
     write_spec,
 )
 from gateway.subscriptions.runs import Runs
-from gateway.subscriptions.subscription import Delivery, Record, Subscription
+from gateway.subscriptions.subscription import Changeable, Delivery, Record, Subscription
 
 __all__ = ["LEASE_S", "Backlog", "Entry", "Lost", "News", "Outgoing", "Store", "StoreUnavailable", "TooMany"]
 _log = logging.getLogger(__name__)
@@ -172,6 +173,17 @@ class Store:
             await self._tell("removed", id, record.holder)
         return record
 
+    async def change(self, before: Subscription, options: Changeable) -> bool:
+        """Replace the options of a subscription as it was read, whoever holds it, and tell every run.
+
+        False, and nothing has changed, when it is gone or has other options by now.
+        """
+        keys, anew = (self._keys.record(before.id), self._keys.sent(before.id)), options.begins_anew(before.options)
+        holder = await self._redis.run(scripts.CHANGE, keys, before.revision, write_options(options), int(anew))
+        if holder is not None:
+            await self._tell("changed", before.id, holder.decode())
+        return holder is not None
+
     async def wake(self, id: str) -> Record | None:
         """Have deliveries of a callback tried again at once, and tell its holder; a stream stays as it is."""
         record = await self.record(id)
@@ -206,30 +218,32 @@ class Store:
         found = await self._redis.run(scripts.BACKLOG, self._queue(id), self._run, _GROUP)
         if found is None:
             raise Lost(id)
-        entries, sent = found
+        entries, sent, number = found
         versions = {path.decode(): version.decode() for path, version in read_pairs(sent).items()}
-        return Backlog([read_entry(entry_id, pairs) for entry_id, pairs in entries], versions)
+        return Backlog([read_entry(entry_id, pairs) for entry_id, pairs in entries], versions, number)
 
     async def advance(
-        self, id: str, done: Entry | None, outgoing: Outgoing | None, delivery: Delivery, forget: Sequence[str] = ()
-    ) -> Entry | None:
+        self, id: str, done: Entry | None, outgoing: Outgoing | None, delivery: Delivery, forget: Sequence[str] = (),
+        number: int | None = None,
+    ) -> Entry | None:  # fmt: skip
         """In one step: ``done`` is done, ``delivery`` is what became of it, ``outgoing`` is queued and returned.
 
         ``forget``: paths of resources that are no more, without which the backlog would grow with each invocation.
-        Lost when this run does not hold the subscription. After StoreUnavailable ask for the backlog: the step may
-        have been taken.
+        ``number``: what ``outgoing`` must be numbered. If that is not the next number nothing is done, and None is
+        returned. Lost when this run does not hold the subscription. After StoreUnavailable ask for the backlog: the
+        step may have been taken, or be taken yet unless its number was given to something else.
         """
-        fields = write_delivery(delivery)
-        parts = () if outgoing is None else (outgoing.path, outgoing.version, outgoing.media_type, outgoing.body)
+        fields, wanted = write_delivery(delivery), "" if number is None else number
+        parts = () if outgoing is None else (*astuple(outgoing), wanted)
         entry = "" if done is None else done.entry_id
         arguments = (self._run, _GROUP, entry, len(fields), *fields, len(forget), *forget, *parts)
         queued = await self._redis.run(scripts.ADVANCE, self._queue(id), *arguments)
         if queued is None:
             raise Lost(id)
-        if outgoing is None:
+        if outgoing is None or not queued:
             return None
-        entry_id, number = queued
-        return Entry(entry_id.decode(), number, outgoing.path, outgoing.version, outgoing.media_type, outgoing.body)
+        entry_id, given = queued
+        return Entry(entry_id.decode(), given, outgoing.path, outgoing.version, outgoing.media_type, outgoing.body)
 
     # News
 

@@ -33,6 +33,7 @@ class Streams:
         self._open: dict[str, Watcher] = {}
         self._coming: set[str] = set()
         self._cancelled: set[str] = set()  # of those that are coming
+        self._changed: dict[str, Subscription] = {}  # of those that are coming, what they have become
         self._expiries: dict[str, asyncio.TimerHandle] = {}
         # What the store is still to be told, and what it had too little and too much at the last comparison.
         self._unlisted: set[str] = set()
@@ -80,8 +81,11 @@ class Streams:
         It ends at once when there is no such resource any more. Of a subtree, ``seen`` is the version of any one
         resource in it and says nothing about the others: all of them are sent again.
         """
+        id = subscription.id
+        if (changed := self._changed.get(id)) is not None:
+            subscription = subscription.having(changed.options, changed.revision)
         sent = {subscription.resource: seen} if seen and subscription.depth is not Depth.SUBTREE else {}
-        id, watcher = subscription.id, self._fan_out.watch(subscription, outlet, sent)
+        watcher = self._fan_out.watch(subscription, outlet, sent)
         if id in self._cancelled:
             watcher.end(Ending.CANCELLED)
             self._ended.add(id)  # it may have been listed after it was deleted
@@ -100,7 +104,7 @@ class Streams:
             self._leave(id)
         else:
             watcher.close()
-            last_ns = watcher.last_ns
+            subscription, last_ns = watcher.subscription, watcher.last_ns
             if self._open.get(id) is not watcher:
                 return  # cancelled, or opened on another connection
             del self._open[id]
@@ -173,6 +177,7 @@ class Streams:
         """It comes no more."""
         self._coming.discard(id)
         self._cancelled.discard(id)
+        self._changed.pop(id, None)
 
     def _here(self, id: str) -> bool:
         return id in self._open or id in self._coming
@@ -215,6 +220,25 @@ class Streams:
             self._cancelled.add(id)
         if (watcher := self._open.pop(id, None)) is not None:
             watcher.end(ending)
+
+    def serves(self, id: str) -> bool:
+        """Return True if it is open here or about to be."""
+        return self._here(id)
+
+    def obeys(self, subscription: Subscription) -> bool:
+        """Return True if a stream goes by these options, or is not open here."""
+        watcher = self._open.get(subscription.id)
+        return watcher is None or watcher.subscription.options == subscription.options
+
+    def change(self, subscription: Subscription) -> None:
+        """Have a stream that is here go by the options that its record has now."""
+        id = subscription.id
+        if (watcher := self._open.get(id)) is not None:
+            if not self.obeys(subscription):
+                options, revision = subscription.options, subscription.revision
+                self._fan_out.change(watcher, watcher.subscription.having(options, revision))
+        elif id in self._coming:
+            self._changed[id] = subscription
 
     async def replaced(self, id: str) -> None:
         """It was opened through another gateway, unless it has come back since."""

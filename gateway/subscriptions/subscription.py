@@ -1,6 +1,6 @@
 """What a subscription is and what became of it so far (paper 5.3, Figure 4); pure values."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from gateway.identity.rights import ALL, EVERY, View, view
@@ -39,8 +39,23 @@ class DeliveryState(StrEnum):
 
 
 @dataclass(frozen=True)
+class Changeable:
+    """The options of a subscription that may be changed while it lasts; their meaning is that in ``Subscription``."""
+
+    media_type: str
+    depth: Depth
+    interval_s: float
+    deadband: float
+    secret: str
+
+    def begins_anew(self, before: "Changeable") -> bool:
+        """Return True if these options in place of ``before`` call for the present state of everything once more."""
+        return (self.media_type, self.depth) != (before.media_type, before.depth)
+
+
+@dataclass(frozen=True)
 class Subscription:
-    """What was asked for; it never changes."""
+    """The request of the client. ``Changeable`` has the options that PATCH changes; nothing else ever does."""
 
     id: str
     """A UUID."""
@@ -69,6 +84,24 @@ class Subscription:
     """Name of the identity that asked for it; empty where none were configured."""
     sees: tuple[str, ...] = (EVERY,)
     """Patterns of the robots that its creator may read: messages tell of no others."""
+    revision: int = 0
+    """How often its options have been changed."""
+
+    @property
+    def options(self) -> Changeable:
+        return Changeable(self.media_type, self.depth, self.interval_s, self.deadband, self.secret)
+
+    def having(self, options: Changeable, revision: int) -> "Subscription":
+        """The same subscription with the options that it has after ``revision`` changes."""
+        return replace(
+            self,
+            media_type=options.media_type,
+            depth=options.depth,
+            interval_s=options.interval_s,
+            deadband=options.deadband,
+            secret=options.secret,
+            revision=revision,
+        )
 
     @property
     def view(self) -> View:

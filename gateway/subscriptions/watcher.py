@@ -65,10 +65,15 @@ class Watcher:
         self._next_s = 0.0
         self._last_ns: int | None = None
         self._broadcast: Broadcast | None = None
-        all_wanted = subscription.interval_s <= 0 and subscription.deadband <= 0 and not self.subtree
-        self._stream = outlet if all_wanted and isinstance(outlet, Stream) else None
+        self._stream = self._in_step()
         self._timer: Timer | None = None
         self._whole = not self.subtree
+
+    def _in_step(self) -> Stream | None:
+        """The outlet, if it may be in step with others."""
+        wanted = self.subscription
+        all_wanted = wanted.interval_s <= 0 and wanted.deadband <= 0 and not self.subtree
+        return self._outlet if all_wanted and isinstance(self._outlet, Stream) else None
 
     @property
     def subtree(self) -> bool:
@@ -175,16 +180,53 @@ class Watcher:
         self._round, self._pending = self._pending, {}
         return True
 
+    def change(self, subscription: Subscription) -> None:
+        """Have another interval and deadband. The interval begins where the last one did, the first of all now."""
+        self._step_out()
+        self._set(subscription)
+        for topic in self.topics.values():
+            if not self.waits(topic.path) and self._is_news(topic):
+                self._pending[topic.path] = None
+        self.ready()
+
+    def leave_all(self, subscription: Subscription) -> None:
+        """Have any other options, and nothing that is watched or was sent: all of it is to be joined anew."""
+        self._step_out()
+        self._schedule.forget(self)
+        self._known = {}
+        self._set(subscription)
+        self._whole = not self.subtree
+
+    def _set(self, subscription: Subscription) -> None:
+        before, self.subscription = self.subscription, subscription
+        self._cancel_timer()
+        begun_s = self._next_s - before.interval_s if self._next_s else self._schedule.now_s()
+        waits = subscription.interval_s > 0 and self.last_ns is not None
+        self._next_s = begun_s + subscription.interval_s if waits else 0.0
+        self._stream = self._in_step()
+
+    def _step_out(self) -> None:
+        """Leave those who are in step, in the middle of a pass, too."""
+        for topic in list(self.topics.values()) if self._broadcast is not None else ():
+            assert self._broadcast is not None  # who is in step watches one resource
+            self._last_ns = self.last_ns
+            self._sent[topic.path] = self._broadcast.release(self)
+            self._broadcast = None
+            topic.apart[self] = None
+
     def end(self, ending: Ending) -> None:
         self.close()
         self._outlet.end(ending)
 
     def close(self) -> None:
         """Stop watching; the outlet is closed already or will be."""
+        self._cancel_timer()
+        self._schedule.forget(self)
+
+    def _cancel_timer(self) -> None:
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
-        self._schedule.forget(self)
 
     def _send(self, topic: Topic) -> None:
         try:

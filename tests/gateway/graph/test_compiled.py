@@ -201,7 +201,7 @@ def _edges(texts: Iterable[str], kinds: Iterable[NamedNode]) -> list[Literal]:
 _KINDS = (XSD.integer, XSD.byte, XSD.decimal, XSD.float, XSD.double, XSD.string, XSD.boolean)
 _OF_ALL_TYPES = _edges(("5", "5.5", "4", "6", "300", "NaN", "INF", "x"), _KINDS)
 _ANY = [*_OF_ALL_TYPES[::3], EX.a, EX.b, BlankNode("b1"), Literal(""), Literal("abc"), Literal("ABC", language="en"),
-        _literal("true", XSD.boolean), _literal("TRUE", XSD.boolean), _literal("1", XSD.boolean)]  # fmt: skip
+        *(_literal(text, XSD.boolean) for text in ("true", "false", "1", "0", "TRUE", "False"))]  # fmt: skip
 _LIMITS = (SHACL.minInclusive, SHACL.minExclusive, SHACL.maxInclusive, SHACL.maxExclusive)
 _BOUNDS = [integer(5), *(_literal("5.5", kind) for kind in (XSD.decimal, XSD.double)), _literal("INF", XSD.float),
            _literal("5.5e0", XSD.float), _literal("6", XSD.byte), _literal("4", XSD.decimal)]  # fmt: skip
@@ -210,6 +210,7 @@ _SIMPLE: list[tuple[tuple[tuple[NamedNode, object], ...], Sequence[Term]]] = [
     *((((limit, bound),), _OF_ALL_TYPES) for limit in _LIMITS for bound in _BOUNDS),
     *((((SHACL.datatype, kind),), _ANY) for kind in (XSD.string, XSD.boolean, XSD.anyURI, _LANG_STRING)),
     *((((length, integer(n)),), _ANY) for length in (SHACL.minLength, SHACL.maxLength) for n in (0, 1, 3, 4)),
+    *((((parameter, EX.a),), _ANY) for parameter in (SHACL.hasValue, SHACL.class_)),
     (((SHACL.pattern, Literal("^a")),), _ANY),
     (((SHACL.pattern, Literal("^a")), (SHACL.flags, Literal("i"))), _ANY),
     *((((SHACL.nodeKind, SHACL.terms[kind]),), _ANY) for kind in ("IRI", "BlankNode", "Literal")),

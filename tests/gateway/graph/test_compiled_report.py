@@ -187,6 +187,21 @@ def test_a_node_that_many_ways_lead_to_is_judged_once(limit: str) -> None:
     assert data.looked_up < 2 * len(body)
 
 
+def test_what_conforms_is_looked_at_once_for_an_explanation() -> None:
+    """The last node of the last layer alone is at fault; to find that, no way to another is gone twice."""
+    layers = [[NamedNode(f"http://example.org/{layer}-{n}") for n in range(40)] for layer in range(4)]
+    body = [Triple(_BODY, LF.target, node) for node in layers[0]]
+    body += [Triple(a, LF.target, b) for upper, lower in pairwise(layers) for a in upper for b in lower]
+    body.append(Triple(layers[3][39], LF.target, integer(1)))
+    shape = "[ sh:path lf:target ; sh:nodeKind sh:IRI ]"
+    for _ in range(4):
+        shape = f"[ sh:path lf:target ; sh:property {shape} ]"
+    data = _Counted(body)
+    found = _guard(f"ex:Shape sh:property {shape} .").check(data, _BODY)
+    assert {each.focus for each in found} == {layers[3][39]}
+    assert data.looked_up < 2 * len(body)
+
+
 def test_a_branch_is_found_by_its_joint() -> None:
     """However many joints there are, a target is judged by its own branch alone."""
     joints = " ".join(

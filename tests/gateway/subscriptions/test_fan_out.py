@@ -1,6 +1,7 @@
 """The policy of the fan-out, on a real fleet and tree: what is news to whom, what is conflated, and what comes last."""
 
 import asyncio
+import dataclasses
 import heapq
 import itertools
 import math
@@ -623,5 +624,140 @@ def test_unwatched_resources_cost_nothing() -> None:
         for change in world.fleet.apply(world.frame(0.7), 1):
             world.fan_out.moved(change.robot)
         assert world.fan_out.idle
+
+    run(test)
+
+
+# -- other options ----------------------------------------------------------------------------------------------------
+
+
+def _change(world: World, outlet: Outlet, **options: object) -> None:
+    watcher = outlet.watcher  # type: ignore[attr-defined]
+    world.fan_out.change(watcher, dataclasses.replace(watcher.subscription, **options))
+
+
+def test_another_interval_counts_from_the_message_before() -> None:
+    """A longer one holds back what waits already, a shorter one lets it go, and none leaves no timer behind."""
+
+    async def test(world: World) -> None:
+        outlet = watch(world, _ROTATION, interval_s=2.0)
+        outlet.watcher.ready()
+        await world.settle()
+        await world.move(0.1)
+        _change(world, outlet, interval_s=5.0)
+        await world.advance(4.9)
+        assert len(outlet.messages) == 1
+        await world.move(0.2)
+        _change(world, outlet, interval_s=4.0)
+        await world.settle()
+        assert outlet.frames[1:] == [3]
+        await world.move(0.3)
+        _change(world, outlet, interval_s=0.0)
+        await world.settle()
+        await world.move(0.4, 0.5)
+        assert outlet.frames[1:] == [3, 4, 5, 6]
+        await world.advance(10)
+        assert len(outlet.messages) == 5
+
+    run(test)
+
+
+def test_who_had_no_interval_waits_from_the_change() -> None:
+    async def test(world: World) -> None:
+        outlet, other = watch(world, _ROTATION), watch(world, _ROTATION)
+        outlet.watcher.ready(), other.watcher.ready()
+        await world.settle()
+        await world.move(0.1)
+        _change(world, outlet, interval_s=3.0)
+        await world.move(0.2, 0.3)
+        assert (len(outlet.messages), len(other.messages)) == (2, 4)
+        await world.advance(3.0)
+        assert outlet.frames[-1] == other.frames[-1] == 4
+        assert len(outlet.messages) == 3
+
+    run(test)
+
+
+def test_another_deadband_is_held_against_what_was_sent() -> None:
+    """A smaller one lets out what was no news before; a larger one keeps back what is none any more."""
+
+    async def test(world: World) -> None:
+        outlet = watch(world, _ROTATION, deadband=0.5)
+        outlet.watcher.ready()
+        await world.settle()
+        await world.move(0.3)
+        assert len(outlet.messages) == 1
+        _change(world, outlet, deadband=0.2)
+        await world.settle()
+        assert outlet.frames[1:] == [2]
+        outlet.room = False
+        await world.move(0.6)
+        _change(world, outlet, deadband=0.5)
+        outlet.room = True
+        outlet.watcher.ready()
+        await world.settle()
+        assert outlet.frames[1:] == [2]
+        await world.move(0.9)
+        assert outlet.frames[1:] == [2, 4]
+
+    run(test)
+
+
+@pytest.mark.parametrize("options", [{"depth": Depth.SUBTREE}, {"media_type": "text/turtle"}])
+def test_another_depth_or_media_type_begins_with_the_present_state(options: dict[str, object]) -> None:
+    """Everything that is covered is sent, whatever was sent before, and nothing is kept of what was watched before."""
+
+    async def test(world: World) -> None:
+        outlet = watch(world, _JOINT)
+        outlet.watcher.ready()
+        await world.settle()
+        await world.move(0.1)
+        outlet.take()
+        _change(world, outlet, **options)
+        await world.settle()
+        paths = outlet.take()
+        subtree = "depth" in options
+        assert paths[0] == _JOINT
+        assert (_ROTATION in paths) is subtree
+        assert len(paths) == len(set(paths))
+        _change(world, outlet, depth=Depth.PROPERTIES, media_type="application/n-triples")
+        await world.settle()
+        assert outlet.take() == [_JOINT]
+        await world.move(0.2)
+        assert outlet.take() == [_JOINT]
+        outlet.watcher.close()
+        assert world.fan_out.empty
+
+    run(test)
+
+
+@pytest.mark.parametrize("options", [{"interval_s": 60.0}, {"secret": "x"}, {"media_type": "text/turtle"}])
+def test_a_change_in_the_middle_of_a_message_to_many_loses_and_repeats_nothing(
+    monkeypatch: pytest.MonkeyPatch, options: dict[str, object]
+) -> None:
+    """Whether the message has been brought to it or not: it has each version once, and the latest in the end."""
+    _turns_of(monkeypatch, 4)
+
+    async def test(world: World) -> None:
+        outlets = [watch(world, _ROTATION) for _ in range(120)]
+        for outlet in outlets:
+            outlet.watcher.ready()
+        await world.settle()
+        for outlet in outlets:
+            outlet.take()
+        for angle in (0.1, 0.2):
+            for change in world.fleet.apply(world.frame(angle), 1):
+                world.fan_out.moved(change.robot)
+            await asyncio.sleep(0)
+            await asyncio.sleep(0)
+            for outlet in outlets[:: 7 if angle == 0.1 else 5]:
+                _change(world, outlet, **options)
+        await world.settle()
+        await world.advance(61.0)
+        for outlet in outlets:
+            said = [(message.media_type, message.version) for message in outlet.messages]
+            assert len(set(said)) == len(said)
+            assert outlet.frames == sorted(outlet.frames)
+            assert outlet.frames[-1] == 3
 
     run(test)

@@ -1,0 +1,23 @@
+"""The network of an IP address, for bounds by client and by destination."""
+
+from ipaddress import IPv6Address, ip_address
+
+_IPV6_PREFIX_BITS = 64
+"""One customer has at least a /64 network, and as many addresses in it as they like."""
+
+
+def network_of(address: str) -> str:
+    """An IPv4 address, also one that is mapped into IPv6, or the /64 network of an IPv6 address.
+
+    A text that is no IP address stands for itself.
+    """
+    try:
+        found = ip_address(address.partition("%")[0])
+    except ValueError:
+        return address
+    if not isinstance(found, IPv6Address):
+        return str(found)
+    if found.ipv4_mapped is not None:
+        return str(found.ipv4_mapped)
+    rest = 128 - _IPV6_PREFIX_BITS
+    return f"{IPv6Address(int(found) >> rest << rest)}/{_IPV6_PREFIX_BITS}"

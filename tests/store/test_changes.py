@@ -1,0 +1,100 @@
+"""Changed options of a subscription: who changes them, who hears of it, what its holder may say of the old ones."""
+
+from collections.abc import Iterator
+from contextlib import aclosing
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from redis_backends import Backend, opened
+from stored import LIMIT, OUTGOING, a_subscription, adopted, held
+
+from gateway.subscriptions.store import Backlog, News, Store
+from gateway.subscriptions.subscription import Changeable, Delivery, DeliveryState, Depth, Kind, Record, Subscription
+
+
+@pytest.fixture
+def a(server: Backend) -> Iterator[Store]:
+    yield from opened(server, Store(server.url, "fleet", "a"))
+
+
+@pytest.fixture
+def b(server: Backend) -> Iterator[Store]:
+    yield from opened(server, Store(server.url, "fleet", "b"))
+
+
+def other(subscription: Subscription, **options: Any) -> Changeable:
+    return replace(subscription.options, **options)
+
+
+async def test_options_are_changed_under_the_condition_that_they_are_as_they_were_read(a: Store, b: Store) -> None:
+    """Of two changes of the same state one is refused; each gateway hears of each, and nothing else is different."""
+    async with aclosing(b.news()) as heard:
+        one = a_subscription(secret="whsec_1")
+        await a.add(one, Delivery(), LIMIT)
+        await a.renew()
+        options = other(one, interval_s=2.5, deadband=0.1, secret="whsec_2")
+        assert await b.change(one, options)
+        assert not await a.change(one, other(one, interval_s=9.0))
+        changed = one.having(options, 1)
+        assert await a.record(one.id) == Record(changed, Delivery(), "a")
+        assert await a.change(changed, other(changed, interval_s=9.0))
+        assert [(await anext(heard)), (await anext(heard))] == [News("changed", one.id, "a")] * 2
+        (subscription,) = await held(a)
+        assert subscription == changed.having(other(changed, interval_s=9.0), 2)
+        await b.remove(one.id)
+        assert not await a.change(subscription, options)
+        assert await a.record(one.id) is None
+
+
+async def test_what_its_holder_writes_takes_no_change_back(a: Store, b: Store) -> None:
+    """A gateway that has not heard of it yet opens the stream, notes its end, and another takes it over."""
+    stream = a_subscription(kind=Kind.STREAM)
+    await a.add(stream, Delivery(DeliveryState.WAITING), LIMIT)
+    options = other(stream, interval_s=2.5, depth=Depth.SUBTREE)
+    assert await a.change(stream, options)
+    await b.renew()
+    opened_there = replace(stream, kind=Kind.WEBSOCKET)
+    await b.add(opened_there, Delivery(), LIMIT)
+    assert await held(b) == [opened_there.having(options, 1)]
+    await b.note(stream.id, Delivery(DeliveryState.WAITING), stream)
+    assert await held(b) == [stream.having(options, 1)]
+    await b.leave()
+    assert await adopted(a, "b") == [stream.having(options, 1)]
+
+
+@pytest.mark.parametrize(
+    ("options", "anew"), [({"interval_s": 1.0}, False), ({"media_type": "x/y"}, True), ({"depth": Depth.THIS}, True)]
+)
+async def test_what_was_rendered_before_a_change_counts_as_sent_unless_all_begins_anew(
+    a: Store, b: Store, options: dict[str, Any], anew: bool
+) -> None:
+    """What is queued stays queued with its number; who begins anew is sent the present state in any case."""
+    one = a_subscription()
+    await a.add(one, Delivery(), LIMIT)
+    await a.advance(one.id, None, OUTGOING, Delivery())
+    assert await b.change(one, other(one, **options))
+    assert (await a.backlog(one.id)).sent == ({} if anew else {OUTGOING.path: "v1"})
+    await a.advance(one.id, None, replace(OUTGOING, version="v2"), Delivery())
+    assert (await a.backlog(one.id)).sent == ({} if anew else {OUTGOING.path: "v2"})
+    await a.advance(one.id, None, replace(OUTGOING, version="v3", revision=1), Delivery())
+    backlog = await a.backlog(one.id)
+    assert backlog.sent == {OUTGOING.path: "v3"}
+    assert [(entry.number, entry.version) for entry in backlog.entries] == [(1, "v1"), (2, "v2"), (3, "v3")]
+
+
+async def test_the_number_of_a_delivery_is_given_once(a: Store) -> None:
+    """A command that comes late, after another one has had its number, changes nothing."""
+    one = a_subscription()
+    await a.add(one, Delivery(), LIMIT)
+    first = await a.advance(one.id, None, OUTGOING, Delivery(), number=1)
+    assert first is not None
+    before = await a.record(one.id)
+    for number in (0, 1, 3):
+        late = replace(OUTGOING, version="v0")
+        assert await a.advance(one.id, first, late, Delivery(failures=9), number=number) is None
+    assert await a.record(one.id) == before
+    assert await a.backlog(one.id) == Backlog([first], {OUTGOING.path: "v1"}, 1)
+    second = await a.advance(one.id, first, OUTGOING, Delivery(), number=2)
+    assert second is not None
+    assert second.number == 2
