@@ -8,8 +8,9 @@ import socket
 import sys
 
 from agents.agent import Agent
-from agents.link import DuplicateNameError, ZenohLink, open_session
-from agents.robots.catalogue import UnavailableError, load
+from agents.link import DuplicateNameError
+from agents.robots.catalogue import UnavailableError
+from agents.serving import make_agent, serve
 from agents.settings import AgentSettings, SettingsError, read_settings
 from agents.tracing import Tracing, open_tracing
 from telemetry.spans import TracingUnavailable
@@ -23,7 +24,7 @@ def main() -> int:
         settings = read_settings(sys.argv[1:], os.environ, socket.gethostname())
         logging.basicConfig(level=settings.log_level, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
         tracing = open_tracing(os.environ)
-        agents = [_make_agent(settings, index) for index in range(len(settings.robots))]
+        agents = [make_agent(settings, index) for index in range(len(settings.robots))]
     except (SettingsError, UnavailableError, TracingUnavailable) as error:
         print(f"agents: {error}", file=sys.stderr)
         return 2
@@ -38,24 +39,6 @@ def main() -> int:
     return 0
 
 
-def _make_agent(settings: AgentSettings, index: int) -> Agent:
-    choice = settings.robots[index]
-    robot = load(choice.name, choice.source, choice.floating)
-    facts = robot.describe()
-    _log.info(
-        "%s: %s, %d joints, %s base",
-        choice.name,
-        facts.title,
-        len(facts.joints),
-        "floating" if facts.floating else "fixed",
-    )
-    sways = [sway for name, sway in settings.sways if name == choice.name]
-    try:
-        return Agent(choice.name, robot, rate_hz=settings.rate_hz, sways=sways)
-    except ValueError as error:
-        raise SettingsError(f"--sway: {error}") from error
-
-
 async def _run(settings: AgentSettings, agents: list[Agent], tracing: Tracing | None) -> None:
     """Serve all robots until a signal comes or one of them fails. SIGUSR1 begins demonstrations anew."""
     stop = asyncio.Event()
@@ -63,7 +46,7 @@ async def _run(settings: AgentSettings, agents: list[Agent], tracing: Tracing | 
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
     loop.add_signal_handler(signal.SIGUSR1, _begin_demonstrations_anew, agents)
-    serving = asyncio.create_task(_serve(settings, agents, tracing))
+    serving = asyncio.create_task(serve(settings, agents, tracing))
     stopping = asyncio.create_task(stop.wait())
     await asyncio.wait({serving, stopping}, return_when=asyncio.FIRST_COMPLETED)
     stopping.cancel()
@@ -82,35 +65,6 @@ async def _run(settings: AgentSettings, agents: list[Agent], tracing: Tracing | 
 def _begin_demonstrations_anew(agents: list[Agent]) -> None:
     for agent in agents:
         agent.demonstration.begin_anew()
-
-
-async def _serve(settings: AgentSettings, agents: list[Agent], tracing: Tracing | None) -> None:
-    async with (
-        open_session(
-            settings.zenoh_connect, settings.zenoh_listen, settings.lease_ms, settings.credentials, settings.keys
-        ) as session,
-        asyncio.TaskGroup() as tasks,
-    ):
-        for agent in agents:
-            link = ZenohLink(
-                session,
-                settings.keys,
-                robot=agent.name,
-                incarnation=agent.incarnation,
-                description=agent.description,
-                on_command=agent.handle,
-                on_stop=agent.handle_stop,
-                on_mesh=agent.mesh,
-                on_picture=agent.picture if agent.has_cameras else None,
-                lease_ms=settings.lease_ms,
-                tracing=tracing,
-            )
-            tasks.create_task(_attend(agent, link))
-
-
-async def _attend(agent: Agent, link: ZenohLink) -> None:
-    async with link:
-        await agent.run(link)
 
 
 if __name__ == "__main__":

@@ -63,8 +63,8 @@ class Agent:
         *,
         rate_hz: float = 100.0,
         sways: Iterable[Sway] = (),
-        monotonic_ns: Callable[[], int] = time.monotonic_ns,
-        wall_ns: Callable[[], int] = time.time_ns,
+        monotonic_ns: Callable[[], int] = lambda: time.monotonic_ns(),
+        wall_ns: Callable[[], int] = lambda: time.time_ns(),
     ) -> None:
         self.name, self.rate_hz = name, rate_hz
         self.incarnation = new_incarnation()

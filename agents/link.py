@@ -1,32 +1,23 @@
-"""Zenoh ↔ agents; the only module of the agent that imports zenoh. Its callbacks only hand over to the event loop."""
+"""One robot on a session: its presence, answers and publications, and the gateways that it sees."""
 
 import asyncio
-import json
 import logging
-import time
-from collections.abc import AsyncIterator, Callable
-from contextlib import ExitStack, asynccontextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, field
 from functools import partial
 from types import TracebackType
-from typing import Any, Literal, NamedTuple, Self
+from typing import Literal, NamedTuple, Self
 
-import zenoh
-
-from agents.gateways import Gateways
+from agents.gateway_watch import GatewayWatch
 from agents.meshes import MeshError
 from agents.robot import PictureError
 from agents.tracing import Tracing
-from agents.wire import traceparent
-from agents.wire.access import of_agent
+from agents.transport import Publisher, Query, Session, TransportError
 from agents.wire.keys import Keys
-from agents.wire.transport import TRANSPORT
-from agents.wire.trust import Credentials
 
 _log = logging.getLogger(__name__)
 
-_OPEN_TIMEOUT_MS = 1_000
-_RETRY_S = 0.3
 _LOOK_TIMEOUT_S = 1.0
 _MOST_WAITING = {"mesh": 32, "picture": 8}
 
@@ -38,73 +29,8 @@ class DuplicateNameError(Exception):
     """Another agent with the same robot name is alive; the message says which run of it."""
 
 
-def configuration(
-    connect: tuple[str, ...],
-    listen: tuple[str, ...],
-    lease_ms: int,
-    credentials: Credentials | None = None,
-    keys: Keys | None = None,
-) -> zenoh.Config:
-    """A client of the endpoints in ``connect``; a peer when it listens itself. Multicast scouting is off.
-
-    A peer with ``credentials`` takes commands, under ``keys``, from those alone who prove to be gateways or routers.
-    """
-    config = zenoh.Config()
-    values: dict[str, object] = {
-        **TRANSPORT,
-        # Clients see each other through one router or peer, so a second agent of the same name is noticed.
-        "mode": "peer" if listen else "client",
-        "connect/endpoints": list(connect),
-        "connect/timeout_ms": _OPEN_TIMEOUT_MS,
-        "connect/exit_on_failure": not listen,
-        # A gateway that was away for long is to find its robots within two seconds as well; zenoh's own is 4 s.
-        "connect/retry": {"period_init_ms": 200, "period_max_ms": 1_000, "period_increase_factor": 1.5},
-        "listen/endpoints": list(listen),
-        "transport/link/tx/lease": lease_ms,
-    }
-    if credentials is not None:
-        values |= credentials.configuration()
-        if listen:
-            values["access_control"] = of_agent(keys or Keys())
-    for key, value in values.items():
-        config.insert_json5(key, json.dumps(value))
-    return config
-
-
-@asynccontextmanager
-async def open_session(
-    connect: tuple[str, ...],
-    listen: tuple[str, ...] = (),
-    lease_ms: int = 2_000,
-    credentials: Credentials | None = None,
-    keys: Keys | None = None,
-) -> AsyncIterator[zenoh.Session]:
-    """A session that several links may share. Waits until an endpoint answers, however long that takes.
-
-    Afterwards zenoh itself reconnects and declares everything again. A wrong endpoint syntax is a zenoh.ZError.
-    """
-    config = configuration(connect, listen, lease_ms, credentials, keys)
-    session, waiting = None, False
-    while session is None:
-        try:
-            # A fresh thread per try: opening blocks for at most _OPEN_TIMEOUT_MS and cannot be cancelled.
-            session = await asyncio.to_thread(zenoh.open, config)
-        except zenoh.ZError as error:
-            if not waiting:
-                # An agent may well be there before its gateway; zenoh's text ends in a path of its own sources.
-                reason = str(error).partition(" at /")[0]
-                _log.info("nothing answers at %s yet (%s); trying on", ", ".join(connect) or "no endpoint", reason)
-            waiting = True
-            await asyncio.sleep(_RETRY_S)
-    _log.info("connected to %s", ", ".join(connect) or "peers")
-    try:
-        yield session
-    finally:
-        await asyncio.to_thread(session.close)
-
-
-class ZenohLink:
-    """One robot on a shared session: ``async with ZenohLink(...) as link`` declares it, leaving undeclares it.
+class RobotLink:
+    """One robot on a shared session: ``async with RobotLink(...) as link`` declares it, leaving undeclares it.
 
     ``on_command`` and ``on_stop`` are called on the event loop with the payload and return the payload of the reply,
     ``on_mesh`` and ``on_picture`` in a thread, each one call after another; they may raise MeshError and PictureError.
@@ -114,7 +40,7 @@ class ZenohLink:
 
     def __init__(
         self,
-        session: zenoh.Session,
+        session: Session,
         keys: Keys,
         *,
         robot: str,
@@ -134,9 +60,10 @@ class ZenohLink:
         self._tracing = tracing
         slow: dict[_Slow, Callable[[bytes], bytes] | None] = {"mesh": on_mesh, "picture": on_picture}
         self._slow = {kind: _Slowly(read) for kind, read in slow.items() if read is not None}
-        self._gateways = Gateways(robot)
+        self._gateways = GatewayWatch(session, keys, robot, self._declare_visible)
         self._dropping = False
         self._declared = ExitStack()
+        self._visible: dict[int, ExitStack] = {}
 
     @property
     def gateway_present(self) -> bool:
@@ -147,25 +74,25 @@ class ZenohLink:
         return self._gateways.arrivals
 
     def watch_gateways(self, period_s: float) -> None:
-        self._gateways.watch(time.monotonic(), period_s)
+        self._gateways.check(period_s)
 
     async def __aenter__(self) -> Self:
         await self._wait_for_name()
         try:
-            self._declare(asyncio.get_running_loop())
+            self._declare()
             # Two that started in the same instant saw nobody: the elder run keeps the name.
             elder = [other for other in await self._others() if other < self._incarnation]
             if elder:
                 raise self._duplicate(elder[0])
         except BaseException:
-            self._declared.close()
+            self._undeclare()
             raise
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._declared.close()
+        self._undeclare()
 
     def publish_state(self, payload: bytes) -> None:
         self._put(self._states, payload)
@@ -173,84 +100,64 @@ class ZenohLink:
     def publish_progress(self, payload: bytes, final: bool) -> None:
         self._put(self._ends if final else self._progress, payload)
 
-    def _put(self, publisher: Any, payload: bytes) -> None:
+    def _put(self, publisher: Publisher, payload: bytes) -> None:
         try:
             publisher.put(payload)
             self._dropping = False
-        except zenoh.ZError as error:
+        except TransportError as error:
             if not self._dropping:
                 _log.warning("%s: publications are dropped: %s", self._robot, error)
             self._dropping = True
 
-    def _declare(self, loop: asyncio.AbstractEventLoop) -> None:
+    def _declare(self) -> None:
         declare, session, keys, robot = self._declared.enter_context, self._session, self._keys, self._robot
         # A frame is worth nothing once the next one is there: drop rather than wait. How a motion ended must arrive.
-        self._states = declare(
-            session.declare_publisher(
-                keys.robot(robot, "state"),
-                congestion_control=zenoh.CongestionControl.DROP,
-                priority=zenoh.Priority.DATA,
-                express=False,
-            )
-        )
-        self._progress, self._ends = (
-            declare(session.declare_publisher(keys.robot(robot, "progress"), congestion_control=control, express=True))
-            for control in (zenoh.CongestionControl.DROP, zenoh.CongestionControl.BLOCK)
-        )
+        state, progress = keys.robot(robot, "state"), keys.robot(robot, "progress")
+        self._states = declare(session.declare_publisher(state, reliable=False, express=False))
+        self._progress = declare(session.declare_publisher(progress, reliable=False, express=True))
+        self._ends = declare(session.declare_publisher(progress, reliable=True, express=True))
+        self._gateways.declare()
+        self._declare_visible()
 
-        def hand_over(handler: Callable[[Any], None]) -> Callable[[Any], None]:
-            def callback(item: Any) -> None:
-                if not loop.is_closed():
-                    loop.call_soon_threadsafe(handler, item)
+    def _declare_visible(self) -> None:
+        """Declare what gateways see of the robot, or declare it anew.
 
-            return callback
+        One declaration after another, so that a stop finds nobody for less than a millisecond.
+        """
+        for place, declare in enumerate(self._declarations()):
+            kept = self._visible.setdefault(place, ExitStack())
+            kept.close()
+            kept.enter_context(declare())
 
-        declare(
-            session.declare_queryable(
-                keys.robot(robot, "description"), hand_over(self._answer_description), complete=True
-            )
-        )
+    def _declarations(self) -> Iterator[Callable[[], AbstractContextManager[object]]]:
+        declare, keys, robot = self._session.declare_queryable, self._keys, self._robot
+        yield partial(declare, keys.robot(robot, "description"), self._answer_description)
         kinds: tuple[Literal["command"], Literal["stop"]] = ("command", "stop")
         for kind in kinds:
-            answer = partial(self._answer, kind)
-            declare(session.declare_queryable(keys.robot(robot, kind), hand_over(answer), complete=True))
+            yield partial(declare, keys.robot(robot, kind), partial(self._answer, kind))
         for slow in self._slow:
-            key = keys.robot(robot, slow)
-            declare(session.declare_queryable(key, hand_over(partial(self._answer_slowly, slow)), complete=True))
-        declare(session.declare_subscriber(keys.all_heartbeats, hand_over(self._note_heartbeat)))
-        declare(session.liveliness().declare_subscriber(keys.all_gateways, hand_over(self._note_gateway), history=True))
+            yield partial(declare, keys.robot(robot, slow), partial(self._answer_slowly, slow))
         # Last: whoever sees the robot can ask it.
-        declare(session.liveliness().declare_token(keys.presence(robot, self._incarnation)))
+        yield partial(self._session.declare_token, keys.presence(robot, self._incarnation))
 
-    def _note_gateway(self, sample: zenoh.Sample) -> None:
-        note = self._gateways.appeared if sample.kind == zenoh.SampleKind.PUT else self._gateways.left
-        self._note(note, sample)
+    def _undeclare(self) -> None:
+        for declared in reversed(self._visible.values()):
+            declared.close()
+        self._gateways.close()
+        self._declared.close()
 
-    def _note_heartbeat(self, sample: zenoh.Sample) -> None:
-        self._note(self._gateways.heard, sample)
-
-    def _note(self, note: Callable[[str, float], None], sample: zenoh.Sample) -> None:
-        key = str(sample.key_expr)
-        try:
-            gateway = self._keys.gateway_of(key)
-        except ValueError as error:
-            _log.debug("%s: ignored: %s", self._robot, error)
-            return
-        note(gateway, time.monotonic())
-
-    def _answer_description(self, query: zenoh.Query) -> None:
+    def _answer_description(self, query: Query) -> None:
         self._reply(query, self._keys.robot(self._robot, "description"), self._description)
 
-    def _answer(self, kind: Literal["command", "stop"], query: zenoh.Query) -> None:
-        payload = b"" if query.payload is None else query.payload.to_bytes()
-        answer = self._answers[kind]
+    def _answer(self, kind: Literal["command", "stop"], query: Query) -> None:
+        payload, answer = query.payload, self._answers[kind]
         if self._tracing is None:
             reply = answer(payload)
         else:
-            reply = self._tracing.take(kind, self._robot, _attached(query), payload, answer)
+            reply = self._tracing.take(kind, self._robot, query.traceparent, payload, answer)
         self._reply(query, self._keys.robot(self._robot, kind), reply)
 
-    def _answer_slowly(self, kind: _Slow, query: zenoh.Query) -> None:
+    def _answer_slowly(self, kind: _Slow, query: Query) -> None:
         """Off the event loop: a slow disk, a slow renderer or a slow gateway must not hold up the robot."""
         slowly = self._slow[kind]
         if len(slowly.waiting) >= _MOST_WAITING[kind]:
@@ -260,26 +167,25 @@ class ZenohLink:
         slowly.waiting.add(task)
         task.add_done_callback(slowly.waiting.discard)
 
-    async def _send_slowly(self, kind: _Slow, slowly: "_Slowly", query: zenoh.Query) -> None:
+    async def _send_slowly(self, kind: _Slow, slowly: "_Slowly", query: Query) -> None:
         async with slowly.one:
             await asyncio.to_thread(self._read_and_reply, kind, slowly.read, query)
 
-    def _read_and_reply(self, kind: _Slow, read: Callable[[bytes], bytes], query: zenoh.Query) -> None:
+    def _read_and_reply(self, kind: _Slow, read: Callable[[bytes], bytes], query: Query) -> None:
         try:
-            content: bytes | _Refusal = read(b"" if query.payload is None else query.payload.to_bytes())
+            content: bytes | _Refusal = read(query.payload)
         except (MeshError, PictureError) as error:
             _log.info("%s: no %s: %s", self._robot, kind, error)
             content = _Refusal(str(error))
         self._reply(query, self._keys.robot(self._robot, kind), content)
 
-    def _reply(self, query: zenoh.Query, key: str, payload: "bytes | _Refusal") -> None:
+    def _reply(self, query: Query, key: str, payload: "bytes | _Refusal") -> None:
         try:
-            with query:  # dropping the query ends it for the asker
-                if isinstance(payload, _Refusal):
-                    query.reply_err(payload.reason.encode())
-                else:
-                    query.reply(key, payload)
-        except zenoh.ZError as error:
+            if isinstance(payload, _Refusal):
+                query.refuse(payload.reason.encode())
+            else:
+                query.reply(key, payload)
+        except TransportError as error:
             _log.warning("%s: a reply on %s could not be sent: %s", self._robot, key, error)
 
     async def _wait_for_name(self) -> None:
@@ -295,12 +201,8 @@ class ZenohLink:
 
     async def _others(self) -> list[int]:
         """The other incarnations of this robot that are alive now, the eldest first."""
-
-        def look() -> list[str]:
-            replies = self._session.liveliness().get(self._keys.presence_of(self._robot), timeout=_LOOK_TIMEOUT_S)
-            return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
-
-        found = [_incarnation(self._keys, key) for key in await asyncio.to_thread(look)]
+        keys = await self._session.list_tokens(self._keys.presence_of(self._robot), _LOOK_TIMEOUT_S)
+        found = [_incarnation(self._keys, key) for key in keys]
         return sorted(incarnation for incarnation in found if incarnation not in (None, self._incarnation))
 
     def _duplicate(self, incarnation: int) -> DuplicateNameError:
@@ -323,12 +225,6 @@ class _Slowly:
     read: Callable[[bytes], bytes]
     one: asyncio.Lock = field(default_factory=asyncio.Lock)
     waiting: set[asyncio.Task[None]] = field(default_factory=set)
-
-
-def _attached(query: zenoh.Query) -> bytes | None:
-    """What may be a traceparent."""
-    attached = query.attachment
-    return None if attached is None or len(attached) > traceparent.MAX_BYTES else attached.to_bytes()
 
 
 def _incarnation(keys: Keys, key: str) -> int | None:

@@ -81,12 +81,11 @@ def judge(
 ) -> Accepted | Refused:
     """Accept, or refuse with the first thing that is wrong. ``now_ns`` is the agent's own monotonic clock."""
     targets = list(_targets(command.motion))
-    named = [*(name for name, _ in targets), *(_caps(command.motion))]
     problem = (
         _contradiction(command.motion)
         or _wrong_run(command, incarnation, seen)
         or _late(command, now_ns, stops)
-        or next(filter(None, (_wrong_joint(name, joints) for name in dict.fromkeys(named))), None)
+        or next(filter(None, (_wrong_joint(name, joints) for name in dict(targets))), None)
         or next(filter(None, (_unknown(name, joints) for name in command.expects)), None)
         or next(filter(None, (_beyond(joints[name], target) for name, target in targets)), None)
     )
@@ -136,10 +135,6 @@ def _targets(motion: Move | Follow) -> Iterator[tuple[str, float]]:
     for name, column in zip(motion.joints, zip(*motion.positions, strict=False), strict=False):
         yield from ((name, position) for position in column if not math.isfinite(position))
         yield from ((name, min(column)), (name, max(column)))  # which speak for all the others
-
-
-def _caps(motion: Move | Follow) -> Mapping[str, float]:
-    return motion.speeds if isinstance(motion, Move) else {}
 
 
 def _contradiction(motion: Move | Follow) -> _Problem:

@@ -34,7 +34,7 @@ with zenoh.open(config):
 _TIMER = """
 import asyncio, sys
 import zenoh
-from agents.link import configuration
+from agents.zenoh_session import configuration
 from agents.wire.keys import Keys
 endpoint, period_s, payload = sys.argv[1], 1.0 / float(sys.argv[2]), bytes(int(sys.argv[3]))
 async def main():

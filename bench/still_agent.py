@@ -8,9 +8,10 @@ import sys
 from collections.abc import Mapping
 
 from agents.agent import Agent
-from agents.link import ZenohLink, open_session
+from agents.link import RobotLink
 from agents.robot import Facts, JointFacts, Limits, Reading
 from agents.wire.keys import Keys
+from agents.zenoh_session import open_session
 
 
 class Still:
@@ -49,7 +50,7 @@ async def main() -> None:
     endpoint, joints, rate_hz = sys.argv[1], int(sys.argv[2]), float(sys.argv[3])
     agent, keys = Agent("still", Still(joints), rate_hz=rate_hz), Keys()
     async with open_session((endpoint,)) as session:
-        link = ZenohLink(
+        link = RobotLink(
             session, keys, robot=agent.name, incarnation=agent.incarnation, description=agent.description,
             on_command=agent.handle, on_stop=agent.handle_stop, on_mesh=agent.mesh,
         )  # fmt: skip

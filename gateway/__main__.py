@@ -7,61 +7,30 @@ import os
 import signal
 import socket
 import sys
-from collections.abc import AsyncIterator, Iterator
-from contextlib import asynccontextmanager, contextmanager
-from functools import partial
-from typing import Any
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 
-import uvicorn
 import uvloop
-from starlette.applications import Starlette
 
 from agents.wire.trust import is_loopback, open_to_all
 from gateway.app import create_app
 from gateway.exposure import complaints
-from gateway.http.patience import HEAD_S
-from gateway.http.protocol import HttpProtocol
-from gateway.http.sockets import Sockets, within_files
-from gateway.http.tls import Certificate, secured
-from gateway.http.websocket_protocol import WebSocketProtocol
+from gateway.http.server import Server
+from gateway.http.tls import Certificate
 from gateway.identity.roster import BadRoster
-from gateway.link import LinkError
 from gateway.observe.log import configure
 from gateway.observe.tracing import Tracing, open_tracing
 from gateway.session import trust
 from gateway.settings import GatewaySettings
 from gateway.store.connection import BadUrl
+from gateway.transport import LinkError
 from telemetry.spans import TracingUnavailable
 
-_DRAIN_S = 5  # for requests under way; 2 s may go by before a robot that does not answer is given up
 # An Upgrade that is ignored, and each WebSocket that comes and goes.
 _ORDINARY = ("Unsupported upgrade request.", '%s - "WebSocket %s"', "connection open", "connection closed",
              "connection rejected", "HTTP response sent")  # fmt: skip
-_WEBSOCKET_BYTES = 4096
-_PING_S = 20
 _UNSENT_BYTES = 16 * 1024
 _BACKLOG = 2048  # uvicorn's
-
-
-class _Server(uvicorn.Server):
-    """Leaves signals to us: uvicorn raises them again after serving, which would cut the lifespan short."""
-
-    def __init__(self, config: uvicorn.Config, app: Starlette) -> None:
-        super().__init__(config)
-        self._app = app
-
-    def leave(self, number: int) -> None:
-        """Take no more work, and end when that under way is done; from now on the gateway is not ready."""
-        self._app.state.draining = True
-        self.handle_exit(number, None)
-
-    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        self._app.state.actions.waiting.hurry()
-        await super().shutdown(sockets)
-
-    @contextmanager
-    def capture_signals(self) -> Iterator[None]:
-        yield
 
 
 _SWITCH_S = 0.0005
@@ -121,22 +90,7 @@ async def _serve(
     settings: GatewaySettings, listener: socket.socket, certificate: Certificate | None, tracing: Tracing | None
 ) -> int:
     app = create_app(settings, tracing)
-    sockets = Sockets(within_files(int(settings.sockets)), int(settings.sockets_per_client))
-    http: Any = partial(HttpProtocol, sockets=sockets, repeats=app.state.repeats)
-    # The lifespan is entered here, not by the server: its errors stay exceptions, and the address is printed when true.
-    config = uvicorn.Config(
-        app, lifespan="off", log_config=None, access_log=False, server_header=False,
-        proxy_headers=False,  # uvicorn would believe loopback; gateway.http.forwarded believes named fronts
-        timeout_graceful_shutdown=_DRAIN_S, timeout_keep_alive=int(HEAD_S),
-        # On h11. httptools loses the body of a request whose Upgrade is ignored (uvicorn issue 2722), and the authority
-        # of an absolute request target, and makes a 400 of every method that it does not know.
-        http=secured(http, certificate.context) if certificate else http,
-        # One framed buffer serves all subscribers, so there is no compression; and clients have nothing to say.
-        ws=WebSocketProtocol, ws_per_message_deflate=False, ws_max_size=_WEBSOCKET_BYTES,
-        ws_ping_interval=_PING_S, ws_ping_timeout=_PING_S,
-    )  # fmt: skip
-    app.state.draining = False
-    server = _Server(config, app)
+    server = Server(app, settings, certificate)
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, server.leave, number)
     async with app.router.lifespan_context(app), _followed(certificate):

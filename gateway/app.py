@@ -29,6 +29,7 @@ from gateway.live import Live
 from gateway.observe.audit import Audit
 from gateway.observe.counts import Requests
 from gateway.observe.front import Front
+from gateway.observe.health import Readiness
 from gateway.observe.metrics import Numbers, registry
 from gateway.observe.sampler import Sampler
 from gateway.observe.tracing import Tracing
@@ -44,16 +45,20 @@ from gateway.subscriptions.network import Network
 from gateway.subscriptions.service import Subscriptions, new_run
 from gateway.subscriptions.store import Store
 from gateway.things.directory import WINGS as THINGS
+from gateway.transport import Opener
 from gateway.world.service import World
+from gateway.zenoh_session import open_session as open_zenoh
 
 
-def create_app(settings: GatewaySettings, tracing: Tracing | None = None) -> Starlette:
-    """The ASGI application; entering its lifespan joins the fleet."""
+def create_app(
+    settings: GatewaySettings, tracing: Tracing | None = None, open_session: Opener = open_zenoh
+) -> Starlette:
+    """The ASGI application; entering its lifespan joins the fleet, through the session that ``open_session`` opens."""
 
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
         async with AsyncExitStack() as stack:
-            live = await stack.enter_async_context(Live(settings))
+            live = await stack.enter_async_context(Live(settings, open_session))
             live.add(*THINGS)
             span_s, rate_hz = float(settings.history_s), float(settings.history_hz)
             history = await stack.enter_async_context(
@@ -116,6 +121,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None) -> Sta
         ],
         lifespan=lifespan,
     )
+    app.state.readiness = Readiness()
     app.state.turns, app.state.repeats, app.state.offload = Turns(), Repeats(rates, requests), Offload()
     app.router.default = resources  # no route of its own has ever to know the tree, nor `OPTIONS *`
     return app

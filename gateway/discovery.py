@@ -17,6 +17,7 @@ from gateway.fleet.answers import read_description
 from gateway.fleet.description_queue import Bounds, DescriptionQueue
 from gateway.fleet.events import Appeared, Described, Event, Undescribed, Vanished
 from gateway.fleet.presence import Presence, Token
+from gateway.fleet.silences import Doubt
 
 _log = logging.getLogger(__name__)
 
@@ -29,7 +30,9 @@ _SHARE = 0.25  # of a processor for sending questions, as long as one takes less
 _TICK_S = 0.004
 _IDLE_S = 0.05
 _HASTE_S = 1.0  # a robot that has described itself so lately waits before it is asked for its next run
+_LEAVING_S = 0.05  # agents and gateways withdraw tokens and declare them again (agents/renewal.py)
 _RELIST_S = 5.0
+_RENEW_S = 5.0  # from one declaration of the gateway to the next
 _MAX_REASON = 500
 _MANY = 64  # robots without a description before the log says so, and again at each doubling
 
@@ -43,7 +46,7 @@ ListTokens = Callable[[], Awaitable[tuple[Sequence[Token], bool]]]
 class Discovery:
     """``tell`` gets the events, but for those that ``token`` returns. Used in the event loop; ``close`` ends it.
 
-    ``appeared`` is called for each new run.
+    ``appeared`` is called for each new run, ``declare_anew`` when frames of a robot do not come although it is there.
     """
 
     def __init__(
@@ -51,9 +54,11 @@ class Discovery:
         ask: Ask,
         list_tokens: ListTokens,
         tell: Callable[[list[Event]], None],
-        appeared: Callable[[], None] = lambda: None,
+        appeared: Callable[[], None],
+        declare_anew: Callable[[], Coroutine[None, None, None]],
     ) -> None:
         self._ask, self._list_tokens, self._tell, self._appeared = ask, list_tokens, tell, appeared
+        self._declare_anew, self._declared_s = declare_anew, -_RENEW_S
         self._loop = asyncio.get_running_loop()
         self._presence = Presence()
         self._known, self._audible = DescriptionQueue(FEW), DescriptionQueue(FEW)
@@ -61,6 +66,9 @@ class Discovery:
         self._sending_s = self._paced_s = self._due_s = 0.0
         self._described_s: dict[str, float] = {}
         self._missing: dict[str, set[int]] = {}
+        self._doubts: dict[Token, Doubt] = {}
+        self._silent = set[Token]()
+        self._leaving: dict[Token, asyncio.TimerHandle] = {}
         self._reported: dict[str, str] = {}
         self._gone: set[Token] | None = None
         self._many = _MANY
@@ -78,16 +86,37 @@ class Discovery:
     async def close(self) -> None:
         if self._timer is not None:
             self._timer.cancel()
+        for leaving in self._leaving.values():
+            leaving.cancel()
         await end(self._tasks)
 
     def token(self, token: Token, present: bool) -> list[Event]:
-        """Take the news of one token."""
-        return self._add(token, evict=True) if present else self._remove(token)
+        """Take the news of one token. One that is declared again at once has not gone."""
+        leaving = self._leaving.pop(token, None)
+        if leaving is not None:
+            leaving.cancel()
+        if present:
+            return self._add(token, evict=True)
+        self._leaving[token] = self._loop.call_later(_LEAVING_S, self._leave, token)
+        return []
+
+    def _leave(self, token: Token) -> None:
+        del self._leaving[token]
+        self._tell(self._remove(token))
 
     def heard(self, robot: str) -> None:
         """A frame came that may be of a robot without a description."""
         if robot in self._strangers:
             self._audible.add(robot, self._loop.time(), self._strangers.discard(robot))
+            self._ask_soon(0)
+
+    def doubt(self, doubt: Doubt) -> None:
+        """Ask a run that was described whether it is there. One that does not answer is told to have vanished."""
+        robot, run = doubt.token
+        if doubt.token in self._presence and run not in self._missing.get(robot, ()):
+            self._doubts[doubt.token] = doubt
+            self._missing.setdefault(robot, set()).add(run)
+            self._known.add(robot, self._loop.time())
             self._ask_soon(0)
 
     def sent(self, processor_s: float) -> None:
@@ -116,7 +145,7 @@ class Discovery:
             return events
         if dropped is not None:
             events.append(Vanished(*dropped))
-            self._missing.get(robot, set()).discard(dropped[1])
+            self._unwant(*dropped)
         self._missing.setdefault(robot, set()).add(run)
         now_s = self._loop.time()
         hasty = now_s - self._described_s.get(robot, -_HASTE_S) < _HASTE_S
@@ -204,6 +233,10 @@ class Discovery:
             queue.finished(robot)
             return
         asked = queue.failed(robot, self._loop.time())
+        if asked >= SILENT_QUESTIONS:
+            self._give_up({(robot, run) for run in missing})
+        if (robot, max(missing)) in self._doubts:
+            return
         reason = reasons[-1][:_MAX_REASON]
         told = self._reported.get(robot, "")
         # Silence may be that of an agent under load; what was said wrongly is worth telling at once.
@@ -216,6 +249,7 @@ class Discovery:
         robot, run = said.robot, said.incarnation
         if run not in self._missing.get(robot, ()):
             return  # the run ended while it was being asked
+        doubt, silent = self._doubts.get((robot, run)), (robot, run) in self._silent
         self._unwant(robot, run)
         self._presence.describe(robot)
         self._reported.pop(robot, None)
@@ -223,9 +257,22 @@ class Discovery:
         self._described_s[robot] = self._loop.time()
         if len(self._described_s) > MAX_KNOWN:
             del self._described_s[next(iter(self._described_s))]
-        self._tell([Described(said)])
+        self._tell([Appeared(robot, run), Described(said)] if silent else [Described(said)])
+        if doubt is not None and doubt.renew and self._loop.time() >= self._declared_s + _RENEW_S:
+            _log.warning("robot %s answers and sends no frames: the gateway declares itself to Zenoh anew", robot)
+            self._declared_s = self._loop.time()
+            self._start(self._declare_anew())
+
+    def _give_up(self, runs: set[Token]) -> None:
+        """Tell that runs have vanished that neither send nor answer; they are asked on as long as their token stays."""
+        lost = self._doubts.keys() & runs - self._silent
+        self._silent |= lost
+        if lost:
+            self._tell([Vanished(*token) for token in lost])
 
     def _unwant(self, robot: str, run: int) -> None:
+        self._doubts.pop((robot, run), None)
+        self._silent.discard((robot, run))
         missing = self._missing.get(robot, set())
         missing.discard(run)
         if not missing:

@@ -7,9 +7,8 @@ import asyncio
 import logging
 from contextlib import suppress
 
-import zenoh
-
 from agents.wire.transport import HEARTBEAT_S
+from gateway.transport import Session, TransportError
 
 _log = logging.getLogger(__name__)
 
@@ -19,15 +18,8 @@ _SHORTEST_S = 0.1  # from one to the next, so that a thousand robots that come a
 class Heartbeat:
     """Sent on ``key`` by the event loop every ``HEARTBEAT_S``, from ``start`` to ``close``."""
 
-    def __init__(self, session: zenoh.Session, key: str) -> None:
-        # No other message has this priority. Its queue is therefore its own: a full connection neither delays a
-        # heartbeat nor holds up the event loop.
-        self._publisher = session.declare_publisher(
-            key,
-            congestion_control=zenoh.CongestionControl.DROP,
-            priority=zenoh.Priority.INTERACTIVE_HIGH,
-            express=True,
-        )
+    def __init__(self, session: Session, key: str) -> None:
+        self._publish = session.declare_heartbeat(key)
         self._failing = False
         self._wanted = asyncio.Event()
         self._task: asyncio.Task[None] | None = None
@@ -54,9 +46,9 @@ class Heartbeat:
 
     def _send(self) -> None:
         try:
-            self._publisher.put(b"")
+            self._publish()
             self._failing = False
-        except zenoh.ZError as error:
+        except TransportError as error:
             if not self._failing:
                 _log.error("no heartbeat can be sent, so robots hold: %s", error)
             self._failing = True

@@ -1,14 +1,9 @@
-"""What comes in over Zenoh: presence, frames and progress, brought from Zenoh's threads into the event loop."""
+"""Presence, frames and progress that come in, brought from the threads of the session into the event loop."""
 
 import asyncio
-import contextlib
 import logging
-import threading
 import time
 from collections.abc import Callable, Iterator
-from typing import Any
-
-import zenoh
 
 from agents.wire.codec import WireError, decode
 from agents.wire.keys import Keys, RobotKey
@@ -18,15 +13,12 @@ from gateway.fleet.complaints import Complaints
 from gateway.fleet.events import Event, Framed, Moved
 from gateway.fleet.frames import Frames
 from gateway.fleet.inbox import Batch, Inbox, Payload
-from gateway.questions import bounded
+from gateway.transport import Session
 
 _log = logging.getLogger(__name__)
 
 MAX_STATE_BYTES = MAX_PROGRESS_BYTES = 65_536
 TURN_S = 0.004
-_WAITING = 4096  # frames that Zenoh keeps for the thread that reads them; above that its connections wait
-_NAP_S = 0.001
-"""So long frames are left to gather: to be woken for each costs as much as all that is done with it."""
 
 
 class Incoming:
@@ -54,13 +46,11 @@ class Incoming:
         self._more = False
         self.complaints = Complaints(_log)
 
-    def declare(self, session: zenoh.Session) -> tuple[object, ...]:
-        """Begin to listen; what is returned has to be kept as long. Frames come first: who is seen is listened to."""
-        states = session.declare_subscriber(self._keys.all_states, zenoh.handlers.FifoChannel(_WAITING))
-        threading.Thread(target=self._read_states, args=(states.handler,), name="frames", daemon=True).start()
-        progress = session.declare_subscriber(self._keys.all_progress, self._hear_progress)
-        presence = session.liveliness().declare_subscriber(self._keys.all_presence, self._hear_presence, history=True)
-        return states, progress, presence
+    async def declare(self, session: Session) -> None:
+        """Begin to listen, to frames first: whoever is seen is already being listened to."""
+        await session.subscribe_frames(self._keys.all_states, MAX_STATE_BYTES, self._hear_state)
+        await session.subscribe(self._keys.all_progress, MAX_PROGRESS_BYTES, self._inbox.put_progress)
+        await session.subscribe_tokens(self._keys.all_presence, self._inbox.put_presence)
 
     def close(self) -> None:
         """Nothing is told from here on."""
@@ -76,15 +66,6 @@ class Incoming:
 
     # -- in threads -------------------------------------------------------------------------------------------------
 
-    def _read_states(self, states: Any) -> None:
-        with contextlib.suppress(zenoh.ZError):  # the session was closed
-            while True:
-                sample: zenoh.Sample | None = states.recv()
-                while sample is not None:
-                    self._hear_state(str(sample.key_expr), bounded(sample.payload, MAX_STATE_BYTES))
-                    sample = states.try_recv()
-                time.sleep(_NAP_S)
-
     def _hear_state(self, key: str, payload: Payload) -> None:
         latest = None if isinstance(payload, int) else self._frames.put(key, payload, time.time_ns())
         if latest is None:
@@ -92,12 +73,6 @@ class Incoming:
         elif self._frames.urgent(latest):
             latest.rung = True
             self._inbox.put_moved(latest.robot)
-
-    def _hear_progress(self, sample: zenoh.Sample) -> None:
-        self._inbox.put_progress(str(sample.key_expr), bounded(sample.payload, MAX_PROGRESS_BYTES))
-
-    def _hear_presence(self, sample: zenoh.Sample) -> None:
-        self._inbox.put_presence(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
 
     # -- in the event loop ------------------------------------------------------------------------------------------
 

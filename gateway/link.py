@@ -1,20 +1,13 @@
 """The gateway's end of Zenoh: presence, frames and progress come in, commands and questions go out.
 
-With ``heartbeat.py``, ``incoming.py`` and ``questions.py`` all of the gateway that imports zenoh. Zenoh calls back on
-its threads; such a callback only puts a payload where the event loop finds it. Calls that may block on a full
-connection happen in a small thread pool.
+It reaches Zenoh through a ``gateway.transport.Session`` alone.
 """
 
 import asyncio
 import contextlib
-import json
 import logging
-import threading
-from collections.abc import Callable, Collection, Mapping
-from types import MappingProxyType
-from typing import Any, Self
-
-import zenoh
+from collections.abc import Awaitable, Callable, Collection, Iterable
+from typing import Self
 
 from agents.wire.codec import encode
 from agents.wire.keys import Keys
@@ -36,14 +29,14 @@ from gateway.fleet.answers import read_mesh, read_reply
 from gateway.fleet.cameras import Picture, read_picture, size_limit
 from gateway.fleet.events import Event
 from gateway.fleet.frames import Frames
-from gateway.fleet.inbox import MAX_KEYS
 from gateway.fleet.presence import Token
 from gateway.fleet.robot import Robot
+from gateway.fleet.silences import Doubt
 from gateway.heartbeat import Heartbeat
 from gateway.incoming import Incoming
 from gateway.observe.context import step
-from gateway.questions import Questions
-from gateway.session import open_failure, port_is_taken, settings
+from gateway.questions import ask
+from gateway.transport import Question, Session, TransportError
 
 _log = logging.getLogger(__name__)
 
@@ -51,11 +44,8 @@ MAX_DESCRIPTION_BYTES = 9_000_000
 MAX_REPLY_BYTES = 65_536
 DESCRIPTION_TIMEOUT_S = 2.0
 LISTING_TIMEOUT_S = 5.0
-BIND_PATIENCE_S = 2.0
-
-
-class LinkError(Exception):
-    """The link cannot be opened: a port that is taken or an endpoint that means nothing. One line for a human."""
+ASK_AGAIN_S = 0.05
+"""Until a stop that a robot has not answered, or a command that reached nobody, is sent to it again."""
 
 
 class NoAnswer(Exception):  # noqa: N818 -- it is an outcome, not a defect
@@ -67,38 +57,33 @@ class NoAnswer(Exception):  # noqa: N818 -- it is an outcome, not a defect
 
 
 class FleetLink:
-    """An open link, as an async context manager. Raises LinkError on entry.
+    """An open link, as an async context manager. Raises on entry what ``open_session`` raises.
 
     ``on_events`` and ``on_progress`` are called in the event loop, one batch after another. ``frames`` may take frames
-    without an event. ``trust`` is Zenoh's configuration of who proves what to whom.
+    without an event.
     """
 
     def __init__(
         self,
         keys: Keys,
         gateway_name: str,
-        listen: tuple[str, ...],
-        connect: tuple[str, ...],
+        open_session: Callable[[], Awaitable[Session]],
         on_events: Callable[[list[Event]], None],
         on_progress: Callable[[str, Progress], None],
-        trust: Mapping[str, object] = MappingProxyType({}),
         frames: Frames | None = None,
     ) -> None:
         self._keys = keys
         self._gateway_name = gateway_name
-        self._listen = listen
-        self._connect = connect
-        self._trust = trust
+        self._open_session = open_session
         self._frames = frames or Frames()
         self._on_events = on_events
         self._on_progress = on_progress
-        self._expected: dict[str, zenoh.KeyExpr] = {}
-        self._declared: tuple[object, ...] = ()
+        self._listens = False
 
     @property
     def joined(self) -> bool:
         """Whether robots can be heard: of a gateway that is to connect somewhere, whether anybody is connected."""
-        return bool(self._declared) and (not self._connect or bool(self._session.info.transports()))
+        return self._listens and self._session.connected
 
     @property
     def malformed(self) -> dict[str, int]:
@@ -111,24 +96,29 @@ class FleetLink:
         return self._discovery.undescribed
 
     async def __aenter__(self) -> Self:
-        self._loop = asyncio.get_running_loop()
-        self._questions = Questions()
         self._discovery = Discovery(
-            self._ask_description, self._list_tokens, self._on_events, lambda: self._heartbeat.hasten()
-        )
+            self._ask_description, self._list_tokens, self._on_events, lambda: self._heartbeat.hasten(),
+            lambda: self._session.declare_anew(),
+        )  # fmt: skip
         self._incoming = Incoming(self._keys, self._frames, self._discovery, self._on_events, self._on_progress)
-        try:
-            self._session = await self._open()
-        except BaseException:
-            self._questions.close()
-            raise
+        self._session = await self._open_session()
         self._heartbeat = Heartbeat(self._session, self._keys.heartbeat(self._gateway_name))
         return self
 
     async def join(self) -> None:
-        """Be seen by the robots, and hear them; until then the link is open and silent."""
-        await self._questions.in_thread(self._declare)
+        """Be seen by the robots, and hear them; until then the link is open and silent.
+
+        The order leaves no gap: whoever sees this gateway, or is seen by it, is already being listened to.
+        """
+        await self._incoming.declare(self._session)
+        await self._session.declare_token(self._keys.gateway(self._gateway_name))
+        self._listens = True
         self._heartbeat.start()
+
+    def doubt(self, doubts: Iterable[Doubt]) -> None:
+        """Find out which of these runs are there."""
+        for doubt in doubts:
+            self._discovery.doubt(doubt)
 
     async def roll_call(self, timeout_s: float) -> set[str]:
         """Names of the robots that are there now, as far as is known within ``timeout_s``."""
@@ -140,22 +130,39 @@ class FleetLink:
         self._incoming.close()
         await self._discovery.close()
         try:
-            await self._questions.in_thread(self._session.close)
-        except zenoh.ZError as error:
+            await self._session.close()
+        except TransportError as error:
             _log.warning("the Zenoh session did not close cleanly: %s", error)
-        self._questions.close()
 
     async def command(self, robot: str, command: Command, timeout_s: float) -> Reply:
-        """Send a command and return the agent's reply. Raises NoAnswer when none comes within ``timeout_s``."""
+        """Send a command and return the agent's reply. Raises NoAnswer when none comes within ``timeout_s``.
+
+        A command that reached nobody is sent once more after ``ASK_AGAIN_S``: an agent that declares itself anew has no
+        queryable for a moment. An agent executes a command once, however often it comes.
+        """
         refusals: list[Reply] = []
         reasons = [f"no agent takes commands for robot {robot!r}"]
+        answers = 0
 
         def judge(answer: bytes | str, _: str) -> Reply | None:
+            nonlocal answers
+            answers += 1
             reply, reason = read_reply(answer, command.id)
             if isinstance(reply, Refused) and reply.code == "incarnation":
                 refusals.append(reply)  # of another run; the one that is meant may answer as well
                 return None
             reasons.append(reason)
+            return reply
+
+        async def send(question: Question) -> Reply | None:
+            reply: Reply | None = await ask(self._session, question, judge)
+            if answers:
+                return reply
+            await asyncio.sleep(ASK_AGAIN_S)
+            reply = await ask(self._session, question, judge)
+            if isinstance(reply, Refused) and reply.code == "repeated":
+                reasons.append(f"robot {robot!r} took the command, and its reply was lost")
+                return None
             return reply
 
         reply: Reply | None = None
@@ -164,10 +171,11 @@ class FleetLink:
             traceparent = None if span is None else span.traceparent
             try:
                 key = self._keys.robot(robot, "command")
-                reply = await self._questions.ask(
-                    self._session, self._expected.get(key, key), timeout_s, MAX_REPLY_BYTES, encode(command), judge,
-                    traceparent=traceparent, patient=False,
-                )  # fmt: skip
+                question = Question(
+                    key, encode(command), timeout_s, MAX_REPLY_BYTES, patient=False, traceparent=traceparent
+                )
+                async with asyncio.timeout(timeout_s):
+                    reply = await send(question)
             except TimeoutError:
                 reasons.append(f"robot {robot!r} did not answer within {timeout_s} s")
             reply = reply or next(iter(refusals), None)
@@ -175,16 +183,20 @@ class FleetLink:
                 span.replied(reply)
             if reply is None:
                 raise NoAnswer(reasons[-1])
-        if key not in self._expected:
-            await self._questions.in_thread(self._expect, key)
+        await self._session.keep_route(key)
         return reply
 
-    async def stop(self, robots: Collection[str] | None, stop: Stop, timeout_s: float) -> dict[str, Reply]:
+    async def stop(
+        self, robots: Collection[str] | None, stop: Stop, timeout_s: float, online: Collection[str] = ()
+    ) -> dict[str, Reply]:
         """Stop these robots, or all there are: what those of them replied that did within ``timeout_s``.
 
-        All are asked at once, and none waits for another.
+        All are asked at once, and none waits for another. Those that are named, or of all those that are ``online``,
+        are asked once more if they have not replied within ``ASK_AGAIN_S``: an agent that declares itself anew has no
+        queryable for a moment.
         """
         replies: dict[str, Reply] = {}
+        expected = online if robots is None else robots
 
         def note(answer: bytes | str, key: str) -> None:
             reply, reason = read_reply(answer, stop.id)
@@ -194,25 +206,32 @@ class FleetLink:
             elif robot is not None and not isinstance(replies.get(robot.robot), Accepted):  # two runs may answer
                 replies[robot.robot] = reply
 
-        async def ask(key: str, traceparent: bytes | None) -> None:
+        async def send(key: str, traceparent: bytes | None) -> None:
+            question = Question(
+                key, encode(stop), timeout_s, MAX_REPLY_BYTES, priority="real time", traceparent=traceparent
+            )
             with contextlib.suppress(TimeoutError):
-                await self._questions.ask(
-                    self._session,
-                    key,
-                    timeout_s,
-                    MAX_REPLY_BYTES,
-                    encode(stop),
-                    note,
-                    zenoh.Priority.REAL_TIME,
-                    traceparent,
-                )
+                await ask(self._session, question, note)
+
+        async def send_again(traceparent: bytes | None) -> None:
+            await asyncio.sleep(ASK_AGAIN_S)
+            silent = [self._keys.robot(name, "stop") for name in expected if name not in replies]
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(timeout_s - ASK_AGAIN_S):
+                    await asyncio.gather(*(send(key, traceparent) for key in silent))
 
         keys = [self._keys.all_stops] if robots is None else [self._keys.robot(name, "stop") for name in robots]
         about = {"command": stop.id} | ({} if stop.rehearsal else {"invocation": stop.command or stop.id})
         (only,) = robots if robots is not None and len(robots) == 1 else (None,)
         with step("send stop", asks=True, **about, **({} if only is None else {"robot": only})) as span:
             traceparent = None if span is None else span.traceparent
-            await asyncio.gather(*(ask(key, traceparent) for key in keys))
+            again = asyncio.create_task(send_again(traceparent))
+            try:
+                await asyncio.gather(*(send(key, traceparent) for key in keys))
+                if any(name not in replies for name in expected):
+                    await again
+            finally:
+                again.cancel()
             if span is not None and only is not None:
                 span.replied(replies.get(only))
         return replies
@@ -230,9 +249,7 @@ class FleetLink:
         key, asked = self._keys.robot(robot, "mesh"), mesh.sha256.encode()
         try:
             # What moves and what is measured overtakes it.
-            content = await self._questions.ask(
-                self._session, key, timeout_s, mesh.size, asked, judge, zenoh.Priority.BACKGROUND
-            )
+            content = await ask(self._session, Question(key, asked, timeout_s, mesh.size, priority="background"), judge)
         except TimeoutError:
             reasons.append(f"robot {robot!r} did not answer within {timeout_s} s")
         if content is None:
@@ -252,10 +269,10 @@ class FleetLink:
 
         picture: Picture | None = None
         key = self._keys.robot(robot.name, "picture")
-        question = encode(Glance(version=WIRE_VERSION, camera=camera.name, format=format))
+        glance = encode(Glance(version=WIRE_VERSION, camera=camera.name, format=format))
         try:
-            picture = await self._questions.ask(
-                self._session, key, timeout_s, size_limit(camera), question, judge, zenoh.Priority.BACKGROUND
+            picture = await ask(
+                self._session, Question(key, glance, timeout_s, size_limit(camera), priority="background"), judge
             )
         except TimeoutError:
             reasons.append(f"robot {robot.name!r} did not answer within {timeout_s} s")
@@ -263,60 +280,21 @@ class FleetLink:
             raise NoAnswer(reasons[-1])
         return picture
 
-    async def _open(self) -> zenoh.Session:
-        config = zenoh.Config()
-        for name, value in settings(self._listen, self._connect, self._trust).items():
-            try:
-                config.insert_json5(name, json.dumps(value))
-            except zenoh.ZError as error:
-                raise LinkError(f"Zenoh does not take {name}: {str(error).splitlines()[0]}") from error
-        patience = self._loop.time() + BIND_PATIENCE_S
-        while True:
-            try:
-                return await self._questions.in_thread(zenoh.open, config)
-            except zenoh.ZError as error:
-                # A gateway that was just replaced may hold the port for a moment longer.
-                if not port_is_taken(error) or self._loop.time() > patience:
-                    raise LinkError(open_failure(error, self._listen)) from error
-            await asyncio.sleep(0.1)
-
-    def _declare(self) -> None:
-        """The order leaves no gap: whoever sees this gateway, or is seen by it, is already being listened to."""
-        listened = self._incoming.declare(self._session)
-        token = self._session.liveliness().declare_token(self._keys.gateway(self._gateway_name))
-        self._declared = (*listened, token)
-
     async def _list_tokens(self, timeout_s: float = LISTING_TIMEOUT_S) -> tuple[list[Token], bool]:
         """Tokens of all runs, the highest first, and whether these are all that there are."""
+        return await self._session.list_tokens(self._keys.all_presence, timeout_s, self._read_tokens)
 
-        def ask() -> tuple[list[Token], bool]:
-            # Those that are known are told before ``get`` returns: a channel of Zenoh is full at 256, and blocks it.
-            replies, over = list[zenoh.Reply](), threading.Event()
-            handler: Any = zenoh.handlers.Callback(replies.append, drop=over.set, indirect=False)
-            self._session.liveliness().get(self._keys.all_presence, handler, timeout=timeout_s)
-            complete = over.wait(timeout_s)
-            found = list[Token]()
-            for reply in replies.copy():
-                complete = complete and reply.ok is not None
-                with contextlib.suppress(ValueError):  # who declared it was counted when it came
-                    key = self._keys.parse(str(reply.ok.key_expr)) if reply.ok is not None else None
-                    if key is not None and key.incarnation is not None:
-                        found.append((key.robot, key.incarnation))
-            return sorted(found, reverse=True), complete
-
-        return await self._questions.in_thread(ask)
+    def _read_tokens(self, keys: Iterable[str]) -> list[Token]:
+        found = list[Token]()
+        for key in keys:
+            with contextlib.suppress(ValueError):  # who declared it was counted when it came
+                parsed = self._keys.parse(key)
+                if parsed.incarnation is not None:
+                    found.append((parsed.robot, parsed.incarnation))
+        return sorted(found, reverse=True)
 
     async def _ask_description(self, robot: str, judge: Judge) -> None:
         """One question. Raises TimeoutError."""
-        key, sent = self._keys.robot(robot, "description"), self._discovery.sent
-        said = await self._questions.ask(
-            self._session, key, DESCRIPTION_TIMEOUT_S, MAX_DESCRIPTION_BYTES, None, judge, sent=sent
-        )
-        if said is not None:
-            await self._questions.in_thread(self._expect, self._keys.robot(robot, "state"))
-
-    def _expect(self, key: str) -> zenoh.KeyExpr | str:
-        """Have Zenoh keep the route of a key. Without that it looks for it each time, among the keys of all robots."""
-        if key not in self._expected and len(self._expected) < MAX_KEYS:
-            self._expected[key] = self._session.declare_keyexpr(key)
-        return self._expected.get(key, key)
+        question = Question(self._keys.robot(robot, "description"), None, DESCRIPTION_TIMEOUT_S, MAX_DESCRIPTION_BYTES)
+        if await ask(self._session, question, judge, self._discovery.sent) is not None:
+            await self._session.keep_route(self._keys.robot(robot, "state"))

@@ -4,7 +4,7 @@ import asyncio
 import logging
 import time
 from collections import Counter
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
 from contextlib import suppress
 from types import TracebackType
 
@@ -14,6 +14,7 @@ from gateway.fleet.events import Event, Moved
 from gateway.fleet.fleet import Change, Fleet
 from gateway.fleet.frames import Frames
 from gateway.fleet.invocations import Invocation, Invocations
+from gateway.fleet.silences import Run, Silences
 from gateway.graph.invocation import invocation_path, invocations_path
 from gateway.graph.paths import joint_path, robot_path
 from gateway.graph.tree import EMPTY, Shelf, Tree
@@ -23,6 +24,8 @@ from gateway.link import FleetLink
 from gateway.meshes import Meshes
 from gateway.settings import GatewaySettings
 from gateway.subscriptions.fan_out import FanOut
+from gateway.transport import Opener
+from gateway.zenoh_session import open_session as open_zenoh
 
 _SEEN_AGAIN_S = 0.3
 _MEETING_S = 2.0  # before a gateway serves although it does not know all robots yet
@@ -35,7 +38,7 @@ log = logging.getLogger(__name__)
 class Live:
     """Owns the fleet, the invocations that are known here, and the link; an async context manager."""
 
-    def __init__(self, settings: GatewaySettings) -> None:
+    def __init__(self, settings: GatewaySettings, open_session: Opener = open_zenoh) -> None:
         keys = Keys(settings.namespace)
         self.fleet = Fleet(Frames(lambda robot: keys.robot(robot, "state")))
         self.invocations = Invocations()
@@ -44,6 +47,7 @@ class Live:
         self._wings = Wings()
         self._secured = bool(settings.identities)
         self._judged = 0
+        self._silences = Silences()
         self._heard = asyncio.Event()
         # Who carries out actions hears of robots that are lost, and of the progress that robots report.
         self.on_progress: Callable[[str, Progress], None] = lambda robot, progress: None
@@ -51,11 +55,9 @@ class Live:
         self.link = FleetLink(
             keys,
             settings.gateway_name,
-            settings.listen_endpoints,
-            settings.connect_endpoints,
+            lambda: open_session(settings.listen_endpoints, settings.connect_endpoints, settings.trust),
             self._on_events,
             lambda robot, progress: self.on_progress(robot, progress),
-            settings.trust,
             self.fleet.frames,
         )
         self.meshes = Meshes(self.link.mesh)
@@ -71,13 +73,22 @@ class Live:
         return self
 
     def _sweep(self) -> None:
-        """Tell of frames that came while somebody was about to watch, and that no other frame has followed."""
+        """Tell of frames that came while somebody was about to watch, and that no other frame has followed.
+
+        Judge besides what does not come: limits that have been left for a while, and frames.
+        """
         frames = self.fleet.frames
         watched = self.fleet.robots if frames.heeded else self.fan_out.watched
         self._on_events([Moved(name) for name in watched if name and frames.untold(name)])
         for change in self.fleet.judge_limits(time.time_ns()):
             self._on_change(change)
+        self.link.doubt(self._silences.check(asyncio.get_running_loop().time(), self._present()))
         self._sweeping = asyncio.get_running_loop().call_later(_SWEEP_S, self._sweep)
+
+    def _present(self) -> Iterator[Run]:
+        for robot in self.fleet.robots.values():
+            if robot.online and robot.described and robot.incarnation is not None:
+                yield Run(robot.name, robot.incarnation, robot.last_sequence())
 
     async def join(self) -> None:
         """Have the fleet come in; robots tell at once what has ended lately, so who wants to hear that comes before."""
@@ -136,7 +147,8 @@ class Live:
 
         A robot that answered and shows nothing new soon is waited for no longer.
         """
-        replies = await self.link.stop(robots, stop, timeout_s)
+        online = [name for name, robot in self.fleet.robots.items() if robot.online]
+        replies = await self.link.stop(robots, stop, timeout_s, online)
         stopped = {name: reply.at_ns for name, reply in replies.items() if isinstance(reply, Accepted)}
         frames, names = self.fleet.frames, Counter(stopped.keys())
         frames.awaited += names

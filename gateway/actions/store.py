@@ -236,15 +236,14 @@ class ActionStore:
 
         ``lost`` follows each outage that any method met, so what failed meanwhile may be left to it.
         """
-        seen_s = float("-inf")
+        seen = 0
         while True:
             try:
                 told = await self._redis.follow()
             except StoreUnavailable:
                 await asyncio.sleep(_BACKOFF_S)
                 continue
-            served_s, now_s = self._redis.served_s, time.monotonic()
-            lost, seen_s = served_s < now_s - seen_s, now_s
+            lost, seen = self._redis.outages > seen, self._redis.outages
             if lost:
                 yield News("lost")
             for fields in told:

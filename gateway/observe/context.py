@@ -21,7 +21,7 @@ class Asked:
     """A request under way; ``begun_s`` is monotonic, ``trace`` is there if requests are traced."""
 
     id: str
-    begun_s: float = field(default_factory=time.monotonic)
+    begun_s: float = field(default_factory=lambda: time.monotonic())
     answered: bool = False
     trace: Trace | None = None
 

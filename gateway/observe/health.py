@@ -1,6 +1,7 @@
 """Liveness and readiness of a gateway, and what its operator should know besides."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 from starlette.requests import Request
@@ -8,6 +9,16 @@ from starlette.responses import JSONResponse, Response
 
 from gateway.store.damage import statement
 from gateway.store.embedded import Embedded
+
+
+@dataclass
+class Readiness:
+    """The memory of a gateway from which it tells that it is ready."""
+
+    draining: bool = False
+    """It ends when the work under way is done."""
+    has_been_ready: bool = False
+
 
 PREPARING = "the shapes of robots are being prepared for the check of their motions"
 
@@ -24,13 +35,14 @@ async def ready(request: Request) -> Response:
     server, and shapes that are prepared for a robot which joins a gateway that has been ready before.
     """
     state = request.app.state
+    readiness: Readiness = state.readiness
     missing, warnings = list(_missing(state)), [warning for warning in (store_warning(state),) if warning]
     if not missing and not state.world.checks.prepared:
-        (warnings if getattr(state, "has_been_ready", False) else missing).append(PREPARING)
+        (warnings if readiness.has_been_ready else missing).append(PREPARING)
     more = {"warnings": warnings} if warnings else {}
     if missing:
         return JSONResponse({"status": "not ready", "reasons": missing, **more}, 503)
-    state.has_been_ready = True
+    readiness.has_been_ready = True
     return JSONResponse({"status": "ready", **more})
 
 
@@ -42,7 +54,7 @@ def store_warning(state: Any) -> str:
 
 def _missing(state: Any) -> Iterator[str]:
     """``state`` is that of the application."""
-    if getattr(state, "draining", False):
+    if state.readiness.draining:
         yield "the gateway is ending"
     if not state.live.link.joined:
         yield "no robot, router or other gateway is connected by Zenoh"

@@ -15,9 +15,10 @@ import zenoh
 from actor import play_gateway
 
 from agents.agent import Agent
-from agents.link import DuplicateNameError, ZenohLink, open_session
+from agents.link import RobotLink
 from agents.motion import Sway
 from agents.robots.catalogue import load
+from agents.transport import Session
 from agents.wire import codec
 from agents.wire.keys import Keys
 from agents.wire.messages import (
@@ -32,6 +33,7 @@ from agents.wire.messages import (
     State,
     Stop,
 )
+from agents.zenoh_session import open_session
 
 KEYS = Keys("test")
 LEASE_MS = 500
@@ -113,7 +115,7 @@ class Gateway:
 
 
 @asynccontextmanager
-async def serving(agent: Agent, endpoint: str) -> AsyncIterator[ZenohLink]:
+async def serving(agent: Agent, endpoint: str) -> AsyncIterator[RobotLink]:
     async with open_session((endpoint,), lease_ms=LEASE_MS) as session, _link(session, agent) as link:
         running = asyncio.create_task(agent.run(link))
         try:
@@ -124,8 +126,8 @@ async def serving(agent: Agent, endpoint: str) -> AsyncIterator[ZenohLink]:
                 await running
 
 
-def _link(session: zenoh.Session, agent: Agent) -> ZenohLink:
-    return ZenohLink(
+def _link(session: Session, agent: Agent) -> RobotLink:
+    return RobotLink(
         session,
         KEYS,
         robot=agent.name,
@@ -223,19 +225,6 @@ def test_the_robot_holds_when_the_last_gateway_goes_and_serves_the_next(caplog: 
             await eventually(lambda: second.states_of("n")[-1:] == ["succeeded"], "success")
 
     run(scenario, sway="shoulder_pan_joint")
-
-
-def test_a_second_agent_of_the_same_name_is_refused_and_the_first_goes_on() -> None:
-    """After one lease it gives up, saying who has the name."""
-
-    async def scenario(gateway: Gateway, agent: Agent) -> None:
-        async with open_session((gateway.endpoint,), lease_ms=LEASE_MS) as session:
-            with pytest.raises(DuplicateNameError, match=str(agent.incarnation)):
-                async with _link(session, Agent("ur5", load("ur5", "ur5"))):
-                    pass
-        assert isinstance(await gateway.command("ur5", {"elbow_joint": 1.5}, "m"), Accepted)
-
-    run(scenario)
 
 
 def test_a_stop_by_the_key_of_all_robots_ends_what_runs() -> None:

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from agents.robot import JointFacts, Limits
-from agents.safety import Remembered, Stops, clamp, judge, judge_stop, unexpected
+from agents.safety import ROUNDING, Remembered, Stops, clamp, judge, judge_stop, unexpected
 from agents.wire.messages import WIRE_VERSION, Accepted, Command, Expectation, Follow, Move, Refused, Stop
 
 NOW = 10_000_000_000
@@ -54,9 +54,11 @@ def _follow(
     [
         (_command({"arm": 2.0, "wheel": 1e6}), None, ""),
         (_command({"wheel": 0.0}, seen_ns=NOW - 1_000), None, ""),
-        (_command({"arm": 2.0 + 1e-9}), None, ""),
-        (_command({"arm": 0.0}, seen_ns=NOW - 1_001), "stale", "time to live"),
-        (_command({"arm": 0.0}, seen_ns=NOW + 1), "stale", "ahead"),
+        (_command({"arm": 2.0 + ROUNDING}), None, ""),
+        (_command({"arm": -1.0 - ROUNDING}), None, ""),
+        (_command({"arm": 0.0}, seen_ns=NOW - 1_001), "stale", "is 0 ms old, its time to live 0.001 ms"),
+        (_command({"arm": 0.0}, seen_ns=NOW - 10**9), "stale", "is 1000 ms old"),
+        (_command({"arm": 0.0}, seen_ns=NOW + 1), "stale", "is 1 ns ahead"),
         (_command({"wheel": 0.0, "arm": 0.0}, seen_ns=NOW - 500), "stale", "stopped after the command was asked for"),
         (_command({"arm": 0.0}, seen_ns=NOW - 499), None, ""),
         (_command({"wheel": 0.0}, seen_ns=NOW - 500), None, ""),
@@ -65,14 +67,17 @@ def _follow(
         (_command({"wheel": 0.0}, command_id="cancelled"), "stale", "cancelled before it came"),
         (_command({"arm": 0.0}, incarnation=8), "incarnation", "run 7"),
         (_command({"arm": 0.0}, command_id="old"), "repeated", "old"),
-        (_command({"leg": 0.0}), "unknown-joint", "arm, wheel"),
+        (_command({"leg": 0.0}), "unknown-joint", "'leg' is no movable joint of this robot; its joints are arm, wheel"),
         (_command({"finger": 0.0}), "unknown-joint", "thumb"),
         (_command({"caster": 0.0}), "unknown-joint", "no drive"),
         (_command({"arm": 2.1}), "limits", "upper limit 2 rad"),
         (_command({"wheel": 0.0, "arm": -1.1}), "limits", "lower limit -1 rad"),
+        (_command({"arm": 2.0 + 2 * ROUNDING}), "limits", "upper limit"),
+        (_command({"arm": -1.0 - 2 * ROUNDING}), "limits", "lower limit"),
         (_command({"wheel": math.nan}), "limits", "finite"),
         (_command({"wheel": math.inf}), "limits", "finite"),
-        (_command({"wheel": 1e7}), "limits", "from zero"),
+        (_command({"wheel": 1e6 + 0.5}), "limits", "from zero"),
+        (_command({"wheel": -1e6 - 0.5}), "limits", "from zero"),
         (_command(Move({"arm": 0.0}, {"arm": 0.1})), None, ""),
         (_command(Move({"arm": 0.0}, {"wheel": 0.1})), "malformed", "'wheel' has a speed, but no target"),
         (_command({"arm": 0.0}, expects=("wheel", "finger")), None, ""),
@@ -84,7 +89,10 @@ def _follow(
         (_follow((0.0, 0.0), times_s=(1.0, 2.0)), "malformed", "1 rows of positions, but 2 times"),
         (_follow((0.0, 0.0), (0.0, 0.0), times_s=(1.0, 1.0)), "malformed", "times_s"),
         (_follow((0.0, 0.0), times_s=(1e-9,)), "malformed", "times_s"),
-        (_follow(*[(0.0,) * 20] * 900, joints=tuple(f"j{i}" for i in range(20))), "malformed", "16384 may be"),
+        (_follow((0.0, 0.0), (0.0, 0.0), times_s=(0.001, 0.002)), None, ""),
+        (_follow((0.0, 0.0), (0.0, 0.0), times_s=(0.001, 0.0019)), "malformed", "times_s"),
+        (_follow(*[(0.0, 0.0)] * 8_192), None, ""),
+        (_follow(*[(0.0, 0.0)] * 8_193), "malformed", "16386 positions are too many; 16384 may be"),
         (_follow((0.0, 0.0), joints=("arm", "leg")), "unknown-joint", "arm, wheel"),
         (_follow((0.0, 0.0), joints=("arm", "finger")), "unknown-joint", "thumb"),
         (_follow((0.0, 0.0), (2.1, 0.0)), "limits", "upper limit 2 rad"),
@@ -102,7 +110,23 @@ def test_judge(command: Command, code: str | None, says: str) -> None:
         assert reply == Accepted(command.id, at_ns=NOW)
     else:
         assert isinstance(reply, Refused)
-        assert (reply.code, says in reply.reason) == (code, True), reply.reason
+        assert (reply.id, reply.code, says in reply.reason) == (command.id, code, True), reply.reason
+
+
+def test_a_command_of_the_first_instant_is_not_taken_for_stopped() -> None:
+    """The monotonic clock of an agent may begin at 0."""
+    command = _command({"wheel": 0.0}, seen_ns=0)
+    assert judge(command, now_ns=1, incarnation=7, joints=JOINTS, seen=(), stops=Stops()) == Accepted("new", at_ns=1)
+
+
+def test_a_reason_is_at_most_1024_characters_long() -> None:
+    """A robot may have many joints, and its reasons name them all."""
+    joints = {name: JointFacts(name) for name in (f"joint_{number}" for number in range(200))}
+    reply = judge(_command({"leg": 0.0}), now_ns=NOW, incarnation=7, joints=joints, seen=(), stops=Stops())
+    refused = judge_stop(Stop(version=WIRE_VERSION, id="s", joints=("leg",)), joints)
+    for each in (reply, refused):
+        assert isinstance(each, Refused)
+        assert each.reason.startswith("'leg' is no movable joint") and len(each.reason) == 1024
 
 
 def test_rounding_is_clamped() -> None:
@@ -134,6 +158,10 @@ def test_what_is_expected_is_compared_by_the_tolerance(joint: str, measured: flo
     assert (says in found, bool(found)) == (True, bool(says)), found
 
 
+def test_a_position_at_the_end_of_the_tolerance_is_as_expected() -> None:
+    assert unexpected({"arm": Expectation(1.0, 0.5)}, {"arm": 1.5}, JOINTS) == ""
+
+
 def test_a_stop_is_refused_only_for_what_is_not_there() -> None:
     """A joint that mimics can be stopped as well."""
     assert judge_stop(Stop(version=WIRE_VERSION, id="s", joints=("arm", "finger")), JOINTS) is None
@@ -150,3 +178,11 @@ def test_memory_of_ids_is_bounded() -> None:
         seen.add(command_id)
     assert [command_id in seen for command_id in ("a", "b", "c")] == [False, True, True]
     assert len(seen) == 2
+
+
+def test_the_last_4096_ids_are_known() -> None:
+    """The number is that of agents/wire/PROTOCOL.md."""
+    seen = Remembered()
+    for number in range(4_097):
+        seen.add(str(number))
+    assert ("0" in seen, "1" in seen, len(seen)) == (False, True, 4_096)

@@ -1,4 +1,4 @@
-"""Zenoh ↔ the ROS 2 driver; beside agents/link.py the only module of the agent that imports zenoh.
+"""Zenoh ↔ the ROS 2 driver; beside agents/zenoh_session.py the only module of the agent that imports zenoh.
 
 Its callbacks only put bytes into bounded queues; the driver takes them out in its own thread.
 """
@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 import zenoh
 from zenoh import ext
 
-from agents.link import configuration
 from agents.robots.ros2 import keys
 from agents.robots.ros2.keys import Node, Topic
+from agents.zenoh_session import configuration
 
 _LEASE_MS = 2_000
 _MOST_STATES, _MOST_DESCRIPTIONS = 32, 2

@@ -1,0 +1,144 @@
+"""Networks of sessions of a gateway and agents: Zenoh on loopback in real time, or in memory on virtual time."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from contextlib import AsyncExitStack
+from functools import wraps
+from typing import Any, Protocol
+
+from forwarder import Way, way
+from running import free_port
+from virtual.loop import on_virtual_time
+from virtual.zenoh_agent import AgentSession
+from virtual.zenoh_network import ZenohNetwork
+
+import agents.transport
+import agents.zenoh_session
+import gateway.transport
+import gateway.zenoh_session
+
+LEASE_S = 0.5
+"""Of agents. That of gateways is in the protocol."""
+_PATIENCE_S = 30.0
+
+
+class Network(Protocol):
+    """One gateway and the agents that are to reach it, each by its name."""
+
+    async def gateway(self) -> gateway.transport.Session: ...
+
+    async def agent(self, name: str) -> agents.transport.Session: ...
+
+    def cut(self, name: str) -> None:
+        """Let nothing pass between the gateway and an agent; nobody is told."""
+
+    def heal(self, name: str) -> None: ...
+
+    def kill(self, name: str) -> None:
+        """Close the connection of an agent, as the kernel does for a process that is killed."""
+
+    async def leave(self, name: str) -> None:
+        """Close the session of an agent in order."""
+
+    def keep(self, declaration: object) -> None:
+        """Withdraw nothing before the test is over: what nobody keeps is withdrawn by Zenoh."""
+
+
+class _Kept:
+    def __init__(self) -> None:
+        self._kept: list[object] = []
+
+    def keep(self, declaration: object) -> None:
+        self._kept.append(declaration)
+
+
+class Memory(_Kept):
+    """``gateway.transport`` and ``agents.transport`` in memory."""
+
+    def __init__(self, seed: int = 0) -> None:
+        super().__init__()
+        self.network = ZenohNetwork(seed)
+        self._agents: dict[str, AgentSession] = {}
+
+    @staticmethod
+    def run(test: Callable[[Network], Awaitable[None]]) -> None:
+        async def main() -> None:
+            await test(Memory())
+
+        on_virtual_time(main)
+
+    async def gateway(self) -> gateway.transport.Session:
+        return await self.network.gateway("the gateway")((), (), {})
+
+    async def agent(self, name: str) -> agents.transport.Session:
+        self._agents[name] = session = self.network.agent(name, LEASE_S)
+        await session.met.wait()
+        return session
+
+    def cut(self, name: str) -> None:
+        self.network.partition("the gateway", name)
+
+    def heal(self, name: str) -> None:
+        self.network.heal("the gateway", name)
+
+    def kill(self, name: str) -> None:
+        self.network.kill(name)
+
+    async def leave(self, name: str) -> None:
+        await self._agents[name].close()
+
+
+class Zenoh(_Kept):
+    """Zenoh on loopback. Each agent reaches the gateway through a forwarder of its own."""
+
+    def __init__(self, stack: AsyncExitStack) -> None:
+        super().__init__()
+        self._stack, self._port = stack, free_port()
+        self._ways: dict[str, Way] = {}
+        self._sessions: dict[str, AsyncExitStack] = {}
+
+    @staticmethod
+    def run(test: Callable[[Network], Awaitable[None]]) -> None:
+        async def main() -> None:
+            async with asyncio.timeout(_PATIENCE_S), AsyncExitStack() as stack:
+                await test(Zenoh(stack))
+
+        asyncio.run(main())
+
+    async def gateway(self) -> gateway.transport.Session:
+        session = await gateway.zenoh_session.open_session((f"tcp/127.0.0.1:{self._port}",), (), {})
+        self._stack.push_async_callback(session.close)
+        return session
+
+    async def agent(self, name: str) -> agents.transport.Session:
+        self._ways[name] = self._stack.enter_context(way(self._port))
+        self._sessions[name] = await self._stack.enter_async_context(AsyncExitStack())
+        opening = agents.zenoh_session.open_session((self._ways[name].endpoint,), lease_ms=round(LEASE_S * 1000))
+        return await self._sessions[name].enter_async_context(opening)
+
+    def cut(self, name: str) -> None:
+        self._ways[name].cut()
+
+    def heal(self, name: str) -> None:
+        self._ways[name].heal()
+
+    def kill(self, name: str) -> None:
+        self._ways[name].sever()
+
+    async def leave(self, name: str) -> None:
+        await self._sessions[name].aclose()
+
+
+def contract(test: Callable[..., Awaitable[None]]) -> Callable[..., None]:
+    """A test of both parts: a coroutine function whose argument ``part`` is the network."""
+
+    @wraps(test)
+    def run(part: Any, **arguments: object) -> None:
+        part.run(lambda network: test(network, **arguments))
+
+    return run
+
+
+async def until(condition: Callable[[], object]) -> None:
+    while not condition():  # noqa: ASYNC110 - set by threads of Zenoh
+        await asyncio.sleep(0.002)

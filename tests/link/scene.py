@@ -1,0 +1,102 @@
+"""A gateway and agents in the event loop of a test, on sessions of the test: the product without HTTP and drivers."""
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from contextlib import AsyncExitStack, asynccontextmanager
+from typing import Self
+
+from agents.agent import Agent
+from agents.link import RobotLink
+from agents.transport import Session
+from agents.wire.keys import Keys
+from agents.wire.messages import WIRE_VERSION, Accepted, Command, Move
+from bench.still_agent import Still
+from gateway.live import Live
+from gateway.settings import GatewaySettings
+from gateway.transport import Opener
+
+_RATE_HZ = 20.0
+
+
+class Robot:
+    """One run of an agent, whose robot stands still, from ``appear`` to ``leave``."""
+
+    def __init__(self, session: Session, name: str) -> None:
+        agent = self._agent = Agent(name, Still(1), rate_hz=_RATE_HZ)
+        self.name, self.incarnation = name, agent.incarnation
+        self.link = RobotLink(
+            session, Keys(), robot=name, incarnation=agent.incarnation, description=agent.description,
+            on_command=agent.handle, on_stop=agent.handle_stop,
+        )  # fmt: skip
+        self._open = AsyncExitStack()
+
+    async def appear(self) -> Self:
+        await self._open.enter_async_context(self.link)
+        running = asyncio.create_task(self._agent.run(self.link))
+        self._open.push_async_callback(asyncio.wait, [running])
+        self._open.callback(running.cancel)
+        return self
+
+    async def leave(self) -> None:
+        await self._open.aclose()
+
+    @property
+    def holds(self) -> bool:
+        return not self.link.gateway_present
+
+
+class Gateway:
+    """The robots as one gateway knows them; ``lost`` are those that have vanished, in their order."""
+
+    def __init__(self, live: Live) -> None:
+        self._live = live
+        self.lost: list[str] = []
+        live.on_lost = self.lost.append
+
+    @property
+    def online(self) -> dict[str, int]:
+        """The present run of each robot that is there."""
+        robots = self._live.fleet.robots.values()
+        return {robot.name: robot.incarnation or 0 for robot in robots if robot.online and robot.described}
+
+    def frame(self, name: str) -> int:
+        """The number of the last frame of the present run of a robot, -1 before the first."""
+        return self._live.fleet.robots[name].last_sequence()
+
+    async def commands(self, name: str) -> bool:
+        """Return True if the robot answers that it would carry out a motion."""
+        header = self._live.fleet.robots[name].header
+        assert header is not None
+        command = Command(
+            version=WIRE_VERSION, id="c1", incarnation=header.incarnation, seen_ns=header.monotonic_ns,
+            time_to_live_ns=10**10, motion=Move({"joint_0": 0.2}), rehearsal=True,
+        )  # fmt: skip
+        return isinstance(await self._live.link.command(name, command, 5.0), Accepted)
+
+
+@asynccontextmanager
+async def gateway(open_session: Opener, *flags: str) -> AsyncIterator[Gateway]:
+    live = Live(GatewaySettings.read({}, flags), open_session)
+    async with live:
+        await live.join()
+        yield Gateway(live)
+
+
+async def until(condition: Callable[[], object]) -> None:
+    """Wait, in real or in virtual time."""
+    while not condition():  # noqa: ASYNC110 - set by many
+        await asyncio.sleep(0.01)
+
+
+async def serves(gateway: Gateway, robots: dict[str, Robot]) -> None:
+    """Wait until exactly these robots are online with these runs, send frames, and take commands."""
+
+    def seen() -> bool:
+        return gateway.online == {name: robot.incarnation for name, robot in robots.items()}
+
+    await until(lambda: seen() and not any(robot.holds for robot in robots.values()))
+    before = {name: gateway.frame(name) for name in robots}
+    await until(lambda: seen() and all(gateway.frame(name) > before[name] for name in robots))
+    for name in robots:
+        assert await gateway.commands(name), name
+    assert seen()
