@@ -18,6 +18,7 @@ from gateway.http.control import MAX_ANNOTATION_TRIPLES
 from gateway.http.invoke import MAX_BODY_BYTES as MAX_INPUT_BYTES
 from gateway.http.invoke import MAX_TRIPLES as MAX_INPUT_TRIPLES
 from gateway.http.login import MAX_BODY_BYTES as MAX_LOGIN_BYTES
+from gateway.http.patch import PATCH_TYPES
 from gateway.http.world import MAX_BODY_BYTES as MAX_OBJECT_BYTES
 from gateway.http.world import MAX_TRIPLES as MAX_OBJECT_TRIPLES
 from gateway.query.language import MAX_QUERY_BYTES
@@ -42,7 +43,14 @@ class Endpoint:
     bytes_: int = MAX_BODY_BYTES
     triples: int = MAX_TRIPLES
 
+    @property
+    def families(self) -> str:
+        """Under which name the families of its own are kept."""
+        return "update" if self.method == "PATCH" else self.path.rpartition("/")[2]
 
+
+SUBSCRIPTION = "{subscription}"
+"""Stands in a path for the id of a subscription of ``/arm/pan``, which whoever sends the attack has to make."""
 ENDPOINTS: tuple[Endpoint, ...] = (
     Endpoint("PUT", "/arm/pan/actions/rotate", MAX_INPUT_BYTES, MAX_INPUT_TRIPLES),
     Endpoint("PUT", "/arm/actions/moveJoints", MAX_INPUT_BYTES, MAX_INPUT_TRIPLES),
@@ -56,10 +64,15 @@ ENDPOINTS: tuple[Endpoint, ...] = (
     Endpoint("POST", "/arm/pan/subscriptions"),
     Endpoint("POST", "/rules"),
     Endpoint("POST", "/world/objects", MAX_OBJECT_BYTES, MAX_OBJECT_TRIPLES),
+    Endpoint("PATCH", "/arm/title", MAX_QUERY_BYTES),
+    Endpoint("PATCH", "/arm/annotations", MAX_QUERY_BYTES),
+    Endpoint("PATCH", "/arm/placement", MAX_QUERY_BYTES),
+    Endpoint("PATCH", f"/arm/pan/subscriptions/{SUBSCRIPTION}", MAX_QUERY_BYTES),
 )
 QUERIES = Endpoint("POST", "/query", MAX_QUERY_BYTES)
 LOGIN = Endpoint("POST", "/login", MAX_LOGIN_BYTES)
-_OWN = {QUERIES: (QUERY, ""), LOGIN: (FORM, "")}
+_UPDATES = {each: (PATCH_TYPES[0], "") for each in ENDPOINTS if each.method == "PATCH"}
+_OWN = {QUERIES: (QUERY, ""), LOGIN: (FORM, ""), **_UPDATES}
 """Endpoints that take no RDF, with their media type and what each body begins with."""
 
 
@@ -301,6 +314,24 @@ _OF_PATH: Mapping[str, Mapping[str, _Family]] = {
         "percents": lambda b, n: _fill(":%", b, "SELECT ?a {", "}"),
         "variables": lambda b, n: _numbered("?a#", b, b, "SELECT ", " ", "{}"),
     },
+    "update": {
+        "facts": lambda b, n: _numbered('<> <u:p> "#" .', b, b, "INSERT DATA {", "", "}"),
+        "lists": lambda b, n: _fill("(", b, "INSERT DATA { <> <u:p> "),
+        "long literal": lambda b, n: _fill("x", b, 'INSERT DATA { <> <u:p> "', '" }'),
+        "patterns": lambda b, n: _numbered("?a# ?p# ?b# .", b, b, "DELETE WHERE {", "", "}"),
+        "one pattern": lambda b, n: _fill("?a ?b ?c .", b, "DELETE WHERE {", "}"),
+        "template": lambda b, n: _numbered("?a <u:#> ?b .", b, b, "INSERT {", "", "} WHERE { ?a ?p ?b }"),
+        "operations": lambda b, n: _fill("DELETE WHERE { ?a ?b ?c } ;", b),
+        "prefixes": lambda b, n: _numbered("PREFIX a#: <a>", b, b, "", "", "INSERT DATA {}"),
+        "quotes": lambda b, n: _fill("'", b, "INSERT DATA {", "}"),
+        "comments": lambda b, n: _fill("#\n", b, "INSERT DATA {", "}"),
+        "options": lambda b, n: _numbered(
+            '"#"', b, b, "PREFIX lf: <https://w3id.org/linked-fleet#> INSERT DATA { <> lf:minimumInterval ", ",", "}"
+        ),
+        "secrets": lambda b, n: _numbered(
+            '"whsec_#"', b, b, "PREFIX lf: <https://w3id.org/linked-fleet#> INSERT DATA { <> lf:secret ", ",", "}"
+        ),
+    },
     "login": {
         "fields": lambda b, n: _fill("a=&", b),
         "escapes": lambda b, n: _fill("%41", b, "token="),
@@ -310,9 +341,9 @@ _OF_PATH: Mapping[str, Mapping[str, _Family]] = {
 
 def attacks(endpoint: Endpoint, syntaxes: bool = True) -> list[Attack]:
     """Every family at its full size: those of the endpoint, and of the media types that it takes."""
-    segment, bytes_ = endpoint.path.rpartition("/")[2], endpoint.bytes_
+    bytes_ = endpoint.bytes_
     media_type, before = _OWN.get(endpoint, (TURTLE, TURTLE_PREFIXES))
-    found = [(media_type, family, before, make) for family, make in _OF_PATH.get(segment, {}).items()]
+    found = [(media_type, family, before, make) for family, make in _OF_PATH.get(endpoint.families, {}).items()]
     if syntaxes and endpoint not in _OWN:
         found += [(each, family, "", make) for each in _SYNTAXES for family, make in _SYNTAXES[each].items()]
     return [
@@ -328,11 +359,10 @@ def _attack(family: str, endpoint: Endpoint, media_type: str, text: str, bytes_:
 def random_attack(random: Random) -> Attack:
     """One of them, filling some share of what is read."""
     endpoint = random.choice((*ENDPOINTS, QUERIES))
-    segment = endpoint.path.rpartition("/")[2]
     bytes_ = int(endpoint.bytes_ * random.choice((1, 1, 0.6, 0.25, 0.1)))
     triples = max(int(endpoint.triples * random.choice((1, 1, 0.6, 0.25))), 20)
     media_type, before = _OWN.get(endpoint, (TURTLE, TURTLE_PREFIXES))
-    families = _OF_PATH.get(segment, {})
+    families = _OF_PATH.get(endpoint.families, {})
     if endpoint not in _OWN and (not families or random.random() < 0.7):
         media_type, before = random.choice(tuple(_SYNTAXES)), ""
         families = _SYNTAXES[media_type]

@@ -10,7 +10,7 @@ from random import Random
 from fuzz import bodies, mutation
 from fuzz.findings import Tally, random_of
 from fuzz.good import BODIES
-from fuzz.hostile import ACCEPTED, random_attack
+from fuzz.hostile import ACCEPTED, SUBSCRIPTION, random_attack
 from fuzz.living import PATIENCE_S, Living, in_batches, living
 
 AT_ONCE = 12
@@ -127,6 +127,7 @@ class Crowd:
 
     def __init__(self, there: Living) -> None:
         self._port, self._paths = there.port, there.paths()
+        self._subscription = there.subscribe()
 
     def send(self, tally: Tally, batch: range) -> None:
         asyncio.run(self._all(tally, iter(batch)))
@@ -172,8 +173,9 @@ class Crowd:
         """A body that is to cost as much as one may."""
         attack = random_attack(random)
         end, accept = attack.endpoint, random.choice(ACCEPTED)
+        path = end.path.replace(SUBSCRIPTION, self._subscription)
         head = (
-            f"{end.method} {end.path} HTTP/1.1\r\nHost: 127.0.0.1:{self._port}\r\nAccept: {accept}\r\n"
+            f"{end.method} {path} HTTP/1.1\r\nHost: 127.0.0.1:{self._port}\r\nAccept: {accept}\r\n"
             f"Content-Type: {attack.media_type}"
         )
         return end.method, head.encode() + _framed(random, attack.body)

@@ -73,6 +73,13 @@ class Living:
                         pending.append(parts.path)
         return list(found)
 
+    def subscribe(self) -> str:
+        """The id of a callback subscription, whose receiver is not there."""
+        headers = {"connection": "upgrade", "upgrade": "callback", "callback": "http://127.0.0.1:9/"}
+        answer = httpx.get(f"{self.place.root}arm/pan/rotation", headers=headers, timeout=PATIENCE_S)
+        assert answer.status_code == 201, answer.text
+        return answer.headers["location"].rpartition("/")[2]
+
     def look(self, tally: Tally, first: int, count: int) -> bool:
         """Note what is wrong with the processes after these inputs; whether all of them are still there."""
         for who, each in self.watched:
