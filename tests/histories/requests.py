@@ -1,0 +1,62 @@
+"""Clients that ask for motions with idempotency keys, and ask again."""
+
+import random
+
+from histories.gateways import Gateway
+from histories.history import History
+from histories.keys import Keys
+from histories.robots import JOINT
+
+from agents.wire.messages import Move
+from gateway.actions.asked import moment_of
+from gateway.actions.caller import Caller
+from gateway.actions.plan import Motion
+from gateway.errors import AgentSilent, Busy, KeyReused, RefusedByAgent
+
+_MODEL = "key"
+_OTHER = 0.1  # share of requests that are not what the key was used for first
+_STEP = 1e-6
+
+
+class MotionClients:
+    """Each key has a target of its own, by which is known for which key a command runs."""
+
+    def __init__(self, history: History, robots: list[str], uses: int) -> None:
+        self._history, self._robots = history, robots
+        self._keys = Keys(history, lambda: history.label("key-"), count=4, uses=uses)
+        self._of_target: dict[float, str] = {}
+        self._numbers: dict[str, int] = {}
+
+    def ran(self, command: str, target: float, since_ns: int) -> None:
+        """A robot has begun a command."""
+        self._history.happened(_MODEL, self._of_target[target], "ran", since_ns, id=command)
+
+    async def act(self, client: int, gateway: Gateway, draws: random.Random) -> None:
+        key = self._keys.pick(draws)
+        digest = "other" if draws.random() < _OTHER else "same"
+        motion = self._motion(key, gateway)
+        called = self._history.calls(client, _MODEL, key, "begin", digest=digest)
+        try:
+            began = await gateway.actions.start("/toy/elbow/actions/rotate", motion, Caller(key=key, digest=digest))
+        except KeyReused:
+            called.answered(is_="reused")
+        except Busy:
+            called.answered(is_="refused")
+        except RefusedByAgent:
+            called.answered(id="?")
+        except AgentSilent as silence:
+            called.answered(id=silence.headers["location"].rpartition("/")[2])
+        else:
+            called.answered(id=began.id)
+
+    def _motion(self, key: str, gateway: Gateway) -> Motion:
+        number = self._numbers.setdefault(key, len(self._numbers))
+        target, name = number * _STEP, self._robots[number % len(self._robots)]
+        self._of_target[target] = key
+        robot = gateway.live.fleet.robots[name]
+        moment = moment_of(robot)
+        assert moment is not None
+        return Motion(robot, Move({JOINT: target}), {JOINT: target}, moment)
+
+    async def settle(self, gateway: Gateway) -> None:
+        """What ran is known already."""

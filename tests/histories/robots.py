@@ -1,0 +1,143 @@
+"""A robot whose agent is the product's, joined to the gateways by a link that loses and repeats messages."""
+
+import asyncio
+import random
+import time
+from collections.abc import Callable, Collection, Mapping
+from contextvars import Context
+
+from actor import SIMPLE
+from histories.history import History
+
+from agents.agent import Agent
+from agents.robot import Facts, JointFacts, Limits, Reading
+from agents.wire.codec import decode, decode_reply, encode
+from agents.wire.messages import Accepted, Command, Description, Move, Progress, Refused, Reply, Stop
+from gateway.fleet.events import Appeared, Described, Framed
+from gateway.link import NoAnswer
+from gateway.live import Live
+
+JOINT = "elbow"
+_TICK_S = 0.02
+_LOST, _UNANSWERED, _REPEATED = 0.03, 0.05, 0.1  # shares of commands
+_AWAY_S = 0.005  # until a copy comes that was on its way for long
+
+
+class Elbow:
+    """A driver of one joint that is always where it was told to be."""
+
+    def __init__(self) -> None:
+        self._position = 0.0
+
+    def describe(self) -> Facts:
+        return Facts("Toy", SIMPLE, (JointFacts(JOINT, limits=Limits(-1.0, 1.0, 2.0, 3.0)),))
+
+    def read(self, now_s: float) -> Reading:
+        return Reading((self._position,), (0.0,), (0.0,))
+
+    def apply(self, setpoints: Mapping[str, float]) -> Mapping[str, float]:
+        self._position = setpoints[JOINT]
+        return setpoints
+
+    def stop(self) -> None: ...
+
+    def close(self) -> None: ...
+
+
+class Witnessed:
+    """The agent of one robot. ``ran`` is told of each command that it begins: its id, the target of the joint, and when
+    it came."""
+
+    def __init__(self, name: str, history: History, ran: Callable[[str, float, int], None]) -> None:
+        self.name, self._history, self._ran = name, history, ran
+        self.agent = Agent(name, Elbow(), rate_hz=1 / _TICK_S)
+
+    def handle(self, payload: bytes) -> bytes:
+        """What the agent says to a command that has come."""
+        command = decode(payload, Command)
+        assert isinstance(command.motion, Move)
+        came_ns = self._history.now_ns()
+        said = self.agent.handle(payload)
+        reply = decode_reply(said)
+        if isinstance(reply, Accepted):
+            self._history.happened("command", command.id, "ran", came_ns)
+            self._ran(command.id, command.motion.targets[JOINT], came_ns)
+        word = reply.code if isinstance(reply, Refused) else "accepted"
+        self._history.happened("command", command.id, "send", came_ns, is_=word)
+        return said
+
+
+class Toy(Witnessed):
+    """It is the agent's link too: what the agent publishes comes to every gateway of this process."""
+
+    gateway_present = True
+    arrivals = 1
+
+    def __init__(self, name: str, history: History, ran: Callable[[str, float, int], None]) -> None:
+        super().__init__(name, history, ran)
+        self._gateways: dict[Live, Context] = {}
+
+    def meet(self, live: Live, context: Context) -> None:
+        """Have a gateway know the robot. In ``context`` it hears of progress."""
+        now_ns = time.time_ns()
+        live.fleet.apply(Appeared(self.name, self.agent.incarnation), now_ns)
+        live.fleet.apply(Described(decode(self.agent.description, Description)), now_ns)
+        self._gateways[live] = context
+        self.agent.tick(self)
+
+    def leave(self, live: Live) -> None:
+        del self._gateways[live]
+
+    async def run(self) -> None:
+        while True:
+            self.agent.tick(self)
+            await asyncio.sleep(_TICK_S)
+
+    def take(self, command: Command) -> Reply:
+        return decode_reply(self.handle(encode(command)))
+
+    def stop(self, stop: Stop) -> Reply:
+        return decode_reply(self.agent.handle_stop(encode(stop)))
+
+    # -- as the agent's link ------------------------------------------------------------------------------------------
+
+    def watch_gateways(self, period_s: float) -> None:
+        """They are always there."""
+
+    def publish_state(self, payload: bytes) -> None:
+        for live in self._gateways:
+            live.fleet.apply(Framed(self.name, payload), time.time_ns())
+
+    def publish_progress(self, payload: bytes, final: bool) -> None:
+        progress, loop = decode(payload, Progress), asyncio.get_running_loop()
+        for live, context in self._gateways.items():
+            loop.call_soon(live.on_progress, self.name, progress, context=context)
+
+
+class LossyLink:
+    """A gateway's way to its robots: a command may be lost, come again later, or its answer may be lost."""
+
+    def __init__(self, robots: Mapping[str, Toy], draws: random.Random) -> None:
+        self._robots, self._draws = robots, draws
+        self._late: set[asyncio.Task[None]] = set()
+
+    async def command(self, robot: str, command: Command, timeout_s: float) -> Reply:
+        await asyncio.sleep(0)
+        draw = self._draws.random()
+        if draw < _LOST:
+            raise NoAnswer("lost on its way")
+        reply = self._robots[robot].take(command)
+        if draw > 1 - _REPEATED:
+            task = asyncio.create_task(self._again(robot, command))
+            self._late.add(task)
+            task.add_done_callback(self._late.discard)
+        if draw < _LOST + _UNANSWERED:
+            raise NoAnswer("its answer was lost")
+        return reply
+
+    async def _again(self, robot: str, command: Command) -> None:
+        await asyncio.sleep(self._draws.random() * _AWAY_S)
+        self._robots[robot].take(command)
+
+    async def stop(self, robots: Collection[str] | None, stop: Stop, timeout_s: float) -> dict[str, Reply]:
+        return {name: self._robots[name].stop(stop) for name in robots or self._robots}

@@ -1,0 +1,114 @@
+"""Gateways as processes of their own, over HTTP."""
+
+import asyncio
+import contextlib
+import json
+import re
+import signal
+from collections.abc import Coroutine, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from histories.workload import Unanswered
+from running import Process
+
+AUTHORITY = "fleet.example"
+"""Under which all gateways are asked, so that they say the same, and entity tags of one hold at the others."""
+_TIMEOUT_S = 6.0
+_TURTLE = {"content-type": "text/turtle"}
+_FROZEN_S = 4.0  # longer than the lease of a gateway
+_STATUS = (200, 201, 204, 404, 409, 412, 422, 503, 504)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Header names in lower case."""
+
+    status: int
+    headers: dict[str, str]
+    text: str
+
+    @property
+    def problem(self) -> str:
+        """The code of a problem document."""
+        return str(self.said("type")).rpartition("#")[2]
+
+    def said(self, name: str) -> Any:
+        """A member of a problem document."""
+        return json.loads(self.text)[name]
+
+
+class HttpGateway:
+    def __init__(self, port: int, command: Sequence[str]) -> None:
+        self.port = port
+        self._process = Process(
+            [*command, "--port", str(port), "--public-url", f"http://127.0.0.1:{port},http://{AUTHORITY}"]
+        )
+        self._idle: list[tuple[asyncio.StreamReader, asyncio.StreamWriter]] = []
+
+    async def serving(self) -> None:
+        await asyncio.to_thread(self._process.said, "serving")
+
+    async def kill(self) -> None:
+        self._process.send(signal.SIGKILL)
+        await asyncio.to_thread(self._process.stop)
+        self._close()
+
+    async def freeze(self) -> None:
+        """Hang for longer than its lease, and go on."""
+        self._process.send(signal.SIGSTOP)
+        await asyncio.sleep(_FROZEN_S)
+        self._process.send(signal.SIGCONT)
+
+    async def stop(self) -> None:
+        self._close()
+        await asyncio.to_thread(self._process.stop)
+
+    def _close(self) -> None:
+        while self._idle:
+            self._idle.pop()[1].close()
+
+    def task(self, coroutine: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
+        return asyncio.create_task(coroutine)
+
+    async def ask(self, method: str, path: str, body: str = "", **headers: str) -> Answer:
+        """The answer; Unanswered when none comes, or the gateway does not know what came of it."""
+        with contextlib.suppress(OSError, EOFError, TimeoutError):
+            async with asyncio.timeout(_TIMEOUT_S):
+                answer = await self._request(method, path, body.encode(), headers)
+            assert answer.status in _STATUS, f"{method} {path}: {answer}"
+            if answer.status != 503:
+                return answer
+        raise Unanswered(f"{method} {path}")
+
+    async def _request(self, method: str, path: str, body: bytes, headers: Mapping[str, str]) -> Answer:
+        connection = self._idle.pop() if self._idle else await asyncio.open_connection("127.0.0.1", self.port)
+        reader, writer = connection
+        try:
+            fields = {"host": AUTHORITY, "content-length": str(len(body))} | (_TURTLE if body else {}) | headers
+            head = "".join(f"{name.replace('_', '-')}: {value}\r\n" for name, value in fields.items())
+            writer.write(f"{method} {path} HTTP/1.1\r\n{head}\r\n".encode() + body)
+            answer = await _answer(reader)
+        except BaseException:
+            writer.transport.abort()
+            raise
+        self._idle.append(connection)
+        return answer
+
+
+async def _answer(reader: asyncio.StreamReader) -> Answer:
+    status, *lines = (await reader.readuntil(b"\r\n\r\n")).decode().splitlines()[:-1]
+    headers = {name.lower(): value for name, _, value in (line.partition(": ") for line in lines)}
+    body = await reader.readexactly(int(headers.get("content-length", 0)))
+    return Answer(int(status.split()[1]), headers, body.decode())
+
+
+def last_segment(location: str) -> str:
+    return location.rstrip("/").rpartition("/")[2]
+
+
+def quoted(text: str, predicate: str) -> str:
+    """The literal that a Turtle document says of its resource."""
+    found = re.search(rf'{predicate} "([^"]*)"', text)
+    assert found, text
+    return found[1]
