@@ -1,11 +1,12 @@
 # make demo    five simulated robots and the gateway, browsable at one address (PORT=8000)
 # make test    the tests (PYTEST_ARGS="-k wire" for some of them)
-# make test-fast  those without fleets and servers of Redis, in less than two minutes
+# make test-all  everything: clusters, long histories, fuzzing, an hour of faults, the compose fleet (LONG_ARGS="-k histories")
 # make check   lint, types, the walls between packages, the base install on its own
 # make bench-robots  what a thousand robots cost one gateway and two (docs/SCALE.md)
 # make bench   every figure beside the least there can be, measured here in a quarter of an hour (bench/README.md)
 # make check-collisions  a thousand random motions of each robot, checked for collisions and held against another library (MOTIONS=1000)
 # make fuzz    a million hostile inputs to everything that listens (COUNT=1000000, SEED=; docs/FUZZING.md)
+# make mutants  changes the code in many small ways, and expects its tests to fail (ONLY=safety; tests/MUTANTS.md)
 # make soak    an hour of everything at once, with faults (MINUTES=60)
 # make pictures  those of README.md, from the running demo
 # make fleet-check  the compose fleet, started and checked from outside (COMPOSE="docker compose")
@@ -18,6 +19,8 @@ PYTEST_ARGS ?=
 COUNT ?= 1000000
 SEED ?= $(shell date +%s)
 MINUTES ?= 60
+LONG_ARGS ?=
+ONLY ?=
 MOTIONS ?= 1000
 COMPOSE ?=
 BENCH_ARGS ?=
@@ -44,13 +47,14 @@ $$python -c 'import ensurepip' 2>/dev/null || { echo "$$python has no venv: apt 
 $$python -m venv --clear $(1)
 endef
 
-.PHONY: demo test test-fast check check-collisions requirements fleet-check bench bench-robots fuzz soak assets pictures node-wot chromium egl tools wrk caddy clean
+.PHONY: demo test test-long test-all check check-collisions requirements fleet-check bench bench-robots fuzz mutants soak assets pictures node-wot chromium egl tools wrk caddy clean
 
 demo: .venv/stamp $(ASSETS)
 	@$(BIN)/python -m demo --port $(PORT)
 
+# Those marked test_all are slow: the contract of the stores on clusters of Valkey, and with real replicas.
 test: .venv/stamp $(ASSETS) $(NODE_WOT) chromium egl tools
-	$(BIN)/python -m pytest -n 3 --dist loadscope --no-loadscope-reorder $(SECOND_TRY) $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder $(SECOND_TRY) $(PYTEST_ARGS)
 
 # For the tests of the pages. Those say so and fail where it cannot be had.
 chromium:
@@ -73,8 +77,11 @@ tools:
 	  { $$run apt-get update -qq && $$run apt-get install -qqy --no-install-recommends curl jq; } >/dev/null || \
 	  { echo "curl and jq are not here and cannot be installed: apt install curl jq"; exit 1; }; }
 
-test-fast: .venv/stamp $(ASSETS) $(NODE_WOT)
-	$(BIN)/python -m pytest -n 2 --dist loadscope --no-loadscope-reorder $(SECOND_TRY) -m "not fleet" --ignore tests/fleet --ignore tests/requirements --ignore tests/subscriptions --ignore tests/store --ignore tests/things --ignore tests/face --ignore tests/bench --ignore tests/fuzz --ignore tests/test_demo.py --ignore tests/docs $(PYTEST_ARGS)
+# Clusters and long histories.
+test-long: .venv/stamp $(ASSETS)
+	$(BIN)/python -m pytest -n 2 --dist loadfile $(SECOND_TRY) -m test_all $(LONG_ARGS)
+
+test-all: test test-long fuzz soak fleet-check
 
 check: .venv/stamp .venv-bare/stamp
 	$(BIN)/ruff check .
@@ -133,6 +140,12 @@ check-collisions: .venv/stamp
 fuzz: export PYTHONPATH := .:tests:tests/requirements
 fuzz: .venv/stamp $(ASSETS)
 	@$(BIN)/python -m fuzz --count $(COUNT) --seed $(SEED)
+
+# With a package that nothing else needs. Exits with 1 when a mutant survives that the page does not explain.
+mutants: export PYTHONPATH := .:tests:tests/requirements
+mutants: .venv/stamp
+	@$(BIN)/python -c 'import mutmut' 2>/dev/null || $(BIN)/python -m pip install -q -e '.[mutation]'
+	@nice $(BIN)/python -m mutation $(if $(ONLY),--only $(ONLY))
 
 soak: export PYTHONPATH := .:tests:tests/requirements
 soak: .venv/stamp $(ASSETS)

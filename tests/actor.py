@@ -6,9 +6,10 @@ import json
 import math
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import zenoh
+from virtual.loop import current
 
 from agents.wire.codec import encode, encode_state, layout
 from agents.wire.keys import Keys
@@ -50,7 +51,6 @@ class Actor:
         self.incarnation = next(_runs)
         self._sequence = itertools.count()
         self._kept: list[object] = []
-        self._paused = threading.Event()
 
     def description(
         self,
@@ -100,13 +100,7 @@ class Actor:
     def stand(self, *positions: float) -> "Actor":
         """Send frames of these positions until the session closes: one may come before its run is known."""
 
-        def publish() -> None:
-            with contextlib.suppress(zenoh.ZError):
-                while not self.session.is_closed():
-                    self.put("state", self.frame(positions))
-                    self._paused.wait(0.05)
-
-        threading.Thread(target=publish, daemon=True).start()
+        _repeat(self.session, 0.05, lambda: self.put("state", self.frame(positions)))
         return self
 
     def put(self, kind: str, payload: bytes) -> None:
@@ -123,21 +117,45 @@ class Actor:
 
 def play_gateway(session: zenoh.Session, keys: Keys, name: str) -> zenoh.LivelinessToken:
     """Be a gateway for the robots: heartbeats until the session closes, and the token, to be kept as long."""
-    beats, pause = session.declare_publisher(keys.heartbeat(name)), threading.Event()
+    beats = session.declare_publisher(keys.heartbeat(name))
+    _repeat(session, 0.1, lambda: beats.put(b""))
+    return session.liveliness().declare_token(keys.gateway(name))
 
-    def beat() -> None:
+
+def _repeat(session: zenoh.Session, period_s: float, act: Callable[[], None]) -> None:
+    """Act again and again until the session closes: in a thread, or on virtual time by timers."""
+    loop, pause = current(), threading.Event()
+
+    def tick() -> None:
+        if loop is not None and not session.is_closed():
+            act()
+            loop.call_later(period_s, tick)
+
+    def run() -> None:
         with contextlib.suppress(zenoh.ZError):
             while not session.is_closed():
-                beats.put(b"")
-                pause.wait(0.1)
+                act()
+                pause.wait(period_s)
 
-    threading.Thread(target=beat, daemon=True).start()
-    return session.liveliness().declare_token(keys.gateway(name))
+    if loop is not None:
+        tick()
+    else:
+        threading.Thread(target=run, daemon=True).start()
 
 
 @contextlib.contextmanager
 def stage(endpoint: str) -> Iterator[zenoh.Session]:
     """A client session that waits until something listens at ``endpoint``."""
+    loop = current()
+    if loop is not None:
+        from virtual.processes import played_session  # it imports the product, for which few tests wait
+
+        played = played_session(loop, endpoint)
+        try:
+            yield played
+        finally:
+            played.close()
+        return
     config = zenoh.Config()
     for name, value in {
         "mode": "client",

@@ -1,11 +1,11 @@
 """A client that knows nothing but HTTP and RDF."""
 
-import functools
-import ssl
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import httpx
 import rdflib
+from connections import http_client
 from graphs import read
 from rdflib import RDF, URIRef
 
@@ -20,12 +20,6 @@ SPATIAL = rdflib.Namespace("http://vocab.arvida.de/2015/06/spatial/vocab#")
 DCTERMS, RDFS, SH, PROV, SOSA = rdflib.DCTERMS, rdflib.RDFS, rdflib.SH, rdflib.PROV, rdflib.SOSA
 
 TURTLE = "text/turtle"
-
-
-@functools.cache
-def trusted() -> ssl.SSLContext:
-    """Whom the system trusts. Reading that takes a twentieth of a second, which each client would take anew."""
-    return ssl.create_default_context()
 
 
 @dataclass(frozen=True)
@@ -61,8 +55,9 @@ class Browser:
 
     def __init__(self, root: str) -> None:
         self.root = root
-        self.http = httpx.Client(timeout=20, verify=trusted())
+        self.http = http_client()
         self._names: dict[str, str] = {}
+        self._found: dict[object, str] = {}
 
     def close(self) -> None:
         self.http.close()
@@ -87,6 +82,12 @@ class Browser:
                 if name == title_or_name:
                     return page
         raise AssertionError(f"no robot {title_or_name}")
+
+    def found(self, what: object, find: Callable[[], str]) -> str:
+        """A URL that is found by links once, and then remembered."""
+        if what not in self._found:
+            self._found[what] = find()
+        return self._found[what]
 
     def part(self, robot: str, title: str) -> Page:
         page = self.robot(robot)

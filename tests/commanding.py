@@ -53,11 +53,11 @@ def control(holder: str, duration_s: float) -> str:
 
 
 def of_joint(browser: Browser, joint: str, kind: URIRef = LF.Rotate, robot: str = "ur5") -> str:
-    return browser.action(browser.part(robot, joint), kind)
+    return browser.found((robot, joint, kind), lambda: browser.action(browser.part(robot, joint), kind))
 
 
 def of_robot(browser: Browser, kind: URIRef, robot: str = "ur5") -> str:
-    return browser.action(browser.robot(robot), kind)
+    return browser.found((robot, kind), lambda: browser.action(browser.robot(robot), kind))
 
 
 def put(browser: Browser, url: str, body: str, **fields: str) -> httpx.Response:
@@ -87,7 +87,8 @@ def problem(answer: httpx.Response) -> tuple[int, str]:
 
 def angle(browser: Browser, joint: str, robot: str = "ur5") -> float:
     """Where the joint is, in rad; NaN when that is unknown."""
-    page = browser.page(str(browser.part(robot, joint).one(ROS.rotation)))
+    find = lambda: str(browser.part(robot, joint).one(ROS.rotation))  # noqa: E731
+    page = browser.page(browser.found((robot, joint), find))
     value = page.graph.value(page.graph.value(page.iri, SPATIAL.rotationAngle), VOM.numericalValue)
     return math.nan if value == LF.unknown else float(str(value))
 

@@ -1,6 +1,9 @@
-"""The real fleet: five simulated robots and a gateway, as their own processes on free loopback ports."""
+"""Fixtures of all tests: virtual time, and a fleet of five simulated robots and a gateway."""
 
+import asyncio
 import contextlib
+import inspect
+import logging
 import os
 import signal
 import sys
@@ -12,10 +15,10 @@ from pathlib import Path
 import hypothesis
 import pytest
 from browser import Browser, all_live
-from running import Process, eventually, free_port, process
+from running import PATIENCE_S, Process, eventually, free_port, process
 from second_try import pytest_terminal_summary  # noqa: F401 - a hook
-from xdist.remote import Producer
-from xdist.scheduler.loadscope import LoadScopeScheduling
+from virtual.client import clients_in_memory
+from virtual.loop import virtual_time
 
 # How long an example takes says nothing on a machine that does other things too. Where runs must agree, they do.
 hypothesis.settings.register_profile("ours", deadline=None, derandomize="CI" in os.environ)
@@ -29,25 +32,43 @@ sys.dont_write_bytecode = False
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ROBOTS = ("baxter", "go2", "panda", "tiago", "ur5")
-# These share the session's one fleet: in another process it would be a second one, and as long as the session is.
-_OF_THE_FLEET = (
-    "tests/requirements/",
-    "tests/client/test_conform_fleet.py",
-    "tests/client/test_fleet.py",
-    "tests/face/test_access.py",
-    "tests/gateway/face/test_forms.py",
-    "tests/gateway/face/test_pages_of_robots.py",
-    "tests/gateway/test_endpoint.py",
-)
-_ON_THEIR_OWN = (
-    "tests/requirements/test_binary.py",
-    "tests/requirements/test_settings.py",
-    "tests/requirements/test_subscription_callbacks.py",
-)
 
 
-def _of_the_fleet(nodeid: str) -> bool:
-    return nodeid.startswith(_OF_THE_FLEET) and not nodeid.startswith(_ON_THEIR_OWN)
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--seed", type=int, default=0, help="of all chance on virtual time; not 0: of latencies as well")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _virtual(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Virtual time and connections in memory for the files that are marked so."""
+    if request.node.get_closest_marker("virtual") is None and "VIRTUAL" not in os.environ:
+        yield
+        return
+    root = logging.getLogger()
+    level = root.level
+    root.setLevel(logging.INFO)  # as processes have it
+    logging.getLogger("httpx").setLevel(logging.WARNING)
+    try:
+        with virtual_time(request.config.getoption("--seed")) as loop, clients_in_memory(loop):
+            yield
+    finally:
+        root.setLevel(level)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
+    """Run a test that is a coroutine function: on virtual time in the loop of the test, otherwise in one of its own."""
+    if not inspect.iscoroutinefunction(pyfuncitem.obj):
+        return None
+
+    async def bounded() -> None:
+        async with asyncio.timeout(PATIENCE_S):
+            await pyfuncitem.obj(
+                **{name: pyfuncitem.funcargs[name] for name in inspect.signature(pyfuncitem.obj).parameters}
+            )
+
+    asyncio.run(bounded())
+    return True
 
 
 @dataclass(frozen=True)
@@ -58,9 +79,8 @@ class RunningFleet:
     agents: Process
 
 
-@pytest.fixture(scope="session")
-def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningFleet]:
-    assert _of_the_fleet(os.environ["PYTEST_CURRENT_TEST"]), "a file that uses the fleet is named above"
+@pytest.fixture(scope="module")
+def fleet(_virtual: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningFleet]:
     port, zenoh = free_port(), f"tcp/127.0.0.1:{free_port()}"
     state = ("--state-dir", str(tmp_path_factory.mktemp("state")), "--callback-allow", "127.0.0.0/8")
     with (
@@ -71,54 +91,23 @@ def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningFleet]:
         running = RunningFleet(f"http://127.0.0.1:{port}/", zenoh, gateway, agents)
         with contextlib.closing(Browser(running.root)) as browser:
             eventually(lambda: all_live(browser, len(ROBOTS)), "five live robots")
-        _running.append(running)
         yield running
 
 
-_running: list[RunningFleet] = []
-
-
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The longest first: what shares the fleet, then all that starts processes; none is left alone with them.
-
-    Of each folder one file after another: those of one mostly wait, those of another need a processor each.
-    """
+    """Files with processes first, because they mostly wait; and of each folder one file after another."""
     files = dict.fromkeys(item.path for item in items)
     before = Counter[Path]()
     places = {path: before[path.parent] for path in files if not before.update([path.parent])}
 
-    def rank(item: pytest.Item) -> tuple[bool, bool, int]:
-        return not _of_the_fleet(item.nodeid), not item.get_closest_marker("fleet"), places[item.path]
+    def rank(item: pytest.Item) -> tuple[bool, int]:
+        real = any(item.get_closest_marker(name) for name in ("processes", "fleet"))
+        return not real, places[item.path]
 
     items.sort(key=rank)
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_runtest_setup(item: pytest.Item) -> None:
-    """A third of a core is free for the other tests as soon as all that need the fleet have had it.
-
-    Not at the end of the last of those: it may fail and be run once more.
-    """
-    if "PYTEST_XDIST_WORKER" in os.environ and not _of_the_fleet(item.nodeid):
-        for running in _running:
-            running.agents.stop()
-            running.gateway.stop()
-
-
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser(fleet: RunningFleet) -> Iterator[Browser]:
     with contextlib.closing(Browser(fleet.root)) as browser:
         yield browser
-
-
-class Scheduling(LoadScopeScheduling):
-    """Beside each other run files, so that what a file sets up is set up once, and all that share the one fleet."""
-
-    def _split_scope(self, nodeid: str) -> str:
-        file = nodeid.partition("::")[0]
-        return "the fleet" if _of_the_fleet(file) else file
-
-
-@pytest.hookimpl(optionalhook=True)
-def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> Scheduling:
-    return Scheduling(config, log)

@@ -5,6 +5,8 @@ As a process of its own, PORT and the port of the target, it is a front that kno
 
 import asyncio
 import contextlib
+import socket
+import struct
 import sys
 import threading
 from collections.abc import Iterator
@@ -20,6 +22,8 @@ class Way:
         self._loop = asyncio.new_event_loop()
         self._open = asyncio.Event()
         self._open.set()
+        self._broken = asyncio.Event()
+        self._writers = set[asyncio.StreamWriter]()
         self.delay_s = 0.0
         self.port = port
 
@@ -33,6 +37,22 @@ class Way:
 
     def heal(self) -> None:
         self._loop.call_soon_threadsafe(self._open.set)
+
+    def reset(self) -> None:
+        """Reset all connections, at both ends, whether the way is cut or not. Others are taken."""
+        self._loop.call_soon_threadsafe(self._reset)
+
+    def _reset(self) -> None:
+        for writer in self._writers:
+            # RST in the place of FIN
+            writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            writer.transport.abort()
+        self._broken.set()
+        self._broken.clear()
+
+    def sever(self) -> None:
+        """Close all connections, as if their parties had been killed, and take no others."""
+        self._loop.call_soon_threadsafe(self._broken.set)
 
     def run(self, ready: threading.Event) -> None:
         """Until ``end``."""
@@ -50,16 +70,20 @@ class Way:
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         with contextlib.closing(writer):
             await self._open.wait()
+            if self._broken.is_set():
+                return
             try:
                 far_reader, far_writer = await asyncio.open_connection("127.0.0.1", self._target)
             except OSError:  # nobody is there, and who asks sees that
                 return
             with contextlib.closing(far_writer):
-                ways = [self._carry(reader, far_writer), self._carry(far_reader, writer)]
+                self._writers |= {writer, far_writer}
+                ways = [self._carry(reader, far_writer), self._carry(far_reader, writer), self._broken.wait()]
                 tasks = [asyncio.create_task(way) for way in ways]
                 try:
                     await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
                 finally:
+                    self._writers -= {writer, far_writer}
                     for task in tasks:
                         task.cancel()
                     await asyncio.gather(*tasks, return_exceptions=True)

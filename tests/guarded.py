@@ -7,12 +7,12 @@ from pathlib import Path
 from types import TracebackType
 
 from browser import Browser
+from connections import websocket
 from issuer import AUDIENCE, CLIENT, SECRET, Issuer
 from running import Process, eventually, process
 from small_fleet import Place, live
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.http11 import Response
-from websockets.sync.client import connect
 
 from gateway.identity.__main__ import new_token
 
@@ -101,11 +101,7 @@ class Listening:
 
     def __init__(self, url: str, **headers: str) -> None:
         self._open = contextlib.ExitStack()
-        opening = connect(
-            "ws" + url.removeprefix("http"), additional_headers=headers, compression=None, proxy=None,
-            open_timeout=PATIENCE_S, origin=None,
-        )  # fmt: skip
-        self._connection = self._open.enter_context(opening)
+        self._connection = self._open.enter_context(websocket(url, headers))
 
     def __enter__(self) -> "Listening":
         return self

@@ -1,20 +1,25 @@
-"""A real issuer of tokens on loopback: discovery, keys, and logins that it grants to whom the test says."""
+"""An issuer of tokens: discovery, keys, and logins that it grants to whom the test says.
+
+It listens on loopback, or in memory while a test runs on virtual time.
+"""
 
 import base64
 import contextlib
 import hashlib
 import json
 import secrets
-import threading
 import time
 from collections.abc import Iterator
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
+from unittest import mock
 from urllib.parse import parse_qs, urlencode, urlsplit
 
 import jwt
 from cryptography.hazmat.primitives.asymmetric import ec, ed25519, rsa
 from jwt.algorithms import ECAlgorithm, OKPAlgorithm, RSAAlgorithm
+from receivers import Answer, Receiver, Seen, receiving
+from virtual.clock import Datetime
+from virtual.loop import current
 
 AUDIENCE, CLIENT, SECRET = "the-fleet", "the-pages", "s e:cret"
 
@@ -38,34 +43,20 @@ class Key:
 class Issuer:
     """``keys`` are those that it shows; ``subject`` is who logs in at it, of whom it says ``claims``."""
 
-    def __init__(self) -> None:
+    def __init__(self, server: Receiver) -> None:
         self.keys = [Key("first")]
         self.subject, self.claims = "ada", {"groups": ["operators"]}
         self.fetched = 0
         self.silent = False
-        self._released = threading.Event()
         self._codes: dict[str, dict[str, str]] = {}
-        handler = type("Handler", (_Handler,), {"issuer": self})
-        self._server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
-        self.url = f"http://127.0.0.1:{self._server.server_address[1]}"
-        self._thread = threading.Thread(target=self._server.serve_forever, kwargs={"poll_interval": 0.01})
-        self._thread.start()
+        self._server = server
+        self._server.take = self._answer  # type: ignore[method-assign]
+        self.url = server.url("")
 
     def release(self) -> None:
-        """Let go of whom it has kept waiting, and be silent no more."""
+        """Answer those who have been kept waiting, and be silent no more."""
         self.silent = False
-        self._released.set()
-
-    def wait(self) -> None:
-        """For the server: nothing is said while it is silent."""
-        if self.silent:
-            self._released.wait(60)
-
-    def close(self) -> None:
-        self.release()
-        self._server.shutdown()
-        self._thread.join()
-        self._server.server_close()
+        self._server.release()
 
     def token(self, key: Key | None = None, algorithm: str | None = None, secret: Any = None, **claims: Any) -> str:
         """A token of this issuer; ``claims`` replace what it says otherwise, None leaves out."""
@@ -103,40 +94,23 @@ class Issuer:
             return None
         return {"id_token": self.token(aud=CLIENT, nonce=asked["nonce"]), "token_type": "Bearer", "access_token": "x"}
 
-
-class _Handler(BaseHTTPRequestHandler):
-    issuer: Issuer
-
-    def do_GET(self) -> None:
-        self.issuer.wait()
-        parts = urlsplit(self.path)
+    def _answer(self, seen: Seen) -> Answer:
+        parts = urlsplit(seen.path)
+        if seen.method == "POST":
+            granted = self.exchange(_single(seen.body.decode()), seen.headers.get("authorization", ""))
+            return self._say(granted or {"error": "invalid_grant"}, 200 if granted else 400)
         if parts.path == "/.well-known/openid-configuration":
-            self._say(self.issuer.document())
-        elif parts.path == "/keys":
-            self.issuer.fetched += 1
-            self._say({"keys": [key.public for key in self.issuer.keys]})
-        elif parts.path == "/authorize":
-            self.send_response(303)
-            self.send_header("Location", self.issuer.authorize(_single(parts.query)))
-            self.end_headers()
-        else:
-            self.send_error(404)
+            return self._say(self.document())
+        if parts.path == "/keys":
+            self.fetched += 1
+            return self._say({"keys": [key.public for key in self.keys]})
+        if parts.path == "/authorize":
+            return Answer(303, {"Location": self.authorize(_single(parts.query))})
+        return Answer(404)
 
-    def do_POST(self) -> None:
-        form = _single(self.rfile.read(int(self.headers["Content-Length"])).decode())
-        answer = self.issuer.exchange(form, self.headers.get("Authorization", ""))
-        self._say(answer or {"error": "invalid_grant"}, 200 if answer else 400)
-
-    def _say(self, said: object, status: int = 200) -> None:
-        body = json.dumps(said).encode()
-        self.send_response(status)
-        self.send_header("Content-Type", "application/json")
-        self.send_header("Content-Length", str(len(body)))
-        self.end_headers()
-        self.wfile.write(body)
-
-    def log_message(self, format: str, *args: Any) -> None:
-        """Nobody reads it."""
+    def _say(self, said: object, status: int = 200) -> Answer:
+        """JSON, which is held back while the issuer is silent."""
+        return Answer(status, {"Content-Type": "application/json"}, json.dumps(said).encode(), stalls=self.silent)
 
 
 def _single(query: str) -> dict[str, str]:
@@ -145,5 +119,7 @@ def _single(query: str) -> dict[str, str]:
 
 @contextlib.contextmanager
 def issuing() -> Iterator[Issuer]:
-    with contextlib.closing(Issuer()) as issuer:
-        yield issuer
+    with contextlib.ExitStack() as stack:
+        if current() is not None:  # PyJWT reads the time by ``datetime``
+            stack.enter_context(mock.patch.object(jwt.api_jwt, "datetime", Datetime))
+        yield Issuer(stack.enter_context(receiving()))

@@ -5,12 +5,12 @@ import itertools
 import math
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import httpx
 import rdflib
 from commanding import TURTLE, radian
 from graphs import read
+from parallel import pool
 from running import PATIENCE_S, eventually
 from several import Hub
 from subscribers import Said, Socket, StreamEnded, angle_in, events
@@ -46,15 +46,15 @@ class Front:
 
 @contextlib.contextmanager
 def going_on(*works: Work, wake: Callable[[], object]) -> Iterator[None]:
-    """Each again and again in a thread of its own; what one raises is raised at the end. ``wake``: have all look up."""
+    """Each again and again beside the test; what one raises is raised at the end. ``wake``: have all look up."""
     over = threading.Event()
 
     def repeat(work: Work) -> None:
         while not over.is_set():
             work(over)
 
-    with ThreadPoolExecutor(len(works)) as pool:
-        running = [pool.submit(repeat, work) for work in works]
+    with pool(len(works)) as workers:
+        running = [workers.submit(repeat, work) for work in works]
         try:
             yield
         finally:

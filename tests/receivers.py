@@ -1,77 +1,47 @@
 """A real HTTP receiver of callbacks on loopback: it logs every request, and behaves as a test tells it to."""
 
 import contextlib
-import itertools
 import socket
 import ssl
 import threading
-from collections import Counter, defaultdict, deque
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import Any
+from typing import Any, Protocol
 
+from receiver_behaviour import Answer, Behaviour, Seen, consents, redirect, retry_after
 from running import PATIENCE_S
+from virtual.loop import current
+from virtual.receiver import MemoryReceiver
+
+__all__ = ["Answer", "CallbackReceiver", "Receiver", "Seen", "consents", "receiving", "redirect", "retry_after"]
 
 _CHUNK = b"x" * 65536
 
 
-@dataclass(frozen=True)
-class Seen:
-    """A request as it arrived; header names in lower case. ``connection``: the port that it came from."""
+class Receiver(Protocol):
+    """A receiver of callbacks: ``CallbackReceiver``, or ``virtual.receiver.MemoryReceiver``."""
 
-    method: str
-    path: str
-    headers: dict[str, str]
-    body: bytes
-    connection: int
+    default: Answer
+    consent: Answer
+    endless_bytes: int
 
-
-@dataclass(frozen=True)
-class Answer:
-    status: int = 204
-    headers: dict[str, str] = field(default_factory=dict)
-    body: bytes = b""
-    stalls: bool = False
-    """Nothing is answered before the receiver is released or closed."""
-    stalls_in_body: bool = False
-    """The head is sent, and then nothing."""
-    hangs_up: bool = False
-    """The connection is closed without an answer."""
-    endless: bool = False
-    """The body goes on for as long as anybody reads."""
-    raw: bytes | None = None
-    """Sent as it is instead of an answer; then the connection is closed."""
+    @property
+    def port(self) -> int: ...
+    @property
+    def connections(self) -> int: ...
+    def script(self, *answers: Answer, path: str = "/callback") -> None: ...
+    def log(self, path: str | None = None, method: str | None = None) -> list[Seen]: ...
+    def url(self, path: str = "/callback", host: str = "127.0.0.1") -> str: ...
+    def wait(self, count: int, path: str | None = None, method: str | None = None) -> list[Seen]: ...
+    def release(self) -> None: ...
+    def close(self) -> None: ...
 
 
-def retry_after(seconds: int, status: int = 503) -> Answer:
-    return Answer(status, {"Retry-After": str(seconds)})
-
-
-def redirect(location: str, status: int = 307) -> Answer:
-    return Answer(status, {"Location": location})
-
-
-def consents(origin: str = "*", rate: str | None = None) -> Answer:
-    """To a request for consent (CloudEvents HTTP Web Hooks, 4.2)."""
-    return Answer(200, {"WebHook-Allowed-Origin": origin, **({} if rate is None else {"WebHook-Allowed-Rate": rate})})
-
-
-class CallbackReceiver:
-    """Answers 204 to everything but OPTIONS, which it refuses with 405, unless told otherwise.
-
-    What is scripted for a path is used up first, then ``default`` and ``consent`` apply; both may be replaced any time.
-    """
+class CallbackReceiver(Behaviour):
+    """Listens on a socket, in threads."""
 
     def __init__(self, host: str = "127.0.0.1", port: int = 0, ssl_context: ssl.SSLContext | None = None) -> None:
-        self.default = Answer()
-        self.consent = Answer(405)
-        self.endless_bytes = 0
-        """Of endless bodies, as far as they were taken."""
-        self._log: list[Seen] = []
-        self._counts: Counter[tuple[str | None, str | None]] = Counter()
-        self._scripts: defaultdict[str, deque[Answer]] = defaultdict(deque)
-        self._changed = threading.Condition()
+        super().__init__()
         self._released = threading.Event()
         self._server = _Server(self, host, port, ssl_context)
         self._scheme = "https" if ssl_context else "http"
@@ -90,16 +60,6 @@ class CallbackReceiver:
     def url(self, path: str = "/callback", host: str = "127.0.0.1") -> str:
         return f"{self._scheme}://{host}:{self.port}{path}"
 
-    def script(self, *answers: Answer, path: str = "/callback") -> None:
-        """The answers to the next requests for this path, whatever their method."""
-        with self._changed:
-            self._scripts[path].extend(answers)
-
-    def log(self, path: str | None = None, method: str | None = None) -> list[Seen]:
-        """Requests in the order of their arrival."""
-        with self._changed:
-            return [s for s in self._log if path in (None, s.path) and method in (None, s.method)]
-
     def wait(self, count: int, path: str | None = None, method: str | None = None) -> list[Seen]:
         """The log once it has so many entries."""
         with self._changed:
@@ -117,26 +77,19 @@ class CallbackReceiver:
         self._thread.join()
         self._server.server_close()
 
-    def take(self, seen: Seen) -> Answer:
-        """For the server: log a request and choose its answer."""
-        with self._changed:
-            self._log.append(seen)
-            self._counts.update(itertools.product((seen.path, None), (seen.method, None)))
-            self._changed.notify_all()
-            scripted = self._scripts[seen.path]
-            if scripted:
-                return scripted.popleft()
-            return self.consent if seen.method == "OPTIONS" else self.default
-
     def stall(self) -> None:
         """For the server."""
         self._released.wait(PATIENCE_S)
 
 
 @contextlib.contextmanager
-def receiving(
-    host: str = "127.0.0.1", port: int = 0, ssl_context: ssl.SSLContext | None = None
-) -> Iterator[CallbackReceiver]:
+def receiving(host: str = "127.0.0.1", port: int = 0, ssl_context: ssl.SSLContext | None = None) -> Iterator[Receiver]:
+    """A receiver: in memory while a test runs on virtual time, unless it speaks TLS."""
+    loop = current()
+    if loop is not None and ssl_context is None:
+        with contextlib.closing(MemoryReceiver(loop, host, port)) as in_memory:
+            yield in_memory
+        return
     with contextlib.closing(CallbackReceiver(host, port, ssl_context)) as receiver:
         yield receiver
 

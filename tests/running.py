@@ -16,12 +16,17 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TypeVar
 
+from virtual.loop import current
+
 ROOT = Path(__file__).resolve().parents[1]
 PATIENCE_S = 60.0
 T = TypeVar("T")
 
 
 def free_port() -> int:
+    loop = current()
+    if loop is not None:
+        return loop.internet.port("127.0.0.1")
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
@@ -29,15 +34,18 @@ def free_port() -> int:
 
 def eventually(probe: Callable[[], T | None], what: str | Callable[[], str]) -> T:
     """The first true value of ``probe``; AssertionError naming ``what`` when it never comes."""
-    deadline = time.monotonic() + PATIENCE_S
+    started = time.monotonic()
+    deadline = started + PATIENCE_S
     while True:
         begun = time.monotonic()
         if value := probe():
             return value
         now = time.monotonic()
         assert now < deadline, f"never happened: {what if isinstance(what, str) else what()}"
-        # Who asks again and again leaves half of the time to what it waits for.
-        time.sleep(min(max(0.01, now - begun), 0.1))
+        if current() is None:  # who asks again and again leaves half of the time to what it waits for
+            time.sleep(min(max(0.01, now - begun), 0.1))
+        else:  # waiting costs nothing there, and asking does
+            time.sleep(min(max(0.01, (now - started) / 8), 1.0))
 
 
 @functools.cache
@@ -118,7 +126,14 @@ class Process:
 
 @contextlib.contextmanager
 def process(*arguments: str) -> Iterator[Process]:
-    child = Process(arguments)
+    """A child process; on virtual time a gateway or agents in the loop of the test."""
+    loop = current()
+    if loop is None:
+        child = Process(arguments)
+    else:
+        from virtual.processes import VirtualProcess  # it imports the product, for which few tests wait
+
+        child = VirtualProcess(loop, arguments)
     try:
         yield child
     finally:

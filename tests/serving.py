@@ -1,21 +1,28 @@
-"""A real server on loopback with the gateway's protocol classes, around an application of the test's own."""
+"""A server, in memory or on loopback, with the gateway's protocol classes, around an application of the test's own."""
 
 import asyncio
 import socket
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager
 from typing import Any
 
 import uvicorn
 import uvloop
 from starlette.types import ASGIApp
+from virtual.loop import VirtualLoop, on_virtual_time
+from virtual.tcp import KERNEL_BYTES, Listener
 
 from gateway.http.protocol import HttpProtocol
 from gateway.http.websocket_protocol import WebSocketProtocol
 from gateway.subscriptions.message import Message, Outlet
 
 
-def run(test: Callable[[], Awaitable[None]]) -> None:
+def run(test: Callable[[], Coroutine[Any, Any, None]]) -> None:
+    """On virtual time, with connections in memory."""
+    on_virtual_time(test, 600.0)
+
+
+def run_on_sockets(test: Callable[[], Coroutine[Any, Any, None]]) -> None:
     """On the event loop that the gateway runs on."""
 
     async def main() -> None:
@@ -44,28 +51,37 @@ async def serving(
         ws_per_message_deflate=False, timeout_graceful_shutdown=2, **options,
     )  # fmt: skip
     server = uvicorn.Server(config)
-    with socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP) as listener:
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 8192)
-        listener.bind(("127.0.0.1", 0))
-        listener.listen()
-        task = asyncio.create_task(server._serve([listener]))  # without its signal handlers
-        await until(lambda: server.started)
-        try:
-            yield server, listener.getsockname()[1]
-        finally:
-            server.should_exit = True
-            await task
+    listener: Any = _listener()
+    task = asyncio.create_task(server._serve([listener]))  # without its signal handlers
+    await until(lambda: server.started)
+    try:
+        yield server, listener.getsockname()[1]
+    finally:
+        server.should_exit = True
+        await task
+        listener.close()
+
+
+def _listener() -> Listener | socket.socket:
+    loop = asyncio.get_running_loop()
+    if isinstance(loop, VirtualLoop):
+        return Listener(loop.internet)
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 8192)
+    listener.bind(("127.0.0.1", 0))
+    listener.listen()
+    return listener
 
 
 async def connect(
     port: int, request: bytes, receive_buffer: int = 0
 ) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
     """A connection by hand, on which the request has been sent."""
-    sock = socket.socket()
-    if receive_buffer:
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
-    sock.connect(("127.0.0.1", port))
-    reader, writer = await asyncio.open_connection(sock=sock, limit=4096)
+    reader = asyncio.StreamReader(limit=4096)
+    protocol = asyncio.StreamReaderProtocol(reader)
+    internet, room = running_loop().internet, receive_buffer or KERNEL_BYTES
+    transport, _ = await internet.connect(lambda: protocol, "127.0.0.1", port, room)
+    writer = asyncio.StreamWriter(transport, protocol, reader, running_loop())
     writer.write(request)
     return reader, writer
 
@@ -75,6 +91,12 @@ async def fill(outlet: Outlet, message: Message) -> None:
     while outlet.writable():
         outlet.write(message)
         await asyncio.sleep(0.002)
+
+
+def running_loop() -> VirtualLoop:
+    loop = asyncio.get_running_loop()
+    assert isinstance(loop, VirtualLoop)
+    return loop
 
 
 class Channel:

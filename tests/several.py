@@ -8,13 +8,14 @@ from pathlib import Path
 import httpx
 import rdflib
 import zenoh
-from actor import Actor
+from actor import Actor, stage
 from browser import HYBRIT, LF, ROS, Browser, Page
 from graphs import read
 from receivers import CallbackReceiver, Seen
 from running import Process, eventually, free_port, process
 from small_fleet import presence
 from subscribers import angle_in, members
+from virtual.loop import current
 
 STEPS = 1000
 """Of the joint in a radian: each is far above the resolution of observation."""
@@ -47,6 +48,10 @@ class Hub:
 @contextlib.contextmanager
 def hub() -> Iterator[Hub]:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
+    if current() is not None:
+        with stage(endpoint) as session:
+            yield Hub(session, endpoint)
+        return
     config = zenoh.Config()
     settings = {
         "mode": "router",

@@ -1,6 +1,7 @@
 """Robots simulated inside the test: the product's agents and drivers, and every step of MuJoCo is seen.
 
 They run on a clock of their own, one tick after another, so that a busy machine changes nothing in what they do.
+In real time they run in a thread; on virtual time in the loop of the test, at the pace of its clock.
 """
 
 import asyncio
@@ -14,13 +15,15 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 import numpy.typing as npt
-import zenoh
+from virtual.loop import VirtualLoop, current
 
 from agents.agent import Agent
-from agents.link import ZenohLink, open_session
+from agents.link import RobotLink
 from agents.robots.catalogue import MODELS, load, poses_of
 from agents.robots.mujoco_robot import MujocoRobot
+from agents.transport import Session
 from agents.wire.keys import Keys
+from agents.zenoh_session import open_session
 
 Array = npt.NDArray[np.float64]
 
@@ -29,6 +32,7 @@ TICK_S = 0.01
 RESTING_RAD_S = 0.02
 _PAUSE_S = 0.004  # between ticks, less than TICK_S: the robots live faster than the test
 _ROOT = 1  # the body of the root link
+SIMULATED = "simulated"
 
 
 class Step(NamedTuple):
@@ -60,9 +64,9 @@ class Simulated:
         self.steps: list[Step] = []
         self.accepted_s = math.nan
 
-    async def run(self, session: zenoh.Session, end: asyncio.Event) -> None:
+    async def run(self, session: Session, end: asyncio.Event, pause_s: float = _PAUSE_S) -> None:
         agent = self._agent
-        async with ZenohLink(
+        async with RobotLink(
             session,
             Keys(),
             robot=self.name,
@@ -76,7 +80,7 @@ class Simulated:
                 with self._lock:
                     self._now_ns += round(TICK_S * 1e9)
                     agent.tick(link)
-                await asyncio.sleep(_PAUSE_S)
+                await asyncio.sleep(pause_s)
 
     def _command(self, payload: bytes) -> bytes:
         self.accepted_s = self.data.time
@@ -164,7 +168,7 @@ def angle_between(one: Array, other: Array) -> float:
 
 @contextlib.contextmanager
 def simulated(endpoint: str, *names: str) -> Iterator[dict[str, Simulated]]:
-    """Robots that run in a thread of this process, linked to the gateway that listens at ``endpoint``."""
+    """Robots of this process, linked to the gateway that listens at ``endpoint``."""
     robots = {name: Simulated(name) for name in names}
 
     def note(_model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -172,6 +176,17 @@ def simulated(endpoint: str, *names: str) -> Iterator[dict[str, Simulated]]:
             if robot.data is data:
                 robot.note()
 
+    loop = current()
+    mujoco.set_mjcb_control(note)
+    try:
+        with _in_thread(endpoint, robots) if loop is None else _in_loop(loop, endpoint, robots):
+            yield robots
+    finally:
+        mujoco.set_mjcb_control(None)
+
+
+@contextlib.contextmanager
+def _in_thread(endpoint: str, robots: Mapping[str, Simulated]) -> Iterator[None]:
     loop, end = asyncio.new_event_loop(), asyncio.Event()
 
     async def run_all() -> None:
@@ -179,14 +194,32 @@ def simulated(endpoint: str, *names: str) -> Iterator[dict[str, Simulated]]:
             for robot in robots.values():
                 group.create_task(robot.run(session, end))
 
-    mujoco.set_mjcb_control(note)
+    with ThreadPoolExecutor(1) as thread, contextlib.closing(loop):
+        running = thread.submit(loop.run_until_complete, run_all())
+        try:
+            yield
+        finally:
+            loop.call_soon_threadsafe(end.set)
+            running.result()
+
+
+@contextlib.contextmanager
+def _in_loop(loop: VirtualLoop, endpoint: str, robots: Mapping[str, Simulated]) -> Iterator[None]:
+    """The node of the network is ``SIMULATED``."""
+    from virtual.processes import world  # it imports the product, for which few tests wait
+
+    session, end = loop.inside(world(loop).network((endpoint,)).agent, SIMULATED), asyncio.Event()
+
+    async def run_all() -> None:
+        async with asyncio.TaskGroup() as group:
+            for robot in robots.values():
+                group.create_task(robot.run(session, end, TICK_S))
+
+    running = loop.create_task(run_all())
     try:
-        with ThreadPoolExecutor(1) as thread, contextlib.closing(loop):
-            running = thread.submit(loop.run_until_complete, run_all())
-            try:
-                yield robots
-            finally:
-                loop.call_soon_threadsafe(end.set)
-                running.result()
+        yield
     finally:
-        mujoco.set_mjcb_control(None)
+        end.set()
+        loop.run_until(running.done, "the end of the robots")
+        loop.inside(session.end)
+        running.result()

@@ -10,7 +10,8 @@ from types import TracebackType
 import httpx
 import rdflib
 from actor import Actor, joint, link, robot, stage
-from browser import DCTERMS, HYBRIT, LDP, LF, ROS, SPATIAL, VOM, Browser, Page, trusted
+from browser import DCTERMS, HYBRIT, LDP, LF, ROS, SPATIAL, VOM, Browser, Page
+from connections import http_client, websocket
 from graphs import read
 from pyoxigraph import RdfFormat
 from rdflib import URIRef
@@ -18,7 +19,6 @@ from running import eventually, process
 from small_fleet import Place, presence
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.http11 import Response
-from websockets.sync.client import connect
 
 PATIENCE_S = 15.0
 EVENTS = "text/event-stream"
@@ -95,17 +95,8 @@ class Socket:
 
     def __init__(self, url: str, accept: str | None = None, subprotocol: str | None = None, last: str | None = None):
         self.url = url
-        fields = {"Accept": accept, "Last-Event-ID": last}
-        opening = connect(
-            "ws" + url.removeprefix("http"),
-            additional_headers={name: value for name, value in fields.items() if value is not None},
-            subprotocols=None if subprotocol is None else [subprotocol],  # type: ignore[list-item]
-            compression=None,
-            proxy=None,
-            max_size=None,
-            open_timeout=PATIENCE_S,
-        )
         self._open = contextlib.ExitStack()
+        opening = websocket(url, {"Accept": accept, "Last-Event-ID": last}, subprotocol)
         self.connection = self._open.enter_context(opening)
 
     def __enter__(self) -> "Socket":
@@ -122,6 +113,7 @@ class Socket:
     @property
     def description(self) -> str:
         """Where the subscription is described."""
+        assert self.connection.response is not None
         return self.connection.response.headers["link"].partition(">")[0].removeprefix("<")
 
     def raw(self, patience_s: float = PATIENCE_S) -> bytes | str:
@@ -212,7 +204,7 @@ def events(url: str, accept: str = EVENTS, last: str | None = None) -> Iterator[
     """An open event stream on a connection of its own."""
     fields = {"accept": accept} | ({} if last is None else {"last-event-id": last})
     with (
-        httpx.Client(timeout=PATIENCE_S, verify=trusted()) as http,
+        http_client(timeout=PATIENCE_S) as http,
         http.stream("GET", url, headers=fields) as response,
     ):
         assert response.status_code == 200, response.read()

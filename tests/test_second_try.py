@@ -108,5 +108,5 @@ def _options() -> list[str]:
     """Return the options with which ``make test`` runs tests again."""
     makefile = (ROOT / "Makefile").read_text()
     (options,) = re.findall(r"^SECOND_TRY := (.+)$", makefile, re.M)
-    assert len(re.findall(r"-m pytest .*\$\(SECOND_TRY\)", makefile)) == 2, "of make test and make test-fast"
+    assert len(re.findall(r"-m pytest .*\$\(SECOND_TRY\)", makefile)) == 2, "of make test and make test-long"
     return options.split()

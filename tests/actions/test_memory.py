@@ -15,6 +15,7 @@ from gateway.fleet.invocations import Invocation, InvocationState
 from gateway.live import Live
 from gateway.settings import GatewaySettings
 
+pytestmark = pytest.mark.virtual
 MOST = 10_000
 
 

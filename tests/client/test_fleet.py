@@ -1,14 +1,11 @@
 """The client and the real fleet."""
 
-import json
 import math
-import subprocess
-import sys
 from collections.abc import Iterator
 
 import pytest
 from conftest import RunningFleet
-from running import ROOT, eventually
+from running import eventually
 
 from client.errors import InvalidInput, Problem
 from client.fleet import Fleet
@@ -17,7 +14,7 @@ from client.quantity import Quantity
 from client.thing import Thing
 from client.vocabulary import LF
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.virtual
 
 
 @pytest.fixture
@@ -147,19 +144,3 @@ def test_an_iri_is_what_its_types_say(here: Fleet, joint: Thing) -> None:
     assert isinstance(here.get(run.iri), Invocation)
     assert isinstance(here.get(joint.iri), Thing)
     assert eventually(lambda: run.ended, "the end of the motion")
-
-
-def test_the_command_line_looks_and_moves(fleet: RunningFleet) -> None:
-    def said(*arguments: str) -> str:
-        command = [sys.executable, "-m", "client.cli.main", "--url", fleet.root, *arguments]
-        return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=True).stdout
-
-    assert ["baxter", "Robot", "online"] in [line.split() for line in said("ls").splitlines()]
-    done = json.loads(said("do", "ur5/shoulder_pan_joint", "rotate", "value=5", "unit=deg", "--json"))
-    assert done["state"] == "succeeded"
-    assert "succeeded" in said("stop", "ur5")
-    rehearsed = said("do", "ur5/shoulder_pan_joint", "rotate", "value=9", "--dry-run", "unit=deg", "--json")
-    assert json.loads(rehearsed)["dryRun"]
-    watched = said("watch", "ur5/shoulder_pan_joint/rotation", "--count", "1", "--json", "--unit", "deg")
-    ((values,),) = [list(json.loads(watched)["values"].values())[:1]]
-    assert math.isclose(values["number"], 5, abs_tol=0.5)

@@ -18,7 +18,7 @@ from rdflib import RDF
 from running import Process
 from small_fleet import Place, live
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.virtual
 
 _attack = settings(
     derandomize=True, deadline=None, max_examples=100, database=None,

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import pytest
 from browser import HYBRIT, LF
 from commanding import (
     LIFT,
@@ -26,6 +27,7 @@ from redis_servers import single
 from running import eventually
 from several import Gateway, gateway, hub
 
+pytestmark = pytest.mark.virtual
 _PLANS = [{}, {"prefer": "dry-run"}, {"idempotency-key": "new"}]
 
 

@@ -1,36 +1,23 @@
-"""What was accepted outlives the gateway and the server that remembers it (real processes, killed and stopped)."""
+"""What was accepted outlives the gateway and the server that remembers it."""
 
 import contextlib
 import signal
-from collections.abc import Callable
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from browser import HYBRIT, LF
 from receivers import receiving
-from redis_servers import Server, Servers, cluster, single
+from redis_servers import Server, Servers, single
 from running import eventually, free_port
 from several import arrived, deliveries, gateway, gateways, hub
 from subscribers import Socket
 
-pytestmark = pytest.mark.fleet
-
-
-def serving(state: Path) -> set[int]:
-    """Processes that have a file of the embedded server's folder open."""
-    found = set()
-    for process in Path("/proc").iterdir():
-        with contextlib.suppress(OSError):
-            if process.name.isdecimal() and "valkey" in (process / "cmdline").read_text():
-                held = [str(each.readlink()) for each in (process / "fd").iterdir()]
-                if any(file.startswith(f"{state}/") for file in held):
-                    found.add(int(process.name))
-    return found
+pytestmark = pytest.mark.virtual
 
 
 def test_a_gateway_that_was_killed_serves_its_callbacks_again(tmp_path: Path) -> None:
-    """With the embedded server: one process for a state folder whoever was killed, none after the last gateway."""
+    """With the embedded server, after SIGKILL and after an end in good order."""
     port, count = free_port(), 5
     with hub() as stage, receiving() as receiver:
         paths = [f"/{index}" for index in range(count)]
@@ -54,17 +41,18 @@ def test_a_gateway_that_was_killed_serves_its_callbacks_again(tmp_path: Path) ->
                 arrived(receiver, path, stage.angle)
                 deliveries(receiver.log(path))
             assert second.listed() == {second.get(iri).url.path for iri in made}
-            eventually(lambda: len(serving(tmp_path)) == 1, "one server")
             for iri in made:
                 assert second.in_state(iri, LF.active).one(LF.failures).toPython() == "0"
-        assert serving(tmp_path) == set()
         with gateway(stage, port=port, state=tmp_path) as third:
             stage.step()
             for path in paths:
                 arrived(receiver, path, stage.angle)
                 deliveries(receiver.log(path))
             assert len(third.listed()) == count
-        assert serving(tmp_path) == set()
+
+
+def kill(server: Server) -> None:
+    server.kill()
 
 
 def terminate(server: Server) -> None:
@@ -73,15 +61,18 @@ def terminate(server: Server) -> None:
     server.kill()
 
 
-@pytest.mark.parametrize(("servers", "end"), [(single, terminate), (single, Server.kill), (cluster, Server.kill)])
-def test_the_memory_goes_away_and_comes_back_under_load(
-    servers: Callable[[Path], AbstractContextManager[Servers]], end: Callable[[Server], None], tmp_path: Path
-) -> None:
+@pytest.fixture
+def memory(tmp_path: Path) -> Iterator[Servers]:
+    with single(tmp_path / "redis") as servers:
+        yield servers
+
+
+@pytest.mark.parametrize("end", [terminate, kill])
+def test_the_memory_goes_away_and_comes_back_under_load(memory: Servers, end: Callable[[Server], None]) -> None:
     """Streams go on; what is not on disk is not accepted, and what is, is delivered when the server is back."""
     with (
         hub() as stage,
         receiving() as receiver,
-        servers(tmp_path / "redis") as memory,
         gateways(stage, memory.url) as (one, other),
     ):
         paths = [f"/{index}" for index in range(10)]
@@ -98,10 +89,10 @@ def test_the_memory_goes_away_and_comes_back_under_load(
                     stage.step()
                     assert {reader.next().angle for reader in readers} == {stage.angle}
 
-            drive(100)
+            drive(25)
             for node in memory.nodes:
                 end(node)
-            drive(100)
+            drive(25)
             refused = one.subscribe(receiver.url("/refused"))
             assert refused.status_code == 503
             assert int(refused.headers["retry-after"]) > 0
@@ -116,9 +107,9 @@ def test_the_memory_goes_away_and_comes_back_under_load(
             opened = later.enter_context(Socket(other.rotation))
             assert opened.next().angle == stage.angle
             readers.append(opened)
-            drive(100)
+            drive(25)
             memory.start()
-            drive(100)
+            drive(25)
             for path in paths:
                 arrived(receiver, path, stage.angle)
                 deliveries(receiver.log(path, "POST"))
@@ -136,8 +127,8 @@ def test_the_memory_goes_away_and_comes_back_under_load(
         assert one.listed() == other.listed()
 
 
-def test_a_stream_that_ends_while_the_memory_is_away_is_forgotten(tmp_path: Path) -> None:
-    with hub() as stage, single(tmp_path / "redis") as memory, gateways(stage, memory.url, 1) as (one,):
+def test_a_stream_that_ends_while_the_memory_is_away_is_forgotten(memory: Servers) -> None:
+    with hub() as stage, gateways(stage, memory.url, 1) as (one,):
         with Socket(one.rotation) as early:
             early.next()
             assert len(one.listed()) == 1

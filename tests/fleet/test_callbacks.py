@@ -8,12 +8,12 @@ import pytest
 from browser import DCTERMS, HYBRIT, LF, Page
 from rdflib import URIRef
 from receivers import Answer, CallbackReceiver, receiving, redirect, retry_after
-from redis_servers import Servers, cluster, single
+from redis_servers import Servers, single
 from running import eventually
 from several import Gateway, Hub, angle, arrived, deliveries, gateway, gateways, hub, number, present
 from subscribers import Socket, events
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.virtual
 
 
 @pytest.fixture(scope="module")
@@ -22,9 +22,9 @@ def stage() -> Iterator[Hub]:
         yield stage
 
 
-@pytest.fixture(scope="module", params=[single, cluster])
-def memory(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Servers]:
-    with request.param(tmp_path_factory.mktemp("redis")) as servers:
+@pytest.fixture(scope="module")
+def memory(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Servers]:
+    with single(tmp_path_factory.mktemp("redis")) as servers:
         yield servers
 
 

@@ -37,7 +37,7 @@ from running import eventually
 from several import Gateway, gateway, gateways, hub
 from subscribers import events
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.virtual
 _LONG_S = 600
 _taken: list[dict[str, str]] = []
 """What proves the leases that a test took: none outlives its test."""

@@ -14,7 +14,7 @@ from small_fleet import Place, live
 
 from gateway.store.damage import DATA
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.processes
 _TURN = 3.0  # rad, slowly: it is under way when the stop comes
 
 

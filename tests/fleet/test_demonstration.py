@@ -8,7 +8,7 @@ from browser import LF
 from commanding import PAN, moving, post
 from small_fleet import Place, live
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.processes
 
 
 def test_a_signal_begins_anew_what_was_stopped(tmp_path: Path) -> None:

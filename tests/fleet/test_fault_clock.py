@@ -4,42 +4,25 @@ import contextlib
 import signal
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import pytest
-from browser import LF, Browser
+from browser import LF
 from commanding import PAN, TURTLE, WRIST, angle, begun, control, ended, moving, of_joint, problem, put, radian, slowly
 from receivers import CallbackReceiver, receiving
 from redis_servers import single
-from running import Process, eventually, free_port, process
+from running import Process, eventually, process
 from several import Gateway, Hub, arrived, deliveries, gateway, hub
 from small_fleet import live, offline
 from subscribers import Socket
+from virtual.loop import current
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.virtual
 HOUR_S = 3600.0
-
-
-class Clock:
-    """The wall clock of one process."""
-
-    def __init__(self, file: Path) -> None:
-        self._file = file
-        self.step(0.0)
-
-    def step(self, ahead_s: float) -> None:
-        other = self._file.with_suffix(".new")
-        other.write_text(str(ahead_s))
-        other.replace(self._file)  # in one step: it is read all the time
-
-    def process(self, *command: str) -> contextlib.AbstractContextManager[Process]:
-        return process("tests/stepped_clock.py", str(self._file), *command)
 
 
 @dataclass
 class Scene:
     stage: Hub
-    clock: Clock
     at: Gateway
     other: Gateway
     receiver: CallbackReceiver
@@ -48,27 +31,35 @@ class Scene:
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
     """Two gateways with one memory, of which the first has a clock that can be set, and a simulated robot."""
-    folder, port = tmp_path_factory.mktemp("clock"), free_port()
-    clock = Clock(folder / "ahead")
     with (
         hub() as stage,
-        single(folder / "redis") as memory,
+        single(tmp_path_factory.mktemp("clock")) as memory,
         receiving() as receiver,
         process("-m", "agents", "--robot=ur5", "--connect", stage.endpoint),
         gateway(stage, "--redis-url", memory.url) as other,
-        clock.process(
-            *("-m", "gateway", "--port", str(port), "--zenoh-connect", stage.endpoint),
-            *("--redis-url", memory.url, "--callback-allow", "127.0.0.0/8"),
-        ) as running,
-        contextlib.closing(Browser(f"http://127.0.0.1:{port}/")) as browser,
+        gateway(stage, "--redis-url", memory.url) as at,
     ):
-        running.said("serving")
-        at = Gateway(running, browser)
-        at.meet(stage)
         for each in (at, other):
             live(each.browser, "ur5")
-        yield Scene(stage, clock, at, other, receiver)
-        assert "Traceback" not in running.output + other.process.output
+        yield Scene(stage, at, other, receiver)
+        assert "Traceback" not in at.process.output + other.process.output
+
+
+def _step(one: Process, by_s: float) -> None:
+    """Step the wall clock of one process."""
+    one.step_wall(by_s)  # type: ignore[attr-defined]
+
+
+@contextlib.contextmanager
+def _started_ahead(by_s: float, *command: str) -> Iterator[Process]:
+    """A process that finds its wall clock stepped when it begins."""
+    loop = current()
+    assert loop is not None
+    loop.clock.step_wall(by_s)
+    with process(*command) as one:  # it has read the clock, and no time has gone by
+        loop.clock.step_wall(-by_s)
+        _step(one, by_s)
+        yield one
 
 
 @pytest.mark.parametrize("jump_s", [HOUR_S, -HOUR_S])
@@ -85,7 +76,7 @@ def test_the_clock_of_a_gateway_jumps(scene: Scene, jump_s: float) -> None:
     moving(at.browser, PAN)
     with Socket(at.rotation) as watching:
         watching.next()
-        scene.clock.step(jump_s)
+        _step(at.process, jump_s)
         try:
             for _ in range(20):
                 scene.stage.step()
@@ -104,25 +95,25 @@ def test_the_clock_of_a_gateway_jumps(scene: Scene, jump_s: float) -> None:
             assert at.listed() == other.listed()
             assert at.browser.http.delete(kept).status_code == 204
         finally:
-            scene.clock.step(0.0)
+            _step(at.process, -jump_s)
             at.browser.http.delete(lease, headers=proof)
 
 
 @pytest.mark.parametrize("jump_s", [HOUR_S, -HOUR_S])
-def test_the_clock_of_a_robot_jumps(scene: Scene, tmp_path: Path, jump_s: float) -> None:
+def test_the_clock_of_a_robot_jumps(scene: Scene, jump_s: float) -> None:
     """It moves on, takes commands, and is found again although its next run seems to be before the last one."""
-    clock, browser = Clock(tmp_path / "ahead"), scene.other.browser
+    browser = scene.other.browser
     command = ("-m", "agents", "--robot=second=ur5", "--connect", scene.stage.endpoint)
-    with clock.process(*command) as agent:
+    with process(*command) as agent:
         live(browser, "second")
         motion = begun(put(browser, of_joint(browser, PAN, robot="second"), slowly(0.5, speed=0.2)))
         moving(browser, PAN, "second")
-        clock.step(jump_s)
+        _step(agent, jump_s)
         assert ended(browser, motion).one(LF.state) == LF.succeeded
         begun(put(browser, of_joint(browser, WRIST, robot="second"), radian(0.3), prefer="wait=30"))
         agent.send(signal.SIGKILL)
         offline(browser, "second")
-    with clock.process(*command):
+    with _started_ahead(jump_s, *command):
         live(browser, "second")
         begun(put(browser, of_joint(browser, WRIST, robot="second"), radian(-0.3), prefer="wait=30"))
         assert angle(browser, WRIST, "second") == pytest.approx(-0.3, abs=0.02)

@@ -1,11 +1,9 @@
 """The wall clock of Redis's machine jumps by an hour: what gateways decide does not depend on it."""
 
-import shutil
 import signal
-import struct
-import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from browser import LF
@@ -28,49 +26,13 @@ from commanding import (
     state_at,
 )
 from receivers import receiving
-from redis_servers import Server
+from redis_servers import Server, single
 from running import eventually
 from several import Gateway, arrived, deliveries, gateway, hub
 from subscribers import Socket
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.virtual
 HOUR_S = 3600
-_SOURCE = Path(__file__).parents[1] / "shifted_clock.c"
-
-
-class Clock:
-    """The wall clock of a server."""
-
-    def __init__(self, file: Path) -> None:
-        self._file = file
-        file.write_bytes(bytes(8))
-
-    def jump(self, by_s: int) -> None:
-        with self._file.open("r+b") as file:  # in place: the server has it mapped
-            file.write(struct.pack("l", by_s))
-
-
-@pytest.fixture(scope="module")
-def shim(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What gives a process a clock of its own: no namespace does so for the wall clock."""
-    compiler = shutil.which("cc")
-    if compiler is None:
-        pytest.skip("no C compiler, by which a server gets a wall clock of its own")
-    library = tmp_path_factory.mktemp("shim") / "clock.so"
-    subprocess.run((compiler, "-shared", "-fPIC", "-O1", "-o", library, _SOURCE), check=True)
-    return library
-
-
-@pytest.fixture
-def clocked(shim: Path, tmp_path: Path) -> Iterator[tuple[Server, Clock]]:
-    file = tmp_path / "ahead"
-    clock = Clock(file)
-    node = Server(tmp_path / "redis", environment={"LD_PRELOAD": str(shim), "AHEAD": str(file)})
-    try:
-        node.start()
-        yield node, clock
-    finally:
-        node.discard()
 
 
 def _wall_s(node: Server) -> float:
@@ -86,10 +48,15 @@ def _held(at: Gateway) -> bool:
 
 
 @pytest.mark.parametrize("jump_s", [HOUR_S, -HOUR_S])
-def test_the_clock_of_redis_jumps(clocked: tuple[Server, Clock], jump_s: int) -> None:
+def test_the_clock_of_redis_jumps(tmp_path: Path, jump_s: int) -> None:
+    with single(tmp_path) as memory:
+        node: Any = memory.nodes[0]
+        all_goes_on(node, jump_s, node.step_wall)
+
+
+def all_goes_on(node: Server, jump_s: int, jump: Callable[[int], None]) -> None:
     """Motion, control, stream and callback go on where they are; leases end when they would have, and those of a
     gateway that is killed afterwards, with its callbacks taken over."""
-    node, clock = clocked
     with (
         hub() as stage,
         receiving() as receiver,
@@ -108,7 +75,7 @@ def test_the_clock_of_redis_jumps(clocked: tuple[Server, Clock], jump_s: int) ->
         with Socket(at.rotation) as watching:
             watching.next()
             before_s = _wall_s(node)
-            clock.jump(jump_s)
+            jump(jump_s)
             eventually(lambda: abs(_wall_s(node) - before_s - jump_s) < 600, "the other time")
             for _ in range(20):
                 stage.step()

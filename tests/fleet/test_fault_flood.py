@@ -3,6 +3,7 @@
 import contextlib
 import threading
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 import zenoh
@@ -17,7 +18,7 @@ from subscribers import Socket
 from agents.wire.codec import encode
 from agents.wire.messages import WIRE_VERSION, Progress
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.processes
 
 
 @contextlib.contextmanager
@@ -41,28 +42,27 @@ def flooding(session: zenoh.Session, loud: Actor, kind: str) -> Iterator[None]:
         thread.join()
 
 
-@pytest.fixture(scope="module")
-def browser_and_loud(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Browser, zenoh.Session, Actor]]:
-    place = Place(tmp_path_factory.mktemp("state"))
+def test_a_flood_starves_nobody(tmp_path: Path) -> None:
+    """Meanwhile another robot moves when it is asked to, is seen to, and is stopped."""
+    place = Place(tmp_path)
     with place.gateway() as (gateway, browser), place.ur5(), session_at(place.zenoh) as session:
         loud = Actor(session, "loud").appear()
         live(browser, "ur5")
-        yield browser, session, loud
+        for kind in ("frames", "progress", "nonsense", "too much"):
+            with flooding(session, loud, kind):
+                _is_moved_and_stopped(browser)
+            live(browser, "ur5")
         assert "Traceback" not in gateway.output
 
 
-@pytest.mark.parametrize("kind", ["frames", "progress", "nonsense", "too much"])
-def test_a_flood_starves_nobody(browser_and_loud: tuple[Browser, zenoh.Session, Actor], kind: str) -> None:
-    """Meanwhile another robot moves when it is asked to, is seen to, and is stopped."""
-    browser, session, loud = browser_and_loud
+def _is_moved_and_stopped(browser: Browser) -> None:
     rotation = str(browser.part("ur5", WRIST).one(ROS.rotation))
     turn, halt = of_joint(browser, WRIST), of_robot(browser, LF.StopRobot)
     target = angle(browser, WRIST) + 0.2
-    with flooding(session, loud, kind), Socket(rotation) as watching:
+    with Socket(rotation) as watching:
         watching.next()
         motion = begun(put(browser, turn, radian(target), prefer="wait=30"))
         eventually(lambda: watching.next().angle == pytest.approx(target, abs=0.01), "the place in the stream")
         assert browser.page(motion).one(LF.state) == LF.succeeded
         stop = begun(post(browser, halt, prefer="wait=30"))
         assert browser.page(stop).one(LF.state) == LF.succeeded
-    live(browser, "ur5")

@@ -11,7 +11,7 @@ from hanging_gateway import GOES_ON, HANGS
 from running import eventually, process
 from small_fleet import Place, live
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.processes
 
 
 @pytest.mark.parametrize("how", [signal.SIGUSR1, signal.SIGUSR2], ids=["time.sleep", "C code with the GIL"])

@@ -27,7 +27,7 @@ from commanding import (
 from running import free_port, process
 from small_fleet import Place, live, offline
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.processes
 
 
 def _ip(*words: str) -> None:

@@ -6,7 +6,6 @@ The robot is simulated in the test, so that every step of MuJoCo is seen, on the
 import contextlib
 import signal
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,12 +13,13 @@ import httpx
 import pytest
 from browser import LF, Browser
 from commanding import PAN, WRIST, begun, ended, moving, of_joint, of_robot, post, put, radian, slowly
-from forwarder import Way, way
+from parallel import pool
 from running import Process, eventually
 from simulated import RESTING_RAD_S, Simulated, simulated
 from small_fleet import Place, live, offline
+from virtual.zenoh_way import ZenohWay, zenoh_way
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.virtual
 
 
 @dataclass
@@ -27,7 +27,7 @@ class Scene:
     gateway: Process
     browser: Browser
     robot: Simulated
-    way: Way
+    way: ZenohWay
 
     def rests(self) -> list[float]:
         """Wait until the robot stands; where its servos are."""
@@ -43,8 +43,11 @@ class Scene:
 @pytest.fixture
 def scene(tmp_path: Path) -> Iterator[Scene]:
     place = Place(tmp_path)
-    port = int(place.zenoh.rpartition(":")[2])
-    with place.gateway() as (gateway, browser), way(port) as between, simulated(between.endpoint, "ur5") as robots:
+    with (
+        place.gateway() as (gateway, browser),
+        zenoh_way(place.zenoh, gateway) as between,
+        simulated(between.endpoint, "ur5") as robots,
+    ):
         live(browser, "ur5")
         robots["ur5"].watch()
         yield Scene(gateway, browser, robots["ur5"], between)
@@ -86,7 +89,7 @@ def test_what_was_asked_for_while_it_was_cut_off_never_runs(scene: Scene) -> Non
     actions = [of_joint(scene.browser, joint) for joint in (WRIST, PAN, "elbow_joint")]
     before = scene.rests()
     scene.way.cut()
-    with ThreadPoolExecutor(len(actions)) as threads, contextlib.ExitStack() as clients:
+    with pool(len(actions)) as threads, contextlib.ExitStack() as clients:
         browsers = [clients.enter_context(contextlib.closing(Browser(scene.browser.root))) for _ in actions]
         asked = [threads.submit(put, one, action, radian(1.0)) for one, action in zip(browsers, actions, strict=True)]
         answers: list[httpx.Response] = [each.result() for each in asked]
@@ -129,7 +132,7 @@ def test_a_gateway_that_freezes_is_lost_and_executes_nothing_when_it_goes_on(sce
     scene.gateway.send(signal.SIGSTOP)
     try:
         held = scene.rests()
-        with ThreadPoolExecutor(1) as thread, contextlib.closing(Browser(scene.browser.root)) as late:
+        with pool(1) as thread, contextlib.closing(Browser(scene.browser.root)) as late:
             asked = thread.submit(put, late, action, radian(1.0))
             scene.lives(5.0)
             scene.gateway.send(signal.SIGCONT)

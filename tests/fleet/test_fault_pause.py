@@ -9,7 +9,7 @@ from browser import LF
 from commanding import PAN, begun, ended, moving, of_joint, put, slowly
 from small_fleet import Place, live
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.virtual
 _PAUSE_S = 4.0  # Zenoh's leases of 2 and 2.5 s run out meanwhile
 
 
@@ -24,7 +24,7 @@ def test_a_robot_goes_on_after_a_pause_and_its_motion_ends_well(tmp_path: Path, 
         for each in paused:
             each.send(signal.SIGSTOP)
         try:
-            time.sleep(_PAUSE_S)  # a stopped process has no condition to be awaited
+            time.sleep(_PAUSE_S)
         finally:
             for each in paused:
                 each.send(signal.SIGCONT)

@@ -21,7 +21,7 @@ from small_fleet import Place, faulty, live, offline
 from agents.wire.codec import decode, encode
 from agents.wire.messages import Description, Mesh
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.virtual
 XML = {"accept": "application/xml"}
 
 

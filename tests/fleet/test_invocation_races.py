@@ -2,7 +2,6 @@
 
 import signal
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import httpx
@@ -30,13 +29,14 @@ from commanding import (
     slowly,
     state_at,
 )
+from parallel import at_once
 from rdflib import URIRef
 from redis_servers import Servers, single
 from running import eventually
 from several import Gateway, gateway, gateways, hub
 from small_fleet import number, property_page
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.virtual
 _KEY = {"idempotency-key": "once"}
 
 
@@ -109,8 +109,7 @@ def test_a_request_repeated_while_the_agent_hangs(memory: Servers) -> None:
 
         agent.send(signal.SIGSTOP)
         try:
-            with ThreadPoolExecutor(4) as pool:
-                answers = list(pool.map(ask, [*two, *two]))
+            answers = at_once([lambda each=each: ask(each) for each in (*two, *two)])
             answers += [ask(each) for each in two]
         finally:
             agent.send(signal.SIGCONT)

@@ -3,16 +3,15 @@
 import json
 import signal
 import socket
-import time
 from pathlib import Path
 
 import pytest
 from actor import KEYS, stage
-from browser import LF, ROS, SPATIAL
-from running import eventually, process
+from browser import LF, ROS, SPATIAL, Browser
+from running import Process, eventually, process
 from small_fleet import Place, live, move, number, offline, property_page
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.processes
 _JOINT = "wrist_3_joint"
 
 
@@ -49,24 +48,6 @@ def test_killed_agent_stays_readable_and_comes_back(tmp_path: Path) -> None:
             assert angle == pytest.approx(0.2, abs=0.01)
 
 
-def test_motion_of_a_killed_agent_is_unknown(tmp_path: Path) -> None:
-    """SIGKILL in the middle of a motion: nobody can tell its end, and the invocation says so."""
-    place = Place(tmp_path)
-    with place.gateway() as (_, browser):
-        with place.ur5() as agent:
-            live(browser, "ur5")
-            action = browser.action(browser.part("ur5", _JOINT), LF.Rotate)
-            answer = move(browser, action, 6.0)
-            assert answer.status_code == 204, answer.text
-            invocation = answer.headers["location"]
-            eventually(lambda: browser.page(invocation).one(LF.state) == LF.running, "the motion")
-            agent.send(signal.SIGKILL)
-            offline(browser, "ur5")
-        page = browser.page(invocation)
-        assert page.one(LF.state) == LF.unknown
-        assert "gone" in str(page.graph.value(page.iri, LF.reason))
-
-
 def test_terminated_agent_and_gateway_end_cleanly(tmp_path: Path) -> None:
     """SIGTERM: the robot goes offline, agent and gateway end with 0 and without a traceback."""
     place = Place(tmp_path)
@@ -81,7 +62,7 @@ def test_terminated_agent_and_gateway_end_cleanly(tmp_path: Path) -> None:
         assert "Traceback" not in agent.output + gateway.output
 
 
-def test_gateway_killed_in_a_motion(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_gateway_killed_in_a_motion(tmp_path: Path) -> None:
     """The agent fails the motion and holds; the gateway, started again on its ports, finds the robot at that place."""
     place, observers = Place(tmp_path / "a"), Place(tmp_path / "b")
     told: list[dict[str, object]] = []
@@ -105,13 +86,8 @@ def test_gateway_killed_in_a_motion(tmp_path: Path, capsys: pytest.CaptureFixtur
             ends = eventually(lambda: [each for each in told if each["state"] != "running"], "the end of the motion")
             assert [each["state"] for each in ends] == ["failed"]
             assert "gateway" in str(ends[0]["reason"])
-        began = time.monotonic()
         with place.gateway() as (_, browser):
-            serving = time.monotonic()
             first = live(browser, "ur5")
-            found = time.monotonic()
-            with capsys.disabled():
-                print(f"\nrestarted: serving {serving - began:.2f} s, robot live {found - began:.2f} s after the start")
             held = number(property_page(browser, "ur5", "shoulder_pan_joint", ROS.rotation), SPATIAL.rotationAngle)
             assert 0.2 < abs(held - start) < 6
             later = live(browser, "ur5")
@@ -123,30 +99,27 @@ def test_gateway_killed_in_a_motion(tmp_path: Path, capsys: pytest.CaptureFixtur
 
 
 def test_second_agent_of_a_name_refuses_to_start(tmp_path: Path) -> None:
-    """It says why and ends with an error; the first keeps its run and goes on."""
+    """It says why and ends with an error; the first goes on, and started beside a token that is nobody's run."""
     place = Place(tmp_path)
-    with place.gateway() as (gateway, browser), place.ur5() as first:
-        live(browser, "ur5")
-        with place.ur5("--lease-ms", "300") as second:
-            assert second.ended() == 3
-            assert "'ur5' is taken" in second.output
-            assert "Traceback" not in second.output
-        assert gateway.output.count("robot ur5: appeared") == 1
-        assert "vanished" not in gateway.output
-        live(browser, "ur5")
-        action = browser.action(browser.part("ur5", _JOINT), LF.Rotate)
-        assert move(browser, action, 0.1, prefer="wait=30").status_code == 204
-        assert "Traceback" not in first.output
-
-
-def test_foreign_token_does_not_keep_an_agent_from_starting(tmp_path: Path) -> None:
-    """A presence token that is none of the protocol is nobody's run."""
-    place = Place(tmp_path)
-    with place.gateway() as (_, browser), stage(place.zenoh) as session:
+    with place.gateway() as (gateway, browser), stage(place.zenoh) as session:
         token = session.liveliness().declare_token("fleet/robot/ur5/presence/whoever")
-        with place.ur5():
-            live(browser, "ur5")
+        with place.ur5() as first:
+            _refused_beside(place, gateway, browser, first)
         token.undeclare()
+
+
+def _refused_beside(place: Place, gateway: Process, browser: Browser, first: Process) -> None:
+    live(browser, "ur5")
+    with place.ur5("--lease-ms", "300") as second:
+        assert second.ended() == 3
+        assert "'ur5' is taken" in second.output
+        assert "Traceback" not in second.output
+    assert gateway.output.count("robot ur5: appeared") == 1
+    assert "vanished" not in gateway.output
+    live(browser, "ur5")
+    action = browser.action(browser.part("ur5", _JOINT), LF.Rotate)
+    assert move(browser, action, 0.1, prefer="wait=30").status_code == 204
+    assert "Traceback" not in first.output
 
 
 @pytest.mark.parametrize("taken", ["http", "zenoh"])

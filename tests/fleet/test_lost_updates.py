@@ -2,18 +2,18 @@
 
 import contextlib
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 import rdflib
 from browser import LDP, LF, Browser, Page
 from commanding import PREFIXES, TURTLE, at_all
+from parallel import at_once
 from redis_servers import single
 from several import Gateway, gateways, hub
 
-pytestmark = pytest.mark.fleet
-CLIENTS, EACH = 2, 8  # at each of two gateways
+pytestmark = pytest.mark.virtual
+CLIENTS, EACH = 2, 4  # at each of two gateways
 SPHERE = (
     "lf:position [ maths:x 9 ; maths:y 9 ; maths:z 9 ; vom:unit unit:M ] ; "
     "lf:orientation [ maths:x 0 ; maths:y 0 ; maths:z 0 ; lf:w 1 ] ; "
@@ -52,8 +52,7 @@ def at_both(two: list[Gateway], url: str, read: Callable[[Page], str], write: Ca
         return there and read(each.browser.page(each.here(url))) == "0"
 
     at_all(two, begun, "what is counted")
-    with ThreadPoolExecutor() as pool:
-        refused = list(pool.map(lambda each: count_up(each, url, read, write), two * CLIENTS))
+    refused = at_once([lambda each=each: count_up(each, url, read, write) for each in two * CLIENTS])
     assert sum(refused) > 0, "nobody was in anybody's way"
 
 

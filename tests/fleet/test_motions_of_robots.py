@@ -15,7 +15,7 @@ from running import eventually
 from simulated import RESTING_RAD_S, Simulated, angle_between, simulated
 from small_fleet import Place, live, number
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.virtual
 
 CLOSE_M, CLOSE_RAD = 1e-3, np.radians(0.5)
 # How long after its time a waypoint may be passed: the lag of the servos (40 ms) and a tick.

@@ -12,7 +12,7 @@ from running import eventually
 from simulated import RESTING_RAD_S, Simulated, simulated
 from small_fleet import Place, live
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.virtual
 
 CLOSE_M, CLOSE_RAD = 1e-3, math.radians(0.5)
 # Joints that have the same share of their way behind them at any time differ by the lag of their servos only.

@@ -13,7 +13,7 @@ from running import eventually
 from simulated import Simulated, simulated
 from small_fleet import Place, live
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.virtual
 
 # A joint of the arm and one of the torso: every rehearsed action concerns one of them.
 ARM, TORSO = "arm_1_joint", "torso_lift_joint"

@@ -11,7 +11,7 @@ from running import eventually
 from simulated import RESTING_RAD_S, Simulated, simulated
 from small_fleet import Place, live
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.virtual
 
 POSES = {"baxter": "untucked", "ur5": "upright", "panda": "upright", "tiago": "folded", "go2": "crouched"}
 _MOVING_RAD_S = 0.03

@@ -15,7 +15,7 @@ from rdflib import RDF, URIRef
 from running import Process, eventually
 from small_fleet import Place, faulty, live, move, number, presence, property_page, whole
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.virtual
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@
 import contextlib
 import signal
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import httpx
@@ -30,13 +29,14 @@ from commanding import (
     state_at,
 )
 from load import EventFollower, Front, Mover, Reader, SocketFollower, going_on
+from parallel import pool
 from receivers import Answer, receiving
-from redis_servers import Servers, cluster, single
+from redis_servers import Servers, single
 from running import Process, eventually, free_port
 from several import Gateway, Hub, arrived, deliveries, gateway, gateways, hub
 from subscribers import Socket, events
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.virtual
 _UNWELCOME = ("Traceback", "Exception", "ERROR", "could not be remembered", "never retrieved")
 
 
@@ -66,11 +66,11 @@ def path(url: str) -> str:
 
 
 def test_who_waits_for_a_motion_is_answered_and_it_goes_on(stage: Hub, memory: Servers) -> None:
-    with arm(stage.endpoint), gateways(stage, memory.url) as two, ThreadPoolExecutor(1) as pool:
+    with arm(stage.endpoint), gateways(stage, memory.url) as two, pool(1) as workers:
         all_see(two)
         one, other = two
         url = of_joint(one.browser, PAN)
-        waiting = pool.submit(put, one.browser, url, slowly(0.5), prefer="wait=60")
+        waiting = workers.submit(lambda: put(one.browser, url, slowly(0.5), prefer="wait=60"))
         moving(other.browser, PAN)
         calmly(one.process)
         answer = waiting.result()
@@ -85,14 +85,14 @@ def test_a_request_that_waits_for_a_robot_is_answered(stage: Hub, memory: Server
     with (
         arm(stage.endpoint, "--lease-ms", "30000") as agent,
         gateways(stage, memory.url) as two,
-        ThreadPoolExecutor(1) as pool,
+        pool(1) as workers,
     ):
         all_see(two)
         one, other = two
         url, there = of_joint(one.browser, WRIST), of_joint(other.browser, WRIST)
         agent.send(signal.SIGSTOP)
         try:
-            waiting = pool.submit(put, one.browser, url, radian(1.0))
+            waiting = workers.submit(put, one.browser, url, radian(1.0))
             eventually(lambda: invocations(other.browser, there), "the request under way")
             calmly(one.process)
             answer = waiting.result()
@@ -172,20 +172,14 @@ def test_a_gateway_ends_while_redis_hangs(stage: Hub, memory: Servers) -> None:
 # -- all of them, one after another ---------------------------------------------------------------------------------
 
 
-@pytest.fixture(params=[single, cluster])
-def engine(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Servers]:
-    with request.param(tmp_path / "redis") as servers:
-        yield servers
-
-
-def test_a_rolling_restart_under_load_loses_nothing(stage: Hub, engine: Servers) -> None:
+def test_a_rolling_restart_under_load_loses_nothing(stage: Hub, memory: Servers) -> None:
     """Motions, reads, streams and callbacks go on; what was answered holds at each gateway, old and new."""
     ports = [free_port(), free_port()]
     roots = [f"http://127.0.0.1:{port}/" for port in ports]
     with contextlib.ExitStack() as stack:
         receiver = stack.enter_context(receiving())
         stack.enter_context(arm(stage.endpoint))
-        running = [stack.enter_context(gateway(stage, "--redis-url", engine.url, port=port)) for port in ports]
+        running = [stack.enter_context(gateway(stage, "--redis-url", memory.url, port=port)) for port in ports]
         all_see(running)
         callbacks = [path(each.subscribed(receiver.url(f"/{index}"))) for index, each in enumerate(running)]
         token = made_known(running[0])
@@ -201,7 +195,7 @@ def test_a_rolling_restart_under_load_loses_nothing(stage: Hub, engine: Servers)
                     some(mover, reader)
                     calmly(running[index].process)
                     some(mover, reader)
-                    running[index] = stack.enter_context(gateway(stage, "--redis-url", engine.url, port=port))
+                    running[index] = stack.enter_context(gateway(stage, "--redis-url", memory.url, port=port))
                     all_see([running[index]])
                 some(mover, reader)
             for each in followers:

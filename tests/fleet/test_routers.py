@@ -12,7 +12,7 @@ from commanding import PAN, STILL_RAD, WRIST, angle, begun, moving, of_joint, pu
 from running import Process, free_port, process
 from small_fleet import Place, live, offline
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.processes
 
 
 def turns(browser: Browser, target: float) -> None:

@@ -18,7 +18,7 @@ from small_fleet import Place, live, number, property_page
 
 from gateway.http.slow import HIGH_WATER_BYTES
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.processes
 
 READERS = 50
 JOINTS = tuple(f"j{number}" for number in range(20))

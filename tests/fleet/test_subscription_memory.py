@@ -18,7 +18,7 @@ from websockets.frames import Frame, Opcode
 
 from gateway.subscriptions.keys import Keys
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.processes
 
 CYCLES, ROUNDS = 1000, 8
 AT_ONCE = 20

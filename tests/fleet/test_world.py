@@ -16,7 +16,7 @@ from rdflib import RDF, URIRef
 from running import Process, eventually, free_port, process
 from small_fleet import Place, live
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.virtual
 HYDRA = rdflib.Namespace("http://www.w3.org/ns/hydra/core#")
 DRY = {"prefer": "dry-run"}
 

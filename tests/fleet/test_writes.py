@@ -12,7 +12,9 @@ from rdflib import Literal, URIRef
 from rdflib.term import Node
 from small_fleet import Place, live
 
-pytestmark = pytest.mark.fleet
+from gateway.http.world import MAX_BODY_BYTES as MAX_OBJECT_BYTES
+
+pytestmark = pytest.mark.virtual
 _SYNTAXES = ("text/turtle", "application/ld+json", "application/n-triples", "application/rdf+xml")
 _UPDATE = {"content-type": "application/sparql-update"}
 _SPARQL = """PREFIX lf: <https://w3id.org/linked-fleet#> PREFIX dcterms: <http://purl.org/dc/terms/>
@@ -89,7 +91,7 @@ def test_what_was_read_can_be_put_back(browser: Browser, crate: str) -> None:
 
 
 def test_every_constraint_failure_names_its_constraint(browser: Browser, crate: str) -> None:
-    """Each 422 to PUT, POST and PATCH of whatever takes them links a document by ldp:constrainedBy that can be read."""
+    """Each 413, 415 and 422 to a write of whatever takes it links a document by ldp:constrainedBy that can be read."""
     robot = browser.robot("ur5")
     joint = browser.part("ur5", "shoulder_pan_joint")
     urls = {
@@ -104,14 +106,16 @@ def test_every_constraint_failure_names_its_constraint(browser: Browser, crate: 
             if method not in allow:
                 continue
             answer = browser.http.request(method, url, content=body, headers={"content-type": media_type})
-            if answer.status_code == 422:
+            if answer.status_code in (413, 415, 422):
                 constraint = answer.links[_CONSTRAINED]["url"]
                 assert browser.http.get(constraint).status_code == 200, f"{method} {url} {constraint}"
                 assert problem(answer)
-                seen.add((url, method))
-    assert {url for url, _ in seen} >= {crate, _objects(browser), _setting(browser, "title")}
-    assert {method for _, method in seen} == {"PUT", "POST", "PATCH"}
-    assert len(seen) > 15
+                assert answer.json()["constraint"] == constraint
+                seen.add((url, method, answer.status_code))
+    assert {url for url, *_ in seen} >= {crate, _objects(browser), _setting(browser, "title")}
+    each = {(method, status) for method in ("PUT", "POST", "PATCH") for status in (413, 415, 422)}
+    assert {(method, status) for _, method, status in seen} == each
+    assert len(seen) > 45
 
 
 def _attempts(root: str) -> Iterator[tuple[str, str, str]]:
@@ -138,6 +142,34 @@ def _attempts(root: str) -> Iterator[tuple[str, str, str]]:
         for method in ("PUT", "POST"):
             yield method, "text/turtle", PREFIXES + body
     yield "PATCH", _UPDATE["content-type"], _SPARQL + "INSERT DATA { <> ex:p 1 . <http://example.org/x> ex:p 1 }"
+    for method, media_type in (("PUT", "text/turtle"), ("POST", "text/turtle"), ("PATCH", _UPDATE["content-type"])):
+        yield method, media_type, "#" * (MAX_OBJECT_BYTES + 1)
+        yield method, "text/plain", "x"
+
+
+@pytest.fixture
+def full(browser: Browser) -> Iterator[httpx.Response]:
+    """What is answered to an object for which the world has no room."""
+    objects, turtle, made = _objects(browser), {"content-type": "text/turtle"}, list[str]()
+    while (answer := browser.http.post(objects, content=PREFIXES + _CRATE, headers=turtle)).status_code == 201:
+        made.append(answer.headers["location"])
+    yield answer
+    for url in made:
+        assert browser.http.delete(url).status_code == 204
+
+
+def test_a_world_without_room_links_its_constraint(browser: Browser, full: httpx.Response) -> None:
+    """409 when there are as many objects as there may be."""
+    assert problem(full) == (409, "conflict")
+    assert "no room" in full.json()["detail"]
+    assert browser.http.get(full.links[_CONSTRAINED]["url"]).status_code == 200
+
+
+def test_a_query_is_held_against_no_constraint(browser: Browser) -> None:
+    """It is no representation of a resource: 415 says what is taken, and links nothing."""
+    answer = browser.http.post(browser.root + "query", content="x", headers={"content-type": "text/plain"})
+    assert problem(answer)[0] == 415
+    assert _CONSTRAINED not in answer.links
 
 
 @pytest.mark.parametrize("model", _MODELS)

@@ -21,7 +21,7 @@ from agents.wire.messages import WIRE_VERSION, Accepted, Stop
 from agents.wire.trust import mutual_tls
 from gateway.fleet.answers import read_reply
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.processes
 KEYS = Keys()
 FORGED, HONEST = b"forged", b"honest"
 _ASK_S = 5.0

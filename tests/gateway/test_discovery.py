@@ -17,6 +17,7 @@ from gateway.fleet.events import Appeared, Event, Vanished
 from gateway.fleet.fleet import MAX_UNDESCRIBED, Fleet
 from gateway.fleet.presence import MAX_RUNS
 from gateway.link import FleetLink
+from gateway.zenoh_session import open_session
 
 NAMES = 500
 RUNS = 1000
@@ -29,7 +30,7 @@ class Gateway:
         self.fleet = Fleet()
         self.events: list[Event] = []
         self._changed = asyncio.Event()
-        self.link = FleetLink(KEYS, "g", (endpoint,), (), self._on_events, lambda *_: None)
+        self.link = FleetLink(KEYS, "g", lambda: open_session((endpoint,), (), {}), self._on_events, lambda *_: None)
 
     def _on_events(self, events: list[Event]) -> None:
         for event in events:

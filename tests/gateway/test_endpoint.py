@@ -23,7 +23,7 @@ from gateway.graph.serialise import MEDIA_TYPES
 from gateway.http.representation import negotiated
 from gateway.settings import GatewaySettings
 
-fleet_test = pytest.mark.fleet
+pytestmark = pytest.mark.virtual
 
 _TURTLE = {"content-type": "text/turtle"}
 _VOM = "http://vocab.arvida.de/2015/06/vom/vocab#"
@@ -78,7 +78,6 @@ def _status(answer: bytes) -> int:
 # -- requests that are no everyday's --------------------------------------------------------------------------------
 
 
-@fleet_test
 def test_request_targets(browser: Browser) -> None:
     """RFC 9112, 3.2: `*` is for OPTIONS, and a whole URL counts for more than Host."""
     root, netloc = browser.root, urlsplit(browser.root).netloc
@@ -96,7 +95,6 @@ def test_request_targets(browser: Browser) -> None:
         assert _status(answer) == status, request
 
 
-@fleet_test
 @pytest.mark.parametrize("protocol", ["websocket", "callback", "h2c", "TLS/1.0", "rosbridge/2, h2c"])
 @pytest.mark.parametrize("chunked", [False, True])
 def test_ignored_upgrade_loses_nothing(browser: Browser, action: str, protocol: str, chunked: bool) -> None:
@@ -115,7 +113,6 @@ def test_ignored_upgrade_loses_nothing(browser: Browser, action: str, protocol: 
     assert (_status(second), b"content-type: text/turtle" in second) == (200, True)
 
 
-@fleet_test
 def test_ignored_upgrade_is_no_news(fleet: RunningFleet) -> None:
     """An Upgrade that is not taken leaves no line in the gateway's log."""
     (answer,) = _raw(fleet.root, "GET / HTTP/1.1", "Upgrade: rosbridge/2\r\nConnection: Upgrade, close\r\n")
@@ -124,7 +121,6 @@ def test_ignored_upgrade_is_no_news(fleet: RunningFleet) -> None:
     assert "No supported WebSocket" not in fleet.gateway.output
 
 
-@fleet_test
 def test_spellings_of_a_path(browser: Browser) -> None:
     """A percent-encoded letter is that letter; an encoded slash separates nothing; one slash too many is redirected."""
     root, get = browser.root, browser.http.get
@@ -138,7 +134,6 @@ def test_spellings_of_a_path(browser: Browser) -> None:
         assert (answer.status_code, answer.headers["location"]) == (308, f"{root}{path}?a=b")
 
 
-@fleet_test
 def test_head_is_get_without_its_body(browser: Browser, action: str) -> None:
     """RFC 9110, 9.3.2: the same status and the same fields, Content-Length too, for what is there and for errors."""
     own = {"date", "x-request-id"}  # of the moment, and of the request
@@ -160,7 +155,6 @@ def test_head_is_get_without_its_body(browser: Browser, action: str) -> None:
         assert {n: v for n, v in head.headers.multi_items() if n not in own} == ours, (url, headers)
 
 
-@fleet_test
 def test_every_refusal_varies_with_accept_and_is_not_stored(browser: Browser, action: str) -> None:
     """Problems are negotiated, so caches are told; a field is said once."""
     for answer in (
@@ -178,7 +172,6 @@ def test_every_refusal_varies_with_accept_and_is_not_stored(browser: Browser, ac
 # -- negotiation and conditions -------------------------------------------------------------------------------------
 
 
-@fleet_test
 def test_profile_of_json_ld_excludes_nothing(browser: Browser) -> None:
     """A profile is a wish (RFC 6906): a client that names one gets JSON-LD."""
     accept = 'application/ld+json;profile="http://www.w3.org/ns/json-ld#compacted"'
@@ -186,7 +179,6 @@ def test_profile_of_json_ld_excludes_nothing(browser: Browser) -> None:
     assert answer.headers["content-type"] == "application/ld+json"
 
 
-@fleet_test
 def test_writes_heed_if_none_match(browser: Browser, action: str) -> None:
     """RFC 9110, 13.1.2: for a method that is no read, a match is 412; and If-Match holds for reads as well."""
     before = _moved(browser, action)
@@ -198,7 +190,6 @@ def test_writes_heed_if_none_match(browser: Browser, action: str) -> None:
     assert _moved(browser, action) == before
 
 
-@fleet_test
 def test_unacceptable_answer_moves_nothing(browser: Browser, action: str) -> None:
     """Who wants the invocation in a type that there is not gets 406 before the robot moves, not after."""
     before = _moved(browser, action)
@@ -207,7 +198,6 @@ def test_unacceptable_answer_moves_nothing(browser: Browser, action: str) -> Non
     assert _moved(browser, action) == before
 
 
-@fleet_test
 def test_frame_is_decodable_by_its_own_description(browser: Browser) -> None:
     """D5: numpy and the layout that the robot describes suffice to read the binary joint state."""
     robot = browser.robot("ur5")
@@ -237,7 +227,6 @@ def test_frame_is_decodable_by_its_own_description(browser: Browser) -> None:
 # -- bodies ---------------------------------------------------------------------------------------------------------
 
 
-@fleet_test
 def test_content_that_is_not_the_whole_plain_body(browser: Browser, action: str) -> None:
     """A coding is 415 with Accept-Encoding, a range 400, and contradictory types 400."""
     coded = _put(browser, action, _ZERO, content_encoding="gzip")
@@ -251,7 +240,6 @@ def test_content_that_is_not_the_whole_plain_body(browser: Browser, action: str)
     assert browser.http.put(action, content=iter([b"#" * 1000] * 300), headers=_TURTLE).status_code == 413
 
 
-@fleet_test
 @pytest.mark.parametrize(
     "body",
     [
@@ -268,7 +256,6 @@ def test_json_ld_in_its_many_forms(browser: Browser, action: str, body: object) 
     assert answer.status_code == 204, answer.text
 
 
-@fleet_test
 @pytest.mark.parametrize(
     ("media_type", "body"),
     [
@@ -293,7 +280,6 @@ def test_bombs_are_malformed(browser: Browser, action: str, media_type: str, bod
 _INTEGERS = "integer int long short byte nonNegativeInteger nonPositiveInteger unsignedLong unsignedInt unsignedShort"
 
 
-@fleet_test
 @pytest.mark.parametrize("datatype", f"float double decimal {_INTEGERS} unsignedByte".split())
 def test_every_numeric_type_is_taken(browser: Browser, action: str, datatype: str) -> None:
     """Any numeric literal type is a number; terms of other vocabularies about the input are nobody's business."""
@@ -302,7 +288,6 @@ def test_every_numeric_type_is_taken(browser: Browser, action: str, datatype: st
     assert _put(browser, action, body).status_code == 204
 
 
-@fleet_test
 @pytest.mark.parametrize(
     ("value", "named"),
     [
@@ -322,7 +307,6 @@ def test_numbers_that_are_none(browser: Browser, action: str, value: str, named:
     assert (answer.status_code, named in answer.json()["detail"]) == (422, True), answer.text[:500]
 
 
-@fleet_test
 def test_limits_belong_to_the_range(browser: Browser) -> None:
     """The very limits that the shape states, in degree and in radian, are admitted; a millionth more is not."""
     url = _rotate(browser, "left_e1")

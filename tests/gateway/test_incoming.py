@@ -8,6 +8,7 @@ from running import eventually, free_port
 from gateway.fleet.fleet import Described, Event, Fleet, Framed, Moved
 from gateway.fleet.frames import Frames
 from gateway.link import FleetLink
+from gateway.zenoh_session import open_session
 
 
 class Gateway:
@@ -16,7 +17,14 @@ class Gateway:
     def __init__(self, endpoint: str) -> None:
         self.fleet = Fleet(Frames(lambda robot: KEYS.robot(robot, "state")))
         self.events: asyncio.Queue[Event] = asyncio.Queue()
-        self.link = FleetLink(KEYS, "g", (endpoint,), (), self._on_events, lambda *_: None, frames=self.fleet.frames)
+        self.link = FleetLink(
+            KEYS,
+            "g",
+            lambda: open_session((endpoint,), (), {}),
+            self._on_events,
+            lambda *_: None,
+            frames=self.fleet.frames,
+        )
 
     def _on_events(self, events: list[Event]) -> None:
         for event in events:

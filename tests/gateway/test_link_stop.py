@@ -12,6 +12,7 @@ from agents.wire.keys import Keys
 from agents.wire.messages import WIRE_VERSION, Accepted, Command, Description, Move, Progress, Refused, State, Stop
 from gateway.fleet.events import Described, Event, Framed
 from gateway.link import FleetLink, NoAnswer
+from gateway.zenoh_session import open_session
 
 KEYS = Keys("site/hall-3")
 PATIENCE_S = 60.0
@@ -25,7 +26,7 @@ class Gateway:
         self.frames: dict[str, State] = {}
         self.progress: dict[tuple[str, str], list[Progress]] = {}
         self._changed = asyncio.Event()
-        self.link = FleetLink(KEYS, "g", (endpoint,), (), self._on_events, self._on_progress)
+        self.link = FleetLink(KEYS, "g", lambda: open_session((endpoint,), (), {}), self._on_events, self._on_progress)
 
     def _on_events(self, events: list[Event]) -> None:
         for event in events:

@@ -25,7 +25,7 @@ from small_fleet import Place, live, move, presence
 from starlette.requests import Request
 from websockets.sync.client import connect as websocket
 
-from gateway.observe.health import PREPARING, ready
+from gateway.observe.health import PREPARING, Readiness, ready
 from gateway.settings import GatewaySettings
 
 
@@ -261,7 +261,7 @@ def reasons(*, prepared: bool, draining: bool = False) -> list[str]:
 def all_well(*, prepared: bool, draining: bool = False) -> SimpleNamespace:
     up = SimpleNamespace(link=SimpleNamespace(joined=True), store_answers=True)
     world = SimpleNamespace(checks=SimpleNamespace(prepared=prepared))
-    return SimpleNamespace(live=up, subscriptions=up, world=world, embedded=None, draining=draining)
+    return SimpleNamespace(live=up, subscriptions=up, world=world, embedded=None, readiness=Readiness(draining))
 
 
 def answered(state: SimpleNamespace) -> tuple[int, dict[str, Any]]:

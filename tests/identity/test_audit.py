@@ -12,7 +12,7 @@ from rdflib import DCTERMS, PROV, URIRef
 from redis_servers import single
 from running import eventually
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.virtual
 
 
 def noted(browser: Browser, root: str) -> list[tuple[str, str, str]]:

@@ -1,34 +1,33 @@
 """The client says who it is to its own fleet, and to nobody else."""
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from guarded import Guarded
 from receivers import Answer, receiving
-from running import ROOT
 
+from client.cli.main import REFUSED, main
 from client.conform import command
 from client.fleet import Fleet
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.virtual
 
 
-def test_the_command_line_takes_a_token(here: Guarded) -> None:
-    def ls(token: str) -> subprocess.CompletedProcess[str]:
-        environment = os.environ | {"PYTHONPATH": str(ROOT), "LINKED_FLEET_URL": here.root, "LINKED_FLEET_TOKEN": token}
-        command = [sys.executable, "-m", "client.cli.main", "ls"]
-        return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60, check=False)
+def test_the_command_line_takes_a_token(
+    here: Guarded, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("LINKED_FLEET_URL", here.root)
 
-    said = ls(here.tokens["lab"])
-    assert said.returncode == 0, said.stderr
-    assert said.stdout.count("Robot") == 1
-    assert ls(here.tokens["all"]).stdout.count("Robot") >= 2
-    nobody = ls("")
-    assert nobody.returncode != 0 and "Traceback" not in nobody.stderr
+    def ls(token: str) -> tuple[int, int]:
+        """The exit code, and how many robots are listed."""
+        monkeypatch.setenv("LINKED_FLEET_TOKEN", token)
+        return main(["ls"]), capsys.readouterr().out.count("Robot")
+
+    assert ls(here.tokens["lab"]) == (0, 1)
+    code, robots = ls(here.tokens["all"])
+    assert (code, robots >= 2) == (0, True)
+    assert ls("") == (REFUSED, 0)
 
 
 def test_conformance_is_checked_as_who_has_the_token(

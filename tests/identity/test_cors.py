@@ -7,7 +7,7 @@ import pytest
 from browser import LF
 from guarded import ALL, Guarded, guarded
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.virtual
 TWIN = "https://twin.example:8443"
 STRANGER = "https://twin.example"
 

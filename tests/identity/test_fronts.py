@@ -9,7 +9,7 @@ from issuer import Issuer
 
 from gateway.http.login import FAILURES
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.virtual
 
 
 @pytest.fixture(scope="module")

@@ -9,10 +9,10 @@ from browser import HYBRIT, LDP, LF, MATHS, VOM, Browser, links
 from guarded import HIDDEN, SEEN, Guarded, Listening, refusal
 from rdflib import URIRef
 from running import eventually, process
-from small_fleet import live
+from small_fleet import live, offline
 from walk import walk
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.virtual
 _TURTLE = {"content-type": "text/turtle"}
 _PREFIXES = f"@prefix hybrit: <{HYBRIT}> . @prefix lf: <{LF}> .\n"
 
@@ -114,6 +114,8 @@ def test_a_subtree_shows_what_is_seen_and_also_what_comes(here: Guarded, root: B
         while "/lab-2/wrist_3_joint" not in told:
             told = narrow.next()
             assert "hall-" not in told
+    offline(root, "hall-2")
+    offline(root, "lab-2")
 
 
 def test_stop_all_reaches_whom_one_may_stop_and_tells_of_those_alone(

@@ -19,6 +19,8 @@ from gateway.identity.keys import IssuerKeys
 from gateway.identity.roster import parse_roster
 from gateway.identity.web import IssuerSilent, Web
 
+pytestmark = pytest.mark.virtual
+
 
 @pytest.fixture
 def issuer() -> Iterator[Issuer]:

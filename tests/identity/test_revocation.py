@@ -14,7 +14,7 @@ from running import eventually, process
 from small_fleet import Place
 from subscribers import Events
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.virtual
 _TURTLE = {"content-type": "text/turtle"}
 _PREFIXES = f"@prefix hybrit: <{HYBRIT}> . @prefix lf: <{LF}> .\n"
 

@@ -41,10 +41,37 @@ def test_of_the_fleet_one_robot_is_enough_but_not_to_administer() -> None:
     assert identity(("admin", ("*",))).may(Right.ADMIN, None)
 
 
+@pytest.mark.parametrize(
+    ("rights", "robot", "may"),
+    [
+        ("subscribe admin", "lab-1", True),
+        ("admin subscribe", "lab-1", True),
+        ("subscribe", "hall", False),
+        ("act stop", "lab-1", False),
+        ("subscribe", None, True),
+        ("", "lab-1", False),
+    ],
+)
+def test_one_of_several_rights_is_enough(rights: str, robot: str | None, may: bool) -> None:
+    """In whatever order they are asked for, and over that robot."""
+    who = identity(("read subscribe", ("lab-*",)))
+    assert who.may_any(map(Right, rights.split()), robot) is may
+
+
 def test_who_sees_all_sees_the_same() -> None:
     assert identity(("read", ("lab-*", "*"))).sees is ALL
     assert view(frozenset({"a"}), "ada") is view(frozenset({"a"}), "ada")
     assert view(frozenset({"a"}), "ada") != view(frozenset({"a"}), "bob")  # each has invocations of the fleet as well
+    assert identity(("read", ("a",))).sees == view(frozenset({"a"}), "ada")
+
+
+def test_who_is_not_known_has_no_name() -> None:
+    """Callers are counted and audited by name, and one without a name by address."""
+    assert (EVERYBODY.name, NOBODY.name, ALL.name) == ("", "", "")
+
+
+def test_an_identity_lasts_unless_it_says_otherwise() -> None:
+    assert (EVERYBODY.expires_ns, EVERYBODY.credential) == (None, None)
 
 
 def test_a_view_covers_another_by_its_patterns() -> None:

@@ -13,7 +13,7 @@ from running import eventually
 from small_fleet import live
 from subscribers import PATIENCE_S
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.virtual
 
 NAMES = ("reader", "subscriber", "stopper", "actor", "admin")
 _JOINT = "wrist_3_joint"
@@ -168,7 +168,7 @@ def test_the_numbers_are_for_who_administers_all(here: Guarded, name: str | None
         assert ("linked_fleet_robots" in answer.text) == (status == 200)
 
 
-def test_a_subscription_is_seen_by_its_creator_and_by_who_administers(here: Guarded, root: Browser) -> None:
+def test_a_subscription_is_seen_and_changed_by_its_creator_and_by_who_administers(here: Guarded, root: Browser) -> None:
     joint = root.part(SEEN, _JOINT)
     container = str(joint.one(HYBRIT.subscriptions))
     body = _PREFIXES + f"[] a hybrit:Subscription ; hybrit:onResource <{joint.url}> ."
@@ -183,12 +183,36 @@ def test_a_subscription_is_seen_by_its_creator_and_by_who_administers(here: Guar
         mine = made.headers["location"]
         assert mine in seen("subscriber") & seen("admin") & seen("lab") and mine not in seen("lab-subscriber")
         with here.browsing("lab-subscriber") as stranger:
-            for answer in (stranger.http.get(mine), stranger.http.delete(mine)):
+            for answer in (stranger.http.get(mine), stranger.http.delete(mine), _slow_down(stranger, mine)):
                 assert answer.status_code == 404
+        assert {_slow_down(each, mine).status_code for each in (subscriber, other)} == {204}
         with other.http.stream("GET", mine, headers={"accept": "text/event-stream"}) as opened:
             assert opened.status_code == 409  # what it tells is for who made it
         assert other.http.delete(mine).status_code == 204
         assert mine not in seen("subscriber")
+
+
+def test_who_administers_has_no_subscription_of_another_cover_the_fleet(here: Guarded, root: Browser) -> None:
+    """Its messages say what its creator may read, which may be more than he may subscribe to."""
+    body = _PREFIXES + f"[] a hybrit:Subscription ; hybrit:onResource <{root.root}> ; lf:depth lf:thisAlone ."
+    headers = {"content-type": "text/turtle"}
+    with here.browsing("subscriber") as subscriber, here.browsing("all") as other:
+        made = subscriber.http.post(root.root + "subscriptions", content=body, headers=headers)
+        assert made.status_code == 201, made.text
+        update = "DELETE { <> lf:depth ?d } INSERT { <> lf:depth lf:wholeSubtree } WHERE { <> lf:depth ?d }"
+        assert _patch(other, made.headers["location"], update).status_code == 403
+        assert _patch(subscriber, made.headers["location"], update).status_code == 204
+        assert subscriber.http.delete(made.headers["location"]).status_code == 204
+
+
+def _slow_down(browser: Browser, subscription: str) -> httpx.Response:
+    update = "DELETE { <> lf:deadband ?old } INSERT { <> lf:deadband 0.5 } WHERE { <> lf:deadband ?old }"
+    return _patch(browser, subscription, update)
+
+
+def _patch(browser: Browser, url: str, update: str) -> httpx.Response:
+    headers = {"content-type": "application/sparql-update"}
+    return browser.http.patch(url, content=f"PREFIX lf: <{LF}> {update}", headers=headers)
 
 
 def test_who_only_reads_finds_no_subscriptions(here: Guarded, root: Browser) -> None:
@@ -219,3 +243,14 @@ def test_who_only_reads_finds_no_subscriptions(here: Guarded, root: Browser) -> 
     for name in ("subscriber", "admin"):
         with here.browsing(name) as browser:
             assert {browser.http.get(container).status_code for container in containers} == {200}
+
+
+def test_pages_link_subscriptions_for_who_may_read_them(here: Guarded, root: Browser) -> None:
+    """No page leads its reader to a 403."""
+    for thing in (root.page(root.root), root.robot(SEEN), root.part(SEEN, _JOINT)):
+        link = f'href="{thing.one(HYBRIT.subscriptions)}"'
+        for name in NAMES:
+            with here.browsing(name) as browser:
+                page = browser.http.get(thing.url, headers={"accept": "text/html"}).text
+                assert "Blueprint</a>" in page
+                assert (link in page) == (name in ("subscriber", "admin")), f"{name} at {thing.url}"

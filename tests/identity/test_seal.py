@@ -1,17 +1,15 @@
 """What browsers keep for us, and the key with which gateways seal it."""
 
-import asyncio
 import base64
 import time
 from pathlib import Path
 
 import pytest
-from redis_servers import single
 
 from gateway.identity.rights import Claims, TokenHash
 from gateway.identity.roster import BadRoster
 from gateway.identity.seal import Underway, new_session, open_login, open_session, seal_login, seal_session
-from gateway.identity.store import SessionKey, StoreUnavailable, read_key
+from gateway.identity.store import read_key
 
 _KEY, _OTHER = b"k" * 32, b"o" * 32
 _LOGIN = Underway("https://id.example", "state", "nonce", "verifier", "/ur5/")
@@ -46,23 +44,6 @@ def test_what_is_sealed_for_one_purpose_is_nothing_for_another() -> None:
     assert open_session(seal_login(_LOGIN, _KEY, now_ns), _KEY) is None
     assert open_login(seal_session(new_session(TokenHash("ab" * 32), "one", now_ns), _KEY), _KEY) is None
     assert open_login(seal_login(_LOGIN, _KEY, now_ns - _HOUR_NS), _KEY) is None
-
-
-def test_gateways_share_a_key_and_keep_it_while_redis_is_away(tmp_path: Path) -> None:
-    async def read() -> None:
-        with single(tmp_path) as servers:
-            one, other = (SessionKey(servers.url, "fleet", "") for _ in range(2))
-            elsewhere = SessionKey(servers.url, "another", "")
-            first, second, third = await asyncio.gather(one.get(), other.get(), elsewhere.get())
-            assert first == second and len(first) == 32 and third != first
-            late = SessionKey(servers.url, "fleet", "")
-        assert await one.get() == first
-        with pytest.raises(StoreUnavailable):
-            await late.get()
-        for each in (one, other, elsewhere, late):
-            await each.aclose()
-
-    asyncio.run(read())
 
 
 def test_a_key_may_be_in_a_file(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from browser import LF
 from guarded import SEEN, Guarded, Listening, refusal
 from running import eventually
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.virtual
 _HTML = "text/html,application/xhtml+xml,*/*;q=0.8"
 
 

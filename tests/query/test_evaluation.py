@@ -4,8 +4,10 @@ import socket
 import subprocess
 import sys
 
+import pytest
 from running import ROOT
 
+pytestmark = pytest.mark.processes
 _PROGRAM = """
 import sys
 from pyoxigraph import Store

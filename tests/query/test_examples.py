@@ -11,6 +11,7 @@ from small_fleet import Place, live
 
 from gateway.query.examples import EXAMPLES, MOVING, NEAR_LIMITS, REACH, Example
 
+pytestmark = pytest.mark.virtual
 ROBOTS = ("baxter", "ur5", "panda", "tiago", "go2")
 
 

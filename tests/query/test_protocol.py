@@ -6,6 +6,7 @@ The cases are those of the W3C's protocol tests that apply to a service that onl
 import csv
 import io
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
@@ -14,7 +15,9 @@ import pytest
 import rdflib
 from browser import Browser
 from rdflib import RDF
+from small_fleet import Place
 
+pytestmark = pytest.mark.virtual
 LF = rdflib.Namespace("https://w3id.org/linked-fleet#")
 SD = rdflib.Namespace("http://www.w3.org/ns/sparql-service-description#")
 VOID = rdflib.Namespace("http://rdfs.org/ns/void#")
@@ -222,3 +225,11 @@ def test_what_is_constructed_is_what_the_robot_says(http: httpx.Client, root: st
     robot = rdflib.Graph().parse(data=http.get("/ur5/").text, format="turtle", publicID=f"{root}ur5/")
     assert set(graph) == set(robot.triples((None, rdflib.DCTERMS.hasPart, None)))
     assert (rdflib.URIRef(f"{root}ur5/"), RDF.type, LF.Robot) in robot
+
+
+def test_a_fleet_without_robots_can_be_queried(tmp_path: Path) -> None:
+    place = Place(tmp_path)
+    with place.gateway():
+        select = f"SELECT ?fleet WHERE {{ ?fleet a <{LF.Fleet}> }}"
+        answer = httpx.get(f"{place.root}query", params={"query": select}, headers={"accept": "text/csv"}, timeout=60)
+    assert (answer.status_code, answer.text.split()) == (200, ["fleet", place.root])

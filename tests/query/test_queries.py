@@ -8,18 +8,17 @@ from collections.abc import Awaitable, Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import httpx
 import msgspec
 import pytest
 from pictured import Pictured
 from pyoxigraph import Literal, NamedNode, Triple
-from running import eventually, free_port
-from small_fleet import Place
+from running import eventually
+from virtual.loop import VirtualLoop, current
+from virtual.zenoh_network import ZenohNetwork
 
 from gateway.errors import BadRequest, FleetError, QueryTooCostly, ResultTooLarge
 from gateway.fleet.invocation import Invocation
 from gateway.fleet.model import Pose
-from gateway.graph.vocab import LF
 from gateway.graph.wing import Sight
 from gateway.identity.rights import ALL, View, view
 from gateway.live import Live
@@ -27,6 +26,7 @@ from gateway.query.messages import Instead, Placed
 from gateway.query.service import Queries, Term
 from gateway.settings import GatewaySettings
 
+pytestmark = pytest.mark.virtual
 BASE = "http://fleet.example"
 PREFIXES = """PREFIX lf: <https://w3id.org/linked-fleet#> PREFIX ros: <http://ros.org/#>
 PREFIX dcterms: <http://purl.org/dc/terms/> PREFIX vom: <http://vocab.arvida.de/2015/06/vom/vocab#>
@@ -40,15 +40,15 @@ ONE = view(frozenset({"a"}), "ann")
 
 @dataclass
 class Asking:
-    """Queries over robots that the test tells of; ``run`` is in the one event loop of both."""
+    """Queries over robots that the test tells of; ``run`` is in the event loop of both."""
 
-    runner: asyncio.Runner
+    loop: VirtualLoop
     live: Live
     queries: Queries
     robots: Pictured
 
     def run(self, query: str, sees: View = ALL, bindings: Mapping[str, Term] = {}) -> list[dict[str, Term]]:
-        return self.runner.run(self.select(query, sees, bindings))
+        return self.loop.run(self.select(query, sees, bindings))
 
     async def select(self, query: str, sees: View = ALL, bindings: Mapping[str, Term] = {}) -> list[dict[str, Term]]:
         return await self.queries.select(PREFIXES + query, BASE, sees, bindings)
@@ -59,21 +59,21 @@ class Asking:
 
 @pytest.fixture(scope="module")
 def asking() -> Iterator[Asking]:
-    settings = GatewaySettings(port=str(free_port()), zenoh_listen=f"tcp/127.0.0.1:{free_port()}")
+    loop = current()
+    assert loop is not None
 
     async def enter() -> tuple[Live, Queries]:
-        live = await Live(settings).__aenter__()
+        live = await Live(GatewaySettings(), ZenohNetwork().gateway("queries")).__aenter__()
         return live, await Queries(live, limit_s=0.5).__aenter__()
 
-    with asyncio.Runner() as runner:
-        live, queries = runner.run(enter())
-        robots = Pictured(live.fleet, live.invocations)
-        for name in ("a", "b"):
-            robots.describe(name)
-            robots.stand(name, (0.25, 0.1))
-        yield Asking(runner, live, queries, robots)
-        runner.run(queries.__aexit__(None, None, None))
-        runner.run(live.__aexit__(None, None, None))
+    live, queries = loop.run(enter())
+    robots = Pictured(live.fleet, live.invocations)
+    for name in ("a", "b"):
+        robots.describe(name)
+        robots.stand(name, (0.25, 0.1))
+    yield Asking(loop, live, queries, robots)
+    loop.run(queries.__aexit__(None, None, None))
+    loop.run(live.__aexit__(None, None, None))
 
 
 def test_the_whole_fleet_is_asked(asking: Asking) -> None:
@@ -100,7 +100,7 @@ def test_each_query_sees_one_instant(asking: Asking) -> None:
             await asyncio.sleep(0)
         await queries
 
-    asking.runner.run(move())
+    asking.loop.run(move())
     assert [len(each) for each in seen] == [1] * 8
     assert len(set.union(*seen)) > 1
 
@@ -179,8 +179,8 @@ def test_robots_can_be_supposed_to_be_in_another_state(asking: Asking) -> None:
         return sorted(tuple(term.value for term in row.values()) for row in rows)
 
     try:
-        assert asking.runner.run(suppose(POSITIONS)) == [("The a", "0.75"), ("The b", "0.25")]
-        assert asking.runner.run(suppose(tasks)) == []
+        assert asking.loop.run(suppose(POSITIONS)) == [("The a", "0.75"), ("The b", "0.25")]
+        assert asking.loop.run(suppose(tasks)) == []
         assert asking.values(POSITIONS) == [("The a", "0.25"), ("The b", "0.25")]
         assert asking.values(tasks) == [("The a",)]
     finally:
@@ -199,9 +199,9 @@ def test_a_query_is_checked_without_being_asked(asking: Asking) -> None:
     async def check(query: str) -> list[str]:
         return await asking.queries.check(query, BASE)
 
-    assert asking.runner.run(check("SELECT ?s { ?s ?p ?o }")) == ["s"]
+    assert asking.loop.run(check("SELECT ?s { ?s ?p ?o }")) == ["s"]
     with pytest.raises(BadRequest):
-        asking.runner.run(check("SELECT ?s { ?s ?p }"))
+        asking.loop.run(check("SELECT ?s { ?s ?p }"))
 
 
 @pytest.mark.parametrize(
@@ -246,7 +246,7 @@ def _answers(ask: Callable[[], Awaitable[list[dict[str, Term]]]], asking: Asking
         except FleetError:
             return False
 
-    return asking.runner.run(answered())
+    return asking.loop.run(answered())
 
 
 def test_wings_say_what_they_have_to_who_may_see_it(asking: Asking) -> None:
@@ -259,11 +259,3 @@ def test_wings_say_what_they_have_to_who_may_see_it(asking: Asking) -> None:
     query = f"SELECT ?name {{ GRAPH ?robot {{ ?robot <{place.value}> ?name }} }}"
     assert asking.values(query) == [("a",), ("b",)]
     assert asking.values(query, ONE) == [("a",)]
-
-
-def test_a_fleet_without_robots_can_be_queried(tmp_path: Path) -> None:
-    place = Place(tmp_path)
-    with place.gateway():
-        select = f"SELECT ?fleet WHERE {{ ?fleet a {LF.Fleet} }}"
-        answer = httpx.get(f"{place.root}query", params={"query": select}, headers={"accept": "text/csv"}, timeout=60)
-    assert (answer.status_code, answer.text.split()) == (200, ["fleet", place.root])

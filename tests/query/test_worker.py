@@ -9,6 +9,7 @@ import pytest
 
 from gateway.query.messages import Ask, News, encode
 
+pytestmark = pytest.mark.processes
 ASK = Ask(
     news=News(robots=[], frames={}), query="ASK {}", base="http://fleet", base_iri="http://fleet/query",
     patterns=("*",), caller="", default=None, named=None, wings=[], invocations=[], graphs=[],

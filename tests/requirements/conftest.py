@@ -1,16 +1,16 @@
-"""One walk of the whole tree serves all requirements."""
+"""One walk of the tree serves all requirements of a file."""
 
 import httpx
 import pytest
 from browser import Browser
-from walk import Walk, walk
+from walk import WALKED, Walk, walk
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def tree(browser: Browser) -> Walk:
-    return walk(browser.root, browser.http)
+    return walk(browser.root, browser.http, robots=WALKED)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def http(browser: Browser) -> httpx.Client:
     return browser.http

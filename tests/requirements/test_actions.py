@@ -9,7 +9,7 @@ from browser import HYBRIT, LF, MATHS, PROV, SPATIAL, VOM, Browser, Page
 from rdflib import URIRef
 from running import eventually
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.virtual
 
 _PREFIXES = """@prefix rdf: <http://www.w3.org/1999/02/22-rdf-syntax-ns#> .
 @prefix xsd: <http://www.w3.org/2001/XMLSchema#> .

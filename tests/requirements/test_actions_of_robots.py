@@ -10,7 +10,7 @@ from rdflib import RDF, URIRef
 from running import eventually
 from small_fleet import number, property_page
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.virtual
 
 CLOSE_M, CLOSE_RAD = 1e-3, math.radians(0.5)
 _OPEN = (LF.accepted, LF.running)

@@ -1,10 +1,8 @@
 """Desideratum D5: binary frames, decoded with nothing but the layout in RDF that each answer names."""
 
 import math
-import re
 import struct
 from collections.abc import Iterator
-from pathlib import Path
 
 import httpx
 import pyshacl
@@ -14,13 +12,13 @@ from actor import Actor, stage
 from browser import HYBRIT, LF, ROS, SOSA, Browser, Page, links
 from rdflib import Namespace
 from rdflib.collection import Collection
-from running import eventually, process
+from running import eventually
 from small_fleet import Place
 from subscribers import Socket, Theatre, theatre
 
 QUDT, UNIT = Namespace("http://qudt.org/schema/qudt/"), Namespace("http://qudt.org/vocab/unit/")
 OCTETS, FRAME = "application/octet-stream", "application/vnd.linked-fleet.frame"
-PAGE = Path(__file__).parents[2] / "docs" / "BINARY.md"
+pytestmark = pytest.mark.virtual
 CODES = {"char2": "2s", "uint16": "H", "uint32": "I", "uint64": "Q", "int64": "q", "float64": "d"}
 
 
@@ -28,16 +26,6 @@ CODES = {"char2": "2s", "uint16": "H", "uint32": "I", "uint64": "Q", "int64": "q
 def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Theatre]:
     with theatre(Place(tmp_path_factory.mktemp("binary"))) as opened:
         yield opened
-
-
-@pytest.fixture(scope="module")
-def client(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The client of docs/BINARY.md as a file, exactly as it stands there."""
-    (code,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.S)
-    assert len(code.splitlines()) <= 40
-    path = tmp_path_factory.mktemp("client") / "client.py"
-    path.write_text(code)
-    return path
 
 
 def _get(scene: Theatre, url: str, accept: str = OCTETS) -> httpx.Response:
@@ -60,29 +48,6 @@ def _decoded(layout: Page, body: bytes) -> dict[str, object]:
         (found[str(graph.value(field, LF.fieldName))],) = struct.unpack_from(code, body, offset)
     assert sorted(covered) == list(range(len(body))) == list(range(int(layout.one(LF.byteSize))))
     return found
-
-
-def test_the_client_in_the_docs_reads_a_joint_state(scene: Theatre, client: Path) -> None:
-    """Two frames of a whole robot, printed by a client that has only rdflib, websockets and the link."""
-    with scene.toy(0.25, -0.5) as toy:
-        state, elbow = str(toy.page.one(LF.jointState)), toy.rotation()
-        with process("-I", str(client), state, "2") as run:
-            run.said(f"elbow/rotation 0.25 http://qudt.org/vocab/unit/RAD {elbow}\n")
-            toy.pose(0.5, -0.125)
-            assert run.ended() == 0
-        assert f"elbow/rotation 0.5 http://qudt.org/vocab/unit/RAD {elbow}\n" in run.output
-        assert "shoulder/rotation -0.125 " in run.output
-        assert "elbow/effort nan http://qudt.org/vocab/unit/N-M " in run.output
-
-
-def test_the_client_in_the_docs_reads_one_property(scene: Theatre, client: Path) -> None:
-    """The same client, unchanged, on a single value."""
-    with scene.toy(0.25) as toy:
-        with process("-I", str(client), toy.rotation(), "2") as run:
-            run.said(f"rotation 0.25 http://qudt.org/vocab/unit/RAD {toy.rotation()}\n")
-            toy.pose(0.75)
-            assert run.ended() == 0
-        assert "rotation 0.75 " in run.output
 
 
 def test_a_value_has_the_version_and_the_time_of_its_rdf(scene: Theatre) -> None:

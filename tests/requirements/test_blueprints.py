@@ -8,9 +8,9 @@ import pytest
 import rdflib
 from browser import HYBRIT, LF, SH, VOM, Browser
 from commanding import begun, control, post, put, slowly
-from walk import Visited, Walk, walk
+from walk import WALKED, Visited, Walk, walk
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.virtual
 _SHAPES = Path(__file__).parents[2] / "shapes"
 
 
@@ -62,7 +62,7 @@ def test_taking_a_required_triple_away_fails(tree: Walk) -> None:
 
 def test_taking_a_value_away_fails(tree: Walk) -> None:
     """Deep down as well: a rotation without its number, its unit or its axis does not conform."""
-    page = next(page for page in tree.of("property") if page.url.endswith("/right_s1/rotation"))
+    page = next(page for page in tree.of("property") if page.url.endswith("/wrist_1_joint/rotation"))
     shapes = _blueprint(tree, page)
     nested = [t for t in page.graph if isinstance(t[0], rdflib.BNode)]
     assert len(nested) >= 8
@@ -83,7 +83,7 @@ def moving(tree: Walk, browser: Browser) -> Iterator[Walk]:
         leases[lease] = {"lock-token": answer.headers["lock-token"]}
         begun(put(browser, _slow(tree, robot), _away(browser, _slow(tree, robot)), **leases[lease]))
     try:
-        yield walk(browser.root, browser.http, before=tree)
+        yield walk(browser.root, browser.http, before=tree, robots=WALKED)
     finally:
         begun(post(browser, browser.action(browser.page(browser.root), LF.StopAll)))
         for lease, fields in leases.items():

@@ -9,7 +9,7 @@ from rdflib import BNode, Literal, URIRef
 from rdflib.collection import Collection
 from rdflib.compare import graph_diff, isomorphic, to_isomorphic
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.virtual
 _GOLDEN = Path(__file__).parents[1] / "golden"
 
 

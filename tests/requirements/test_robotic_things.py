@@ -9,7 +9,7 @@ from browser import HTTP, HYBRIT, LDP, LF, RDFS, links
 from rdflib import RDF, URIRef
 from walk import Visited, Walk
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.virtual
 
 
 def _raw(root: str, request: bytes) -> bytes:

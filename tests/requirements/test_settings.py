@@ -30,7 +30,7 @@ from redis_servers import single
 from running import eventually
 from several import Gateway, gateway, gateways, hub
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.virtual
 _READ = "GET, HEAD, OPTIONS"
 _TYPES = "text/turtle, application/ld+json, application/n-triples, application/rdf+xml"
 

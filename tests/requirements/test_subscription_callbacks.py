@@ -17,6 +17,8 @@ from running import eventually
 from small_fleet import Place
 from subscribers import FORMATS, Theatre, Toy, angle_in, graph_of, members, said, theatre
 
+pytestmark = pytest.mark.virtual
+
 _UPGRADE = {"Upgrade": "callback", "Connection": "Upgrade"}
 _SECRET = base64.b64encode(b"0123456789abcdef0123456789abcdef").decode()
 

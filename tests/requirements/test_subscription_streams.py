@@ -32,6 +32,8 @@ from subscribers import (
 
 from agents.wire.codec import decode_state
 
+pytestmark = pytest.mark.virtual
+
 JELLY = "application/x-jelly-rdf"
 FRAME = "application/vnd.linked-fleet.frame"
 
@@ -72,7 +74,6 @@ def test_r0_12_and_r0_15_websocket_on_rotation_joint_robot_and_fleet(scene: Thea
             _same(news, scene.browser, fleet)
 
 
-@pytest.mark.fleet
 def test_r0_15_websocket_follows_a_motion_to_its_end(browser: Browser) -> None:
     """R0.15: messages follow a real motion, their versions grow, and the last one has the final value."""
     joint = browser.part("panda", "panda_joint2")
@@ -100,7 +101,6 @@ def test_r0_15_websocket_follows_a_motion_to_its_end(browser: Browser) -> None:
     emptied(browser, container)
 
 
-@pytest.mark.fleet
 def test_r0_15_websocket_on_an_invocation(browser: Browser) -> None:
     """R0.15: an invocation can be watched until it has succeeded."""
     joint = browser.part("panda", "panda_joint4")
@@ -482,7 +482,6 @@ def test_versions_are_the_same_for_all(scene: Theatre) -> None:
         assert len(known) == 1
 
 
-@pytest.mark.fleet
 def test_r0_12_streams_under_every_name_of_the_gateway(fleet: RunningFleet, browser: Browser) -> None:
     """R0.12: who asks under another public name of the gateway is answered in that name's IRIs."""
     joint = browser.part("baxter", "right_w0")

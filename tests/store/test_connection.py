@@ -1,48 +1,85 @@
-"""Commands while connections are lost: each is answered, or told that the store is away."""
+"""Commands while connections are lost, and what is said of a URL or of a server that may lose what it accepts."""
 
 import asyncio
-from collections.abc import Callable
-from contextlib import AbstractContextManager
-from pathlib import Path
+import logging
+from collections.abc import Iterator
 
 import pytest
-from redis_servers import Servers, cluster, single
+from redis_backends import Backend, opened
+from stored import closing, served
 
-from gateway.store.connection import Connection, StoreUnavailable
+from gateway.store.connection import BadUrl, Connection, StoreUnavailable
 
-_ROUNDS, _AT_ONCE = 100, 12
+_ROUNDS, _AT_ONCE = 50, 12
 
 
-@pytest.mark.parametrize("servers", [single, cluster])
-def test_who_writes_while_all_connections_are_cut_hears_of_it(
-    tmp_path: Path, servers: Callable[[Path], AbstractContextManager[Servers]]
-) -> None:
+@pytest.fixture
+def connection(server: Backend) -> Iterator[Connection]:
+    yield from opened(server, closing(Connection(server.url, "news")))
+
+
+async def test_who_writes_while_all_connections_are_cut_hears_of_it(connection: Connection) -> None:
     """The client of a cluster closes all connections when one fails, also those that others are about to write to."""
 
-    async def scenario(url: str) -> None:
-        connection = Connection(url, "news")
+    async def ask(*command: str | int) -> bool:
+        try:
+            await connection.one(*command)
+        except StoreUnavailable:
+            return False
+        return True
 
-        async def ask(*command: str | int) -> bool:
-            try:
-                await connection.one(*command)
-            except StoreUnavailable:
-                return False
-            return True
+    cut = 0
+    for number in range(_ROUNDS):
+        tasks = []
+        for each in range(_AT_ONCE):
+            tasks.append(asyncio.create_task(ask("SET", f"key {each}", number)))
+            if each % 4 == 0:
+                tasks.append(asyncio.create_task(ask("CLIENT", "KILL", "TYPE", "normal", "SKIPME", "no")))
+            if number % 3:  # else all begin at once
+                await asyncio.sleep(0)
+        cut += (await asyncio.gather(*tasks)).count(False)
+    assert cut
+    await served(lambda: connection.one("PING"))
 
-        cut = 0
-        for number in range(_ROUNDS):
-            tasks = []
-            for each in range(_AT_ONCE):
-                tasks.append(asyncio.create_task(ask("SET", f"key {each}", number)))
-                if each % 4 == 0:
-                    tasks.append(asyncio.create_task(ask("CLIENT", "KILL", "TYPE", "normal", "SKIPME", "no")))
-                if number % 3:  # else all begin at once
-                    await asyncio.sleep(0)
-            cut += (await asyncio.gather(*tasks)).count(False)
-        assert cut
-        while not await ask("PING"):
-            pass
-        await connection.close()
 
-    with servers(tmp_path) as found:
-        asyncio.run(scenario(found.url))
+async def test_many_commands_are_answered_in_their_order(connection: Connection) -> None:
+    assert await connection.all([("RPUSH", "a", "x")] * 600) == list(range(1, 601))
+
+
+async def test_what_is_followed_begins_at_the_first_contact_and_nothing_is_missed_after(
+    connection: Connection, server: Backend
+) -> None:
+    async with closing(Connection(server.url, "another")) as writer:
+        await writer.one("XADD", "news", "*", "n", "before")
+        await connection.one("PING")
+        for number in range(150):
+            await writer.one("XADD", "news", "*", "n", number)
+        found = [each[b"n"] for _ in range(2) for each in await connection.follow()]
+        assert found == [str(number).encode() for number in range(150)]
+        assert await connection.follow() == []
+
+
+@pytest.mark.parametrize("server", ["memory", "valkey"], indirect=True)
+async def test_a_server_that_may_lose_what_was_accepted_is_complained_of_once(
+    server: Backend, connection: Connection, caplog: pytest.LogCaptureFixture
+) -> None:
+    async with closing(Connection(server.url, "another")) as operator:
+        await operator.one("CONFIG", "SET", "appendfsync", "everysec")
+        try:
+            with caplog.at_level(logging.WARNING):
+                await asyncio.gather(*(connection.one("PING") for _ in range(10)))
+                await operator.one("CLIENT", "KILL", "TYPE", "normal", "SKIPME", "yes")
+                await served(lambda: connection.one("PING"))
+        finally:
+            await operator.one("CONFIG", "SET", "appendfsync", "always")
+    assert [record.getMessage() for record in caplog.records] == [
+        "Redis may lose what was accepted, its settings are appendfsync everysec"
+    ]
+
+
+@pytest.mark.parametrize(
+    "url", ["http://localhost", "localhost:6379", "", "redis+cluster://", "redis+cluster://a:b@", "redis://a:port"]
+)
+def test_a_url_that_means_nothing_is_refused(url: str) -> None:
+    with pytest.raises(BadUrl, match=r"REDIS_URL: .*\w"):
+        Connection(url, "news")

@@ -6,7 +6,7 @@ from collections.abc import Awaitable, Callable, Sequence
 import pytest
 
 from gateway.subscriptions import handshakes as handshakes_module
-from gateway.subscriptions.handshakes import Handshakes, destination_of
+from gateway.subscriptions.handshakes import Handshakes
 
 HOUR_S = 3600.0
 
@@ -80,9 +80,11 @@ def test_a_name_with_several_addresses_waits_for_each_of_them() -> None:
 
 
 def test_a_network_of_ipv6_addresses_is_one_destination() -> None:
-    assert destination_of("2001:db8::1") == destination_of("2001:db8::ffff:1") == "2001:db8::/64"
-    assert destination_of("2001:db8:0:1::1") == "2001:db8:0:1::/64"
-    assert destination_of("8.8.8.8") == "8.8.8.8"
+    async def test(handshakes: Handshakes, clock: Clock) -> list[float]:
+        addresses = ("2001:db8::1", "2001:db8::ffff:1", "2001:db8:0:1::1")
+        return [await ask(handshakes, clock, [each], False) for each in addresses]
+
+    assert times(test) == [0, 1, 1]
 
 
 def test_an_interrupted_request_counts_as_one() -> None:

@@ -2,6 +2,8 @@
 
 import asyncio
 import ipaddress
+import queue
+import socket
 import threading
 from contextlib import closing
 from ipaddress import IPv4Network, IPv6Network
@@ -11,7 +13,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.subscriptions.network import Address, Forbidden, Lookup, Network, Unresolvable, callback_url, is_public
+from gateway.subscriptions.network import (
+    Address,
+    Forbidden,
+    Lookup,
+    Network,
+    Unresolvable,
+    callback_url,
+    is_public,
+    system_lookup,
+)
 
 LOOPBACK = (IPv4Network("127.0.0.0/8"), IPv6Network("::1/128"))
 INSIDE = [
@@ -39,9 +50,39 @@ def resolve(network: Network, host: str = "receiver.example") -> list[Address]:
 
 @pytest.mark.parametrize("address", INSIDE)
 def test_what_is_not_public_is_forbidden(address: str) -> None:
-    with pytest.raises(Forbidden) as refused:
+    with pytest.raises(Forbidden, match="LINKED_FLEET_CALLBACK_ALLOW") as refused:
         resolve(Network(lookup=answering(address)))
     assert address not in str(refused.value)
+
+
+def test_a_host_is_looked_up_with_its_port_in_threads_for_that() -> None:
+    """Not in those of the event loop, which other work of the gateway needs."""
+    asked = []
+
+    def lookup(host: str, port: int) -> list[str]:
+        asked.append((host, port, threading.current_thread().name.rpartition("_")[0]))
+        return ["8.8.8.8"]
+
+    resolve(Network(lookup=lookup))
+    assert asked == [("receiver.example", 80, "callback-dns")]
+
+
+def test_the_system_resolver_is_asked_for_addresses_of_tcp(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A scope is part of an address, and what is no IP address is left out."""
+    asked = []
+
+    def getaddrinfo(host: bytes, port: int, **options: int) -> list[tuple[object, ...]]:
+        asked.append((host, port, options))
+        wheres = {
+            socket.AF_INET6: [("fe80::1", 80, 0, 2), ("2001:db8::1", 80, 0, 0), ("::1", 80)],
+            socket.AF_INET: [("192.0.2.1", 80)],
+            socket.AF_UNIX: ["/run/socket"],
+        }
+        return [(family, 1, 6, "", where) for family, found in wheres.items() for where in found]
+
+    monkeypatch.setattr(socket, "getaddrinfo", getaddrinfo)
+    assert system_lookup("receiver.example", 80) == ["fe80::1%2", "2001:db8::1", "::1", "192.0.2.1"]
+    assert asked == [(b"receiver.example", 80, {"type": socket.SOCK_STREAM})]
 
 
 @pytest.mark.parametrize("address", INSIDE)
@@ -58,8 +99,13 @@ def test_ports_of_other_services_are_forbidden(port: int) -> None:
         with closing(network):
             return asyncio.run(network.resolve("receiver.example", port))
 
-    with pytest.raises(Forbidden, match=f"port {port} .* allows 80, 443, 8080, 8443 "):
+    with pytest.raises(Forbidden, match=f"port {port} .* allows 80, 443, 8080, 8443 .LINKED_FLEET_CALLBACK_PORTS"):
         at_port(Network(lookup=answering("8.8.8.8")), port)
+    with pytest.raises(Forbidden, match="allows 443, 9000-9001, 9100-9199 "):
+        several = (range(443, 444), range(9000, 9002), range(9100, 9200))
+        at_port(Network(lookup=answering("8.8.8.8"), ports=several), port)
+    with pytest.raises(Forbidden, match="allows none "):
+        at_port(Network(lookup=answering("8.8.8.8"), ports=()), port)
     assert at_port(Network(lookup=answering("8.8.8.8"), ports=(range(1, 9000),)), port) == [Address("8.8.8.8", False)]
     assert at_port(Network(LOOPBACK, lookup=answering("127.0.0.1")), port) == [Address("127.0.0.1", True)]
     both = Network(LOOPBACK, lookup=answering("8.8.8.8", "127.0.0.1"))
@@ -114,12 +160,12 @@ def test_the_system_resolver_finds_loopback_where_it_is_allowed() -> None:
 
 @pytest.mark.parametrize("host", ["", "a..b", "x" * 64 + ".example", "nul\0.example", "bücher.example"])
 def test_a_host_without_addresses_is_unresolvable(host: str) -> None:
-    with pytest.raises(Unresolvable):
+    with pytest.raises(Unresolvable, match="cannot be resolved"):
         resolve(Network(), host=host)
 
 
 def test_no_answer_and_nonsense_permit_nothing() -> None:
-    with pytest.raises(Unresolvable):
+    with pytest.raises(Unresolvable, match="has no address"):
         resolve(Network(lookup=answering()))
     with pytest.raises(Forbidden):
         resolve(Network(lookup=answering("receiver.example")))
@@ -136,9 +182,8 @@ def test_a_dead_resolver_ends_in_time_and_holds_up_no_addresses() -> None:
         network = Network(LOOPBACK, lookup=stalled, timeout_s=0.02)
         many = [network.resolve(f"r{n}.example", 80) for n in range(30)]
         outcomes = await asyncio.gather(*many, return_exceptions=True)
-        assert all(isinstance(outcome, Unresolvable) for outcome in outcomes)
+        assert all(isinstance(outcome, Unresolvable) and "in time" in str(outcome) for outcome in outcomes)
         assert await network.resolve("127.0.0.1", 80) == [Address("127.0.0.1", True)]
-        dead.set()
         network.close()
 
     try:
@@ -147,6 +192,33 @@ def test_a_dead_resolver_ends_in_time_and_holds_up_no_addresses() -> None:
         dead.set()
 
 
+def test_the_end_waits_for_no_look_up_and_begins_none() -> None:
+    dead, begun = threading.Event(), queue.Queue[str]()
+
+    def stalled(host: str, port: int) -> list[str]:
+        begun.put(host)
+        dead.wait()
+        return ["8.8.8.8"]
+
+    async def run() -> list[object]:
+        network = Network(lookup=stalled, timeout_s=600)
+        several = [asyncio.create_task(network.resolve(f"r{n}.example", 80)) for n in range(10)]
+        for _ in range(8):  # look-ups run beside each other, the others wait for these
+            await asyncio.to_thread(begun.get, timeout=60)
+        network.close()
+        dead.set()
+        return await asyncio.gather(*several, return_exceptions=True)
+
+    try:
+        outcomes = asyncio.run(run())
+    finally:
+        dead.set()
+    assert outcomes.count([Address("8.8.8.8", False)]) == 8
+    assert [type(each) for each in outcomes].count(asyncio.CancelledError) == 2
+    assert begun.empty()
+
+
+_LONG_NAME = ".".join(["x" * 63, "y" * 63, "z" * 63, "x" * 61])
 URLS = [
     *("http://receiver.example", "HTTPS://Receiver.example/", "http://receiver.example:8080/a/b?c=d&e=%20f"),
     *("http://127.0.0.1:9/", "http://[::1]:9/x", "http://[::ffff:127.0.0.1]/", "http://2130706433/", "http://0x7f.1/"),
@@ -157,7 +229,8 @@ URLS = [
         "http://a.b.c.d:65535?x",
         "http://h/?/:@!",
     ),
-    *("http://h/" + "x" * (2048 - 9),),
+    *("http://h/" + "x" * (2048 - 9), "http://h:1/"),
+    *("http://" + "x" * 63 + ".example/", f"http://{_LONG_NAME}/", f"http://{_LONG_NAME}./"),
 ]
 REFUSED = [
     ("", "absolute"),
@@ -183,6 +256,7 @@ REFUSED = [
     ("http://[::1]x/", "no valid host"),
     ("http://" + "x" * 64 + ".example/", "no valid host"),
     ("http://" + "x." * 127 + "xx/", "no valid host"),
+    (f"http://{_LONG_NAME}x/", "no valid host"),
     ("http://user@receiver.example/", "user name"),
     ("http://receiver.example@127.0.0.1/", "user name"),
     ("http://u:p@receiver.example/", "user name"),

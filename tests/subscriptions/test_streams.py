@@ -1,17 +1,17 @@
-"""The streams of one gateway on a real server, fleet and fan-out: what stays listed, and what leaves nothing behind."""
+"""The streams of one gateway with a store, a fleet and a fan-out: what stays listed, and what leaves nothing behind."""
 
 import asyncio
 import math
 import time
 import uuid
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, closing
 from dataclasses import replace
 from typing import Any
 
 import pytest
 from actor import joint, link, robot
-from redis_servers import Servers, cluster, single
+from redis_servers import Servers, single
 from running import PATIENCE_S
 
 from agents.wire.codec import encode_state, layout
@@ -20,14 +20,18 @@ from gateway.fleet.events import Appeared, Described, Framed
 from gateway.fleet.fleet import Fleet
 from gateway.fleet.invocations import Invocations
 from gateway.graph.tree import Tree
+from gateway.subscriptions import service as service_module
 from gateway.subscriptions import streams as streams_module
 from gateway.subscriptions.fan_out import FanOut
 from gateway.subscriptions.message import Ending, Message
-from gateway.subscriptions.store import Store, StoreUnavailable, TooMany
+from gateway.subscriptions.network import Network
+from gateway.subscriptions.service import Subscriptions
+from gateway.subscriptions.store import News, Store, StoreUnavailable, TooMany
 from gateway.subscriptions.streams import Streams
 from gateway.subscriptions.subscription import Delivery, DeliveryState, Kind, Subscription
 from gateway.subscriptions.watcher import Watcher
 
+pytestmark = pytest.mark.virtual
 OWNER, PATH = "/r/elbow", "/r/elbow/rotation"
 LIMIT = 3
 
@@ -49,13 +53,19 @@ class Outlet:
         self.ending = ending
 
 
+class Watched(FanOut):
+    @property
+    def idle(self) -> bool:
+        return not (self._dirty or self._scans or self._runnable)
+
+
 class Toy:
     """A fleet with one robot, and the fan-out that watches it."""
 
     def __init__(self) -> None:
         self.fleet, self._sequence = Fleet(), 0
         invocations = Invocations()
-        self.fan_out = FanOut(lambda base, sees: Tree(self.fleet, invocations, base, sees=sees))
+        self.fan_out = Watched(lambda base, sees: Tree(self.fleet, invocations, base, sees=sees))
         self.fleet.apply(Appeared("r", 1), 1)
         self.fleet.apply(
             Described(
@@ -95,7 +105,7 @@ class Gateway:
     """As much of one as streams need."""
 
     def __init__(self, store: Cut, run: str) -> None:
-        self.store, self.toy = store, Toy()
+        self.store, self.run, self.toy = store, run, Toy()
         self.streams = Streams(store, run, self.toy.fan_out, LIMIT)
 
     async def connect(self, subscription: Subscription, kind: Kind = Kind.WEBSOCKET) -> tuple[Watcher, Outlet]:
@@ -141,9 +151,9 @@ class Gateway:
         assert not self.streams._expiries
 
 
-@pytest.fixture(scope="module", params=[single, cluster])
-def servers(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Servers]:
-    with request.param(tmp_path_factory.mktemp("redis")) as running:
+@pytest.fixture(scope="module")
+def servers(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Servers]:
+    with single(tmp_path_factory.mktemp("redis")) as running:
         yield running
 
 
@@ -173,7 +183,7 @@ async def until(probe: Callable[[], bool | Awaitable[bool]], what: str) -> None:
         if found if isinstance(found, bool) else await found:
             return
         assert time.monotonic() < deadline, f"never happened: {what}"
-        await asyncio.sleep(0.01)
+        await asyncio.sleep(0.05)
 
 
 @asynccontextmanager
@@ -191,21 +201,12 @@ async def gateways(servers: Servers, count: int = 1) -> AsyncIterator[list[Gatew
             await each.store.__aexit__()
 
 
-def run(servers: Servers, test: Callable[..., Awaitable[None]], count: int = 1) -> None:
-    async def main() -> None:
-        async with asyncio.timeout(PATIENCE_S), gateways(servers, count) as found:
-            await test(*found)
-
-    asyncio.run(main())
-
-
 # A stream that was made by POST, between its connections
 
 
-def test_what_is_opened_again_and_again_stays(servers: Servers, soon: None) -> None:
+async def test_what_is_opened_again_and_again_stays(servers: Servers, soon: None) -> None:
     """None of the waits between its connections ends it later: it is open when one that began later is over."""
-
-    async def test(at: Gateway) -> None:
+    async with gateways(servers) as (at,):
         posted = stream()
         await at.streams.offer(posted)
         for kind in (Kind.WEBSOCKET, Kind.EVENT_STREAM, Kind.WEBSOCKET):
@@ -234,11 +235,9 @@ def test_what_is_opened_again_and_again_stays(servers: Servers, soon: None) -> N
         at.toy.move()
         await until(lambda: len(outlet.messages) > count, "another message")
 
-    run(servers, test)
 
-
-def test_what_is_not_opened_again_vanishes(servers: Servers, soon: None) -> None:
-    async def test(at: Gateway) -> None:
+async def test_what_is_not_opened_again_vanishes(servers: Servers, soon: None) -> None:
+    async with gateways(servers) as (at,):
         never, once = stream(), stream()
         for each in (never, once):
             await at.streams.offer(each)
@@ -246,13 +245,10 @@ def test_what_is_not_opened_again_vanishes(servers: Servers, soon: None) -> None
         at.streams.close(replace(once, kind=Kind.WEBSOCKET), watcher, reopenable=True)
         await at.emptied()
 
-    run(servers, test)
 
-
-def test_a_wait_at_the_gateway_before_does_not_end_it(servers: Servers, soon: None) -> None:
+async def test_a_wait_at_the_gateway_before_does_not_end_it(servers: Servers, soon: None) -> None:
     """Made at one gateway and opened through another, of which the first has not heard: its clock runs out."""
-
-    async def test(one: Gateway, other: Gateway) -> None:
+    async with gateways(servers, 2) as (one, other):
         posted = stream()
         await one.streams.offer(posted)
         _, outlet = await other.connect(posted)
@@ -261,11 +257,9 @@ def test_a_wait_at_the_gateway_before_does_not_end_it(servers: Servers, soon: No
         assert await one.listed() == await other.listed() == {posted.id}
         assert outlet.ending is None
 
-    run(servers, test, 2)
 
-
-def test_who_closes_late_does_not_take_it_back(servers: Servers, soon: None) -> None:
-    async def test(one: Gateway, other: Gateway) -> None:
+async def test_who_closes_late_does_not_take_it_back(servers: Servers, soon: None) -> None:
+    async with gateways(servers, 2) as (one, other):
         posted = stream()
         await one.streams.offer(posted)
         watcher, _ = await one.connect(posted)
@@ -279,14 +273,12 @@ def test_who_closes_late_does_not_take_it_back(servers: Servers, soon: None) -> 
         assert await one.store.held() == []
         assert (outlet.ending, one.streams._expiries) == (None, {})
 
-    run(servers, test, 2)
-
 
 # What fails half way
 
 
-def test_a_client_that_goes_before_its_stream_is_open_leaves_nothing(servers: Servers, soon: None) -> None:
-    async def test(at: Gateway) -> None:
+async def test_a_client_that_goes_before_its_stream_is_open_leaves_nothing(servers: Servers, soon: None) -> None:
+    async with gateways(servers) as (at,):
         posted = stream()
         await at.streams.offer(posted)
         for each, reopenable in ((stream(Kind.WEBSOCKET), False), (replace(posted, kind=Kind.WEBSOCKET), True)):
@@ -295,11 +287,9 @@ def test_a_client_that_goes_before_its_stream_is_open_leaves_nothing(servers: Se
             at.streams.close(each, None, reopenable=reopenable)
         await at.emptied()
 
-    run(servers, test)
 
-
-def test_a_client_with_too_many_leaves_nothing(servers: Servers) -> None:
-    async def test(at: Gateway) -> None:
+async def test_a_client_with_too_many_leaves_nothing(servers: Servers) -> None:
+    async with gateways(servers) as (at,):
         mine = [stream(Kind.WEBSOCKET) for _ in range(LIMIT)]
         watchers = [(await at.connect(each))[0] for each in mine]
         for kind in (Kind.WEBSOCKET, Kind.EVENT_STREAM):
@@ -310,13 +300,10 @@ def test_a_client_with_too_many_leaves_nothing(servers: Servers) -> None:
             at.streams.close(each, watcher, reopenable=False)
         await at.emptied()
 
-    run(servers, test)
 
-
-def test_who_is_cancelled_while_it_registers_leaves_nothing(servers: Servers, soon: None) -> None:
+async def test_who_is_cancelled_while_it_registers_leaves_nothing(servers: Servers, soon: None) -> None:
     """At whatever step of the store that is; also one that was made by POST, which waits on."""
-
-    async def test(at: Gateway) -> None:
+    async with gateways(servers) as (at,):
         for steps in range(0, 60, 6):
             posted = stream()
             await at.streams.offer(posted)
@@ -331,13 +318,10 @@ def test_who_is_cancelled_while_it_registers_leaves_nothing(servers: Servers, so
             await until(at.keep, "nothing left")
         await at.emptied()
 
-    run(servers, test)
 
-
-def test_an_answer_of_the_store_that_is_lost_leaves_nothing(servers: Servers) -> None:
+async def test_an_answer_of_the_store_that_is_lost_leaves_nothing(servers: Servers) -> None:
     """The client is told that there is no subscription, and then there is none."""
-
-    async def test(at: Gateway) -> None:
+    async with gateways(servers) as (at,):
         at.store.cut = True
         with pytest.raises(StoreUnavailable):
             await at.streams.offer(stream())
@@ -345,11 +329,11 @@ def test_an_answer_of_the_store_that_is_lost_leaves_nothing(servers: Servers) ->
         await at.streams.catch_up()
         await at.emptied()
 
-    run(servers, test)
 
-
-def test_a_stream_that_is_opened_while_answers_are_lost_is_listed_later_and_leaves_nothing(servers: Servers) -> None:
-    async def test(at: Gateway) -> None:
+async def test_a_stream_that_is_opened_while_answers_are_lost_is_listed_later_and_leaves_nothing(
+    servers: Servers,
+) -> None:
+    async with gateways(servers) as (at,):
         one, gone = stream(Kind.WEBSOCKET), stream(Kind.WEBSOCKET)
         at.store.cut = True
         watcher, outlet = await at.connect(one)
@@ -363,13 +347,10 @@ def test_a_stream_that_is_opened_while_answers_are_lost_is_listed_later_and_leav
         at.streams.close(one, watcher, reopenable=False)
         await at.emptied()
 
-    run(servers, test)
 
-
-def test_a_posted_stream_that_is_opened_again_after_an_outage_stays_listed(servers: Servers) -> None:
+async def test_a_posted_stream_that_is_opened_again_after_an_outage_stays_listed(servers: Servers) -> None:
     """Its end could not be told; when it is opened again there is nothing to tell any more."""
-
-    async def test(at: Gateway) -> None:
+    async with gateways(servers) as (at,):
         posted = stream()
         await at.streams.offer(posted)
         watcher, _ = await at.connect(posted)
@@ -385,11 +366,9 @@ def test_a_posted_stream_that_is_opened_again_after_an_outage_stays_listed(serve
         assert outlet.ending is None
         await at.store.note(posted.id, Delivery())  # it is held here
 
-    run(servers, test)
 
-
-def test_what_is_deleted_while_it_is_being_opened_ends(servers: Servers, soon: None) -> None:
-    async def test(at: Gateway) -> None:
+async def test_what_is_deleted_while_it_is_being_opened_ends(servers: Servers, soon: None) -> None:
+    async with gateways(servers) as (at,):
         posted, outlet = stream(), Outlet()
         await at.streams.offer(posted)
         opened = replace(posted, kind=Kind.WEBSOCKET)
@@ -402,13 +381,10 @@ def test_what_is_deleted_while_it_is_being_opened_ends(servers: Servers, soon: N
         await at.streams.catch_up()
         await at.emptied()
 
-    run(servers, test)
 
-
-def test_what_reached_the_store_too_late_is_found(servers: Servers) -> None:
+async def test_what_reached_the_store_too_late_is_found(servers: Servers) -> None:
     """A command that was given up, and carried out after its end was told: comparing finds what nobody has here."""
-
-    async def test(at: Gateway) -> None:
+    async with gateways(servers) as (at,):
         posted = stream()
         await at.streams.offer(posted)
         _, outlet = await at.connect(one := stream(Kind.WEBSOCKET))
@@ -420,11 +396,9 @@ def test_what_reached_the_store_too_late_is_found(servers: Servers) -> None:
         assert await at.listed() == {posted.id, one.id}
         assert outlet.ending is None
 
-    run(servers, test)
 
-
-def test_what_is_deleted_while_its_close_is_being_noted_does_not_come_back(servers: Servers) -> None:
-    async def test(at: Gateway) -> None:
+async def test_what_is_deleted_while_its_close_is_being_noted_does_not_come_back(servers: Servers) -> None:
+    async with gateways(servers) as (at,):
         posted, note = stream(), at.store.note
         await at.streams.offer(posted)
         watcher, _ = await at.connect(posted)
@@ -438,13 +412,10 @@ def test_what_is_deleted_while_its_close_is_being_noted_does_not_come_back(serve
         await until(lambda: not at.streams._background, "what is done then")
         assert await at.listed() == set()
 
-    run(servers, test)
 
-
-def test_what_is_deleted_just_when_it_is_closed_does_not_come_back(servers: Servers) -> None:
+async def test_what_is_deleted_just_when_it_is_closed_does_not_come_back(servers: Servers) -> None:
     """Through another gateway, of which this one has not heard."""
-
-    async def test(at: Gateway) -> None:
+    async with gateways(servers) as (at,):
         posted = stream()
         await at.streams.offer(posted)
         watcher, _ = await at.connect(posted)
@@ -453,4 +424,77 @@ def test_what_is_deleted_just_when_it_is_closed_does_not_come_back(servers: Serv
         await until(lambda: not at.streams._background, "what is done then")
         await at.emptied()
 
-    run(servers, test)
+
+# Other options
+
+
+async def change(one: Gateway, subscription: Subscription, at: Gateway, **options: Any) -> None:
+    """Through ``one``, of which the gateway ``at`` has heard."""
+    record = await one.store.record(subscription.id)
+    assert record is not None
+    assert await one.store.change(record.subscription, replace(record.subscription.options, **options))
+    changed = await at.store.record(subscription.id)
+    assert changed is not None
+    at.streams.change(changed.subscription)
+
+
+async def test_an_open_stream_goes_by_other_options_and_so_does_it_when_it_is_opened_again(servers: Servers) -> None:
+    """On the same connection, without an end or a repetition; whoever serves it next has them from its record."""
+    async with gateways(servers, 2) as (one, other):
+        posted = stream()
+        await one.streams.offer(posted)
+        watcher, outlet = await one.connect(posted)
+        await change(other, posted, one, interval_s=3600.0)
+        one.toy.move()
+        await until(lambda: one.toy.fan_out.idle, "the end of all turns")
+        assert (len(outlet.messages), outlet.ending) == (1, None)
+        await change(other, posted, one, interval_s=0.0)
+        await until(lambda: len(outlet.messages) == 2, "what waited")
+        await change(other, posted, one, deadband=50.0)
+        one.streams.close(replace(posted, kind=Kind.WEBSOCKET), watcher, reopenable=True)
+        await until(lambda: not one.streams._background, "what is done then")
+        record = await other.store.record(posted.id)
+        assert record is not None
+        assert (record.subscription.deadband, record.subscription.kind) == (50.0, Kind.STREAM)
+        watcher, _ = await other.connect(record.subscription)
+        assert watcher.subscription.deadband == 50.0
+
+
+async def test_a_stream_that_is_changed_while_it_is_being_opened_has_the_new_options(servers: Servers) -> None:
+    async with gateways(servers) as (at,):
+        posted = stream()
+        await at.streams.offer(posted)
+        opened, outlet = replace(posted, kind=Kind.WEBSOCKET), Outlet()
+        await at.streams.register(opened)
+        await change(at, posted, at, interval_s=3600.0)
+        watcher = at.streams.open(opened, outlet, None)
+        assert watcher.subscription.interval_s == 3600.0
+        assert watcher.subscription.kind is Kind.WEBSOCKET
+        assert at.streams.obeys(watcher.subscription)
+        assert not at.streams._changed
+
+
+async def test_a_change_of_which_no_news_came_is_found_in_a_comparison(
+    servers: Servers, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a stream that this gateway serves, by the service that compares what it serves with its records."""
+    monkeypatch.setattr(service_module, "RECONCILE_S", 0.1)
+
+    async def untold() -> AsyncIterator[News]:
+        await asyncio.Event().wait()
+        yield News("changed", "", "")
+
+    async with gateways(servers, 2) as (one, other):
+        one.store.news = untold  # type: ignore[method-assign]
+        network = Network(())
+        service = Subscriptions(one.store, one.run, one.toy.fan_out, network, consent=False, limit=LIMIT)
+        one.streams = service.streams
+        with closing(network):
+            async with service:
+                watcher, _ = await one.connect(stream())
+                subscription = watcher.subscription
+                assert await other.store.change(subscription, replace(subscription.options, deadband=2.0))
+                await until(lambda: watcher.subscription.deadband == 2.0, "the comparison")
+                assert await service.change(watcher.subscription, replace(subscription.options, deadband=3.0))
+                assert watcher.subscription.deadband == 3.0
+                assert not await service.change(subscription, replace(subscription.options, deadband=4.0))

@@ -1,18 +1,17 @@
-"""Clients of other standards as black boxes: node-wot finds a joint, reads it, observes it, and turns it."""
+"""The Web of Things as its standards have it: descriptions, the forms in them, and the directory."""
 
-import contextlib
 import json
-import subprocess
 from collections.abc import Iterator
 from urllib.parse import quote
 
 import httpx
 import pytest
-import websockets.sync.client as websockets
+from connections import websocket
 from running import PATIENCE_S, eventually
 from small_fleet import Place, live
-from wot import HERE, conforms, fits, node
+from wot import conforms, fits
 
+pytestmark = pytest.mark.virtual
 RAD = "http://qudt.org/vocab/unit/RAD"
 TD = {"accept": "application/td+json"}
 
@@ -29,26 +28,6 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
 def http(place: Place) -> Iterator[httpx.Client]:
     with httpx.Client(base_url=place.root, timeout=PATIENCE_S) as http:
         yield http
-
-
-def _consume(root: str) -> dict[str, object]:
-    command = [node(), HERE / "consume.cjs", root]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
-    said: dict[str, object] = {}
-    for line in done.stdout.splitlines():
-        with contextlib.suppress(json.JSONDecodeError):
-            said |= json.loads(line)
-    return said
-
-
-def test_node_wot_reads_observes_and_invokes(place: Place) -> None:
-    said = _consume(place.root)
-    assert said["thing"] == "shoulder_pan_joint of UR5, a six-axis arm"
-    start, end, observed = said["read"], said["end"], said["observed"]
-    assert start["unit"] == end["unit"] == RAD and end["value"] == pytest.approx(start["value"] + 0.2, abs=0.011)
-    assert len(observed) > 3 and observed == sorted(observed), "each value on the way, in order"
-    assert said["invoked"]["target"][0]["value"] == pytest.approx(start["value"] + 0.2, abs=1e-5)
 
 
 def _joint(http: httpx.Client) -> dict:
@@ -143,5 +122,5 @@ def test_events_are_in_the_media_type_that_the_form_names(http: httpx.Client) ->
     unknown = http.get(form["href"].replace("json", "nothing"), headers={"accept": "text/event-stream"})
     assert unknown.status_code == 406
     form = next(each for each in rotation["forms"] if each["href"].startswith("ws://"))
-    with websockets.connect(form["href"], subprotocols=[form["subprotocol"]]) as socket:
+    with websocket("http" + form["href"].removeprefix("ws"), {}, form["subprotocol"]) as socket:
         assert fits(json.loads(socket.recv(PATIENCE_S)), rotation)

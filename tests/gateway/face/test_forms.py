@@ -10,6 +10,8 @@ from browser import DCTERMS, HTTP, HYBRIT, LDP, LF, SH, Browser, Page
 from dom import Element, filled, limits_of, parsed
 from rdflib import RDF, URIRef
 
+pytestmark = pytest.mark.virtual
+
 ROBOTS = ("baxter", "ur5", "panda", "tiago", "go2")
 
 

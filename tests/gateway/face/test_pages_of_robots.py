@@ -12,6 +12,8 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 from gateway.graph.serialise import JELLY, parse
 from gateway.graph.vocab import LF as OUR_TERMS
 
+pytestmark = pytest.mark.virtual
+
 KINDS = ("fleet", "robot", "joint", "link", "property", "action", "invocation", "subscriptions", "lease", "document")
 
 

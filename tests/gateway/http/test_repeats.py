@@ -27,6 +27,8 @@ from gateway.http.rates import Rates
 from gateway.http.repeats import MAX_KEPT, Repeat, Repeats
 from gateway.observe.counts import Requests
 
+pytestmark = pytest.mark.virtual
+
 Answer = tuple[bytes, dict[bytes, bytes], bytes]
 _GET = b"GET /odd/elbow/rotation HTTP/1.1\r\nHost: %b\r\n%b\r\n"
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from certificates import made
-from serving import Channel, fill, run, serving, until
+from serving import Channel, fill, run_on_sockets, serving, until
 from starlette.types import Receive, Scope, Send
 from starlette.websockets import WebSocket
 from websockets.asyncio.client import connect as client
@@ -21,6 +21,7 @@ from gateway.http.websocket_protocol import WEBSOCKET, WebSocketProtocol
 from gateway.subscriptions.message import Message
 
 LARGE = 20_000
+pytestmark = pytest.mark.processes
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +116,7 @@ def test_who_never_reads_is_dropped_and_costs_little(folder: Path, certificate: 
                 await until(lambda: not server.server_state.connections)
             assert app.schemes == ["https" if request_ is EVENTS else "wss"]
 
-    run(test)
+    run_on_sockets(test)
 
 
 def test_what_is_encrypted_already_is_seen_to_wait(folder: Path, certificate: Certificate) -> None:
@@ -134,7 +135,7 @@ def test_what_is_encrypted_already_is_seen_to_wait(folder: Path, certificate: Ce
                 assert transport.get_write_buffer_size() == 0
                 await until(lambda: app.returned)
 
-    run(test)
+    run_on_sockets(test)
 
 
 def test_a_reader_that_catches_up_has_the_latest(folder: Path, certificate: Certificate) -> None:
@@ -151,7 +152,7 @@ def test_a_reader_that_catches_up_has_the_latest(folder: Path, certificate: Cert
                 outlet.write(Message("/a", "x", "text/turtle", b"latest"))
                 await reading
 
-    run(test)
+    run_on_sockets(test)
 
 
 def _read_until(sock: ssl.SSLSocket, end: bytes) -> None:
@@ -176,7 +177,7 @@ def test_fifty_hear_the_same_and_are_told_of_the_end(folder: Path, certificate: 
                 await each.wait_closed()
             assert {each.close_code for each in sockets} == {1012}
 
-    run(test)
+    run_on_sockets(test)
 
 
 def test_a_certificate_is_replaced_while_it_is_in_use(folder: Path) -> None:
@@ -198,7 +199,7 @@ def test_a_certificate_is_replaced_while_it_is_in_use(folder: Path) -> None:
                 used.reload()
                 assert await asyncio.to_thread(shown, port) == expected
 
-    run(test)
+    run_on_sockets(test)
 
 
 def test_files_that_change_are_noticed(folder: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -221,7 +222,7 @@ def test_files_that_change_are_noticed(folder: Path, tmp_path: Path, caplog: pyt
             await until(lambda: "new connections get the certificate" in caplog.text)
         following.cancel()
 
-    run(test)
+    run_on_sockets(test)
 
 
 def test_no_old_tls_and_nothing_in_the_clear(folder: Path, certificate: Certificate) -> None:
@@ -239,4 +240,4 @@ def test_no_old_tls_and_nothing_in_the_clear(folder: Path, certificate: Certific
             writer.close()
             assert not server.server_state.connections
 
-    run(test)
+    run_on_sockets(test)

@@ -1,0 +1,15 @@
+"""The streams of a gateway, as ``tests/subscriptions/test_streams.py`` has them, with a store that is a cluster."""
+
+from collections.abc import Iterator
+
+import pytest
+from redis_servers import Servers, cluster
+from subscriptions.test_streams import *
+
+pytestmark = pytest.mark.test_all
+
+
+@pytest.fixture(scope="module")
+def servers(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Servers]:
+    with cluster(tmp_path_factory.mktemp("redis")) as running:
+        yield running

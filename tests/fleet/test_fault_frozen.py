@@ -1,0 +1,27 @@
+"""Real processes are stopped and go on: what tests on virtual time say of pauses and of gateways that freeze."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.fleet.test_fault_partition import Scene, scene
+from tests.fleet.test_fault_partition import (
+    test_a_gateway_that_freezes_is_lost_and_executes_nothing_when_it_goes_on as freezes,
+)
+from tests.fleet.test_fault_partition import test_what_was_asked_for_while_it_was_cut_off_never_runs as never_runs
+from tests.fleet.test_fault_pause import test_a_robot_goes_on_after_a_pause_and_its_motion_ends_well as goes_on
+
+pytestmark = pytest.mark.processes
+__all__ = ["scene"]
+
+
+def test_a_robot_goes_on_after_a_pause_of_the_machine(tmp_path: Path) -> None:
+    goes_on(tmp_path, whole=True)
+
+
+def test_a_gateway_that_freezes_is_lost(scene: Scene) -> None:
+    freezes(scene)
+
+
+def test_what_was_asked_for_while_it_was_cut_off_never_runs(scene: Scene) -> None:
+    never_runs(scene)

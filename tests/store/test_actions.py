@@ -1,0 +1,87 @@
+"""Invocations as they are written, read and forgotten; which of them there are is in ``test_invocation_model.py``."""
+
+import logging
+from collections.abc import Iterator
+from dataclasses import replace
+
+import pytest
+from redis_backends import Backend, opened
+from stored import an_invocation, ended, until
+
+from gateway.actions.keys import Keys
+from gateway.actions.store import KEPT_S, ActionStore
+from gateway.fleet.invocations import InvocationState
+
+KEYS = Keys()
+
+
+@pytest.fixture
+def kept_s() -> float:
+    return KEPT_S
+
+
+@pytest.fixture
+def a(server: Backend, kept_s: float) -> Iterator[ActionStore]:
+    yield from opened(server, ActionStore(server.url, "fleet", "a", kept_s))
+
+
+@pytest.fixture
+def b(server: Backend) -> Iterator[ActionStore]:
+    yield from opened(server, ActionStore(server.url, "fleet", "b"))
+
+
+async def test_an_invocation_is_read_as_it_was_written_by_whichever_gateway(a: ActionStore, b: ActionStore) -> None:
+    whole = an_invocation(
+        client="später\0", body='<a> <b> "c" .\n', duration_s=0.25, preempts=("x",), facts={"residual_m": 1e-9}
+    )
+    assert await b.load() == []
+    assert await a.open(whole) is None
+    assert await b.read("r", whole.id) == whole
+    assert await b.read("r", "none") is await b.read("x", whole.id) is None
+    running = replace(whole, state=InvocationState.RUNNING, progress=0.5)
+    assert await b.save(running)
+    assert await a.read("r", whole.id) == running
+    assert await a.load() == [running]
+
+
+@pytest.mark.parametrize("kept_s", [0.3])
+async def test_what_is_over_is_forgotten_after_its_time_and_what_is_open_not_before_its_deadline(
+    server: Backend, a: ActionStore
+) -> None:
+    over, still, later = ended(an_invocation()), an_invocation(), an_invocation(robot="x", deadline_ns=0)
+    await a.open(over, key="k", digest="d")
+    await a.open(still)
+    assert {one.id for one in await a.load()} == {over.id, still.id}
+
+    async def forgotten() -> bool:
+        return await a.read("r", over.id) is None and not await a._redis.one("EXISTS", KEYS.repeat("r", "k"))
+
+    await until(forgotten, "what is over is forgotten, and its key")
+    assert await a.load() == [still]
+    assert await a.open(ended(an_invocation()), key="k", digest="e") is None  # the key is free again
+    await a.save(ended(still))
+    await a.open(later)
+
+    async def empty() -> bool:
+        return not await a.load() and not await a._redis.one("ZCARD", KEYS.robots)
+
+    await until(empty, "all is forgotten, the names of the robots too")
+    assert server.lasting_keys() == [KEYS.news]
+
+
+async def test_of_a_robot_that_nobody_asks_about_again_nothing_lasts(server: Backend, a: ActionStore) -> None:
+    await a.open(ended(an_invocation()), key="k", digest="d")
+    await a.open(an_invocation())
+    await a.take("r", "Ada", 60)
+    assert {*server.lasting_keys()} <= {KEYS.news, KEYS.robots}
+
+
+async def test_what_this_version_cannot_read_is_left_alone(a: ActionStore, caplog: pytest.LogCaptureFixture) -> None:
+    one, strange = an_invocation(), an_invocation()
+    await a.open(one)
+    await a.open(strange)
+    await a._redis.one("HSET", KEYS.invocations("r")[0], strange.id, '{"id":7}')
+    with caplog.at_level(logging.WARNING):
+        assert await a.load() == [one]
+        assert await a.read("r", strange.id) is None
+    assert len(caplog.records) == caplog.text.count("is left alone") == 2

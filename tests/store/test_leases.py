@@ -1,0 +1,281 @@
+"""Leases and settings of robots, and what gateways tell each other about them and about invocations."""
+
+import asyncio
+from collections.abc import Iterator
+from contextlib import asynccontextmanager
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from redis_backends import Backend, opened
+from running import PATIENCE_S
+from stored import an_invocation, ended, served, until
+
+from gateway.actions.keys import Keys
+from gateway.actions.store import ActionStore, LeaseHeld, News, StoreUnavailable
+from gateway.fleet.invocations import FLEET
+
+HOSTILE = ["arm 2/left", "@fleet", "{@fleet}", "}{", "..", "später", "x\r\nFLUSHALL\r\n", "\0", "*", "a" * 128]
+
+
+@pytest.fixture
+def a(server: Backend) -> Iterator[ActionStore]:
+    yield from opened(server, ActionStore(server.url, "fleet", "a"))
+
+
+@pytest.fixture
+def b(server: Backend) -> Iterator[ActionStore]:
+    yield from opened(server, ActionStore(server.url, "fleet", "b"))
+
+
+class Listener:
+    """All that a store is told, as it comes."""
+
+    def __init__(self, store: ActionStore) -> None:
+        self._heard: asyncio.Queue[News] = asyncio.Queue()
+        self._store = store
+
+    async def next(self, count: int) -> list[News]:
+        async with asyncio.timeout(PATIENCE_S):
+            return [await self._heard.get() for _ in range(count)]
+
+    async def listen(self) -> None:
+        async for news in self._store.news():
+            self._heard.put_nowait(news)
+
+
+@asynccontextmanager
+async def listening(store: ActionStore) -> Any:
+    listener = Listener(store)
+    await store.load()  # the first contact
+    task = asyncio.create_task(listener.listen())
+    try:
+        yield listener
+    finally:
+        task.cancel()
+        await asyncio.wait([task])
+
+
+@pytest.fixture
+def heard(server: Backend, b: ActionStore) -> Iterator[Listener]:
+    """What ``b`` is told."""
+    yield from opened(server, listening(b))
+
+
+# Leases
+
+
+async def test_only_who_knows_the_token_acts_on_a_robot_that_is_held(a: ActionStore, b: ActionStore) -> None:
+    lease, token = await a.take("r", "Ada", 60)
+    assert (lease.robot, lease.holder, lease.duration_s) == ("r", "Ada", 60)
+    assert lease.expires_ns - lease.taken_ns == 60 * 10**9
+    assert token.startswith("urn:uuid:") and lease.id not in token
+    assert await b.lease("r") == lease
+    for wrong in ("", "urn:uuid:0", lease.id):
+        refused = an_invocation()
+        with pytest.raises(LeaseHeld, match="Ada has the lease of r") as caught:
+            await b.open(refused, token=wrong, key="k", digest="d")
+        assert caught.value.lease == lease
+        with pytest.raises(LeaseHeld):
+            await b.check("r", wrong)
+        assert await b.read("r", refused.id) is None
+    await b.check("r", token)
+    assert await b.open(an_invocation(), token=token, key="k", digest="d") is None
+    assert await b.open(an_invocation(), unasked=True) is None  # whoever has the lease
+    assert await b.open(an_invocation(robot="x"), token=token) is None  # free for all
+    assert await b.open(an_invocation(robot=FLEET)) is None
+
+
+async def test_of_many_who_want_a_lease_one_gets_it(a: ActionStore, b: ActionStore) -> None:
+    taken = await asyncio.gather(
+        *((a, b)[number % 2].take("r", str(number), 60) for number in range(20)), return_exceptions=True
+    )
+    (won,) = [one for one in taken if isinstance(one, tuple)]
+    assert [one.lease for one in taken if isinstance(one, LeaseHeld)] == [won[0]] * 19
+
+
+async def test_a_renewal_is_the_same_lease_for_longer(a: ActionStore, b: ActionStore) -> None:
+    lease, token = await a.take("r", "Ada", 60)
+    renewed, same = await b.take("r", "Ada, or so she says", 120, token)
+    assert same == token
+    assert renewed == replace(lease, duration_s=120, expires_ns=renewed.expires_ns)
+    assert renewed.expires_ns >= lease.expires_ns + 60 * 10**9
+    with pytest.raises(LeaseHeld):
+        await b.take("r", "Ben", 60, "urn:uuid:guessed")
+    assert await a.lease("r") == renewed
+
+
+async def test_what_is_left_of_a_lease_is_told_by_who_looks_at_it(a: ActionStore, b: ActionStore) -> None:
+    lease, token = await a.take("r", "Ada", 60)
+    assert lease.left_s == pytest.approx(60, abs=5)
+
+    async def less() -> bool:
+        looked = await b.lease("r")
+        return looked is not None and 0 < looked.left_s < lease.left_s
+
+    await until(less, "time passes")
+    renewed, _ = await b.take("r", "Ada", 120, token)
+    assert renewed.left_s > lease.left_s
+
+
+async def test_an_expired_lease_is_anybody_s_and_its_token_worth_nothing(a: ActionStore, b: ActionStore) -> None:
+    lease, token = await a.take("r", "Ada", 0.05)
+
+    async def is_free() -> bool:
+        return await b.lease("r") is None
+
+    await until(is_free, "the lease expires")
+    await b.open(an_invocation())
+    taken, other = await b.take("r", "Ben", 60)
+    assert (taken.holder, await a.lease("r")) == ("Ben", taken)
+    assert len({lease.id, taken.id}) == len({token, other}) == 2
+    for act in (a.take("r", "Ada", 60, token), a.release("r", token), a.open(an_invocation(), token=token)):
+        with pytest.raises(LeaseHeld):
+            await act
+    assert await b.release("r", other)
+    assert not await b.release("r", other)
+    again, fresh = await a.take("r", "Ada", 60, token)  # free, but an old token opens nothing
+    assert again.id != lease.id and fresh != token
+
+
+async def test_redis_does_not_know_a_token(a: ActionStore) -> None:
+    _, token = await a.take("r", "Ada", 60)
+    fields = await a._redis.one("HGETALL", Keys().lease("r"))
+    assert token.removeprefix("urn:uuid:").encode() not in b" ".join(fields.values())
+
+
+# Settings
+
+
+async def test_settings_are_kept_by_robot_until_they_are_taken_back(
+    server: Backend, a: ActionStore, b: ActionStore
+) -> None:
+    await a.set_setting("r", "title", None, "Später\r\n{}")
+    await b.set_setting("r", "scale", None, "0.5")
+    await a.set_setting(FLEET, "title", None, "")
+    assert await b.settings("r") == {"title": "Später\r\n{}", "scale": "0.5"}
+    assert await a.settings("x") == {}
+    assert await b.all_settings() == {"r": await a.settings("r"), FLEET: {"title": ""}}
+    await b.set_setting("r", "title", "Später\r\n{}", None)
+    assert await a.settings("r") == {"scale": "0.5"}
+    assert await b.set_setting("r", "scale", "0.5", None)
+    assert await b.set_setting("r", "scale", None, None)
+    await b.set_setting(FLEET, "title", "", None)
+    assert await a.all_settings() == {}
+    assert {*server.lasting_keys()} <= {Keys().news}
+
+
+async def test_a_setting_takes_the_place_of_what_was_there_and_of_nothing_else(
+    a: ActionStore, b: ActionStore, heard: Listener
+) -> None:
+    assert await a.set_setting("r", "title", None, "first")
+    for present in (None, "", "other", "=first"):
+        assert not await a.set_setting("r", "title", present, "late")
+        assert not await a.set_setting("r", "title", present, None)
+    assert not await a.set_setting("r", "scale", "first", "late")
+    assert await b.settings("r") == {"title": "first"}
+    assert await a.set_setting("r", "title", "first", "second")
+    assert await heard.next(2) == [News("settings", "r", "title")] * 2
+
+
+# Names
+
+
+async def test_whatever_a_robot_is_called_what_is_its_own_is_nobody_else_s(
+    a: ActionStore, b: ActionStore, heard: Listener
+) -> None:
+    made = {robot: an_invocation(robot=robot, client=robot) for robot in (*HOSTILE, FLEET, "r")}
+    for robot, one in made.items():
+        assert await a.open(one, key="k", digest=robot) is None
+        lease, _ = await a.take(robot, robot, 60)
+        found = await b.lease(robot)
+        assert found is not None and found.id == lease.id
+        assert (found.robot, found.holder) == (robot, robot)
+        await a.set_setting(robot, robot, None, robot)
+        told = [("invocation", robot, one.id), ("lease", robot, lease.id), ("settings", robot, robot)]
+        assert await heard.next(3) == [News(*each) for each in told]
+    assert {one.robot: one for one in await b.load()} == made
+    assert await b.all_settings() == {robot: {robot: robot} for robot in made}
+
+
+@pytest.mark.parametrize("robot", ["a" * 129, "\udcff"])
+async def test_what_cannot_be_a_name_is_refused(robot: str, a: ActionStore) -> None:
+    for act in (a.open(an_invocation(robot=robot)), a.lease(robot), a.settings(robot), a.read(robot, "i")):
+        with pytest.raises(ValueError, match=r"a name has|surrogates not allowed"):
+            await act
+
+
+# News
+
+
+async def test_others_hear_what_was_done_and_nobody_what_he_did_himself(
+    a: ActionStore, b: ActionStore, heard: Listener
+) -> None:
+    async with listening(a) as heard_by_a:
+        one = an_invocation()
+        await a.open(one, key="k", digest="d")
+        assert await a.open(an_invocation(), key="k", digest="d") == one.id  # nothing new
+        await a.save(replace(one, duration_s=30.0))
+        await a.save(ended(one))
+        assert not await a.save(replace(ended(one), reason="another"))  # too late, nothing is written
+        lease, token = await a.take("r", "Ada", 60)
+        await a.take("r", "Ada", 60, token)
+        await a.release("r", token)
+        await a.set_setting("r", "title", None, "R")
+        await a.delete(one)
+        await a.delete(one)
+        await b.set_setting("x", "title", None, "X")
+        assert await heard.next(8) == [
+            *[News("invocation", "r", one.id)] * 3,
+            *[News("lease", "r", lease.id)] * 3,
+            News("settings", "r", "title"),
+            News("deleted", "r", one.id),
+        ]
+        assert await heard_by_a.next(1) == [News("settings", "x", "title")]
+
+
+async def test_after_an_outage_a_listener_is_told_to_read_anew_and_hears_the_rest(
+    server: Backend, a: ActionStore, b: ActionStore, heard: Listener
+) -> None:
+    await a.set_setting("r", "first", None, "1")
+    assert await heard.next(1) == [News("settings", "r", "first")]
+    server.kill()
+    with pytest.raises(StoreUnavailable):
+        await b.load()
+    server.start()
+    await served(lambda: a.set_setting("r", "second", None, "2"))
+    assert await heard.next(2) == [News("lost"), News("settings", "r", "second")]
+
+
+async def test_who_met_an_outage_before_listening_is_told_too(server: Backend, a: ActionStore, b: ActionStore) -> None:
+    server.kill()
+    with pytest.raises(StoreUnavailable):
+        await a.load()
+    server.start()
+    await served(a.load)
+    async with listening(a) as heard_by_a:
+        await served(lambda: b.set_setting("r", "title", None, "R"))
+        assert await heard_by_a.next(2) == [News("lost"), News("settings", "r", "title")]
+
+
+async def test_a_listener_ends_when_it_is_told_to_even_as_news_come(a: ActionStore, b: ActionStore) -> None:
+    for number in range(3):
+        async with listening(a) as heard_by_a:
+            await b.set_setting("r", str(number), None, "set")
+            await heard_by_a.next(1)
+
+
+async def test_what_could_not_be_told_is_told_later(a: ActionStore, b: ActionStore, heard: Listener) -> None:
+    tell = a._redis.all
+
+    async def away(*_: object) -> Any:
+        raise StoreUnavailable
+
+    a._redis.all = away  # type: ignore[method-assign]
+    one = an_invocation()
+    await a.open(one)
+    lease, token = await a.take("r", "Ada", 60)  # its token is not lost
+    assert await b.read("r", one.id) == one
+    a._redis.all = tell  # type: ignore[method-assign]
+    await a.check("r", token)
+    assert await heard.next(2) == [News("invocation", "r", one.id), News("lease", "r", lease.id)]

@@ -1,0 +1,135 @@
+"""Objects of the world as several gateways change them at once."""
+
+import asyncio
+from collections.abc import Callable
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+from redis_backends import Backend
+from stored import until
+
+from gateway.fleet.model import Pose
+from gateway.live import Live
+from gateway.settings import GatewaySettings
+from gateway.world import store as store_module
+from gateway.world.memory import Objects
+from gateway.world.scene import SceneObject, Sphere
+from gateway.world.store import Changed, Full, ObjectStore, digest
+
+NOWHERE = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+
+
+@dataclass
+class Known:
+    """One gateway's copy, and the store that it reads from."""
+
+    objects: Objects
+    store: ObjectStore
+
+
+Open = Callable[[], AbstractAsyncContextManager[Known]]
+
+
+@pytest.fixture
+def known(server: Backend) -> Open:
+    @asynccontextmanager
+    async def make() -> Any:
+        store = ObjectStore(server.url, "fleet")
+        async with Objects(Live(GatewaySettings()), store) as objects:
+            yield Known(objects, store)
+
+    return make
+
+
+def ball(title: str) -> SceneObject:
+    return SceneObject(title=title, kind="obstacle", pose=NOWHERE, geometry=Sphere(1.0))
+
+
+def deafened(one: Known) -> None:
+    """From now on it does not hear what others do."""
+    assert one.objects._following is not None
+    one.objects._following.cancel()
+
+
+async def test_who_would_replace_what_another_gateway_has_replaced_learns_of_it_instead(known: Open) -> None:
+    async with known() as one, known() as other:
+        deafened(other)
+        id = await one.objects.add(ball("first"))
+        assert not await other.objects.change(id, ball("late"))
+        assert other.objects.known == one.objects.known == {id: ball("first")}
+        assert await one.objects.change(id, ball("second"))
+        for late in (ball("late"), None):
+            assert not await other.objects.change(id, late)
+            assert other.objects.known == {id: ball("second")}
+            other.objects._take(id, b"{}")  # of another version: it is not there for this one
+        assert await other.store.read(id) is not None
+        assert not await other.objects.change(id, ball("late")) and await other.objects.change(id, None)
+        assert not await one.objects.change(id, ball("late"))
+        assert one.objects.known == other.objects.known == {}
+
+
+async def test_there_is_room_for_so_many_objects_and_bytes(known: Open, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(store_module, "MAX_OBJECTS", 2)
+    monkeypatch.setattr(store_module, "MAX_BYTES", 10)
+    async with known() as one:
+        store = one.store
+        await store.change("a", "", b"12345")
+        with pytest.raises(Full):
+            await store.change("b", "", b"123456")
+        await store.change("b", "", b"12345")
+        with pytest.raises(Full):
+            await store.change("c", "", b"")
+        with pytest.raises(Full):
+            await store.change("b", digest(b"12345"), b"123456")
+        with pytest.raises(Changed):
+            await store.change("b", digest(b"other"), b"1")
+        await store.change("a", digest(b"12345"), b"54321")
+        await store.change("b", digest(b"12345"), None)
+        assert await store.load() == {"a": b"54321"}
+
+
+async def test_an_answer_that_comes_late_is_not_taken_for_news(known: Open) -> None:
+    """It was read before the object was replaced, and arrives afterwards."""
+    async with known() as one:
+        deafened(one)
+        id = await one.objects.add(ball("old"))
+        read, under_way, go = one.store.read, asyncio.Event(), asyncio.Event()
+
+        async def slowly(id: str) -> bytes | None:
+            one.store.read = read  # type: ignore[method-assign]
+            body = await read(id)
+            under_way.set()
+            await go.wait()
+            return body
+
+        one.store.read = slowly  # type: ignore[method-assign]
+        late = asyncio.create_task(one.objects._refresh(id))
+        await under_way.wait()
+        changing = asyncio.create_task(one.objects.change(id, ball("new")))
+
+        async def written() -> bool:
+            return b'"new"' in (await read(id) or b"")
+
+        await until(written, "the change is in Redis")
+        go.set()
+        await late
+        assert await changing
+        assert one.objects.known == {id: ball("new")}
+
+
+async def test_what_was_there_before_the_server_came_is_known_as_soon_as_it_is_there(
+    server: Backend, known: Open
+) -> None:
+    async with known() as one:
+        id = await one.objects.add(ball("kept"))
+    server.kill()
+    async with known() as one:
+        assert one.objects.known == {}
+        server.start()
+
+        async def there() -> bool:
+            return one.objects.known == {id: ball("kept")}
+
+        await until(there, "the objects are read")

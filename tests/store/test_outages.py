@@ -1,0 +1,193 @@
+"""Redis is away: every store says so in bounded time and heals by itself, and what was accepted is there afterwards."""
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from redis_backends import Backend, Memory
+from stored import LIMIT, OUTGOING, a_rule, a_subscription, an_invocation, ended, held, listed, served
+
+from gateway.actions.store import ActionStore
+from gateway.identity.ended import EndedSessions
+from gateway.identity.store import SessionKey
+from gateway.rules.rule import Known
+from gateway.rules.store import RuleStore
+from gateway.store.connection import StoreUnavailable
+from gateway.subscriptions.store import LEASE_S, Store
+from gateway.subscriptions.subscription import Delivery
+from gateway.world.store import ObjectStore
+
+Call = Callable[[], Awaitable[object]]
+
+
+def subscriptions(url: str, stack: AsyncExitStack) -> tuple[Call, ...]:
+    a = Store(url, "fleet", "a")
+    stack.push_async_exit(a)
+    one = a_subscription()
+    return (
+        a.renew, a.leave, a.dead_runs, a.held, lambda: a.of("/"), lambda: a.add(one, Delivery(), 1),
+        lambda: a.record(one.id), lambda: a.remove(one.id), lambda: a.wake(one.id), lambda: a.note(one.id, Delivery()),
+        lambda: a.note_all({one.id: Delivery()}), lambda: a.backlog(one.id), lambda: anext(a.adopt("b")),
+        lambda: a.advance(one.id, None, OUTGOING, Delivery()),
+    )  # fmt: skip
+
+
+def actions(url: str, stack: AsyncExitStack) -> tuple[Call, ...]:
+    a = ActionStore(url, "fleet", "a")
+    stack.push_async_exit(a)
+    one = an_invocation()
+    return (
+        lambda: a.open(one), lambda: a.check("r", "t"), lambda: a.save(one), lambda: a.delete(one), a.load,
+        lambda: a.read("r", one.id), lambda: a.take("r", "Ada", 60), lambda: a.release("r", "t"), a.all_settings,
+        lambda: a.lease("r"), lambda: a.settings("r"), lambda: a.set_setting("r", "title", None, "R"),
+    )  # fmt: skip
+
+
+def rules(url: str, stack: AsyncExitStack) -> tuple[Call, ...]:
+    a = RuleStore(url, "fleet", "a")
+    stack.push_async_callback(a.close)
+    rule = a_rule()
+    known = Known(rule, 1, {}, 0)
+    return (
+        lambda: a.write(rule, 0, 9), lambda: a.remove(rule), a.load, lambda: a.read(rule.id), a.serve, a.leave, a.seen,
+        lambda: a.note_seen(["r"], ["x"]), lambda: a.recall(known), lambda: a.begin(known, ()),
+        lambda: a.advance(known, {}, ()), lambda: a.complain(known),
+    )  # fmt: skip
+
+
+def others(url: str, stack: AsyncExitStack) -> tuple[Call, ...]:
+    objects, ended, key = ObjectStore(url, "fleet"), EndedSessions(url, "fleet"), SessionKey(url, "fleet", "")
+    stack.push_async_callback(objects.close)
+    stack.push_async_callback(ended.aclose)
+    stack.push_async_callback(key.aclose)
+    return (
+        objects.load, lambda: objects.read("i"), lambda: objects.change("i", "", b"body"),
+        lambda: anext(objects.news()), ended.known, ended.look, key.get,
+    )  # fmt: skip
+
+
+STORES = pytest.mark.parametrize("store", [subscriptions, actions, rules, others])
+
+
+@asynccontextmanager
+async def calls(server: Backend, store: Callable[[str, AsyncExitStack], tuple[Call, ...]]) -> AsyncIterator[Any]:
+    async with AsyncExitStack() as stack:
+        yield store(server.url, stack)
+
+
+@STORES
+async def test_a_store_opens_without_a_server_says_so_and_heals(server: Backend, store: Any) -> None:
+    server.kill()
+    async with calls(server, store) as every:
+        for call in every:
+            with pytest.raises(StoreUnavailable):
+                await call()
+        server.start()
+        await served(every[0])
+
+
+@STORES
+@pytest.mark.parametrize("server", ["memory"], indirect=True)
+async def test_a_server_that_hangs_is_waited_for_no_longer_than_three_seconds(server: Memory, store: Any) -> None:
+    async with calls(server, store) as every:
+        server.redis.hang()
+        for call in every:
+            begun_s = time.monotonic()
+            with pytest.raises(StoreUnavailable):
+                await call()
+            assert time.monotonic() - begun_s <= 3.0 + 1e-6
+        server.redis.release()
+        await served(every[0])
+
+
+@STORES
+@pytest.mark.parametrize("server", ["memory"], indirect=True)
+@pytest.mark.parametrize("error", ["LOADING x", "MISCONF x", "READONLY x", "OOM x", "MASTERDOWN x", "WRONGTYPE x"])
+async def test_a_server_that_does_not_serve_now_is_away(server: Memory, store: Any, error: str) -> None:
+    async with calls(server, store) as every:
+        server.redis.error = error
+        for call in every:
+            with pytest.raises(StoreUnavailable):
+                await call()
+        server.redis.error = ""
+        await served(every[0])
+
+
+async def test_subscriptions_that_were_accepted_survive_kill_9_of_the_server(server: Backend) -> None:
+    async with Store(server.url, "fleet", "a") as a:
+        made = [a_subscription() for _ in range(20)]
+        for one in made:
+            await a.add(one, Delivery(), LIMIT)
+        entry = await a.advance(made[0].id, None, OUTGOING, Delivery())
+        server.kill()
+        with pytest.raises(StoreUnavailable):
+            await a.record(made[0].id)
+        server.start()
+        await served(a.renew)
+        assert await listed(a) == made
+        assert (await a.backlog(made[0].id)).entries == [entry]
+
+
+async def test_actions_that_were_accepted_survive_kill_9_of_the_server(server: Backend) -> None:
+    async with ActionStore(server.url, "fleet", "a") as a:
+        made = [an_invocation(created_ns=number) for number in range(20)]
+        for one in made:
+            await a.open(one, key=one.id, digest="d")
+        made[0] = ended(made[0])
+        await a.save(made[0])
+        lease, token = await a.take("r", "Ada", 600)
+        await a.set_setting("r", "title", None, "R")
+        server.kill()
+        with pytest.raises(StoreUnavailable):
+            await a.load()
+        server.start()
+        await served(a.load)
+        assert await a.load() == made
+        held = await a.lease("r")  # which may have stood still meanwhile
+        assert held is not None and held.expires_ns >= lease.expires_ns
+        assert replace(held, expires_ns=lease.expires_ns) == lease
+        assert await a.all_settings() == {"r": {"title": "R"}}
+        assert await a.open(an_invocation(), token=token, key=made[5].id, digest="d") == made[5].id
+
+
+@pytest.mark.parametrize("server", ["memory"], indirect=True)
+async def test_nobody_is_dead_for_half_a_lease_after_an_outage_in_which_nobody_could_renew(server: Memory) -> None:
+    async with Store(server.url, "fleet", "a") as a, Store(server.url, "fleet", "b") as b:
+        await b.renew()
+        server.kill()
+        await asyncio.sleep(2 * LEASE_S)
+        with pytest.raises(StoreUnavailable):
+            await a.dead_runs()
+        server.start()
+        assert await a.dead_runs() == []
+        await asyncio.sleep(LEASE_S / 2 - 0.1)
+        assert await a.dead_runs() == []
+        await asyncio.sleep(0.2)
+        assert await a.dead_runs() == ["b"]
+
+
+@pytest.mark.parametrize("server", ["memory"], indirect=True)
+async def test_a_step_of_which_the_answer_was_lost_may_be_repeated(server: Memory) -> None:
+    """Whatever the step was: it was taken, and the second time changes nothing."""
+    subscription, invocation = a_subscription(), an_invocation()
+    async with Store(server.url, "fleet", "a") as a, ActionStore(server.url, "fleet", "a") as b:
+        for step in (
+            lambda: a.add(subscription, Delivery(), 1),
+            lambda: b.open(invocation, key="k", digest="d"),
+            lambda: b.save(ended(invocation)),
+            lambda: a.remove(subscription.id),
+        ):
+            for nth in range(1, 9):
+                server.redis.fail_after_executing(nth)
+                with suppress(StoreUnavailable):
+                    await step()
+            server.redis.fail_after_executing(0)
+            await step()
+        assert await b.load() == [ended(invocation)]
+        assert await held(a) == []
+        await a.leave()
+    assert not [key for key in server.lasting_keys() if "subscription" in key or "client" in key]

@@ -1,0 +1,82 @@
+"""Logouts and the key of sessions, as all gateways know them."""
+
+import asyncio
+import time
+from collections.abc import Iterator
+from contextlib import aclosing
+
+import pytest
+from redis_backends import Backend, opened
+from stored import served
+
+from gateway.identity.ended import EndedSessions
+from gateway.identity.rights import TokenHash
+from gateway.identity.seal import Session, new_session
+from gateway.identity.store import SessionKey
+from gateway.store.connection import StoreUnavailable
+
+
+@pytest.fixture
+def a(server: Backend) -> Iterator[EndedSessions]:
+    yield from opened(server, aclosing(EndedSessions(server.url, "fleet")))
+
+
+@pytest.fixture
+def b(server: Backend) -> Iterator[EndedSessions]:
+    yield from opened(server, aclosing(EndedSessions(server.url, "fleet")))
+
+
+def a_session(id: str) -> Session:
+    return new_session(TokenHash("ab" * 32), id, time.time_ns())
+
+
+async def test_what_is_ended_at_one_gateway_is_over_at_all_and_for_those_that_come_later(
+    server: Backend, a: EndedSessions, b: EndedSessions
+) -> None:
+    await b.look()
+    many = [a_session(str(number)) for number in range(3)]
+    for each in many[:2]:
+        await a.end(each)
+    await b.look()
+    async with aclosing(EndedSessions(server.url, "fleet")) as late:
+        await late.known()
+        for gateway in (a, b, late):
+            assert [each in gateway for each in many] == [True, True, False]
+
+
+async def test_while_redis_is_away_it_is_over_here_and_the_others_hear_of_it_afterwards(
+    server: Backend, a: EndedSessions, b: EndedSessions
+) -> None:
+    await b.look()
+    session = a_session("during an outage")
+    server.kill()
+    with pytest.raises(StoreUnavailable):
+        await a.end(session)
+    assert session in a
+    server.start()
+    await served(a.look)
+    await served(b.look)
+    assert session in b
+
+
+async def test_what_would_be_over_by_now_is_forgotten(a: EndedSessions) -> None:
+    past, lasting = Session("past", TokenHash("ab" * 32), time.time_ns()), a_session("lasting")
+    for each in (past, lasting):
+        await a.end(each)
+    for _ in range(2):  # it is heard of once more, from Redis
+        await a.look()
+    assert past not in a and lasting in a
+
+
+async def test_gateways_share_a_key_and_keep_it_while_redis_is_away(server: Backend) -> None:
+    one, other, elsewhere, late = (SessionKey(server.url, name, "") for name in ("fleet", "fleet", "another", "fleet"))
+    first, second, third = await asyncio.gather(one.get(), other.get(), elsewhere.get())
+    assert first == second and len(first) == 32 and third != first
+    server.kill()
+    assert await one.get() == first
+    with pytest.raises(StoreUnavailable):
+        await late.get()
+    server.start()
+    assert await late.get() == first
+    for each in (one, other, elsewhere, late):
+        await each.aclose()

@@ -1,0 +1,207 @@
+"""Gateways and agents that run in the event loop of a test, and are started, told and ended like child processes."""
+
+import asyncio
+import contextlib
+import itertools
+import logging
+import signal
+import sys
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from contextvars import Context
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+from weakref import WeakKeyDictionary
+
+from agents.serving import make_agent, serve
+from agents.settings import SettingsError, read_settings
+from agents.transport import Session
+from gateway.app import create_app
+from gateway.http.server import Server
+from gateway.identity.roster import BadRoster
+from gateway.settings import GatewaySettings
+from gateway.store.connection import BadUrl
+from gateway.transport import LinkError
+from virtual.confined import Confined, confined
+from virtual.loop import PATIENCE_S, VirtualLoop
+from virtual.played_session import PlayedSession
+from virtual.redis_server import RedisServer
+from virtual.tcp import Listener
+from virtual.zenoh_agent import AgentSession
+from virtual.zenoh_network import ZenohNetwork
+
+_numbers = itertools.count(1)
+if find_spec("sniffio") is None:
+    # httpcore tries to import it for each lock, which takes a quarter of the time of tests that deliver callbacks.
+    sys.modules["sniffio"] = None  # type: ignore[assignment]
+
+
+class World:
+    """All that the gateways and agents of one loop share: networks of Zenoh by endpoint, servers of Redis by folder."""
+
+    def __init__(self, loop: VirtualLoop) -> None:
+        self._loop = loop
+        self._networks: dict[str, ZenohNetwork] = {}
+        self._embedded: dict[Path, RedisServer] = {}
+
+    def network(self, endpoints: tuple[str, ...]) -> ZenohNetwork:
+        """The network of those that listen at one of these endpoints or connect to it."""
+        if endpoints[0] not in self._networks:
+            seed = self._loop.seed
+            latency_s = (0.0002, 0.004) if seed else (0.001, 0.001)
+            self._networks[endpoints[0]] = ZenohNetwork(seed, latency_s)
+        return self._networks[endpoints[0]]
+
+    def embedded(self, folder: Path) -> RedisServer:
+        """The server that keeps its data in this folder: what a gateway starts for itself otherwise.
+
+        It is no part of the process that asks for it, and outlives it.
+        """
+        if folder not in self._embedded:
+            self._embedded[folder] = Context().run(RedisServer, self._loop.internet)
+        return self._embedded[folder]
+
+
+_worlds: WeakKeyDictionary[VirtualLoop, World] = WeakKeyDictionary()
+
+
+def world(loop: VirtualLoop) -> World:
+    return _worlds.setdefault(loop, World(loop))
+
+
+def played_session(loop: VirtualLoop, endpoint: str) -> Any:
+    """A session at this endpoint for a robot that the test plays; typed as it stands for a ``zenoh.Session``."""
+    network = world(loop).network((endpoint,))
+    return PlayedSession(loop, loop.inside(network.agent, f"stage {next(_numbers)}"))
+
+
+class VirtualProcess:
+    """``-m gateway …`` or ``-m agents …`` in the loop; has the interface of ``running.Process``."""
+
+    def __init__(self, loop: VirtualLoop, arguments: Sequence[str]) -> None:
+        self.lines: list[str] = []
+        self._loop, self._world = loop, world(loop)
+        _, module, *words = arguments
+        self.name = f"{module} {next(_numbers)}"
+        start: dict[str, Callable[[list[str]], Awaitable[int]]] = {"gateway": self._gateway, "agents": self._agents}
+        self._process = loop.confine(self.name)
+        self._code: int | None = None
+        self._logging = _Logging(self._process, self.lines)
+        logging.getLogger().addHandler(self._logging)
+        self._ending: Callable[[], object] = lambda: None
+        self._task = self._process.run(loop.create_task, self._run(start[module], words))
+        loop.run_for(0)
+
+    @property
+    def output(self) -> str:
+        return "".join(self.lines)
+
+    def said(self, text: str) -> None:
+        def probe() -> bool:
+            assert not self._task.done() or text in self.output, f"ended early:\n{self.output}"
+            return text in self.output
+
+        self._loop.run_until(probe, f"{text!r} in the output:\n{self.output}")
+
+    def ended(self) -> int:
+        """Wait for the end, and return the exit code."""
+        if self._process.dead:
+            return -signal.SIGKILL
+        self._loop.run_until(self._task.done, f"the end of:\n{self.output}")
+        self._task.result()
+        assert self._code is not None
+        return self._code
+
+    def send(self, number: signal.Signals) -> None:
+        """SIGTERM and SIGINT end it in good order; SIGKILL, SIGSTOP and SIGCONT do what they do."""
+        act: dict[signal.Signals, Callable[[], object]] = {
+            signal.SIGKILL: self._process.kill,
+            signal.SIGSTOP: self._process.stop,
+            signal.SIGCONT: self._process.go_on,
+        }
+        act.get(number, lambda: self._process.run(self._ending))()
+        self._loop.run_for(0)
+
+    def kill_child(self, module: str) -> None:
+        """A real process that it has started, known by what it runs."""
+        self._loop.kill_child(module)
+
+    def step_wall(self, by_s: float) -> None:
+        """Set its wall clock ahead or back; those of others stay."""
+        self._process.step_wall(by_s)
+
+    def stop(self) -> int:
+        if not self._task.done() and not self._process.dead:
+            self._process.go_on()
+            self.send(signal.SIGTERM)
+        try:
+            return self.ended()
+        finally:
+            logging.getLogger().removeHandler(self._logging)
+
+    async def _run(self, start: Callable[[list[str]], Awaitable[int]], words: list[str]) -> None:
+        self._code = await start(words)
+
+    async def _gateway(self, words: list[str]) -> int:
+        try:
+            settings = GatewaySettings.read({}, words)
+            if not settings.redis_url:
+                words = [*words, "--redis-url", self._world.embedded(settings.state_path).url]
+                settings = GatewaySettings.read({}, words)
+            listener: Any = Listener(self._loop.internet, settings.host, settings.port_number)
+        except (ValueError, OSError) as error:
+            self.lines.append(f"gateway: {error}\n")
+            return 1
+        network = self._world.network(settings.connect_endpoints or settings.listen_endpoints)
+        try:
+            app = create_app(settings, None, network.gateway(self.name))
+            server = Server(app, settings)
+            self._ending = lambda: server.leave(signal.SIGTERM)
+            async with app.router.lifespan_context(app):
+                self.lines.append(f"serving {settings.public_urls[0]}/\n")
+                await server.serve(sockets=[listener])
+        except (LinkError, BadUrl, BadRoster) as error:
+            self.lines.append(f"gateway: {error}\n")
+            return 1
+        return 0
+
+    async def _agents(self, words: list[str]) -> int:
+        try:
+            settings = read_settings(words, {}, "virtual")
+            agents = [make_agent(settings, index) for index in range(len(settings.robots))]
+        except SettingsError as error:
+            self.lines.append(f"agents: {error}\n")
+            return 2
+        serving = asyncio.create_task(serve(settings, agents, None, self._open_session))
+        self._ending = serving.cancel
+        with contextlib.suppress(asyncio.CancelledError):
+            await serving
+        return 0
+
+    @contextlib.asynccontextmanager
+    async def _open_session(
+        self, connect: tuple[str, ...], listen: tuple[str, ...] = (), lease_ms: int = 2_000, *_: object
+    ) -> AsyncIterator[Session]:
+        session: AgentSession = self._world.network(connect or listen).agent(self.name, lease_ms / 1000)
+        try:
+            if not listen:  # a client is open when somebody answers
+                await session.met.wait()
+            yield session
+        finally:
+            session.end()
+
+
+class _Logging(logging.Handler):
+    """Keeps what one process logs as lines of output."""
+
+    def __init__(self, process: Confined, lines: list[str]) -> None:
+        super().__init__()
+        self._process, self._lines = process, lines
+        self.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if confined() is self._process:
+            self._lines.append(f"{self.format(record)}\n")
+
+
+__all__ = ["PATIENCE_S", "VirtualProcess", "World", "world"]

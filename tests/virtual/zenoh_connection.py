@@ -1,0 +1,206 @@
+"""One connection between two sessions of the Zenoh network in memory: order, latency, loss, silence and its end."""
+
+import asyncio
+from collections import deque
+from collections.abc import Callable
+from contextvars import Context
+from dataclasses import dataclass
+from functools import partial
+from random import Random
+from typing import Literal, NamedTuple, Protocol
+
+Priority = Literal["control", "heartbeat", "real time", "data", "background"]
+"""``control`` has the declarations, in a queue of their own as Zenoh's have."""
+
+WAITING_BYTES = 1_000_000
+"""So much waits for a silent peer, in queues of Zenoh and of TCP, before messages that may be dropped are dropped."""
+_KEEP_ALIVES = 4  # of Zenoh, in one lease
+
+
+@dataclass
+class Faults:
+    """Faults of every connection of a network; ``loss`` is the share of droppable messages that are lost."""
+
+    random: Random
+    latency_s: tuple[float, float]
+    loss: float
+
+
+class End(Protocol):
+    """A session, as its connections see it."""
+
+    lease_s: float
+
+    def attached(self, connection: "Connection") -> None: ...
+
+    def detached(self, connection: "Connection") -> None: ...
+
+    def hand_over(self, deliver: Callable[[], None]) -> None: ...
+
+
+class _Message(NamedTuple):
+    deliver: Callable[[], None]
+    size: int
+    timer: asyncio.TimerHandle | None
+
+
+class _Pipe:
+    """Messages of one direction. They arrive in order among those of one priority, and in no order besides."""
+
+    def __init__(self, faults: Faults) -> None:
+        self._loop, self._faults = asyncio.get_running_loop(), faults
+        self._waiting: dict[Priority, deque[_Message]] = {}
+        self._due_s: dict[Priority, float] = {}
+        self._paused = False
+
+    @property
+    def due_s(self) -> float:
+        """A time at which all that is under way has arrived."""
+        return max([self._loop.time() + self.draw_s(), *self._due_s.values()])
+
+    def draw_s(self) -> float:
+        return self._faults.random.uniform(*self._faults.latency_s)
+
+    def put(self, priority: Priority, deliver: Callable[[], None], size: int, droppable: bool, lossy: bool) -> None:
+        """Send. A ``droppable`` message is lost where too much waits already, a ``lossy`` one also by chance."""
+        if lossy and self._faults.loss and self._faults.random.random() < self._faults.loss:
+            return
+        waiting = self._waiting.setdefault(priority, deque())
+        if self._paused and droppable and sum(message.size for message in waiting) + size > WAITING_BYTES:
+            return
+        waiting.append(_Message(deliver, size, None if self._paused else self._schedule(priority)))
+
+    def pause(self) -> None:
+        self._paused = True
+        self._cancel()
+
+    def resume(self) -> None:
+        self._paused = False
+        for priority, waiting in self._waiting.items():
+            self._waiting[priority] = deque(message._replace(timer=self._schedule(priority)) for message in waiting)
+
+    def clear(self) -> None:
+        self._cancel()
+        self._waiting.clear()
+
+    def _schedule(self, priority: Priority) -> asyncio.TimerHandle:
+        due_s = max(self._loop.time() + self.draw_s(), self._due_s.get(priority, 0.0))
+        self._due_s[priority] = due_s
+        return self._loop.call_at(due_s, self._arrive, priority, context=Context())
+
+    def _arrive(self, priority: Priority) -> None:
+        # The first one: timers of one moment may ring in any order.
+        self._waiting[priority].popleft().deliver()
+
+    def _cancel(self) -> None:
+        for waiting in self._waiting.values():
+            for message in waiting:
+                if message.timer is not None:
+                    message.timer.cancel()
+
+
+class Connection:
+    """Open at both ends from the beginning; ``over`` is called when it is closed at both.
+
+    While it is cut nothing arrives, and what was sent waits, as with TCP. An end gives up when it has heard nothing for
+    the lease of the other one. Its timers are in an empty context: what is under way belongs to neither end.
+    """
+
+    def __init__(self, one: End, other: End, faults: Faults, over: Callable[["Connection"], None]) -> None:
+        self._loop, self._faults, self._over = asyncio.get_running_loop(), faults, over
+        self.ends = (one, other)
+        self._open = {one: True, other: True}
+        self._pipes = {one: _Pipe(faults), other: _Pipe(faults)}  # by sender
+        self._leases: dict[object, asyncio.TimerHandle] = {}
+        self._cuts = set[object]()
+        for end in self.ends:
+            end.attached(self)
+
+    def peer(self, end: End) -> End:
+        return self.ends[self.ends[0] is end]
+
+    def send(
+        self, sender: End, priority: Priority, deliver: Callable[[], None], *, size: int = 0, droppable: bool = False,
+        lossy: bool = False,
+    ) -> None:  # fmt: skip
+        if self._open[sender]:
+            self._pipes[sender].put(priority, partial(self._arrive, self.peer(sender), deliver), size, droppable, lossy)
+
+    def _arrive(self, receiver: End, deliver: Callable[[], None]) -> None:
+        receiver.hand_over(lambda: self._open[receiver] and deliver())
+
+    def settled_s(self, receiver: End) -> float:
+        """A time at which this end has all that the other has sent it by now."""
+        return self._pipes[self.peer(receiver)].due_s
+
+    def cut(self, reason: object = "partition") -> None:
+        """Both ends hear nothing any more, until all that cuts them off is healed; ``reason`` may be an end itself."""
+        cut = bool(self._cuts)
+        self._cuts.add(reason)
+        if reason in self._leases:  # a process that is stopped notices nothing
+            self._leases.pop(reason).cancel()
+        if cut:
+            return
+        for end in self.ends:
+            self._pipes[end].pause()
+            if end is not reason:
+                self._miss(end)
+
+    def _miss(self, end: End) -> None:
+        """Let this end give up after a lease."""
+        silence_s = self._faults.random.uniform(1 - 1 / _KEEP_ALIVES, 1) * self.peer(end).lease_s
+        self._leases[end] = self._loop.call_later(silence_s, self._expire, end, context=Context())
+
+    def heal(self, reason: object = "partition") -> None:
+        if reason not in self._cuts:
+            return
+        self._cuts.discard(reason)
+        if self._cuts:
+            for end in self.ends:
+                if end is reason and self._open[end]:
+                    self._miss(end)
+            return
+        self._end_leases()
+        for pipe in self._pipes.values():
+            pipe.resume()
+        for end in self.ends:
+            if not self._open[end]:
+                self._hang_up(end)
+
+    def close(self, end: End) -> None:
+        """Close at one end: the other hears of it after all that was sent before."""
+        if self._open[end]:
+            self._pipes[self.peer(end)].clear()
+            self._end(end)
+            if not self._cuts:
+                self._hang_up(end)
+
+    def fall_silent(self, end: End) -> None:
+        """This end is no more, and says nothing of it."""
+        self.cut("silence")
+        self._expire(end)
+
+    def _hang_up(self, end: End) -> None:
+        self._loop.call_at(self._pipes[end].due_s, self._hung_up, self.peer(end), context=Context())
+
+    def _hung_up(self, end: End) -> None:
+        if not self._cuts:
+            self._end(end)
+
+    def _expire(self, end: End) -> None:
+        for pipe in self._pipes.values():
+            pipe.clear()
+        self._end(end)
+
+    def _end(self, end: End) -> None:
+        if self._open[end]:
+            self._open[end] = False
+            end.detached(self)
+            if not any(self._open.values()):
+                self._end_leases()
+                self._over(self)
+
+    def _end_leases(self) -> None:
+        for timer in self._leases.values():
+            timer.cancel()
+        self._leases.clear()
