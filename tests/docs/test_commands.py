@@ -3,6 +3,7 @@
 import os
 import signal
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -12,16 +13,18 @@ from transcript import Command, Shell, matches, ports_of, steps
 
 _DEMO_PORT = "8000"
 _PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+_ALONE = ("WORLD.md",)
+"""It puts a thing next to a robot that other pages move."""
+_PAGES.sort(key=lambda page: page.name not in _ALONE)
 
 
 def _commands(page: Path) -> list[Command]:
     return [step for step in steps(page.read_text()) if isinstance(step, Command)]
 
 
-@pytest.fixture
-def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Demo]:
-    """A fresh one for each page."""
-    demo = Demo(tmp_path_factory.mktemp("demo"))
+@contextmanager
+def _running(folder: Path) -> Iterator[Demo]:
+    demo = Demo(folder)
     try:
         eventually(lambda: "The fleet is at" in demo.output, lambda: demo.output)
         yield demo
@@ -31,9 +34,23 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Demo]:
         demo.process.wait()
 
 
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Demo]:
+    with _running(tmp_path_factory.mktemp("demo")) as demo:
+        yield demo
+
+
 @pytest.fixture
-def shell(demo: Demo, tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Shell]:
-    page: Path = request.getfixturevalue("page")
+def demo(page: Path, tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Iterator[Demo]:
+    if page.name in _ALONE:
+        with _running(tmp_path_factory.mktemp("demo")) as demo:
+            yield demo
+    else:
+        yield request.getfixturevalue("shared")
+
+
+@pytest.fixture
+def shell(demo: Demo, tmp_path: Path, page: Path) -> Iterator[Shell]:
     ports = {named: str(free_port()) for named in ports_of(page.read_text())} | {_DEMO_PORT: str(demo.port)}
     shell = Shell(tmp_path, ports)
     try:
