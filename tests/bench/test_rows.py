@@ -15,7 +15,7 @@ from bench.crowd import Size
 from bench.fan_out import Case
 from bench.table import UnavailableError
 
-pytestmark = pytest.mark.fleet
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 
 SHORT: Mapping[str, Mapping[str, Any]] = {
     "answers": {"seconds": 1.0},

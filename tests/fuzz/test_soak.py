@@ -4,7 +4,7 @@ import pytest
 
 from fuzz.soak import run
 
-pytestmark = pytest.mark.fleet
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 
 
 def test_the_soak_runs_for_some_seconds() -> None:

@@ -10,7 +10,7 @@ from histories.history import History
 from histories.runs import of_processes, on_promoted_servers
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
-OF_PROCESSES, IN_ONE_PROCESS = 4_000, 20_000
+OF_PROCESSES, IN_ONE_PROCESS = 4_000, 100_000
 
 
 @pytest.mark.parametrize(
