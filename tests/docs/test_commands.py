@@ -1,12 +1,13 @@
 """Every command of README.md and the pages in docs/, run against the demo as shipped."""
 
+import contextlib
 import os
 import signal
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from browser import Browser, all_live
 from demonstration import Demo
 from running import ROOT, eventually, free_port
 from transcript import Command, Shell, matches, ports_of, steps
@@ -22,11 +23,13 @@ def _commands(page: Path) -> list[Command]:
     return [step for step in steps(page.read_text()) if isinstance(step, Command)]
 
 
-@contextmanager
+@contextlib.contextmanager
 def _running(folder: Path) -> Iterator[Demo]:
     demo = Demo(folder)
     try:
         eventually(lambda: "The fleet is at" in demo.output, lambda: demo.output)
+        with contextlib.closing(Browser(f"http://127.0.0.1:{demo.port}/")) as browser:
+            eventually(lambda: all_live(browser, 5), "five robots that send frames")
         yield demo
     finally:
         for pid in [*demo.members(), *demo.servers()]:
