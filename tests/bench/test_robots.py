@@ -5,6 +5,7 @@ import pytest
 from bench.crowd import Size
 from bench.robots import measure, table
 
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 FEW = Size(robots=12, joints=3, seconds=0.5, requests=8, rates_hz=(20,))
 
 

@@ -21,9 +21,11 @@ from gateway.http.body import parse_body
 
 SEED = 7
 COUNTS = {"wire": 1500, "bodies": 800, "http": 500, "sockets": 250, "robots": 250, "ros2": 1500, "identities": 300}
+PURE = {"wire", "bodies", "ros2"}
+SERVED = (pytest.mark.processes, pytest.mark.test_all)
 
 
-@pytest.mark.parametrize("target", SHARES)
+@pytest.mark.parametrize("target", [name if name in PURE else pytest.param(name, marks=SERVED) for name in SHARES])
 def test_a_slice_of_it_finds_nothing(target: str) -> None:
     tally = run(target, COUNTS[target], SEED)
     assert tally.inputs == COUNTS[target]
