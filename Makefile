@@ -24,8 +24,8 @@ ONLY ?=
 MOTIONS ?= 1000
 COMPOSE ?=
 BENCH_ARGS ?=
-# A test that fails is run once more, and named at the end (tests/second_try.py); one that fails twice is a failure.
-SECOND_TRY := --reruns 1
+# A test with processes that fails is run once more, and named at the end (tests/second_try.py).
+SECOND_TRY := --second-try
 CADDY ?= $(or $(shell command -v caddy),$(CURDIR)/build/caddy/usr/bin/caddy)
 BIN := .venv/bin
 ASSETS := gateway/face/assets/manifest.json

@@ -16,7 +16,7 @@ import hypothesis
 import pytest
 from browser import Browser, all_live
 from running import PATIENCE_S, Process, eventually, free_port, process
-from second_try import pytest_terminal_summary  # noqa: F401 - a hook
+from second_try import add_option, pytest_itemcollected, pytest_terminal_summary  # noqa: F401 - hooks
 from virtual.client import clients_in_memory
 from virtual.loop import virtual_time
 
@@ -35,6 +35,7 @@ ROBOTS = ("baxter", "go2", "panda", "tiago", "ur5")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
+    add_option(parser)
     parser.addoption("--seed", type=int, default=0, help="of all chance on virtual time; not 0: of latencies as well")
 
 
@@ -101,7 +102,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     places = {path: before[path.parent] for path in files if not before.update([path.parent])}
 
     def rank(item: pytest.Item) -> tuple[bool, int]:
-        real = any(item.get_closest_marker(name) for name in ("processes", "fleet"))
+        real = item.get_closest_marker("processes") is not None
         return not real, places[item.path]
 
     items.sort(key=rank)

@@ -3,6 +3,7 @@
 import atexit
 import contextlib
 import functools
+import itertools
 import os
 import shutil
 import signal
@@ -23,13 +24,30 @@ PATIENCE_S = 60.0
 T = TypeVar("T")
 
 
+def _ports() -> Iterator[int]:
+    """Ports of this worker, below those that the kernel gives to connections, and each as late again as may be.
+
+    Nothing takes such a port between the question and the answer, and whoever still looks for the server of a test that
+    is over does not find that of another.
+    """
+    worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")) % _MOST_WORKERS
+    begin = _FIRST_PORT + worker * _PORTS_EACH
+    return itertools.cycle(begin + (os.getpid() * 97 + n) % _PORTS_EACH for n in range(_PORTS_EACH))
+
+
+_FIRST_PORT, _PORTS_EACH, _MOST_WORKERS = 10_000, 5_000, 4
+_next_port = _ports()
+
+
 def free_port() -> int:
     loop = current()
     if loop is not None:
         return loop.internet.port("127.0.0.1")
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    for port in _next_port:
+        with socket.socket() as probe, contextlib.suppress(OSError):
+            probe.bind(("127.0.0.1", port))
+            return port
+    raise AssertionError("no port is free")
 
 
 def eventually(probe: Callable[[], T | None], what: str | Callable[[], str]) -> T:

@@ -1,19 +1,29 @@
-"""Names tests that failed once and passed at the second try at the end of a run: each has to be looked into."""
+"""A second try for tests with real processes, which the end of the run names with the reason of the first."""
 
 import pytest
 
+OPTION = "--second-try"
 TITLE = "passed at the second try"
 
 
+def add_option(parser: pytest.Parser) -> None:
+    parser.addoption(OPTION, action="store_true", help="for tests marked processes that fail")
+
+
+def pytest_itemcollected(item: pytest.Item) -> None:
+    if item.config.getoption(OPTION) and item.get_closest_marker("processes"):
+        item.add_marker(pytest.mark.flaky(reruns=1))
+
+
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
-    """One plain line for each, which the logs of automatic runs show too; and the seed of a run in which one failed."""
+    """Plain lines, which the logs of automatic runs show too; and the seed of a run in which a test failed."""
     stats = terminalreporter.stats
     if stats.get("failed") or stats.get("error") or stats.get("rerun"):
         terminalreporter.write_line(f"virtual time: --seed {config.getoption('--seed', 0)}")
     failed = {report.nodeid for outcome in ("failed", "error") for report in stats.get(outcome, ())}
-    tried_again = dict.fromkeys(report.nodeid for report in stats.get("rerun", ()))
-    names = [name for name in tried_again if name not in failed]
-    if names:
+    reasons = {report.nodeid: report.longreprtext for report in stats.get("rerun", ()) if report.nodeid not in failed}
+    if reasons:
         terminalreporter.section(TITLE)
-        for name in names:
-            terminalreporter.write_line(f"{TITLE}: {name}")
+    for name, text in reasons.items():
+        terminalreporter.write_line(f"{TITLE}: {name}")
+        terminalreporter.write_line("\n".join(text.splitlines()[-40:]))

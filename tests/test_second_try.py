@@ -1,4 +1,4 @@
-"""A test that fails has one second try, which the end of the run names; one that fails twice is a failure."""
+"""A test with processes that fails has one second try, which the end of the run names; others have none."""
 
 import os
 import re
@@ -15,11 +15,13 @@ CONFIGURATION = f"""
 filterwarnings = error
 pythonpath = {ROOT / "tests"}
 addopts = -p no:cacheprovider
+markers = processes
 """
 FIXTURES = """
 import pytest
 from pathlib import Path
-from second_try import pytest_terminal_summary
+from second_try import add_option as pytest_addoption
+from second_try import pytest_itemcollected, pytest_terminal_summary
 
 LOG = Path(__file__).with_name("log")
 
@@ -51,6 +53,10 @@ def noted():
     return note
 """
 TESTS = """
+import pytest
+
+pytestmark = pytest.mark.processes
+
 def test_before(session, module, function):
     pass
 
@@ -72,6 +78,9 @@ def test_is_the_last_and_fails_once(session, module, noted):
 OTHER = """
 def test_of_another_file(session, module):
     assert session["open"] and module["open"]
+
+def test_has_no_processes(noted):
+    assert noted("only attempt") == 2
 """
 
 
@@ -94,8 +103,12 @@ def test_one_second_try_with_fixtures_that_stay(tmp_path: Path, workers: tuple[s
         "test_fails_once_with_what_it_needs",
         "test_is_the_last_and_fails_once",
     ]
-    assert re.findall(r"^FAILED .*::(\w+)", run.stdout, re.M) == ["test_fails_twice"]
-    assert re.search(r"1 failed, 5 passed, 4 rerun", run.stdout)
+    assert re.findall(r"^FAILED .*::(\w+)", run.stdout, re.M) == [
+        "test_fails_twice",
+        "test_has_no_processes",
+    ]
+    assert re.search(r"2 failed, 5 passed, 4 rerun", run.stdout)
+    assert "OSError: not yet" in run.stdout
     log = (tmp_path / "log").read_text().splitlines()
     assert log.count("vain") == 2
     for name in ("session", "module of test_first", "module of test_second"):

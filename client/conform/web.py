@@ -33,6 +33,8 @@ class Answer:
     version: str = ""
     fault: str = ""
     unreached: bool = False
+    closed: bool = False
+    """The server closed the connection without a complete answer."""
 
     @property
     def successful(self) -> bool:
@@ -110,6 +112,8 @@ class Web:
             if not in_any_case:
                 self.in_time()
             answer = await self._once(method, url, headers or {}, body)
+            if answer.closed and method in _SAFE:  # a server may close a connection that waits (RFC 9112, 9.3.1)
+                answer = await self._once(method, url, headers or {}, body)
             target = absolute(url, answer.header("location"))
             if answer.fault or answer.status not in _REDIRECTS or method not in _SAFE or not self.ours(target):
                 return answer
@@ -132,6 +136,8 @@ class Web:
             return Answer(method, url, fault=f"no complete answer within {self.patience_s:g} s")
         except (httpx.ConnectError, httpx.ConnectTimeout) as error:
             return Answer(method, url, fault=f"no connection: {error}", unreached=True)
+        except (httpx.RemoteProtocolError, httpx.ReadError, httpx.WriteError) as error:
+            return Answer(method, url, fault=f"no valid answer: {type(error).__name__} {error}", closed=True)
         except (httpx.HTTPError, httpx.InvalidURL, httpx.StreamError, ValueError, OSError) as error:
             return Answer(method, url, fault=f"no valid answer: {type(error).__name__} {error}")
 

@@ -10,7 +10,7 @@ import pytest
 from bench.lossy import lossy
 from bench.table import UnavailableError
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.processes
 
 COUNT = 400
 _SEND = """import socket, sys

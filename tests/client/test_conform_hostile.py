@@ -11,7 +11,7 @@ import pytest
 from running import free_port
 
 from client.conform import command, trials
-from client.conform.web import MAX_BODY_BYTES
+from client.conform.web import MAX_BODY_BYTES, Web
 
 Reply = Callable[[str, str], bytes]
 TYPE = "Content-Type: text/turtle\r\n"
@@ -21,14 +21,19 @@ HYBRIT = """@prefix hybrit: <https://hybr-it-projekt.de/ns/hybr-it#> . @prefix l
 
 def http(status: str, headers: str = "", body: str = "") -> bytes:
     content = body.encode()
-    return f"HTTP/1.1 {status}\r\n{headers}Content-Length: {len(content)}\r\n\r\n".encode() + content
+    return (
+        f"HTTP/1.1 {status}\r\n{headers}Connection: close\r\nContent-Length: {len(content)}\r\n\r\n".encode() + content
+    )
 
 
 class Hostile:
-    """Answers each connection once with whatever ``reply(method, path)`` makes, and hangs up."""
+    """Answers each connection once with whatever ``reply(method, path)`` makes, and hangs up.
 
-    def __init__(self, reply: Reply, stalls: bool = False) -> None:
-        self.reply, self.stalls = reply, stalls
+    ``keeps``: it hangs up at the next request. ``stalls``: when the test is over.
+    """
+
+    def __init__(self, reply: Reply, stalls: bool = False, keeps: bool = False) -> None:
+        self.reply, self.stalls, self.keeps = reply, stalls, keeps
         self.lines: list[str] = []
         self.over = threading.Event()
         self.listener = socket.create_server(("127.0.0.1", 0))
@@ -56,9 +61,9 @@ class Hostile:
             connection.sendall(self.reply("WEBSOCKET" if b"Upgrade: websocket" in head else method, path))
             if self.stalls:
                 self.over.wait()
-            connection.shutdown(socket.SHUT_WR)
-            while connection.recv(65536):
-                pass
+            if not self.keeps:
+                connection.shutdown(socket.SHUT_WR)
+            connection.recv(65536)
 
     def close(self) -> None:
         self.over.set()
@@ -76,8 +81,8 @@ def in_short(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @contextlib.contextmanager
-def hostile(reply: Reply, stalls: bool = False) -> Iterator[Hostile]:
-    with contextlib.closing(Hostile(reply, stalls)) as server:
+def hostile(reply: Reply, stalls: bool = False, keeps: bool = False) -> Iterator[Hostile]:
+    with contextlib.closing(Hostile(reply, stalls, keeps)) as server:
         yield server
 
 
@@ -221,3 +226,10 @@ def test_results_that_cannot_be_written_are_still_printed(capsys: pytest.Capture
         command([server.root, "--earl", str(tmp_path / "missing" / "earl.ttl")])
     assert ended.value.code == 2
     assert "R1.12" in capsys.readouterr().out
+
+
+async def test_a_connection_that_is_closed_between_requests_is_no_fault() -> None:
+    with hostile(lambda method, path: b"HTTP/1.1 200 OK\r\nContent-Length: 0\r\n\r\n", keeps=True) as server:
+        async with Web(server.root, 5, 30) as web:
+            answers = [await web.request("GET", server.root) for _ in range(3)]
+        assert [answer.status for answer in answers] == [200] * 3

@@ -8,7 +8,7 @@ from conftest import RunningFleet
 from playwright.sync_api import Browser as Chromium
 from playwright.sync_api import Page, expect
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.processes
 PHONE = {"width": 360, "height": 740}
 KINDS = [
     "fleet", "robot", "walker", "joint", "prismatic", "link", "property", "action", "nested action", "invocation",

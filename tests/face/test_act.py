@@ -9,7 +9,7 @@ from browser import LF, ROS, SPATIAL, Browser
 from playwright.sync_api import Locator, Page, Request, expect
 from small_fleet import Place, live, move, number, property_page
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.processes
 JOINT = "wrist_3_joint"
 REFUSED = "Failed to load resource"
 

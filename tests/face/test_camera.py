@@ -11,7 +11,7 @@ from running import eventually
 from seer import BLIND, EYE, Seer
 from small_fleet import Place
 
-pytestmark = [pytest.mark.fleet, pytest.mark.usefixtures("watched")]
+pytestmark = [pytest.mark.processes, pytest.mark.usefixtures("watched")]
 Image = pytest.importorskip("PIL.Image")
 
 

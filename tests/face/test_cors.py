@@ -10,7 +10,7 @@ from browser import LF
 from guarded import ALL, SEEN, guarded
 from playwright.sync_api import Page
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.processes
 
 
 class _Twin(http.server.BaseHTTPRequestHandler):

@@ -13,7 +13,7 @@ from small_fleet import Place, live
 from agents.wire.codec import encode, layout
 from agents.wire.messages import WIRE_VERSION, Description, Mesh
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.processes
 COLLADA = (
     '<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1"><asset><unit meter="1"/></asset>'
     "<library_nodes>{nodes}</library_nodes><library_visual_scenes><visual_scene id='s'><node id='top'>"

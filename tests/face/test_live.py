@@ -11,7 +11,7 @@ from running import eventually
 from several import Gateway, Hub, gateway, hub
 from small_fleet import Place, live, offline
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.processes
 
 
 def _position(page: Page, joint: Gateway) -> Locator:

@@ -11,7 +11,7 @@ from playwright.sync_api import Browser, Page, expect
 from running import eventually
 from subscribers import members
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.processes
 REFUSED = "Failed to load resource"
 
 

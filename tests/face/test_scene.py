@@ -18,7 +18,7 @@ from small_fleet import Place, live
 from gateway.fleet.kinematics import ORIGIN, LinkPoses
 from gateway.fleet.model import RobotModel
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.processes
 TOLERANCE_M = 0.001
 XML = {"accept": "application/xml"}
 

@@ -14,7 +14,7 @@ from playwright.sync_api import Page, expect
 from running import Process, eventually, process
 from small_fleet import Place
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.processes
 PICTURES = os.environ.get("LINKED_FLEET_PICTURES")  # a folder; without it they are made and thrown away
 
 

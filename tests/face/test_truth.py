@@ -11,7 +11,7 @@ from running import eventually
 from several import Gateway, Hub
 from small_fleet import Place, live
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.processes
 
 
 def test_a_gateway_that_hangs_is_told_from_one_with_no_news(

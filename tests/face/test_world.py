@@ -9,7 +9,7 @@ from playwright.sync_api import Page, expect
 from running import eventually
 from small_fleet import Place, live
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.processes
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from simulated import RESTING_RAD_S, Simulated, simulated
 from agents.wire import codec
 from agents.wire.messages import Accepted, Refused, Reply, Stop
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.processes
 ROBOT = "ur5"
 PAN = "shoulder_pan_joint"
 

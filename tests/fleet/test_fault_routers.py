@@ -19,7 +19,7 @@ from running import free_port
 from agents.zenoh_session import open_session as open_agent
 from gateway.zenoh_session import open_session as open_gateway
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.processes
 ROUTER = Path(__file__).resolve().parents[2] / "deploy" / "zenoh" / "router.json5"
 PATIENCE_S = 120.0
 _ports = itertools.count(8000)  # of nobody: gateways of one host are told apart by them

@@ -9,7 +9,7 @@ from fuzz.bodies import path_of
 from fuzz.findings import Tally
 from fuzz.living import Living, living
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.processes
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from ros2_robot import RosRobot
 from running import Process, eventually, free_port, process
 from small_fleet import Place, live, move, number, property_page
 
-pytestmark = pytest.mark.fleet
+pytestmark = pytest.mark.processes
 
 Scene = tuple[Browser, RosRobot, Process]
 
