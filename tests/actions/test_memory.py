@@ -14,6 +14,7 @@ from gateway.actions.store import ActionStore
 from gateway.fleet.invocations import Invocation, InvocationState
 from gateway.live import Live
 from gateway.settings import GatewaySettings
+from gateway.store.connection import StoreUnavailable
 
 pytestmark = pytest.mark.virtual
 MOST = 10_000
@@ -120,6 +121,37 @@ def test_what_is_deleted_while_it_is_read_stays_deleted(tmp_path: Path) -> None:
             store.handed_over.set()
             assert await reading is None
             assert live.invocations.get("i") is None
+
+    with single(tmp_path) as servers:
+        asyncio.run(scenario(servers.url))
+
+
+def test_what_is_taken_back_while_the_store_cannot_be_reached_is_no_longer_set(tmp_path: Path) -> None:
+    async def stop(*_: object) -> None: ...
+
+    class CutOff(ActionStore):
+        """The next question for settings meets an outage."""
+
+        away = False
+
+        async def settings(self, robot: str) -> dict[str, str]:
+            if self.away:
+                self.away = False
+                self._redis.outages += 1
+                raise StoreUnavailable("cut off")
+            return await super().settings(robot)
+
+    async def scenario(url: str) -> None:
+        live = Live(GatewaySettings())
+        async with CutOff(url, "n", "one") as store, ActionStore(url, "n", "other") as other:
+            await other.set_setting("r", "title", None, "x")
+            async with Memory(live, store, stop, lambda _: None), asyncio.timeout(PATIENCE_S):
+                assert live.fleet.settings == {"r": {"title": "x"}}
+                store.away = True
+                await other.set_setting("r", "title", "x", None)
+                while live.fleet.settings["r"]:  # noqa: ASYNC110 - in Redis
+                    await asyncio.sleep(0.01)
+        assert not store.away
 
     with single(tmp_path) as servers:
         asyncio.run(scenario(servers.url))
