@@ -3,6 +3,7 @@
 import contextlib
 import math
 import shutil
+from base64 import b64encode
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,9 +13,12 @@ import pytest
 import rdflib
 from browser import HYBRIT, LDP, LF, MATHS, ROS, SH, Browser, Page
 from commanding import PAN, PREFIXES, TURTLE, of_joint, post, problem
+from meshes import BOX, stl
 from rdflib import RDF, URIRef
 from running import Process, eventually, free_port, process
 from small_fleet import Place, live
+
+from gateway.world.scene import MAX_TRIANGLES
 
 pytestmark = pytest.mark.virtual
 HYDRA = rdflib.Namespace("http://www.w3.org/ns/hydra/core#")
@@ -204,6 +208,13 @@ def test_what_has_no_form_is_no_object(browser: Browser, geometry: str) -> None:
     body = f'{PREFIXES}<> a lf:Obstacle ; dcterms:title "x" ; {stands(0, 0, 0)} ; lf:geometry [ {geometry} ] .'
     answer = browser.http.post(container(browser).url, content=body, headers=TURTLE)
     assert problem(answer) == (422, "unprocessable-content")
+
+
+def test_an_object_may_have_as_many_triangles_as_is_said(browser: Browser) -> None:
+    mesh = b64encode(stl(BOX[:1] * MAX_TRIANGLES)).decode()
+    said = f'{stands(9, 9, 9)} ; lf:geometry [ a lf:TriangleMesh ; lf:stl "{mesh}" ]'
+    url = put_object(browser, f'{PREFIXES}<> a lf:Obstacle ; dcterms:title "mesh" ; {said} .')
+    assert browser.http.delete(url).status_code == 204
 
 
 def test_the_pose_of_anything_in_the_frame_of_anything(browser: Browser) -> None:
