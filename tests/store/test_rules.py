@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import count
 from typing import Any
 
 import pytest
@@ -49,15 +50,18 @@ async def test_a_rule_and_its_revision_are_of_one_moment(
     """Else a write over that revision would undo a change that it has not seen: commands may be served apart."""
     rule = a_rule(title="1")
     await b.write(rule, 0, 9)
-    run_all = a._redis.all
+    run_one, revisions = a._redis.one, count(1)
+
+    async def one(*command: str | bytes | int) -> Any:
+        answer = await run_one(*command)
+        revision = next(revisions)
+        await b.write(replace(rule, title=str(revision + 1)), revision, 9)
+        return answer
 
     async def apart(commands: Sequence[tuple[str | bytes | int, ...]], at_once: int = 1) -> list[Any]:
-        answers = []
-        for revision, command in enumerate(commands, 1):
-            answers += await run_all([command])
-            await b.write(replace(rule, title=str(revision + 1)), revision, 9)
-        return answers
+        return [await one(*command) for command in commands]
 
+    monkeypatch.setattr(a._redis, "one", one)
     monkeypatch.setattr(a._redis, "all", apart)
     known = await a.read(rule.id)
     assert known is not None
