@@ -1,8 +1,10 @@
 """Two real robots in one world: where they stand, what stands beside them, and what they would hit."""
 
+import asyncio
 import contextlib
 import math
 import shutil
+import time
 from base64 import b64encode
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,6 +20,10 @@ from rdflib import RDF, URIRef
 from running import Process, eventually, free_port, process
 from small_fleet import Place, live
 
+from agents.wire.messages import Mesh
+from gateway.fleet.robot import Robot
+from gateway.meshes import Meshes
+from gateway.world.checks import EARLY_S
 from gateway.world.scene import MAX_TRIANGLES
 
 pytestmark = pytest.mark.virtual
@@ -246,16 +252,28 @@ def test_the_pose_of_anything_in_the_frame_of_anything(browser: Browser) -> None
     assert problem(browser.http.get(template.url, params={"of": robot.url + "none"})) == (404, "not-found")
 
 
-def test_a_motion_that_comes_before_the_shapes_are_prepared_is_not_refused(tmp_path: Path) -> None:
-    """A placement survives a restart; the first motion at the new gateway comes as early as possible."""
+def test_a_motion_that_comes_before_the_shapes_are_prepared_is_not_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A placement survives a restart; the first motion at the new gateway comes a second before it would be refused."""
     place = Place(tmp_path)
+    get, due_s = Meshes.get, 0.0
+
+    async def get_when_due(self: Meshes, robot: Robot, mesh: Mesh) -> bytes:
+        while time.monotonic() < due_s:  # noqa: ASYNC110 - it is known when the motion comes
+            await asyncio.sleep(0.1)
+        return await get(self, robot, mesh)
+
+    monkeypatch.setattr(Meshes, "get", get_when_due)
     with place.ur5():
         with place.gateway() as (_, browser):
             live(browser, "ur5")
             put_robot(browser, "ur5", 0, 0, 0)
-        shutil.rmtree(tmp_path / "meshes", ignore_errors=True)
+        shutil.rmtree(tmp_path / "meshes")
+        due_s = math.inf
         with place.gateway() as (_, browser):
             live(browser, "ur5")
+            due_s = time.monotonic() + EARLY_S - 1.0
             body = f"{PREFIXES}[] vom:numericalValue 5 ; vom:unit unit:DEG ."
             assert said_free(post(browser, of_joint(browser, PAN), body, **DRY)) is True
             assert post(browser, of_joint(browser, PAN), body).status_code == 204
