@@ -155,3 +155,37 @@ def test_what_is_taken_back_while_the_store_cannot_be_reached_is_no_longer_set(t
 
     with single(tmp_path) as servers:
         asyncio.run(scenario(servers.url))
+
+
+def test_an_answer_that_comes_late_is_not_taken_for_what_is_set_now(tmp_path: Path) -> None:
+    async def stop(*_: object) -> None: ...
+
+    class Slow(ActionStore):
+        """Its first answer to ``settings`` is held back."""
+
+        def __init__(self, url: str) -> None:
+            super().__init__(url, "n", "run")
+            self.answered, self.handed_over = asyncio.Event(), asyncio.Event()
+
+        async def settings(self, robot: str) -> dict[str, str]:
+            found = await super().settings(robot)
+            if not self.answered.is_set():
+                self.answered.set()
+                await self.handed_over.wait()
+            return found
+
+    async def scenario(url: str) -> None:
+        live = Live(GatewaySettings())
+        async with Slow(url) as store, Memory(live, store, stop, lambda _: None) as memory:
+            await store.set_setting("r", "title", None, "old")
+            first = asyncio.create_task(memory.configured("r"))
+            await store.answered.wait()
+            await store.set_setting("r", "title", "old", "new")
+            second = asyncio.create_task(memory.configured("r"))
+            await asyncio.wait([second], timeout=1.0)
+            store.handed_over.set()
+            await asyncio.gather(first, second)
+            assert live.fleet.settings == {"r": {"title": "new"}}
+
+    with single(tmp_path) as servers:
+        asyncio.run(scenario(servers.url))
