@@ -23,5 +23,6 @@ def test_a_gateway_that_freezes_is_lost(scene: Scene) -> None:
     freezes(scene)
 
 
+@pytest.mark.test_all
 def test_what_was_asked_for_while_it_was_cut_off_never_runs(scene: Scene) -> None:
     never_runs(scene)

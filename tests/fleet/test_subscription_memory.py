@@ -18,7 +18,7 @@ from websockets.frames import Frame, Opcode
 
 from gateway.subscriptions.keys import Keys
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 
 CYCLES, ROUNDS = 1000, 8
 AT_ONCE = 20
