@@ -20,7 +20,7 @@ PICTURES = os.environ.get("LINKED_FLEET_PICTURES")  # a folder for those of READ
 DESK: ViewportSize = {"width": 1280, "height": 900}
 
 
-@pytest.fixture(scope="package")
+@pytest.fixture(scope="module")
 def chromium() -> Iterator[Browser]:
     if CHROMIUM is None:
         pytest.fail("the tests of the pages need Chromium, which is not there: apt install chromium", pytrace=False)
