@@ -19,7 +19,7 @@ from greenlet import getcurrent, greenlet
 
 from virtual.clock import Clock
 from virtual.confined import Confined, Handle, TimerHandle
-from virtual.tcp import Internet
+from virtual.tcp import Internet, Listener
 
 T = TypeVar("T")
 PATIENCE_S = 60.0
@@ -253,10 +253,13 @@ class VirtualLoop(asyncio.SelectorEventLoop):
     async def create_connection(self, protocol_factory: Any, host: Any = None, port: Any = None, **more: Any) -> Any:
         return await self.internet.connect(protocol_factory, host, port)
 
-    async def create_server(self, protocol_factory: Any, *arguments: Any, sock: Any = None, **more: Any) -> Any:
+    async def create_server(
+        self, protocol_factory: Any, host: Any = None, port: Any = None, *, sock: Any = None, **more: Any
+    ) -> Any:
         """Listen in memory; ``sock`` is a ``virtual.tcp.Listener``."""
-        sock.begin(protocol_factory)
-        return sock
+        listener = sock or Listener(self.internet, host, port)
+        listener.begin(protocol_factory)
+        return listener
 
     async def getaddrinfo(self, host: Any, port: Any, **more: Any) -> Any:
         return self.internet.look_up(host, port)

@@ -94,6 +94,10 @@ class Listener:
     def __init__(self, internet: Internet, host: str = "127.0.0.1", port: int = 0) -> None:
         self._internet, self.host, self.port = internet, host, internet.port(host, port)
 
+    @property
+    def sockets(self) -> tuple["Listener"]:
+        return (self,)
+
     def begin(self, factory: Factory) -> None:
         self._internet.listen(factory, self.host, self.port)
 
