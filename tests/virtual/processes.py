@@ -17,13 +17,14 @@ from agents.serving import make_agent, serve
 from agents.settings import SettingsError, read_settings
 from agents.transport import Session
 from gateway.app import create_app
+from gateway.fleet.inbox import Payload
 from gateway.http.server import Server
 from gateway.identity.roster import BadRoster
 from gateway.settings import GatewaySettings
 from gateway.store.connection import BadUrl
 from gateway.transport import LinkError
 from virtual.confined import Confined, confined
-from virtual.loop import PATIENCE_S, VirtualLoop
+from virtual.loop import PATIENCE_S, VirtualLoop, current
 from virtual.played_session import PlayedSession
 from virtual.redis_server import RedisServer
 from virtual.tcp import Listener
@@ -73,6 +74,18 @@ def played_session(loop: VirtualLoop, endpoint: str) -> Any:
     """A session at this endpoint for a robot that the test plays; typed as it stands for a ``zenoh.Session``."""
     network = world(loop).network((endpoint,))
     return PlayedSession(loop, loop.inside(network.agent, f"stage {next(_numbers)}"))
+
+
+def listen(endpoint: str, key: str, hear: Callable[[str, Payload], None]) -> None:
+    """Hear what agents publish, beside the gateways."""
+    loop = current()
+    assert loop is not None
+
+    async def begin() -> None:
+        session = await world(loop).network((endpoint,)).gateway("listener")((), (), {})
+        await session.subscribe(key, 2**20, hear)
+
+    loop.run(begin())
 
 
 class VirtualProcess:
@@ -204,4 +217,4 @@ class _Logging(logging.Handler):
             self._lines.append(f"{self.format(record)}\n")
 
 
-__all__ = ["PATIENCE_S", "VirtualProcess", "World", "world"]
+__all__ = ["PATIENCE_S", "VirtualProcess", "World", "listen", "world"]

@@ -9,7 +9,6 @@ import httpx
 import pyshacl
 import pytest
 import rdflib
-import zenoh
 from actor import KEYS, Actor, stage
 from browser import HYBRIT, LF, ROS, SOSA, Browser, Page, links
 from mcap.reader import make_reader
@@ -17,11 +16,14 @@ from mcap_ros2.decoder import DecoderFactory
 from rdflib import Literal, URIRef
 from running import eventually
 from small_fleet import Place, live, presence
+from virtual.processes import listen
 
 from agents.wire.codec import decode_state
 from agents.wire.messages import State
+from gateway.fleet.inbox import Payload
 from gateway.history.span import moment
 
+pytestmark = pytest.mark.virtual
 HYDRA = rdflib.Namespace("http://www.w3.org/ns/hydra/core#")
 JOINT = "elbow_joint"
 
@@ -65,14 +67,15 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Place:
 
 @pytest.fixture(scope="module")
 def moving(place: Place) -> Iterator[Moving]:
-    with place.gateway() as (_, browser), stage(place.zenoh) as session:
+    with place.gateway() as (_, browser):
         here = Moving(browser)
 
-        def take(sample: zenoh.Sample) -> None:
-            state = decode_state(sample.payload.to_bytes())
+        def take(_: str, payload: Payload) -> None:
+            assert isinstance(payload, bytes)
+            state = decode_state(payload)
             here.said[state.wall_ns] = state
 
-        session.declare_subscriber(KEYS.robot("ur5", "state"), take)
+        listen(place.zenoh, KEYS.robot("ur5", "state"), take)
         with place.ur5("--sway", f"ur5:{JOINT}"):
             live(browser, "ur5")
             eventually(lambda: len(here.rows(here.rotation)) > 40 and len(here.said) > 40, "some seconds of history")
