@@ -20,8 +20,12 @@ _VISIBLE = {code: f"\\x{code:02x}" for code in (*range(0x20), *range(0x7F, 0xA0)
 def configure(form: str) -> None:
     """Have all that is logged from here on written to standard error."""
     handler = logging.StreamHandler()
-    handler.setFormatter(JsonFormatter() if form == "json" else TextFormatter(_TEXT))
+    handler.setFormatter(formatter(form))
     logging.basicConfig(level=logging.INFO, handlers=[handler])
+
+
+def formatter(form: str) -> logging.Formatter:
+    return JsonFormatter() if form == "json" else TextFormatter(_TEXT)
 
 
 class TextFormatter(logging.Formatter):

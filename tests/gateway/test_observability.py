@@ -13,20 +13,21 @@ from typing import Any
 import httpx
 import pytest
 import yaml
-import zenoh
 from actor import Actor, stage
 from browser import HYBRIT, ROS, Browser, Page
+from connections import websocket
 from prometheus_client.parser import text_string_to_metric_families
 from prometheus_client.samples import Sample
 from receivers import Answer, receiving
-from redis_servers import Server
+from redis_servers import single
 from running import ROOT, Process, eventually, free_port, process
 from small_fleet import Place, live, move, presence
 from starlette.requests import Request
-from websockets.sync.client import connect as websocket
 
 from gateway.observe.health import PREPARING, Readiness, ready
 from gateway.settings import GatewaySettings
+
+pytestmark = pytest.mark.virtual
 
 
 @pytest.fixture(scope="module")
@@ -89,30 +90,23 @@ def test_a_robot_called_like_an_operators_address_is_found_beside_it(place: Plac
 
 
 def test_without_redis_a_gateway_lives_and_is_not_ready(tmp_path: Path) -> None:
-    server = Server(tmp_path / "redis")
-    server.start()
-    try:
-        with gateway(Place(tmp_path / "state"), "--redis-url", server.url) as (_, http):
-            eventually(lambda: http.get("/health/ready").status_code == 200, "ready")
-            server.pause()
-            reasons = unready(http)
-            assert reasons == ["Redis does not answer"]
-            assert http.get("/health/live").status_code == 200
-            server.resume()
-            eventually(lambda: http.get("/health/ready").status_code == 200, "ready again")
-    finally:
-        server.discard()
+    with (
+        single(tmp_path / "redis") as servers,
+        gateway(Place(tmp_path / "state"), "--redis-url", servers.url) as (_, http),
+    ):
+        eventually(lambda: http.get("/health/ready").status_code == 200, "ready")
+        servers.nodes[0].pause()
+        assert unready(http) == ["Redis does not answer"]
+        assert http.get("/health/live").status_code == 200
+        servers.nodes[0].resume()
+        eventually(lambda: http.get("/health/ready").status_code == 200, "ready again")
 
 
 def test_without_anybody_to_connect_to_a_gateway_is_not_ready(tmp_path: Path) -> None:
-    router = f"tcp/127.0.0.1:{free_port()}"
-    with gateway(Place(tmp_path), "--zenoh-connect", router) as (_, http):
+    elsewhere = f"tcp/127.0.0.1:{free_port()}"
+    with gateway(Place(tmp_path), "--zenoh-connect", elsewhere) as (_, http):
         eventually(lambda: unready(http) == ["no robot, router or other gateway is connected by Zenoh"], "its reason")
-        config = zenoh.Config()
-        config.insert_json5("mode", '"router"')
-        config.insert_json5("listen/endpoints", json.dumps([router]))
-        config.insert_json5("scouting/multicast/enabled", "false")
-        with zenoh.open(config):
+        with stage(elsewhere):
             eventually(lambda: http.get("/health/ready").status_code == 200, "ready")
         eventually(lambda: http.get("/health/ready").status_code == 503, "not ready")
 
@@ -371,8 +365,7 @@ def test_a_request_without_a_usable_id_is_given_one(http: httpx.Client, sent: st
 
 
 def test_a_handshake_is_answered_with_its_id(http: httpx.Client, place: Place) -> None:
-    url = place.root.replace("http", "ws", 1)
-    with websocket(url, additional_headers={"X-Request-Id": "shake"}) as channel:
+    with websocket(place.root, {"X-Request-Id": "shake"}) as channel:
         assert channel.response is not None
         assert channel.response.headers["x-request-id"] == "shake"
     assert sample(http, "linked_fleet_http_requests_total", method="GET", status="1xx") >= 1

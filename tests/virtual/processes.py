@@ -20,6 +20,7 @@ from gateway.app import create_app
 from gateway.fleet.inbox import Payload
 from gateway.http.server import Server
 from gateway.identity.roster import BadRoster
+from gateway.observe.log import formatter
 from gateway.settings import GatewaySettings
 from gateway.store.connection import BadUrl
 from gateway.transport import LinkError
@@ -158,6 +159,7 @@ class VirtualProcess:
     async def _gateway(self, words: list[str]) -> int:
         try:
             settings = GatewaySettings.read({}, words)
+            self._logging.setFormatter(formatter(settings.log_format))
             if not settings.redis_url:
                 words = [*words, "--redis-url", self._world.embedded(settings.state_path).url]
                 settings = GatewaySettings.read({}, words)
