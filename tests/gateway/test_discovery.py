@@ -1,14 +1,15 @@
-"""Floods of liveliness tokens over real Zenoh sessions: what they cost a gateway and the robots in it."""
+"""Floods of liveliness tokens over sessions of Zenoh: what they cost a gateway and the robots in it."""
 
 import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Callable, Iterator
 
 import pytest
-import uvloop
 import zenoh
 from actor import KEYS, Actor, stage
-from running import eventually, free_port
+from running import free_port
+from serving import until
+from virtual.processes import gateway_session
 
 from agents.wire.codec import encode
 from agents.wire.messages import WIRE_VERSION, Accepted, Command, Move
@@ -17,8 +18,8 @@ from gateway.fleet.events import Appeared, Event, Vanished
 from gateway.fleet.fleet import MAX_UNDESCRIBED, Fleet
 from gateway.fleet.presence import MAX_RUNS
 from gateway.link import FleetLink
-from gateway.zenoh_session import open_session
 
+pytestmark = pytest.mark.virtual
 NAMES = 500
 RUNS = 1000
 
@@ -30,7 +31,7 @@ class Gateway:
         self.fleet = Fleet()
         self.events: list[Event] = []
         self._changed = asyncio.Event()
-        self.link = FleetLink(KEYS, "g", lambda: open_session((endpoint,), (), {}), self._on_events, lambda *_: None)
+        self.link = FleetLink(KEYS, "g", lambda: gateway_session(endpoint), self._on_events, lambda *_: None)
 
     def _on_events(self, events: list[Event]) -> None:
         for event in events:
@@ -51,7 +52,7 @@ class Gateway:
 async def opened() -> AsyncIterator[tuple[Gateway, str]]:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     gateway = Gateway(endpoint)
-    async with asyncio.timeout(60), gateway.link:
+    async with gateway.link:
         await gateway.link.join()
         yield gateway, endpoint
 
@@ -71,7 +72,7 @@ def command() -> Command:
     )
 
 
-async def _names() -> None:
+async def test_a_flood_of_names_hides_no_robot_and_leaves_nothing_behind() -> None:
     async with opened() as (gateway, endpoint):
         with flooding(endpoint, [KEYS.presence(f"flood{number}", 1) for number in range(NAMES)]) as flood:
             held: list[zenoh.Query] = []
@@ -94,11 +95,7 @@ async def _names() -> None:
         assert list(gateway.fleet.robots) == ["r"]
 
 
-def test_a_flood_of_names_hides_no_robot_and_leaves_nothing_behind() -> None:
-    uvloop.run(_names())
-
-
-async def _runs(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_flood_of_runs_costs_its_own_name_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(discovery, "_RELIST_S", 0.1)
     async with opened() as (gateway, endpoint):
         with stage(endpoint) as session:
@@ -120,11 +117,7 @@ async def _runs(monkeypatch: pytest.MonkeyPatch) -> None:
             assert Vanished("other", other.incarnation) not in gateway.events
 
 
-def test_a_flood_of_runs_costs_its_own_name_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    uvloop.run(_runs(monkeypatch))
-
-
-async def _asked() -> None:
+async def test_one_question_asks_for_all_runs_of_a_robot() -> None:
     async with opened() as (gateway, endpoint):
         with stage(endpoint) as session:
             asked = list[zenoh.Query]()
@@ -136,17 +129,13 @@ async def _asked() -> None:
             described = session.declare_queryable(KEYS.robot("r", "description"), answer)
             tokens = [session.liveliness().declare_token(KEYS.presence("r", 10**6 + run)) for run in range(RUNS)]
             await gateway.until(lambda: gateway.link.malformed != {} or len(gateway.fleet.malformed) > 0)
-            await asyncio.to_thread(eventually, lambda: len(asked) >= 3, "questions")
+            await until(lambda: len(asked) >= 3)
             assert len(asked) < RUNS / 10
             described.undeclare()
             del tokens
 
 
-def test_one_question_asks_for_all_runs_of_a_robot() -> None:
-    uvloop.run(_asked())
-
-
-async def _evicted(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_silent_robot_makes_room_for_one_that_comes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gateway.fleet.presence.MAX_UNDESCRIBED", 20)
     monkeypatch.setattr(discovery, "_RELIST_S", 0.1)
     async with opened() as (gateway, endpoint):
@@ -158,7 +147,3 @@ async def _evicted(monkeypatch: pytest.MonkeyPatch) -> None:
                 await gateway.sees(late.name)
                 assert sum(isinstance(event, Vanished) for event in gateway.events) == 1
         await gateway.until(lambda: gateway.link.undescribed == 0)
-
-
-def test_a_silent_robot_makes_room_for_one_that_comes(monkeypatch: pytest.MonkeyPatch) -> None:
-    uvloop.run(_evicted(monkeypatch))

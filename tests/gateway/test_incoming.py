@@ -1,14 +1,18 @@
-"""Frames that come over a real Zenoh session: which of them the event loop hears of."""
+"""Frames that come over a session: which of them the event loop hears of."""
 
 import asyncio
 
+import pytest
 from actor import KEYS, Actor, stage
-from running import eventually, free_port
+from running import free_port
+from serving import until
+from virtual.processes import gateway_session
 
 from gateway.fleet.fleet import Described, Event, Fleet, Framed, Moved
 from gateway.fleet.frames import Frames
 from gateway.link import FleetLink
-from gateway.zenoh_session import open_session
+
+pytestmark = pytest.mark.virtual
 
 
 class Gateway:
@@ -20,7 +24,7 @@ class Gateway:
         self.link = FleetLink(
             KEYS,
             "g",
-            lambda: open_session((endpoint,), (), {}),
+            lambda: gateway_session(endpoint),
             self._on_events,
             lambda *_: None,
             frames=self.fleet.frames,
@@ -36,14 +40,11 @@ class Gateway:
             pass
         return event
 
-    async def taken(self, count: int) -> None:
-        await asyncio.to_thread(eventually, lambda: self.fleet.frames.taken >= count, "frames that nobody is told of")
 
-
-async def _hear() -> None:
+async def test_the_event_loop_hears_of_frames_that_somebody_watches_or_that_have_to_be_judged() -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     gateway = Gateway(endpoint)
-    async with asyncio.timeout(20), gateway.link:
+    async with gateway.link:
         await gateway.link.join()
         with stage(endpoint) as session:
             robot = Actor(session, "r").appear()
@@ -51,7 +52,7 @@ async def _hear() -> None:
             robot.put("state", robot.frame((0.1,)))
             await gateway.until(Framed)
             robot.put("state", robot.frame((0.2,)))
-            await gateway.taken(1)
+            await until(lambda: gateway.fleet.frames.taken >= 1)
             assert (gateway.events.empty(), gateway.fleet.robots["r"].positions["elbow"]) == (True, 0.2)
             gateway.fleet.frames.watched = {"r"}
             late = robot.frame((0.9,))
@@ -60,7 +61,3 @@ async def _hear() -> None:
             robot.put("state", late)
             assert await gateway.until(Framed) == Framed("r", late)
             assert (gateway.fleet.dropped["r"], gateway.fleet.robots["r"].positions["elbow"]) == (1, 0.3)
-
-
-def test_the_event_loop_hears_of_frames_that_somebody_watches_or_that_have_to_be_judged() -> None:
-    asyncio.run(_hear())

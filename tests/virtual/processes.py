@@ -13,17 +13,16 @@ from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary
 
+import agents.transport
 from agents.serving import make_agent, serve
 from agents.settings import SettingsError, read_settings
-from agents.transport import Session
 from gateway.app import create_app
-from gateway.fleet.inbox import Payload
 from gateway.http.server import Server
 from gateway.identity.roster import BadRoster
 from gateway.observe.log import formatter
 from gateway.settings import GatewaySettings
 from gateway.store.connection import BadUrl
-from gateway.transport import LinkError
+from gateway.transport import LinkError, Session
 from virtual.confined import Confined, confined
 from virtual.loop import PATIENCE_S, VirtualLoop, current
 from virtual.played_session import PlayedSession
@@ -77,16 +76,11 @@ def played_session(loop: VirtualLoop, endpoint: str) -> Any:
     return PlayedSession(loop, loop.inside(network.agent, f"stage {next(_numbers)}"))
 
 
-def listen(endpoint: str, key: str, hear: Callable[[str, Payload], None]) -> None:
-    """Hear what agents publish, beside the gateways."""
+def gateway_session(endpoint: str) -> Awaitable[Session]:
+    """Open a session that agents at this endpoint connect to, for a part of a gateway that the test runs itself."""
     loop = current()
     assert loop is not None
-
-    async def begin() -> None:
-        session = await world(loop).network((endpoint,)).gateway("listener")((), (), {})
-        await session.subscribe(key, 2**20, hear)
-
-    loop.run(begin())
+    return world(loop).network((endpoint,)).gateway(f"test {next(_numbers)}")((), (), {})
 
 
 class VirtualProcess:
@@ -134,7 +128,8 @@ class VirtualProcess:
             signal.SIGCONT: self._process.go_on,
         }
         act.get(number, lambda: self._process.run(self._ending))()
-        self._loop.run_for(0)
+        if not self._loop.is_running():
+            self._loop.run_for(0)
 
     def kill_child(self, module: str) -> None:
         """A real process that it has started, known by what it runs."""
@@ -196,7 +191,7 @@ class VirtualProcess:
     @contextlib.asynccontextmanager
     async def _open_session(
         self, connect: tuple[str, ...], listen: tuple[str, ...] = (), lease_ms: int = 2_000, *_: object
-    ) -> AsyncIterator[Session]:
+    ) -> AsyncIterator[agents.transport.Session]:
         session: AgentSession = self._world.network(connect or listen).agent(self.name, lease_ms / 1000)
         try:
             if not listen:  # a client is open when somebody answers
@@ -219,4 +214,4 @@ class _Logging(logging.Handler):
             self._lines.append(f"{self.format(record)}\n")
 
 
-__all__ = ["PATIENCE_S", "VirtualProcess", "World", "listen", "world"]
+__all__ = ["PATIENCE_S", "VirtualProcess", "World", "gateway_session", "world"]

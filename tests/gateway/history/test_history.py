@@ -1,5 +1,6 @@
 """The history of a robot that moves, found by links, compared with what the robot has said."""
 
+import asyncio
 import csv
 import io
 from collections.abc import Iterator
@@ -16,7 +17,7 @@ from mcap_ros2.decoder import DecoderFactory
 from rdflib import Literal, URIRef
 from running import eventually
 from small_fleet import Place, live, presence
-from virtual.processes import listen
+from virtual.processes import gateway_session
 
 from agents.wire.codec import decode_state
 from agents.wire.messages import State
@@ -75,7 +76,10 @@ def moving(place: Place) -> Iterator[Moving]:
             state = decode_state(payload)
             here.said[state.wall_ns] = state
 
-        listen(place.zenoh, KEYS.robot("ur5", "state"), take)
+        async def listen() -> None:
+            await (await gateway_session(place.zenoh)).subscribe(KEYS.robot("ur5", "state"), 2**20, take)
+
+        asyncio.run(listen())
         with place.ur5("--sway", f"ur5:{JOINT}"):
             live(browser, "ur5")
             eventually(lambda: len(here.rows(here.rotation)) > 40 and len(here.said) > 40, "some seconds of history")
