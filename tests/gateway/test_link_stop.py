@@ -6,16 +6,16 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 from running import Process, free_port, process
+from virtual.processes import gateway_session
 
 from agents.wire import codec
 from agents.wire.keys import Keys
 from agents.wire.messages import WIRE_VERSION, Accepted, Command, Description, Move, Progress, Refused, State, Stop
 from gateway.fleet.events import Described, Event, Framed
 from gateway.link import FleetLink, NoAnswer
-from gateway.zenoh_session import open_session
 
+pytestmark = pytest.mark.virtual
 KEYS = Keys("site/hall-3")
-PATIENCE_S = 60.0
 
 
 class Gateway:
@@ -26,7 +26,7 @@ class Gateway:
         self.frames: dict[str, State] = {}
         self.progress: dict[tuple[str, str], list[Progress]] = {}
         self._changed = asyncio.Event()
-        self.link = FleetLink(KEYS, "g", lambda: open_session((endpoint,), (), {}), self._on_events, self._on_progress)
+        self.link = FleetLink(KEYS, "g", lambda: gateway_session(endpoint), self._on_events, self._on_progress)
 
     def _on_events(self, events: list[Event]) -> None:
         for event in events:
@@ -89,22 +89,18 @@ def run(scenario: Callable[[Gateway, Process], Awaitable[None]]) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     where = ("--connect", endpoint, "--namespace", KEYS.namespace)
 
-    async def bounded(other: Process) -> None:
-        async with asyncio.timeout(PATIENCE_S):
-            gateway = Gateway(endpoint)
-            async with gateway.link:
-                await gateway.link.join()
-                await gateway.until(lambda: len(gateway.described) == len(gateway.frames) == 3)
-                await scenario(gateway, other)
+    async def joined(other: Process) -> None:
+        gateway = Gateway(endpoint)
+        async with gateway.link:
+            await gateway.link.join()
+            await gateway.until(lambda: len(gateway.described) == len(gateway.frames) == 3)
+            await scenario(gateway, other)
 
     with (
         process("-m", "agents", "--robot=a=ur5", "--robot=b=ur5", *where),
         process("-m", "agents", "--robot=c=ur5", *where) as other,
     ):
-        try:
-            asyncio.run(bounded(other))
-        finally:
-            other.send(signal.SIGCONT)
+        asyncio.run(joined(other))
 
 
 @pytest.mark.parametrize("names", [None, ("a", "b", "c")])
@@ -125,8 +121,6 @@ def test_a_frozen_agent_keeps_no_other_from_stopping(names: tuple[str, ...] | No
 
 
 def test_a_stop_is_answered_while_many_commands_wait_for_a_frozen_agent() -> None:
-    """More of them than there are threads for commands."""
-
     async def scenario(gateway: Gateway, other: Process) -> None:
         await gateway.moving("a")
         other.send(signal.SIGSTOP)
@@ -137,10 +131,7 @@ def test_a_stop_is_answered_while_many_commands_wait_for_a_frozen_agent() -> Non
         assert replies.keys() == {"a"}
         assert not any(task.done() for task in waiting)
         other.send(signal.SIGCONT)
-        replied = await asyncio.gather(*waiting, return_exceptions=True)
-        assert all(isinstance(each, Accepted | Refused | NoAnswer) for each in replied), replied
-        # So many at once may be more than the connection takes, which then does without some, but not without most.
-        assert len([each for each in replied if not isinstance(each, NoAnswer)]) > len(waiting) / 2
+        assert all(isinstance(each, Accepted | Refused) for each in await asyncio.gather(*waiting))
 
     run(scenario)
 

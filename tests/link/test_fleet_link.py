@@ -326,6 +326,23 @@ async def test_a_stop_of_all_waits_for_no_robot_that_is_silent(part: Network) ->
         assert await gateway.link.stop((), stop, 1.0) == {}
 
 
+@contract
+async def test_a_stop_is_answered_while_more_commands_wait_than_there_are_threads(part: Network) -> None:
+    held: list[Query] = []
+    async with opened(part) as gateway:
+        agent, key = await play(part), KEYS.robot("r", "command")
+        agent.take(key, held.append)
+        agent.answer(KEYS.robot("r", "stop"), encode(Accepted("s")))
+        agent.be(description())
+        await gateway.seen(Described(description()))
+        waiting = [asyncio.create_task(gateway.link.command("r", command(), 20.0)) for _ in range(40)]
+        await until(lambda: len(held) == len(waiting))
+        assert await gateway.link.stop(["r"], Stop(version=WIRE_VERSION, id="s"), 20.0) == {"r": Accepted("s")}
+        while held:
+            held.pop().reply(key, encode(Accepted("c1")))
+        assert await asyncio.gather(*waiting) == [Accepted("c1")] * len(waiting)
+
+
 @in_memory
 @contract
 @pytest.mark.parametrize("named", [True, False])
