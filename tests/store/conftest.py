@@ -1,1 +1,11 @@
+import pytest
 from redis_backends import pytest_pyfunc_call, server, valkey, valkey_cluster  # noqa: F401 - fixtures and a hook
+from running import PATIENCE_S
+
+from gateway.store import embedded
+
+
+@pytest.fixture
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A gateway begins with its embedded server, however long that takes to start."""
+    monkeypatch.setattr(embedded, "_OPENING_S", PATIENCE_S)

@@ -18,6 +18,8 @@ from running import PATIENCE_S
 from gateway.store import damage, embedded
 from gateway.store.embedded import Embedded
 
+pytestmark = [pytest.mark.processes, pytest.mark.usefixtures("patient")]
+
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
