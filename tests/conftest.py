@@ -81,17 +81,21 @@ class RunningFleet:
 
 
 @pytest.fixture(scope="module")
-def fleet(_virtual: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningFleet]:
+def fleet(
+    _virtual: None, request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[RunningFleet]:
+    """All five robots, or those that the file names in its own ``ROBOTS``."""
+    names = getattr(request.module, "ROBOTS", ROBOTS)
     port, zenoh = free_port(), f"tcp/127.0.0.1:{free_port()}"
     state = ("--state-dir", str(tmp_path_factory.mktemp("state")), "--callback-allow", "127.0.0.0/8")
     with (
         process("-m", "gateway", "--port", str(port), "--zenoh-listen", zenoh, *state) as gateway,
-        process("-m", "agents", *(f"--robot={name}" for name in ROBOTS), "--connect", zenoh) as agents,
+        process("-m", "agents", *(f"--robot={name}" for name in names), "--connect", zenoh) as agents,
     ):
         gateway.said("serving")
         running = RunningFleet(f"http://127.0.0.1:{port}/", zenoh, gateway, agents)
         with contextlib.closing(Browser(running.root)) as browser:
-            eventually(lambda: all_live(browser, len(ROBOTS)), "five live robots")
+            eventually(lambda: all_live(browser, len(names)), "live robots")
         yield running
 
 

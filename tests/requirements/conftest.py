@@ -3,12 +3,12 @@
 import httpx
 import pytest
 from browser import Browser
-from walk import WALKED, Walk, walk
+from walk import Walk, walk
 
 
 @pytest.fixture(scope="module")
 def tree(browser: Browser) -> Walk:
-    return walk(browser.root, browser.http, robots=WALKED)
+    return walk(browser.root, browser.http)
 
 
 @pytest.fixture(scope="module")

@@ -11,6 +11,7 @@ from commanding import begun, control, post, put, slowly
 from walk import WALKED, Visited, Walk, walk
 
 pytestmark = pytest.mark.virtual
+ROBOTS = WALKED
 _SHAPES = Path(__file__).parents[2] / "shapes"
 
 
@@ -34,7 +35,7 @@ _AT_REST = ("fleet", "robot", "joint", "link", "property")
 
 @pytest.mark.parametrize("kind", _AT_REST)
 def test_everything_conforms_to_its_own_blueprint(tree: Walk, kind: str) -> None:
-    """Every resource of all five robots is a target of its blueprint, and conforms."""
+    """Every resource is a target of its blueprint, and conforms."""
     # One resource per kind and shape suffices for the constant ones; every joint and link is checked.
     for page in tree.of(kind):
         shapes = _blueprint(tree, page)
@@ -83,7 +84,7 @@ def moving(tree: Walk, browser: Browser) -> Iterator[Walk]:
         leases[lease] = {"lock-token": answer.headers["lock-token"]}
         begun(put(browser, _slow(tree, robot), _away(browser, _slow(tree, robot)), **leases[lease]))
     try:
-        yield walk(browser.root, browser.http, before=tree, robots=WALKED)
+        yield walk(browser.root, browser.http, before=tree)
     finally:
         begun(post(browser, browser.action(browser.page(browser.root), LF.StopAll)))
         for lease, fields in leases.items():

@@ -9,9 +9,10 @@ from browser import HYBRIT, LF, MATHS, SH, VOM, Browser
 from commanding import PREFIXES, TURTLE, ended
 from rdflib import URIRef
 from rdflib.collection import Collection
-from walk import Visited, Walk
+from walk import WALKED, Visited, Walk
 
 pytestmark = pytest.mark.virtual
+ROBOTS = WALKED
 
 _HTTP = rdflib.Namespace("http://www.w3.org/2011/http#")
 _ABSOLUTE = (LF.Rotate, LF.Translate)

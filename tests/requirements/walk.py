@@ -3,7 +3,7 @@
 import contextlib
 import gc
 import json
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -14,8 +14,8 @@ from browser import HYBRIT, LDP, LF, ROS, TURTLE, links
 from graphs import graph_of, triples_of
 from rdflib import RDF, URIRef
 
-WALKED = ("ur5", "panda")
-"""Of the five robots, which together have 6,000 resources: revolute and prismatic joints, a gripper, a mimic joint."""
+WALKED = ("panda", "ur5")
+"""Revolute and prismatic joints, a gripper, a mimic joint; all five robots have 6,000 resources."""
 _THINGS = {"fleet": LF.Fleet, "robot": LF.Robot, "joint": LF.Joint, "link": ROS.Link}
 _OTHERS = {
     "property": HYBRIT.Property,
@@ -79,13 +79,10 @@ class Walk:
         return found
 
 
-def walk(root: str, http: httpx.Client, before: Walk | None = None, robots: Collection[str] = ()) -> Walk:
-    """``before`` is an earlier walk: what is the same byte for byte is taken from there.
-
-    Below the root, of the robots that are named alone, of all where none is.
-    """
+def walk(root: str, http: httpx.Client, before: Walk | None = None) -> Walk:
+    """``before`` is an earlier walk: what is the same byte for byte is taken from there."""
     found = Walk(root)
-    pending, left_out = [root], ()
+    pending = [root]
     with _without_garbage():
         while pending:
             url = pending.pop()
@@ -100,11 +97,8 @@ def walk(root: str, http: httpx.Client, before: Walk | None = None, robots: Coll
                 triples = _triples(url, response)
                 targets = _targets(triples, response, root)
                 page = Visited(url, response, _kind(url, triples), targets)
-            if url == root and robots:
-                others = {str(robot) for robot in page.graph.objects(page.iri, LDP.contains)}
-                left_out = tuple(each for each in others if each.removeprefix(root).strip("/") not in robots)
             found.pages[url] = page
-            pending += [each for each in page.targets if each not in found.pages and not each.startswith(left_out)]
+            pending += [each for each in page.targets if each not in found.pages]
     return found
 
 
