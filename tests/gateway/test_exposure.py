@@ -1,7 +1,9 @@
 """A gateway that other machines could reach has TLS and identities, or says by name that it has none."""
 
+import logging
 import ssl
-from collections.abc import Sequence
+import sys
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from signal import SIGHUP
 
@@ -11,6 +13,7 @@ from certificates import made
 from running import free_port, process
 from websockets.sync.client import connect
 
+import gateway.__main__ as gateway
 from agents.settings import SettingsError, read_settings
 from gateway.exposure import complaints
 
@@ -20,12 +23,22 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made(tmp_path_factory.mktemp("pair"), "--router", "127.0.0.1")
 
 
-def _refusal(*arguments: str) -> str:
-    """The one line that a gateway says before it ends."""
-    with process("-m", "gateway", "--port", str(free_port()), *arguments) as gateway:
-        assert gateway.ended() == 1
-    (line,) = gateway.lines
-    return line
+Refusal = Callable[..., str]
+
+
+@pytest.fixture
+def refusal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Iterator[Refusal]:
+    """Start a gateway that ends before it listens, and return the one line that it says."""
+
+    def refused(*arguments: str) -> str:
+        monkeypatch.setattr(sys, "argv", ["gateway", *arguments])
+        assert gateway.main() == 1
+        (line,) = capsys.readouterr().err.splitlines()
+        return line
+
+    monkeypatch.setattr(gateway, "_listen", lambda *_: pytest.fail("it is not refused"))
+    yield refused
+    logging.getLogger("uvicorn.error").removeFilter(gateway._is_news)
 
 
 @pytest.mark.parametrize(
@@ -42,22 +55,24 @@ def _refusal(*arguments: str) -> str:
         (("--zenoh-access", "no.json"), ("LINKED_FLEET_ZENOH_ACCESS", "no.json cannot be read")),
     ],
 )
-def test_what_is_refused_is_said_in_one_line(arguments: tuple[str, ...], named: Sequence[str]) -> None:
-    line = _refusal(*arguments)
+def test_what_is_refused_is_said_in_one_line(
+    refusal: Refusal, arguments: tuple[str, ...], named: Sequence[str]
+) -> None:
+    line = refusal(*arguments)
     assert [text for text in named if text not in line] == []
 
 
-def test_a_key_of_another_certificate_is_refused(folder: Path) -> None:
-    line = _refusal("--tls-cert", str(folder / "router.pem"), "--tls-key", str(folder / "gateway.key"))
+def test_a_key_of_another_certificate_is_refused(refusal: Refusal, folder: Path) -> None:
+    line = refusal("--tls-cert", str(folder / "router.pem"), "--tls-key", str(folder / "gateway.key"))
     assert "are no certificate and its key" in line
 
 
-def test_certificates_without_access_control_leave_a_listener_open(folder: Path) -> None:
+def test_certificates_without_access_control_leave_a_listener_open(refusal: Refusal, folder: Path) -> None:
     """Every robot has a certificate; without rules each of them could command all others."""
     files = ("ca.pem", "gateway.pem", "gateway.key")
     given = [word for flag, name in zip(("ca", "cert", "key"), files, strict=True)
              for word in (f"--zenoh-{flag}", str(folder / name))]  # fmt: skip
-    assert "ACCESS" in _refusal("--zenoh-listen", "tls/[::]:7447", *given)
+    assert "ACCESS" in refusal("--zenoh-listen", "tls/[::]:7447", *given)
 
 
 def test_what_is_asked_for_by_name_is_taken() -> None:
@@ -82,6 +97,7 @@ def test_an_agent_that_anybody_reaches_is_refused() -> None:
         read_settings([*words, "--allow", "plain-http"], {}, "host")
 
 
+@pytest.mark.processes
 def test_the_fleet_is_served_over_tls(folder: Path, tmp_path: Path) -> None:
     """Everything that a page says leads to https; a WebSocket opens; SIGHUP takes the certificate that is there now."""
     pair = {flag: tmp_path / f"used.{flag}" for flag in ("cert", "key")}
@@ -91,8 +107,8 @@ def test_the_fleet_is_served_over_tls(folder: Path, tmp_path: Path) -> None:
     root, trusted = f"https://127.0.0.1:{port}/", ssl.create_default_context(cafile=folder / "ca.pem")
     words = ("--port", str(port), "--zenoh-listen", zenoh, "--state-dir", str(tmp_path / "state"))
     files = [word for flag, path in pair.items() for word in (f"--tls-{flag}", str(path))]
-    with process("-m", "gateway", *words, *files) as gateway:
-        gateway.said(f"serving {root}")
+    with process("-m", "gateway", *words, *files) as served:
+        served.said(f"serving {root}")
         with httpx.Client(verify=trusted) as http:
             answer = http.get(root, headers={"accept": "text/turtle"})
             assert answer.status_code == 200
@@ -103,8 +119,8 @@ def test_the_fleet_is_served_over_tls(folder: Path, tmp_path: Path) -> None:
         foreign = made(tmp_path / "foreign", "--router", "127.0.0.1")
         for flag, name in (("cert", "router.pem"), ("key", "router.key")):
             pair[flag].write_bytes((foreign / name).read_bytes())
-        gateway.send(SIGHUP)
-        gateway.said("new connections get the certificate")
+        served.send(SIGHUP)
+        served.said("new connections get the certificate")
         with pytest.raises(httpx.ConnectError, match="CERTIFICATE_VERIFY_FAILED"):
             httpx.get(root, verify=trusted)
         assert httpx.get(root, verify=ssl.create_default_context(cafile=foreign / "ca.pem")).status_code == 200

@@ -21,6 +21,7 @@ from small_fleet import Place, live
 from agents.wire.codec import decode, decode_reply, encode
 from agents.wire.messages import Accepted, Command, Refused
 
+pytestmark = pytest.mark.processes
 ELBOW = "elbow_joint"
 CALLER = "b7ad6b7169203331"
 ROTATE, STOP = "POST /{robot}/{joint}/actions/rotate", "POST /{robot}/actions/stop"
