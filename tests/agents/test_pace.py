@@ -1,41 +1,27 @@
 """What is done so often: at once and on, what it raises, and nothing twice for what was missed."""
 
 import asyncio
-import time
 
 import pytest
+from serving import running_loop
 
 from agents.pace import every
 
+pytestmark = pytest.mark.virtual
 PERIOD_S = 0.02
 
 
-async def _five_times() -> None:
-    loop, times, enough = asyncio.get_running_loop(), list[float](), asyncio.Event()
-
-    def act() -> None:
-        times.append(loop.time())
-        if len(times) == 5:
-            enough.set()
-
+async def test_it_is_done_at_once_and_then_so_often_until_it_is_cancelled() -> None:
+    times, loop = list[float](), asyncio.get_running_loop()
     begin = loop.time()
-    task = asyncio.create_task(every(PERIOD_S, act))
-    await enough.wait()
-    task.cancel()
-    with pytest.raises(asyncio.CancelledError):
-        await task
-    # A timer may be late, but is never early by more than the clock's resolution.
-    assert all(at >= begin + number * PERIOD_S - 1e-3 for number, at in enumerate(times))
-    done = len(times)
-    await asyncio.sleep(3 * PERIOD_S)  # for who is cancelled does no more
-    assert len(times) == done
+    with pytest.raises(TimeoutError):
+        async with asyncio.timeout(4.5 * PERIOD_S):
+            await every(PERIOD_S, lambda: times.append(loop.time()))
+    await asyncio.sleep(3 * PERIOD_S)
+    assert times == pytest.approx([begin + number * PERIOD_S for number in range(5)], rel=0, abs=1e-6)
 
 
-def test_it_is_done_at_once_and_then_so_often() -> None:
-    asyncio.run(_five_times())
-
-
-def test_what_it_raises_ends_it() -> None:
+async def test_what_it_raises_ends_it() -> None:
     calls = list[int]()
 
     def act() -> None:
@@ -44,21 +30,21 @@ def test_what_it_raises_ends_it() -> None:
             raise ValueError("third")
 
     with pytest.raises(ValueError, match="third"):
-        asyncio.run(every(PERIOD_S, act))
+        await every(PERIOD_S, act)
     assert len(calls) == 3
 
 
-def test_what_was_missed_is_not_made_up() -> None:
-    """After a stall of ten periods one call follows at once, not ten."""
-    times = list[float]()
+async def test_what_was_missed_is_not_made_up() -> None:
+    """After a stall of ten periods one call follows at once, not ten, and then what is due by then."""
+    times, loop = list[float](), running_loop()
 
     def act() -> None:
-        times.append(time.monotonic())
+        times.append(loop.time())
         if len(times) == 2:
-            time.sleep(10 * PERIOD_S)
+            loop.clock.advance_to(loop.time() + 10 * PERIOD_S)
         if len(times) == 6:
             raise EOFError
 
     with pytest.raises(EOFError):
-        asyncio.run(every(PERIOD_S, act))
-    assert times[5] >= times[0] + (11 + 2) * PERIOD_S - 1e-3
+        await every(PERIOD_S, act)
+    assert [round((at - times[0]) / PERIOD_S, 3) for at in times] == [0, 1, 11, 11, 12, 13]
