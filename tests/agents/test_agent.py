@@ -12,6 +12,7 @@ from running import Process, free_port, process
 from serving import until
 from virtual.processes import gateway_session
 
+from agents.pace import every
 from agents.robots.catalogue import load
 from agents.wire import codec
 from agents.wire.keys import Keys
@@ -52,12 +53,6 @@ class Gateway:
         assert isinstance(payload, bytes)
         self.progress.append(codec.decode(payload, Progress))
 
-    async def beat(self) -> None:
-        beat = self.session.declare_heartbeat(KEYS.heartbeat("g"))
-        while True:
-            beat()
-            await asyncio.sleep(HEARTBEAT_S)
-
     async def ask(self, key: str, payload: bytes | None = None) -> bytes:
         answers: asyncio.Queue[Answer | None] = asyncio.Queue()
         await self.session.ask(Question(key, payload, 5.0, MAX_BYTES), answers.put_nowait)
@@ -91,7 +86,7 @@ async def opened(endpoint: str) -> AsyncIterator[Gateway]:
     await session.subscribe(KEYS.all_states, MAX_BYTES, gateway.take_state)
     await session.subscribe(KEYS.all_progress, MAX_BYTES, gateway.take_progress)
     await session.declare_token(KEYS.gateway("g"))
-    beating = asyncio.create_task(gateway.beat())
+    beating = asyncio.create_task(every(HEARTBEAT_S, session.declare_heartbeat(KEYS.heartbeat("g"))))
     try:
         yield gateway
     finally:

@@ -1,22 +1,25 @@
 """A gateway that means harm: the agent alone decides, and no step of the simulator exceeds a limit of the URDF."""
 
+import asyncio
 import json
 import math
 import random
 from collections.abc import Iterator
 
 import pytest
-import zenoh
-from actor import KEYS, play_gateway
-from actor import stage as session_at
-from running import eventually
-from several import hub
+from actor import KEYS
+from running import eventually, free_port
 from simulated import RESTING_RAD_S, Simulated, simulated
+from virtual.processes import gateway_session
 
+from agents.pace import every
 from agents.wire import codec
 from agents.wire.messages import Accepted, Refused, Reply, Stop
+from agents.wire.transport import HEARTBEAT_S
+from gateway.fleet.inbox import Payload
+from gateway.transport import Answer, Question
 
-pytestmark = pytest.mark.processes
+pytestmark = pytest.mark.virtual
 ROBOT = "ur5"
 PAN = "shoulder_pan_joint"
 
@@ -24,23 +27,32 @@ PAN = "shoulder_pan_joint"
 class Hostile:
     """It may say what it likes on the keys of gateways, and has the robot's frames."""
 
-    def __init__(self, session: zenoh.Session) -> None:
-        self.session = session
-        self._kept = [
-            session.declare_subscriber(KEYS.robot(ROBOT, "state"), self._saw),
-            play_gateway(session, KEYS, "hostile"),
-        ]
+    def __init__(self, endpoint: str) -> None:
         self.seen_ns = self.incarnation = 0
         self._number = 0
+        asyncio.run(self._open(endpoint))
 
-    def _saw(self, sample: zenoh.Sample) -> None:
-        state = codec.decode_state(sample.payload.to_bytes())
+    async def _open(self, endpoint: str) -> None:
+        self._session, self._present = await gateway_session(endpoint), await gateway_session(endpoint)
+        await self._session.subscribe(KEYS.robot(ROBOT, "state"), 2**20, self._saw)
+        await self._present.declare_token(KEYS.gateway("hostile"))
+        beat = self._present.declare_heartbeat(KEYS.heartbeat("hostile"))
+        self._beating = asyncio.create_task(every(HEARTBEAT_S, beat))
+
+    def _saw(self, _: str, payload: Payload) -> None:
+        assert isinstance(payload, bytes)
+        state = codec.decode_state(payload)
         self.seen_ns, self.incarnation = state.monotonic_ns, state.incarnation
 
     def ask(self, payload: bytes, key: str = "command") -> Reply:
-        (reply,) = self.session.get(KEYS.robot(ROBOT, key), payload=payload, timeout=30.0)
-        assert reply.ok is not None
-        return codec.decode_reply(reply.ok.payload.to_bytes())
+        return asyncio.run(self._ask(Question(KEYS.robot(ROBOT, key), payload, 30.0, 2**20)))
+
+    async def _ask(self, question: Question) -> Reply:
+        answers: asyncio.Queue[Answer | None] = asyncio.Queue()
+        await self._session.ask(question, answers.put_nowait)
+        answer = await answers.get()
+        assert answer is not None and isinstance(answer.payload, bytes)
+        return codec.decode_reply(answer.payload)
 
     def command(self, motion: object, **more: object) -> Reply:
         """A command that is right but for what it is given."""
@@ -55,14 +67,15 @@ class Hostile:
         return self.command({"type": "move", "targets": targets})
 
     def gone(self) -> None:
-        for declared in self._kept:
-            declared.undeclare()  # type: ignore[attr-defined]
+        self._beating.cancel()
+        asyncio.run(self._present.close())
 
 
 @pytest.fixture
 def pair() -> Iterator[tuple[Hostile, Simulated]]:
-    with hub() as stage, session_at(stage.endpoint) as session, simulated(stage.endpoint, ROBOT) as robots:
-        hostile = Hostile(session)
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with simulated(endpoint, ROBOT) as robots:
+        hostile = Hostile(endpoint)
         eventually(lambda: hostile.seen_ns, "a frame")
         robot = robots[ROBOT]
         robot.watch()
