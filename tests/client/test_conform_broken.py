@@ -6,6 +6,7 @@ from client.conform.protocol import security
 from client.conform.verdict import Level, Outcome
 from tests.client.test_conform_server import BLUEPRINT, WITH_BLUEPRINT, check, outcomes, replaced, serving
 
+pytestmark = pytest.mark.virtual
 BROKEN: list[tuple[str, dict[str, str], set[str]]] = [
     ("http-1.0", {}, {"R0.1", "R0.12", "R0.15"}),
     ("no-host", {}, {"R0.1"}),

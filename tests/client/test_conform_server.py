@@ -7,17 +7,20 @@ import contextlib
 import hashlib
 import http.client
 import struct
-import threading
 from collections.abc import Iterator
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler
 from urllib.parse import urlsplit
 
+import pytest
 import rdflib
+from virtual.handlers import handling
+from virtual.loop import current
 
 from client.conform.main import conform
 from client.conform.report import Report
 from client.conform.verdict import Outcome
 
+pytestmark = pytest.mark.virtual
 PREFIXES = """\
 @prefix dcterms: <http://purl.org/dc/terms/> . @prefix ex: <http://example.org/own#> .
 @prefix hybrit: <https://hybr-it-projekt.de/ns/hybr-it#> . @prefix ldp: <http://www.w3.org/ns/ldp#> .
@@ -45,32 +48,29 @@ def replaced(path: str, old: str, new: str) -> dict[str, str]:
     return {path: PAGES[path].replace(old, new)}
 
 
-class Server(ThreadingHTTPServer):
+class Server:
     """``flaws`` name what it does wrong, ``pages`` what it serves instead."""
 
     def __init__(self, flaws: set[str], pages: dict[str, str]) -> None:
-        super().__init__(("127.0.0.1", 0), Handler)
+        loop = current()
+        assert loop is not None
+        self.listener = handling(loop, Handler, self)
         self.flaws = flaws
         self.pages = {**PAGES, **pages}
         self.subscriptions: dict[str, tuple[str, str]] = {}
-        self.lock = threading.Lock()
         self.count = 0
         self.bodies: list[str] = []
-        self.root = f"http://127.0.0.1:{self.server_address[1]}/"
+        self.root = f"http://127.0.0.1:{self.listener.port}/"
 
     def subscribe(self, callback: str, media_type: str) -> str:
-        with self.lock:
-            self.count += 1
-            path = f"/s/2/{self.count}"
-            self.subscriptions[path] = (callback, media_type)
-            return path
-
-    def handle_error(self, request: object, client_address: object) -> None:
-        """Clients may go away."""
+        self.count += 1
+        path = f"/s/2/{self.count}"
+        self.subscriptions[path] = (callback, media_type)
+        return path
 
 
 class Handler(BaseHTTPRequestHandler):
-    server: Server
+    server: Server  # type: ignore[assignment]
     disable_nagle_algorithm = True
     wbufsize = -1  # head and body leave in one segment
 
@@ -195,7 +195,9 @@ class Handler(BaseHTTPRequestHandler):
             graph.parse(data=body)
         if not len(graph):
             return self.reply(204 if self.has("nonsense") else 400)
-        (callback,) = graph.objects(None, rdflib.URIRef("https://hybr-it-projekt.de/ns/hybr-it#callbackURL"))
+        callback = next(graph.objects(None, rdflib.URIRef("https://hybr-it-projekt.de/ns/hybr-it#callbackURL")), None)
+        if callback is None:
+            return self.reply(400)
         self.create(str(callback), "", 204)
         return None
 
@@ -241,14 +243,8 @@ class Handler(BaseHTTPRequestHandler):
 @contextlib.contextmanager
 def serving(flaws: set[str], pages: dict[str, str]) -> Iterator[Server]:
     server = Server(flaws, pages)
-    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
-    thread.start()
-    try:
+    with contextlib.closing(server.listener):
         yield server
-    finally:
-        server.shutdown()
-        thread.join()
-        server.server_close()
 
 
 def check(root: str, no_write: bool = False, resources: int = 200) -> Report:

@@ -143,16 +143,21 @@ class VirtualLoop(asyncio.SelectorEventLoop):
             asyncio._set_running_loop(None)
 
     def look(self) -> bool:
-        """Called once in each turn: let workers go on that have what they wait for; stop where the test has."""
+        """Called once in each turn: let workers go on that have what they wait for; stop where the test has.
+
+        Return True where either was so: the next timer may be another one than before.
+        """
+        gone_on = False
         for worker, condition in [*self._workers.items()]:
             if condition():
+                gone_on = True
                 del self._workers[worker]
                 worker.switch()
         if self._condition is not None and self._condition():
             self._condition = None
             self.stop()
             return True
-        return False
+        return gone_on
 
     def awaits_child(self) -> bool:
         """Return True while a task waits for a child process to end, of which a thread tells the loop."""

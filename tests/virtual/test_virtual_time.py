@@ -9,6 +9,7 @@ from datetime import UTC
 import httpx
 import pytest
 import uvicorn
+from parallel import pool
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response, StreamingResponse
@@ -341,3 +342,17 @@ def test_the_wall_clock_of_one_process_is_stepped_for_its_tasks_alone() -> None:
         one.step_wall(-3600)
         loop.run_for(2)
         assert [each - time.time() for each in read] == [-3601, -1]
+
+
+def test_work_beside_the_test_has_its_moments_while_the_test_sleeps() -> None:
+    with virtual_time() as loop, pool(1) as workers:
+        begin = loop.time()
+
+        def late() -> float:
+            time.sleep(1)
+            return loop.time() - begin
+
+        working = workers.submit(late)
+        time.sleep(100)
+        assert working.done()
+        assert working.result() == pytest.approx(1)
