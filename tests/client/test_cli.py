@@ -1,24 +1,33 @@
-"""The command line as its own process, against the tree in which everything is called otherwise."""
+"""The command line, against the tree in which everything is called otherwise."""
 
+import io
 import json
 import os
 import signal
 import subprocess
 import sys
+from contextlib import redirect_stderr, redirect_stdout
 from typing import Any
+from unittest.mock import patch
 
 import pytest
 from running import ROOT, eventually, free_port
 
 from client.cli.completion import SCRIPTS, completions
 from client.cli.given import BadArgument, given
+from client.cli.main import main
 from client.cli.show import clean
 
 
 def run(url: str, *arguments: str) -> subprocess.CompletedProcess[str]:
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "LINKED_FLEET_URL": url}
-    command = [sys.executable, "-W", "error", "-m", "client.cli.main", *arguments]
-    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60, check=False)
+    """What a process would say and end with; ``tests/processes`` has real ones."""
+    out, err = io.StringIO(), io.StringIO()
+    with patch.dict(os.environ, LINKED_FLEET_URL=url), redirect_stdout(out), redirect_stderr(err):
+        try:
+            code: Any = main(arguments)
+        except SystemExit as ended:
+            code = ended.code
+    return subprocess.CompletedProcess(arguments, code, out.getvalue(), err.getvalue())
 
 
 def lines(done: subprocess.CompletedProcess[str]) -> list[list[str]]:
@@ -91,13 +100,20 @@ def test_nobody_there_is_3() -> None:
     assert (done.returncode, "cannot be reached" in done.stderr) == (3, True)
 
 
+@pytest.mark.processes
 def test_watch_prints_what_changes(other_tree: Any) -> None:
-    done = run(other_tree.root, "watch", "cell/lefty/elbow/angle", "cell/lefty/elbow/load", "--count", "2", "--json")
+    """In a process, with which its threads end."""
+    paths = ("cell/lefty/elbow/angle", "cell/lefty/elbow/load")
+    command = [sys.executable, "-W", "error", "-m", "client.cli.main", "--url", other_tree.root, "watch", *paths]
+    done = subprocess.run(
+        [*command, "--count", "2", "--json"], cwd=ROOT, capture_output=True, text=True, timeout=60, check=True
+    )
     said = {each["path"]: each["values"] for each in map(json.loads, done.stdout.splitlines())}
     assert said["cell/lefty/elbow/angle"]["measured"]["number"] == 12.5
     assert said["cell/lefty/elbow/load"]["value"]["number"] is None
 
 
+@pytest.mark.processes
 def test_ctrl_c_cancels_what_is_running(other_tree: Any) -> None:
     """By the invocation's own action; the process says so and ends with 1."""
     other_tree.endless = True
@@ -129,6 +145,7 @@ def test_completion_offers_what_is_there(other_tree: Any) -> None:
     assert hidden.stdout.split() == ["--dry-run"]
 
 
+@pytest.mark.processes
 def test_the_script_for_bash_completes(other_tree: Any) -> None:
     """In a real bash, with a linked-fleet that is found by its name."""
     ask = f"""
