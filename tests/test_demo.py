@@ -31,7 +31,10 @@ def demo(tmp_path: Path) -> Iterator[Demo]:
         demo.process.wait()
 
 
-pytestmark = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="counts processes in /proc")
+pytestmark = [
+    pytest.mark.processes,
+    pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="counts processes in /proc"),
+]
 
 
 def _turns_what_it_says(demo: Demo) -> None:

@@ -12,6 +12,7 @@ from demonstration import Demo
 from running import ROOT, eventually, free_port
 from transcript import Command, Shell, matches, ports_of, steps
 
+pytestmark = pytest.mark.processes
 _DEMO_PORT = "8000"
 _PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 _ALONE = ("WORLD.md",)

@@ -16,6 +16,7 @@ from gateway.link import FleetLink
 from gateway.transport import LinkError
 from gateway.zenoh_session import ZenohSession, open_session
 
+pytestmark = pytest.mark.processes
 KEYS = Keys()
 
 

@@ -18,6 +18,8 @@ from agents.robots.catalogue import UnavailableError, load
 from agents.robots.ros2.address import AddressError, parse_address
 from agents.robots.ros2.robot import Ros2Robot
 
+pytestmark = pytest.mark.processes
+
 
 def endpoint() -> str:
     return f"tcp/127.0.0.1:{free_port()}"
