@@ -178,9 +178,10 @@ def test_a_killed_server_is_replaced_with_nothing_lost_and_few_words(
     async def run() -> None:
         async with Embedded(tmp_path) as server:
             for round_ in range(3):
-                number = pid(server)
-                write(server, str(round_))
-                os.kill(number, signal.SIGKILL)
+                async with embedded._locked(tmp_path / "lock", "it is still being started"):
+                    number = pid(server)
+                    write(server, str(round_))
+                    os.kill(number, signal.SIGKILL)
                 await until(lambda number=number: pid(server) not in (0, number), "another server")
                 assert read(server) == str(round_)
 
