@@ -4,6 +4,7 @@ import pytest
 
 OPTION = "--second-try"
 TITLE = "passed at the second try"
+TWICE = "failed at the second try too, and at the first with"
 
 
 def add_option(parser: pytest.Parser) -> None:
@@ -21,9 +22,9 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
     if stats.get("failed") or stats.get("error") or stats.get("rerun"):
         terminalreporter.write_line(f"virtual time: --seed {config.getoption('--seed', 0)}")
     failed = {report.nodeid for outcome in ("failed", "error") for report in stats.get(outcome, ())}
-    reasons = {report.nodeid: report.longreprtext for report in stats.get("rerun", ()) if report.nodeid not in failed}
+    reasons = {report.nodeid: report.longreprtext for report in stats.get("rerun", ())}
     if reasons:
-        terminalreporter.section(TITLE)
+        terminalreporter.section("second tries")
     for name, text in reasons.items():
-        terminalreporter.write_line(f"{TITLE}: {name}")
+        terminalreporter.write_line(f"{TWICE if name in failed else TITLE}: {name}")
         terminalreporter.write_line("\n".join(text.splitlines()[-40:]))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from running import ROOT
-from second_try import TITLE
+from second_try import TITLE, TWICE
 
 CONFIGURATION = f"""
 [pytest]
@@ -68,8 +68,7 @@ def test_fails_once_with_what_it_needs(late):
     assert late["open"]
 
 def test_fails_twice(session, module, function, noted):
-    noted("vain")
-    raise AssertionError
+    raise AssertionError(f"try {noted('vain')}")
 
 def test_is_the_last_and_fails_once(session, module, noted):
     assert session["open"] and module["open"]
@@ -103,6 +102,8 @@ def test_one_second_try_with_fixtures_that_stay(tmp_path: Path, workers: tuple[s
         "test_fails_once_with_what_it_needs",
         "test_is_the_last_and_fails_once",
     ]
+    assert re.findall(rf"^{TWICE}: .*::(\w+)$", run.stdout, re.M) == ["test_fails_twice"]
+    assert "AssertionError: try 1" in run.stdout
     assert re.findall(r"^FAILED .*::(\w+)", run.stdout, re.M) == [
         "test_fails_twice",
         "test_has_no_processes",

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from browser import Browser as Client
 from browser import all_live
+from commanding import angle
 from conftest import ROBOTS
 from playwright.sync_api import Page, expect
 from running import Process, eventually, process
@@ -61,7 +62,6 @@ def test_from_the_root_to_a_joint_that_moves(
 
     page.get_by_role("link", name="Baxter").click()
     expect(page.locator("#scene")).to_have_attribute("data-phase", "ready")
-    before = _drawn(page, "right_s1")
     picture(page, "robot", tmp_path)
 
     page.get_by_role("link", name="right_s1", exact=True).click()
@@ -79,8 +79,11 @@ def test_from_the_root_to_a_joint_that_moves(
     assert page.evaluate("window.untouched")
 
     page.get_by_role("link", name="baxter", exact=True).first.click()
-    page.wait_for_function("() => document.getElementById('scene').scene?.positions().right_s1 < -0.8")
-    assert _drawn(page, "right_s1") < before - 0.2
+    expect(page).to_have_url(f"{client.root}baxter/")
+    expect(page.locator("#scene")).to_have_attribute("data-phase", "ready")
+    measured = angle(client, "right_s1", "baxter")
+    assert measured < -0.9
+    eventually(lambda: abs(_drawn(page, "right_s1") - measured) < 0.01, f"the drawn joint at {measured} rad")
 
 
 def test_a_robot_that_left_is_marked(page: Page, watched: "Watched", demo: tuple[Client, Process]) -> None:  # noqa: F821
