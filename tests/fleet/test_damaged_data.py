@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from browser import LF, Browser
-from commanding import WRIST, arm, begun, ended, moving, of_joint, of_robot, post, problem, put, slowly
+from commanding import ENDED, WRIST, angle, arm, begun, ended, of_joint, of_robot, post, problem, put, slowly
 from damaged import DAMAGES, cut_tail, garble
 from running import eventually
 from small_fleet import Place, live
@@ -44,7 +44,14 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
 def stops(browser: Browser, goal: float) -> str:
     """Stop a motion that is under way; the invocation of the motion, which was begun with the idempotency key "one"."""
     turned = begun(put(browser, of_joint(browser, WRIST), slowly(goal), **{"Idempotency-Key": "one"}))
-    moving(browser, WRIST)
+    start = angle(browser, WRIST)
+
+    def under_way() -> bool:
+        page = browser.page(turned)
+        assert page.one(LF.state) not in ENDED, page.graph.serialize()
+        return abs(angle(browser, WRIST) - start) > 0.03
+
+    eventually(under_way, f"{WRIST} moving")
     begun(post(browser, of_robot(browser, LF.StopRobot)))
     assert ended(browser, turned).one(LF.state) == LF.cancelled
     return turned
