@@ -9,7 +9,7 @@ import logging
 import time
 import uuid
 from collections.abc import AsyncIterator, Sequence
-from contextlib import suppress
+from contextlib import aclosing, suppress
 from dataclasses import dataclass
 from typing import Literal, Self, cast, get_args
 
@@ -20,14 +20,13 @@ from gateway.actions.keys import Keys, hashed, robot_of, tag
 from gateway.ending import end
 from gateway.fleet.invocations import MAX_TERMINAL, Invocation
 from gateway.fleet.lease import Lease
-from gateway.store.connection import GATHER_S, Connection, StoreUnavailable, heed_cancellation
+from gateway.store.connection import BACKOFF_S, GATHER_S, Connection, StoreUnavailable, heed_cancellation
 
 __all__ = ["KEPT_S", "ActionStore", "Full", "KeyReused", "Lease", "LeaseHeld", "LeaseOver", "News", "StoreUnavailable"]
 _log = logging.getLogger(__name__)
 
 KEPT_S = 86_400.0  # an invocation after its end, and an idempotency key after its use
 _NEWS = 10_000  # are kept, about; also how many that could not be told yet
-_BACKOFF_S = 0.2  # of who reads and who tells the news during an outage
 _LAST_S = 0.5  # to tell the rest when this gateway ends
 _MS = 1_000_000  # nanoseconds
 
@@ -236,17 +235,11 @@ class ActionStore:
 
         ``lost`` follows each outage that any method met, so what failed meanwhile may be left to it.
         """
-        seen = 0
-        while True:
-            try:
-                told = await self._redis.follow()
-            except StoreUnavailable:
-                await asyncio.sleep(_BACKOFF_S)
-                continue
-            lost, seen = self._redis.outages > seen, self._redis.outages
-            if lost:
-                yield News("lost")
-            for fields in told:
+        async with aclosing(self._redis.news()) as news:
+            async for fields in news:
+                if fields is None:
+                    yield News("lost")
+                    continue
                 what = fields[b"what"].decode()
                 if fields[b"run"].decode() != self._run and what in get_args(What):  # not of a later version
                     yield News(cast(What, what), fields[b"robot"].decode(), fields[b"id"].decode())
@@ -266,7 +259,7 @@ class ActionStore:
                 await asyncio.sleep(GATHER_S)
             except StoreUnavailable:
                 self._to_tell.set()
-                await asyncio.sleep(_BACKOFF_S)
+                await asyncio.sleep(BACKOFF_S)
 
     async def _tell_rest(self) -> None:
         telling, self._untold = self._untold, []

@@ -5,9 +5,9 @@ taken in one script that looks whether this run still serves them and the rule s
 was frozen, or cut off, claims nothing when it wakes.
 """
 
-import asyncio
 import logging
 from collections.abc import AsyncIterator, Collection, Iterable, Mapping, Sequence
+from contextlib import aclosing
 from dataclasses import replace
 from typing import Any
 
@@ -29,7 +29,6 @@ AT_ONCE = 16
 MOST = 500
 """Rules that there may be."""
 _NEWS = 1_000  # are kept, about
-_BACKOFF_S = 0.2
 
 
 class Full(Exception):  # noqa: N818
@@ -177,18 +176,11 @@ class RuleStore:
 
     async def news(self) -> AsyncIterator[str | None]:
         """Ids of rules with which another run did something; None: Redis was away, and all must be read anew."""
-        seen = 0
-        while True:
-            try:
-                told = await self._redis.follow()
-            except StoreUnavailable:
-                await asyncio.sleep(_BACKOFF_S)
-                continue
-            lost, seen = self._redis.outages > seen, self._redis.outages
-            if lost:
-                yield None
-            for fields in told:
-                if fields[b"run"].decode() != self._run:
+        async with aclosing(self._redis.news()) as news:
+            async for fields in news:
+                if fields is None:
+                    yield None
+                elif fields[b"run"].decode() != self._run:
                     yield fields[b"id"].decode()
 
     async def _tell(self, id: str) -> None:

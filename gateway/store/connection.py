@@ -3,7 +3,7 @@
 import asyncio
 import logging
 import time
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncGenerator, AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from typing import Any
 from urllib.parse import unquote, urlsplit
@@ -26,6 +26,8 @@ UNHURRIED = 32
 _WAITS = 16  # for replicas at once, beside the turns: a replica that hangs must not keep the leases from being renewed
 _REPLICA_MS = 1_000  # for a replica to confirm; below the timeout of a command
 _BLOCK_MS = 1_000  # of a read of the news; below the timeout of a command
+BACKOFF_S = 0.2
+"""Between two tries to read, or to tell, the news during an outage."""
 GATHER_S = 0.02
 """In which what comes next is gathered where nobody waits for it: each command costs a third of a millisecond here,
 however little it says."""
@@ -158,6 +160,24 @@ class Connection:
             self._position = entries[-1][0].decode()
             self._rested_s = time.monotonic() + GATHER_S
         return [fields for _, fields in entries]
+
+    async def news(self) -> AsyncGenerator[dict[bytes, bytes] | None, None]:
+        """Yield each entry that comes to the stream from the first contact on. Outages are waited out.
+
+        None follows the outages that any method met, those before the first call included.
+        """
+        seen = 0
+        while True:
+            try:
+                told = await self.follow()
+            except StoreUnavailable:  # not worth a line: whoever renews a lease meets the same outage
+                await asyncio.sleep(BACKOFF_S)
+                continue
+            lost, seen = self.outages > seen, self.outages
+            if lost:
+                yield None
+            for fields in told:
+                yield fields
 
     @asynccontextmanager
     async def _contact(self) -> AsyncIterator[None]:

@@ -12,7 +12,7 @@ where other masters have replicas. Nothing else waits for them: a failover can l
 import asyncio
 import logging
 from collections.abc import AsyncIterator, Iterable, Mapping, Sequence
-from contextlib import suppress
+from contextlib import aclosing, suppress
 from dataclasses import astuple, replace
 from typing import Self
 
@@ -46,7 +46,6 @@ _TAKEN_AT_ONCE = 64  # subscriptions that are taken over together, before they a
 _GONE_MS = 30_000  # longer than it takes to clear a subscription away
 _ATTEMPTS, _CLEARING_S = 20, 0.05  # to add what others are clearing away
 _NEWS = 1_000  # are kept, about
-_BACKOFF_S = 0.2  # of the reader of the news during an outage
 _GROUP = "callback"
 
 
@@ -249,14 +248,10 @@ class Store:
 
     async def news(self) -> AsyncIterator[News]:
         """What gateways did since the first contact, for ever; outages are waited out and nothing is missed."""
-        while True:
-            try:
-                told = await self._redis.follow()
-            except StoreUnavailable:  # not worth a line: whoever renews the lease meets the same outage
-                await asyncio.sleep(_BACKOFF_S)
-                continue
-            for fields in told:
-                yield read_news(fields)
+        async with aclosing(self._redis.news()) as news:
+            async for fields in news:
+                if fields is not None:
+                    yield read_news(fields)
 
     async def _tell(self, what: What, id: str, holder: str) -> None:
         fields = write_news(News(what, id, holder))

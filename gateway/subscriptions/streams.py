@@ -150,12 +150,12 @@ class Streams:
 
     def adopted(self, id: str) -> None:
         """A stream of a gateway that is gone waits here now."""
-        if not self._here(id):
+        if not self.serves(id):
             self._expire(id)
 
     async def _offer_again(self, subscription: Subscription, last_ns: int | None) -> None:
         id, unopened = subscription.id, replace(subscription, kind=Kind.STREAM)
-        if self._here(id):
+        if self.serves(id):
             return
         waiting = Delivery(DeliveryState.WAITING, last_ns)
         try:
@@ -168,7 +168,7 @@ class Streams:
         except (StoreUnavailable, TooMany):
             await self._forget(id)
             return
-        if self._here(id):
+        if self.serves(id):
             self._unlisted.add(id)  # opened again meanwhile: say so again
         else:
             self._expire(id)
@@ -179,7 +179,8 @@ class Streams:
         self._cancelled.discard(id)
         self._changed.pop(id, None)
 
-    def _here(self, id: str) -> bool:
+    def serves(self, id: str) -> bool:
+        """Return True if it is open here or about to be."""
         return id in self._open or id in self._coming
 
     def _expire(self, id: str) -> None:
@@ -193,7 +194,7 @@ class Streams:
 
     async def _abandon(self, id: str) -> None:
         self._expiries.pop(id, None)
-        if not self._here(id):
+        if not self.serves(id):
             await self._forget(id)
 
     async def _forget(self, id: str) -> None:
@@ -206,7 +207,7 @@ class Streams:
         """Have an end known; StoreUnavailable."""
         await self._store.remove(id, own=True)  # another gateway may have it by now
         self._ended.discard(id)
-        if self._here(id):
+        if self.serves(id):
             self._unlisted.add(id)  # opened again meanwhile: say so again
 
     # -- what others do -----------------------------------------------------------------------------------------------
@@ -220,10 +221,6 @@ class Streams:
             self._cancelled.add(id)
         if (watcher := self._open.pop(id, None)) is not None:
             watcher.end(ending)
-
-    def serves(self, id: str) -> bool:
-        """Return True if it is open here or about to be."""
-        return self._here(id)
 
     def obeys(self, subscription: Subscription) -> bool:
         """Return True if a stream goes by these options, or is not open here."""
@@ -267,7 +264,7 @@ class Streams:
                 except TooMany:
                     self.drop(id, Ending.CANCELLED)
                 else:
-                    if not self._here(id) and id not in self._expiries:  # closed meanwhile
+                    if not self.serves(id) and id not in self._expiries:  # closed meanwhile
                         self._ended.add(id)
             if id not in self._coming:
                 self._unlisted.discard(id)
@@ -297,7 +294,7 @@ class Streams:
                 self._unlisted.add(id)
         self._missed = missing
         streams = {id for id, record in held.items() if record.subscription.kind.streams}
-        strays = {id for id in streams if not self._here(id) and id not in self._expiries}
+        strays = {id for id in streams if not self.serves(id) and id not in self._expiries}
         self._ended |= strays & self._strays  # the second time: what was on its way has come by now
         self._strays = strays
 

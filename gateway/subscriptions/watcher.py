@@ -207,12 +207,13 @@ class Watcher:
 
     def _step_out(self) -> None:
         """Leave those who are in step, in the middle of a pass, too."""
-        for topic in list(self.topics.values()) if self._broadcast is not None else ():
-            assert self._broadcast is not None  # who is in step watches one resource
-            self._last_ns = self.last_ns
-            self._sent[topic.path] = self._broadcast.release(self)
-            self._broadcast = None
-            topic.apart[self] = None
+        if self._broadcast is None:
+            return
+        (topic,) = self.topics.values()  # who is in step watches one resource
+        self._last_ns = self.last_ns
+        self._sent[topic.path] = self._broadcast.release(self)
+        self._broadcast = None
+        topic.apart[self] = None
 
     def end(self, ending: Ending) -> None:
         self.close()
