@@ -58,7 +58,7 @@ class Behaviour:
         self.default = Answer()
         self.consent = Answer(405)
         self.endless_bytes = 0
-        """Of endless bodies, as far as they were taken."""
+        """The bytes of endless bodies that the client took."""
         self._log: list[Seen] = []
         self._counts: Counter[tuple[str | None, str | None]] = Counter()
         self._scripts: defaultdict[str, deque[Answer]] = defaultdict(deque)

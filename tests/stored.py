@@ -134,7 +134,7 @@ def crash_after(store: Store, commands: int) -> None:
 
 
 def count_trips(store: Store) -> Callable[[], int]:
-    """How often the store has gone to a server since."""
+    """Return a function that counts the round trips to a server from now on."""
     trips = 0
     contact = store._redis._contact
 

@@ -85,7 +85,7 @@ class Subscription:
     sees: tuple[str, ...] = (EVERY,)
     """Patterns of the robots that its creator may read: messages tell of no others."""
     revision: int = 0
-    """How often its options have been changed."""
+    """The number of times that its options have been changed."""
 
     @property
     def options(self) -> Changeable:

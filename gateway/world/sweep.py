@@ -186,7 +186,7 @@ class _Sweep:
         return None
 
     def _look(self, path: Path, at: int, pairs: Indices) -> tuple[Array, _Pair | None]:
-        """How far each pair is from what it has to keep at a place, at least; and one that does not keep it."""
+        """Return lower bounds of the room that each pair has at a place, and a pair that has none; metres."""
         self._stand(path, at)
         room = self._room(pairs)
         for n in np.nonzero(room <= 2 * STEP_M)[0].tolist():

@@ -20,7 +20,7 @@ from client.cli.show import clean
 
 
 def run(url: str, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """What a process would say and end with; ``tests/processes`` has real ones."""
+    """Call ``main`` as a process would, and return its output and exit code. ``tests/processes`` has real ones."""
     out, err = io.StringIO(), io.StringIO()
     with patch.dict(os.environ, LINKED_FLEET_URL=url), redirect_stdout(out), redirect_stderr(err):
         try:

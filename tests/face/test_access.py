@@ -39,7 +39,7 @@ def pages(fleet: RunningFleet, browser: Browser) -> dict[str, str]:
 
 
 def _violations(page: Page, axe: str) -> list[str]:
-    """What axe-core finds, as one line each."""
+    """Return the findings of axe-core, a line each."""
     page.evaluate(axe)
     found: list[dict[str, Any]] = page.evaluate("axe.run({ resultTypes: ['violations'] })")["violations"]
     return [

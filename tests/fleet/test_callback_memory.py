@@ -1,4 +1,4 @@
-"""What was accepted outlives the gateway and the server that remembers it."""
+"""Accepted callbacks outlive the gateway and the server that remembers them."""
 
 import contextlib
 import signal

@@ -29,7 +29,7 @@ class Clock:
 
 @pytest.fixture(scope="module")
 def shim(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What gives a process a clock of its own: no namespace does so for the wall clock."""
+    """A library that gives a process its own wall clock, which no namespace does."""
     compiler = shutil.which("cc")
     if compiler is None:
         pytest.skip("no C compiler, by which a server gets a wall clock of its own")

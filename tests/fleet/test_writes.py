@@ -149,7 +149,7 @@ def _attempts(root: str) -> Iterator[tuple[str, str, str]]:
 
 @pytest.fixture
 def full(browser: Browser) -> Iterator[httpx.Response]:
-    """What is answered to an object for which the world has no room."""
+    """The answer to an object for which the world has no room."""
     objects, turtle, made = _objects(browser), {"content-type": "text/turtle"}, list[str]()
     while (answer := browser.http.post(objects, content=PREFIXES + _CRATE, headers=turtle)).status_code == 201:
         made.append(answer.headers["location"])

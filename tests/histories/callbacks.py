@@ -21,7 +21,7 @@ class CallbackClients:
     def __init__(self, history: History, watched: Watched, deliveries: Deliveries) -> None:
         self._history, self._watched, self._deliveries = history, watched, deliveries
         self._ids: dict[str, list[str]] = {f"/toy/owner{number}": [] for number in range(_OWNERS)}
-        """Of those that were asked for, by owner, until somebody was told that they are gone."""
+        """Subscriptions that were requested, by owner, until a client is told that they are gone."""
         self._paths: dict[str, str] = {}
         self._accepted: set[str] = set()
         self._deleted: set[str] = set()

@@ -143,7 +143,7 @@ def _follow(replica: Server, master: Server) -> None:
 
 
 def _offset(server: Server) -> str:
-    """How much of what was written the server has."""
+    """Return the offset of the last write that the server has."""
     said = server.ask("INFO replication")
     return said.partition("slave_repl_offset:" if "role:slave" in said else "master_repl_offset:")[2].split()[0]
 

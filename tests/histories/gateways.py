@@ -37,7 +37,7 @@ from gateway.world.store import ObjectStore
 
 NAMESPACE = "histories"
 LEASE_S = 0.8
-"""Of a gateway: after that long others take over what it held."""
+"""The lease of a gateway, after which others take over its subscriptions."""
 _LIMIT = 100_000
 _ANSWER_LOST, _REFUSED = 0.05, 0.05  # shares of deliveries
 
@@ -88,7 +88,7 @@ class Watched:
             fan_out.touched(path)
 
     def rank(self, path: str, version: str | None = None) -> int:
-        """How often the resource had changed when it had this version; at present without one."""
+        """Return the number of changes of the resource up to this version, or up to the present one."""
         return self._ranks[path] if version is None else self._rank_of[path, version]
 
     def resolve(self, path: str) -> Resource | None:

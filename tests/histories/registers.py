@@ -19,13 +19,13 @@ _ROBOT = "arm"
 
 
 class Register(Protocol):
-    """How one kind of thing is read and replaced; None is nothing."""
+    """A kind of resource that is read and replaced; None stands for no resource."""
 
     kind: str
     removable: bool
 
     def next(self, present: str | None, label: str) -> str:
-        """What to write in the place of ``present``."""
+        """Return the value that replaces ``present``."""
 
     async def read(self, gateway: Gateway, key: str) -> str | None: ...
 

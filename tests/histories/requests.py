@@ -59,4 +59,4 @@ class MotionClients:
         return Motion(robot, Move({JOINT: target}), {JOINT: target}, moment)
 
     async def settle(self, gateway: Gateway) -> None:
-        """What ran is known already."""
+        """Do nothing: the commands that ran are recorded as they run."""

@@ -53,7 +53,7 @@ class Witnessed:
         self.agent = Agent(name, Elbow(), rate_hz=1 / _TICK_S)
 
     def handle(self, payload: bytes) -> bytes:
-        """What the agent says to a command that has come."""
+        """Return the reply of the agent to a command."""
         command = decode(payload, Command)
         assert isinstance(command.motion, Move)
         came_ns = self._history.now_ns()

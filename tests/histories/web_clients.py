@@ -22,7 +22,7 @@ _SPHERE = (
 
 
 class Kind(Protocol):
-    """How a resource says what it holds."""
+    """A kind of resource, and the predicate of its value."""
 
     predicate: str
 
@@ -111,7 +111,7 @@ class Controllers:
         self._owned[client, robot] = owned if renewed else label, answer.headers["lock-token"]
 
     async def _write(self, client: int, gateway: HttpGateway, robot: str, draws: random.Random) -> None:
-        """Who controls a robot alone may change its settings."""
+        """Write a setting, which only the owner of the lease may do."""
         owned, proof = self._proof(client, robot)
         asked = self._history.asks(client, "lease", robot, "act", token=owned)
         answer = await gateway.ask("PUT", f"{robot}/title", Title().body("mine"), **proof)
@@ -166,4 +166,4 @@ class Movers:
             raise Unanswered(answer.text)
 
     async def settle(self, gateway: HttpGateway) -> None:
-        """What ran is known already."""
+        """Do nothing: the commands that ran are recorded as they run."""

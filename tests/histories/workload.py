@@ -94,7 +94,7 @@ class Workload:
             await self._fleet.replace(self._draws.randrange(len(self._fleet.gateways)))
 
     async def _each(self, between: tuple[int, int]) -> AsyncIterator[None]:
-        """As often as a number of operations was answered, or none for a while."""
+        """Yield each time that a number of operations was answered, or none for a while."""
         while True:
             at = self._history.answered + self._draws.randint(*between)
             with contextlib.suppress(TimeoutError):

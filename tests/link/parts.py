@@ -18,7 +18,7 @@ import gateway.transport
 import gateway.zenoh_session
 
 LEASE_S = 0.5
-"""Of agents. That of gateways is in the protocol."""
+"""The lease of agents; the protocol fixes that of gateways."""
 _PATIENCE_S = 30.0
 
 

@@ -73,7 +73,7 @@ async def met(gateway: gateway_side.Session, agent: agent_side.Session, token: s
 
 
 async def listening(gateway: gateway_side.Session, agent: agent_side.Session) -> Heard:
-    """What the gateway hears of the agent, which knows that it listens: a client without a listener sends nothing."""
+    """Subscribe as a gateway, and wait until the agent knows it: a client without a subscriber sends nothing."""
     heard = Heard()
     await gateway.subscribe_frames(KEYS.all_states, LIMIT, heard.take)
     await gateway.subscribe(KEYS.all_progress, LIMIT, heard.take)

@@ -56,7 +56,7 @@ class Gateway:
         await self.until(lambda: event in self.events)
 
     async def complaint(self) -> str:
-        """Why a robot is not described."""
+        """Return the reason why a robot is not described."""
         await self.until(lambda: any(isinstance(event, Undescribed) for event in self.events))
         assert not any(isinstance(event, Described) for event in self.events)
         return next(event.reason for event in self.events if isinstance(event, Undescribed))

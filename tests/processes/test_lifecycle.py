@@ -66,7 +66,7 @@ def test_taken_port_is_one_line(tmp_path: Path, taken: str) -> None:
 
 
 def test_two_gateways_started_at_once(tmp_path: Path) -> None:
-    """Of two gateways on one HTTP port exactly one serves, however close their starts are."""
+    """One of two gateways on one HTTP port serves, however close their starts are."""
     place, other = Place(tmp_path / "a"), Place(tmp_path / "b")
     other.port = place.port
     with process(*place.command()) as one, process(*other.command()) as two:

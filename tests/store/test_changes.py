@@ -28,7 +28,7 @@ def other(subscription: Subscription, **options: Any) -> Changeable:
 
 
 async def test_options_are_changed_under_the_condition_that_they_are_as_they_were_read(a: Store, b: Store) -> None:
-    """Of two changes of the same state one is refused; each gateway hears of each, and nothing else is different."""
+    """One of two changes of the same state is refused. Each gateway hears of each; nothing else differs."""
     async with aclosing(b.news()) as heard:
         one = a_subscription(secret="whsec_1")
         await a.add(one, Delivery(), LIMIT)
@@ -69,7 +69,7 @@ async def test_what_its_holder_writes_takes_no_change_back(a: Store, b: Store) -
 async def test_what_was_rendered_before_a_change_counts_as_sent_unless_all_begins_anew(
     a: Store, b: Store, options: dict[str, Any], anew: bool
 ) -> None:
-    """What is queued stays queued with its number; who begins anew is sent the present state in any case."""
+    """Queued messages stay queued with their numbers. A subscriber that begins anew gets the present state."""
     one = a_subscription()
     await a.add(one, Delivery(), LIMIT)
     await a.advance(one.id, None, OUTGOING, Delivery())

@@ -148,7 +148,7 @@ class Invocations(RuleBasedStateMachine):
         target=ids, robot=ROBOTS, key=st.sampled_from(["k", OTHER]), digests=st.lists(DIGESTS, min_size=2, max_size=4)
     )
     def open_at_once(self, robot: str, key: str, digests: list[str]) -> tuple[str, str]:
-        """Of requests with one key one is carried out, its repetitions hear which, the others are refused."""
+        """One request with a key is carried out, its repetitions get that invocation, and the others are refused."""
         known, asked = self.robots[robot], [self.new(robot, InvocationState.ACCEPTED, "") for _ in digests]
         work = [
             self.stores[number % 2].open(one, unasked=True, key=key, digest=digest)
@@ -188,7 +188,7 @@ class Invocations(RuleBasedStateMachine):
 
     @rule(robot=ROBOTS, ends=st.permutations([InvocationState.SUCCEEDED, InvocationState.CANCELLED]))
     def end_at_both(self, robot: str, ends: list[InvocationState]) -> None:
-        """Of two ends at the same time one counts."""
+        """One of two ends at the same time counts."""
         known = self.robots[robot]
         for one in [each for each in known.invocations.values() if not each.over][:1]:
             written = [replace(one, state=state, expired=False) for state in ends]

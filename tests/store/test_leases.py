@@ -58,7 +58,7 @@ async def listening(store: ActionStore) -> Any:
 
 @pytest.fixture
 def heard(server: Backend, b: ActionStore) -> Iterator[Listener]:
-    """What ``b`` is told."""
+    """The news that ``b`` receives."""
     yield from opened(server, listening(b))
 
 

@@ -142,7 +142,7 @@ async def until_added(store: Store, subscription: Any) -> None:
 async def test_a_subscription_that_vanishes_before_it_is_confirmed_is_not_accepted(
     server: ReplicatedMemory | Replicated, a: Store
 ) -> None:
-    """As in a failover to a replica that did not have it yet."""
+    """A failover to a replica that did not have it yet does this."""
     one, ask = a_subscription(), a._redis.replicated
 
     async def late(script: str, key: str, *arguments: str) -> Any:

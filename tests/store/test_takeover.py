@@ -54,7 +54,7 @@ def stream() -> Subscription:
 
 
 async def ids_held(store: Store) -> set[str]:
-    """What the list of a run names, whoever is the holder."""
+    """Return the ids in the list of a run, whoever holds them."""
     return set(await store._runs.held(store._run))
 
 

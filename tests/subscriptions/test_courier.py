@@ -461,14 +461,14 @@ SECRET = "whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw"
 
 
 def verify(seen: Seen, secret: str) -> None:
-    """As a receiver does by Standard Webhooks."""
+    """Verify the signature as Standard Webhooks requires of a receiver."""
     signed = f"{seen.headers['webhook-id']}.{seen.headers['webhook-timestamp']}.".encode() + seen.body
     digest = hmac.new(base64.b64decode(secret.removeprefix("whsec_")), signed, "sha256").digest()
     assert seen.headers["webhook-signature"] == f"v1,{base64.b64encode(digest).decode()}"
 
 
 async def change(at: Work, **options: Any) -> None:
-    """As a PATCH does through another gateway, of which the news has come."""
+    """Change options as a PATCH through another gateway does, and deliver the news of it."""
     before = at.courier.subscription
     assert await at.store.change(before, replace(before.options, **options))
     record = await at.store.record(at.id)
@@ -516,7 +516,7 @@ async def test_a_change_while_consent_is_awaited_holds_for_the_first_delivery(
 async def test_another_secret_signs_from_the_next_attempt_on(
     url: str, there: CallbackReceiver, at_once: list[int]
 ) -> None:
-    """What was in the queue, too: its body and its id are the same. An interval alone repeats nothing."""
+    """Queued messages are signed anew as well, with the same body and id. An interval alone repeats nothing."""
     there.script(Answer(), Answer(500, stalls=True))
     async with work(url, there) as at:
         await at.requests(1)

@@ -477,7 +477,7 @@ async def test_a_stream_that_is_changed_while_it_is_being_opened_has_the_new_opt
 async def test_a_change_of_which_no_news_came_is_found_in_a_comparison(
     servers: Servers, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of a stream that this gateway serves, by the service that compares what it serves with its records."""
+    """The service compares the streams that this gateway serves with their records."""
     monkeypatch.setattr(service_module, "RECONCILE_S", 0.1)
 
     async def untold() -> AsyncIterator[News]:

@@ -149,7 +149,7 @@ class Session:
             declaration.take(*news)
 
     def matching(self, kind: Kind, key: str) -> list[Declaration]:
-        """Of this session."""
+        """Return the declarations of this session that match."""
         return [each for each in self._own if each.kind == kind and intersects(each.key, key)]
 
     def peers(self, kind: Kind, key: str) -> list[Connection]:

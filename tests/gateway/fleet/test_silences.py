@@ -19,7 +19,7 @@ class Gateway:
         return self._silences.check(self.now_s, self.runs.values())
 
     def until_asked(self, robot: str = "r") -> float:
-        """How long it takes until a robot is asked."""
+        """Return the seconds until a robot is asked."""
         began_s = self.now_s
         while not any(doubt.token[0] == robot for doubt in self.check()):
             assert self.now_s < began_s + 1000.0, "it is never asked"

@@ -134,7 +134,7 @@ def _choice(names: str) -> str:
     ],
 )
 def test_of_a_choice_the_branch_that_is_meant_speaks(names: str, body: str, message: str) -> None:
-    """Whether there are so many branches that the one is looked up or not."""
+    """The number of branches, which decides if the branch is looked up, makes no difference."""
     assert _message(_choice(names), body) == message
 
 

@@ -66,7 +66,7 @@ def _set(predicate: str, value: str) -> str:
     ],
 )
 def test_the_options_are_changed_and_nothing_else(update: str, options: dict[str, object]) -> None:
-    """What the update leaves alone keeps its value to the last digit, and a secret that nobody can read stays."""
+    """Options outside the update keep their values to the last digit, and so does the secret, which nobody can read."""
     assert _after(update) == replace(_CALLBACK.options, **options)  # type: ignore[arg-type]
 
 

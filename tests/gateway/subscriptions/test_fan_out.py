@@ -735,7 +735,7 @@ def test_another_depth_or_media_type_begins_with_the_present_state(options: dict
 def test_a_change_in_the_middle_of_a_message_to_many_loses_and_repeats_nothing(
     monkeypatch: pytest.MonkeyPatch, options: dict[str, object]
 ) -> None:
-    """Whether the message has been brought to it or not: it has each version once, and the latest in the end."""
+    """The watcher has each version once and the latest in the end, before its turn in a message and after it."""
     _turns_of(monkeypatch, 4)
 
     async def test(world: World) -> None:
