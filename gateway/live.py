@@ -25,7 +25,6 @@ from gateway.meshes import Meshes
 from gateway.settings import GatewaySettings
 from gateway.subscriptions.fan_out import FanOut
 from gateway.transport import Opener
-from gateway.zenoh_session import open_session as open_zenoh
 
 _SEEN_AGAIN_S = 0.3
 _MEETING_S = 2.0  # before a gateway serves although it does not know all robots yet
@@ -38,7 +37,7 @@ log = logging.getLogger(__name__)
 class Live:
     """Owns the fleet, the invocations that are known here, and the link; an async context manager."""
 
-    def __init__(self, settings: GatewaySettings, open_session: Opener = open_zenoh) -> None:
+    def __init__(self, settings: GatewaySettings, open_session: Opener) -> None:
         keys = Keys(settings.namespace)
         self.fleet = Fleet(Frames(lambda robot: keys.robot(robot, "state")))
         self.invocations = Invocations()

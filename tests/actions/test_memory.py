@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from redis_servers import single
 from running import PATIENCE_S
+from virtual.zenoh_network import ZenohNetwork
 
 from gateway.actions.memory import Memory
 from gateway.actions.store import ActionStore
@@ -20,12 +21,40 @@ pytestmark = pytest.mark.virtual
 MOST = 10_000
 
 
+class Slow(ActionStore):
+    """The first answer of the method ``held`` is held back as long as a busy event loop may hold it back."""
+
+    def __init__(self, url: str, held: str) -> None:
+        super().__init__(url, "n", "run")
+        self._held = held
+        self.answered, self.handed_over = asyncio.Event(), asyncio.Event()
+
+    async def read(self, robot: str, id: str) -> Invocation | None:
+        found = await super().read(robot, id)
+        await self._hold("read")
+        return found
+
+    async def settings(self, robot: str) -> dict[str, str]:
+        found = await super().settings(robot)
+        await self._hold("settings")
+        return found
+
+    async def _hold(self, method: str) -> None:
+        if method == self._held and not self.answered.is_set():
+            self.answered.set()
+            await self.handed_over.wait()
+
+
+def _live() -> Live:
+    return Live(GatewaySettings(), ZenohNetwork().gateway("g"))
+
+
 def test_what_cannot_be_remembered_is_bounded_and_what_is_open_is_given_up_last(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     async def stop(*_: object) -> None: ...
 
-    memory = Memory(Live(GatewaySettings()), ActionStore("redis://127.0.0.1:1", "n", "run"), stop, lambda _: None)
+    memory = Memory(_live(), ActionStore("redis://127.0.0.1:1", "n", "run"), stop, lambda _: None)
     states = [InvocationState.RUNNING] + [InvocationState.SUCCEEDED] * (MOST + 1)
     made = [
         Invocation(str(number), "r", "/r/actions/stop", {}, time.time_ns(), time.time_ns(), state=state)
@@ -47,7 +76,7 @@ def test_a_stop_that_ends_before_it_is_recorded_is_remembered(tmp_path: Path) ->
 
     async def scenario(url: str) -> None:
         store, other = (ActionStore(url, "n", run) for run in ("one", "other"))
-        async with store, other, Memory(Live(GatewaySettings()), store, stop, lambda _: None) as memory:
+        async with store, other, Memory(_live(), store, stop, lambda _: None) as memory:
             await other.load()
             memory.begun(stopped)
             stopped.state = InvocationState.SUCCEEDED
@@ -70,7 +99,7 @@ def test_an_end_that_overtakes_the_answer_is_remembered_with_what_the_answer_say
 
     async def scenario(url: str) -> None:
         store, other = (ActionStore(url, "n", run) for run in ("one", "other"))
-        async with store, other, Memory(Live(GatewaySettings()), store, stop, lambda _: None) as memory:
+        async with store, other, Memory(_live(), store, stop, lambda _: None) as memory:
             await other.load()
             for each in (moved, later):
                 await store.open(each)
@@ -97,22 +126,9 @@ def test_what_is_deleted_while_it_is_read_stays_deleted(tmp_path: Path) -> None:
 
     async def stop(*_: object) -> None: ...
 
-    class Slow(ActionStore):
-        """Its answers to ``read`` are held back as long as a busy event loop may hold them back."""
-
-        def __init__(self, url: str) -> None:
-            super().__init__(url, "n", "run")
-            self.answered, self.handed_over = asyncio.Event(), asyncio.Event()
-
-        async def read(self, robot: str, id: str) -> Invocation | None:
-            found = await super().read(robot, id)
-            self.answered.set()
-            await self.handed_over.wait()
-            return found
-
     async def scenario(url: str) -> None:
-        live = Live(GatewaySettings())
-        async with Slow(url) as store, Memory(live, store, stop, lambda _: None) as memory:
+        live = _live()
+        async with Slow(url, "read") as store, Memory(live, store, stop, lambda _: None) as memory:
             await store.open(invocation)
             reading = asyncio.create_task(memory.fetch("r", "i"))
             await store.answered.wait()
@@ -142,7 +158,7 @@ def test_what_is_taken_back_while_the_store_cannot_be_reached_is_no_longer_set(t
             return await super().settings(robot)
 
     async def scenario(url: str) -> None:
-        live = Live(GatewaySettings())
+        live = _live()
         async with CutOff(url, "n", "one") as store, ActionStore(url, "n", "other") as other:
             await other.set_setting("r", "title", None, "x")
             async with Memory(live, store, stop, lambda _: None), asyncio.timeout(PATIENCE_S):
@@ -160,23 +176,9 @@ def test_what_is_taken_back_while_the_store_cannot_be_reached_is_no_longer_set(t
 def test_an_answer_that_comes_late_is_not_taken_for_what_is_set_now(tmp_path: Path) -> None:
     async def stop(*_: object) -> None: ...
 
-    class Slow(ActionStore):
-        """Its first answer to ``settings`` is held back."""
-
-        def __init__(self, url: str) -> None:
-            super().__init__(url, "n", "run")
-            self.answered, self.handed_over = asyncio.Event(), asyncio.Event()
-
-        async def settings(self, robot: str) -> dict[str, str]:
-            found = await super().settings(robot)
-            if not self.answered.is_set():
-                self.answered.set()
-                await self.handed_over.wait()
-            return found
-
     async def scenario(url: str) -> None:
-        live = Live(GatewaySettings())
-        async with Slow(url) as store, Memory(live, store, stop, lambda _: None) as memory:
+        live = _live()
+        async with Slow(url, "settings") as store, Memory(live, store, stop, lambda _: None) as memory:
             await store.set_setting("r", "title", None, "old")
             first = asyncio.create_task(memory.configured("r"))
             await store.answered.wait()

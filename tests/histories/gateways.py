@@ -12,6 +12,7 @@ from weakref import WeakSet
 
 from histories.history import History
 from histories.robots import LossyLink, Toy
+from virtual.zenoh_network import ZenohNetwork
 
 from gateway.actions import service as actions_module
 from gateway.actions.plan import Motion
@@ -170,7 +171,7 @@ class Gateway:
         self.run = new_run()
         self.store = ActionStore(url, NAMESPACE, self.run)
         self.objects, self.rules = ObjectStore(url, NAMESPACE), RuleStore(url, NAMESPACE, self.run)
-        self.live = Live(GatewaySettings())
+        self.live = Live(GatewaySettings(), ZenohNetwork().gateway(self.run))
         self.live.link = LossyLink(robots, draws)  # type: ignore[assignment]
         self._robots, self._watched, self._fan_out = robots, watched, watched.watch()
         self._remembered = ActionStore(url, NAMESPACE, self.run)

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from redis_backends import Backend
 from stored import until
+from virtual.zenoh_network import ZenohNetwork
 
 from gateway.fleet.model import Pose
 from gateway.live import Live
@@ -37,7 +38,7 @@ def known(server: Backend) -> Open:
     @asynccontextmanager
     async def make() -> Any:
         store = ObjectStore(server.url, "fleet")
-        async with Objects(Live(GatewaySettings()), store) as objects:
+        async with Objects(Live(GatewaySettings(), ZenohNetwork().gateway("g")), store) as objects:
             yield Known(objects, store)
 
     return make

@@ -9,6 +9,7 @@ from pathlib import Path
 import msgspec
 import pytest
 from meshes import channel, stl
+from virtual.zenoh_network import ZenohNetwork
 
 from agents.wire.codec import encode_state, layout
 from agents.wire.messages import Description, Mesh, Move, State
@@ -39,7 +40,7 @@ class Scene:
     """Robots with a mesh that they hand out when they are let, and the checks of their motions."""
 
     def __init__(self, folder: Path) -> None:
-        self.live = Live(GatewaySettings())
+        self.live = Live(GatewaySettings(), ZenohNetwork().gateway("g"))
         self.live.meshes = Meshes(self._ask)
         self.objects: dict[str, SceneObject] = {}
         self.checks = Checks(self.live, self.objects, folder)

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from pyoxigraph import Literal, NamedNode
+from virtual.zenoh_network import ZenohNetwork
 
 from gateway.fleet.invocations import Invocations
 from gateway.fleet.model import Pose
@@ -20,7 +21,7 @@ BASE = "http://fleet.test"
 
 def test_all_that_is_in_the_world_is_told_and_told_anew_when_it_changes(tmp_path: Path) -> None:
     settings = GatewaySettings()
-    live = Live(settings)
+    live = Live(settings, ZenohNetwork().gateway("g"))
     world = World(live, "unix:///nowhere", settings.namespace, tmp_path)
     sight = Sight(BASE, live.fleet.robots, InvocationsInView(Invocations(), ALL), ALL)
     where = Pose((0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0))
