@@ -1,6 +1,5 @@
-"""The checker, built once, and the seed of a run: HISTORIES_SEED repeats one."""
+"""The checker, built once, and the seed of a run, which ``--seed`` repeats."""
 
-import os
 import random
 
 import pytest
@@ -13,8 +12,8 @@ def checker(tmp_path_factory: pytest.TempPathFactory) -> Checker:
 
 
 @pytest.fixture
-def seed() -> int:
-    """Printed, so that a failure shows it."""
-    found = int(os.environ.get("HISTORIES_SEED") or random.randrange(10**9))
-    print(f"HISTORIES_SEED={found}")
+def seed(request: pytest.FixtureRequest) -> int:
+    """A new seed in each run without ``--seed``. A failure shows what is printed."""
+    found = int(request.config.getoption("--seed")) or random.randrange(1, 10**9)
+    print(f"--seed {found}")
     return found
