@@ -115,13 +115,6 @@ class Actor:
             self._kept.pop().undeclare()  # type: ignore[attr-defined]
 
 
-def play_gateway(session: zenoh.Session, keys: Keys, name: str) -> zenoh.LivelinessToken:
-    """Be a gateway for the robots: heartbeats until the session closes, and the token, to be kept as long."""
-    beats = session.declare_publisher(keys.heartbeat(name))
-    _repeat(session, 0.1, lambda: beats.put(b""))
-    return session.liveliness().declare_token(keys.gateway(name))
-
-
 def _repeat(session: zenoh.Session, period_s: float, act: Callable[[], None]) -> None:
     """Act again and again until the session closes: in a thread, or on virtual time by timers."""
     loop, pause = current(), threading.Event()

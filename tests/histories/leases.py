@@ -11,7 +11,6 @@ from gateway.actions.store import LeaseHeld, LeaseOver
 
 _MODEL = "lease"
 _DURATIONS_S = (0.03, 0.1, 0.4)
-_FOREVER_S = 10.0
 
 
 @dataclass
