@@ -65,6 +65,8 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         self.seed = seed
         self.clock = Clock()
         self.internet = Internet(self)
+        self.world: Any = None
+        """The ``virtual.processes.World`` of the loop, kept here so that it ends with the loop."""
         self.confined = list[Confined]()
         self._condition: Callable[[], object] | None = None
         self._main = getcurrent()

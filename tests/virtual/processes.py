@@ -11,7 +11,6 @@ from contextvars import Context
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import agents.transport
 from agents.serving import make_agent, serve
@@ -63,11 +62,11 @@ class World:
         return self._embedded[folder]
 
 
-_worlds: WeakKeyDictionary[VirtualLoop, World] = WeakKeyDictionary()
-
-
 def world(loop: VirtualLoop) -> World:
-    return _worlds.setdefault(loop, World(loop))
+    if loop.world is None:
+        loop.world = World(loop)
+    found: World = loop.world
+    return found
 
 
 def played_session(loop: VirtualLoop, endpoint: str) -> Any:
