@@ -13,7 +13,7 @@ from unittest import mock
 
 import httpcore
 from websockets.client import ClientProtocol
-from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.exceptions import ConnectionClosed
 from websockets.frames import Frame, Opcode
 from websockets.http11 import Response
 from websockets.protocol import State
@@ -337,6 +337,3 @@ class WebSocket:
                 self._connection.write(piece)
             elif not self._connection.transport.is_closing():
                 self._connection.transport.write_eof()
-
-
-__all__ = ["Connection", "InvalidStatus", "WebSocket", "clients_in_memory", "connect_tcp", "dial"]

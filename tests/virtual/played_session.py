@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from agents.transport import Query, TransportError
+from agents.transport import Query
 from virtual.loop import VirtualLoop
 from virtual.zenoh_agent import AgentSession
 from virtual.zenoh_sessions import Declaration
@@ -80,6 +80,3 @@ class PlayedSession:
 
     def close(self) -> None:
         self._loop.inside(self._session.end)
-
-
-__all__ = ["PlayedSession", "TransportError"]

@@ -23,7 +23,7 @@ from gateway.settings import GatewaySettings
 from gateway.store.connection import BadUrl
 from gateway.transport import LinkError, Session
 from virtual.confined import Confined, confined
-from virtual.loop import PATIENCE_S, VirtualLoop, current
+from virtual.loop import VirtualLoop, current
 from virtual.played_session import PlayedSession
 from virtual.redis_server import RedisServer
 from virtual.tcp import Listener
@@ -211,6 +211,3 @@ class _Logging(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         if confined() is self._process:
             self._lines.append(f"{self.format(record)}\n")
-
-
-__all__ = ["PATIENCE_S", "VirtualProcess", "World", "gateway_session", "world"]

@@ -22,7 +22,6 @@ class Internet:
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self.loop = loop
-        self.latency_s = 0.0
         self.names: dict[str, list[str]] = {"localhost": ["127.0.0.1"]}
         self.unreachable: set[tuple[str, int]] = set()
         """Addresses that packets do not reach: a connection neither opens nor fails."""
@@ -66,7 +65,7 @@ class Internet:
     ) -> tuple["MemoryTransport", Any]:
         """Open a connection. Raises ConnectionRefusedError where nothing listens."""
         address = self.look_up(host, port)[0][4]
-        await asyncio.sleep(self.latency_s)
+        await asyncio.sleep(0)
         caller = confined()
         if caller is not None and caller.dead:
             raise ConnectionRefusedError(111, "the process is dead")
@@ -147,12 +146,9 @@ class MemoryTransport(asyncio.Transport):
         else:
             self._process.run(callback, *arguments)
 
-    def _call_later(self, delay_s: float, callback: Callable[..., object], *arguments: object) -> None:
+    def _call_soon(self, callback: Callable[..., object], *arguments: object) -> None:
         """Schedule in the context of the process whose end this is, which may be stopped."""
-        if delay_s:
-            self.call(self._loop.call_later, delay_s, callback, *arguments)
-        else:
-            self.call(self._loop.call_soon, callback, *arguments)
+        self.call(self._loop.call_soon, callback, *arguments)
 
     # -- asyncio.Transport --------------------------------------------------------------------------------------------
 
@@ -193,7 +189,7 @@ class MemoryTransport(asyncio.Transport):
         if self._ending:
             raise RuntimeError("nothing can be written after the end")
         if self._reset is not None:
-            self._call_later(0, self._lose, self._reset)
+            self._call_soon(self._lose, self._reset)
         if self._closing or self._reset is not None:
             return
         self._unsent += data
@@ -214,7 +210,7 @@ class MemoryTransport(asyncio.Transport):
         self._closing = self._ending = True
         self._send()
         if not self._unsent:
-            self._call_later(0, self._lose, None)
+            self._call_soon(self._lose, None)
 
     def abort(self) -> None:
         """Drop what waits; the other end sees a reset."""
@@ -222,9 +218,9 @@ class MemoryTransport(asyncio.Transport):
             return
         self._closing = True
         self._unsent.clear()
-        self._call_later(0, self._lose, None)
+        self._call_soon(self._lose, None)
         if not self.silent:
-            self._other._call_later(self._internet.latency_s, self._other._reset_arrives)
+            self._other._call_soon(self._other._reset_arrives)
 
     # -- what travels -------------------------------------------------------------------------------------------------
 
@@ -237,17 +233,10 @@ class MemoryTransport(asyncio.Transport):
             return
         piece = self._unsent[: max(0, other._room - len(other._arrived))]
         del self._unsent[: len(piece)]
-        if self._internet.latency_s and piece:
-            self._loop.call_later(self._internet.latency_s, other._arrive, bytes(piece))  # into the kernel
-        else:
-            other._arrived += piece
+        other._arrived += piece
         if self._ending and not self._unsent:
-            self._loop.call_later(self._internet.latency_s, other._end_arrives)
+            self._loop.call_later(0, other._end_arrives)
         other._deliver_soon()
-
-    def _arrive(self, piece: bytes) -> None:
-        self._arrived += piece
-        self._deliver_soon()
 
     def _end_arrives(self) -> None:
         self._ended_there = True
@@ -264,7 +253,7 @@ class MemoryTransport(asyncio.Transport):
     def _deliver_soon(self) -> None:
         if not self._due and (self._arrived or self._ended_there or self._reset is not None):
             self._due = True
-            self._call_later(0, self._deliver)
+            self._call_soon(self._deliver)
 
     def _deliver(self) -> None:
         self._due = False
@@ -286,7 +275,7 @@ class MemoryTransport(asyncio.Transport):
     def _drained(self) -> None:
         """The other end has read: there is room."""
         if self._unsent or self._closing:
-            self._call_later(0, self._send_more)
+            self._call_soon(self._send_more)
 
     def _send_more(self) -> None:
         if self._unsent:

@@ -15,9 +15,9 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response, StreamingResponse
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket as Accepted
-from websockets.exceptions import ConnectionClosed
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from virtual.client import Connection, InvalidStatus, WebSocket, clients_in_memory
+from virtual.client import Connection, WebSocket, clients_in_memory
 from virtual.clock import Datetime
 from virtual.loop import NothingHappens, VirtualLoop, on_virtual_time, virtual_time
 from virtual.tcp import Listener
