@@ -6,7 +6,7 @@ Test modules take the fixture ``server``, and ``pytest_pyfunc_call``, by which a
 import asyncio
 import inspect
 import time
-from collections.abc import Awaitable, Callable, Coroutine, Iterator
+from collections.abc import Callable, Coroutine, Iterator
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, contextmanager
 from typing import Any, Protocol, TypeVar
 from unittest import mock
@@ -133,11 +133,6 @@ def hold_to(model: Callable[[Backend], RuleBasedStateMachine], server: Backend, 
     run_state_machine_as_test(
         lambda: model(server), settings=settings(max_examples=examples, stateful_step_count=steps)
     )
-
-
-async def awaited(work: Callable[[], Awaitable[T]]) -> T:
-    """Call something within the loop, and wait for it."""
-    return await work()
 
 
 def opened(server: Backend, context: AbstractAsyncContextManager[T]) -> Iterator[T]:

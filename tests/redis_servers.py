@@ -10,6 +10,7 @@ import subprocess
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import redis
 from running import eventually, free_port
@@ -154,12 +155,13 @@ class Servers:
 @contextlib.contextmanager
 def single(folder: Path) -> Iterator[Servers]:
     loop = current()
-    if loop is not None:
-        from virtual.redis_servers import MemoryServers  # it imports fakeredis, for which few tests wait
+    node: Any  # of either kind, which have one interface
+    if loop is None:
+        node = Server(folder)
+    else:
+        from virtual.redis_servers import MemoryServer  # it imports fakeredis, for which few tests wait
 
-        yield MemoryServers(loop)
-        return
-    node = Server(folder)
+        node = MemoryServer(loop)
     servers = Servers(node.url, [node])
     try:
         servers.start()

@@ -137,8 +137,3 @@ def contract(test: Callable[..., Awaitable[None]]) -> Callable[..., None]:
         part.run(lambda network: test(network, **arguments))
 
     return run
-
-
-async def until(condition: Callable[[], object]) -> None:
-    while not condition():  # noqa: ASYNC110 - set by threads of Zenoh
-        await asyncio.sleep(0.002)

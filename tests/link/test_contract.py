@@ -7,7 +7,8 @@ import asyncio
 from contextlib import AbstractContextManager
 
 import pytest
-from link.parts import Network, contract, until
+from link.parts import Network, contract
+from serving import until
 
 import agents.transport as agent_side
 import gateway.transport as gateway_side

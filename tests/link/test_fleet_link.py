@@ -5,7 +5,8 @@ import contextlib
 from collections.abc import AsyncIterator, Callable
 
 import pytest
-from link.parts import Memory, Network, contract, until
+from link.parts import Memory, Network, contract
+from serving import until
 
 from agents.transport import Query, Session
 from agents.wire.codec import encode, encode_state, layout

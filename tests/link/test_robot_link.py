@@ -6,8 +6,9 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from link.parts import LEASE_S, Memory, Network, contract, until
+from link.parts import LEASE_S, Memory, Network, contract
 from link.test_contract import asked, question
+from serving import until
 from virtual.zenoh_agent import AgentSession
 
 from agents.link import DuplicateNameError, RobotLink

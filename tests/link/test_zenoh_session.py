@@ -7,8 +7,9 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 import pytest
-from link.parts import Zenoh, until
+from link.parts import Zenoh
 from running import free_port
+from serving import until
 
 from agents.wire.keys import Keys
 from agents.wire.transport import HEARTBEAT_S

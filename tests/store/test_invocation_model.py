@@ -3,7 +3,7 @@
 import asyncio
 import time
 from collections import defaultdict
-from collections.abc import Awaitable, Callable, Iterable, Iterator
+from collections.abc import Awaitable, Callable, Coroutine, Iterable, Iterator
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, invariant, precondition, rule
-from redis_backends import Backend, Memory, awaited, hold_to
+from redis_backends import Backend, Memory, hold_to
 from stored import an_invocation, served
 
 from gateway.actions import store as store_module
@@ -125,12 +125,12 @@ class Invocations(RuleBasedStateMachine):
             refusal = Full
         if refusal is not None:
             with pytest.raises(refusal):
-                self.run(awaited(ask))
+                self.run(ask())
         elif key in known.keys:
-            assert self.run(awaited(ask)) == known.keys[key][0]
+            assert self.run(ask()) == known.keys[key][0]
         else:
             self.lose(lost, ask)
-            assert self.run(awaited(ask)) is None
+            assert self.run(ask()) is None
             known.put(one)
             if key:
                 known.keys[key] = one.id, digest
@@ -182,7 +182,7 @@ class Invocations(RuleBasedStateMachine):
         ask = lambda: self.stores[which].save(written)  # noqa: E731
         taken = held is not None and (not held.over or held == written)
         self.lose(lost, ask)
-        assert self.run(awaited(ask)) is taken
+        assert self.run(ask()) is taken
         if taken:
             self.robots[robot].invocations[id] = written
 
@@ -235,12 +235,12 @@ class Invocations(RuleBasedStateMachine):
     def in_memory(self) -> bool:
         return isinstance(self.server, Memory)
 
-    def lose(self, lost: bool, ask: Callable[[], Awaitable[object]]) -> None:
+    def lose(self, lost: bool, ask: Callable[[], Coroutine[Any, Any, object]]) -> None:
         """Ask, and do not hear the answer; whoever asks again must come to the same."""
         if lost and isinstance(self.server, Memory):
             self.server.redis.fail_after_executing(containing="EVAL")
             with pytest.raises(StoreUnavailable):
-                self.run(awaited(ask))
+                self.run(ask())
 
     @precondition(lambda self: self.in_memory)
     @rule(passing_s=st.integers(1, 40), watched=st.booleans())

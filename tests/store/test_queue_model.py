@@ -4,7 +4,7 @@ Gateways add, change, deliver, acknowledge, leave, crash between two steps of an
 """
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Coroutine
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, initialize, invariant, precondition, rule
-from redis_backends import Backend, Memory, awaited, hold_to
+from redis_backends import Backend, Memory, hold_to
 from stored import LIMIT, CrashedError, a_subscription, adopted, crash_after, held, listed
 
 from gateway.subscriptions.keys import Keys
@@ -250,17 +250,19 @@ class CallbackQueue(RuleBasedStateMachine):
 
     # -- what goes wrong in the middle --------------------------------------------------------------------------------
 
-    def interrupted(self, store: Store, steps: int, crashes: bool, work: Callable[[], Awaitable[Any]]) -> None:
+    def interrupted(
+        self, store: Store, steps: int, crashes: bool, work: Callable[[], Coroutine[Any, Any, object]]
+    ) -> None:
         """Begin something, and crash after so many commands or hear nothing of the last of them."""
         if crashes or not isinstance(self.server, Memory):
             crash_after(store, steps)
             with suppress(CrashedError):
-                self.run(awaited(work))
+                self.run(work())
             self.die(store)
         else:
             self.server.redis.fail_after_executing(steps + 1)
             with suppress(StoreUnavailable):
-                self.run(awaited(work))
+                self.run(work())
             self.server.redis.fail_after_executing(0)
 
     @rule(target=ids, which=WHICH, steps=st.integers(0, 5), crashes=st.booleans())

@@ -71,24 +71,3 @@ class MemoryServer:
             connection.write(b"*%d\r\n" % len(said) + b"".join(b"$%d\r\n%s\r\n" % (len(word), word) for word in said))
             first, _, rest = connection.read(1_000_000, _ANSWER_S).decode().partition("\r\n")
             return rest.removesuffix("\r\n") if first.startswith("$") else first
-
-
-class MemoryServers:
-    """Like ``redis_servers.Servers``, of one server without replicas."""
-
-    def __init__(self, loop: VirtualLoop) -> None:
-        self.nodes = [MemoryServer(loop)]
-        self.replicas: list[MemoryServer] = []
-        self.url = self.nodes[0].url
-
-    def start(self) -> None:
-        self.nodes[0].start()
-
-    def kill(self) -> None:
-        self.nodes[0].kill()
-
-    def discard(self) -> None:
-        """They go with their loop."""
-
-    def lasting_keys(self, pattern: str) -> list[str]:
-        return self.nodes[0].lasting_keys(pattern)
