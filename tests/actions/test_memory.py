@@ -45,6 +45,9 @@ class Slow(ActionStore):
             await self.handed_over.wait()
 
 
+async def _stop(*_: object) -> None: ...
+
+
 def _live() -> Live:
     return Live(GatewaySettings(), ZenohNetwork().gateway("g"))
 
@@ -52,9 +55,7 @@ def _live() -> Live:
 def test_what_cannot_be_remembered_is_bounded_and_what_is_open_is_given_up_last(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    async def stop(*_: object) -> None: ...
-
-    memory = Memory(_live(), ActionStore("redis://127.0.0.1:1", "n", "run"), stop, lambda _: None)
+    memory = Memory(_live(), ActionStore("redis://127.0.0.1:1", "n", "run"), _stop, lambda _: None)
     states = [InvocationState.RUNNING] + [InvocationState.SUCCEEDED] * (MOST + 1)
     made = [
         Invocation(str(number), "r", "/r/actions/stop", {}, time.time_ns(), time.time_ns(), state=state)
@@ -72,11 +73,9 @@ def test_a_stop_that_ends_before_it_is_recorded_is_remembered(tmp_path: Path) ->
     """The robot reports the end as it answers: both are taken before anything is written."""
     stopped = Invocation("i", "r", "/r/actions/stop", {}, time.time_ns(), time.time_ns() + 10**10, stops=())
 
-    async def stop(*_: object) -> None: ...
-
     async def scenario(url: str) -> None:
         store, other = (ActionStore(url, "n", run) for run in ("one", "other"))
-        async with store, other, Memory(_live(), store, stop, lambda _: None) as memory:
+        async with store, other, Memory(_live(), store, _stop, lambda _: None) as memory:
             await other.load()
             memory.begun(stopped)
             stopped.state = InvocationState.SUCCEEDED
@@ -95,11 +94,9 @@ def test_an_end_that_overtakes_the_answer_is_remembered_with_what_the_answer_say
     moved = Invocation("i", "r", "/r/j/actions/rotate", {"j": 1.0}, time.time_ns(), time.time_ns() + 10**10)
     later = Invocation("k", "r", "/r/j/actions/rotate", {"j": 1.0}, time.time_ns(), time.time_ns() + 10**10)
 
-    async def stop(*_: object) -> None: ...
-
     async def scenario(url: str) -> None:
         store, other = (ActionStore(url, "n", run) for run in ("one", "other"))
-        async with store, other, Memory(_live(), store, stop, lambda _: None) as memory:
+        async with store, other, Memory(_live(), store, _stop, lambda _: None) as memory:
             await other.load()
             for each in (moved, later):
                 await store.open(each)
@@ -124,11 +121,9 @@ def test_what_is_deleted_while_it_is_read_stays_deleted(tmp_path: Path) -> None:
     """The answers of the store to both come by different connections, in any order."""
     invocation = Invocation("i", "r", "/r/j/actions/rotate", {"j": 1.0}, time.time_ns(), time.time_ns() + 10**10)
 
-    async def stop(*_: object) -> None: ...
-
     async def scenario(url: str) -> None:
         live = _live()
-        async with Slow(url, "read") as store, Memory(live, store, stop, lambda _: None) as memory:
+        async with Slow(url, "read") as store, Memory(live, store, _stop, lambda _: None) as memory:
             await store.open(invocation)
             reading = asyncio.create_task(memory.fetch("r", "i"))
             await store.answered.wait()
@@ -143,8 +138,6 @@ def test_what_is_deleted_while_it_is_read_stays_deleted(tmp_path: Path) -> None:
 
 
 def test_what_is_taken_back_while_the_store_cannot_be_reached_is_no_longer_set(tmp_path: Path) -> None:
-    async def stop(*_: object) -> None: ...
-
     class CutOff(ActionStore):
         """The next question for settings meets an outage."""
 
@@ -161,7 +154,7 @@ def test_what_is_taken_back_while_the_store_cannot_be_reached_is_no_longer_set(t
         live = _live()
         async with CutOff(url, "n", "one") as store, ActionStore(url, "n", "other") as other:
             await other.set_setting("r", "title", None, "x")
-            async with Memory(live, store, stop, lambda _: None), asyncio.timeout(PATIENCE_S):
+            async with Memory(live, store, _stop, lambda _: None), asyncio.timeout(PATIENCE_S):
                 assert live.fleet.settings == {"r": {"title": "x"}}
                 store.away = True
                 await other.set_setting("r", "title", "x", None)
@@ -174,11 +167,9 @@ def test_what_is_taken_back_while_the_store_cannot_be_reached_is_no_longer_set(t
 
 
 def test_an_answer_that_comes_late_is_not_taken_for_what_is_set_now(tmp_path: Path) -> None:
-    async def stop(*_: object) -> None: ...
-
     async def scenario(url: str) -> None:
         live = _live()
-        async with Slow(url, "settings") as store, Memory(live, store, stop, lambda _: None) as memory:
+        async with Slow(url, "settings") as store, Memory(live, store, _stop, lambda _: None) as memory:
             await store.set_setting("r", "title", None, "old")
             first = asyncio.create_task(memory.configured("r"))
             await store.answered.wait()

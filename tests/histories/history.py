@@ -9,7 +9,6 @@ import json
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 
@@ -17,27 +16,23 @@ class Operation:
     """One operation that was called; it stays open until ``answered``."""
 
     def __init__(self, history: "History", line: dict[str, Any], lasting: bool) -> None:
-        self._history, self._line, self._lasting = history, line, lasting
+        self._history, self.line, self._lasting = history, line, lasting
 
     def answered(self, **output: Any) -> None:
         """Note the answer, which came just now. ``is_`` is the word for what was done."""
-        self._line |= {"return": self._history.now_ns(), "output": _plain(output)}
+        self.line |= {"return": self._history.now_ns(), "output": _plain(output)}
         self._history.answered += 1
-        self._history.open[self._line["key"]] -= self._lasting
+        self._history.open[self.line["key"]] -= self._lasting
 
     def never_was(self) -> None:
         """Take the operation back."""
-        self._history.open[self._line["key"]] -= self._lasting
+        self._history.open[self.line["key"]] -= self._lasting
         self._lasting = False
 
     @property
     def matters(self) -> bool:
         """Return False for a question without an answer: it tells nothing, and changed nothing."""
-        return self._lasting or self._line["return"] is not None
-
-    @property
-    def line(self) -> dict[str, Any]:
-        return self._line
+        return self._lasting or self.line["return"] is not None
 
 
 class History:
@@ -85,9 +80,6 @@ class History:
 
     def lines(self) -> str:
         return "".join(json.dumps(line) + "\n" for line in self)
-
-    def write(self, path: Path) -> None:
-        path.write_text(self.lines())
 
 
 def _plain(fields: dict[str, Any]) -> dict[str, Any]:
