@@ -107,6 +107,17 @@ class Gateway:
         assert answer.status_code == 201, answer.text
         return answer.headers["location"]
 
+    def post_stream(self, more: str = "") -> httpx.Response:
+        """POST a stream, which a client opens later."""
+        body = f"<> a <{HYBRIT.Subscription}> ; <{HYBRIT.onResource}> <{self.rotation}> {more} ."
+        return self.browser.http.post(self.container, content=body, headers=_TURTLE)
+
+    def posted_stream(self, more: str = "") -> str:
+        """The IRI of a stream that nobody has opened."""
+        answer = self.post_stream(more)
+        assert answer.status_code == 201, answer.text
+        return answer.headers["location"]
+
     def listed(self) -> set[str]:
         """What the container of the joint lists, as paths: gateways differ in nothing else."""
         return {httpx.URL(iri).path for iri in members(self.browser.page(self.container))}

@@ -7,12 +7,11 @@ from pathlib import Path
 
 import httpx
 import pytest
-from browser import DCTERMS, HYBRIT, LF
+from browser import DCTERMS, LF
 from commanding import (
     ENDED,
     PAN,
     PREFIXES,
-    TURTLE,
     WRIST,
     all_see,
     arm,
@@ -105,7 +104,7 @@ def test_a_request_that_waits_for_a_robot_is_answered(stage: Hub, memory: Server
 def test_streams_are_told_to_come_back_and_find_the_latest_value(stage: Hub, memory: Servers) -> None:
     """Those that were made by POST as well, also when they were never opened: they wait at the other gateway."""
     with gateways(stage, memory.url) as (one, other):
-        made, unopened = (posted(one) for _ in range(2))
+        made, unopened = (one.posted_stream() for _ in range(2))
         with Socket(one.rotation) as socket, Socket(made) as again, events(one.rotation) as stream:
             for each in (socket, again, stream):
                 each.next()
@@ -124,14 +123,6 @@ def test_streams_are_told_to_come_back_and_find_the_latest_value(stage: Hub, mem
         for iri in (made, unopened):
             assert other.browser.http.delete(other.here(iri)).status_code == 204
         assert other.listed() == set()
-
-
-def posted(gateway: Gateway) -> str:
-    """The IRI of a stream that nobody has opened."""
-    body = f"<> a <{HYBRIT.Subscription}> ; <{HYBRIT.onResource}> <{gateway.rotation}> ."
-    answer = gateway.browser.http.post(gateway.container, content=body, headers=TURTLE)
-    assert answer.status_code == 201, answer.text
-    return answer.headers["location"]
 
 
 def test_a_delivery_under_way_is_handed_over(stage: Hub, memory: Servers) -> None:
@@ -155,7 +146,7 @@ def test_a_gateway_ends_while_redis_hangs(stage: Hub, memory: Servers) -> None:
     with receiving() as receiver, gateways(stage, memory.url) as (one, other):
         one.subscribed(receiver.url())
         receiver.wait(1)
-        with Socket(one.rotation) as socket, Socket(posted(one)) as made:
+        with Socket(one.rotation) as socket, Socket(one.posted_stream()) as made:
             socket.next()
             made.next()
             node.pause()

@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
-import httpx
 import pytest
 from browser import HYBRIT, LF
 from rdflib import URIRef
@@ -69,18 +68,6 @@ def calm(process: Process, unwelcome: tuple[str, ...] = _UNWELCOME) -> None:
     assert not found, process.output
 
 
-def post(gateway: Gateway) -> httpx.Response:
-    body = f"<> a <{HYBRIT.Subscription}> ; <{HYBRIT.onResource}> <{gateway.rotation}> ."
-    return gateway.browser.http.post(gateway.container, content=body, headers={"content-type": "text/turtle"})
-
-
-def posted(gateway: Gateway) -> str:
-    """The IRI of a stream that nobody has opened."""
-    answer = post(gateway)
-    assert answer.status_code == 201, answer.text
-    return answer.headers["location"]
-
-
 def shown(gateway: Gateway, iri: str) -> tuple[bool, URIRef]:
     """Whether the container lists the subscription, and in which state it is."""
     page = gateway.description(iri)
@@ -100,7 +87,7 @@ def all_show(gateways: tuple[Gateway, ...], iri: str, kind: URIRef | None, state
 def test_a_stream_made_here_and_opened_there_goes_on(stage: Hub, pair: tuple[Gateway, Gateway]) -> None:
     """For longer than gateways take to compare what they hold; whoever deletes it through any of them ends it."""
     one, other = pair
-    iris = posted(one), posted(one)
+    iris = one.posted_stream(), one.posted_stream()
     with Socket(other.here(iris[0])) as socket, events(other.here(iris[1])) as stream:
         assert socket.next().angle == stream.next().angle == stage.angle
         end_s = time.monotonic() + 2 * RECONCILE_S + 1
@@ -124,7 +111,7 @@ def test_a_stream_that_is_opened_at_one_and_then_at_the_other_goes_over(
 ) -> None:
     """To and fro: who had it before hears so, and does not get it back by going."""
     one, other = pair
-    iri = posted(one)
+    iri = one.posted_stream()
     with Socket(one.here(iri)) as first:
         before = first
         first.next()
@@ -150,7 +137,7 @@ def test_a_stream_that_is_opened_at_one_and_then_at_the_other_goes_over(
 def test_an_event_stream_that_goes_over_ends_for_good(stage: Hub, pair: tuple[Gateway, Gateway]) -> None:
     """Or two pages with an EventSource each would take it from each other for ever."""
     one, other = pair
-    iri = posted(one)
+    iri = one.posted_stream()
     with events(one.here(iri)) as first, contextlib.ExitStack() as stack:
         first.next()
         second = stack.enter_context(events(other.here(iri)))
@@ -176,7 +163,7 @@ def test_an_event_stream_that_goes_over_ends_for_good(stage: Hub, pair: tuple[Ga
 def test_a_stream_that_is_closed_here_and_opened_there_at_once(stage: Hub, pair: tuple[Gateway, Gateway]) -> None:
     """Whichever gateway is told first: the one that closes it must not take it from the one that opens it."""
     one, other = pair
-    iri = posted(one)
+    iri = one.posted_stream()
     for each in 10 * (one, other):
         with Socket(each.here(iri)) as socket:
             socket.next()
@@ -228,7 +215,9 @@ def unused(at: Gateway) -> None:
             return at.get(at.container).status_code == 200 and Socket(at.rotation).close() is None
 
         def as_many_as_ever() -> bool:
-            made = [answer.headers["location"] for answer in (post(at) for _ in range(LIMIT)) if answer.is_success]
+            made = [
+                answer.headers["location"] for answer in (at.post_stream() for _ in range(LIMIT)) if answer.is_success
+            ]
             for iri in made:
                 assert at.browser.http.delete(iri).status_code == 204
             return len(made) == LIMIT
@@ -253,7 +242,7 @@ def test_clients_that_reset_their_connection_leave_nothing(stage: Hub, tmp_path:
     with gateway(stage, *limit, state=tmp_path) as at:
         swarm(at.rotation, 20)
         unused(at)
-        iri = posted(at)
+        iri = at.posted_stream()
         swarm(iri, 8)
         all_show((at,), iri, None, LF.waiting)
         with Socket(iri) as socket:
@@ -281,7 +270,7 @@ def test_clients_that_come_and_go_while_redis_hangs_leave_nothing(stage: Hub, tm
         (node,) = servers.nodes
         node.pause()
         swarm(at.rotation, 5)
-        assert post(at).status_code == 503
+        assert at.post_stream().status_code == 503
         node.resume()
         eventually(lambda: at.get(at.container).status_code == 200, "Redis again")
         unused(at)

@@ -54,13 +54,6 @@ def _set(**options: str) -> str:
     return f"DELETE {{ {before} }} INSERT {{ {after} }} WHERE {{ {before} }}"
 
 
-def _stream(gateway: Gateway, more: str = "") -> str:
-    body = f"<> a <{HYBRIT.Subscription}> ; <{HYBRIT.onResource}> <{gateway.rotation}> {more} ."
-    answer = gateway.browser.http.post(gateway.container, content=body, headers={"content-type": "text/turtle"})
-    assert answer.status_code == 201, answer.text
-    return answer.headers["location"]
-
-
 def _value(page: Page, predicate: URIRef) -> str:
     return str(page.graph.value(page.iri, predicate))
 
@@ -132,7 +125,7 @@ def test_an_open_stream_obeys_what_was_patched_at_another_gateway(
 ) -> None:
     """An hour of interval is over when the change is told, on the same connection; then every value comes."""
     one, other = two
-    iri = _stream(other, f"; <{LF.minimumInterval}> 3600")
+    iri = other.posted_stream(f"; <{LF.minimumInterval}> 3600")
     with opened(one.here(iri)) as stream:
         assert stream.next().angle == stage.angle
         stage.step()
@@ -154,7 +147,7 @@ def test_an_open_stream_obeys_what_was_patched_at_another_gateway(
 def test_a_patch_that_is_refused_says_why_and_changes_nothing(two: tuple[Gateway, Gateway]) -> None:
     """Each refusal links its constraint where there is one; OPTIONS, GET and 415 say what is taken."""
     one, _ = two
-    iri = _stream(one)
+    iri = one.posted_stream()
     before = one.description(iri).response.text
     for update, status in (
         (_set(minimumInterval="-1"), 422),
