@@ -28,7 +28,7 @@ BENCH_ARGS ?=
 SECOND_TRY := --second-try
 CADDY ?= $(or $(shell command -v caddy),$(CURDIR)/build/caddy/usr/bin/caddy)
 BIN := .venv/bin
-ASSETS := gateway/face/assets/manifest.json
+ASSETS := gateway/extensions/pages/assets/manifest.json
 NODE_WOT := tests/things/node_modules/.package-lock.json
 
 # Pins as variables, not as -c: the environment in which pip builds our own wheel reads them too.
@@ -186,4 +186,4 @@ $(NODE_WOT): tests/things/package.json | $(ASSETS)
 	@touch $@
 
 clean:
-	rm -rf .venv .venv-bare face/node_modules tests/things/node_modules gateway/face/assets build dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis
+	rm -rf .venv .venv-bare face/node_modules tests/things/node_modules gateway/extensions/pages/assets build dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis

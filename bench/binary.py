@@ -17,11 +17,11 @@ from bench.table import Row
 from gateway.fleet.events import Appeared, Described, Framed
 from gateway.fleet.fleet import Fleet
 from gateway.fleet.invocations import Invocations
-from gateway.graph.frames import FRAME_TYPES
-from gateway.graph.resource import Resource
-from gateway.graph.serialise import JELLY
-from gateway.graph.tree import Tree
 from gateway.identity.rights import ALL, View
+from gateway.rdf.serialise import JELLY
+from gateway.resources.binary_frames import FRAME_TYPES
+from gateway.resources.resource import Resource
+from gateway.resources.tree import Tree
 from gateway.subscriptions.topic import Topic
 
 JOINTS, RUNS = 20, 5

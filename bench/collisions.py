@@ -20,13 +20,13 @@ from agents.meshes import named
 from agents.robots.catalogue import MODELS, data_folder
 from bench.rigid import Around, Rigid
 from demo.tree import PLACES
+from gateway.extensions.world.collision_check import CLEARANCE_M, check
+from gateway.extensions.world.messages import Answer, Check, Free, Leg, Meets, Stood, Unable, Way
+from gateway.extensions.world.robot import Robot
+from gateway.extensions.world.shapes import robot_of
+from gateway.extensions.world.surfaces import read_mesh
+from gateway.extensions.world.surroundings import MARGIN_M
 from gateway.fleet.model import Pose
-from gateway.world.messages import Answer, Check, Free, Leg, Meets, Stood, Unable, Way
-from gateway.world.robot import Robot
-from gateway.world.shapes import robot_of
-from gateway.world.surfaces import read_mesh
-from gateway.world.surroundings import MARGIN_M
-from gateway.world.sweep import CLEARANCE_M, check
 
 TOLERANCE_M = 0.001  # half of the step at which the check looks where parts are near
 STEP_M = 0.004

@@ -19,17 +19,17 @@ from agents.wire.messages import Description
 from bench.caches import reads
 from bench.synthetic import Robot, name_of, robot, urdf
 from bench.table import Row, known
-from gateway.actions import scripts
+from gateway.actions import redis_scripts as scripts
 from gateway.fleet.events import Appeared, Described, Framed, Moved
 from gateway.fleet.fleet import Fleet
 from gateway.fleet.frames import Frames
 from gateway.fleet.invocations import Invocations
-from gateway.graph.tree import EMPTY, Tree
 from gateway.http.websocket import framed
-from gateway.store.connection import Connection
+from gateway.resources.subscription import Kind, Subscription
+from gateway.resources.tree import EMPTY, Tree
+from gateway.runtime.redis import Connection
 from gateway.subscriptions.fan_out import FanOut
 from gateway.subscriptions.message import Ending, Message
-from gateway.subscriptions.subscription import Kind, Subscription
 
 ROBOTS, JOINTS = 50, 10
 _BASE = "http://127.0.0.1:8000"

@@ -20,7 +20,7 @@ from starlette.responses import Response
 from starlette.routing import Route
 
 from agents.wire.trust import Credentials
-from gateway.session import settings
+from gateway.link.session_settings import settings
 
 STATE, QUESTION = "raw/state", "raw/question"
 SENT = struct.Struct("<q")

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from agents.meshes import locate
-from gateway.world.surfaces import read_mesh
+from gateway.extensions.world.surfaces import read_mesh
 
 Array = npt.NDArray[np.float64]
 _MOVES = ("revolute", "continuous", "prismatic")

@@ -24,7 +24,7 @@ ENV NODE_EXTRA_CA_CERTS=/etc/ssl/certs/ca-certificates.crt NPM_CONFIG_CAFILE=/et
 COPY deploy/requirements-pages.txt deploy/
 RUN pip install -q --require-hashes -r deploy/requirements-pages.txt
 COPY face face
-RUN mkdir -p gateway/face && face/build "$(command -v python)"
+RUN mkdir -p gateway/extensions/pages && face/build "$(command -v python)"
 
 FROM packages AS built
 COPY pyproject.toml README.md LICENSE ./
@@ -34,7 +34,7 @@ COPY client client
 COPY gateway gateway
 COPY shapes shapes
 COPY telemetry telemetry
-COPY --from=pages /build/gateway/face/assets gateway/face/assets
+COPY --from=pages /build/gateway/extensions/pages/assets gateway/extensions/pages/assets
 COPY deploy/bill_of_materials.py deploy/
 COPY face/package.json face/
 RUN --mount=from=pages,source=/build/face/node_modules,target=/build/face/node_modules \

@@ -1,4 +1,4 @@
-// Bundles what pages need into ../gateway/face/assets, each file named by its content, and writes down the licences.
+// Bundles what pages need into ../gateway/extensions/pages/assets, each file named by its content, and writes down the licences.
 
 import { mkdir, readdir, readFile, rm, writeFile } from "node:fs/promises";
 import path from "node:path";

@@ -17,26 +17,26 @@ from agents.wire.messages import State
 from fuzz import mutation
 from fuzz.findings import Tally, in_process
 from fuzz.good import BODIES, JOINTS, TERMS, TURTLE_PREFIXES, able_arm
+from gateway.actions.action_request import Asked, moment_of
 from gateway.actions.admission import admit
-from gateway.actions.asked import Asked, moment_of
-from gateway.actions.handlers import HANDLERS
-from gateway.actions.offer import Offer
+from gateway.actions.handler_table import HANDLERS
 from gateway.actions.plan import Later, Motion
-from gateway.errors import FleetError, UnprocessableContent
+from gateway.base.errors import FleetError, UnprocessableContent
 from gateway.fleet.events import Appeared, Described, Framed
 from gateway.fleet.fleet import Fleet
 from gateway.fleet.invocations import Invocations
-from gateway.graph.affordance import Control, Invoke, PutSetting, PutTarget
-from gateway.graph.build import Graph
-from gateway.graph.judge import reachable
-from gateway.graph.resource import Resource
-from gateway.graph.setting import judged
-from gateway.graph.subscription import requested
-from gateway.graph.tree import Tree
-from gateway.graph.validation import root
-from gateway.graph.vocab import LF
 from gateway.http.body import parse_body
 from gateway.http.invoke import MAX_TRIPLES
+from gateway.rdf.graph import Graph
+from gateway.rdf.shacl_validator import reachable
+from gateway.rdf.validation import root
+from gateway.rdf.vocabulary import LF
+from gateway.resources.action_offer import Offer
+from gateway.resources.affordance import Control, Invoke, PutSetting, PutTarget
+from gateway.resources.resource import Resource
+from gateway.resources.setting import judged
+from gateway.resources.subscription_resource import requested
+from gateway.resources.tree import Tree
 
 BASE = "http://127.0.0.1:8000"
 _SYNTAXES = {"application/n-triples": RdfFormat.N_TRIPLES, "application/rdf+xml": RdfFormat.RDF_XML}

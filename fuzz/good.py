@@ -8,7 +8,7 @@ from actor import SIMPLE, joint, link, robot
 
 from agents.wire.codec import encode, encode_state, layout
 from agents.wire.messages import WIRE_VERSION, Base, Description, State
-from gateway.graph.vocab import PREFIXES
+from gateway.rdf.vocabulary import PREFIXES
 
 ARM = robot(
     link("base"), link("upper"), link("cart"), link("wheel"), link("finger"), link("tip", inertial=False),

@@ -26,7 +26,7 @@ from fuzz import good, mutation
 from fuzz.findings import Tally, random_of
 from fuzz.living import PATIENCE_S, Living, in_batches, living
 from fuzz.wire import spoilt, spoilt_description, torn
-from gateway.graph.paths import robot_path
+from gateway.resources.paths import robot_path
 
 _NAMES = ("liar", "liar 2", "é", "pose")
 _KINDS = (

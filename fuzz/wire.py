@@ -18,16 +18,16 @@ from agents.wire.pictures import MAGICS, Moment, encode_picture
 from fuzz import good, mutation
 from fuzz.body import Patient
 from fuzz.findings import Tally, in_process
-from gateway.errors import FleetError
+from gateway.base.errors import FleetError
+from gateway.extensions.cameras.camera import read_picture
 from gateway.fleet.answers import read_description, read_mesh, read_reply
-from gateway.fleet.cameras import read_picture
 from gateway.fleet.events import Appeared, Described, Framed, Undescribed, Vanished
 from gateway.fleet.fleet import Fleet
 from gateway.fleet.invocations import Invocation, Invocations
-from gateway.graph.paths import robot_path
-from gateway.graph.resource import Resource
-from gateway.graph.tree import Tree
 from gateway.http.representation import negotiated
+from gateway.resources.paths import robot_path
+from gateway.resources.resource import Resource
+from gateway.resources.tree import Tree
 
 _BASE = "http://127.0.0.1"
 _KEYS = Keys()

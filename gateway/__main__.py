@@ -13,17 +13,17 @@ from contextlib import asynccontextmanager
 import uvloop
 
 from agents.wire.trust import is_loopback, open_to_all
-from gateway.app import create_app
-from gateway.exposure import complaints
+from gateway.app.application import create_app
+from gateway.app.exposure import complaints
+from gateway.app.settings import GatewaySettings
 from gateway.http.server import Server
 from gateway.http.tls import Certificate
 from gateway.identity.roster import BadRoster
-from gateway.observe.log import configure
-from gateway.observe.tracing import Tracing, open_tracing
-from gateway.session import trust
-from gateway.settings import GatewaySettings
-from gateway.store.connection import BadUrl
-from gateway.transport import LinkError
+from gateway.link.session_settings import trust
+from gateway.link.transport import LinkError
+from gateway.runtime.log import configure
+from gateway.runtime.redis import BadUrl
+from gateway.runtime.tracing import Tracing, open_tracing
 from telemetry.spans import TracingUnavailable
 
 # An Upgrade that is ignored, and each WebSocket that comes and goes.

@@ -10,7 +10,7 @@ from pathlib import Path
 import redis
 from running import eventually
 
-from gateway.store import embedded
+from gateway.runtime import embedded_redis as embedded
 
 Damage = Callable[[Path], object]
 MANIFEST = "appendonly.aof.manifest"

@@ -6,29 +6,29 @@ from pyoxigraph import NamedNode, Triple
 
 from agents.wire.codec import layout
 from agents.wire.messages import WIRE_VERSION, Camera, Description
+from gateway.extensions.cameras.resources import cameras_wing
+from gateway.extensions.history.recorder import History
+from gateway.extensions.history.resources import Past
+from gateway.extensions.history.resources import wings as histories
+from gateway.extensions.history.span import Span
+from gateway.extensions.rules.description import wing as rules_wing
+from gateway.extensions.rules.rule import Firing, FiringState, Known, Rule
+from gateway.extensions.things.directory import WINGS as THINGS
+from gateway.extensions.world.resources import in_world
+from gateway.extensions.world.scene import Box, Cylinder, SceneObject, Sphere, TriangleMesh
 from gateway.fleet.events import Appeared, Described, Undescribed
 from gateway.fleet.fleet import Fleet
 from gateway.fleet.invocation import FLEET, Invocation, InvocationState
 from gateway.fleet.invocations import Invocations
 from gateway.fleet.lease import Lease
 from gateway.fleet.model import Pose
-from gateway.graph.build import Graph
-from gateway.graph.cameras import cameras_wing
-from gateway.graph.resource import Resource
-from gateway.graph.tree import Tree
-from gateway.graph.vocab import HYBRIT, LF
-from gateway.graph.wing import FleetWing, Wings
-from gateway.history.recorder import History
-from gateway.history.span import Span
-from gateway.history.wings import Past
-from gateway.history.wings import wings as histories
-from gateway.rules.description import wing as rules_wing
-from gateway.rules.rule import Firing, FiringState, Known, Rule
-from gateway.subscriptions.subscription import Delivery, DeliveryState, Kind, Record, Subscription
-from gateway.things.directory import WINGS as THINGS
-from gateway.world.placement import WORLD
-from gateway.world.resources import in_world
-from gateway.world.scene import Box, Cylinder, SceneObject, Sphere, TriangleMesh
+from gateway.rdf.graph import Graph
+from gateway.rdf.vocabulary import HYBRIT, LF
+from gateway.resources.extension import FleetWing, Wings
+from gateway.resources.placement import WORLD
+from gateway.resources.resource import Resource
+from gateway.resources.subscription import Delivery, DeliveryState, Kind, Record, Subscription
+from gateway.resources.tree import Tree
 
 BASE = "http://example.org"
 _NOW_NS = 1_700_000_000_000_000_000

@@ -7,13 +7,13 @@ from actor import joint, link, robot
 
 from agents.wire.codec import encode_state, layout
 from agents.wire.messages import Base, Description, State
+from gateway.extensions.query.fleet_mirror import Mirror
+from gateway.extensions.query.messages import Ask, decode_ask, encode
+from gateway.extensions.query.snapshot import Feed
 from gateway.fleet.events import Appeared, Described, Framed, Vanished
 from gateway.fleet.fleet import Fleet
 from gateway.fleet.invocations import Invocations
-from gateway.graph.wing import NONE
-from gateway.query.messages import Ask, decode_ask, encode
-from gateway.query.mirror import Mirror
-from gateway.query.snapshot import Feed
+from gateway.resources.extension import NONE
 
 URDF = robot(
     link("base"), link("arm"), link("hand", inertial=False), link("tip"),

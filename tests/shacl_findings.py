@@ -17,9 +17,9 @@ from pyshacl.constraints.core import value_range_constraints
 from pyshacl.pytypes import SHACLExecutor
 from pyshacl.shapes_graph import ShapesGraph
 
-from gateway.graph.build import Node, Term
-from gateway.graph.compiled import Data, compile_shape
-from gateway.graph.vocab import XSD
+from gateway.rdf.compiled import Data, compile_shape
+from gateway.rdf.graph import Node, Term
+from gateway.rdf.vocabulary import XSD
 
 logging.getLogger("rdflib.term").setLevel(logging.ERROR)
 _compare = value_range_constraints.compare_literal

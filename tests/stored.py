@@ -10,11 +10,11 @@ from typing import Any, Protocol, TypeVar
 
 from running import PATIENCE_S
 
+from gateway.extensions.rules.rule import Rule
 from gateway.fleet.invocations import Invocation, InvocationState
-from gateway.rules.rule import Rule
-from gateway.store.connection import StoreUnavailable
+from gateway.resources.subscription import Kind, Record, Subscription
+from gateway.runtime.redis import StoreUnavailable
 from gateway.subscriptions.store import Outgoing, Store
-from gateway.subscriptions.subscription import Kind, Record, Subscription
 
 T = TypeVar("T")
 LIMIT = 1000

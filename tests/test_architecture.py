@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from agents.settings import SETTINGS
-from gateway.actions.definition import definitions
-from gateway.graph import kinds
-from gateway.graph.serialise import parse
-from gateway.graph.subscription import requested
-from gateway.settings import GatewaySettings
+from gateway.app.settings import GatewaySettings
+from gateway.rdf import kinds
+from gateway.rdf.serialise import parse
+from gateway.resources.action_definition import definitions
+from gateway.resources.subscription_resource import requested
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "ARCHITECTURE.md").read_text()

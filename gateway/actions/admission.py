@@ -6,18 +6,18 @@ from functools import lru_cache
 
 from pyoxigraph import NamedNode, Triple
 
-from gateway.actions.body import Body, own_part
-from gateway.actions.definition import Definition
-from gateway.actions.offer import Offer
-from gateway.actions.poses import poses
-from gateway.errors import UnprocessableContent
+from gateway.base.errors import UnprocessableContent
 from gateway.fleet.model import Joint, RobotModel
 from gateway.fleet.robot import Robot
-from gateway.graph.build import Graph, Node
-from gateway.graph.judge import Judge
-from gateway.graph.unused import Terms, refuse, subjects, unused
-from gateway.graph.validation import check_writable, root
-from gateway.graph.vocab import HYBRIT, LF, MATHS, QUDT, RDF, ROS, SPATIAL, VOM
+from gateway.rdf.graph import Graph, Node
+from gateway.rdf.shacl_validator import Judge
+from gateway.rdf.unused import Terms, refuse, subjects, unused
+from gateway.rdf.validation import check_writable, root
+from gateway.rdf.vocabulary import HYBRIT, LF, MATHS, QUDT, RDF, ROS, SPATIAL, VOM
+from gateway.resources.action_body import Body, own_part
+from gateway.resources.action_definition import Definition
+from gateway.resources.action_offer import Offer
+from gateway.resources.named_poses import poses
 
 _OWN = (HYBRIT, LF, MATHS, QUDT, ROS, SPATIAL, VOM)
 """The vocabularies that actions speak in."""

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from gateway.errors import TooManyInvocations
+from gateway.base.errors import TooManyInvocations
 from gateway.fleet.invocations import Invocations
 
 

@@ -7,11 +7,20 @@ from typing import cast
 
 from agents.wire.messages import RefusalCode, Refused
 from gateway.actions.store import KeyReused, LeaseHeld, LeaseOver, StoreUnavailable
-from gateway.errors import AgentSilent, Changed, Collides, Conflict, Controlled, RefusedByAgent, StoreAway, Unchecked
-from gateway.errors import KeyReused as KeyReusedError
+from gateway.base.errors import (
+    AgentSilent,
+    Changed,
+    Collides,
+    Conflict,
+    Controlled,
+    RefusedByAgent,
+    StoreAway,
+    Unchecked,
+)
+from gateway.base.errors import KeyReused as KeyReusedError
 from gateway.fleet.invocations import Invocation
 from gateway.fleet.robot import Robot
-from gateway.graph.invocation import invocation_path
+from gateway.resources.invocation import invocation_path
 
 
 def lease_of(robot: Robot) -> str:

@@ -10,24 +10,24 @@ from types import TracebackType
 from typing import Protocol, Self
 
 from agents.wire.messages import WIRE_VERSION, Accepted, Command, Progress, Refused, Reply, Stop
-from gateway.actions.alertness import Alertness
 from gateway.actions.caller import Caller
 from gateway.actions.commands import command_of
-from gateway.actions.memory import Memory
 from gateway.actions.plan import Halt, Later, Motion
 from gateway.actions.quota import Quota
 from gateway.actions.refusals import lease_of, refusal, refusals, repeated, silence
+from gateway.actions.replicated_invocations import Memory
+from gateway.actions.stall_detector import Alertness
 from gateway.actions.store import ActionStore, Full, StoreUnavailable
 from gateway.actions.waiting import Waiting
-from gateway.ending import end
-from gateway.errors import AgentSilent, Busy, Collides, Conflict, Unchecked
+from gateway.base.errors import AgentSilent, Busy, Collides, Conflict, Unchecked
 from gateway.fleet.invocations import FLEET, Invocation, InvocationState
 from gateway.fleet.robot import Robot
-from gateway.graph.invocation import invocation_path
 from gateway.identity.rights import ALL, View
-from gateway.link import NoAnswer
-from gateway.live import Live
-from gateway.observe.counts import Commands
+from gateway.link.fleet_link import NoAnswer
+from gateway.resources.invocation import invocation_path
+from gateway.runtime.cancellation import end
+from gateway.runtime.counters import Commands
+from gateway.subscriptions.live import Live
 
 log = logging.getLogger(__name__)
 

@@ -15,12 +15,12 @@ from typing import Literal, Self, cast, get_args
 
 import msgspec
 
-from gateway.actions import scripts
-from gateway.actions.keys import Keys, hashed, robot_of, tag
-from gateway.ending import end
+from gateway.actions import redis_scripts as scripts
+from gateway.actions.redis_keys import Keys, hashed, robot_of, tag
 from gateway.fleet.invocations import MAX_TERMINAL, Invocation
 from gateway.fleet.lease import Lease
-from gateway.store.connection import BACKOFF_S, GATHER_S, Connection, StoreUnavailable, heed_cancellation
+from gateway.runtime.cancellation import end
+from gateway.runtime.redis import BACKOFF_S, GATHER_S, Connection, StoreUnavailable, heed_cancellation
 
 __all__ = ["KEPT_S", "ActionStore", "Full", "KeyReused", "Lease", "LeaseHeld", "LeaseOver", "News", "StoreUnavailable"]
 _log = logging.getLogger(__name__)

@@ -17,13 +17,13 @@ from typing import Any, Literal
 
 from agents.wire.codec import WireError, read_header
 from agents.wire.messages import Description
-from gateway.fleet.complaints import Complaints
 from gateway.fleet.events import Appeared, Described, Event, Framed, Moved, Undescribed, Vanished
 from gateway.fleet.frames import Frames
 from gateway.fleet.lease import Lease
 from gateway.fleet.limit_watch import LimitWatch
 from gateway.fleet.observation import Observation
 from gateway.fleet.presence import MAX_RUNS
+from gateway.fleet.rejected_messages import Complaints
 from gateway.fleet.robot import Robot
 
 __all__ = [

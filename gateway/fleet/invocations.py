@@ -7,8 +7,8 @@ from dataclasses import fields
 from itertools import islice
 
 from agents.wire.messages import Progress
-from gateway.fleet.commanded import Commanded
 from gateway.fleet.invocation import FLEET, Invocation, InvocationState, gather, has_ended, merged, word
+from gateway.fleet.target_index import Commanded
 
 __all__ = ["FLEET", "MAX_TERMINAL", "Invocation", "InvocationState", "Invocations"]
 

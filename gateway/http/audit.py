@@ -6,17 +6,17 @@ from urllib.parse import urlsplit
 from pyoxigraph import Literal, NamedNode
 from starlette.requests import HTTPConnection
 
-from gateway.errors import NotFound, StoreAway
-from gateway.graph.build import Graph, integer, timestamp
-from gateway.graph.paths import AUDIT as PATH
-from gateway.graph.paths import robot_of, robot_path
-from gateway.graph.resource import CONTAINER, Resource
-from gateway.graph.vocab import DCTERMS, LDP, LF, PROV, RDFS, XHV
+from gateway.base.errors import NotFound, StoreAway
 from gateway.http.rights import caller_of, name_of
 from gateway.identity.rights import Right
-from gateway.observe.audit import PAGE, Audit, Entry
-from gateway.observe.context import present
-from gateway.store.connection import StoreUnavailable
+from gateway.rdf.graph import Graph, integer, timestamp
+from gateway.rdf.vocabulary import DCTERMS, LDP, LF, PROV, RDFS, XHV
+from gateway.resources.paths import AUDIT as PATH
+from gateway.resources.paths import robot_of, robot_path
+from gateway.resources.resource import CONTAINER, Resource
+from gateway.runtime.audit_log import PAGE, Audit, Entry
+from gateway.runtime.redis import StoreUnavailable
+from gateway.runtime.request_context import present
 
 NEEDS = (Right.ADMIN,)
 _NOTHING_DONE = (401, 404, 405)

@@ -7,19 +7,19 @@ from starlette.requests import Request
 from starlette.responses import RedirectResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from gateway.errors import FleetError, ForeignOrigin, IssuerAway, StoreAway, Unauthenticated
-from gateway.graph.paths import is_public
-from gateway.graph.serialise import MEDIA_TYPES
-from gateway.graph.vocab import PREFIXES
-from gateway.http.cookies import read_cookie
+from gateway.base.errors import FleetError, ForeignOrigin, IssuerAway, StoreAway, Unauthenticated
+from gateway.extensions.sessions.cookies import read_cookie
+from gateway.extensions.sessions.login import Login
 from gateway.http.host import refuse
-from gateway.http.login import Login
 from gateway.http.negotiation import choose
 from gateway.identity.jwts import BadToken
 from gateway.identity.rights import NOBODY, Identity
 from gateway.identity.service import Identities
 from gateway.identity.store import StoreUnavailable
 from gateway.identity.web import IssuerSilent
+from gateway.rdf.serialise import MEDIA_TYPES
+from gateway.rdf.vocabulary import PREFIXES
+from gateway.resources.paths import is_public
 
 _READ = ("GET", "HEAD", "OPTIONS")
 _STARTS = ("http.response.start", "websocket.http.response.start")

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 from pyoxigraph import NamedNode
 from starlette.requests import Request
 
-from gateway.actions.body import own_part
-from gateway.graph.build import Graph
-from gateway.graph.resource import CONTAINER, Resource
-from gateway.graph.vocab import LDP
 from gateway.http.fields import field
 from gateway.http.prefer import parse_prefer
+from gateway.rdf.graph import Graph
+from gateway.rdf.vocabulary import LDP
+from gateway.resources.action_body import own_part
+from gateway.resources.resource import CONTAINER, Resource
 
 _MINIMAL, _CONTAINMENT = LDP.PreferMinimalContainer.value, LDP.PreferContainment.value
 # A basic container has no triples of membership but those of containment: to leave them out changes nothing.

@@ -7,24 +7,24 @@ from pyoxigraph import Triple
 from starlette.requests import Request
 from starlette.responses import Response
 
-from gateway.actions.body import Body
-from gateway.actions.memory import Memory
+from gateway.actions.replicated_invocations import Memory
 from gateway.actions.service import Actions
-from gateway.errors import BadRequest, NotFound
-from gateway.graph.affordance import Control, PutSetting
-from gateway.graph.paths import lease_path
-from gateway.graph.resource import Resource
-from gateway.graph.setting import Setting, judged
-from gateway.graph.unused import shown
-from gateway.graph.vocab import LF
+from gateway.base.errors import BadRequest, NotFound
 from gateway.http.body import FORM_TYPES, body_type, parse_body, parse_form, read_as
 from gateway.http.invoke import lock_token, refuse_rehearsal
 from gateway.http.patch import patched, read_patch
 from gateway.http.preconditions import present_under_preconditions
 from gateway.http.rights import tree_of
+from gateway.rdf.unused import shown
+from gateway.rdf.vocabulary import LF
+from gateway.resources.action_body import Body
+from gateway.resources.affordance import Control, PutSetting
+from gateway.resources.paths import lease_path
+from gateway.resources.resource import Resource
+from gateway.resources.setting import Setting, judged
 
 if TYPE_CHECKING:
-    from gateway.things.schema import Form
+    from gateway.extensions.things.schema import Form
 
 # All are in every description and on every page of the robot.
 MAX_ANNOTATION_TRIPLES = 256
@@ -98,7 +98,7 @@ async def _read_setting(request: Request, setting: Setting, base: str) -> list[T
         return await read_as(request, lambda body: parse_body(body, media_type, iri, base, MAX_ANNOTATION_TRIPLES))
 
     def form() -> "Form":
-        from gateway.things.schema import form_of
+        from gateway.extensions.things.schema import form_of
 
         return form_of(shape)
 

@@ -2,8 +2,8 @@
 
 from starlette.responses import Response
 
-from gateway.graph.resource import Resource
 from gateway.http.representation import Representation
+from gateway.resources.resource import Resource
 
 
 def created(resource: Resource, representation: Representation, base: str) -> Response:

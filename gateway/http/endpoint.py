@@ -13,7 +13,7 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket
 
-from gateway.errors import (
+from gateway.base.errors import (
     BadRequest,
     FleetError,
     MethodNotAllowed,
@@ -25,26 +25,20 @@ from gateway.errors import (
     UnprocessableContent,
     UnsupportedMediaType,
 )
-from gateway.face.policy import FORMS, POLICY
-from gateway.graph.affordance import (
-    Affordance,
-    ChangeSubscription,
-    Control,
-    EndInvocation,
-    Invoke,
-    PutSetting,
-    PutTarget,
-    ResumeSubscription,
-    Subscribe,
-)
-from gateway.graph.cameras import Eye
-from gateway.graph.paths import is_below, owner_path, robot_of
-from gateway.graph.resource import CONTAINER, Redirect, Remote, Resource
-from gateway.graph.subscription import container_path
-from gateway.graph.tree import EMPTY, Shelf
-from gateway.graph.vocab import PREFIXES
-from gateway.graph.wing import Found
-from gateway.history.wings import Past
+from gateway.extensions.cameras.http import picture, picture_type
+from gateway.extensions.cameras.resources import Eye
+from gateway.extensions.history.http import read_past
+from gateway.extensions.history.resources import Past
+from gateway.extensions.pages.policy import FORMS, POLICY
+from gateway.extensions.query.description import Endpoint, PostQuery
+from gateway.extensions.query.http import QUERY_TYPES, is_query, post_query, read_query
+from gateway.extensions.rules.description import ChangeRule, MakeRule
+from gateway.extensions.rules.http import change_rule, post_rule
+from gateway.extensions.things.directory import Listing
+from gateway.extensions.things.documents import DIRECTORY
+from gateway.extensions.things.http import read_listing
+from gateway.extensions.world.http import posed, post_object, put_object
+from gateway.extensions.world.resources import AskPose, PostObject, PutObject
 from gateway.http.audit import NEEDS as AUDIT_NEEDS
 from gateway.http.audit import audit_resource, is_audit, note, with_audit
 from gateway.http.body import BODY_TYPES, FORM_TYPES
@@ -52,20 +46,18 @@ from gateway.http.conditional import not_modified, precondition_holds
 from gateway.http.containers import preferred_part, shown_part
 from gateway.http.control import control, put_setting
 from gateway.http.fields import field
+from gateway.http.health import store_warning
 from gateway.http.invoke import end_invocation, invoke, put_target
 from gateway.http.links import Link, link_header
 from gateway.http.models import check_model
 from gateway.http.negotiation import choose
-from gateway.http.past import read_past
 from gateway.http.patch import PATCH_TYPES
-from gateway.http.pictures import picture, picture_type
 from gateway.http.preconditions import await_preconditions, check_preconditions
 from gateway.http.problem import problem
-from gateway.http.query import QUERY_TYPES, is_query, post_query, read_query
 from gateway.http.repeatable import offer_repeat
 from gateway.http.representation import negotiated, preferred
 from gateway.http.rights import SEES_SUBSCRIPTIONS, caller_of, demand, shown, tree_of
-from gateway.http.rules import change_rule, post_rule
+from gateway.http.stop_priority import Turns
 from gateway.http.streams import EventStream, is_over, open_websocket, wants_events
 from gateway.http.subscribe import (
     check_handshake,
@@ -76,18 +68,26 @@ from gateway.http.subscribe import (
     wants_callback,
 )
 from gateway.http.subscription_change import change_subscription
-from gateway.http.things import read_listing
-from gateway.http.turns import Turns
-from gateway.http.world import posed, post_object, put_object
 from gateway.identity.rights import Right
-from gateway.live import Live
-from gateway.observe.health import store_warning
-from gateway.query.description import Endpoint, PostQuery
-from gateway.rules.description import ChangeRule, MakeRule
+from gateway.rdf.vocabulary import PREFIXES
+from gateway.resources.affordance import (
+    Affordance,
+    ChangeSubscription,
+    Control,
+    EndInvocation,
+    Invoke,
+    PutSetting,
+    PutTarget,
+    ResumeSubscription,
+    Subscribe,
+)
+from gateway.resources.extension import Found
+from gateway.resources.paths import is_below, owner_path, robot_of
+from gateway.resources.resource import CONTAINER, Redirect, Remote, Resource
+from gateway.resources.subscription_resource import container_path
+from gateway.resources.tree import EMPTY, Shelf
+from gateway.subscriptions.live import Live
 from gateway.subscriptions.service import Subscriptions
-from gateway.things.directory import Listing
-from gateway.things.documents import DIRECTORY
-from gateway.world.resources import AskPose, PostObject, PutObject
 
 log = logging.getLogger(__name__)
 

@@ -7,8 +7,8 @@ from collections.abc import Awaitable, Callable
 
 from starlette.types import Receive, Scope, Send
 
+from gateway.http.backpressure import Reader
 from gateway.http.protocol import HTTP, HttpProtocol
-from gateway.http.slow import Reader
 from gateway.subscriptions.message import Ending, Feed, Message, Outlet
 
 CANCELLED_ID = "cancelled"

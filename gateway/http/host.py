@@ -8,7 +8,7 @@ from collections.abc import Awaitable, Callable, Mapping, MutableMapping
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
-from gateway.errors import BadRequest, FleetError, ForeignOrigin, MisdirectedRequest
+from gateway.base.errors import BadRequest, FleetError, ForeignOrigin, MisdirectedRequest
 from gateway.http.problem import problem
 
 Scope = MutableMapping[str, Any]

@@ -12,25 +12,15 @@ from pyoxigraph import NamedNode, Triple
 from starlette.requests import Request
 from starlette.responses import Response
 
+from gateway.actions.action_request import Asked, moment_of
 from gateway.actions.admission import admit
-from gateway.actions.asked import Asked, moment_of
-from gateway.actions.body import Body, written
 from gateway.actions.caller import Caller
-from gateway.actions.handlers import HANDLERS
-from gateway.actions.offer import Offer
+from gateway.actions.handler_table import HANDLERS
 from gateway.actions.plan import Halt, Later, Moment, Motion
 from gateway.actions.service import Actions, Rehearsed
-from gateway.errors import AgentSilent, BadRequest, Collides, NotAcceptable, UnprocessableContent
+from gateway.base.errors import AgentSilent, BadRequest, Collides, NotAcceptable, UnprocessableContent
+from gateway.extensions.things.documents import JSON
 from gateway.fleet.invocations import Invocation
-from gateway.graph.affordance import EndInvocation, Invoke, PutTarget
-from gateway.graph.build import Graph
-from gateway.graph.in_view import InvocationsInView
-from gateway.graph.invocation import describe_rehearsal, invocation_path
-from gateway.graph.judge import reachable
-from gateway.graph.resource import Resource
-from gateway.graph.unused import Terms, refuse, shown, unused
-from gateway.graph.validation import root
-from gateway.graph.vocab import LF
 from gateway.http.body import FORM_TYPES, body_type, parse_form, read_as
 from gateway.http.fields import field
 from gateway.http.negotiation import choose
@@ -38,12 +28,22 @@ from gateway.http.prefer import Prefer, parse_prefer
 from gateway.http.representation import Representation, negotiated
 from gateway.http.rights import caller_of, name_of, tree_of
 from gateway.identity.rights import Right
-from gateway.live import Live
-from gateway.observe.context import step, traced
-from gateway.things.documents import JSON
+from gateway.rdf.graph import Graph
+from gateway.rdf.shacl_validator import reachable
+from gateway.rdf.unused import Terms, refuse, shown, unused
+from gateway.rdf.validation import root
+from gateway.rdf.vocabulary import LF
+from gateway.resources.access_filter import InvocationsInView
+from gateway.resources.action_body import Body, written
+from gateway.resources.action_offer import Offer
+from gateway.resources.affordance import EndInvocation, Invoke, PutTarget
+from gateway.resources.invocation import describe_rehearsal, invocation_path
+from gateway.resources.resource import Resource
+from gateway.runtime.request_context import step, traced
+from gateway.subscriptions.live import Live
 
 if TYPE_CHECKING:
-    from gateway.things.schema import Form
+    from gateway.extensions.things.schema import Form
 
 # Of a trajectory: seven joints at some two hundred times.
 MAX_BODY_BYTES = 256 * 1024
@@ -179,13 +179,13 @@ def _admitted(offer: Offer, content: bytes, triples: Sequence[Triple], base: str
 
 
 def _input_form(offer: Offer, base: str) -> "Form":
-    from gateway.things.schema import form_of_input
+    from gateway.extensions.things.schema import form_of_input
 
     return form_of_input(offer, base)
 
 
 def _target_form(offer: Offer, base: str) -> "Form":
-    from gateway.things.schema import form_of_target
+    from gateway.extensions.things.schema import form_of_target
 
     return form_of_target(offer, base)
 

@@ -4,10 +4,10 @@ import re
 
 from starlette.requests import Request
 
-from gateway.errors import UnprocessableContent
-from gateway.graph.resource import Resource
-from gateway.graph.vocab import LDP
+from gateway.base.errors import UnprocessableContent
 from gateway.http.fields import field, parameters, split
+from gateway.rdf.vocabulary import LDP
+from gateway.resources.resource import Resource
 
 _MODELS = (LDP.Resource.value, LDP.RDFSource.value)
 # One link (RFC 8288, 3): the target, then parameters, in which quoted strings are swallowed whole.

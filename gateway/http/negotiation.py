@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
-from gateway.errors import BadRequest, UnsupportedMediaType
+from gateway.base.errors import BadRequest, UnsupportedMediaType
 from gateway.http.fields import TOKEN, parameters, split
 
 _WEIGHT = re.compile(r"0(?:\.[0-9]{0,3})?|1(?:\.0{0,3})?")

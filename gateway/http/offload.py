@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable
 from typing import TypeVar
 
-from gateway.errors import Busy
+from gateway.base.errors import Busy
 
 SHORT_BYTES = 1024
 """Bodies up to this length are read on the event loop, in at most a few milliseconds."""

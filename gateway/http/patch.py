@@ -5,12 +5,12 @@ from collections.abc import Callable, Iterable, Sequence
 from pyoxigraph import Triple
 from starlette.requests import Request
 
-from gateway.errors import BadRequest, UnsupportedMediaType
-from gateway.graph.resource import Resource
-from gateway.graph.unused import refuse
+from gateway.base.errors import BadRequest, UnsupportedMediaType
 from gateway.http.body import body_type, read_as
-from gateway.query.language import MAX_QUERY_BYTES
-from gateway.query.update import Operation, read_update, updated
+from gateway.rdf.sparql_syntax import MAX_QUERY_BYTES
+from gateway.rdf.sparql_update import Operation, read_update, updated
+from gateway.rdf.unused import refuse
+from gateway.resources.resource import Resource
 
 PATCH_TYPES = ("application/sparql-update",)
 Managed = Callable[[Sequence[Triple]], Iterable[Triple]]

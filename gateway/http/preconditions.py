@@ -5,12 +5,12 @@ from collections.abc import Callable, Iterator
 
 from starlette.requests import Request
 
-from gateway.errors import PreconditionFailed
-from gateway.graph.affordance import EndInvocation, Invoke
-from gateway.graph.resource import Redirect, Resource
+from gateway.base.errors import PreconditionFailed
 from gateway.http.conditional import not_modified, precondition_holds
 from gateway.http.fields import field
 from gateway.http.representation import etags
+from gateway.resources.affordance import EndInvocation, Invoke
+from gateway.resources.resource import Redirect, Resource
 
 
 def check_preconditions(request: Request, resource: Resource, base: str) -> None:

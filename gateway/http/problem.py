@@ -6,12 +6,12 @@ from typing import Any
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-from gateway.errors import FleetError
-from gateway.face.page import render as render_page
-from gateway.face.policy import POLICY
-from gateway.graph.serialise import MEDIA_TYPES, render
-from gateway.graph.vocab import DCTERMS, LF, RDF, SH, XSD
+from gateway.base.errors import FleetError
+from gateway.extensions.pages.page import render as render_page
+from gateway.extensions.pages.policy import POLICY
 from gateway.http.negotiation import choose, parse_accept, weight
+from gateway.rdf.serialise import MEDIA_TYPES, render
+from gateway.rdf.vocabulary import DCTERMS, LF, RDF, SH, XSD
 
 PROBLEM_JSON = "application/problem+json"
 # RFC 9457 calls nothing like them; the names are those of the SHACL vocabulary without the word "result"

@@ -10,12 +10,12 @@ from typing import Any, cast
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from gateway.addresses import network_of
+from gateway.base.addresses import network_of
+from gateway.http.backpressure import STALL_S, Reader
 from gateway.http.framing import RefusedRequest, ServerConnection
-from gateway.http.patience import BODY_S, HEAD_S, MAX_HEAD_BYTES, Deadline
 from gateway.http.repeats import Repeat, Repeats, repeatable
-from gateway.http.slow import STALL_S, Reader
 from gateway.http.sockets import Sockets
+from gateway.http.timeouts import BODY_S, HEAD_S, MAX_HEAD_BYTES, Deadline
 from gateway.http.websocket_protocol import FAREWELL_S, WebSocketProtocol
 
 HTTP = "linked-fleet.http"

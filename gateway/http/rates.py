@@ -7,12 +7,12 @@ from collections.abc import Callable
 
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from gateway.addresses import network_of
-from gateway.errors import TooManyRequests
-from gateway.graph.vocab import PREFIXES
+from gateway.base.addresses import network_of
+from gateway.base.errors import TooManyRequests
 from gateway.http.host import refuse
-from gateway.http.turns import URGENT
+from gateway.http.stop_priority import URGENT
 from gateway.identity.rights import NOBODY, Identity
+from gateway.rdf.vocabulary import PREFIXES
 
 BURST_S = 10.0
 """What a client has not used is kept for so long."""

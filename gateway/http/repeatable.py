@@ -5,14 +5,14 @@ from collections.abc import Callable, Sequence
 
 from starlette.requests import Request
 
-from gateway.graph.resource import Resource
-from gateway.graph.template import Rendering, compiles
 from gateway.http.fields import field
 from gateway.http.protocol import HTTP, HttpProtocol
 from gateway.http.repeats import Repeat, is_plain
 from gateway.http.rights import caller_of
 from gateway.identity.rights import TokenHash
 from gateway.identity.service import Identities
+from gateway.resources.resource import Resource
+from gateway.resources.template import Rendering, compiles
 
 
 def offer_repeat(request: Request, resource: Resource, media_type: str, base: str) -> None:

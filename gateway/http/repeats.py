@@ -13,12 +13,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from gateway.fleet.observation import Observation
-from gateway.graph.property import Seen
-from gateway.graph.resource import Resource
-from gateway.graph.template import Rendering
 from gateway.http.conditional import etag, not_modified
 from gateway.http.rates import Rates
-from gateway.observe.counts import Requests
+from gateway.resources.property import Seen
+from gateway.resources.resource import Resource
+from gateway.resources.template import Rendering
+from gateway.runtime.counters import Requests
 
 MAX_KEPT = 2048
 _MAX_HEAD_BYTES = 2048

@@ -4,12 +4,12 @@ from collections.abc import Sequence
 
 from starlette.requests import HTTPConnection
 
-from gateway.errors import InsufficientScope
-from gateway.graph.paths import is_public, robot_of
-from gateway.graph.tree import EMPTY, Shelf, Tree
+from gateway.base.errors import InsufficientScope
 from gateway.identity.rights import EVERYBODY, Identity, Right
-from gateway.live import Live
-from gateway.subscriptions.subscription import Depth, Record
+from gateway.resources.paths import is_public, robot_of
+from gateway.resources.subscription import Depth, Record
+from gateway.resources.tree import EMPTY, Shelf, Tree
+from gateway.subscriptions.live import Live
 
 SEES_SUBSCRIPTIONS = (Right.SUBSCRIBE, Right.ADMIN)
 """Rights of which one is needed to read a Subscriptions container: ``subscribe`` for one's own, ``admin`` for all."""

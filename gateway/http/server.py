@@ -9,13 +9,13 @@ from typing import Any
 import uvicorn
 from starlette.applications import Starlette
 
-from gateway.http.patience import HEAD_S
+from gateway.app.settings import GatewaySettings
+from gateway.http.health import Readiness
 from gateway.http.protocol import HttpProtocol
 from gateway.http.sockets import Sockets, within_files
+from gateway.http.timeouts import HEAD_S
 from gateway.http.tls import Certificate, secured
 from gateway.http.websocket_protocol import WebSocketProtocol
-from gateway.observe.health import Readiness
-from gateway.settings import GatewaySettings
 
 _DRAIN_S = 5  # for requests under way; 2 s may go by before a robot that does not answer is given up
 _WEBSOCKET_BYTES = 4096

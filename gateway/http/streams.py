@@ -8,13 +8,9 @@ from starlette.requests import HTTPConnection, Request
 from starlette.types import Receive, Scope, Send
 from starlette.websockets import WebSocket
 
-from gateway.errors import Conflict, NotAcceptable
-from gateway.graph.frames import FRAME_TYPES
-from gateway.graph.paths import robot_of
-from gateway.graph.properties import FRAME_MEDIA_TYPE
-from gateway.graph.resource import Resource
-from gateway.graph.serialise import JELLY, MEDIA_TYPES
-from gateway.graph.subscription import subscription_path
+from gateway.base.errors import Conflict, NotAcceptable
+from gateway.extensions.sessions.sealed_cookie import Session
+from gateway.extensions.things.documents import JSON
 from gateway.http.audit import note
 from gateway.http.event_stream import CANCELLED_ID, serve_event_stream
 from gateway.http.fields import field
@@ -23,13 +19,17 @@ from gateway.http.representation import preferred
 from gateway.http.rights import caller_of
 from gateway.http.subscribe import new_subscription, observable_types, options, refusals, seen, subscription_link
 from gateway.http.websocket import BINARY_TYPES, serve_websocket
-from gateway.identity.seal import Session
 from gateway.identity.service import Identities
+from gateway.rdf.serialise import JELLY, MEDIA_TYPES
+from gateway.resources.binary_frames import FRAME_TYPES
+from gateway.resources.paths import robot_of
+from gateway.resources.properties import FRAME_MEDIA_TYPE
+from gateway.resources.resource import Resource
+from gateway.resources.subscription import Kind, Subscription
+from gateway.resources.subscription_resource import subscription_path
 from gateway.subscriptions.message import Feed, Outlet
 from gateway.subscriptions.service import Subscriptions
-from gateway.subscriptions.subscription import Kind, Subscription
 from gateway.subscriptions.watcher import Watcher
-from gateway.things.documents import JSON
 
 EVENT_STREAM = "text/event-stream"
 SUBPROTOCOLS = {

@@ -12,7 +12,7 @@ from urllib.parse import unquote
 from starlette.requests import HTTPConnection, Request
 from starlette.responses import Response
 
-from gateway.errors import (
+from gateway.base.errors import (
     BadRequest,
     Conflict,
     NotAcceptable,
@@ -21,13 +21,6 @@ from gateway.errors import (
     TooManySubscriptions,
     UnprocessableContent,
 )
-from gateway.graph.affordance import ChangeSubscription, ResumeSubscription, Subscribe
-from gateway.graph.frames import FRAME_TYPES, layout_path
-from gateway.graph.message import message_types
-from gateway.graph.resource import Resource
-from gateway.graph.serialise import MEDIA_TYPES, RDF_TYPES
-from gateway.graph.subscription import Request as Wanted
-from gateway.graph.subscription import container_path, requested, subscription_path
 from gateway.http.body import body_type, parse_body, read_as
 from gateway.http.created import created
 from gateway.http.fields import field
@@ -35,10 +28,17 @@ from gateway.http.links import Link, link_header
 from gateway.http.negotiation import choose
 from gateway.http.representation import negotiated
 from gateway.http.rights import caller_of, demand_all, name_of, tree_of
+from gateway.rdf.serialise import MEDIA_TYPES, RDF_TYPES
+from gateway.resources.affordance import ChangeSubscription, ResumeSubscription, Subscribe
+from gateway.resources.binary_frames import FRAME_TYPES, layout_path
+from gateway.resources.message import message_types
+from gateway.resources.resource import Resource
+from gateway.resources.subscription import Delivery, DeliveryState, Depth, Kind, Record, Subscription
+from gateway.resources.subscription_resource import Request as Wanted
+from gateway.resources.subscription_resource import container_path, requested, subscription_path
 from gateway.subscriptions.network import Forbidden, callback_url
 from gateway.subscriptions.service import Subscriptions
 from gateway.subscriptions.store import StoreUnavailable, TooMany
-from gateway.subscriptions.subscription import Delivery, DeliveryState, Depth, Kind, Record, Subscription
 
 OPTIONS = ("depth", "interval", "deadband", "last-event-id")
 MAX_INTERVAL_S = 86_400.0

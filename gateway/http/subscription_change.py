@@ -6,11 +6,7 @@ from functools import partial
 from starlette.requests import Request
 from starlette.responses import Response
 
-from gateway.errors import InsufficientScope, NotFound, UnprocessableContent
-from gateway.graph.affordance import ChangeSubscription
-from gateway.graph.resource import Resource
-from gateway.graph.subscription import container_path, subscription_path
-from gateway.graph.subscription_change import changed, managed
+from gateway.base.errors import InsufficientScope, NotFound, UnprocessableContent
 from gateway.http.invoke import refuse_rehearsal
 from gateway.http.offload import Offload
 from gateway.http.patch import patched, read_patch
@@ -18,9 +14,13 @@ from gateway.http.preconditions import await_preconditions
 from gateway.http.rights import caller_of, demand_all, tree_of
 from gateway.http.subscribe import cancel, check_channel, offered_type, refusals
 from gateway.identity.rights import Right
-from gateway.query.update import Operation
+from gateway.rdf.sparql_update import Operation
+from gateway.resources.affordance import ChangeSubscription
+from gateway.resources.resource import Resource
+from gateway.resources.subscription import Changeable, Depth, Record, Subscription
+from gateway.resources.subscription_change import changed, managed
+from gateway.resources.subscription_resource import container_path, subscription_path
 from gateway.subscriptions.service import Subscriptions
-from gateway.subscriptions.subscription import Changeable, Depth, Record, Subscription
 
 
 async def change_subscription(request: Request, afforded: ChangeSubscription, base: str) -> Response:

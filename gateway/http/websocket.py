@@ -6,9 +6,9 @@ from collections.abc import Awaitable, Callable
 from starlette.websockets import WebSocket
 from websockets.frames import CloseCode, Opcode
 
-from gateway.graph.frames import FRAME_TYPES
-from gateway.graph.serialise import JELLY
 from gateway.http.websocket_protocol import WEBSOCKET, WebSocketProtocol
+from gateway.rdf.serialise import JELLY
+from gateway.resources.binary_frames import FRAME_TYPES
 from gateway.subscriptions.message import Ending, Feed, Message, Outlet
 
 BINARY_TYPES = frozenset({*FRAME_TYPES, JELLY, "image/jpeg", "image/png"})

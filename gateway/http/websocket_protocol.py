@@ -9,7 +9,7 @@ from websockets.frames import CloseCode, Frame
 from websockets.http11 import Request
 from websockets.protocol import State
 
-from gateway.http.slow import STALL_S, Reader
+from gateway.http.backpressure import STALL_S, Reader
 from gateway.subscriptions.message import Ending
 
 WEBSOCKET = "linked-fleet.websocket"

@@ -2,9 +2,9 @@
 
 from typing import TYPE_CHECKING, Any
 
+from gateway.base.lazy_imports import Lazily
 from gateway.identity.keys import IssuerKeys
 from gateway.identity.roster import Issuer
-from gateway.lazily import Lazily
 
 if TYPE_CHECKING:
     import jwt

@@ -5,9 +5,9 @@ import time
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
-from gateway.ending import end
+from gateway.base.lazy_imports import Lazily
 from gateway.identity.web import IssuerSilent, Web
-from gateway.lazily import Lazily
+from gateway.runtime.cancellation import end
 
 if TYPE_CHECKING:
     import jwt

@@ -12,15 +12,15 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from gateway.ending import end
-from gateway.identity.ended import EndedSessions
+from gateway.extensions.sessions.ended_sessions import EndedSessions
+from gateway.extensions.sessions.sealed_cookie import Session, new_session, open_session, seal_session
 from gateway.identity.jwts import BadToken, expiry_ns, issuer_named, verified
 from gateway.identity.keys import IssuerKeys
 from gateway.identity.rights import Credential, Identity, Right, View
 from gateway.identity.roster import BadRoster, Issuer, Roster, read_roster
-from gateway.identity.seal import Session, new_session, open_session, seal_session
 from gateway.identity.store import SessionKey, StoreUnavailable
 from gateway.identity.web import Web
+from gateway.runtime.cancellation import end
 
 log = logging.getLogger(__name__)
 

@@ -5,9 +5,9 @@ import base64
 import secrets
 from pathlib import Path
 
+from gateway.extensions.sessions.sealed_cookie import KEY_BYTES
 from gateway.identity.roster import BadRoster
-from gateway.identity.seal import KEY_BYTES
-from gateway.store.connection import Connection, StoreUnavailable
+from gateway.runtime.redis import Connection, StoreUnavailable
 
 __all__ = ["SessionKey", "StoreUnavailable"]
 

@@ -6,7 +6,7 @@ import ssl
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from gateway.lazily import Lazily
+from gateway.base.lazy_imports import Lazily
 
 if TYPE_CHECKING:
     import httpx

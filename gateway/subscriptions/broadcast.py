@@ -6,10 +6,10 @@ from itertools import compress
 from operator import not_
 from typing import TYPE_CHECKING, Protocol
 
-from gateway.graph.reading import Reading
-from gateway.graph.serialise import WriteError
+from gateway.rdf.serialise import WriteError
+from gateway.resources.subscription import Subscription
+from gateway.resources.versioning import Reading
 from gateway.subscriptions.message import Framing, Message
-from gateway.subscriptions.subscription import Subscription
 
 if TYPE_CHECKING:
     from gateway.subscriptions.topic import Topic

@@ -5,16 +5,16 @@ import ssl
 from collections.abc import Callable
 from functools import cache
 
-from gateway.graph.paths import robot_of
 from gateway.identity.rights import View
-from gateway.observe.counts import Deliveries
+from gateway.resources.paths import robot_of
+from gateway.resources.subscription import Delivery, DeliveryState, Kind, Record, Subscription
+from gateway.runtime.counters import Deliveries
 from gateway.subscriptions.courier import Courier
 from gateway.subscriptions.fan_out import FanOut
 from gateway.subscriptions.handshakes import Handshakes
 from gateway.subscriptions.network import Network, Unresolvable
 from gateway.subscriptions.receiver import Receiver
 from gateway.subscriptions.store import Store, StoreUnavailable
-from gateway.subscriptions.subscription import Delivery, DeliveryState, Kind, Record, Subscription
 
 Vouches = Callable[[str, str | None, View], bool]
 UNENTITLED = "the rights of its creator ended"

@@ -14,18 +14,18 @@ from dataclasses import replace
 from typing import TypeVar
 from urllib.parse import urlsplit
 
-from gateway.ending import end
-from gateway.graph.frames import FRAME_TYPES, layout_path
-from gateway.graph.subscription import subscription_path
-from gateway.observe.counts import Deliveries
-from gateway.subscriptions import signature
+from gateway.resources import signature
+from gateway.resources.binary_frames import FRAME_TYPES, layout_path
+from gateway.resources.subscription import DeliveryState, Record, Subscription
+from gateway.resources.subscription_resource import subscription_path
+from gateway.runtime.cancellation import end
+from gateway.runtime.counters import Deliveries
 from gateway.subscriptions.fan_out import FanOut
 from gateway.subscriptions.message import Ending, Message
 from gateway.subscriptions.network import Forbidden, Unresolvable
 from gateway.subscriptions.receiver import NoConsent, Outcome, Receiver, Verdict
 from gateway.subscriptions.retry import SUSPEND_AFTER, delay_s
 from gateway.subscriptions.store import Backlog, Entry, Lost, Outgoing, Store, StoreUnavailable
-from gateway.subscriptions.subscription import DeliveryState, Record, Subscription
 from gateway.subscriptions.watcher import Watcher
 
 log = logging.getLogger(__name__)

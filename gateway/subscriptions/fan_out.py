@@ -10,12 +10,12 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, KeysView
 from typing import Protocol
 
-from gateway.graph.paths import is_below, robot_of
-from gateway.graph.resource import Redirect, Resource
 from gateway.identity.rights import View
+from gateway.resources.paths import is_below, robot_of
+from gateway.resources.resource import Redirect, Resource
+from gateway.resources.subscription import Depth, Subscription
 from gateway.subscriptions.broadcast import Broadcast
 from gateway.subscriptions.message import Ending, Message, Outlet, Stream
-from gateway.subscriptions.subscription import Depth, Subscription
 from gateway.subscriptions.topic import Topic
 from gateway.subscriptions.watcher import Timer, Watcher
 

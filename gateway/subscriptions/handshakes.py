@@ -10,7 +10,7 @@ from collections import OrderedDict
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from contextlib import AsyncExitStack, asynccontextmanager
 
-from gateway.addresses import network_of
+from gateway.base.addresses import network_of
 
 FIRST_PAUSE_S = 1.0
 LONGEST_PAUSE_S = 60.0

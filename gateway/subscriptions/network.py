@@ -5,7 +5,7 @@ was looked at): what counts is the address that is connected to, so a host is re
 judged here, and the receiver connects to one of those.
 """
 
-# ruff: noqa: N818  (named for what is the case, as in gateway.errors)
+# ruff: noqa: N818  (named for what is the case, as in gateway.base.errors)
 
 import asyncio
 import ipaddress

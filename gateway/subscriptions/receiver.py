@@ -4,7 +4,7 @@ It works below ``httpx.AsyncClient`` on purpose: what is not there keeps no cook
 proxies from the environment and logs no URL, whose query may be a secret.
 """
 
-# ruff: noqa: N818  (named for what is the case, as in gateway.errors)
+# ruff: noqa: N818  (named for what is the case, as in gateway.base.errors)
 
 import asyncio
 import importlib.metadata
@@ -16,7 +16,7 @@ from enum import StrEnum
 from functools import cache
 from typing import TYPE_CHECKING
 
-from gateway.lazily import Lazily
+from gateway.base.lazy_imports import Lazily
 from gateway.subscriptions.handshakes import Handshakes
 from gateway.subscriptions.network import Address, Forbidden, Network, Unresolvable, callback_url
 from gateway.subscriptions.retry import retry_after_s

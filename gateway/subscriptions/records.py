@@ -6,7 +6,7 @@ from typing import Literal, cast
 
 import msgspec
 
-from gateway.subscriptions.subscription import Changeable, Delivery, DeliveryState, Record, Subscription
+from gateway.resources.subscription import Changeable, Delivery, DeliveryState, Record, Subscription
 
 What = Literal["removed", "woken", "replaced", "changed"]
 

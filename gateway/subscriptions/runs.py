@@ -7,10 +7,10 @@ ago that was: the clock of Redis may be set, and nobody seems dead, or alive, fo
 import time
 from collections.abc import Collection, Iterable, Mapping
 
-from gateway.store.connection import Connection
-from gateway.subscriptions import scripts
-from gateway.subscriptions.keys import Keys
+from gateway.runtime.redis import Connection
+from gateway.subscriptions import redis_scripts as scripts
 from gateway.subscriptions.records import Held, read_held, write_held
+from gateway.subscriptions.redis_keys import Keys
 
 _LEFT = b"left"
 

@@ -7,14 +7,14 @@ import uuid
 from contextlib import suppress
 from types import TracebackType
 
-from gateway.ending import end
+from gateway.resources.subscription import Changeable, Record, Subscription
+from gateway.runtime.cancellation import end
 from gateway.subscriptions.callbacks import Callbacks, Vouches
 from gateway.subscriptions.fan_out import FanOut
 from gateway.subscriptions.message import Ending
 from gateway.subscriptions.network import Network
 from gateway.subscriptions.store import LEASE_S, News, Store, StoreUnavailable
 from gateway.subscriptions.streams import Streams
-from gateway.subscriptions.subscription import Changeable, Record, Subscription
 
 log = logging.getLogger(__name__)
 

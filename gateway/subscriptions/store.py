@@ -16,9 +16,9 @@ from contextlib import aclosing, suppress
 from dataclasses import astuple, replace
 from typing import Self
 
-from gateway.store.connection import AT_ONCE, UNHURRIED, Connection, StoreUnavailable
-from gateway.subscriptions import scripts
-from gateway.subscriptions.keys import Keys
+from gateway.resources.subscription import Changeable, Delivery, Record, Subscription
+from gateway.runtime.redis import AT_ONCE, UNHURRIED, Connection, StoreUnavailable
+from gateway.subscriptions import redis_scripts as scripts
 from gateway.subscriptions.records import (
     Backlog,
     Entry,
@@ -35,8 +35,8 @@ from gateway.subscriptions.records import (
     write_options,
     write_spec,
 )
+from gateway.subscriptions.redis_keys import Keys
 from gateway.subscriptions.runs import Runs
-from gateway.subscriptions.subscription import Changeable, Delivery, Record, Subscription
 
 __all__ = ["LEASE_S", "Backlog", "Entry", "Lost", "News", "Outgoing", "Store", "StoreUnavailable", "TooMany"]
 _log = logging.getLogger(__name__)

@@ -11,11 +11,11 @@ from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from dataclasses import replace
 
-from gateway.ending import end
+from gateway.resources.subscription import Delivery, DeliveryState, Depth, Kind, Record, Subscription
+from gateway.runtime.cancellation import end
 from gateway.subscriptions.fan_out import FanOut
 from gateway.subscriptions.message import Ending, Outlet
 from gateway.subscriptions.store import Lost, Store, StoreUnavailable, TooMany
-from gateway.subscriptions.subscription import Delivery, DeliveryState, Depth, Kind, Record, Subscription
 from gateway.subscriptions.watcher import Watcher
 
 log = logging.getLogger(__name__)

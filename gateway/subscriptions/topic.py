@@ -3,12 +3,12 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol
 
-from gateway.graph.message import message_body
-from gateway.graph.property import Seen
-from gateway.graph.reading import Reading
-from gateway.graph.resource import Redirect, Resource
-from gateway.graph.template import Rendering, Versions, compiles
 from gateway.identity.rights import ALL, View
+from gateway.resources.message import message_body
+from gateway.resources.property import Seen
+from gateway.resources.resource import Redirect, Resource
+from gateway.resources.template import Rendering, Versions, compiles
+from gateway.resources.versioning import Reading
 from gateway.subscriptions.broadcast import Broadcast
 from gateway.subscriptions.message import Framing, Message
 

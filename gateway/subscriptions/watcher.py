@@ -4,11 +4,11 @@ import logging
 from collections.abc import Callable
 from typing import Protocol
 
-from gateway.graph.reading import Reading
-from gateway.graph.serialise import NothingYet, WriteError
+from gateway.rdf.serialise import NothingYet, WriteError
+from gateway.resources.subscription import Depth, Subscription
+from gateway.resources.versioning import Reading
 from gateway.subscriptions.broadcast import Broadcast, Rendering
 from gateway.subscriptions.message import Ending, Outlet, Stream
-from gateway.subscriptions.subscription import Depth, Subscription
 from gateway.subscriptions.topic import Topic
 
 _log = logging.getLogger(__name__)

@@ -10,12 +10,12 @@ from redis_servers import single
 from running import PATIENCE_S
 from virtual.zenoh_network import ZenohNetwork
 
-from gateway.actions.memory import Memory
+from gateway.actions.replicated_invocations import Memory
 from gateway.actions.store import ActionStore
+from gateway.app.settings import GatewaySettings
 from gateway.fleet.invocations import Invocation, InvocationState
-from gateway.live import Live
-from gateway.settings import GatewaySettings
-from gateway.store.connection import StoreUnavailable
+from gateway.runtime.redis import StoreUnavailable
+from gateway.subscriptions.live import Live
 
 pytestmark = pytest.mark.virtual
 MOST = 10_000

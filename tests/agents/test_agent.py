@@ -30,7 +30,7 @@ from agents.wire.messages import (
 )
 from agents.wire.transport import HEARTBEAT_S
 from gateway.fleet.inbox import Payload
-from gateway.transport import Answer, Question, Session
+from gateway.link.transport import Answer, Question, Session
 
 pytestmark = pytest.mark.virtual
 KEYS = Keys("test")

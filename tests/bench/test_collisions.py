@@ -6,7 +6,7 @@ import pytest
 
 from agents.robots.catalogue import MODELS
 from bench.collisions import Scene, Trial
-from gateway.world.messages import Free, Meets
+from gateway.extensions.world.messages import Free, Meets
 
 SEED, COUNT = 5, 6
 

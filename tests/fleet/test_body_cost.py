@@ -38,9 +38,9 @@ from fuzz.hostile import (
 from fuzz.living import obey
 from fuzz.watched import MOST_S as FUZZ_MOST_S
 from fuzz.watched import timed_callbacks
-from gateway.app import create_app
+from gateway.app.application import create_app
+from gateway.app.settings import GatewaySettings
 from gateway.http.offload import SHORT_BYTES
-from gateway.settings import GatewaySettings
 
 pytestmark = pytest.mark.processes
 

@@ -12,7 +12,7 @@ from damaged import DAMAGES, cut_tail, garble
 from running import eventually
 from small_fleet import Place, live
 
-from gateway.store.damage import DATA
+from gateway.runtime.damaged_data import DATA
 
 pytestmark = pytest.mark.processes
 _TURN = 3.0  # rad, slowly: it is under way when the stop comes

@@ -17,7 +17,7 @@ from agents.wire import codec
 from agents.wire.messages import Accepted, Refused, Reply, Stop
 from agents.wire.transport import HEARTBEAT_S
 from gateway.fleet.inbox import Payload
-from gateway.transport import Answer, Question
+from gateway.link.transport import Answer, Question
 
 pytestmark = pytest.mark.virtual
 ROBOT = "ur5"

@@ -17,7 +17,7 @@ from link.scene import Gateway, Robot, gateway, serves, until
 from running import free_port
 
 from agents.zenoh_session import open_session as open_agent
-from gateway.zenoh_session import open_session as open_gateway
+from gateway.link.zenoh_session import open_session as open_gateway
 
 pytestmark = pytest.mark.processes
 ROUTER = Path(__file__).resolve().parents[2] / "deploy" / "zenoh" / "router.json5"

@@ -16,7 +16,7 @@ from receivers import Answer, receiving
 from running import PATIENCE_S, Process, eventually
 from small_fleet import Place, live, number, property_page
 
-from gateway.http.slow import HIGH_WATER_BYTES
+from gateway.http.backpressure import HIGH_WATER_BYTES
 
 pytestmark = pytest.mark.processes
 

@@ -13,7 +13,7 @@ from running import eventually
 from several import Gateway, Hub, deliveries, gateways, hub, number
 from subscribers import Socket, events
 
-from gateway.query.language import MAX_QUERY_BYTES
+from gateway.rdf.sparql_syntax import MAX_QUERY_BYTES
 
 pytestmark = pytest.mark.virtual
 _UPDATE = {"content-type": "application/sparql-update"}

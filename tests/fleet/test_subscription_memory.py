@@ -16,7 +16,7 @@ from running import eventually
 from small_fleet import Place, live
 from websockets.frames import Frame, Opcode
 
-from gateway.subscriptions.keys import Keys
+from gateway.subscriptions.redis_keys import Keys
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 

@@ -21,10 +21,10 @@ from running import Process, eventually, free_port, process
 from small_fleet import Place, live
 
 from agents.wire.messages import Mesh
+from gateway.extensions.world.checks import EARLY_S
+from gateway.extensions.world.scene import MAX_TRIANGLES
 from gateway.fleet.robot import Robot
-from gateway.meshes import Meshes
-from gateway.world.checks import EARLY_S
-from gateway.world.scene import MAX_TRIANGLES
+from gateway.link.meshes import Meshes
 
 pytestmark = pytest.mark.virtual
 HYDRA = rdflib.Namespace("http://www.w3.org/ns/hydra/core#")
@@ -283,7 +283,7 @@ def test_the_process_that_checks_may_die(here: tuple[Process, Browser], browser:
     put_robot(browser, "ur5", 0, 0, 0)
     there = put_object(browser, crate("crate", 0.5, 0.4, 0.3))
     assert met(turn(browser, 90, **DRY))[1] == there
-    here[0].kill_child("gateway.world.worker")
+    here[0].kill_child("gateway.extensions.world.worker")
     assert met(turn(browser, 90, **DRY))[1] == there
 
 

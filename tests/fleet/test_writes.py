@@ -12,7 +12,7 @@ from rdflib import Literal, URIRef
 from rdflib.term import Node
 from small_fleet import Place, live
 
-from gateway.http.world import MAX_BODY_BYTES as MAX_OBJECT_BYTES
+from gateway.extensions.world.http import MAX_BODY_BYTES as MAX_OBJECT_BYTES
 
 pytestmark = pytest.mark.virtual
 _SYNTAXES = ("text/turtle", "application/ld+json", "application/n-triples", "application/rdf+xml")

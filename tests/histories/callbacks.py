@@ -9,7 +9,7 @@ import uuid
 from histories.gateways import Deliveries, Gateway, Watched
 from histories.history import History, Operation
 
-from gateway.subscriptions.subscription import Kind, Subscription
+from gateway.resources.subscription import Kind, Subscription
 
 _MODEL = "subscription"
 _OWNERS = 3

@@ -18,23 +18,23 @@ from gateway.actions import service as actions_module
 from gateway.actions.plan import Motion
 from gateway.actions.service import Actions
 from gateway.actions.store import ActionStore
-from gateway.ending import end
+from gateway.app.settings import GatewaySettings
+from gateway.extensions.rules.store import RuleStore
+from gateway.extensions.world.store import ObjectStore
 from gateway.fleet.robot import Robot
-from gateway.graph.reading import Source
-from gateway.graph.resource import Resource
 from gateway.identity.rights import View
-from gateway.live import Live
-from gateway.rules.store import RuleStore
-from gateway.settings import GatewaySettings
+from gateway.resources.resource import Resource
+from gateway.resources.versioning import Source
+from gateway.runtime.cancellation import end
 from gateway.subscriptions import callbacks as callbacks_module
 from gateway.subscriptions import courier as courier_module
 from gateway.subscriptions import service as subscriptions_module
 from gateway.subscriptions.fan_out import FanOut
+from gateway.subscriptions.live import Live
 from gateway.subscriptions.network import Network
 from gateway.subscriptions.receiver import Outcome, Verdict
 from gateway.subscriptions.service import Subscriptions, new_run
 from gateway.subscriptions.store import Store
-from gateway.world.store import ObjectStore
 
 NAMESPACE = "histories"
 LEASE_S = 0.8

@@ -15,7 +15,7 @@ from histories.requests import MotionClients
 from histories.robots import Toy
 from histories.workload import Clients, another
 
-from gateway.ending import end
+from gateway.runtime.cancellation import end
 
 GATEWAYS = 3
 _USES = 60  # of each key

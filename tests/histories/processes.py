@@ -24,7 +24,7 @@ from several import Hub, hub
 from agents.link import RobotLink
 from agents.wire.keys import Keys as ZenohKeys
 from agents.zenoh_session import open_session
-from gateway.ending import end
+from gateway.runtime.cancellation import end
 
 GATEWAYS = 2
 _TITLED, _LEASED, _OBJECTS = 60, 60, 60

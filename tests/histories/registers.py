@@ -7,12 +7,12 @@ from histories.gateways import Gateway
 from histories.history import History
 from histories.keys import Keys
 
+from gateway.extensions.rules.rule import Rule
+from gateway.extensions.rules.store import Changed as RuleChanged
+from gateway.extensions.world.scene import SceneObject, Sphere, decode, encode
+from gateway.extensions.world.store import Changed as ObjectChanged
+from gateway.extensions.world.store import digest
 from gateway.fleet.model import Pose
-from gateway.rules.rule import Rule
-from gateway.rules.store import Changed as RuleChanged
-from gateway.world.scene import SceneObject, Sphere, decode, encode
-from gateway.world.store import Changed as ObjectChanged
-from gateway.world.store import digest
 
 _READS, _REMOVES = 0.25, 0.1
 _ROBOT = "arm"

@@ -8,10 +8,10 @@ from histories.keys import Keys
 from histories.robots import JOINT
 
 from agents.wire.messages import Move
-from gateway.actions.asked import moment_of
+from gateway.actions.action_request import moment_of
 from gateway.actions.caller import Caller
 from gateway.actions.plan import Motion
-from gateway.errors import AgentSilent, Busy, KeyReused, RefusedByAgent
+from gateway.base.errors import AgentSilent, Busy, KeyReused, RefusedByAgent
 
 _MODEL = "key"
 _OTHER = 0.1  # share of requests that are not what the key was used for first

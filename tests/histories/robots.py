@@ -14,8 +14,8 @@ from agents.robot import Facts, JointFacts, Limits, Reading
 from agents.wire.codec import decode, decode_reply, encode
 from agents.wire.messages import Accepted, Command, Description, Move, Progress, Refused, Reply, Stop
 from gateway.fleet.events import Appeared, Described, Framed
-from gateway.link import NoAnswer
-from gateway.live import Live
+from gateway.link.fleet_link import NoAnswer
+from gateway.subscriptions.live import Live
 
 JOINT = "elbow"
 _TICK_S = 0.02

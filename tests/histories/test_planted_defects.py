@@ -7,7 +7,7 @@ import pytest
 from histories.checking import Checker
 from histories.runs import on_one_server
 
-from gateway.actions import scripts
+from gateway.actions import redis_scripts as scripts
 
 OPERATIONS = 1_500
 

@@ -7,7 +7,7 @@ import pytest
 from guarded import Guarded, guarded
 from issuer import Issuer
 
-from gateway.http.login import FAILURES
+from gateway.extensions.sessions.login import FAILURES
 
 pytestmark = pytest.mark.virtual
 

@@ -6,9 +6,16 @@ from pathlib import Path
 
 import pytest
 
+from gateway.extensions.sessions.sealed_cookie import (
+    Underway,
+    new_session,
+    open_login,
+    open_session,
+    seal_login,
+    seal_session,
+)
 from gateway.identity.rights import Claims, TokenHash
 from gateway.identity.roster import BadRoster
-from gateway.identity.seal import Underway, new_session, open_login, open_session, seal_login, seal_session
 from gateway.identity.store import read_key
 
 _KEY, _OTHER = b"k" * 32, b"o" * 32

@@ -14,8 +14,8 @@ from virtual.zenoh_network import ZenohNetwork
 
 import agents.transport
 import agents.zenoh_session
-import gateway.transport
-import gateway.zenoh_session
+import gateway.link.transport
+import gateway.link.zenoh_session
 
 LEASE_S = 0.5
 """The lease of agents; the protocol fixes that of gateways."""
@@ -25,7 +25,7 @@ _PATIENCE_S = 30.0
 class Network(Protocol):
     """One gateway and the agents that are to reach it, each by its name."""
 
-    async def gateway(self) -> gateway.transport.Session: ...
+    async def gateway(self) -> gateway.link.transport.Session: ...
 
     async def agent(self, name: str) -> agents.transport.Session: ...
 
@@ -53,7 +53,7 @@ class _Kept:
 
 
 class Memory(_Kept):
-    """``gateway.transport`` and ``agents.transport`` in memory."""
+    """``gateway.link.transport`` and ``agents.transport`` in memory."""
 
     def __init__(self, seed: int = 0) -> None:
         super().__init__()
@@ -67,7 +67,7 @@ class Memory(_Kept):
 
         on_virtual_time(main)
 
-    async def gateway(self) -> gateway.transport.Session:
+    async def gateway(self) -> gateway.link.transport.Session:
         return await self.network.gateway("the gateway")((), (), {})
 
     async def agent(self, name: str) -> agents.transport.Session:
@@ -105,8 +105,8 @@ class Zenoh(_Kept):
 
         asyncio.run(main())
 
-    async def gateway(self) -> gateway.transport.Session:
-        session = await gateway.zenoh_session.open_session((f"tcp/127.0.0.1:{self._port}",), (), {})
+    async def gateway(self) -> gateway.link.transport.Session:
+        session = await gateway.link.zenoh_session.open_session((f"tcp/127.0.0.1:{self._port}",), (), {})
         self._stack.push_async_callback(session.close)
         return session
 

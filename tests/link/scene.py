@@ -11,9 +11,9 @@ from agents.transport import Session
 from agents.wire.keys import Keys
 from agents.wire.messages import WIRE_VERSION, Accepted, Command, Move
 from bench.still_agent import Still
-from gateway.live import Live
-from gateway.settings import GatewaySettings
-from gateway.transport import Opener
+from gateway.app.settings import GatewaySettings
+from gateway.link.transport import Opener
+from gateway.subscriptions.live import Live
 
 _RATE_HZ = 20.0
 

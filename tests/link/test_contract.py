@@ -1,6 +1,6 @@
 """The contract of the seam between the links and Zenoh, which Zenoh and the network in memory both keep.
 
-Everything is said of what is seen through ``gateway.transport.Session`` and ``agents.transport.Session``.
+Everything is said of what is seen through ``gateway.link.transport.Session`` and ``agents.transport.Session``.
 """
 
 import asyncio
@@ -11,11 +11,11 @@ from link.parts import Network, contract
 from serving import until
 
 import agents.transport as agent_side
-import gateway.transport as gateway_side
+import gateway.link.transport as gateway_side
 from agents.wire.keys import Keys
 from agents.wire.traceparent import MAX_BYTES
 from gateway.fleet.inbox import Payload
-from gateway.transport import Answer, Question
+from gateway.link.transport import Answer, Question
 
 KEYS = Keys("site/hall-2")
 STATE, PROGRESS = KEYS.robot("r", "state"), KEYS.robot("r", "progress")

@@ -24,7 +24,7 @@ from agents.wire.messages import (
     Stop,
 )
 from gateway.fleet.events import Appeared, Described, Event, Framed, Undescribed, Vanished
-from gateway.link import ASK_AGAIN_S, FleetLink, NoAnswer
+from gateway.link.fleet_link import ASK_AGAIN_S, FleetLink, NoAnswer
 
 KEYS = Keys("site/hall-2")
 URDF = "<robot name='r'><link name='base'/></robot>"

@@ -21,7 +21,7 @@ from agents.wire.keys import Keys
 from agents.wire.messages import State
 from bench.still_agent import Still
 from gateway.fleet.silences import SILENT_S
-from gateway.link import DESCRIPTION_TIMEOUT_S
+from gateway.link.fleet_link import DESCRIPTION_TIMEOUT_S
 
 KEYS = Keys()
 HEALED_S = RENEW_S + SILENT_S + 2.0

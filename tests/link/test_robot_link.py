@@ -16,8 +16,8 @@ from agents.meshes import MeshError
 from agents.transport import Session
 from agents.wire.keys import Keys
 from agents.wire.transport import GATEWAY_LEASE_MS, HEARTBEAT_S
-from gateway.heartbeat import Heartbeat
-from gateway.transport import Answer
+from gateway.link.heartbeat import Heartbeat
+from gateway.link.transport import Answer
 
 KEYS = Keys("site/hall-2")
 TICK_S = 0.01

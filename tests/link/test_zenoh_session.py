@@ -13,9 +13,9 @@ from serving import until
 
 from agents.wire.keys import Keys
 from agents.wire.transport import HEARTBEAT_S
-from gateway.link import FleetLink
-from gateway.transport import LinkError
-from gateway.zenoh_session import ZenohSession, open_session
+from gateway.link.fleet_link import FleetLink
+from gateway.link.transport import LinkError
+from gateway.link.zenoh_session import ZenohSession, open_session
 
 pytestmark = pytest.mark.processes
 KEYS = Keys()

@@ -11,7 +11,7 @@ pytestmark = pytest.mark.processes
 _PROGRAM = """
 import sys
 from pyoxigraph import Store
-from gateway.query.worker import limit
+from gateway.extensions.query.worker import limit
 store = Store()
 limit(5.0)
 for silent in ("", "SILENT"):

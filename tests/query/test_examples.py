@@ -9,7 +9,7 @@ from commanding import begun, of_joint, post, radian, slowly
 from running import eventually, process
 from small_fleet import Place, live
 
-from gateway.query.examples import EXAMPLES, MOVING, NEAR_LIMITS, REACH, Example
+from gateway.extensions.query.examples import EXAMPLES, MOVING, NEAR_LIMITS, REACH, Example
 
 pytestmark = pytest.mark.virtual
 ROBOTS = ("baxter", "ur5", "panda", "tiago", "go2")

@@ -16,15 +16,15 @@ from running import eventually
 from virtual.loop import VirtualLoop, current
 from virtual.zenoh_network import ZenohNetwork
 
-from gateway.errors import BadRequest, FleetError, QueryTooCostly, ResultTooLarge
+from gateway.app.settings import GatewaySettings
+from gateway.base.errors import BadRequest, FleetError, QueryTooCostly, ResultTooLarge
+from gateway.extensions.query.messages import Instead, Placed
+from gateway.extensions.query.service import Queries, Term
 from gateway.fleet.invocation import Invocation
 from gateway.fleet.model import Pose
-from gateway.graph.wing import Sight
 from gateway.identity.rights import ALL, View, view
-from gateway.live import Live
-from gateway.query.messages import Instead, Placed
-from gateway.query.service import Queries, Term
-from gateway.settings import GatewaySettings
+from gateway.resources.extension import Sight
+from gateway.subscriptions.live import Live
 
 pytestmark = pytest.mark.virtual
 BASE = "http://fleet.example"
@@ -230,7 +230,7 @@ def test_a_lost_process_is_replaced(asking: Asking) -> None:
     def children() -> list[int]:
         said = Path(f"/proc/self/task/{os.getpid()}/children").read_text()
         lines = {int(each): Path(f"/proc/{each}/cmdline").read_bytes() for each in said.split()}
-        return [child for child, line in lines.items() if b"gateway.query.worker" in line]
+        return [child for child, line in lines.items() if b"gateway.extensions.query.worker" in line]
 
     asking.run(POSITIONS)
     (before,) = children()

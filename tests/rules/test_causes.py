@@ -4,10 +4,10 @@ import itertools
 
 from pictured import Pictured
 
+from gateway.extensions.query.messages import Instead
+from gateway.extensions.rules.causes import KEPT_S, SETTLING_S, Causes, Look, Question, state_of
+from gateway.extensions.rules.rule import Firing, FiringState, Known, Rule
 from gateway.fleet.invocation import Invocation, InvocationState
-from gateway.query.messages import Instead
-from gateway.rules.causes import KEPT_S, SETTLING_S, Causes, Look, Question, state_of
-from gateway.rules.rule import Firing, FiringState, Known, Rule
 
 IDS = map(str, itertools.count())
 

@@ -13,8 +13,8 @@ from running import eventually, process
 from several import Gateway, Hub, gateways, hub
 from small_fleet import live
 
-from gateway.rules.loops import FIRINGS, WITHIN_S, reason_to_disable, self_caused
-from gateway.rules.rule import Firing, FiringState, Known, Rule
+from gateway.extensions.rules.loops import FIRINGS, WITHIN_S, reason_to_disable, self_caused
+from gateway.extensions.rules.rule import Firing, FiringState, Known, Rule
 
 pytestmark = pytest.mark.virtual
 SECOND = 10**9

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from gateway.graph.serialise import parse
-from gateway.query.language import check_select
-from gateway.rules import engine, request, service, store, template
-from gateway.settings import GatewaySettings
+from gateway.app.settings import GatewaySettings
+from gateway.extensions.rules import engine, request, service, store, template
+from gateway.rdf.serialise import parse
+from gateway.rdf.sparql_syntax import check_select
 
 _PAGE = (Path(__file__).parents[2] / "docs/RULES.md").read_text()
 _RULES = [text for text in re.findall(r"```turtle\n(.*?)```", _PAGE, re.S) if "a lf:Rule" in text]

@@ -3,10 +3,10 @@
 import pytest
 from pyoxigraph import BlankNode, Literal, NamedNode
 
-from gateway.errors import UnprocessableContent
-from gateway.graph.serialise import parse
-from gateway.graph.vocab import LF, VOM
-from gateway.rules.template import filled, template, triples_of, variables
+from gateway.base.errors import UnprocessableContent
+from gateway.extensions.rules.template import filled, template, triples_of, variables
+from gateway.rdf.serialise import parse
+from gateway.rdf.vocabulary import LF, VOM
 
 _BEGIN = "@prefix lf: <https://w3id.org/linked-fleet#> . @prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> .\n"
 _ACTION = NamedNode("http://fleet/arm/joint/actions/rotate")

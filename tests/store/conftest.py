@@ -2,7 +2,7 @@ import pytest
 from redis_backends import pytest_pyfunc_call, server, valkey, valkey_cluster  # noqa: F401 - fixtures and a hook
 from running import PATIENCE_S
 
-from gateway.store import embedded
+from gateway.runtime import embedded_redis as embedded
 
 
 @pytest.fixture

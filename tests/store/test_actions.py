@@ -8,7 +8,7 @@ import pytest
 from redis_backends import Backend, opened
 from stored import an_invocation, ended, until
 
-from gateway.actions.keys import Keys
+from gateway.actions.redis_keys import Keys
 from gateway.actions.store import KEPT_S, ActionStore
 from gateway.fleet.invocations import InvocationState
 

@@ -8,9 +8,9 @@ import pytest
 from redis_backends import Backend, opened
 from stored import served, until
 
-from gateway.observe import audit as audit_module
-from gateway.observe.audit import PAGE, Audit, Entry
-from gateway.store.connection import StoreUnavailable
+from gateway.runtime import audit_log as audit_module
+from gateway.runtime.audit_log import PAGE, Audit, Entry
+from gateway.runtime.redis import StoreUnavailable
 
 
 @pytest.fixture

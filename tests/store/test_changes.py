@@ -9,8 +9,8 @@ import pytest
 from redis_backends import Backend, opened
 from stored import LIMIT, OUTGOING, a_subscription, adopted, held
 
+from gateway.resources.subscription import Changeable, Delivery, DeliveryState, Depth, Kind, Record, Subscription
 from gateway.subscriptions.store import Backlog, News, Store
-from gateway.subscriptions.subscription import Changeable, Delivery, DeliveryState, Depth, Kind, Record, Subscription
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import pytest
 from redis_backends import Backend, opened
 from stored import closing, served
 
-from gateway.store.connection import BadUrl, Connection, StoreUnavailable
+from gateway.runtime.redis import BadUrl, Connection, StoreUnavailable
 
 _ROUNDS, _AT_ONCE = 50, 12
 

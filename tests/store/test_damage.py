@@ -15,8 +15,9 @@ from redis.backoff import NoBackoff
 from redis.retry import Retry
 from running import PATIENCE_S
 
-from gateway.store import damage, embedded
-from gateway.store.embedded import Embedded
+from gateway.runtime import damaged_data as damage
+from gateway.runtime import embedded_redis as embedded
+from gateway.runtime.embedded_redis import Embedded
 
 pytestmark = [pytest.mark.processes, pytest.mark.usefixtures("patient")]
 

@@ -21,15 +21,15 @@ from redis.backoff import NoBackoff
 from redis.retry import Retry
 from running import PATIENCE_S, process
 
-from gateway.store import embedded
-from gateway.store.embedded import Embedded
+from gateway.runtime import embedded_redis as embedded
+from gateway.runtime.embedded_redis import Embedded
 from gateway.subscriptions.store import Store
 
 pytestmark = [pytest.mark.processes, pytest.mark.usefixtures("patient")]
 GATEWAY = textwrap.dedent("""
     import asyncio, sys
     from pathlib import Path
-    from gateway.store.embedded import Embedded
+    from gateway.runtime.embedded_redis import Embedded
 
     async def main():
         async with Embedded(Path(sys.argv[1])):

@@ -15,7 +15,7 @@ from redis_backends import Backend, Memory, hold_to
 from stored import an_invocation, served
 
 from gateway.actions import store as store_module
-from gateway.actions.keys import Keys
+from gateway.actions.redis_keys import Keys
 from gateway.actions.store import ActionStore, Full, KeyReused, Lease, LeaseHeld, LeaseOver, StoreUnavailable
 from gateway.fleet.invocations import FLEET, Invocation, InvocationState
 

@@ -11,7 +11,7 @@ from redis_backends import Backend, opened
 from running import PATIENCE_S
 from stored import an_invocation, ended, served, until
 
-from gateway.actions.keys import Keys
+from gateway.actions.redis_keys import Keys
 from gateway.actions.store import ActionStore, LeaseHeld, News, StoreUnavailable
 from gateway.fleet.invocations import FLEET
 

@@ -11,13 +11,13 @@ from redis_backends import Backend
 from stored import until
 from virtual.zenoh_network import ZenohNetwork
 
+from gateway.app.settings import GatewaySettings
+from gateway.extensions.world import store as store_module
+from gateway.extensions.world.replicated_objects import Objects
+from gateway.extensions.world.scene import SceneObject, Sphere
+from gateway.extensions.world.store import Changed, Full, ObjectStore, digest
 from gateway.fleet.model import Pose
-from gateway.live import Live
-from gateway.settings import GatewaySettings
-from gateway.world import store as store_module
-from gateway.world.memory import Objects
-from gateway.world.scene import SceneObject, Sphere
-from gateway.world.store import Changed, Full, ObjectStore, digest
+from gateway.subscriptions.live import Live
 
 NOWHERE = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 

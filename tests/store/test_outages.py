@@ -12,14 +12,14 @@ from redis_backends import Backend, Memory
 from stored import LIMIT, OUTGOING, a_rule, a_subscription, an_invocation, ended, held, listed, served
 
 from gateway.actions.store import ActionStore
-from gateway.identity.ended import EndedSessions
+from gateway.extensions.rules.rule import Known
+from gateway.extensions.rules.store import RuleStore
+from gateway.extensions.sessions.ended_sessions import EndedSessions
+from gateway.extensions.world.store import ObjectStore
 from gateway.identity.store import SessionKey
-from gateway.rules.rule import Known
-from gateway.rules.store import RuleStore
-from gateway.store.connection import StoreUnavailable
+from gateway.resources.subscription import Delivery
+from gateway.runtime.redis import StoreUnavailable
 from gateway.subscriptions.store import LEASE_S, Store
-from gateway.subscriptions.subscription import Delivery
-from gateway.world.store import ObjectStore
 
 Call = Callable[[], Awaitable[object]]
 

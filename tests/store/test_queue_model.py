@@ -15,10 +15,10 @@ from hypothesis.stateful import Bundle, RuleBasedStateMachine, initialize, invar
 from redis_backends import Backend, Memory, hold_to
 from stored import LIMIT, CrashedError, a_subscription, adopted, crash_after, held, listed
 
-from gateway.subscriptions.keys import Keys
+from gateway.resources.subscription import Delivery, DeliveryState, Kind, Subscription
 from gateway.subscriptions.records import read_entry
+from gateway.subscriptions.redis_keys import Keys
 from gateway.subscriptions.store import LEASE_S, Backlog, Entry, Lost, Outgoing, Store, StoreUnavailable
-from gateway.subscriptions.subscription import Delivery, DeliveryState, Kind, Subscription
 
 OWNER = "/baxter/right_s1"
 WAITING = Delivery(DeliveryState.WAITING)

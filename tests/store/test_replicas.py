@@ -11,9 +11,9 @@ from running import eventually
 from stored import LIMIT, a_subscription, held, listed
 from virtual.loop import virtual_time
 
-from gateway.subscriptions.keys import Keys
+from gateway.resources.subscription import Delivery, Kind
+from gateway.subscriptions.redis_keys import Keys
 from gateway.subscriptions.store import Store, StoreUnavailable
-from gateway.subscriptions.subscription import Delivery, Kind
 
 KEYS = Keys()
 OWNER = "/baxter/right_s1"

@@ -9,9 +9,9 @@ import pytest
 from redis_backends import Backend, opened
 from stored import HOSTILE, a_rule, closing
 
-from gateway.rules import store as store_module
-from gateway.rules.rule import Firing, FiringState, Known, Rule
-from gateway.rules.store import Changed, Crowded, Full, Lost, RuleStore
+from gateway.extensions.rules import store as store_module
+from gateway.extensions.rules.rule import Firing, FiringState, Known, Rule
+from gateway.extensions.rules.store import Changed, Crowded, Full, Lost, RuleStore
 
 
 @pytest.fixture

@@ -9,11 +9,11 @@ import pytest
 from redis_backends import Backend, opened
 from stored import served
 
-from gateway.identity.ended import EndedSessions
+from gateway.extensions.sessions.ended_sessions import EndedSessions
+from gateway.extensions.sessions.sealed_cookie import Session, new_session
 from gateway.identity.rights import TokenHash
-from gateway.identity.seal import Session, new_session
 from gateway.identity.store import SessionKey
-from gateway.store.connection import StoreUnavailable
+from gateway.runtime.redis import StoreUnavailable
 
 
 @pytest.fixture

@@ -20,9 +20,9 @@ from stored import (
     served,
 )
 
-from gateway.subscriptions.keys import Keys
+from gateway.resources.subscription import Delivery, DeliveryState, Depth, Kind
+from gateway.subscriptions.redis_keys import Keys
 from gateway.subscriptions.store import Backlog, Lost, News, Store, TooMany
-from gateway.subscriptions.subscription import Delivery, DeliveryState, Depth, Kind
 
 NEWS = Keys().news
 

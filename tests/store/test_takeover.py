@@ -21,9 +21,9 @@ from stored import (
     until,
 )
 
-from gateway.subscriptions.keys import Keys
+from gateway.resources.subscription import Delivery, DeliveryState, Kind, Record, Subscription
+from gateway.subscriptions.redis_keys import Keys
 from gateway.subscriptions.store import LEASE_S, Lost, News, Store, TooMany
-from gateway.subscriptions.subscription import Delivery, DeliveryState, Kind, Record, Subscription
 
 NEWS = Keys().news
 

@@ -19,17 +19,17 @@ from receivers import Receiver as CallbackReceiver
 from redis_servers import single
 from running import PATIENCE_S
 
-from gateway.graph.reading import Source
-from gateway.graph.resource import Resource
+from gateway.resources.resource import Resource
+from gateway.resources.subscription import Delivery, DeliveryState, Kind, Record, Subscription
+from gateway.resources.versioning import Source
 from gateway.subscriptions import courier as courier_module
-from gateway.subscriptions import scripts
+from gateway.subscriptions import redis_scripts as scripts
 from gateway.subscriptions.courier import Courier
 from gateway.subscriptions.fan_out import FanOut
 from gateway.subscriptions.network import Address, Network
 from gateway.subscriptions.receiver import Receiver
 from gateway.subscriptions.retry import SUSPEND_AFTER
 from gateway.subscriptions.store import Outgoing, Store, StoreUnavailable
-from gateway.subscriptions.subscription import Delivery, DeliveryState, Kind, Record, Subscription
 
 pytestmark = pytest.mark.virtual
 PATH = "/toy/elbow/rotation"

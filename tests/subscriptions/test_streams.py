@@ -19,7 +19,8 @@ from agents.wire.messages import WIRE_VERSION, Description, State
 from gateway.fleet.events import Appeared, Described, Framed
 from gateway.fleet.fleet import Fleet
 from gateway.fleet.invocations import Invocations
-from gateway.graph.tree import Tree
+from gateway.resources.subscription import Delivery, DeliveryState, Kind, Subscription
+from gateway.resources.tree import Tree
 from gateway.subscriptions import service as service_module
 from gateway.subscriptions import streams as streams_module
 from gateway.subscriptions.fan_out import FanOut
@@ -28,7 +29,6 @@ from gateway.subscriptions.network import Network
 from gateway.subscriptions.service import Subscriptions
 from gateway.subscriptions.store import News, Store, StoreUnavailable, TooMany
 from gateway.subscriptions.streams import Streams
-from gateway.subscriptions.subscription import Delivery, DeliveryState, Kind, Subscription
 from gateway.subscriptions.watcher import Watcher
 
 pytestmark = pytest.mark.virtual

@@ -15,13 +15,13 @@ from typing import Any
 import agents.transport
 from agents.serving import make_agent, serve
 from agents.settings import SettingsError, read_settings
-from gateway.app import create_app
+from gateway.app.application import create_app
+from gateway.app.settings import GatewaySettings
 from gateway.http.server import Server
 from gateway.identity.roster import BadRoster
-from gateway.observe.log import formatter
-from gateway.settings import GatewaySettings
-from gateway.store.connection import BadUrl
-from gateway.transport import LinkError, Session
+from gateway.link.transport import LinkError, Session
+from gateway.runtime.log import formatter
+from gateway.runtime.redis import BadUrl
 from virtual.confined import Confined, confined
 from virtual.loop import VirtualLoop, current
 from virtual.played_session import PlayedSession

@@ -6,7 +6,7 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from gateway.store.connection import Connection, StoreUnavailable
+from gateway.runtime.redis import Connection, StoreUnavailable
 from virtual.loop import VirtualLoop, virtual_time
 from virtual.redis_server import RedisServer
 

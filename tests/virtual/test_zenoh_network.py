@@ -9,7 +9,7 @@ from collections.abc import Callable
 import pytest
 
 from agents.wire.keys import Keys
-from gateway.transport import Answer, Question
+from gateway.link.transport import Answer, Question
 from virtual.confined import confined
 from virtual.loop import VirtualLoop, on_virtual_time
 from virtual.zenoh_agent import AgentSession

@@ -7,7 +7,7 @@ from typing import Self
 
 from agents.transport import Query, TransportError
 from agents.wire.traceparent import MAX_BYTES
-from gateway.transport import Answer, Question
+from gateway.link.transport import Answer, Question
 from virtual.zenoh_connection import Connection
 from virtual.zenoh_sessions import Declaration, Session, bounded, intersects, peer_of
 

@@ -7,7 +7,7 @@ from functools import partial
 from typing import TypeVar
 
 from gateway.fleet.inbox import Payload
-from gateway.transport import Answer, Question, TransportError
+from gateway.link.transport import Answer, Question, TransportError
 from virtual.zenoh_connection import Connection
 from virtual.zenoh_sessions import Session, bounded, peer_of
 
@@ -27,7 +27,7 @@ class _Asked:
 
 
 class GatewaySession(Session):
-    """Implements ``gateway.transport.Session``."""
+    """Implements ``gateway.link.transport.Session``."""
 
     error = TransportError
 

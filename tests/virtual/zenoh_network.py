@@ -26,7 +26,7 @@ from itertools import product
 from random import Random
 
 from agents.wire.transport import GATEWAY_LEASE_MS
-from gateway.transport import Opener
+from gateway.link.transport import Opener
 from virtual.zenoh_agent import AgentSession
 from virtual.zenoh_connection import Connection, Faults
 from virtual.zenoh_gateway import GatewaySession

@@ -7,12 +7,12 @@ from pyoxigraph import NamedNode
 from shacl_findings import pyshacl_finds
 
 from gateway.actions.admission import admit
-from gateway.actions.body import written
-from gateway.errors import UnprocessableContent
-from gateway.graph.compiled import Data, compile_shape
-from gateway.graph.judge import Judge
-from gateway.graph.serialise import parse
-from gateway.graph.vocab import HYBRIT, SH, VOM
+from gateway.base.errors import UnprocessableContent
+from gateway.rdf.compiled import Data, compile_shape
+from gateway.rdf.serialise import parse
+from gateway.rdf.shacl_validator import Judge
+from gateway.rdf.vocabulary import HYBRIT, SH, VOM
+from gateway.resources.action_body import written
 
 _RANGE = '<limit lower="{}" upper="{}" velocity="1" effort="1"/>'
 _ROTATE = "/r/elbow/actions/rotate"

@@ -11,13 +11,13 @@ import pytest
 from pyoxigraph import NamedNode, Triple
 
 from agents.wire.messages import Move
-from gateway.actions import handlers
-from gateway.actions.completions import COMPLETIONS
-from gateway.actions.definition import definitions
-from gateway.errors import UnprocessableContent
-from gateway.graph import shapes
-from gateway.graph.judge import Judge
-from gateway.graph.vocab import HYBRIT, LF
+from gateway.actions import handler_table as handlers
+from gateway.base.errors import UnprocessableContent
+from gateway.rdf import shapes
+from gateway.rdf.shacl_validator import Judge
+from gateway.rdf.vocabulary import HYBRIT, LF
+from gateway.resources.action_definition import definitions
+from gateway.resources.shape_parameters import COMPLETIONS
 
 _ROOT = Path(__file__).parents[3]
 _README = (_ROOT / "shapes" / "README.md").read_text(encoding="utf-8")

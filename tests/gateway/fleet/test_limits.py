@@ -7,18 +7,18 @@ import pytest
 from pictured import JOINTS, Pictured
 from pyoxigraph import Literal, NamedNode
 
-from gateway.actions.asked import Asked, moment_of
-from gateway.actions.body import Body
+from gateway.actions.action_request import Asked, moment_of
 from gateway.actions.plan import Moment
-from gateway.errors import Faulty
+from gateway.base.errors import Faulty
 from gateway.fleet.fleet import Change, Fleet
 from gateway.fleet.invocations import Invocations
 from gateway.fleet.limits import TOLERANCE_RAD, joints_outside
 from gateway.fleet.robot import Robot
-from gateway.graph.build import Graph
-from gateway.graph.resource import Resource
-from gateway.graph.tree import Tree
-from gateway.graph.vocab import LF, XSD
+from gateway.rdf.graph import Graph
+from gateway.rdf.vocabulary import LF, XSD
+from gateway.resources.action_body import Body
+from gateway.resources.resource import Resource
+from gateway.resources.tree import Tree
 
 SECOND_NS = 1_000_000_000
 BASE = "http://example.org"

@@ -11,9 +11,9 @@ import pytest
 from serving import Channel, connect, fill, run, serving, until
 from starlette.types import Receive, Scope, Send
 
+from gateway.http.backpressure import HIGH_WATER_BYTES
 from gateway.http.event_stream import chunk, framed, serve_event_stream
 from gateway.http.protocol import HTTP, HttpProtocol
-from gateway.http.slow import HIGH_WATER_BYTES
 from gateway.subscriptions.message import Ending, Message
 
 TURTLE = Message("/a", "7-1", "text/turtle", '<> <urn:p> "ü" .\n\n<> <urn:q> 1 .\n'.encode())

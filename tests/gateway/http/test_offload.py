@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from gateway.errors import Busy
+from gateway.base.errors import Busy
 from gateway.http.offload import MOST_WAITING, SHORT_BYTES, Offload
 
 

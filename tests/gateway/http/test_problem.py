@@ -5,9 +5,9 @@ import json
 import pytest
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-from gateway import errors
-from gateway.graph.parsing import parse
+from gateway.base import errors
 from gateway.http.problem import problem_body
+from gateway.rdf.parsing import parse
 
 SH = "http://www.w3.org/ns/shacl#"
 PREFIXES = {"sh": SH, "lf": "https://w3id.org/linked-fleet#", "dcterms": "http://purl.org/dc/terms/"}

@@ -16,16 +16,16 @@ from small_fleet import Place
 from starlette.types import Receive, Scope, Send
 
 from gateway.fleet.observation import Observation
-from gateway.graph.build import Graph
-from gateway.graph.property import Seen
-from gateway.graph.reading import Source
-from gateway.graph.resource import Resource
-from gateway.graph.template import Rendering
-from gateway.graph.vocab import LF as TERMS
 from gateway.http.protocol import HttpProtocol
 from gateway.http.rates import Rates
 from gateway.http.repeats import MAX_KEPT, Repeat, Repeats
-from gateway.observe.counts import Requests
+from gateway.rdf.graph import Graph
+from gateway.rdf.vocabulary import LF as TERMS
+from gateway.resources.property import Seen
+from gateway.resources.resource import Resource
+from gateway.resources.template import Rendering
+from gateway.resources.versioning import Source
+from gateway.runtime.counters import Requests
 
 pytestmark = pytest.mark.virtual
 

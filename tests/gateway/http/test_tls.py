@@ -12,9 +12,9 @@ from starlette.types import Receive, Scope, Send
 from starlette.websockets import WebSocket
 from websockets.asyncio.client import connect as client
 
+from gateway.http.backpressure import HIGH_WATER_BYTES
 from gateway.http.event_stream import serve_event_stream
 from gateway.http.protocol import HTTP, HttpProtocol
-from gateway.http.slow import HIGH_WATER_BYTES
 from gateway.http.tls import Certificate, secured, unsent
 from gateway.http.websocket import serve_websocket
 from gateway.http.websocket_protocol import WEBSOCKET, WebSocketProtocol

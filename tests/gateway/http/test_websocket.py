@@ -19,7 +19,7 @@ from websockets.asyncio.client import connect as client
 from websockets.exceptions import ConnectionClosed
 from websockets.frames import Frame, Opcode
 
-from gateway.http.slow import HIGH_WATER_BYTES, Reader
+from gateway.http.backpressure import HIGH_WATER_BYTES, Reader
 from gateway.http.websocket import framed, serve_websocket
 from gateway.http.websocket_protocol import WEBSOCKET, WebSocketProtocol
 from gateway.subscriptions.message import Ending, Message, Outlet

@@ -17,11 +17,11 @@ from agents.wire.messages import WIRE_VERSION, Description, State
 from gateway.fleet.events import Appeared, Described, Event, Framed, Undescribed, Vanished
 from gateway.fleet.fleet import Fleet
 from gateway.fleet.invocations import Invocation, Invocations, InvocationState
-from gateway.graph.tree import Tree
+from gateway.resources.subscription import Depth, Kind, Subscription
+from gateway.resources.tree import Tree
 from gateway.subscriptions import fan_out
 from gateway.subscriptions.fan_out import FanOut
 from gateway.subscriptions.message import Ending, Message
-from gateway.subscriptions.subscription import Depth, Kind, Subscription
 from gateway.subscriptions.watcher import Timer
 
 _BASE = "http://fleet.example"

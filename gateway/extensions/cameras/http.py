@@ -1,0 +1,51 @@
+"""GET of a camera in a media type of pictures: the robot is asked, and the answer is of one moment."""
+
+from email.utils import formatdate
+
+from starlette.requests import Request
+from starlette.responses import Response
+
+from gateway.base.errors import NotAcceptable
+from gateway.extensions.cameras.camera import FORMATS
+from gateway.extensions.cameras.pictures import Pictures
+from gateway.extensions.cameras.resources import Eye
+from gateway.http.conditional import not_modified
+from gateway.http.fields import field
+from gateway.http.negotiation import choose
+from gateway.rdf.serialise import MEDIA_TYPES
+from gateway.resources.resource import Resource
+
+# A file from elsewhere: should a browser take it for a document, it is one that can do nothing.
+_HEADERS = {"cache-control": "no-store", "content-security-policy": "sandbox; default-src 'none'"}
+
+
+def picture_type(request: Request, resource: Resource) -> str | None:
+    """The media type of pictures that is asked for, None for RDF. NotAcceptable with why there are no pictures."""
+    if "as" in request.query_params:
+        return None
+    accept, eye = field(request, "accept"), resource.remote
+    offered = (*MEDIA_TYPES, *resource.documents)
+    chosen = choose(accept, offered)
+    if chosen is None and isinstance(eye, Eye) and eye.camera.unavailable and choose(accept, tuple(FORMATS)):
+        raise NotAcceptable(f"No picture can be had here: {eye.camera.unavailable}.", offered=offered)
+    return chosen if chosen in FORMATS else None
+
+
+async def picture(request: Request, eye: Eye, media_type: str, headers: dict[str, str]) -> Response:
+    """``headers``: as of any resource. Only who gets the bytes has the robot asked. Offline, AgentSilent, Busy."""
+    headers = headers | _HEADERS | {"content-type": media_type}
+    if request.method == "HEAD":
+        answer = Response(headers={name: value for name, value in headers.items() if name != "etag"})
+        del answer.headers["content-length"]  # nobody knows yet
+        return answer
+    pictures: Pictures = request.app.state.pictures
+    format = FORMATS[media_type]
+    found = await pictures.get(eye, format)
+    at = found.moment
+    headers |= {
+        "etag": f'"{at.incarnation}-{at.sequence + 1}-{format}"',
+        "last-modified": formatdate(at.wall_ns // 1_000_000_000, usegmt=True),
+    }
+    if not_modified(field(request, "if-none-match"), headers["etag"]):
+        return Response(status_code=304, headers=headers)
+    return Response(found.content, headers=headers)

@@ -1,0 +1,56 @@
+"""Resources as HTML: the triples of their description, made readable; scripts only make it live."""
+
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from markupsafe import Markup
+from pyoxigraph import Triple
+
+from gateway.base.lazy_imports import Lazily
+from gateway.extensions.pages.assets import assets
+from gateway.extensions.pages.labels import clean
+from gateway.extensions.pages.view import view_of
+from gateway.rdf import jsonld
+from gateway.rdf.vocabulary import PREFIXES
+from gateway.resources.resource import Resource
+
+if TYPE_CHECKING:
+    import jinja2
+else:
+    jinja2 = Lazily("jinja2")
+
+_TEMPLATES = Path(__file__).parent / "templates"
+
+
+def write(resource: Resource, triples: Sequence[Triple], base: str) -> bytes:
+    """The page of a resource; ``base`` is scheme and authority. The same triples give the same bytes."""
+    view = view_of(resource, triples, base)
+    data = embedded(jsonld.write(triples, PREFIXES))
+    return render(f"{view.kind}.html", view=view, data=data)
+
+
+def render(template: str, **variables: object) -> bytes:
+    """A template with what all pages need."""
+    return _templates().get_template(template).render(entries=assets().entries, **variables).encode()
+
+
+def embedded(json: str) -> Markup:
+    """JSON inside of a script element, which ends at the first ``</script`` whatever is around it."""
+    escaped = json.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+    return Markup(escaped)  # noqa: S704 - nothing is left of it that HTML could take for markup
+
+
+@cache
+def _templates() -> "jinja2.Environment":
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(_TEMPLATES),
+        autoescape=True,
+        auto_reload=False,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    environment.filters["clean"] = clean
+    return environment

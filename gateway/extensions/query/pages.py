@@ -1,0 +1,76 @@
+"""Results as a page; written in the query process, where many of them hold nobody up."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from urllib.parse import urlencode
+
+from pyoxigraph import BlankNode, Literal, NamedNode, QueryBoolean, QuerySolutions, Triple
+
+from gateway.extensions.pages.labels import clean
+from gateway.extensions.pages.page import render
+from gateway.extensions.query.messages import Ask, Refused, too_large
+
+_CELL_BYTES = 64
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A term as it is shown, ``href`` empty for what a browser cannot follow."""
+
+    text: str
+    href: str = ""
+    title: str = ""
+
+
+def warm() -> None:
+    """Load what pages take: afterwards no file can be opened."""
+    _page("", [], [], "", {})
+
+
+def page_of(result: QuerySolutions | QueryBoolean | Sequence[Triple], ask: Ask) -> bytes:
+    """Refused when it would have too many bytes."""
+    if isinstance(result, QueryBoolean):
+        return _page(ask.query, [], [], "Yes." if result else "No.", _formats(ask, ("json", "xml")))
+    if isinstance(result, QuerySolutions):
+        names, others = [each.value for each in result.variables], ("json", "xml", "csv", "tsv")
+        rows = ([row[name] for name in names] for row in result)
+    else:
+        names, others = ["subject", "predicate", "object"], ("turtle", "jsonld", "ntriples", "rdfxml")
+        rows = ([each.subject, each.predicate, each.object] for each in result)
+    shown = _bounded(rows, ask)
+    return _page(ask.query, names, shown, f"{len(shown)} rows" if len(shown) != 1 else "1 row", _formats(ask, others))
+
+
+def _bounded(rows: Iterable[Sequence[object]], ask: Ask) -> list[list[Cell]]:
+    shown: list[list[Cell]] = []
+    size = 0
+    for row in rows:
+        cells = [_cell(term, ask.base + "/") for term in row]
+        size += sum(_CELL_BYTES + len(each.text) + len(each.href) for each in cells)
+        if size > ask.most_bytes:
+            raise Refused(too_large(ask.most_bytes))
+        shown.append(cells)
+    return shown
+
+
+def _cell(term: object, root: str) -> Cell:
+    if isinstance(term, NamedNode):
+        href = term.value if term.value.startswith(("http://", "https://")) else ""
+        return Cell(clean(term.value.removeprefix(root) or "/"), href, clean(term.value))
+    if isinstance(term, Literal):
+        return Cell(clean(term.value), "", clean(term.language or term.datatype.value))
+    return Cell("" if term is None else clean(str(term)) if not isinstance(term, BlankNode) else "[]")
+
+
+def _formats(ask: Ask, keys: Sequence[str]) -> dict[str, str]:
+    """Other representations of the result of the same query, by what picks them."""
+    said = [("query", ask.query)]
+    said += [("default-graph-uri", each) for each in ask.default or ()]
+    said += [("named-graph-uri", each) for each in ask.named or ()]
+    return {key: f"{ask.base_iri}?{urlencode([*said, ('as', key)])}" for key in keys}
+
+
+def _page(
+    query: str, names: Sequence[str], rows: Sequence[Sequence[Cell]], summary: str, formats: Mapping[str, str]
+) -> bytes:
+    return render("results.html", query=clean(query), names=names, rows=rows, summary=summary, formats=formats)

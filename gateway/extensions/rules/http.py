@@ -1,0 +1,194 @@
+"""Rules written, enabled, disabled and deleted over HTTP (desideratum D6)."""
+
+import time
+import uuid
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import replace
+
+from starlette.requests import Request
+from starlette.responses import Response
+
+from gateway.base.errors import (
+    BadRequest,
+    InsufficientScope,
+    NotAcceptable,
+    NotFound,
+    PayloadTooLarge,
+    PreconditionFailed,
+    StoreAway,
+    TooManyRules,
+    UnprocessableContent,
+)
+from gateway.extensions.query.service import Queries
+from gateway.extensions.rules.creators import may_have_rules
+from gateway.extensions.rules.description import ChangeRule, MakeRule, rule_path
+from gateway.extensions.rules.invoking import offered, path_in_fleet
+from gateway.extensions.rules.request import CONTAINER, Wanted, check_variables, requested
+from gateway.extensions.rules.rule import Known, Rule
+from gateway.extensions.rules.service import Rules
+from gateway.extensions.rules.store import Changed, Crowded, Full, StoreUnavailable
+from gateway.http.body import body_type, parse_body, read_as
+from gateway.http.created import created
+from gateway.http.fields import field
+from gateway.http.invoke import refuse_rehearsal
+from gateway.http.negotiation import choose
+from gateway.http.representation import negotiated
+from gateway.http.rights import caller_of, name_of, tree_of
+from gateway.identity.rights import Claims, Identity, Right
+from gateway.rdf.serialise import MEDIA_TYPES
+from gateway.rdf.sparql_syntax import bound_to
+from gateway.resources.resource import Resource
+
+WORD_S = 86_400
+"""How long the word of an issuer is good for a rule, unless its token is good for longer."""
+
+
+async def post_rule(request: Request, afforded: MakeRule, base: str) -> Response:
+    """201 with Location and description."""
+    refuse_rehearsal(request)
+    _demand_rights(caller_of(request))
+    media_type = body_type(request)
+    if choose(field(request, "accept"), MEDIA_TYPES) is None:
+        raise NotAcceptable(f"Available here: {', '.join(MEDIA_TYPES)}.", offered=MEDIA_TYPES)
+    wanted = await _wanted(request, media_type, base + CONTAINER, base)
+    rule = _as_wanted(request, wanted, base, str(uuid.uuid4()), time.time_ns())
+    async with _refusals(_rules(request)):
+        await _rules(request).write(rule, 0)
+    path = rule_path(rule)
+    shown = tree_of(request, base).resolve(path)
+    if not isinstance(shown, Resource):
+        raise NotFound("The rule was deleted at once.")
+    return created(shown, negotiated(field(request, "accept"), shown, base), base)
+
+
+async def change_rule(request: Request, afforded: ChangeRule, base: str) -> Response:
+    """PUT replaces what the rule says, DELETE ends it; who is not its creator may have it disabled or enabled."""
+    refuse_rehearsal(request)
+    caller, known = caller_of(request), afforded.known
+    own = caller.name == known.rule.creator
+    if not own and not caller.may(Right.ADMIN, None):
+        detail = "Only its creator, and who administers the fleet, may change a rule."
+        raise InsufficientScope(detail, scope=Right.ADMIN)
+    rules = _rules(request)
+    if request.method == "DELETE":
+        async with _refusals(rules):
+            # Without a condition whatever the rule says by now is to end.
+            revision = None if field(request, "if-match") is None else known.revision
+            if not await rules.remove(known.rule, revision):
+                raise NotFound("The rule has been deleted meanwhile.")
+        return Response(status_code=204)
+    wanted = await _wanted(request, body_type(request), base + rule_path(known.rule), base)
+    changed = _changed(request, known, wanted, own, base)
+    async with _refusals(rules):
+        await rules.write(changed, known.revision)
+    return Response(status_code=204)
+
+
+def _changed(request: Request, known: Known, wanted: Wanted, own: bool, base: str) -> Rule:
+    rule = known.rule
+    if own:
+        _demand_rights(caller_of(request))
+        written = _as_wanted(request, wanted, base, rule.id, rule.created_ns)
+        return replace(written, client=rule.client)
+    said = (rule.title, rule.condition, _iri(rule), rule.body, rule.told_apart_by, rule.interval_s)
+    if said != (wanted.title, wanted.condition, wanted.invokes, wanted.body, wanted.told_apart_by, wanted.interval_s):
+        raise InsufficientScope("What a rule says is for its creator to change: it has his rights.", scope=Right.ADMIN)
+    return replace(rule, enabled=wanted.enabled, reason="")
+
+
+def _iri(rule: Rule) -> str:
+    return rule.invokes if rule.variable else rule.base + rule.invokes
+
+
+async def _wanted(request: Request, media_type: str, iri: str, base: str) -> Wanted:
+    wanted = await read_as(request, lambda body: requested(parse_body(body, media_type, iri, base), iri, base))
+    queries: Queries = request.app.state.queries
+    try:
+        check_variables(wanted, await queries.check(wanted.condition, base), base)
+        _check_bound(request, wanted, base)
+    except (BadRequest, PayloadTooLarge) as error:
+        raise UnprocessableContent(f"lf:condition: {error.detail}", constraint=base + CONTAINER) from error
+    return wanted
+
+
+def _as_wanted(request: Request, wanted: Wanted, base: str, id: str, created_ns: int) -> Rule:
+    caller = caller_of(request)
+    invokes = wanted.invokes
+    if not invokes.startswith("?"):
+        invokes = _action(request, invokes, base)
+    return Rule(
+        id=id,
+        title=wanted.title,
+        condition=wanted.condition,
+        invokes=invokes,
+        base=base,
+        client=name_of(request),
+        created_ns=created_ns,
+        body=wanted.body,
+        told_apart_by=wanted.told_apart_by,
+        interval_s=wanted.interval_s,
+        enabled=wanted.enabled,
+        creator=caller.name,
+        claims=_word(caller),
+        sees=caller.sees.patterns,
+    )
+
+
+def _action(request: Request, iri: str, base: str) -> str:
+    """The path of an action that who asks may invoke."""
+    path = path_in_fleet(iri, (base, *_rules(request).bases))
+    if path is None:
+        raise _foreign(f"{iri[:200]!r}", base)
+    try:
+        return offered(tree_of(request, base), path, caller_of(request)).path
+    except UnprocessableContent as error:
+        raise UnprocessableContent(error.detail, constraint=base + CONTAINER) from error
+
+
+def _check_bound(request: Request, wanted: Wanted, base: str) -> None:
+    """UnprocessableContent for a condition that itself names a foreign resource as the action."""
+    if not wanted.invokes.startswith("?"):
+        return
+    for iri in bound_to(wanted.condition, wanted.invokes[1:], base + "/query"):
+        if path_in_fleet(iri, (base, *_rules(request).bases)) is None:
+            raise _foreign(f"lf:condition binds {wanted.invokes[:50]} to {iri[:200]!r}, which", base)
+
+
+def _foreign(what: str, base: str) -> UnprocessableContent:
+    detail = f"{what} is no action of this fleet; here their IRIs begin with {base}/."
+    return UnprocessableContent(detail, constraint=base + CONTAINER)
+
+
+def _word(caller: Identity) -> Claims | None:
+    """Nobody can be asked later what an issuer would say: its word holds for a day, as far as the file still does."""
+    if not isinstance(caller.credential, Claims):
+        return None
+    least_ns = time.time_ns() + WORD_S * 1_000_000_000
+    return replace(caller.credential, expires_ns=max(caller.credential.expires_ns, least_ns))
+
+
+def _demand_rights(caller: Identity) -> None:
+    if not may_have_rules(caller):
+        wanted = "to subscribe to all that you may read, and to act or stop"
+        raise InsufficientScope(f"A rule takes the right {wanted}, which you do not have.", scope=Right.SUBSCRIBE)
+
+
+def _rules(request: Request) -> Rules:
+    rules: Rules = request.app.state.rules
+    return rules
+
+
+@asynccontextmanager
+async def _refusals(rules: Rules) -> AsyncIterator[None]:
+    """What the store refuses, as problems."""
+    try:
+        yield
+    except Full as error:
+        raise TooManyRules(f"You have {rules.limit} rules, as many as you may have; delete some of them.") from error
+    except Crowded as error:
+        raise TooManyRules("The fleet has as many rules as it can have; some have to be deleted.") from error
+    except Changed as error:
+        raise PreconditionFailed("The rule has changed or been deleted meanwhile.") from error
+    except StoreUnavailable as error:
+        raise StoreAway("The server that remembers rules is away; try again in a moment.") from error

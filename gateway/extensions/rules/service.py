@@ -1,0 +1,259 @@
+"""All rules: a copy of what the gateways share, which is read and shown, and serving them if no other gateway does."""
+
+import asyncio
+import logging
+import time
+from collections.abc import Awaitable, Callable, Collection, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from types import TracebackType
+from typing import Self
+
+from gateway.actions.service import Actions
+from gateway.extensions.rules.changes import Changes
+from gateway.extensions.rules.creators import Ended
+from gateway.extensions.rules.description import firings_path, rule_path, wing
+from gateway.extensions.rules.engine import Engine, Select, robot_invoked
+from gateway.extensions.rules.request import CONTAINER
+from gateway.extensions.rules.rule import Firing, FiringState, Known, Rule
+from gateway.extensions.rules.store import Changed, RuleStore, StoreUnavailable
+from gateway.identity.rights import Identity
+from gateway.resources.affordance import Invoke
+from gateway.resources.resource import Resource
+from gateway.runtime.audit_log import Audit
+from gateway.runtime.cancellation import end
+from gateway.subscriptions.live import Live
+
+log = logging.getLogger(__name__)
+
+KEEP_S = 0.5
+"""Between two renewals of the lease, and two looks at the rights of creators."""
+MEETING_S = 10.0
+"""For the robots that were there when rules were evaluated last; then what holds of them does so no more."""
+_LEAVE_S = 1.0
+_RETRY_S = 0.2
+
+
+class Rules:
+    """An async context manager; ``limit`` is how many one client may have."""
+
+    def __init__(
+        self,
+        live: Live,
+        actions: Actions,
+        store: RuleStore,
+        select: Select,
+        creator_of: Callable[[Rule], Identity],
+        audit: Audit,
+        limit: int,
+        bases: Sequence[str] = (),
+    ) -> None:
+        self._live, self._store, self._audit, self.limit = live, store, audit, limit
+        self.bases = bases
+        """Public URLs of the fleet."""
+        self.known: dict[str, Known] = {}
+        self._engine = Engine(live, actions, store, self.known, select, creator_of, self.refresh, self._noted, bases)
+        self._changes = Changes(live, self._engine.wake)
+        self._stopping: dict[str, str] = {}
+        """Why rules are disabled here already, of which Redis does not know yet."""
+        # One answer after the other, so that none is taken after one that is newer.
+        self._reading = asyncio.Lock()
+        self._written = asyncio.Event()
+        self._writing: set[asyncio.Task[None]] = set()
+        self._serving_since_s: float | None = None
+        self._awaited: set[str] | None = None
+        self._tasks: list[asyncio.Task[None]] = []
+        actions.on_stop = self._stopped
+        live.add(wing(self.known))
+
+    async def __aenter__(self) -> Self:
+        try:
+            await self._load()
+        except StoreUnavailable as error:  # ``news`` says so as soon as it is there
+            log.warning("the store is away, no rule is known yet: %s", error)
+        except Exception:
+            # The boundary: whatever is in Redis, a gateway starts and stops robots.
+            log.exception("rules cannot be read; the gateway starts without them")
+        for task, what in ((self._keep, "serve rules"), (self._hear, "hear of rules")):
+            self._tasks.append(asyncio.create_task(self._for_ever(task), name=what))
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await end([*self._tasks, *self._writing])
+        self._changes.shut()
+        await self._engine.compare(set())
+        try:
+            async with asyncio.timeout(_LEAVE_S):
+                await self._store.leave()
+        except (StoreUnavailable, TimeoutError) as outage:
+            log.info("the store could not be told that this gateway ends: %s", str(outage) or "no answer in time")
+        await self._store.close()
+
+    @property
+    def serving(self) -> bool:
+        """Whether it is this gateway that evaluates them."""
+        return self._awaited is not None and not self._awaited
+
+    @property
+    def loops(self) -> int:
+        """How many rules were disabled here because they fired because of themselves."""
+        return self._engine.loops
+
+    # -- what clients do ----------------------------------------------------------------------------------------------
+
+    async def write(self, rule: Rule, revision: int) -> Known:
+        """Add a rule (``revision`` 0), or replace what it said at that revision; Full, Crowded, Changed,
+        StoreUnavailable."""
+        await self._store.write(rule, revision, self.limit)
+        self._stopping.pop(rule.id, None)
+        await self.refresh(rule.id)
+        return self.known.get(rule.id, Known(rule, revision + 1))
+
+    async def remove(self, rule: Rule, revision: int | None) -> bool:
+        """False if there was none; with a revision, Changed unless it says what it said at that; StoreUnavailable."""
+        removed = await self._store.remove(rule, revision)
+        await self.refresh(rule.id)
+        return removed
+
+    def _stopped(self, robots: Collection[str] | None) -> None:
+        """Somebody stops these robots, all for None. That comes first; what a rule asks of them meanwhile is late."""
+        asyncio.get_running_loop().call_soon(self._disable_movers, robots)
+
+    def _disable_movers(self, robots: Collection[str] | None) -> None:
+        """Rules that could have them move again are disabled, here at once, elsewhere as soon as Redis knows."""
+        whom = "all robots were" if robots is None else f"{', '.join(sorted(robots))[:200]} was"
+        for known in list(self.known.values()):
+            if known.rule.enabled and self._moves(known.rule, robots):
+                self._stopping[known.rule.id] = f"disabled because {whom} stopped"
+                self._put(known.rule.id, known)
+                task = asyncio.create_task(self._disable(known.rule.id), name=f"disable rule {known.rule.id}")
+                self._writing.add(task)
+                task.add_done_callback(self._writing.discard)
+
+    def _moves(self, rule: Rule, robots: Collection[str] | None) -> bool:
+        """Whether the rule could move one of these robots; one that does nothing but stop them does not."""
+        if rule.variable is not None:
+            return robots is None or any(map(rule.view.sees, robots))
+        found = self._live.tree(rule.base).resolve(rule.invokes)
+        if isinstance(found, Resource) and isinstance(found.affords, Invoke) and not found.affords.takes_body:
+            return False
+        return robots is None or rule.robot in robots
+
+    async def _disable(self, id: str) -> None:
+        while (reason := self._stopping.get(id)) is not None:
+            try:
+                known = await self._store.read(id)
+                if known is not None and known.rule.enabled:
+                    stopped = replace(known.rule, enabled=False, reason=reason)
+                    await self._store.write(stopped, known.revision, self.limit)
+                self._stopping.pop(id, None)
+                await self.refresh(id)
+            except Changed:
+                continue
+            except StoreUnavailable:  # nor does anything fire without it
+                await asyncio.sleep(_RETRY_S)
+
+    # -- the copy -----------------------------------------------------------------------------------------------------
+
+    async def refresh(self, id: str) -> None:
+        """Read one rule anew; StoreUnavailable."""
+        async with self._reading:
+            self._put(id, await self._store.read(id))
+
+    async def _load(self) -> None:
+        async with self._reading:
+            found = await self._store.load()
+            for id in {*found, *self.known}:
+                self._put(id, found.get(id))
+
+    def _put(self, id: str, known: Known | None) -> None:
+        before = self.known.pop(id, None)
+        if known is not None:
+            if known.rule.enabled and id in self._stopping:
+                known = replace(known, rule=replace(known.rule, enabled=False, reason=self._stopping[id]))
+            self.known[id] = known
+        if (known and known.revision) != (before and before.revision):
+            self._written.set()
+        either = known or before
+        if either is None or known == before:
+            return
+        old, new = (each.firings if each else {} for each in (before, known))
+        fired = [number for number in {*old, *new} if old.get(number) != new.get(number)]
+        paths = (CONTAINER, rule_path(either.rule), firings_path(either.rule))
+        for path in (*paths, *(f"{firings_path(either.rule)}/{number}" for number in fired)):
+            self._live.fan_out.touched(path)
+
+    async def _hear(self) -> None:
+        async for id in self._store.news():
+            try:
+                await (self._load() if id is None else self.refresh(id))
+            except StoreUnavailable as error:  # the whole is read after the outage
+                log.debug("news of rules could not be followed up: %s", error)
+
+    # -- serving ------------------------------------------------------------------------------------------------------
+
+    async def _for_ever(self, task: Callable[[], Awaitable[None]]) -> None:
+        while True:
+            try:
+                await task()
+            except Exception:
+                # The boundary of the task: without it no rule would be evaluated, or heard of, any more.
+                log.exception("rules are not up to date; it is tried again")
+            await asyncio.sleep(KEEP_S)
+
+    async def _keep(self) -> None:
+        while True:
+            try:
+                await self._serve() if await self._store.serve() else await self._rest()
+            except StoreUnavailable as error:  # nothing fires without it
+                log.debug("whether this gateway serves the rules is not known: %s", error)
+            with suppress(TimeoutError):
+                async with asyncio.timeout(KEEP_S):
+                    await self._written.wait()
+            self._written.clear()
+
+    async def _serve(self) -> None:
+        if self._awaited is None:
+            self._awaited, self._serving_since_s = await self._store.seen(), time.monotonic()
+        if self._awaited:
+            self._awaited = self._missing(self._awaited)
+            return
+        enabled = {id for id, known in self.known.items() if known.rule.enabled}
+        if enabled and not self._engine.serves:
+            self._changes.open()
+        elif not enabled and self._engine.serves:
+            self._changes.shut()
+        await self._engine.compare(enabled)
+        if any(self._turned(self.known[id]) for id in enabled):
+            self._engine.wake()
+
+    def _missing(self, awaited: set[str]) -> set[str]:
+        """Robots that were there when rules were evaluated last, and have not been seen here yet."""
+        assert self._serving_since_s is not None
+        if time.monotonic() - self._serving_since_s > MEETING_S:
+            return set()
+        robots = self._live.fleet.robots
+        return {name for name in awaited if name not in robots or robots[name].header is None}
+
+    def _turned(self, known: Known) -> bool:
+        """Whether its creator lost the right to it, or has it again."""
+        try:
+            self._engine.entitled(known.rule)
+        except Ended as error:
+            return known.suspended != str(error)
+        return bool(known.suspended)
+
+    async def _rest(self) -> None:
+        """Another gateway serves them."""
+        if self._engine.serves:
+            self._changes.shut()
+        await self._engine.compare(set())
+        self._awaited = self._serving_since_s = None
+
+    def _noted(self, rule: Rule, number: int, firing: Firing) -> None:
+        target = f"{firings_path(rule)}/{number}"
+        robot = robot_invoked(rule, firing)
+        status = {FiringState.ACCEPTED: "202", FiringState.UNKNOWN: "504"}.get(firing.state, "409")
+        self._audit.note(rule.creator or rule.client, "RULE", target, robot, status, "", firing.invocation)

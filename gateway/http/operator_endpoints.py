@@ -1,0 +1,110 @@
+"""What an operator asks of a gateway, answered before the tree: whether it lives, is ready, and what it counts.
+
+Outside of the tree and under reserved names, so that no robot can be called like them, and whatever the ``Host``: who
+probes a gateway asks it by its own address, which is no public URL of the fleet.
+"""
+
+import time
+from collections.abc import Awaitable, Callable
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from gateway.app.metrics import metrics
+from gateway.base.errors import FleetError, InsufficientScope
+from gateway.http.callers import by_token
+from gateway.http.health import live, ready
+from gateway.http.problem import problem
+from gateway.identity.rights import Right
+from gateway.rdf.vocabulary import PREFIXES
+from gateway.runtime.counters import Requests
+from gateway.runtime.request_context import begin
+from gateway.runtime.tracing import Tracing
+
+REQUEST_ID = "X-Request-Id"
+_STARTS = ("http.response.start", "websocket.http.response.start", "websocket.accept")
+_READ = ("GET", "HEAD", "OPTIONS")
+_TRACED = ("POST", "PUT", "PATCH", "DELETE")
+_LONGEST_PATH = 1024
+_PAGES: dict[str, Callable[[Request], Awaitable[Response]]] = {
+    "/health/live": live,
+    "/health/ready": ready,
+    "/metrics": metrics,
+}
+
+
+class Front:
+    """ASGI middleware, the outermost: gives each request its id, counts and traces it; operators are just answered."""
+
+    def __init__(self, app: ASGIApp, requests: Requests, tracing: Tracing | None = None) -> None:
+        self.app, self._requests, self._tracing = app, requests, tracing
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] not in ("http", "websocket"):
+            await self.app(scope, receive, send)
+            return
+        page = _PAGES.get(scope["path"]) if scope["type"] == "http" else None
+        headers = Headers(scope=scope)
+        asked = begin(headers.get(REQUEST_ID, ""))
+        if self._tracing is not None and page is None and scope.get("method") in _TRACED:
+            path = scope["raw_path"].decode("latin-1")[:_LONGEST_PATH]
+            parents = headers.getlist("traceparent")
+            asked.trace = self._tracing.begin(scope["method"], scope["scheme"], path, parents, asked.id)
+
+        async def answer(message: Message) -> None:
+            if message["type"] in _STARTS:
+                asked.answered = True
+                if page is None:
+                    took_s = time.monotonic() - asked.begun_s
+                    self._requests.add(scope.get("method", "GET"), message.get("status", 101), took_s)
+                if asked.trace is not None:
+                    asked.trace.answered(message["status"])
+                message.setdefault("headers", [])
+                answered = scope.get("state", {}).get("answered")
+                if answered is not None:
+                    answered(message["status"], message["headers"])
+                MutableHeaders(scope=message).append(REQUEST_ID, asked.id)
+            await send(message)
+
+        try:
+            if page is None:
+                await self.app(scope, receive, answer)
+            else:
+                response = await _admitted(page, Request(scope, receive))
+                await response(scope, receive, answer)
+        finally:
+            if asked.trace is not None:
+                asked.trace.end()
+                asked.trace = None  # contexts that were inherited live longer
+
+
+async def _admitted(page: Callable[[Request], Awaitable[Response]], request: Request) -> Response:
+    """The numbers name all robots: where there are identities, they are for who may administer all of them.
+
+    By a token: sessions are for pages of a host that is known, and nobody has looked yet which host was asked.
+    """
+    identities = getattr(request.app.state, "identities", None)
+    if page is metrics and identities is not None:
+        try:
+            caller = await by_token(identities, request.headers)
+            if not caller.may(Right.ADMIN, None):
+                raise InsufficientScope("The numbers are for who may administer all robots.", scope=Right.ADMIN)
+        except FleetError as error:
+            body, headers = problem(error, request.headers.get("accept"), None, PREFIXES)
+            return Response(body, error.status, headers)
+    return await _answer(page, request)
+
+
+async def _answer(page: Callable[[Request], Awaitable[Response]], request: Request) -> Response:
+    allow = {"allow": ", ".join(_READ)}
+    if request.method not in _READ:
+        text = f"{request.method} is not possible here; {allow['allow']} are."
+        return JSONResponse({"status": 405, "detail": text}, 405, allow, "application/problem+json")
+    if request.method == "OPTIONS":
+        return Response(status_code=204, headers=allow)
+    response = await page(request)
+    response.headers["cache-control"] = "no-store"
+    response.headers["x-content-type-options"] = "nosniff"
+    return response

@@ -1,0 +1,212 @@
+"""The live fleet joined to its link and to those who watch it (flow "state")."""
+
+import asyncio
+import logging
+import time
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator
+from contextlib import suppress
+from types import TracebackType
+
+from agents.wire.keys import Keys
+from agents.wire.messages import Accepted, Progress, Reply, Stop
+from gateway.app.settings import GatewaySettings
+from gateway.fleet.events import Event, Moved
+from gateway.fleet.fleet import Change, Fleet
+from gateway.fleet.frames import Frames
+from gateway.fleet.invocations import Invocation, Invocations
+from gateway.fleet.silences import Run, Silences
+from gateway.identity.rights import ALL, View
+from gateway.link.fleet_link import FleetLink
+from gateway.link.meshes import Meshes
+from gateway.link.transport import Opener
+from gateway.resources.extension import FleetWing, PropertyWing, RobotWing, Wings
+from gateway.resources.invocation import invocation_path, invocations_path
+from gateway.resources.paths import joint_path, robot_path
+from gateway.resources.tree import EMPTY, Shelf, Tree
+from gateway.subscriptions.fan_out import FanOut
+
+_SEEN_AGAIN_S = 0.3
+_MEETING_S = 2.0  # before a gateway serves although it does not know all robots yet
+_PAUSE_S = 0.05
+_SWEEP_S = 0.25
+
+log = logging.getLogger(__name__)
+
+
+class Live:
+    """Owns the fleet, the invocations that are known here, and the link; an async context manager."""
+
+    def __init__(self, settings: GatewaySettings, open_session: Opener) -> None:
+        keys = Keys(settings.namespace)
+        self.fleet = Fleet(Frames(lambda robot: keys.robot(robot, "state")))
+        self.invocations = Invocations()
+        self.fan_out = FanOut(self.tree)
+        self.fleet.frames.watched = self.fan_out.watched
+        self._wings = Wings()
+        self._secured = bool(settings.identities)
+        self._judged = 0
+        self._silences = Silences()
+        self._heard = asyncio.Event()
+        # Who carries out actions hears of robots that are lost, and of the progress that robots report.
+        self.on_progress: Callable[[str, Progress], None] = lambda robot, progress: None
+        self.on_lost: Callable[[str], None] = lambda robot: None
+        self.link = FleetLink(
+            keys,
+            settings.gateway_name,
+            lambda: open_session(settings.listen_endpoints, settings.connect_endpoints, settings.trust),
+            self._on_events,
+            lambda robot, progress: self.on_progress(robot, progress),
+            self.fleet.frames,
+        )
+        self.meshes = Meshes(self.link.mesh)
+
+    @property
+    def frames(self) -> int:
+        """How many frames were taken."""
+        return self._judged + self.fleet.frames.taken
+
+    async def __aenter__(self) -> "Live":
+        await self.link.__aenter__()
+        self._sweep()
+        return self
+
+    def _sweep(self) -> None:
+        """Tell of frames that came while somebody was about to watch, and that no other frame has followed.
+
+        Judge besides what does not come: limits that have been left for a while, and frames.
+        """
+        frames = self.fleet.frames
+        watched = self.fleet.robots if frames.heeded else self.fan_out.watched
+        self._on_events([Moved(name) for name in watched if name and frames.untold(name)])
+        for change in self.fleet.judge_limits(time.time_ns()):
+            self._on_change(change)
+        self.link.doubt(self._silences.check(asyncio.get_running_loop().time(), self._present()))
+        self._sweeping = asyncio.get_running_loop().call_later(_SWEEP_S, self._sweep)
+
+    def _present(self) -> Iterator[Run]:
+        for robot in self.fleet.robots.values():
+            if robot.online and robot.described and robot.incarnation is not None:
+                yield Run(robot.name, robot.incarnation, robot.last_sequence())
+
+    async def join(self) -> None:
+        """Have the fleet come in; robots tell at once what has ended lately, so who wants to hear that comes before."""
+        await self.link.join()
+        with suppress(TimeoutError):
+            async with asyncio.timeout(_MEETING_S):
+                await self._meet()
+
+    async def _meet(self) -> None:
+        """Wait for the robots that are there already: a gateway in the place of another is to know what that knew."""
+        while not self.link.joined:  # noqa: ASYNC110 - Zenoh tells nobody
+            await asyncio.sleep(_PAUSE_S)
+        awaited = await self.link.roll_call(_MEETING_S)
+        while awaited := {name for name in awaited if not self._is_known(name)}:
+            self._heard.clear()
+            await self._heard.wait()
+
+    def _is_known(self, name: str) -> bool:
+        robot = self.fleet.robots.get(name)
+        return robot is not None and (robot.model is not None or bool(robot.fault) or not robot.online)
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._sweeping.cancel()
+        self.meshes.close()
+        await self.link.__aexit__(kind, error, trace)
+
+    def tree(self, base: str, sees: View = ALL, shelf: Shelf = EMPTY) -> Tree:
+        """The resource tree as it is now to who ``sees`` it, under one base URL; ``shelf``: subscriptions to show."""
+        return Tree(self.fleet, self.invocations, base, shelf, sees, self._wings, self._secured)
+
+    @property
+    def wings(self) -> Wings:
+        """What packages of their own have added to the tree."""
+        return self._wings
+
+    def add(self, *wings: FleetWing | RobotWing | PropertyWing) -> None:
+        """Have the tree show more than the fleet itself, from now on."""
+        of_fleet = tuple(each for each in wings if isinstance(each, FleetWing))
+        of_robots = tuple(each for each in wings if isinstance(each, RobotWing))
+        of_properties = tuple(each for each in wings if isinstance(each, PropertyWing))
+        had = self._wings
+        self._wings = Wings(had.of_fleet + of_fleet, had.of_robots + of_robots, had.of_properties + of_properties)
+
+    def heed(self, hear: Callable[[str | None], None] | None) -> None:
+        """Have ``hear`` called at every change, of whichever robot, watched or not; None for nobody any more.
+
+        It is told the robot of which a frame came, whose values need not be others for that; None of anything else.
+        """
+        self.fan_out.heard = hear or (lambda robot: None)
+        self.fleet.frames.heeded = hear is not None
+
+    async def halt(self, robots: Collection[str] | None, stop: Stop, timeout_s: float) -> dict[str, Reply]:
+        """Stop robots, and wait until they are seen as they are after it: what is asked of them then is no longer late.
+
+        A robot that answered and shows nothing new soon is waited for no longer.
+        """
+        online = [name for name, robot in self.fleet.robots.items() if robot.online]
+        replies = await self.link.stop(robots, stop, timeout_s, online)
+        stopped = {name: reply.at_ns for name, reply in replies.items() if isinstance(reply, Accepted)}
+        frames, names = self.fleet.frames, Counter(stopped.keys())
+        frames.awaited += names
+        try:
+            async with asyncio.timeout(_SEEN_AGAIN_S):
+                while not all(self._seen_after(name, at_ns) for name, at_ns in stopped.items()):
+                    self._heard.clear()
+                    await self._heard.wait()
+        except TimeoutError:
+            pass
+        finally:
+            frames.awaited -= names
+        return replies
+
+    def _seen_after(self, name: str, at_ns: int) -> bool:
+        robot = self.fleet.robots.get(name)
+        header = robot.header if robot is not None else None
+        return header is None or header.monotonic_ns > at_ns
+
+    def _on_events(self, events: list[Event]) -> None:
+        now_ns = time.time_ns()
+        for event in events:
+            for change in self.fleet.apply(event, now_ns):
+                if change.what == "frame":
+                    self._judged += not isinstance(event, Moved)
+                    self.fan_out.moved(change.robot)
+                    continue
+                self._on_change(change)
+        self._heard.set()
+
+    def _on_change(self, change: Change) -> None:
+        log.info("robot %s: %s", change.robot, change.what, extra={"robot": change.robot})
+        self._retarget(change.robot)
+        self.fan_out.changed(change.robot)
+        if change.what == "vanished":
+            self.on_lost(change.robot)
+
+    def tell(self, invocation: Invocation) -> None:
+        """An invocation is different now, and so are those that speak of it: its container, its robot, its joints."""
+        paths = [invocation_path(invocation), invocations_path(invocation.action)]
+        robot = self.fleet.robots.get(invocation.robot)
+        if robot is not None:
+            robot.tell_news()
+            paths.append(robot_path(robot.name))
+        for path in paths:
+            self.fan_out.touched(path)
+        for name in {invocation.robot, *invocation.robots}:
+            for joint in (*self._retarget(name), *(invocation.targets if name == invocation.robot else ())):
+                joint = joint_path(name, joint)
+                for path in (joint, f"{joint}/targetRotation", f"{joint}/targetTranslation"):
+                    self.fan_out.touched(path)
+
+    def _retarget(self, name: str) -> set[str]:
+        """Where its joints were last commanded to, which the invocations say; the joints of which that changed."""
+        robot = self.fleet.robots.get(name)
+        if robot is None:
+            return set()
+        before, robot.targets = robot.targets, self.invocations.targets(name, robot.incarnation)
+        changed = {joint for joint, _ in before.items() ^ robot.targets.items()}
+        if changed:
+            robot.tell_news()
+        return changed

@@ -1,0 +1,21 @@
+"""A process that was held up notices by its own clock."""
+
+import pytest
+
+from gateway.actions import stall_detector as alertness
+from gateway.actions.stall_detector import CATCH_UP_S, HELD_S, Alertness
+
+
+def test_who_was_held_up_is_for_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
+    now_s = 100.0
+    monkeypatch.setattr(alertness.time, "monotonic", lambda: now_s)
+    one = Alertness()
+    for pause_s, held in (
+        (0.3, False),
+        (HELD_S + 0.1, True),
+        (CATCH_UP_S / 2, True),
+        (CATCH_UP_S, False),
+        (0.3, False),
+    ):
+        now_s += pause_s
+        assert one.was_held_up() is held, pause_s

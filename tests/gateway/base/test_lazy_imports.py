@@ -1,0 +1,35 @@
+"""What is large and seldom needed is not loaded at the start, and missed at the start if it is not there."""
+
+import subprocess
+import sys
+
+import pytest
+
+from gateway.base.lazy_imports import Lazily
+
+LARGE = (
+    "pinocchio",
+    "numpy",
+    "rdflib",
+    "pyshacl",
+    "httpx",
+    "jwt",
+    "jinja2",
+    "gateway.extensions.reach.inverse_kinematics",
+)
+
+
+def test_a_gateway_starts_without_what_most_never_need() -> None:
+    said = f"import sys, gateway.__main__; print(*sorted(set({LARGE!r}) & set(sys.modules)))"
+    found = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, check=True)
+    assert found.stdout.split() == []
+
+
+def test_it_is_there_when_something_of_it_is_used() -> None:
+    assert Lazily("decimal").Decimal("1.5") * 2 == 3
+
+
+@pytest.mark.parametrize("names", [("no_such_module",), ("json", "no_such_module")])
+def test_what_is_not_installed_is_missed_at_once(names: tuple[str, ...]) -> None:
+    with pytest.raises(ModuleNotFoundError, match="no_such_module is not installed"):
+        Lazily(*names)

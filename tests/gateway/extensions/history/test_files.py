@@ -1,0 +1,115 @@
+"""Files of histories, read by other people's readers."""
+
+import csv
+import io
+import math
+
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+
+from agents.wire.codec import encode_state
+from agents.wire.messages import Base, State
+from gateway.extensions.history.files import recording, table
+from gateway.extensions.history.series import all_columns, samples
+from gateway.extensions.history.track import Excerpt, Joints
+from gateway.fleet.model import RobotModel
+from gateway.rdf.kinds import NEWTON_METRE, RADIAN
+
+S = 1_000_000_000
+ODD = 'arm 2/"left",é'
+URDF = """<robot name='r'><link name='a'/><link name='b'/><link name='c'/>
+<joint name='turn' type='continuous'><parent link='a'/><child link='b'/></joint>
+<joint name='arm 2/&quot;left&quot;,é' type='prismatic'><parent link='b'/><child link='c'/>
+<limit lower='0' upper='1' velocity='1' effort='1'/></joint></robot>"""
+BASE = Base((1.0, 2.0, 3.0), (0.0, 0.0, 0.6, 0.8), (0.1, 0.2, 0.3), (0.4, 0.5, 0.6))
+
+
+def excerpt(*values: tuple[int, float], floating: bool = False) -> Excerpt:
+    frames = [
+        encode_state(
+            State(
+                incarnation=1, sequence=1, monotonic_ns=1, wall_ns=stamp, base=BASE if floating else None,
+                positions=(value, 0.5), velocities=(-value, math.nan), efforts=(10 * value, 20.0),
+            )
+        )
+        for stamp, value in values
+    ]  # fmt: skip
+    return Excerpt(Joints(RobotModel.of(URDF), ("turn", ODD), floating), tuple(frames))
+
+
+def messages(content: bytes) -> list[tuple[str, int, object]]:
+    reader = make_reader(io.BytesIO(content), decoder_factories=[DecoderFactory()])
+    return [(channel.topic, message.log_time, body) for _, channel, message, body in reader.iter_decoded_messages()]
+
+
+def test_another_reader_finds_joint_states_and_the_model_in_a_recording() -> None:
+    said = messages(recording(excerpt((S + 7, 0.25), (3 * S, -1.0)), b"<robot/>"))
+    assert [(topic, at) for topic, at, _ in said] == [
+        ("/robot_description", S + 7),
+        ("/joint_states", S + 7),
+        ("/joint_states", 3 * S),
+    ]
+    (_, _, model), (_, _, first), (_, _, second) = said
+    assert model.data == "<robot/>"
+    assert (first.header.stamp.sec, first.header.stamp.nanosec) == (1, 7)
+    assert list(first.name) == ["turn", ODD]
+    assert list(first.position) == [0.25, 0.5] and list(second.position) == [-1.0, 0.5]
+    assert list(first.effort) == [2.5, 20.0]
+    assert first.velocity[0] == -0.25 and math.isnan(first.velocity[1])
+
+
+def test_a_recording_of_a_floating_base_says_where_it_is() -> None:
+    content = recording(excerpt((S, 0.25), floating=True), b"")
+    (transform,) = next(body for topic, _, body in messages(content) if topic == "/tf").transforms
+    assert (transform.header.frame_id, transform.child_frame_id) == ("world", "a")
+    place, turn = transform.transform.translation, transform.transform.rotation
+    assert (place.x, place.y, place.z) == BASE.position_m
+    assert (turn.x, turn.y, turn.z, turn.w) == BASE.orientation_xyzw
+
+
+def test_a_recording_of_nothing_can_be_opened() -> None:
+    assert messages(recording(excerpt(), b"<robot/>")) == []
+
+
+def test_a_robot_without_joints_can_be_recorded() -> None:
+    frame = encode_state(
+        State(incarnation=1, sequence=1, monotonic_ns=1, wall_ns=S, positions=(), velocities=(), efforts=())
+    )
+    only = Excerpt(Joints(RobotModel.of("<robot name='r'><link name='a'/></robot>"), (), False), (frame,))
+    assert [(topic, at) for topic, at, _ in messages(recording(only, b""))][1] == ("/joint_states", S)
+
+
+def test_a_frame_with_an_infinity_was_never_a_measurement() -> None:
+    assert [stamp for stamp, _ in samples(excerpt((S, 0.25), (2 * S, math.inf), (3 * S, -math.inf)))] == [S]
+
+
+def test_a_table_has_units_in_its_head_and_nothing_for_what_is_unknown() -> None:
+    kept = excerpt((S + 7, 0.25))
+    content = table(all_columns("r", kept.joints), samples(kept))
+    assert content.endswith(b"\r\n") and content.count(b"\n") == 2
+    (row,) = csv.DictReader(io.StringIO(content.decode(), newline=""))
+    odd = "arm~202~2F~22left~22~2C~C3~A9"
+    assert row == {
+        "time": "1970-01-01T00:00:01.000000007Z", "turn/rotation (rad)": "0.25", f"{odd}/translation (m)": "0.5",
+        "turn/velocity (rad/s)": "-0.25", f"{odd}/velocity (m/s)": "", "turn/effort (N.m)": "2.5",
+        f"{odd}/effort (N)": "20.0",
+    }  # fmt: skip
+
+
+def test_the_columns_of_a_floating_base_come_first() -> None:
+    kept = excerpt((S, 0.25), floating=True)
+    columns, ((_, numbers),) = all_columns("r", kept.joints), samples(kept)
+    assert len(columns) == len(numbers) == 13 + 6
+    assert [name for name, _ in columns][:4] == [
+        "pose.position.x",
+        "pose.position.y",
+        "pose.position.z",
+        "pose.orientation.x",
+    ]
+    assert dict(zip([name for name, _ in columns], numbers, strict=True))["twist.angular.z"] == 0.6
+
+
+def test_values_are_told_with_all_their_digits() -> None:
+    value = 0.1 + 0.2
+    rows = list(csv.reader(io.StringIO(table([("x", RADIAN), ("y", NEWTON_METRE)], [(S, (value, 1e-300))]).decode())))
+    assert [float(each) for each in rows[1][1:]] == [value, 1e-300]

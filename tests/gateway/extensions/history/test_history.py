@@ -1,0 +1,243 @@
+"""The history of a robot that moves, found by links, compared with what the robot has said."""
+
+import asyncio
+import csv
+import io
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import httpx
+import pyshacl
+import pytest
+import rdflib
+from actor import KEYS, Actor, stage
+from browser import HYBRIT, LF, ROS, SOSA, Browser, Page, links
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rdflib import Literal, URIRef
+from running import eventually
+from small_fleet import Place, live, presence
+from virtual.processes import gateway_session
+
+from agents.wire.codec import decode_state
+from agents.wire.messages import State
+from gateway.extensions.history.span import moment
+from gateway.fleet.inbox import Payload
+
+pytestmark = pytest.mark.virtual
+HYDRA = rdflib.Namespace("http://www.w3.org/ns/hydra/core#")
+JOINT = "elbow_joint"
+
+
+@dataclass
+class Moving:
+    """A robot that sways, and all that it said, by stamp."""
+
+    browser: Browser
+    said: dict[int, State] = field(default_factory=dict)
+
+    @property
+    def http(self) -> httpx.Client:
+        return self.browser.http
+
+    @property
+    def whole(self) -> str:
+        return str(self.browser.robot("ur5").one(LF.history))
+
+    @property
+    def rotation(self) -> str:
+        """The history of a property, which the robot's names."""
+        rotation = self.browser.part("ur5", JOINT).one(ROS.rotation)
+        return str(self.browser.page(self.whole).graph.value(rotation, LF.history))
+
+    def shown(self, url: str, history: str) -> Page:
+        """What is at ``url`` about a ``history``, of which it has a part."""
+        page = self.browser.page(url)
+        return Page(history, page.response, page.graph)
+
+    def rows(self, url: str, **query: str) -> list[dict[str, str]]:
+        answer = self.http.get(url, params=query, headers={"accept": "text/csv"})
+        assert answer.status_code == 200, answer.text
+        return list(csv.DictReader(io.StringIO(answer.text, newline="")))
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Place:
+    return Place(tmp_path_factory.mktemp("state"))
+
+
+@pytest.fixture(scope="module")
+def moving(place: Place) -> Iterator[Moving]:
+    with place.gateway() as (_, browser):
+        here = Moving(browser)
+
+        def take(_: str, payload: Payload) -> None:
+            assert isinstance(payload, bytes)
+            state = decode_state(payload)
+            here.said[state.wall_ns] = state
+
+        async def listen() -> None:
+            await (await gateway_session(place.zenoh)).subscribe(KEYS.robot("ur5", "state"), 2**20, take)
+
+        asyncio.run(listen())
+        with place.ur5("--sway", f"ur5:{JOINT}"):
+            live(browser, "ur5")
+            eventually(lambda: len(here.rows(here.rotation)) > 40 and len(here.said) > 40, "some seconds of history")
+            yield here
+
+
+def observations(page: Page) -> dict[str, float]:
+    graph = page.graph
+    return {
+        str(graph.value(one, SOSA.resultTime)): float(str(graph.value(one, SOSA.hasSimpleResult)))
+        for one in graph.objects(page.iri, SOSA.hasMember)
+    }
+
+
+def test_the_history_of_a_robot_is_what_it_said(moving: Moving) -> None:
+    rows = moving.rows(moving.whole)
+    begin = min(moving.said)
+    held = {moment(stamp): state for stamp, state in list(moving.said.items())}
+    compared = [row for row in rows if row["time"] >= moment(begin)]
+    assert len(compared) > 20
+    for row in compared:
+        state = held[row["time"]]
+        values = [float(each) for name, each in row.items() if name != "time"]
+        assert values == [*state.positions, *state.velocities, *state.efforts]
+    assert len({row[f"{JOINT}/rotation (rad)"] for row in compared}) > 10
+    assert [row["time"] for row in rows] == sorted({row["time"] for row in rows})
+
+
+def test_observations_of_a_property_are_the_same_as_linked_data(moving: Moving) -> None:
+    first, last = (row["time"] for row in moving.rows(moving.rotation)[5:17:11])
+    rows = moving.rows(moving.rotation, **{"from": first, "to": last})
+    assert rows[0]["time"] == first and rows[-1]["time"] < last and len(rows) == 11
+    page = moving.shown(f"{moving.rotation}?from={first}&to={last}", moving.rotation)
+    cut = [(row["time"][:23] + "Z", float(row["rotation (rad)"])) for row in rows]
+    assert observations(page) == {str(Literal(time, datatype=rdflib.XSD.dateTime)): value for time, value in cut}
+    rotation = moving.browser.part("ur5", JOINT).one(ROS.rotation)
+    assert (page.iri, SOSA.observedProperty, rotation) in page.graph
+
+
+def test_a_description_leads_to_all_that_can_be_asked(moving: Moving) -> None:
+    """Without building an address: those of the last seconds, of files, and of what came before are there."""
+    page = moving.browser.page(moving.rotation)
+    assert 0 < len(observations(page)) <= 10
+    views = [str(each) for each in page.graph.objects(page.iri, HYDRA.view)]
+    assert [len(observations(moving.shown(view, page.url))) > 20 for view in views] == [True, True]
+    (before,) = page.graph.objects(page.iri, HYDRA.previous)
+    assert links(page.response, "prev") == [str(before)]
+    earlier = moving.http.get(str(before))
+    assert earlier.status_code == 200 and earlier.text != page.response.text
+    whole = moving.browser.page(moving.whole)
+    types = {moving.http.get(str(view)).headers["content-type"] for view in whole.graph.objects(whole.iri, HYDRA.view)}
+    assert types == {"text/csv; charset=utf-8", "application/vnd.mcap"}
+    (template,) = whole.graph.objects(whole.iri, HYDRA.search / HYDRA.template)
+    assert str(template) == moving.whole + "{?from,to,last,limit}"
+    rotation = str(moving.browser.part("ur5", JOINT).one(ROS.rotation))
+    assert moving.rotation in links(moving.browser.page(rotation).response, "related")
+
+
+def test_pages_of_a_span_are_all_of_it_and_nothing_twice(moving: Moving) -> None:
+    whole = moving.rows(moving.rotation)
+    query: dict[str, str] | None = {"from": whole[0]["time"], "to": whole[30]["time"], "limit": "7"}
+    url, times = moving.rotation, []
+    while True:
+        answer = moving.http.get(url, params=query, headers={"accept": "text/csv"})
+        times += [row["time"] for row in csv.DictReader(io.StringIO(answer.text, newline=""))]
+        if not (following := links(answer, "next")):
+            break
+        (url,), query = following, None
+    assert times == [row["time"] for row in whole[:30]]
+
+
+def test_another_reader_opens_the_recording(moving: Moving) -> None:
+    answer = moving.http.get(moving.whole, headers={"accept": "application/vnd.mcap"})
+    assert answer.headers["content-type"] == "application/vnd.mcap"
+    assert answer.headers["content-disposition"] == 'attachment; filename="ur5-history.mcap"'
+    reader = make_reader(io.BytesIO(answer.content), decoder_factories=[DecoderFactory()])
+    messages = [(channel.topic, message, body) for _, channel, message, body in reader.iter_decoded_messages()]
+    states = [(message.log_time, body) for topic, message, body in messages if topic == "/joint_states"]
+    compared = [(at, body) for at, body in states if at in moving.said]
+    assert len(compared) > 20
+    for at, body in compared:
+        assert tuple(body.position) == moving.said[at].positions and tuple(body.effort) == moving.said[at].efforts
+    assert JOINT in states[0][1].name
+    (model,) = [body.data for topic, _, body in messages if topic == "/robot_description"]
+    mesh = model.split('<mesh filename="')[1].split('"')[0]
+    assert moving.http.head(mesh).status_code == 200
+
+
+def test_the_poses_of_links_are_remembered_too(moving: Moving) -> None:
+    pose = moving.browser.part("ur5", "tool0").one(LF.pose)
+    (history,) = [url for url in links(moving.browser.page(str(pose)).response, "related") if url.endswith("history")]
+    rows = moving.rows(history, limit="20")
+    assert len({row["position.x (m)"] for row in rows}) > 1
+    page = moving.browser.page(history)
+    position = SOSA.hasMember / SOSA.hasResult / LF.position
+    assert len(list(page.graph.objects(page.iri, position))) > 5
+
+
+def test_histories_conform_to_their_blueprint(moving: Moving) -> None:
+    pose = str(moving.browser.part("ur5", "tool0").one(LF.pose)) + "/history"
+    for url in (moving.whole, moving.rotation, pose):
+        page = moving.browser.page(url)
+        (blueprint,) = [each for each in page.graph.objects(page.iri, HYBRIT.blueprint) if each != LF.HistoryShape]
+        shapes = moving.browser.page(str(blueprint)).graph
+        conforms, _, text = pyshacl.validate(page.graph, shacl_graph=shapes, inference="none")
+        assert conforms, f"{url}\n{text}"
+
+
+@pytest.mark.parametrize(
+    "query",
+    ["last=x", "from=%ff", "limit=0", "from=2026", "last=PT1S&last=PT2S", "to=" + "9" * 4000, "form=x", "as=yaml",
+     "&".join(f"a{n}=1" for n in range(2000))],
+)  # fmt: skip
+def test_a_query_that_is_none_is_refused(moving: Moving, query: str) -> None:
+    for url in (moving.whole, moving.rotation):
+        assert moving.http.get(f"{url}?{query}").status_code == (406 if query.startswith("as") else 400)
+
+
+def test_what_has_no_history_has_none(moving: Moving) -> None:
+    joint = moving.browser.part("ur5", JOINT)
+    for path in ("limits/history", "rotation/history/x", "history"):
+        assert moving.http.get(f"{joint.url}/{path}").status_code == 404
+
+
+def test_a_span_without_samples_is_an_empty_answer(moving: Moving) -> None:
+    assert moving.rows(moving.rotation, to="2020-01-01T00:00:00Z") == []
+    page = moving.shown(moving.rotation + "?to=2020-01-01T00:00:00Z", moving.rotation)
+    assert observations(page) == {}
+
+
+def test_who_has_sent_nothing_yet_has_empty_files(moving: Moving, place: Place) -> None:
+    def described() -> Page | None:
+        page = presence(moving.browser, "silent")
+        return page if page is not None and (page.iri, LF.history, None) in page.graph else None
+
+    with stage(place.zenoh) as session:
+        actor = Actor(session, "silent").appear()
+        whole = str(eventually(described, "the robot").one(LF.history))
+        rotation = str(moving.browser.part("silent", "elbow").one(ROS.rotation))
+        for url in (whole, str(moving.browser.page(whole).graph.value(URIRef(rotation), LF.history))):
+            answer = moving.http.get(url, headers={"accept": "text/csv"})
+            assert answer.status_code == 200, answer.text
+            head, *rows = csv.reader(io.StringIO(answer.text, newline=""))
+            assert head[0] == "time" and len(head) > 1 and rows == []
+        answer = moving.http.get(whole, headers={"accept": "application/vnd.mcap"})
+        assert answer.status_code == 200 and list(make_reader(io.BytesIO(answer.content)).iter_messages()) == []
+        actor.leave()
+
+
+def test_a_page_shows_it_and_leads_to_the_files(moving: Moving) -> None:
+    answer = moving.http.get(moving.rotation + "?last=PT10S", headers={"accept": "text/html"})
+    assert answer.headers["content-type"].startswith("text/html")
+    assert f'href="{moving.rotation}?as=csv&amp;last=PT10S"' in answer.text
+    assert "MCAP" not in answer.text
+
+
+def test_metrics_say_what_histories_take(moving: Moving) -> None:
+    text = moving.http.get(moving.browser.root + "metrics").text
+    numbers = dict(line.split() for line in text.splitlines() if line.startswith("linked_fleet_history_"))
+    samples, size = float(numbers["linked_fleet_history_samples"]), float(numbers["linked_fleet_history_bytes"])
+    assert samples > 40 and 184 < size / samples < 300

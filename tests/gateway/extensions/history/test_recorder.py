@@ -1,0 +1,142 @@
+"""Which frames are kept: the latest ones, of the joints that the robot has, in a bounded memory."""
+
+import asyncio
+import math
+
+import pytest
+
+from agents.wire.codec import encode_state, layout
+from agents.wire.messages import WIRE_VERSION, Description, State
+from gateway.extensions.history.recorder import History
+from gateway.extensions.history.track import wall_ns
+from gateway.fleet.fleet import Appeared, Described, Fleet, Framed, Vanished
+from gateway.fleet.frames import Frames
+
+S = 1_000_000_000
+JOINTS = tuple(f"j{number}" for number in range(3))
+
+
+def urdf(name: str = "r") -> str:
+    links = "".join(f"<link name='l{number}'/>" for number in range(len(JOINTS) + 1))
+    joints = "".join(
+        f"<joint name='{each}' type='continuous'><parent link='l{n}'/><child link='l{n + 1}'/></joint>"
+        for n, each in enumerate(JOINTS)
+    )
+    return f"<robot name='{name}'>{links}{joints}</robot>"
+
+
+def said(robot: str, run: int = 1, model: str = "r", joints: tuple[str, ...] = JOINTS) -> Described:
+    return Described(
+        Description(
+            version=WIRE_VERSION, robot=robot, incarnation=run, title="R", urdf=urdf(model), joints=joints, rate_hz=50,
+            layout=layout(len(joints), False),
+        )
+    )  # fmt: skip
+
+
+def frame(sequence: int, run: int = 1, value: float = 0.0) -> bytes:
+    row = (value,) * len(JOINTS)
+    return encode_state(
+        State(
+            incarnation=run, sequence=sequence, monotonic_ns=1, wall_ns=sequence * S // 10,
+            positions=row, velocities=row, efforts=row,
+        )
+    )  # fmt: skip
+
+
+def make(*robots: str, span_s: float = 300, most_bytes: int = 10**6) -> tuple[Fleet, History]:
+    fleet = Fleet(Frames())
+    for robot in robots:
+        for event in (Appeared(robot, 1), said(robot), Framed(robot, frame(1))):
+            fleet.apply(event, 1)
+    return fleet, History(fleet, span_s, 10, most_bytes)
+
+
+def look(history: History, fleet: Fleet) -> None:
+    """What the timer does."""
+    for latest in fleet.frames.all():
+        history.sample(latest)
+
+
+def stamps(history: History, fleet: Fleet, robot: str = "r") -> list[int]:
+    track = history.track(fleet.robots[robot])
+    return [] if track is None else [wall_ns(each) * 10 // S for each in track.between(None, None, 10**6).frames]
+
+
+def test_each_look_keeps_the_latest_frame_and_no_frame_twice() -> None:
+    fleet, history = make("r")
+    look(history, fleet)
+    look(history, fleet)
+    for sequence in (2, 3, 4):
+        assert fleet.frames.put("r", frame(sequence), 1)
+    look(history, fleet)
+    assert stamps(history, fleet) == [1, 4]
+
+
+def test_another_run_of_the_same_robot_goes_on_with_its_history() -> None:
+    fleet, history = make("r")
+    look(history, fleet)
+    for event in (Vanished("r", 1), Appeared("r", 2), Framed("r", frame(5, run=2))):
+        fleet.apply(event, 1)
+    look(history, fleet)
+    assert stamps(history, fleet) == [1]  # nobody knows yet what the new run's frames are of
+    fleet.apply(said("r", run=2), 1)
+    look(history, fleet)
+    assert stamps(history, fleet) == [1, 5]
+
+
+@pytest.mark.parametrize(("model", "joints"), [("other", JOINTS), ("r", JOINTS[::-1])])
+def test_other_joints_are_another_history(model: str, joints: tuple[str, ...]) -> None:
+    fleet, history = make("r")
+    look(history, fleet)
+    fleet.apply(said("r", model=model, joints=joints), 1)
+    assert fleet.frames.put("r", frame(2), 1)
+    look(history, fleet)
+    assert stamps(history, fleet) == [2]
+    assert history.bytes == len(frame(2)) + 41
+
+
+def test_the_history_of_a_robot_that_left_stays() -> None:
+    fleet, history = make("r")
+    look(history, fleet)
+    fleet.apply(Vanished("r", 1), 1)
+    look(history, fleet)
+    assert stamps(history, fleet) == [1]
+
+
+def _recorded(history: History, fleet: Fleet, rounds: int) -> None:
+    """Frames of all robots, each seen by the history as it runs, which is then over."""
+
+    async def run() -> None:
+        async with history:
+            for sequence in range(2, 2 + rounds):
+                for robot in fleet.robots:
+                    fleet.frames.put(robot, frame(sequence, value=math.nan), 1)
+                while any(stamps(history, fleet, robot)[-1:] != [sequence] for robot in fleet.robots):  # noqa: ASYNC110
+                    await asyncio.sleep(0.001)
+                assert history.bytes <= history.most_bytes + len(fleet.robots) * (len(frame(1)) + 41)
+
+    asyncio.run(run())
+
+
+def test_many_robots_stay_within_their_memory_and_all_keep_what_is_old_and_what_is_new() -> None:
+    robots = [f"r{number}" for number in range(40)]
+    fleet, history = make(*robots, most_bytes=40 * 12 * (len(frame(1)) + 41))
+    history.rate_hz = 1000
+    _recorded(history, fleet, 100)
+    assert history.samples > 40 * 6
+    for robot in robots:
+        kept = stamps(history, fleet, robot)
+        assert kept[-2:] == [100, 101] and kept[0] < 60
+    assert history.bytes == history.samples * (len(frame(1)) + 41)
+
+
+def test_nothing_is_recorded_where_none_is_asked_for() -> None:
+    fleet, history = make("r", span_s=0)
+
+    async def run() -> None:
+        async with history:
+            await asyncio.sleep(0)
+
+    asyncio.run(run())
+    assert (history.bytes, history.samples, history.track(fleet.robots["r"])) == (0, 0, None)

@@ -1,0 +1,60 @@
+"""Queries of histories: what they mean, and which are none."""
+
+from urllib.parse import parse_qsl
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gateway.base.errors import BadRequest
+from gateway.extensions.history.span import MOST, Span, moment, parse_span, query
+
+S = 1_000_000_000
+
+
+@pytest.mark.parametrize(
+    ("said", "span"),
+    [
+        ([], Span()),
+        ([("as", "csv"), ("limit", "7")], Span(limit=7)),
+        ([("from", "1970-01-01T00:00:01.5Z"), ("to", "1970-01-01T01:00:02+01:00")], Span(S + S // 2, 2 * S)),
+        ([("to", "1970-01-01T01:00:02 01:00")], Span(end_ns=2 * S)),
+        ([("last", "PT1M10.25S")], Span(last_ns=70 * S + S // 4)),
+        ([("last", "P1DT1H")], Span(last_ns=25 * 3600 * S)),
+        ([("from", "0001-01-01T00:00:00Z"), ("to", "9999-12-31T23:59:59-14:00")], Span(0, 2**63 - 1)),
+    ],
+)
+def test_a_query_is_a_span(said: list[tuple[str, str]], span: Span) -> None:
+    assert parse_span(said) == span
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        *(
+            [("last", text)]
+            for text in ("", "x", "P", "PT", "P1DT", "1S", "PT1X", "PT-1S", "PT1S ", "PT٣S", "PT9999999S")
+        ),
+        *([("from", text)] for text in ("", "2026", "2026-11-22T00:00:00", "2026-13-22T00:00:00Z", "-1", "٢", "now")),
+        *([("to", text)] for text in ("2026-11-22T00:00:00.0000000001Z", "2026-11-22T24:00:01Z", "x" * 5000)),
+        *([("limit", text)] for text in ("0", "-1", "1.5", "٣", "1e3", "9" * 30, "")),
+        [("last", "PT1S"), ("last", "PT2S")],
+        [("last", "PT1S"), ("to", "2026-11-22T00:00:00Z")],
+        [("from", "2026-11-22T00:00:01Z"), ("to", "2026-11-22T00:00:00Z")],
+        [("form", "2026-11-22T00:00:01Z")],
+    ],
+)
+def test_what_is_none_is_refused_with_what_would_be_one(said: list[tuple[str, str]]) -> None:
+    with pytest.raises(BadRequest) as refused:
+        parse_span(said)
+    assert len(str(refused.value)) < 200
+
+
+@given(st.integers(0, 2**63 - 1), st.integers(1, 999_999_999))
+def test_what_is_written_is_read_as_the_same_time(stamp_ns: int, limit: int) -> None:
+    assert parse_span(parse_qsl(query(from_=moment(stamp_ns), limit=limit))) == Span(begin_ns=stamp_ns, limit=limit)
+
+
+def test_observations_are_bounded() -> None:
+    assert parse_span([("limit", "999999999")]).observations == parse_span([("last", "P1D")]).observations == MOST
+    assert parse_span([]).observations < 50

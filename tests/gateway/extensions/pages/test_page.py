@@ -1,0 +1,163 @@
+"""Pages of hostile and odd graphs, without any gateway."""
+
+import pytest
+from dom import parsed
+from pyoxigraph import BlankNode, Literal, NamedNode, Triple
+
+from gateway.base import errors
+from gateway.extensions.pages import labels
+from gateway.extensions.pages.page import write
+from gateway.http.problem import problem
+from gateway.rdf.serialise import parse
+from gateway.rdf.vocabulary import DCTERMS, HYBRIT, LF, MATHS, PREFIXES, QUDT, RDF, RDFS, UNIT, VOM, XSD
+from gateway.resources.resource import Resource
+
+BASE = "http://example.org"
+HERE = NamedNode(BASE + "/r/")
+EVIL = (
+    "</script><script>alert(1)</script>",
+    "<!--<script>",
+    '" onload="alert(1)',
+    "'><img src=x onerror=alert(1)>",
+    "\u202egnp.exe\u202c",
+    "a\x00b\x08c\x1fd\x7f\x9fe\ufffe",
+    "{{ 7 * 7 }}{% raw %}",
+    "]]>&lt;&amp;&#60;",
+)
+BROWSER = "text/html,application/xhtml+xml,application/xml;q=0.9,*/*;q=0.8"
+
+
+def page(*triples: Triple, path: str = "/r/", title: str = "r") -> bytes:
+    return write(Resource(path, title, lambda graph: None), triples, BASE)
+
+
+def said(predicate: NamedNode, value: NamedNode | BlankNode | Literal) -> Triple:
+    return Triple(HERE, predicate, value)
+
+
+@pytest.mark.parametrize("evil", EVIL)
+@pytest.mark.parametrize("kind", [LF.Robot, LF.Fleet, LF.Joint, HYBRIT.Property, HYBRIT.Action, LF.Invocation, None])
+def test_whatever_a_robot_says_stays_text(evil: str, kind: NamedNode | None) -> None:
+    """In titles, facts, languages of the page and the embedded JSON-LD."""
+    node = BlankNode("n")
+    triples = [
+        *([said(RDF.type, kind)] if kind else []),
+        said(DCTERMS.title, Literal(evil)),
+        said(RDFS.comment, Literal(evil, language="en")),
+        said(LF.reason, Literal(evil)),
+        said(LF.fault, Literal(evil)),
+        said(NamedNode("http://other.example/p"), node),
+        Triple(node, DCTERMS.title, Literal(evil)),
+        said(LF.namedPose, node),
+    ]
+    body = page(*triples, title=evil)
+    root = parsed(body)
+    assert [each.get("type") for each in root.all("script")] in (
+        ["application/ld+json"],
+        ["module", "application/ld+json"],
+    )
+    (title,) = [each.text for each in root.all("h1")]
+    assert title == labels.clean(evil)
+    assert not [name for each in root.all() for name in each.attributes if name.startswith("on") or name == "style"]
+    assert not set(range(32)) - {10} & set(body)
+    data = next(each.text for each in root.all("script") if each["type"] == "application/ld+json")
+    assert Literal(evil) in [each.object for each in parse(data.encode(), "application/ld+json", HERE.value)]
+
+
+@pytest.mark.parametrize(
+    "iri", ["javascript:alert(1)", "data:text/html,x", "vbscript:x", "urn:x", "file:///etc/passwd"]
+)
+def test_only_web_addresses_are_links(iri: str) -> None:
+    root = parsed(page(said(RDFS.seeAlso, NamedNode(iri)), said(NamedNode(iri), Literal("x"))))
+    assert not [each for each in root.all() for name in ("href", "src") if each.get(name).startswith(iri[:4])]
+    assert iri in root.by_id("facts").text
+
+
+def test_a_page_is_made_of_its_triples_alone() -> None:
+    triples = [said(RDF.type, LF.Robot), said(DCTERMS.title, Literal("R")), said(LF.presence, LF.online)]
+    assert page(*triples) == page(*triples)
+
+
+def test_deep_and_tangled_nodes_are_shown_once_each() -> None:
+    """A chain that nobody could indent, nodes that are referred to twice at each step, and a ring."""
+    chain = [Triple(BlankNode(f"c{i}"), RDFS.seeAlso, BlankNode(f"c{i + 1}")) for i in range(500)]
+    twice = [
+        Triple(BlankNode(f"t{i}"), predicate, BlankNode(f"t{i + 1}"))
+        for i in range(40)
+        for predicate in (RDFS.seeAlso, DCTERMS.hasPart)
+    ]
+    ring = [
+        Triple(BlankNode("r0"), RDFS.seeAlso, BlankNode("r1")),
+        Triple(BlankNode("r1"), RDFS.seeAlso, BlankNode("r0")),
+    ]
+    starts = [said(RDFS.seeAlso, BlankNode(each)) for each in ("c0", "t0", "r0")]
+    body = page(*starts, *chain, *twice, *ring)
+    parsed(body)
+    assert len(body) < 500_000
+
+
+def mass(label: str) -> list[Triple]:
+    node, radian = BlankNode(label), Literal("0.5235988", datatype=XSD.float)
+    return [
+        said(LF.mass, node),
+        Triple(node, RDF.type, MATHS.Scalar),
+        Triple(node, VOM.numericalValue, radian),
+        Triple(node, VOM.unit, MATHS.Radian),
+        Triple(node, QUDT.unit, UNIT.RAD),
+    ]
+
+
+def test_numbers_have_units_and_where_they_are() -> None:
+    """A scalar in a node is live, one of several of its kind is not."""
+    (number,) = parsed(page(*mass("a"))).all("data")
+    assert number.attributes == {
+        "data-subject": HERE.value,
+        "data-path": f"{LF.mass.value} {VOM.numericalValue.value}",
+        "value": "0.5235988",
+        "data-unit": "rad",
+    }
+    assert number.parent is not None and number.parent.text.split() == ["0.5236", "rad", "30°"]
+    both = parsed(page(*mass("a"), *mass("b"))).all("data")
+    assert [set(each.attributes) for each in both] == [{"value", "data-unit"}] * 2
+
+
+def test_an_unknown_value_is_no_number() -> None:
+    node = BlankNode("a")
+    (number,) = parsed(page(said(LF.mass, node), Triple(node, VOM.numericalValue, LF.unknown))).all("data")
+    assert (number["value"], number.text) == ("", "unknown")
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.0, "0"), (-0.0, "0"), (-0.00001, "-1e-5"), (1.0, "1"), (0.52359877, "0.5236"), (-3.14159265, "-3.1416"),
+        (9999.9, "9999.9"), (86400.0, "86400"), (1234567.8, "1.2346e+6"), (1e20, "1e+20"),
+        (0.00012, "0.0001"), (100.0, "100"),
+    ],
+)  # fmt: skip
+def test_numbers_are_written_as_the_scripts_write_them(value: float, text: str) -> None:
+    assert labels.number(value) == text
+
+
+def test_the_command_to_copy_is_quoted_for_a_shell() -> None:
+    path = "/r/it's-$(x)"
+    (command,) = [each.text for each in parsed(page(path=path)).all("code") if each.get("id") == "curl"]
+    assert command == "curl -H 'Accept: text/turtle' " + "'" + BASE + path.replace("'", "'\"'\"'") + "'"
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        errors.NotFound('There is no <script>alert("x")</script>.'),
+        errors.NotAcceptable("Available here: text/turtle.", offered=("text/turtle", "<b>")),
+        errors.MisdirectedRequest("Known are http://example.org."),
+        errors.Offline("r was last seen at noon"),
+    ],
+)
+def test_a_refusal_is_a_page_for_a_browser(error: errors.FleetError) -> None:
+    """With the words of the problem details, escaped, and under the same policy."""
+    body, headers = problem(error, BROWSER, BASE + "/x<y", PREFIXES)
+    root = parsed(body)
+    assert error.detail in root.text and error.title in root.text and str(error.status) in root.text
+    assert not list(root.all("script", "b")) and "default-src 'none'" in headers["content-security-policy"]
+    assert headers["content-type"] == "text/html; charset=utf-8"

@@ -1,0 +1,67 @@
+"""The cost of ``lf:canReach``, by what is done for it: of links that a query may ask about by the hundred."""
+
+import site
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pyoxigraph import Literal, NamedNode
+
+from agents.wire.codec import encode_state, layout
+from agents.wire.messages import Description, State
+from gateway.extensions.query.functions import functions_of
+from gateway.extensions.reach import inverse_kinematics as reach
+from gateway.fleet.events import Appeared, Described, Framed
+from gateway.fleet.fleet import Fleet
+from gateway.fleet.model import RobotModel
+from gateway.rdf.vocabulary import LF
+
+BASE = "http://fleet.example"
+BAXTER = Path(site.getsitepackages()[0]) / "cmeel.prefix/share/example-robot-data/robots/baxter_description/urdf"
+
+
+@pytest.fixture
+def baxter() -> Fleet:
+    urdf = (BAXTER / "baxter.urdf").read_text()
+    joints = tuple(joint.name for joint in RobotModel.parse(urdf).joints.values() if joint.movable)
+    zeros = (0.0,) * len(joints)
+    fleet = Fleet()
+    fleet.apply(Appeared("baxter", 1), 1)
+    said = Description(
+        version=1, robot="baxter", incarnation=1, title="Baxter", urdf=urdf, joints=joints, rate_hz=100, base="fixed",
+        capabilities=("move", "stop"), annotations="", layout=layout(len(joints), False),
+    )  # fmt: skip
+    fleet.apply(Described(said), 1)
+    state = State(
+        incarnation=1, sequence=1, monotonic_ns=1, wall_ns=1, positions=zeros, velocities=zeros, efforts=zeros
+    )  # fmt: skip
+    fleet.apply(Framed("baxter", encode_state(state)), 1)
+    return fleet
+
+
+def test_few_searches_are_made_in_vain_and_the_urdf_is_read_once(
+    baxter: Fleet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A search in vain takes a tenth of a second, and to read the URDF as long as several searches that find."""
+    vain: list[str] = []
+    reads: list[str] = []
+    search, read = reach.reach, reach.build_model
+
+    def counted(*arguments: Any) -> reach.Reached:
+        try:
+            return search(*arguments)
+        except reach.Unreachable:
+            vain.append(arguments[2])
+            raise
+
+    monkeypatch.setattr(reach, "reach", counted)
+    monkeypatch.setattr(reach, "build_model", lambda *said: reads.append("") or read(*said))
+    reach._chain.cache_clear()
+    model = baxter.robots["baxter"].model
+    assert model is not None
+    can_reach = functions_of(BASE, baxter.robots, {})[LF.canReach]
+    place = [Literal(each) for each in (0.5, 0.2, 0.4)]
+    answers = {link: can_reach(NamedNode(f"{BASE}/baxter/{link}"), *place) for link in model.links}
+    assert answers["left_gripper"] == Literal(True) and answers["head"] == Literal(False)
+    assert len(vain) <= 4, vain
+    assert len(reads) <= 1

@@ -1,0 +1,124 @@
+"""What queries are asked of is what GET serves, whatever happens to the robots in between."""
+
+from collections.abc import Iterator
+
+import pytest
+from pictured import Pictured
+from pyoxigraph import BlankNode, CanonicalizationAlgorithm, Dataset, NamedNode, Quad, Store, Triple
+
+from agents.wire.messages import Base
+from gateway.extensions.query.rdf_mirror import Twin
+from gateway.fleet.invocations import Invocation, InvocationState
+from gateway.fleet.lease import Lease
+from gateway.rdf.graph import Graph
+from gateway.resources.invocation import invocation_path
+from gateway.resources.paths import lease_path, robot_path
+from gateway.resources.resource import Resource
+from gateway.resources.tree import Tree
+
+BASE = "http://fleet.example"
+
+
+@pytest.fixture
+def pictured() -> Pictured:
+    return Pictured()
+
+
+def served(pictured: Pictured, name: str) -> Dataset:
+    """All that GET tells of a robot, each of its parts once."""
+    tree = Tree(pictured.fleet, pictured.invocations, BASE)
+    robot = tree.resolve(robot_path(name))
+    assert isinstance(robot, Resource)
+    paths = [robot.path, lease_path(name), *robot.parts, *map(invocation_path, pictured.invocations.of_robot(name))]
+    store = Store()  # which keeps a number as its type has it: 1.0 and 1 are one xsd:float
+    for at, path in enumerate(paths):
+        store.extend(Quad(*_own(triple, f"p{at}x")) for triple in _described(tree, path))
+    return Dataset(store)
+
+
+def _described(tree: Tree, path: str) -> list[Triple]:
+    found, graph = tree.resolve(path), Graph()
+    assert isinstance(found, Resource)
+    assert found.describe is not None
+    found.describe(graph)
+    return graph.triples
+
+
+def _own(triple: Triple, prefix: str) -> Iterator[object]:
+    return (BlankNode(prefix + term.value) if isinstance(term, BlankNode) else term for term in triple)
+
+
+def held(twin: Twin, name: str) -> Dataset:
+    quads = twin.store.quads_for_pattern(None, None, None, NamedNode(BASE + robot_path(name)))
+    return Dataset(Quad(quad.subject, quad.predicate, quad.object) for quad in quads)
+
+
+def canonical(dataset: Dataset) -> set[str]:
+    dataset.canonicalize(CanonicalizationAlgorithm.RDFC_1_0)
+    return set(map(str, dataset))
+
+
+def invocation(id: str, robot: str, state: InvocationState = InvocationState.RUNNING, **more: object) -> Invocation:
+    body = "_:input <http://vocab.arvida.de/2015/06/vom/vocab#numericalValue> _:deep ."
+    action = f"/{robot}/elbow/actions/rotate"
+    given = {"targets": {"elbow": 0.25}, "created_ns": 10**9, "deadline_ns": 10**10, "client": "ann", "body": body}
+    return Invocation(id, robot, action, state=state, **(given | more))  # type: ignore[arg-type]
+
+
+def test_it_stays_what_is_served(pictured: Pictured) -> None:
+    twin = Twin(BASE)
+
+    def same(*names: str) -> None:
+        twin.bring(pictured.bring())
+        for name in names:
+            assert canonical(held(twin, name)) == canonical(served(pictured, name)), name
+
+    pictured.describe("a", annotations='<> <http://x/made> [ <http://x/by> "somebody" ] .')
+    pictured.describe("b", floating=True)
+    same("a", "b")  # no frame yet
+    pictured.stand("a", (0.1, 0.2))
+    pictured.stand("b", (0.0, 0.0), base=Base((1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0), (0.0,) * 3, (0.0,) * 3))
+    same("a", "b")
+    pictured.stand("a", (0.3, 0.2))
+    same("a", "b")
+    pictured.invocations.add(invocation("i-1", "a"))
+    pictured.invocations.add(invocation("i-2", "a", preempts=("i-1",), created_ns=2 * 10**9))
+    robot = pictured.fleet.robots["a"]
+    robot.targets = {"elbow": 0.25}
+    robot.tell_news()
+    pictured.fleet.control("a", Lease("l", "a", "ann", 1, 2 * 10**9, 5.0))
+    pictured.fleet.configure("b", {"title": "Other", "maximumSpeedScale": "0.5"})
+    same("a", "b")
+    one = pictured.invocations.get("i-1")
+    assert one is not None
+    one.state, one.preempted_by, one.ended_ns = InvocationState.PREEMPTED, "i-2", 3 * 10**9
+    same("a", "b")
+    pictured.invocations.remove("i-1")
+    pictured.leave("a")
+    pictured.describe("b", 2)  # another run, whose base is fixed
+    same("a", "b")
+    pictured.stand("b", (0.0, 0.4), 2)
+    same("a", "b")
+
+
+@pytest.mark.parametrize("moved", [(0.1, 0.2), (0.1000001, 0.2)])
+def test_what_has_not_moved_is_not_written_again(pictured: Pictured, moved: tuple[float, float]) -> None:
+    twin = Twin(BASE)
+    pictured.describe("a")
+    pictured.stand("a", (0.1, 0.2))
+    twin.bring(pictured.bring())
+    before = set(twin.store)
+    pictured.stand("a", moved)
+    twin.bring(pictured.bring())
+    changed = before ^ set(twin.store)
+    assert {quad.predicate.value for quad in changed} == {"https://w3id.org/linked-fleet#lastFrame"}
+
+
+def test_what_becomes_unusable_is_taken_back(pictured: Pictured) -> None:
+    twin = Twin(BASE)
+    pictured.describe("a")
+    pictured.stand("a", (0.1, 0.2))
+    twin.bring(pictured.bring())
+    pictured.fleet.robots["a"].undescribe("it makes no sense")
+    twin.bring(pictured.bring())
+    assert canonical(held(twin, "a")) == canonical(served(pictured, "a"))

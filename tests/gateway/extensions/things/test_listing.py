@@ -1,0 +1,148 @@
+"""The directory of Thing Descriptions (W3C WoT Discovery, 7.3.2.3): as a whole, and by pages."""
+
+import asyncio
+import json
+import re
+from typing import Any
+
+import pytest
+from every_kind import BASE, tree
+from starlette.requests import Request
+from starlette.responses import Response
+
+from gateway.base.errors import BadRequest, FleetError
+from gateway.extensions.things.directory import Listing
+from gateway.extensions.things.documents import MOST
+from gateway.extensions.things.http import read_listing
+from gateway.resources.extension import Sight
+from gateway.resources.resource import Resource
+
+
+class _Answer:
+    """A response as a client sees it."""
+
+    def __init__(self, response: Response) -> None:
+        self.body = b""
+        self._response = response
+
+    async def read(self) -> "_Answer":
+        async def send(message: Any) -> None:
+            if message["type"] == "http.response.start":
+                self.status: int = message["status"]
+                self.headers = {name.decode(): value.decode() for name, value in message["headers"]}
+            else:
+                self.body += message.get("body", b"")
+
+        async def receive() -> Any:
+            return await asyncio.Event().wait()
+
+        await self._response({"type": "http", "asgi": {"spec_version": "2.4"}}, receive, send)
+        return self
+
+    @property
+    def ids(self) -> list[str]:
+        return [each["id"] for each in json.loads(self.body)]
+
+    def link(self, rel: str) -> str:
+        """The member of the Link field with this relation, or nothing."""
+        return next((each for each in self.headers["link"].split(", <") if f'rel="{rel}"' in each), "")
+
+
+def _get(query: str = "", *, method: str = "GET", without: str = "", **fields: str) -> _Answer:
+    """``without``: a robot that is gone."""
+    found = tree().resolve("/things")
+    assert isinstance(found, Resource) and isinstance(found.remote, Listing)
+    listing = found.remote
+    if without:
+        robots = {name: robot for name, robot in listing.sight.robots.items() if name != without}
+        listing = Listing(Sight(BASE, robots, listing.sight.invocations, listing.sight.sees))
+    headers = [(name.replace("_", "-").encode(), value.encode()) for name, value in fields.items()]
+    scope = {"type": "http", "method": method, "path": "/things", "query_string": query.encode(), "headers": headers}
+
+    async def run() -> _Answer:
+        return await _Answer(await read_listing(Request(scope), found, listing, BASE)).read()
+
+    return asyncio.run(run())
+
+
+def test_a_client_that_does_not_page_gets_everything(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However few descriptions are on one page."""
+    monkeypatch.setattr("gateway.extensions.things.http.MOST", 5)
+    whole = _get()
+    assert len(whole.ids) == len(set(whole.ids)) == 35
+    assert len(_get("limit=100").ids) == 5
+    assert whole.headers["content-type"] == "application/ld+json"
+    assert not whole.link("next") and not whole.link("canonical")
+
+
+def test_things_are_sorted_by_id() -> None:
+    """Ascending, in code point order."""
+    ids = _get().ids
+    assert ids == sorted(ids) and ids[0] == BASE + "/"
+
+
+@pytest.mark.parametrize("limit", [1, 10, 34, 35, MOST, 1000])
+def test_pages_are_the_whole_in_parts(limit: int) -> None:
+    """A page links the next one with the same limit, and the collection with its state."""
+    found: list[str] = []
+    query, states = f"limit={limit}", set()
+    while query:
+        page = _get(query)
+        found += page.ids
+        assert 0 < len(page.ids) <= min(limit, MOST)
+        canonical = page.link("canonical")
+        assert canonical.startswith(f"<{BASE}/things>") or canonical.startswith(f"{BASE}/things>")
+        (state,) = re.findall(r'; etag="([^"]+)"', canonical)
+        states.add(state)
+        following = re.match(rf"<?{BASE}/things\?([^>]+)>", page.link("next"))
+        query = following[1] if following else ""
+        assert not query or query == f"offset={len(found)}&limit={limit}"
+    assert found == _get().ids
+    assert len(states) == 1
+
+
+def test_the_state_of_the_collection_changes_when_things_come_or_go() -> None:
+    before, after = _get("limit=2").link("canonical"), _get("limit=2", without="mute").link("canonical")
+    assert before != after
+    assert after == _get("limit=9&offset=3", without="mute").link("canonical")
+
+
+def test_a_page_has_an_etag_of_its_own() -> None:
+    page = _get("limit=2")
+    again = _get("limit=2", if_none_match=page.headers["etag"])
+    assert (again.status, again.body) == (304, b"")
+    assert _get("limit=2&offset=2", if_none_match=page.headers["etag"]).status == 200
+
+
+def test_the_whole_has_an_etag_although_it_is_streamed() -> None:
+    """R0.11. It is weak, and other when there are other things."""
+    tag = _get().headers["etag"]
+    assert tag.startswith('W/"') and _get(method="HEAD").headers["etag"] == tag
+    assert (_get(if_none_match=tag).status, _get(if_none_match=tag).body) == (304, b"")
+    assert _get(if_none_match=tag, without="mute").status == 200
+    assert _get("offset=1", if_none_match=tag).status == 200
+
+
+def test_the_rest_of_the_collection_is_a_page() -> None:
+    rest = _get("offset=30")
+    assert len(rest.ids) == 5 and rest.link("canonical") and not rest.link("next")
+    assert _get("offset=99").ids == []
+
+
+@pytest.mark.parametrize(
+    "query", ["sort_by=created", "sort_order=desc", "sort_by=id&sort_order=asc", "limit=2&sort_by=x"]
+)
+def test_an_order_that_is_not_offered_is_501(query: str) -> None:
+    with pytest.raises(FleetError) as caught:
+        _get(query)
+    assert (caught.value.status, caught.value.code) == (501, "not-implemented")
+
+
+@pytest.mark.parametrize("query", ["limit=x", "limit=0", "limit=-1", "offset=-1", "limit=", "limit=9999999999"])
+def test_a_page_that_cannot_be_is_refused(query: str) -> None:
+    with pytest.raises(BadRequest):
+        _get(query)
+
+
+def test_head_describes_nothing() -> None:
+    assert _get(method="HEAD").body == b"[]"

@@ -1,0 +1,28 @@
+"""Plain JSON of bodies that no form has a triple for."""
+
+import pytest
+
+from gateway.base.errors import BadRequest
+from gateway.extensions.things.plain import triples_of
+from gateway.extensions.things.schema import form_of
+from gateway.rdf.vocabulary import LF
+
+IRI = "http://127.0.0.1:8000/arm/title"
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        (b'{"value": "\\ud800"}', r"\\ud800 is half of a surrogate pair"),
+        (b'{"\\udc00": "x"}', r"\\udc00 is half of a surrogate pair"),
+        (b'{"value": "x", "value": "y"}', "two members of the same name"),
+        (b"[" * 40 + b"]" * 40, "nested more than 16"),
+        (b'{"value": [' + b"1," * 400 + b"1]}", "more than 400 commas and opening brackets"),
+        (b'{"value": NaN}', "NaN is not JSON"),
+    ],
+)  # fmt: skip
+def test_json_that_no_text_or_tree_can_hold_is_malformed(body: bytes, message: str) -> None:
+    """Each is answered with 400 and the reason; nothing of it reaches a log or an answer that has to be encoded."""
+    with pytest.raises(BadRequest, match=message) as caught:
+        triples_of(body, form_of(LF.TextInput), IRI, 100)
+    caught.value.detail.encode()

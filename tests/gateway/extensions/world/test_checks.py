@@ -1,0 +1,200 @@
+"""A motion that comes while shapes are being prepared waits for them, for a few seconds, and for nothing else."""
+
+import asyncio
+import hashlib
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import msgspec
+import pytest
+from meshes import channel, stl
+from virtual.zenoh_network import ZenohNetwork
+
+from agents.wire.codec import encode_state, layout
+from agents.wire.messages import Description, Mesh, Move, State
+from gateway.actions.commands import TIME_TO_LIVE_NS, command_of
+from gateway.actions.plan import Moment, Motion
+from gateway.app.settings import GatewaySettings
+from gateway.base.errors import Unchecked
+from gateway.extensions.world import checks
+from gateway.extensions.world.checks import Checks
+from gateway.extensions.world.scene import SceneObject
+from gateway.fleet.events import Appeared, Described, Framed
+from gateway.fleet.model import Pose
+from gateway.fleet.robot import Robot
+from gateway.identity.rights import ALL
+from gateway.link.fleet_link import NoAnswer
+from gateway.link.meshes import Meshes
+from gateway.resources.placement import PLACEMENT
+from gateway.subscriptions.live import Live
+
+PATIENCE_S = 30.0
+
+
+def content(name: str) -> bytes:
+    return name.encode().ljust(80) + stl(channel())[80:]
+
+
+class Scene:
+    """Robots with a mesh that they hand out when they are let, and the checks of their motions."""
+
+    def __init__(self, folder: Path) -> None:
+        self.live = Live(GatewaySettings(), ZenohNetwork().gateway("g"))
+        self.live.meshes = Meshes(self._ask)
+        self.objects: dict[str, SceneObject] = {}
+        self.checks = Checks(self.live, self.objects, folder)
+        self.asked: dict[str, asyncio.Event] = {}
+        self.let: dict[str, asyncio.Event] = {}
+        self.silent: set[str] = set()
+
+    async def _ask(self, robot: str, mesh: Mesh, timeout_s: float) -> bytes:
+        self.asked[robot].set()
+        await self.let[robot].wait()
+        if robot in self.silent:
+            raise NoAnswer("it says nothing")
+        return content(robot)
+
+    def robot(self, name: str, x: float = 0.0, let: bool = False) -> Robot:
+        """A rod that turns over a channel; no two look alike."""
+        self.asked[name], self.let[name] = asyncio.Event(), asyncio.Event()
+        if let:
+            self.let[name].set()
+        digest = hashlib.sha256(content(name)).hexdigest()
+        mesh = Mesh(uri="u.stl", sha256=digest, size=len(content(name)), type="model/stl")
+        urdf = (
+            f"<robot name='{name}'><link name='foot'><collision><geometry><mesh filename='u.stl'/></geometry>"
+            f"</collision></link><link name='rod'><collision><origin xyz='0 .5 0'/><geometry><box size='.3 .02 .02'/>"
+            f"</geometry></collision></link><joint name='turn' type='continuous'><parent link='foot'/>"
+            f"<child link='rod'/><axis xyz='0 1 0'/></joint></robot>"
+        )
+        description = Description(
+            version=1, robot=name, incarnation=1, title=name, urdf=urdf, joints=("turn",), rate_hz=100,
+            capabilities=("move",), layout=layout(1, False), meshes=(mesh,),
+        )  # fmt: skip
+        state = State(
+            incarnation=1, sequence=1, monotonic_ns=1, wall_ns=1, positions=(0.0,), velocities=(0.0,), efforts=(0.0,)
+        )
+        for event in (Appeared(name, 1), Described(description), Framed(name, encode_state(state))):
+            self.live.fleet.apply(event, 1)
+        robot = self.live.fleet.robots[name]
+        robot.settings[PLACEMENT] = msgspec.json.encode(Pose((x, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))).decode()
+        return robot
+
+    async def is_free(self, robot: Robot) -> bool:
+        return await self.checks.free(Motion(robot, Move({"turn": 1.0}), {"turn": 1.0}, Moment(1, 1)), ALL, "")
+
+
+def run(folder: Path, test: Callable[[Scene], Awaitable[None]]) -> None:
+    @asynccontextmanager
+    async def scene() -> AsyncIterator[Scene]:
+        made = Scene(folder)
+        async with asyncio.timeout(PATIENCE_S), made.checks:
+            yield made
+            for each in made.let.values():
+                each.set()
+
+    async def main() -> None:
+        async with scene() as made:
+            await test(made)
+
+    asyncio.run(main())
+
+
+def test_a_motion_waits_for_the_shapes_of_its_robot(tmp_path: Path) -> None:
+    async def test(scene: Scene) -> None:
+        robot = scene.robot("early")
+        waiting = asyncio.create_task(scene.checks.ready(robot, ALL))
+        await scene.asked["early"].wait()
+        assert not waiting.done() and not scene.checks.prepared
+        scene.let["early"].set()
+        await waiting
+        assert scene.checks.prepared and await scene.is_free(robot)
+
+    run(tmp_path, test)
+
+
+def test_it_waits_so_long_and_is_told_to_come_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(checks, "EARLY_S", 0.01)
+
+    async def test(scene: Scene) -> None:
+        robot = scene.robot("early")
+        with pytest.raises(Unchecked) as refused:
+            await scene.checks.ready(robot, ALL)
+        assert (refused.value.status, refused.value.headers["Retry-After"]) == (503, "2")
+        monkeypatch.setattr(checks, "EARLY_S", PATIENCE_S)
+        scene.let["early"].set()  # what was begun has gone on
+        await scene.checks.ready(robot, ALL)
+        assert await scene.is_free(robot)
+
+    run(tmp_path, test)
+
+
+def test_a_robot_that_joins_far_away_makes_its_own_motions_wait_alone(tmp_path: Path) -> None:
+    async def test(scene: Scene) -> None:
+        here, _ = scene.robot("here", let=True), scene.robot("there", x=30.0)
+        await scene.asked["there"].wait()
+        await scene.checks.ready(here, ALL)
+        assert await scene.is_free(here) and not scene.checks.prepared
+
+    run(tmp_path, test)
+
+
+def test_a_robot_that_could_be_met_is_waited_for(tmp_path: Path) -> None:
+    async def test(scene: Scene) -> None:
+        here, _ = scene.robot("here", let=True), scene.robot("beside", x=1.0)
+        waiting = asyncio.create_task(scene.checks.ready(here, ALL))
+        await scene.asked["beside"].wait()
+        assert not waiting.done()
+        scene.let["beside"].set()
+        await waiting
+
+    run(tmp_path, test)
+
+
+def test_a_robot_of_which_no_shape_can_be_had_is_refused_and_holds_nobody_up(tmp_path: Path) -> None:
+    async def test(scene: Scene) -> None:
+        robot = scene.robot("mute", let=True)
+        scene.silent.add("mute")
+        await scene.checks.ready(robot, ALL)
+        assert scene.checks.prepared
+        with pytest.raises(Unchecked):
+            await scene.is_free(robot)
+
+    run(tmp_path, test)
+
+
+def test_another_gateway_finds_the_shapes_on_disk_and_asks_no_robot(tmp_path: Path) -> None:
+    async def first(scene: Scene) -> None:
+        await scene.checks.ready(scene.robot("arm", let=True), ALL)
+
+    async def second(scene: Scene) -> None:
+        robot = scene.robot("arm")
+        await scene.checks.ready(robot, ALL)
+        assert await scene.is_free(robot) and not scene.asked["arm"].is_set()
+
+    run(tmp_path, first)
+    run(tmp_path, second)
+
+
+def test_shapes_are_prepared_again_when_the_process_that_has_them_is_gone(tmp_path: Path) -> None:
+    async def test(scene: Scene) -> None:
+        robot = scene.robot("arm", let=True)
+        await scene.checks.ready(robot, ALL)
+        process = scene.checks._checker._process
+        assert process is not None
+        process.kill()
+        await process.wait()
+        assert not scene.checks.prepared
+        await scene.checks.ready(robot, ALL)
+        assert await scene.is_free(robot)
+
+    run(tmp_path, test)
+
+
+def test_what_a_motion_waited_does_not_make_it_late_and_a_stop_meanwhile_still_does(tmp_path: Path) -> None:
+    """A command is of the moment at which it was asked for: a robot that was stopped after that refuses it."""
+
+    robot = Scene(tmp_path).robot("arm")
+    command = command_of("id", Motion(robot, Move({"turn": 1.0}), {"turn": 1.0}, Moment(1, 17, waited_ns=3_000)))
+    assert (command.seen_ns, command.time_to_live_ns) == (17, TIME_TO_LIVE_NS + 3_000)

@@ -1,0 +1,96 @@
+"""Meshes as shapes: which count as their convex hull, what is inside of them, and links that are concave."""
+
+import math
+import struct
+
+import numpy as np
+import pytest
+from meshes import BOX, channel, plate, read, stl
+
+from gateway.extensions.world import surfaces
+from gateway.extensions.world.collision_check import check
+from gateway.extensions.world.messages import Answer, Check, Free, Leg, Meets, Stood, Way
+from gateway.extensions.world.shapes import robot_of
+from gateway.extensions.world.surfaces import read_mesh, winding
+from gateway.fleet.model import Pose
+from gateway.fleet.xml import ModelError
+
+HERE = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+
+
+def test_a_closed_mesh_that_fills_its_hull_is_its_hull() -> None:
+    assert read(BOX).fills_hull
+    assert not read(channel()).fills_hull
+    assert not read(BOX[:-1]).fills_hull  # a triangle of its surface is missing
+    assert not read(plate(1.0)).fills_hull
+
+
+def test_a_point_is_inside_of_what_is_closed_around_it() -> None:
+    surface = read(channel())
+    assert abs(winding(surface, np.array([0.0, -0.075, 0.0]))) == pytest.approx(1.0)
+    assert winding(surface, np.array([0.0, 0.05, 0.0])) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_mesh_of_too_many_triangles_counts_as_its_hull(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(surfaces, "MOST_TRIANGLES", 8)
+    surface = read(channel())
+    assert surface.fills_hull and winding(surface, np.array([0.0, 0.05, 0.0])) != 0
+
+
+@pytest.mark.parametrize("content", [b"", b"solid", stl([]), stl([((0, 0, 0),) * 3]), stl(BOX)[:200]])
+def test_what_is_no_mesh_is_refused(content: bytes) -> None:
+    with pytest.raises(ModelError):
+        read_mesh("stl", content)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, 3e38])
+def test_a_mesh_with_a_vertex_that_is_nowhere_is_refused(value: float) -> None:
+    broken = bytearray(stl(BOX))
+    broken[84 + 12 : 84 + 16] = struct.pack("<f", value)
+    with pytest.raises(ModelError):
+        read_mesh("stl", bytes(broken))
+
+
+# -- links ----------------------------------------------------------------------------------------------------
+
+# A channel that is open at its top, and a rod on a slide that comes down into it and is turned there.
+_CHANNEL = "channel.stl"
+_LIFT = f"""<robot name='lift'>
+  <link name='foot'><collision><geometry><mesh filename='{_CHANNEL}'/></geometry></collision></link>
+  <link name='stage'/><link name='carriage'/>
+  <link name='rod'><collision><geometry><box size='.3 .02 .02'/></geometry></collision></link>
+  <joint name='turn' type='continuous'><parent link='foot'/><child link='stage'/><axis xyz='0 1 0'/></joint>
+  <joint name='lift' type='prismatic'><parent link='stage'/><child link='carriage'/>
+    <axis xyz='0 1 0'/><limit lower='-1' upper='1' velocity='1' effort='1'/></joint>
+  <joint name='spin' type='continuous'><parent link='carriage'/><child link='rod'/><axis xyz='0 1 0'/></joint>
+</robot>"""
+
+
+def _go(start: dict[str, float], ends: dict[str, float]) -> Answer:
+    robot = robot_of(_LIFT, {_CHANNEL}, lambda uri: read(channel()))
+    way = Way({"turn": 0.0, "spin": 0.0} | start, (Leg(ends),))
+    return check(Check(Stood("me", "lift", HERE), (way,), (), (), 30.0), {"lift": robot}, {})
+
+
+@pytest.mark.parametrize("scale", ["1e300 1 1", "1e308 1e308 1e308", "1e7 1e7 1e7", "0 0 0", "1 0 1"])
+def test_a_shape_without_a_size_that_can_be_reckoned_with_is_refused(scale: str) -> None:
+    """Nothing would be near it by comparisons with what is no number."""
+    urdf = _LIFT.replace("<mesh ", f"<mesh scale='{scale}' ")
+    with pytest.raises(ModelError):
+        robot_of(urdf, {_CHANNEL}, lambda uri: read(channel()))
+
+
+def test_a_part_goes_where_the_concave_link_is_not_and_its_hull_is() -> None:
+    assert isinstance(_go({"lift": 0.3}, {"lift": 0.0}), Free)
+    met = _go({"lift": 0.3}, {"lift": -0.1})
+    assert isinstance(met, Meets) and {met.link, met.other} == {"rod", "foot"}
+
+
+def test_it_meets_the_walls_of_what_it_is_in() -> None:
+    met = _go({"lift": 0.0}, {"spin": 1.57})
+    assert isinstance(met, Meets) and 0.1 < met.share < 0.5
+
+
+def test_a_part_inside_of_another_is_not_free_to_leave_through_its_surface_unless_it_was_there() -> None:
+    """It begins in the bottom of the channel, where it touches no triangle of it: that is left to itself."""
+    assert isinstance(_go({"lift": -0.075}, {"lift": 0.3}), Free)

@@ -1,0 +1,38 @@
+"""Ways as the agent goes them, which it is asked for here itself."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agents.trajectory import through
+from agents.wire.messages import Follow, Move
+from gateway.extensions.world.path import on_leg
+from gateway.extensions.world.swept_path import MOST_STANCES, stances_of, ways_of
+
+values = st.floats(-3, 3)
+
+
+@given(st.lists(st.tuples(st.floats(0.1, 2), values), min_size=1, max_size=6), values, st.floats(0, 1))
+def test_a_trajectory_is_the_cubics_of_the_agent(points: list[tuple[float, float]], start: float, share: float) -> None:
+    times = [sum(step for step, _ in points[: i + 1]) for i in range(len(points))]
+    (way,) = ways_of(Follow(("a",), tuple(times), tuple((p,) for _, p in points)), {"a": start}, {})
+    agents = through(start, 0.0, times, [p for _, p in points])
+    before, begun = start, 0.0
+    for leg, time in zip(way.legs, times, strict=True):
+        now = on_leg(leg, "a", before, share)
+        assert now == pytest.approx(agents.at(begun + share * (time - begun))[0], abs=1e-6)
+        before, begun = leg.ends["a"], time
+
+
+def test_joints_that_go_elsewhere_meanwhile_are_here_there_and_on_the_way() -> None:
+    plain, there, along = ways_of(Move({"a": 1.0}), {"a": 0.0, "b": 0.0}, {"a": 5.0, "b": 2.0})
+    assert (plain.start, plain.legs[-1].ends) == ({"a": 0.0, "b": 0.0}, {"a": 1.0})
+    assert (there.start, there.legs[-1].ends) == ({"a": 0.0, "b": 2.0}, {"a": 1.0})
+    assert (along.start, along.legs[-1].ends) == ({"a": 0.0, "b": 0.0}, {"a": 1.0, "b": 2.0})
+
+
+def test_who_stands_has_one_stance_and_who_moves_has_more_up_to_its_end() -> None:
+    assert stances_of({"a": 0.0}, {}) == ({"a": 0.0},)
+    assert stances_of({"a": 0.0}, {"a": 0.1})[1:] == ({"a": 0.05}, {"a": 0.1})
+    many = stances_of({"a": 0.0, "b": 1.0}, {"a": 30.0})
+    assert len(many) == MOST_STANCES + 1 and many[-1] == {"a": 30.0}

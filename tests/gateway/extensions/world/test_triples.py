@@ -1,0 +1,40 @@
+"""The world as triples for queries: everything that is in it, and what it is once more when nothing has changed."""
+
+from pathlib import Path
+
+from pyoxigraph import Literal, NamedNode
+from virtual.zenoh_network import ZenohNetwork
+
+from gateway.app.settings import GatewaySettings
+from gateway.extensions.world.scene import SceneObject, Sphere, encode
+from gateway.extensions.world.service import World
+from gateway.fleet.invocations import Invocations
+from gateway.fleet.model import Pose
+from gateway.identity.rights import ALL
+from gateway.rdf.vocabulary import DCTERMS, LDP, LF, RDF
+from gateway.resources.access_filter import InvocationsInView
+from gateway.resources.extension import Sight
+from gateway.subscriptions.live import Live
+
+BASE = "http://fleet.test"
+
+
+def test_all_that_is_in_the_world_is_told_and_told_anew_when_it_changes(tmp_path: Path) -> None:
+    settings = GatewaySettings()
+    live = Live(settings, ZenohNetwork().gateway("g"))
+    world = World(live, "unix:///nowhere", settings.namespace, tmp_path)
+    sight = Sight(BASE, live.fleet.robots, InvocationsInView(Invocations(), ALL), ALL)
+    where = Pose((0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0))
+    for i in range(150):  # more than a page of them shows
+        ball = SceneObject(title=f"ball {i}", kind="obstacle", pose=where, geometry=Sphere(0.1))
+        world.objects._take(f"ball{i}", encode(ball))
+    told = dict(world.triples(sight))
+    assert {triple.subject for triple in told["/world"]} == {NamedNode(BASE + "/world")}
+    titles = {t.object for t in told["/world/objects"] if t.predicate == DCTERMS.title}
+    assert {Literal(f"ball {i}") for i in range(150)} <= titles
+    listed = {t.object for t in told["/world/objects"] if t.predicate == LDP.contains}
+    typed = {t.subject for t in told["/world/objects"] if t.predicate == RDF.type and t.object == LF.Obstacle}
+    assert listed == typed
+    assert dict(world.triples(sight))["/world/objects"] is told["/world/objects"]
+    world.objects._take("ball0", None)
+    assert len(dict(world.triples(sight))["/world/objects"]) < len(told["/world/objects"])

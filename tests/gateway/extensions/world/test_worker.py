@@ -1,0 +1,86 @@
+"""Answers of the process that checks motions, and what it keeps for the next check."""
+
+import hashlib
+from pathlib import Path
+
+from meshes import BOX, channel, stl
+
+from gateway.extensions.world.mesh_cache import MeshCache
+from gateway.extensions.world.messages import (
+    Check,
+    Lacks,
+    Leg,
+    Prepare,
+    PrepareMesh,
+    Question,
+    Ready,
+    Stood,
+    Unable,
+    Way,
+)
+from gateway.extensions.world.worker import Worker
+from gateway.fleet.model import Pose
+
+URIS = {"package://r/u.stl": stl(channel()), "package://r/box.stl": stl(BOX)}
+MESHES = {f"{hashlib.sha256(content).hexdigest()}.stl": content for content in URIS.values()}
+NAMES = dict(zip(URIS, MESHES, strict=True))
+
+
+def urdf(collision: str = "package://r/u.stl", visual: str = "package://r/box.stl") -> str:
+    shapes = (f"<{kind}><geometry><mesh filename='{uri}'/></geometry></{kind}>" for kind, uri in
+              (("collision", collision), ("visual", visual)))  # fmt: skip
+    return f"<robot name='r'><link name='base'>{''.join(shapes)}</link></robot>"
+
+
+def prepare(urdf: str) -> Prepare:
+    return Prepare("r", urdf, NAMES)
+
+
+def told(worker: Worker, name: str) -> object:
+    return worker.answer(PrepareMesh(name, MESHES[name]))
+
+
+def test_it_asks_for_the_meshes_of_collision_geometry_alone() -> None:
+    worker = Worker(MeshCache(None))
+    name = NAMES["package://r/u.stl"]
+    assert worker.answer(prepare(urdf())) == Lacks((name,))
+    assert told(worker, name) == Ready()
+    assert worker.answer(prepare(urdf())) == Ready()
+
+
+def test_visual_geometry_stands_for_meshes_that_are_not_handed_out() -> None:
+    assert Worker(MeshCache(None)).answer(prepare(urdf(collision="package://r/none.stl"))) == Lacks(
+        (NAMES["package://r/box.stl"],)
+    )
+
+
+def test_another_process_finds_what_was_read_before(tmp_path: Path) -> None:
+    first = Worker(MeshCache(tmp_path))
+    told(first, NAMES["package://r/u.stl"])
+    assert Worker(MeshCache(tmp_path)).answer(prepare(urdf())) == Ready()
+    for file in tmp_path.iterdir():
+        file.write_bytes(b"damaged")
+    assert isinstance(Worker(MeshCache(tmp_path)).answer(prepare(urdf())), Lacks)
+
+
+def test_it_holds_no_more_meshes_than_it_may() -> None:
+    worker = Worker(MeshCache(None), most_triangles=len(BOX))
+    for name in MESHES:
+        told(worker, name)
+    assert isinstance(worker.answer(prepare(urdf())), Lacks)
+    assert worker.answer(prepare(urdf(collision="package://r/box.stl"))) == Ready()
+
+
+def test_what_cannot_be_used_is_said_and_the_process_goes_on() -> None:
+    worker = Worker(MeshCache(None))
+    hostile: list[Question] = [
+        PrepareMesh(f"{'0' * 64}.stl", b"\xff" * 200),
+        PrepareMesh(f"{'0' * 64}.dae", b"<COLLADA>"),
+        PrepareMesh("0.exe", b"MZ"),
+        Prepare("r", "<robot", {}),
+        Prepare("r", urdf("box", "box").replace("<mesh filename='box'/>", "<torus/>"), {}),
+    ]
+    for question in hostile:
+        assert isinstance(worker.answer(question), Unable), question
+    here = Stood("r", "r", Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)))
+    assert isinstance(worker.answer(Check(here, (Way({}, (Leg({}),)),), (), (), 1.0)), Unable)

@@ -1,0 +1,62 @@
+"""Requests take turns, and what stops robots takes none."""
+
+import asyncio
+
+import pytest
+
+from gateway.http.stop_priority import URGENT, Turns
+
+
+def _scope(path: str, method: str = "POST") -> dict[str, str]:
+    return {"type": "http", "method": method, "path": path}
+
+
+def _served(first: list[dict[str, str]], then: dict[str, str]) -> list[str]:
+    """The paths in the order in which they were served, when ``then`` comes after the first of the others was."""
+    served: list[str] = []
+
+    async def run() -> None:
+        turns = Turns()
+        one_is_served = asyncio.Event()
+
+        async def serve(scope: dict[str, str]) -> None:
+            await turns.turn(scope)
+            served.append(scope["path"])
+            one_is_served.set()
+
+        async def come_later() -> None:
+            await one_is_served.wait()
+            await serve(then)
+
+        await asyncio.gather(*(serve(each) for each in first), come_later())
+
+    asyncio.run(run())
+    return served
+
+
+_OTHERS = [_scope(f"/r/{number}", "GET") for number in range(50)]
+
+
+@pytest.mark.parametrize("segment", sorted(URGENT))
+def test_what_stops_robots_overtakes_those_that_wait(segment: str) -> None:
+    served = _served(_OTHERS, _scope(f"/r/actions/{segment}"))
+    assert served.index(f"/r/actions/{segment}") <= 2
+    assert [path for path in served if "actions" not in path] == [each["path"] for each in _OTHERS]
+
+
+@pytest.mark.parametrize("scope", [_scope("/r/actions/rotate"), _scope("/r/actions/stop", "GET")])
+def test_everything_else_waits_for_its_turn(scope: dict[str, str]) -> None:
+    assert _served(_OTHERS, scope)[-1] == scope["path"]
+
+
+def test_one_that_goes_away_keeps_nobody_waiting() -> None:
+    async def run() -> None:
+        turns = Turns()
+        waiting = [asyncio.ensure_future(turns.turn(_scope("/r", "GET"))) for _ in range(3)]
+        await asyncio.sleep(0)
+        waiting[1].cancel()
+        await asyncio.gather(*waiting, return_exceptions=True)
+        await turns.turn(_scope("/r", "GET"))
+        assert [each.cancelled() for each in waiting] == [False, True, False]
+
+    asyncio.run(run())

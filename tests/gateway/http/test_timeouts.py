@@ -1,0 +1,286 @@
+"""Clients that drip, say too much or come in crowds: each is dropped, and others are served meanwhile."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from functools import partial
+
+import pytest
+from serving import connect, run, serving, until
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import Response
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from gateway.http.protocol import HttpProtocol
+from gateway.http.sockets import Sockets
+from gateway.http.timeouts import MAX_HEAD_BYTES
+
+_GET = b"GET / HTTP/1.1\r\nHost: test\r\n\r\n"
+_POST = b"POST / HTTP/1.1\r\nHost: test\r\nContent-Length: 1000\r\n\r\n"
+
+
+class Hasty(HttpProtocol):
+    """Its figures are small, so that the tests are short; what follows what is the same."""
+
+    head_s = body_s = 0.3
+
+
+async def echo(scope: Scope, receive: Receive, send: Send) -> None:
+    """Answers when the body is whole."""
+    try:
+        body = await Request(scope, receive).body()
+    except ClientDisconnect:
+        return
+    await Response(body)(scope, receive, send)
+
+
+async def drip(writer: asyncio.StreamWriter, piece: bytes) -> None:
+    """Send it again and again, until the connection is no more."""
+    try:
+        while True:
+            writer.write(piece)
+            await writer.drain()
+            await asyncio.sleep(0.01)
+    except ConnectionError:
+        return
+
+
+@pytest.mark.parametrize(
+    ("begin", "piece", "answer"),
+    [
+        (b"GET / HTTP/1.1\r\nHost: test\r\n", b"X: y\r\n", b"408"),
+        (b"G", b"E", b"408"),
+        (_POST, b"y", b"408"),
+        (_POST.replace(b"POST", b"HEAD"), b"y", b"408"),
+        (b"POST / HTTP/1.1\r\nHost: test\r\nTransfer-Encoding: chunked\r\n\r\n", b"1\r\ny\r\n", b"408"),
+        (b"", b"", b""),
+    ],
+)
+def test_who_drips_is_dropped_and_delays_nobody(begin: bytes, piece: bytes, answer: bytes) -> None:
+    async def scenario() -> None:
+        async with serving(echo, http=Hasty) as (server, port):
+            reader, writer = await connect(port, begin)
+            dripping = asyncio.create_task(drip(writer, piece)) if piece else None
+            other, sender = await connect(port, _GET)
+            assert (await other.readuntil(b"\r\n\r\n")).startswith(b"HTTP/1.1 200")
+            sender.close()
+            said = b""
+            try:
+                while more := await reader.read(1000):
+                    said += more
+            except ConnectionResetError:  # after what was said
+                pass
+            assert said.split(b" ")[1:2] == ([answer] if answer else [])
+            await until(lambda: not server.server_state.connections)
+            await until(lambda: not server.server_state.tasks)
+            writer.close()
+            if dripping is not None:
+                dripping.cancel()
+
+    run(scenario)
+
+
+def test_a_body_that_goes_on_after_the_answer_is_cut_off() -> None:
+    """The answer needs no body, but the connection would be open for as long as more of it comes."""
+
+    async def scenario() -> None:
+        async with serving(Response(b"done"), http=Hasty) as (server, port):
+            reader, writer = await connect(port, _POST.replace(b"1000", b"100000"))
+            assert (await reader.readuntil(b"done")).startswith(b"HTTP/1.1 200")
+            dripping = asyncio.create_task(drip(writer, b"y"))
+            await until(lambda: not server.server_state.connections)
+            dripping.cancel()
+            writer.close()
+
+    run(scenario)
+
+
+def test_an_answer_may_take_longer_to_read_than_the_next_request_may_take_to_begin() -> None:
+    async def scenario() -> None:
+        body = bytes(1 << 20)
+        async with serving(Response(body), http=Hasty, timeout_keep_alive=1) as (_, port):
+            begin = asyncio.get_running_loop().time()
+            reader, writer = await connect(port, _GET, receive_buffer=8192)
+            await reader.readuntil(b"\r\n\r\n")
+            left = len(body)
+            while left:
+                piece = await reader.read(4096)
+                assert piece, f"cut off {left} bytes before the end"
+                left -= len(piece)
+                if left < len(body) // 2 and asyncio.get_running_loop().time() < begin + 5 * Hasty.head_s:
+                    await asyncio.sleep(Hasty.head_s / 10)  # as on a slow line
+            writer.close()
+
+    run(scenario)
+
+
+def test_an_answer_that_nobody_reads_is_given_up() -> None:
+    class Impatient(Hasty):
+        stall_s = 0.1
+
+    async def scenario() -> None:
+        async with serving(Response(bytes(1 << 20)), http=Impatient) as (server, port):
+            reader, writer = await connect(port, _GET, receive_buffer=8192)
+            await reader.readuntil(b"\r\n\r\n")
+            await until(lambda: not server.server_state.connections)
+            writer.close()
+
+    run(scenario)
+
+
+def test_who_only_listens_is_waited_for_by_nobody() -> None:
+    """A WebSocket has said what it wants; what h11 takes for the body of its opening never comes."""
+
+    async def late(scope: Scope, receive: Receive, send: Send) -> None:
+        await receive()
+        await send({"type": "websocket.accept"})
+        await asyncio.sleep(3 * Hasty.body_s)
+        await send({"type": "websocket.send", "text": "late"})
+        await send({"type": "websocket.close"})
+
+    async def scenario() -> None:
+        async with serving(late, http=Hasty) as (server, port):
+            key = b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+            opening = b"GET / HTTP/1.1\r\nHost: test\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
+            reader, writer = await connect(port, opening + key)
+            assert (await reader.readuntil(b"\r\n\r\n")).startswith(b"HTTP/1.1 101")
+            assert await reader.readexactly(6) == b"\x81\x04late"
+            writer.close()
+            await until(lambda: not server.server_state.connections)
+
+    run(scenario)
+
+
+def test_what_comes_in_time_is_whole_however_it_is_cut() -> None:
+    """A deadline belongs to one request: many on one connection take longer than one may."""
+
+    class Patient(HttpProtocol):  # as far as a busy machine needs that
+        head_s = body_s = 2.0
+
+    async def scenario() -> None:
+        async with serving(echo, http=Patient) as (_, port):
+            reader, writer = await connect(port, b"")
+            end_s = asyncio.get_running_loop().time() + 1.5 * Patient.head_s
+            while asyncio.get_running_loop().time() < end_s:
+                for piece in (_POST[:9], _POST[9:], b"x" * 400, b"y" * 600):
+                    writer.write(piece)
+                    await asyncio.sleep(0.01)
+                answer = await reader.readuntil(b"\r\n\r\n")
+                assert answer.startswith(b"HTTP/1.1 200")
+                assert await reader.readexactly(1000) == b"x" * 400 + b"y" * 600
+            writer.close()
+
+    run(scenario)
+
+
+@pytest.mark.parametrize("size", [MAX_HEAD_BYTES * 3, 200_000])
+def test_long_header_blocks_are_refused_also_when_they_come_at_once(size: int) -> None:
+    async def scenario() -> None:
+        async with serving(echo) as (_, port):
+            fields = b"".join(b"x%d: y\r\n" % number for number in range(size // 8))
+            reader, writer = await connect(port, b"GET / HTTP/1.1\r\nHost: test\r\n" + fields + b"\r\n")
+            assert (await reader.readuntil(b"\r\n")).startswith(b"HTTP/1.1 431")
+            writer.close()
+
+    run(scenario)
+
+
+def _crowded(test: Callable[[Sockets, int], Awaitable[None]], most: int, of_one: int, app: ASGIApp = echo) -> None:
+    async def scenario() -> None:
+        sockets = Sockets(most, of_one)
+        async with serving(app, http=partial(HttpProtocol, sockets=sockets)) as (_, port):  # type: ignore[arg-type]
+            await test(sockets, port)
+            await until(lambda: not len(sockets))
+
+    run(scenario)
+
+
+@pytest.mark.parametrize(("most", "of_one"), [(3, 100), (100, 3)])
+def test_those_that_ask_nothing_give_way(most: int, of_one: int) -> None:
+    """Beyond the bound the eldest that has no request under way is closed, and who asks is served."""
+
+    async def scenario(sockets: Sockets, port: int) -> None:
+        idle = []
+        for number in range(3):
+            idle.append(await connect(port, b"GET / HT"))
+            await until(lambda number=number: len(sockets) == number + 1)
+        writers = [writer for _, writer in idle]
+        for number in range(3):
+            reader, writer = await connect(port, _GET)
+            assert (await reader.readuntil(b"\r\n\r\n")).startswith(b"HTTP/1.1 200")
+            with pytest.raises((asyncio.IncompleteReadError, ConnectionResetError)):
+                await idle[number][0].readexactly(1)
+            assert len(sockets) == 3
+            writers.append(writer)
+        for writer in writers:
+            writer.close()
+
+    _crowded(scenario, most, of_one)
+
+
+def test_where_all_are_at_work_a_new_one_is_refused_until_one_is_done() -> None:
+    async def scenario(sockets: Sockets, port: int) -> None:
+        at_work = [await connect(port, _GET) for _ in range(2)]
+        await until(lambda: waiting == 2)
+        reader, refused = await connect(port, b"")
+        assert (await reader.readuntil(b"\r\n")).startswith(b"HTTP/1.1 503")
+        refused.close()
+        done.set()
+        for reader, _ in at_work:
+            assert (await reader.readuntil(b"\r\n")).startswith(b"HTTP/1.1 200")
+        reader, served = await connect(port, _GET)
+        assert (await reader.readuntil(b"\r\n")).startswith(b"HTTP/1.1 200")
+        for writer in (served, *(writer for _, writer in at_work)):
+            writer.close()
+
+    waiting, done = 0, asyncio.Event()
+
+    async def app(scope: Scope, receive: Receive, send: Send) -> None:
+        nonlocal waiting
+        waiting += 1
+        await done.wait()
+        await Response(b"")(scope, receive, send)
+
+    _crowded(scenario, 2, 2, app)
+
+
+def test_an_answer_that_is_still_read_keeps_its_place() -> None:
+    body = bytes(1 << 20)
+
+    async def scenario(sockets: Sockets, port: int) -> None:
+        reader, writer = await connect(port, _GET, receive_buffer=8192)
+        await reader.readuntil(b"\r\n\r\n")
+        other, refused = await connect(port, b"")
+        assert (await other.readuntil(b"\r\n")).startswith(b"HTTP/1.1 503")
+        refused.close()
+        assert await reader.readexactly(len(body)) == body
+        other, served = await connect(port, _GET)
+        assert (await other.readuntil(b"\r\n")).startswith(b"HTTP/1.1 200")
+        for each in (writer, served):
+            each.close()
+
+    _crowded(scenario, 1, 1, Response(body))
+
+
+def test_places() -> None:
+    """The bound of one client concerns no other, and what is closed twice frees one place."""
+    sockets, gone = Sockets(3, 2), list[str]()
+    assert sockets.open("a1", "a")
+    assert sockets.open("a2", "a")
+    assert not sockets.open("a3", "a")
+    assert sockets.open("b1", "b")
+    assert not sockets.open("c1", "c")
+    sockets.idle("b1", lambda: False)
+    assert not sockets.open("c1", "c")
+    sockets.busy("b1")
+    sockets.idle("b1", lambda: not gone.append("b1"))  # type: ignore[func-returns-value]
+    assert not sockets.open("a3", "a")
+    assert sockets.open("c1", "c")
+    assert gone == ["b1"]
+    sockets.idle("a2", lambda: not gone.append("a2"))  # type: ignore[func-returns-value]
+    sockets.busy("a2")
+    assert not sockets.open("a3", "a")
+    sockets.close("a1")
+    sockets.close("a1")
+    assert len(sockets) == 2
+    assert sockets.open("a3", "a")
+    assert not sockets.open("a4", "a")

@@ -1,0 +1,63 @@
+"""Frames that come over a session: which of them the event loop hears of."""
+
+import asyncio
+
+import pytest
+from actor import KEYS, Actor, stage
+from running import free_port
+from serving import until
+from virtual.processes import gateway_session
+
+from gateway.fleet.fleet import Described, Event, Fleet, Framed, Moved
+from gateway.fleet.frames import Frames
+from gateway.link.fleet_link import FleetLink
+
+pytestmark = pytest.mark.virtual
+
+
+class Gateway:
+    """A fleet on a link, which tells of each event that came."""
+
+    def __init__(self, endpoint: str) -> None:
+        self.fleet = Fleet(Frames(lambda robot: KEYS.robot(robot, "state")))
+        self.events: asyncio.Queue[Event] = asyncio.Queue()
+        self.link = FleetLink(
+            KEYS,
+            "g",
+            lambda: gateway_session(endpoint),
+            self._on_events,
+            lambda *_: None,
+            frames=self.fleet.frames,
+        )
+
+    def _on_events(self, events: list[Event]) -> None:
+        for event in events:
+            self.fleet.apply(event, 1)
+            self.events.put_nowait(event)
+
+    async def until(self, kind: type[Event]) -> Event:
+        while not isinstance(event := await self.events.get(), kind):
+            pass
+        return event
+
+
+async def test_the_event_loop_hears_of_frames_that_somebody_watches_or_that_have_to_be_judged() -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    gateway = Gateway(endpoint)
+    async with gateway.link:
+        await gateway.link.join()
+        with stage(endpoint) as session:
+            robot = Actor(session, "r").appear()
+            await gateway.until(Described)
+            robot.put("state", robot.frame((0.1,)))
+            await gateway.until(Framed)
+            robot.put("state", robot.frame((0.2,)))
+            await until(lambda: gateway.fleet.frames.taken >= 1)
+            assert (gateway.events.empty(), gateway.fleet.robots["r"].positions["elbow"]) == (True, 0.2)
+            gateway.fleet.frames.watched = {"r"}
+            late = robot.frame((0.9,))
+            robot.put("state", robot.frame((0.3,)))
+            assert await gateway.until(Moved) == Moved("r")
+            robot.put("state", late)
+            assert await gateway.until(Framed) == Framed("r", late)
+            assert (gateway.fleet.dropped["r"], gateway.fleet.robots["r"].positions["elbow"]) == (1, 0.3)

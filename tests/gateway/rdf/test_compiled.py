@@ -1,0 +1,339 @@
+"""Compiled shapes find what pySHACL finds, in whatever shape and body; test_compiled_exceptions.py has what is else."""
+
+from collections.abc import Iterable, Sequence
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, parse
+from shacl_findings import compiled_finds, pyshacl_finds, to_rdflib
+
+from gateway.rdf.compiled import Data, compile_shape
+from gateway.rdf.compiled_check import MOST
+from gateway.rdf.compiled_report import SHACL
+from gateway.rdf.graph import Graph, Node, Term, integer
+from gateway.rdf.shapes import load
+from gateway.rdf.vocabulary import HYBRIT, LF, RDF, VOM, XSD, Namespace
+
+EX = Namespace("http://example.org/", "body p q r C D a b Shape type")
+_LANG_STRING = NamedNode(RDF.iri + "langString")
+
+
+def _literal(text: str, datatype: NamedNode) -> Literal:
+    return Literal(text, datatype=datatype)
+
+
+_INTEGERS = [
+    XSD.integer, XSD.int, XSD.long, XSD.short, XSD.byte, XSD.nonNegativeInteger, XSD.positiveInteger,
+    XSD.nonPositiveInteger, XSD.negativeInteger, XSD.unsignedLong, XSD.unsignedInt, XSD.unsignedShort, XSD.unsignedByte,
+]  # fmt: skip
+_FLOATS = [XSD.float, XSD.double]
+_WHOLE = ["0", "1", "-1", "+3", "-0", "007", "127", "128", "255", "256", "-129", "65536", "2147483648",
+          "9" * 4096, "-" + "7" * 4096, str(2**63), str(-(2**31))]  # fmt: skip
+_FRACTIONS = [
+    "0.1",
+    "1.",
+    ".5",
+    "-2.5",
+    "0.1000000000000000055511151231257827021181583404541015625",
+    "3.0",
+    "-." + "3" * 4096,
+]
+_POWERS = ["1e0", "1E-1", "2.5e3", "1e400", "-1e400", "1e-400", "INF", "-INF", "NaN", "1e" + "9" * 30]
+_ILL = ["", "abc", "1,5", "--1", "1e", "0x1", "1 2", "true", "."]
+_numbers = st.one_of(
+    st.builds(_literal, st.sampled_from(_WHOLE), st.sampled_from([*_INTEGERS, XSD.decimal, *_FLOATS])),
+    st.builds(_literal, st.sampled_from(_FRACTIONS), st.sampled_from([XSD.decimal, *_FLOATS])),
+    st.builds(_literal, st.sampled_from(_POWERS), st.sampled_from(_FLOATS)),
+    st.builds(_literal, st.integers(-5, 300).map(str), st.sampled_from([*_INTEGERS, XSD.decimal, *_FLOATS])),
+)
+_others = st.one_of(
+    st.builds(_literal, st.sampled_from(_ILL), st.sampled_from([*_INTEGERS, XSD.decimal, *_FLOATS])),
+    st.builds(_literal, st.sampled_from(["true", "false", "1", "0", "TRUE", "yes", ""]), st.just(XSD.boolean)),
+    st.builds(
+        _literal, st.sampled_from(["", "x", "http://x.org/"]), st.sampled_from([XSD.string, XSD.anyURI, EX.type])
+    ),
+    st.builds(_literal, st.sampled_from(["2026-01-01T00:00:00Z", "soon"]), st.just(XSD.dateTime)),
+    st.sampled_from([Literal("x", language="en"), Literal("x", language="de"), Literal("43.6"), Literal("abc\n")]),
+)
+_blanks = st.sampled_from([BlankNode("b1"), BlankNode("b2"), BlankNode("b3")])
+_iris = st.sampled_from([EX.body, EX.a, EX.b, EX.C, EX.D])
+_predicates = st.sampled_from([EX.p, EX.q, EX.r])
+_nodes = st.one_of(st.just(EX.body), st.just(EX.body), _blanks, _iris)
+_terms = st.one_of(_numbers, _others, _blanks, _iris, st.just(integer(1)))
+_types = st.builds(Triple, _nodes, st.just(RDF.type), st.sampled_from([EX.C, EX.D]))
+_bodies = st.lists(st.one_of(st.builds(Triple, _nodes, _predicates, _terms), _types), max_size=14)
+
+_fixed = st.one_of(_iris, _numbers, _others, st.just(integer(1)))
+_bounds = _numbers.filter(lambda t: not to_rdflib(t).ill_typed and t.value != "NaN")
+_leaves = st.one_of(
+    st.tuples(st.just(SHACL.datatype), st.sampled_from([*_INTEGERS, XSD.decimal, *_FLOATS, XSD.boolean, XSD.string,
+                                                        XSD.anyURI, EX.type, _LANG_STRING])),
+    st.tuples(st.just(SHACL.nodeKind), st.sampled_from([SHACL.IRI, SHACL.BlankNode, SHACL.Literal, SHACL.BlankNodeOrIRI,
+                                                        SHACL.BlankNodeOrLiteral, SHACL.IRIOrLiteral])),
+    st.tuples(st.just(SHACL.class_), st.sampled_from([EX.C, EX.D])),
+    st.tuples(st.just(SHACL.in_), st.lists(_fixed, max_size=4)),
+    st.tuples(st.just(SHACL.hasValue), _fixed),
+    st.tuples(st.sampled_from([SHACL.minInclusive, SHACL.minExclusive]), _bounds),
+    st.tuples(st.sampled_from([SHACL.maxInclusive, SHACL.maxExclusive]), _bounds),
+    st.tuples(st.sampled_from([SHACL.minLength, SHACL.maxLength]), st.integers(0, 3).map(integer)),
+    st.tuples(st.just(SHACL.pattern), st.sampled_from(["^x", "[0-9]$", "", "HTTP"]).map(Literal)),
+)  # fmt: skip
+_paths = st.recursive(
+    _predicates,
+    lambda inner: st.one_of(
+        st.tuples(st.just(None), st.lists(inner, min_size=2, max_size=3)),
+        st.tuples(st.just(SHACL.alternativePath), st.lists(inner, min_size=2, max_size=3)),
+        st.tuples(st.sampled_from([SHACL.zeroOrMorePath, SHACL.oneOrMorePath, SHACL.zeroOrOnePath]), inner),
+        st.tuples(st.just(SHACL.inversePath), _predicates),
+    ),
+    max_leaves=3,
+)
+_counts = st.tuples(st.sampled_from([SHACL.minCount, SHACL.maxCount]), st.integers(0, 2).map(integer))
+
+
+class _Property(tuple[object, ...]):
+    """A property shape: its path and its constraints."""
+
+
+def _shapes(depth: int) -> st.SearchStrategy[object]:
+    """Constraints of a node shape as pairs of a parameter and what it takes, nested up to ``depth``."""
+    if depth == 0:
+        return st.lists(_leaves, min_size=1, max_size=2)
+    node, prop = _shapes(depth - 1), _properties(depth - 1)
+    member = st.one_of(node, prop)
+    nested = st.one_of(
+        st.tuples(st.sampled_from([SHACL.or_, SHACL.and_, SHACL.xone]), st.lists(member, min_size=1, max_size=4)),
+        st.tuples(st.just(SHACL.or_), st.lists(_choice(prop), min_size=4, max_size=6)),
+        st.tuples(st.just(SHACL.not_), member),
+        st.tuples(st.just(SHACL.node), node),
+        st.tuples(st.just(SHACL.property), prop),
+        st.tuples(st.just(SHACL.property), prop),
+    )
+    return st.lists(st.one_of(_leaves, nested, nested), min_size=1, max_size=3)
+
+
+def _properties(depth: int) -> st.SearchStrategy[object]:
+    qualified = st.tuples(
+        st.just(SHACL.qualifiedValueShape), st.lists(_leaves, min_size=1, max_size=2), st.integers(0, 2)
+    )
+    constraints = st.tuples(_shapes(depth), st.lists(_counts, max_size=2), st.lists(qualified, max_size=1))
+    return st.builds(lambda path, all_: _Property((path, [c for some in all_ for c in some])), _paths, constraints)
+
+
+def _choice(prop: st.SearchStrategy[object]) -> st.SearchStrategy[object]:
+    """A branch of sh:or that applies to what has a certain value."""
+    by_value = st.builds(lambda v: _Property((EX.p, [(SHACL.hasValue, v)])), st.sampled_from([EX.a, EX.b, integer(1)]))
+    by_list = st.builds(
+        lambda vs: _Property((EX.p, [(SHACL.in_, vs), (SHACL.minCount, integer(1))])), st.lists(_iris, max_size=2)
+    )
+    return st.builds(
+        lambda key, rest: [(SHACL.property, key), (SHACL.property, rest)], st.one_of(by_value, by_list), prop
+    )
+
+
+_SINGLE = (SHACL.datatype, SHACL.nodeKind, SHACL.in_, SHACL.minLength, SHACL.maxLength, SHACL.minCount, SHACL.maxCount)
+
+
+def _add_shape(graph: Graph, shape: object, node: Node | None = None) -> Node:
+    node = node or graph.blank()
+    constraints: Sequence[tuple[object, ...]] = shape  # type: ignore[assignment]
+    if isinstance(shape, _Property):
+        path, constraints = shape  # type: ignore[assignment]
+        graph.add(node, SHACL.path, _add_path(graph, path))
+    seen = set()
+    for parameter, value, *count in constraints:
+        assert isinstance(parameter, NamedNode)
+        if parameter in _SINGLE and parameter in seen:
+            continue
+        seen.add(parameter)
+        graph.add(node, parameter, _add_value(graph, parameter, value))
+        if count:
+            graph.add(node, SHACL.qualifiedMinCount, integer(count[0]))  # type: ignore[arg-type]
+            graph.add(node, SHACL.qualifiedMaxCount, integer(1))
+    return node
+
+
+def _add_value(graph: Graph, parameter: NamedNode, value: object) -> Term:
+    if parameter in (SHACL.or_, SHACL.and_, SHACL.xone):
+        return graph.collection([_add_shape(graph, each) for each in value])  # type: ignore[attr-defined]
+    if parameter in (SHACL.node, SHACL.not_, SHACL.property, SHACL.qualifiedValueShape):
+        return _add_shape(graph, value)
+    return graph.collection(value) if parameter == SHACL.in_ else value  # type: ignore[arg-type, return-value]
+
+
+def _add_path(graph: Graph, path: object) -> Node:
+    if isinstance(path, NamedNode):
+        return path
+    kind, inner = path  # type: ignore[misc]
+    added = [_add_path(graph, each) for each in inner] if isinstance(inner, list) else _add_path(graph, inner)
+    if kind is None:
+        return graph.collection(added)  # type: ignore[arg-type]
+    node = graph.blank()
+    graph.add(node, kind, graph.collection(added) if isinstance(added, list) else added)  # type: ignore[arg-type]
+    return node
+
+
+@settings(max_examples=400, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+@given(_shapes(3), _bodies)
+def test_any_shape_finds_in_any_body_what_pyshacl_finds(shape: object, body: list[Triple]) -> None:
+    """The same verdict, and the same focus, path, value and component of every result."""
+    graph = Graph()
+    _add_shape(graph, shape, EX.Shape)
+    assert compiled_finds(graph.triples, EX.Shape, body, EX.body) == pyshacl_finds(
+        graph.triples, EX.Shape, body, EX.body
+    )
+
+
+# --- every edge of the simple constraints, which chance would miss ---
+
+_EDGES = [*_WHOLE, *_FRACTIONS, *_POWERS, *_ILL, "-128", "32767", "32768", "65535", "2147483647", "4294967295",
+          "4294967296", "-2147483649", "-32768", "-32769", "5", "5.0", "5.5", "5e0", "5.5e0", "+INF"]  # fmt: skip
+
+
+def _edges(texts: Iterable[str], kinds: Iterable[NamedNode]) -> list[Literal]:
+    """All forms in all types, but decimals with an exponent and the like, which only Python reads."""
+    return [
+        _literal(text, kind) for kind in kinds for text in texts if kind != XSD.decimal or not set(text) & set("eEN")
+    ]
+
+
+_KINDS = (XSD.integer, XSD.byte, XSD.decimal, XSD.float, XSD.double, XSD.string, XSD.boolean)
+_OF_ALL_TYPES = _edges(("5", "5.5", "4", "6", "300", "NaN", "INF", "x"), _KINDS)
+_ANY = [*_OF_ALL_TYPES[::3], EX.a, EX.b, BlankNode("b1"), Literal(""), Literal("abc"), Literal("ABC", language="en"),
+        *(_literal(text, XSD.boolean) for text in ("true", "false", "1", "0", "TRUE", "False"))]  # fmt: skip
+_LIMITS = (SHACL.minInclusive, SHACL.minExclusive, SHACL.maxInclusive, SHACL.maxExclusive)
+_BOUNDS = [integer(5), *(_literal("5.5", kind) for kind in (XSD.decimal, XSD.double)), _literal("INF", XSD.float),
+           _literal("5.5e0", XSD.float), _literal("6", XSD.byte), _literal("4", XSD.decimal)]  # fmt: skip
+_SIMPLE: list[tuple[tuple[tuple[NamedNode, object], ...], Sequence[Term]]] = [
+    *((((SHACL.datatype, kind),), _edges(_EDGES, [kind])) for kind in [*_INTEGERS, XSD.decimal, *_FLOATS]),
+    *((((limit, bound),), _OF_ALL_TYPES) for limit in _LIMITS for bound in _BOUNDS),
+    *((((SHACL.datatype, kind),), _ANY) for kind in (XSD.string, XSD.boolean, XSD.anyURI, _LANG_STRING)),
+    *((((length, integer(n)),), _ANY) for length in (SHACL.minLength, SHACL.maxLength) for n in (0, 1, 3, 4)),
+    *((((parameter, EX.a),), _ANY) for parameter in (SHACL.hasValue, SHACL.class_)),
+    (((SHACL.pattern, Literal("^a")),), _ANY),
+    (((SHACL.pattern, Literal("^a")), (SHACL.flags, Literal("i"))), _ANY),
+    *((((SHACL.nodeKind, SHACL.terms[kind]),), _ANY) for kind in ("IRI", "BlankNode", "Literal")),
+    *((((SHACL.nodeKind, SHACL.terms[f"{kind}Literal"]),), _ANY) for kind in ("BlankNodeOr", "IRIOr")),
+    (((SHACL.nodeKind, SHACL.BlankNodeOrIRI),), _ANY),
+    *((((several, [[(SHACL.nodeKind, SHACL.IRI)], [(SHACL.in_, [EX.a])]]),), _ANY)
+      for several in (SHACL.xone, SHACL.and_, SHACL.or_)),
+    *((((SHACL.minCount, integer(n)),), _ANY[:2]) for n in (0, 1, 2, 3)),
+    *((((SHACL.maxCount, integer(n)),), _ANY[:2]) for n in (0, 1, 2, 3)),
+    *((((SHACL.qualifiedValueShape, [(SHACL.nodeKind, SHACL.IRI)], n),), values) for n in (0, 1, 2)
+      for values in ([], [EX.a], [EX.a, EX.b], [EX.a, EX.b, Literal("")])),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("constraints", "values"), _SIMPLE)
+def test_a_simple_constraint_finds_what_pyshacl_finds(
+    constraints: tuple[tuple[NamedNode, object], ...], values: Sequence[Term]
+) -> None:
+    """At both sides of every limit and in every lexical form; a few values at a time, as a report has an end."""
+    graph = Graph()
+    _add_shape(graph, [(SHACL.property, _Property((EX.p, constraints)))], EX.Shape)
+    for start in range(0, len(values) or 1, MOST):
+        body = [Triple(EX.body, EX.p, value) for value in values[start : start + MOST]]
+        expected = pyshacl_finds(graph.triples, EX.Shape, body, EX.body)
+        assert compiled_finds(graph.triples, EX.Shape, body, EX.body) == expected
+
+
+# --- shapes that are in use ---
+
+_NUMBER = "[ sh:datatype xsd:float ] [ sh:datatype xsd:double ] [ sh:datatype xsd:decimal ] [ sh:datatype xsd:integer ]"
+_ROTATE = """@prefix sh: <http://www.w3.org/ns/shacl#> . @prefix xsd: <http://www.w3.org/2001/XMLSchema#> .
+@prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> .
+@prefix maths: <http://vocab.arvida.de/2015/06/maths/vocab#> .
+<http://example.org/Shape> a sh:NodeShape ; sh:targetClass maths:Scalar ;
+    sh:property [ sh:path vom:numericalValue ; sh:name "value" ; sh:minCount 1 ; sh:maxCount 1 ; sh:or ( %s ) ] ;
+    sh:property [ sh:path vom:unit ; sh:name "unit" ; sh:minCount 1 ; sh:maxCount 1 ;
+                  sh:in ( vom:Degree maths:Degree vom:Radian maths:Radian ) ] ;
+    sh:or ( [ sh:property [ sh:path vom:unit ; sh:in ( vom:Degree maths:Degree ) ] ,
+                          [ sh:path vom:numericalValue ; sh:minInclusive %s ; %s %s ] ]
+            [ sh:property [ sh:path vom:unit ; sh:in ( vom:Radian maths:Radian ) ] ,
+                          [ sh:path vom:numericalValue ; sh:minInclusive %s ; %s %s ] ] ) ."""
+_REVOLUTE = (_NUMBER, "-123.01403", "sh:maxInclusive", "59.988681", "-2.147", "sh:maxInclusive", "1.047")
+_CONTINUOUS = (_NUMBER, "0.0", "sh:maxExclusive", "360.0", "0.0", "sh:maxExclusive", "6.283185")
+_units = st.sampled_from([VOM.Degree, VOM.Radian, EX.a, BlankNode("b1"), Literal("deg")])
+_values = st.one_of(_numbers, _others, st.floats(-7, 7).map(lambda v: Literal(repr(v), datatype=XSD.double)))
+
+
+@pytest.mark.parametrize("limits", [_REVOLUTE, _CONTINUOUS])
+@settings(max_examples=80, deadline=None)
+@given(st.lists(_values, max_size=2), st.lists(_units, max_size=2))
+def test_the_shape_of_an_action_finds_what_pyshacl_finds(
+    limits: tuple[str, ...], values: list[Term], units: list[Term]
+) -> None:
+    """That of a joint with limits and of one without, whatever is said of value and unit."""
+    shapes = [quad.triple for quad in parse(_ROTATE % limits, format=RdfFormat.TURTLE)]
+    body = [Triple(EX.body, VOM.numericalValue, v) for v in values] + [Triple(EX.body, VOM.unit, u) for u in units]
+    assert compiled_finds(shapes, EX.Shape, body, EX.body) == pyshacl_finds(shapes, EX.Shape, body, EX.body)
+
+
+def _targets(graph: Graph, joints: int) -> Node:
+    """One to any number of targets, each of one of the joints and within its limits."""
+    shape, target = graph.blank(), graph.blank()
+    graph.add(shape, SHACL.property, target)
+    graph.add(target, SHACL.path, LF.target)
+    graph.add(target, SHACL.minCount, integer(1))
+    graph.add(target, SHACL.or_, graph.collection([_target(graph, number) for number in range(joints)]))
+    return shape
+
+
+def _target(graph: Graph, number: int) -> Node:
+    branch, joint, unit, value = (graph.blank() for _ in range(4))
+    graph.add(branch, SHACL.property, joint, unit, value)
+    for node, path in ((joint, LF.ofJoint), (unit, VOM.unit), (value, VOM.numericalValue)):
+        graph.add(node, SHACL.path, path)
+        graph.add(node, SHACL.minCount, integer(1))
+        graph.add(node, SHACL.maxCount, integer(1))
+    graph.add(joint, SHACL.hasValue, NamedNode(f"http://example.org/{number}"))
+    graph.add(unit, SHACL.in_, graph.collection([VOM.Radian]))
+    graph.add(value, SHACL.minInclusive, _literal("-1.5", XSD.decimal))
+    graph.add(value, SHACL.maxInclusive, _literal(f"{number}.5", XSD.decimal))
+    return branch
+
+
+_stated_targets = st.lists(
+    st.tuples(_blanks, st.integers(0, 17), st.lists(_units, max_size=2), st.lists(_values, max_size=2)), max_size=5
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(_stated_targets)
+def test_a_shape_of_many_targets_finds_what_pyshacl_finds(
+    targets: list[tuple[BlankNode, int, list[Term], list[Term]]],
+) -> None:
+    """Targets of unknown joints, of two joints, without unit, out of limits, and the same node twice."""
+    graph = Graph()
+    shape = _targets(graph, 15)
+    body = []
+    for node, number, units, values in targets:
+        body += [Triple(EX.body, LF.target, node), Triple(node, LF.ofJoint, NamedNode(f"http://example.org/{number}"))]
+        body += [Triple(node, VOM.unit, u) for u in units] + [Triple(node, VOM.numericalValue, v) for v in values]
+    assert compiled_finds(graph.triples, shape, body, EX.body) == pyshacl_finds(graph.triples, shape, body, EX.body)
+
+
+_subscription = st.one_of(
+    st.tuples(st.just(RDF.type), st.just(HYBRIT.Subscription)),
+    st.tuples(st.just(HYBRIT.onResource), _iris),
+    st.tuples(st.sampled_from([HYBRIT.callbackURL, HYBRIT.callbackUrl]), st.sampled_from([
+        Literal("HTTPS://x.org/a"), Literal("ftp://x.org"), _literal("http://x.org/", XSD.anyURI), EX.a])),
+    st.tuples(st.sampled_from([LF.minimumInterval, LF.deadband]), _values),
+    st.tuples(st.just(LF.depth), st.sampled_from([LF.thisAlone, LF.unknown])),
+    st.tuples(st.sampled_from([LF.secret, HYBRIT.mediaType]), st.sampled_from([Literal("whsec_a"), integer(1)])),
+)  # fmt: skip
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(_subscription, max_size=8))
+def test_the_shape_of_a_subscription_finds_what_pyshacl_finds(stated: list[tuple[NamedNode, Term]]) -> None:
+    """One written by hand, with shapes that are shared and a choice of paths."""
+    by_subject = load("subscriptions.ttl")
+    triples = [triple for about in by_subject.values() for triple in about]
+    body = [Triple(EX.body, predicate, value) for predicate, value in stated]
+    shape = LF.SubscriptionShape
+    assert compiled_finds(triples, shape, body, EX.body) == pyshacl_finds(triples, shape, body, EX.body)
+    assert compile_shape(by_subject, shape).check(Data(body), EX.body) == compile_shape(triples, shape).check(
+        Data(body), EX.body
+    )

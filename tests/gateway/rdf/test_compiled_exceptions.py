@@ -1,0 +1,182 @@
+"""Where compiled shapes do not follow pySHACL, and what they leave to it: each with its reason."""
+
+import pytest
+import rdflib
+from pyoxigraph import Literal, NamedNode, RdfFormat, Triple, parse
+from shacl_findings import compiled_finds, unrepaired_pyshacl_finds
+
+from gateway.rdf.compiled import Unsupported, compile_shape
+from gateway.rdf.compiled_report import SHACL
+from gateway.rdf.graph import Graph, Term, integer
+from gateway.rdf.vocabulary import RDF, XSD, Namespace
+
+EX = Namespace("http://example.org/", "body p a C D Shape")
+
+
+def _literal(text: str, datatype: NamedNode) -> Literal:
+    return Literal(text, datatype=datatype)
+
+
+def _of_value(*constraints: tuple[NamedNode, Term]) -> list[Triple]:
+    graph = Graph()
+    graph.add(EX.Shape, SHACL.property, node := graph.blank())
+    for predicate, value in ((SHACL.path, EX.p), *constraints):
+        graph.add(node, predicate, value)
+    return graph.triples
+
+
+_MOST_5 = (SHACL.maxInclusive, _literal("5", XSD.decimal))
+_LEAST_5 = (SHACL.minInclusive, _literal("5", XSD.decimal))
+
+
+@pytest.mark.parametrize(
+    ("constraint", "value", "reason"),
+    [
+        ((SHACL.datatype, XSD.integer), _literal("1_0", XSD.integer), "no lexical form of XML Schema, only of Python"),
+        ((SHACL.datatype, XSD.integer), _literal(" 10 ", XSD.integer), "no lexical form: white space is none of it"),
+        ((SHACL.datatype, XSD.double), _literal("1\n", XSD.double), "no lexical form: white space is none of it"),
+        ((SHACL.datatype, XSD.integer), _literal("\u0663", XSD.integer), "no lexical form: digits are 0 to 9"),
+        ((SHACL.datatype, XSD.decimal), _literal("1e5", XSD.decimal), "no lexical form: a decimal has no exponent"),
+        ((SHACL.datatype, XSD.decimal), _literal("NaN", XSD.decimal), "no lexical form: every decimal is a number"),
+        ((SHACL.datatype, XSD.double), _literal("Infinity", XSD.double), "no lexical form: it is INF"),
+        ((SHACL.datatype, XSD.double), _literal("nan", XSD.double), "no lexical form: it is NaN"),
+        (_LEAST_5, _literal("abc", XSD.float), "ill-typed, ordered by the name of its type: float after decimal"),
+        (_MOST_5, _literal("true", XSD.boolean), "not comparable, ordered by the name of its type"),
+        ((SHACL.maxInclusive, integer(5)), _literal("NaN", XSD.float), "not comparable: NaN is not less than 5"),
+        ((SHACL.minExclusive, _literal("5", XSD.byte)), _literal("300", XSD.byte), "ill-typed: beyond a byte"),
+    ],
+)
+def test_what_pyshacl_lets_pass_and_the_recommendation_does_not(
+    constraint: tuple[NamedNode, Term], value: Literal, reason: str
+) -> None:
+    """SHACL 4.1.2 and 4.3: ill-typed literals have no datatype, and a comparison that is not true is a violation."""
+    shapes, body = _of_value(constraint), [Triple(EX.body, EX.p, value)]
+    assert unrepaired_pyshacl_finds(shapes, EX.Shape, body, EX.body) == set(), reason
+    assert compiled_finds(shapes, EX.Shape, body, EX.body), reason
+
+
+def test_nan_against_a_decimal_is_a_violation_and_no_crash() -> None:
+    """Python refuses to order the two, which pySHACL does not expect."""
+    shapes, body = _of_value(_MOST_5), [Triple(EX.body, EX.p, _literal("NaN", XSD.float))]
+    with pytest.raises(ArithmeticError):
+        unrepaired_pyshacl_finds(shapes, EX.Shape, body, EX.body)
+    assert compiled_finds(shapes, EX.Shape, body, EX.body)
+
+
+def test_a_subclass_in_the_body_makes_no_instance() -> None:
+    """pySHACL believes a body that says what is a subclass of what; here types are explicit."""
+    sub_class_of = NamedNode("http://www.w3.org/2000/01/rdf-schema#subClassOf")
+    shapes = _of_value((SHACL.class_, EX.C))
+    body = [Triple(EX.body, EX.p, EX.a), Triple(EX.a, RDF.type, EX.D), Triple(EX.D, sub_class_of, EX.C)]
+    assert unrepaired_pyshacl_finds(shapes, EX.Shape, body, EX.body) == set()
+    assert compiled_finds(shapes, EX.Shape, body, EX.body)
+
+
+def test_values_are_counted_by_their_terms() -> None:
+    """1 and 01 are two terms of one value; rdflib, unless told otherwise, rewrites the one as the other."""
+    shapes = _of_value((SHACL.maxCount, integer(1)))
+    body = [Triple(EX.body, EX.p, integer(1)), Triple(EX.body, EX.p, _literal("01", XSD.integer))]
+    assert rdflib.Literal("01", datatype=rdflib.XSD.integer) == rdflib.Literal("1", datatype=rdflib.XSD.integer)
+    assert len(compiled_finds(shapes, EX.Shape, body, EX.body)) == 1
+
+
+_TURTLE = """@prefix sh: <http://www.w3.org/ns/shacl#> . @prefix ex: <http://example.org/> .
+@prefix xsd: <http://www.w3.org/2001/XMLSchema#> . @prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> .
+@prefix rdf: <http://www.w3.org/1999/02/22-rdf-syntax-ns#> . """
+
+
+def _compile(turtle: str) -> None:
+    compile_shape([quad.triple for quad in parse(_TURTLE + turtle, format=RdfFormat.TURTLE)], EX.Shape)
+
+
+@pytest.mark.parametrize(
+    ("turtle", "reason"),
+    [
+        ("ex:Shape sh:equals ex:p", "sh:equals"),
+        ("ex:Shape sh:lessThan ex:p", "sh:lessThan"),
+        ("ex:Shape sh:uniqueLang true", "sh:uniqueLang"),
+        ('ex:Shape sh:languageIn ( "en" )', "sh:languageIn"),
+        ("ex:Shape sh:closed true", "sh:closed"),
+        ('ex:Shape sh:sparql [ sh:select "" ]', "sh:sparql"),
+        ("ex:Shape sh:inn ( 1 )", "sh:inn"),
+        ("ex:Shape sh:severity sh:Warning", "a severity other than sh:Violation"),
+        ("ex:Shape sh:deactivated true", "sh:deactivated"),
+        ("ex:Shape sh:node ex:Shape", "<http://example.org/Shape> refers to itself"),
+        (
+            "ex:Shape sh:property [ sh:path ex:p ; sh:node ex:Other ] . ex:Other sh:not ex:Shape",
+            "<http://example.org/Shape> refers to itself",
+        ),
+        ("ex:Shape sh:node ex:Missing", "<http://example.org/Missing> is not described as a shape"),
+        ("ex:Shape sh:node [ sh:path ex:p ; sh:minCount 1 ]", "sh:node of a property shape"),
+        ("ex:Shape sh:property [ sh:class ex:C ]", "sh:property a blank node without sh:path"),
+        ("ex:Shape sh:property ex:Other . ex:Other sh:class ex:C", "sh:property <http://example.org/Other> without"),
+        ("ex:Shape sh:minCount 1", "a count in a node shape"),
+        ("ex:Shape sh:maxCount 1", "a count in a node shape"),
+        ("ex:Shape sh:property [ sh:path ex:p , ex:q ]", "2 values of sh:path"),
+        ('ex:Shape sh:property [ sh:path ex:p ; sh:minCount "1" ]', "sh:minCount '1'"),
+        ("ex:Shape sh:property [ sh:path ex:p ; sh:minCount -1 ]", "sh:minCount -1"),
+        ("ex:Shape sh:property [ sh:path ex:p ; sh:minCount ex:a ]", "sh:minCount <http://example.org/a>"),
+        ('ex:Shape sh:property [ sh:path ex:p ; sh:maxCount "1"^^xsd:int ]', "sh:maxCount 1"),
+        ("ex:Shape sh:property [ sh:path ex:p ; sh:maxCount 1234567890123456789 ]", "sh:maxCount 1234567890123456789"),
+        ("ex:Shape sh:minLength 1 , 2", "2 values of sh:minLength"),
+        ("ex:Shape sh:maxLength -1", "sh:maxLength -1"),
+        ("ex:Shape sh:property [ sh:path ex:p ; sh:minCount 1 , 2 ]", "2 values of sh:minCount"),
+        ("ex:Shape sh:property [ sh:path [ sh:inversePath ( ex:p ex:q ) ] ]", "sh:inversePath of a blank node"),
+        ("ex:Shape sh:property [ sh:path ( ex:p ) ]", "a path of fewer than two parts"),
+        ("ex:Shape sh:property [ sh:path [ ] ]", "a path that is none"),
+        ("ex:Shape sh:property [ sh:path [ sh:zeroOrMorePath ex:p ; sh:oneOrMorePath ex:q ] ]", "a path that is none"),
+        ("ex:Shape sh:property [ sh:path [ sh:zeroOrMorePath ex:p , ex:q ] ]", "2 values of sh:zeroOrMorePath"),
+        ("ex:Shape sh:property [ sh:path [ ex:q ex:p ] ]", "<http://example.org/q> of <http://example.org/p>"),
+        ("ex:Shape sh:property [ sh:path [ sh:alternativePath ( ex:p ) ] ]", "a path of fewer than two parts"),
+        ("ex:Shape sh:property [ sh:path ( ex:p [ sh:zeroOrMorePath 1 ] ) ]", "1 as path"),
+        ('ex:Shape sh:property [ sh:path "p" ]', "a literal as path"),
+        ("ex:Shape sh:property [ sh:path _:p ] . _:p sh:zeroOrMorePath _:p", "a blank node as path"),
+        ("ex:Shape sh:datatype xsd:integer , xsd:float", "2 values of sh:datatype"),
+        ("ex:Shape sh:datatype xsd:dateTime", "sh:datatype xsd:dateTime"),
+        ('ex:Shape sh:datatype "x"', "sh:datatype 'x'"),
+        ("ex:Shape sh:datatype rdf:HTML", "sh:datatype rdf:HTML"),
+        ("ex:Shape sh:datatype rdfs:Literal", "sh:datatype rdfs:Literal"),
+        ("ex:Shape sh:nodeKind ex:Kind", "sh:nodeKind <http://example.org/Kind>"),
+        ("ex:Shape sh:class [ ]", "sh:class a blank node"),
+        ("ex:Shape sh:hasValue [ ]", "a blank node as value"),
+        ("ex:Shape sh:in ( [ ] )", "a blank node as value"),
+        ("ex:Shape sh:in _:l . _:l rdf:first 1 ; rdf:rest _:l", "a collection without an end"),
+        ("ex:Shape sh:in ex:list", "0 values of rdf:first"),
+        ("ex:Shape sh:or ( )", "an empty collection of shapes"),
+        ("ex:Shape sh:or ( [ ] )", "a blank node is not described as a shape"),
+        ('ex:Shape sh:minInclusive "a"', "sh:minInclusive 'a'"),
+        ('ex:Shape sh:maxInclusive "2026-01-01T00:00:00Z"^^xsd:dateTime', "sh:maxInclusive '2026-01-01T00:00:00Z'"),
+        ('ex:Shape sh:maxInclusive "NaN"^^xsd:float', "sh:maxInclusive NaN"),
+        ('ex:Shape sh:pattern "("', "sh:pattern '('"),
+        ('ex:Shape sh:pattern "a"@en', "sh:pattern 'a'"),
+        ("ex:Shape sh:pattern ex:a", "sh:pattern <http://example.org/a>"),
+        ('ex:Shape sh:pattern "a" ; sh:flags "x"', "sh:flags 'x'"),
+        ('ex:Shape sh:pattern "a" ; sh:flags "i" , "s"', "2 values of sh:flags"),
+        (
+            "ex:Shape sh:property [ sh:path ex:p ; sh:qualifiedValueShape [ sh:class ex:C ] ; sh:qualifiedMinCount 1 ; "
+            "sh:qualifiedValueShapesDisjoint true ]",
+            "sh:qualifiedValueShapesDisjoint",
+        ),
+        ("ex:Shape sh:qualifiedValueShape [ sh:class ex:C ] ; sh:qualifiedMinCount 1", "a count in a node shape"),
+        (
+            "ex:Shape sh:property [ sh:path ex:p ; sh:qualifiedValueShape [ sh:class ex:C ] ]",
+            "sh:qualifiedValueShape without a count",
+        ),
+        ("ex:Shape sh:property [ sh:path ex:p ; sh:qualifiedMinCount 1 ]", "sh:qualifiedMinCount"),
+        ("ex:Shape ex:odd 1 . ex:Odd sh:parameter [ sh:path ex:odd ]", "constraint components of one's own"),
+        ("ex:Other sh:class ex:C", "<http://example.org/Shape> is not described as a shape"),
+    ],
+)
+def test_what_the_compiler_does_not_know_it_refuses(turtle: str, reason: str) -> None:
+    """A constraint is compiled or refused, never passed over; the reason tells that it is refused for what it is."""
+    with pytest.raises(Unsupported) as refused:
+        _compile(turtle + " .")
+    assert reason in str(refused.value)
+
+
+def test_what_constrains_nothing_is_passed_over() -> None:
+    """Names and other words for people, targets, and what is not of SHACL."""
+    _compile("""ex:Shape a sh:NodeShape ; rdfs:label "a shape" ; ex:note 1 ; sh:severity sh:Violation ;
+        sh:targetClass ex:C ; sh:targetSubjectsOf ex:p ; sh:deactivated false ;
+        sh:property [ sh:path ex:p ; sh:name "p" ; sh:description "p" ; sh:order 1 ; sh:group ex:G ;
+                      sh:defaultValue 1 ; sh:message "p" ] .""")

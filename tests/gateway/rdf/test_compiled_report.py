@@ -1,0 +1,254 @@
+"""What a compiled shape says of a body that it refuses, and how little a hostile body makes it do."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import pyshacl
+import pytest
+import rdflib
+from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, parse, serialize
+
+from gateway.rdf.compiled import Data, Guard, Violation, compile_shape, report
+from gateway.rdf.compiled_check import MOST
+from gateway.rdf.compiled_report import SHACL
+from gateway.rdf.graph import Term, integer
+from gateway.rdf.vocabulary import LF, VOM, XSD
+
+_PREFIXES = """@prefix sh: <http://www.w3.org/ns/shacl#> . @prefix xsd: <http://www.w3.org/2001/XMLSchema#> .
+@prefix rdf: <http://www.w3.org/1999/02/22-rdf-syntax-ns#> . @prefix lf: <https://w3id.org/linked-fleet#> .
+@prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> . @prefix ex: <http://example.org/> . """
+_BODY, _SHAPE = NamedNode("http://example.org/body"), NamedNode("http://example.org/Shape")
+_TARGETS = """ex:Shape sh:property [ sh:path lf:target ; sh:minCount 1 ; sh:or (
+    [ sh:property [ sh:path lf:ofJoint ; sh:hasValue ex:elbow ] , [ sh:path vom:numericalValue ; sh:name "angle" ;
+                    sh:minCount 1 ; sh:maxInclusive 1.5 ] ]
+    [ sh:property [ sh:path lf:ofJoint ; sh:hasValue ex:wrist ] ]
+    [ sh:property [ sh:path lf:ofJoint ; sh:hasValue ex:knee ] ]
+    [ sh:property [ sh:path lf:ofJoint ; sh:hasValue ex:hip ] ] ) ] ."""
+_UNITS = """ex:Shape sh:or (
+    [ sh:property [ sh:path vom:unit ; sh:in ( vom:Degree ) ] , [ sh:path vom:numericalValue ; sh:maxInclusive 60 ] ]
+    [ sh:property [ sh:path vom:unit ; sh:in ( vom:Radian ) ] , [ sh:path vom:numericalValue ; sh:maxInclusive 1 ] ]
+    ) ."""
+
+
+def _turtle(text: str) -> list[Triple]:
+    return [quad.triple for quad in parse(_PREFIXES + text, format=RdfFormat.TURTLE)]
+
+
+def _guard(text: str) -> Guard:
+    return compile_shape(_turtle(text), _SHAPE)
+
+
+def _check(shape: str, body: str) -> list[Violation]:
+    return _guard(shape).check(Data(_turtle(body)), _BODY)
+
+
+@pytest.mark.parametrize(
+    ("shape", "body", "message"),
+    [
+        ('sh:property [ sh:path ex:p ; sh:name "speed" ; sh:minCount 1 ]', "",
+         "speed: must have 1 value or more, and has none"),
+        ('sh:property [ sh:path vom:unit ; sh:in ( vom:Degree "x" ) ]', "vom:unit ex:m",
+         "vom:unit: <http://example.org/m> must be one of vom:Degree, 'x'"),
+        ('sh:property [ sh:path ex:p ; sh:name "p" ; sh:maxInclusive 5.5 ]', "ex:p 6", "p: 6 must be at most 5.5"),
+        ('sh:property [ sh:path ex:p ; sh:name "p" ; sh:or ( [ sh:datatype xsd:float ] [ sh:datatype xsd:int ] ) ]',
+         'ex:p "a"', "p: 'a' must be of type xsd:float or of type xsd:int"),
+        ('sh:property [ sh:path ex:p ; sh:name "p" ; sh:node [ sh:property [ sh:path ex:q ; sh:minCount 1 ] ] ]',
+         "ex:p [ ]", "p: <http://example.org/q>: must have 1 value or more, and has none"),
+        ('sh:property [ sh:path ex:p ; sh:minCount 1 ; sh:message "say p" ]', "", "say p"),
+        (_UNITS, "vom:unit vom:Degree ; vom:numericalValue 61", "vom:numericalValue: 61 must be at most 60"),
+        (_UNITS, "vom:unit vom:Radian ; vom:numericalValue 2", "vom:numericalValue: 2 must be at most 1"),
+        (_TARGETS, "lf:target [ lf:ofJoint ex:elbow ; vom:numericalValue 2 ]",
+         "lf:target: angle: 2 must be at most 1.5"),
+        (_TARGETS, "lf:target [ lf:ofJoint ex:toe ]",
+         "lf:target: lf:ofJoint must be one of <http://example.org/elbow>, <http://example.org/wrist>, "
+         "<http://example.org/knee>, <http://example.org/hip>"),
+    ],
+)  # fmt: skip
+def test_a_message_says_what_would_be_right(shape: str, body: str, message: str) -> None:
+    """With the name of the property; of the branches of sh:or it speaks of the one that was meant."""
+    shape = shape if shape.startswith("ex:Shape") else f"ex:Shape {shape} ."
+    (violation,) = _check(shape, f"ex:body {body or 'ex:other 1'} .")
+    assert violation.message == message
+
+
+def test_detail_has_the_violations_inside() -> None:
+    """Those of sh:node, and of the meant branch of sh:or, down to the limit that was passed."""
+    (outer,) = _check(_TARGETS, "ex:body lf:target [ lf:ofJoint ex:elbow ; vom:numericalValue 2 ] .")
+    assert (outer.path, outer.component) == (LF.target, SHACL.OrConstraintComponent)
+    (inner,) = outer.detail
+    assert (inner.focus, inner.path, inner.value) == (outer.value, VOM.numericalValue, integer(2))
+    assert inner.component == SHACL.MaxInclusiveConstraintComponent
+
+
+def test_a_report_is_a_validation_report() -> None:
+    """It conforms to the shape that the recommendation gives of one, and its details hang below its results."""
+    guard = _guard(_TARGETS)
+    found = guard.check(Data(_turtle("ex:body lf:target [ lf:ofJoint ex:elbow ; vom:numericalValue 2 ] .")), _BODY)
+    triples = report(found, guard.triples)
+    graph = rdflib.Graph().parse(data=serialize(triples, format=RdfFormat.N_TRIPLES), format="nt")
+    sh = rdflib.SH
+    (root,) = graph.subjects(rdflib.RDF.type, sh.ValidationReport)
+    assert graph.value(root, sh.conforms) == rdflib.Literal(False)
+    (result,) = graph.objects(root, sh.result)
+    assert graph.value(result, sh.focusNode) == rdflib.URIRef(_BODY.value)
+    assert graph.value(result, sh.resultPath) == rdflib.URIRef(LF.target.value)
+    (detail,) = graph.objects(result, sh.detail)
+    assert graph.value(detail, sh.focusNode) == graph.value(result, sh.value)
+    for each in (result, detail):
+        assert (each, rdflib.RDF.type, sh.ValidationResult) in graph
+        assert graph.value(each, sh.resultSeverity) == sh.Violation
+        assert graph.value(each, sh.sourceShape) and graph.value(each, sh.sourceConstraintComponent)
+        assert graph.value(each, sh.resultMessage)
+    again = rdflib.Graph().parse(data=_PREFIXES + _REPORT_SHAPE, format="turtle")
+    assert pyshacl.validate(graph, shacl_graph=again)[0]
+
+
+_REPORT_SHAPE = """ex:Report a sh:NodeShape ; sh:targetClass sh:ValidationReport ;
+    sh:property [ sh:path sh:conforms ; sh:minCount 1 ; sh:maxCount 1 ; sh:datatype xsd:boolean ] ;
+    sh:property [ sh:path sh:result ; sh:class sh:ValidationResult ; sh:nodeKind sh:BlankNodeOrIRI ] .
+ex:Result a sh:NodeShape ; sh:targetClass sh:ValidationResult ;
+    sh:property [ sh:path sh:focusNode ; sh:minCount 1 ; sh:maxCount 1 ] , [ sh:path sh:value ; sh:maxCount 1 ] ,
+        [ sh:path sh:resultPath ; sh:maxCount 1 ; sh:nodeKind sh:BlankNodeOrIRI ] ,
+        [ sh:path sh:sourceConstraintComponent ; sh:minCount 1 ; sh:maxCount 1 ; sh:nodeKind sh:IRI ] ,
+        [ sh:path sh:resultSeverity ; sh:minCount 1 ; sh:maxCount 1 ; sh:nodeKind sh:IRI ] ,
+        [ sh:path sh:detail ; sh:class sh:ValidationResult ] ."""
+
+
+def test_a_report_spells_out_a_path_that_is_no_predicate() -> None:
+    """As a reader cannot look up a blank node of the shapes graph."""
+    guard = _guard("ex:Shape sh:property [ sh:path ( ex:p [ sh:zeroOrMorePath ex:q ] ) ; sh:minCount 1 ] .")
+    triples = report(guard.check(Data([]), _BODY), guard.triples)
+    graph = rdflib.Graph().parse(data=serialize(triples, format=RdfFormat.N_TRIPLES), format="nt")
+    (path,) = graph.objects(None, rdflib.SH.resultPath)
+    first, second = rdflib.collection.Collection(graph, path)
+    assert first == rdflib.URIRef("http://example.org/p")
+    assert graph.value(second, rdflib.SH.zeroOrMorePath) == rdflib.URIRef("http://example.org/q")
+
+
+def test_blank_nodes_of_body_and_shape_stay_apart() -> None:
+    """Labels are free, so the same may stand in both; in the report they are two nodes."""
+    shape = [Triple(_SHAPE, SHACL.property, BlankNode("b1")), Triple(BlankNode("b1"), SHACL.path, LF.target),
+             Triple(BlankNode("b1"), SHACL.nodeKind, SHACL.IRI)]  # fmt: skip
+    found = compile_shape(shape, _SHAPE).check(Data([Triple(_BODY, LF.target, BlankNode("b1"))]), _BODY)
+    stated = {t.predicate: t.object for t in report(found)}
+    assert stated[SHACL.value] != stated[SHACL.sourceShape]
+    assert len({s for s in (t.subject for t in report(found)) if s in stated.values()}) == 1, "the result alone"
+
+
+def test_no_violations_make_a_report_that_conforms() -> None:
+    assert [t.object for t in report([]) if t.predicate == SHACL.conforms] == [Literal("true", datatype=XSD.boolean)]
+
+
+# --- hostile bodies ---
+
+
+class _Counted(Data):
+    """Data that counts how often something is looked up."""
+
+    def __init__(self, triples: Sequence[Triple]) -> None:
+        super().__init__(triples)
+        self.looked_up = 0
+
+    def objects(self, subject: Term, predicate: NamedNode) -> Sequence[Term]:
+        self.looked_up += 1
+        return super().objects(subject, predicate)
+
+
+def test_thousands_of_values_break_a_maximum_once() -> None:
+    body = [Triple(_BODY, LF.target, integer(n)) for n in range(10_000)]
+    guard = _guard("ex:Shape sh:property [ sh:path lf:target ; sh:maxCount 1 ; sh:nodeKind sh:Literal ] .")
+    (violation,) = guard.check(Data(body), _BODY)
+    assert violation.component == SHACL.MaxCountConstraintComponent
+    assert len(violation.message) < 1000
+
+
+def test_a_report_ends_after_so_many_violations() -> None:
+    """And so do the details in it."""
+    targets = [NamedNode(f"http://example.org/{n}") for n in range(5_000)]
+    body = [Triple(_BODY, LF.target, node) for node in targets]
+    many = "sh:or ( " + "[ sh:class ex:C ; sh:nodeKind sh:Literal ] " * 15 + ")"
+    found = _guard(f"ex:Shape sh:property [ sh:path lf:target ; {many} ] .").check(Data(body), _BODY)
+    assert len(found) == MOST
+    assert sum(len(violation.detail) for violation in found) <= 250
+
+
+@pytest.mark.parametrize("limit", ["sh:maxCount 1000", "sh:maxCount 10"])
+def test_a_node_that_many_ways_lead_to_is_judged_once(limit: str) -> None:
+    """Layers of which each node refers to all of the next: few triples, and a million ways."""
+    layers = [[NamedNode(f"http://example.org/{layer}-{n}") for n in range(40)] for layer in range(5)]
+    body = [Triple(_BODY, LF.target, node) for node in layers[0]]
+    body += [Triple(a, LF.target, b) for upper, lower in pairwise(layers) for a in upper for b in lower]
+    shape = f"[ sh:path lf:target ; {limit} ]"
+    for _ in range(4):
+        shape = f"[ sh:path lf:target ; sh:property {shape} ]"
+    data = _Counted(body)
+    found = _guard(f"ex:Shape sh:property {shape} .").check(data, _BODY)
+    assert len(found) == (0 if limit.endswith("1000") else MOST)
+    assert data.looked_up < 2 * len(body)
+
+
+def test_what_conforms_is_looked_at_once_for_an_explanation() -> None:
+    """The last node of the last layer alone is at fault; to find that, no way to another is gone twice."""
+    layers = [[NamedNode(f"http://example.org/{layer}-{n}") for n in range(40)] for layer in range(4)]
+    body = [Triple(_BODY, LF.target, node) for node in layers[0]]
+    body += [Triple(a, LF.target, b) for upper, lower in pairwise(layers) for a in upper for b in lower]
+    body.append(Triple(layers[3][39], LF.target, integer(1)))
+    shape = "[ sh:path lf:target ; sh:nodeKind sh:IRI ]"
+    for _ in range(4):
+        shape = f"[ sh:path lf:target ; sh:property {shape} ]"
+    data = _Counted(body)
+    found = _guard(f"ex:Shape sh:property {shape} .").check(data, _BODY)
+    assert {each.focus for each in found} == {layers[3][39]}
+    assert data.looked_up < 2 * len(body)
+
+
+def test_a_branch_is_found_by_its_joint() -> None:
+    """However many joints there are, a target is judged by its own branch alone."""
+    joints = " ".join(
+        f"[ sh:property [ sh:path lf:ofJoint ; sh:hasValue ex:j{n} ] , [ sh:path vom:unit ; sh:minCount 1 ] ]"
+        for n in range(100)
+    )
+    data = _Counted(_turtle("ex:body lf:target [ lf:ofJoint ex:j99 ; vom:unit vom:Degree ] ."))
+    guard = _guard(f"ex:Shape sh:property [ sh:path lf:target ; sh:or ( {joints} ) ] .")
+    assert guard.check(data, _BODY) == []
+    assert data.looked_up < 6
+
+
+_SWITCH = """ex:Shape sh:or (
+    [ sh:property [ sh:path lf:ofJoint ; sh:hasValue ex:a ] , [ sh:path vom:unit ; sh:hasValue vom:Degree ] ]
+    [ sh:property [ sh:path lf:ofJoint ; sh:hasValue ex:a ] , [ sh:path vom:unit ; sh:hasValue vom:Radian ] ]
+    [ sh:property [ sh:path lf:ofJoint ; sh:in ( ex:b ex:c ) ; sh:minCount 1 ] ]
+    [ sh:property [ sh:path lf:ofJoint ; sh:in ( ex:d ) ; sh:minCount %s ] ] ) ."""
+
+
+@pytest.mark.parametrize(
+    ("least", "body", "admitted"),
+    [
+        (1, "lf:ofJoint ex:a ; vom:unit vom:Degree", True),
+        (1, "lf:ofJoint ex:a ; vom:unit vom:Radian", True),
+        (1, "lf:ofJoint ex:a ; vom:unit ex:other", False),
+        (1, "lf:ofJoint ex:x , ex:a ; vom:unit vom:Degree", True),
+        (1, "lf:ofJoint ex:b , ex:c", True),
+        (1, "lf:ofJoint ex:b , ex:x", False),
+        (1, "lf:ofJoint ex:d", True),
+        (1, "vom:unit vom:Degree", False),
+        (0, "vom:unit vom:Degree", True),
+        (0, "lf:ofJoint ex:x", False),
+    ],
+)
+def test_a_branch_that_may_apply_is_not_passed_over(least: int, body: str, admitted: bool) -> None:
+    """Two branches of one joint, a list of joints, and a list that no joint at all conforms to."""
+    assert (not _check(_SWITCH % least, f"ex:body {body} .")) == admitted
+
+
+@pytest.mark.parametrize("datatype", [XSD.integer, XSD.decimal, XSD.float, XSD.byte])
+@pytest.mark.parametrize(
+    "text", ["9" * 100_000, "-" + "0" * 100_000 + "x", "0." + "0" * 100_000 + "1", "1e" + "9" * 100_000]
+)
+def test_enormous_literals_are_judged_and_cut_short(text: str, datatype: NamedNode) -> None:
+    """None crashes, and no message repeats one."""
+    guard = _guard("ex:Shape sh:property [ sh:path ex:p ; sh:minInclusive 1 ; sh:maxInclusive 5.5 ] .")
+    found = guard.check(
+        Data([Triple(_BODY, NamedNode("http://example.org/p"), Literal(text, datatype=datatype))]), _BODY
+    )
+    assert found and all(len(violation.message) < 300 for violation in found)

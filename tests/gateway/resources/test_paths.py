@@ -1,0 +1,57 @@
+"""Paths: any name has exactly one segment, and every segment leads back to its name."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gateway.fleet.model import RobotModel
+from gateway.resources.paths import (
+    RESERVED_AT_ROOT,
+    RESERVED_IN_ROBOT,
+    joint_path,
+    link_path,
+    part_of,
+    robot_name,
+    robot_path,
+)
+
+_TWINS = """<robot name="twins">
+  <link name="base"/><link name="subscriptions"/><link name="a b/ü"/><link name="j~link"/>
+  <joint name="subscriptions" type="fixed"><parent link="base"/><child link="subscriptions"/></joint>
+  <joint name="j" type="fixed"><parent link="base"/><child link="a b/ü"/></joint>
+  <joint name="jointState" type="fixed"><parent link="base"/><child link="j~link"/></joint>
+</robot>"""
+
+
+@given(st.one_of(st.sampled_from(sorted(RESERVED_AT_ROOT)), st.text(min_size=1, max_size=30)))
+def test_any_robot_name_has_a_safe_segment_that_leads_back(name: str) -> None:
+    """Only unreserved characters of RFC 3986, never a reserved word or a dot segment."""
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        return
+    segment = robot_path(name)[1:-1]
+    assert all(character.isascii() and (character.isalnum() or character in "-._~") for character in segment)
+    assert segment not in RESERVED_AT_ROOT | {".", ".."}
+    assert robot_name(segment) == name
+
+
+@pytest.mark.parametrize("segment", ["health", "~", "~2", "~zz", "~61", "a%20b", "~C3", "", "a~2f"])
+def test_other_spellings_name_nothing(segment: str) -> None:
+    """One name, one URI: escapes that were not needed, lower-case or broken are refused."""
+    with pytest.raises(ValueError, match=r"segment|name"):
+        robot_name(segment)
+
+
+def test_joint_and_link_of_one_name_and_reserved_names_are_told_apart() -> None:
+    """The joint keeps the plain segment, the link is marked; no part can pose as a resource of the robot."""
+    model = RobotModel.parse(_TWINS)
+    paths = {joint_path("r", name): (name, None) for name in model.joints}
+    paths |= {link_path("r", model, name): (None, name) for name in model.links}
+    assert len(paths) == 7
+    for path, part in paths.items():
+        segment = path.removeprefix("/r/")
+        assert segment not in RESERVED_IN_ROBOT
+        assert part_of(segment, model) == part
+    with pytest.raises(ValueError, match="neither"):
+        part_of("base~link", model)

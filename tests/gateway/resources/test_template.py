@@ -1,0 +1,103 @@
+"""A compiled description says, byte for byte, what the description itself says of the same values."""
+
+import itertools
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pyoxigraph import NamedNode
+
+from agents.wire.codec import layout
+from agents.wire.messages import WIRE_VERSION, Description
+from gateway.fleet.events import Appeared, Described
+from gateway.fleet.fleet import Fleet
+from gateway.fleet.invocations import Invocations
+from gateway.rdf.graph import Graph
+from gateway.rdf.serialise import TEXT_TYPES, render
+from gateway.rdf.vocabulary import PREFIXES
+from gateway.resources.property import Seen
+from gateway.resources.resource import Resource
+from gateway.resources.subscription_resource import describe_version
+from gateway.resources.template import Rendering, Versions, compiles
+from gateway.resources.tree import Tree
+
+_BASE = "http://example.org"
+_URDF = """
+<robot name="r">
+  <link name="base"/><link name="arm"/><link name="hand"/>
+  <joint name="50%s turn" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>
+    <limit lower="-1" upper="1" effort="5" velocity="2"/></joint>
+  <joint name="slide" type="prismatic"><parent link="arm"/><child link="hand"/><axis xyz="1 0 0"/>
+    <limit lower="0" upper="0.5" effort="5" velocity="0.25"/></joint>
+</robot>
+"""
+_JOINTS = ("50%s turn", "slide")
+
+
+def _measured() -> list[Resource]:
+    fleet = Fleet()
+    said = Description(
+        version=WIRE_VERSION, robot="r", incarnation=1, title="R", urdf=_URDF, joints=_JOINTS, base="floating",
+        rate_hz=50, layout=layout(len(_JOINTS), True), capabilities=("move",),
+    )  # fmt: skip
+    for event in (Appeared("r", 1), Described(said)):
+        fleet.apply(event, 1)
+    found = [resource for resource, _ in Tree(fleet, Invocations(), _BASE).below("/")]
+    state = Tree(fleet, Invocations(), _BASE).resolve("/r/jointState")
+    assert isinstance(state, Resource)
+    return [each for each in (*found, state) if each.measured is not None]
+
+
+_RESOURCES = {each.path: each for each in _measured()}
+_VALUES = st.one_of(
+    st.floats(width=64),
+    st.sampled_from([math.nan, 0.0, -0.0, 8.1e211]),
+    st.floats(-7, 7).map(lambda value: round(value, 5)),
+)
+_TIMES = st.none() | st.integers(0, 250_000_000_000 * 1_000_000_000)
+_DIGEST = st.from_regex(r"[0-9a-f]{16}", fullmatch=True)
+_NUMBERS = st.from_regex(r"[0-9]{1,9}-[0-9]{1,9}", fullmatch=True)
+_VERSIONS = st.none() | st.builds(Versions, _NUMBERS, st.none() | _DIGEST)
+
+
+def _written(resource: Resource, media_type: str, seen: Seen, versions: Versions | None) -> bytes:
+    graph = Graph()
+    assert resource.measured is not None
+    resource.measured(graph, seen)
+    resource.state_model(graph, _BASE)
+    if versions is not None:
+        describe_version(graph, NamedNode(_BASE + resource.path), *versions)
+    return render(graph.triples, media_type, PREFIXES, base=_BASE + resource.path)
+
+
+def _count(resource: Resource) -> int:
+    return len(Seen.of(resource.source.look()).values)
+
+
+def test_all_that_is_measured_compiles() -> None:
+    ends = {path.rpartition("/")[2] for path in _RESOURCES}
+    assert ends == {"rotation", "translation", "velocity", "effort", "pose", "twist", "jointState"}
+    assert all(compiles(each, media_type) for each in _RESOURCES.values() for media_type in TEXT_TYPES)
+
+
+@pytest.mark.parametrize(("path", "media_type"), list(itertools.product(_RESOURCES, TEXT_TYPES)))
+@settings(max_examples=20, deadline=None)
+@given(data=st.data())
+def test_it_says_what_the_description_says(path: str, media_type: str, data: st.DataObject) -> None:
+    """Of one document after another: forms change, with what becomes unknown and known again."""
+    resource = _RESOURCES[path]
+    rendering, count = Rendering(resource, media_type, _BASE), _count(resource)
+    for _ in range(3):
+        seen = Seen(tuple(data.draw(st.lists(_VALUES, min_size=count, max_size=count))), data.draw(_TIMES))
+        versions = data.draw(_VERSIONS)
+        assert rendering.body(seen, versions) == _written(resource, media_type, seen, versions)
+
+
+@pytest.mark.parametrize("path", _RESOURCES)
+def test_a_description_shows_what_is_measured(path: str) -> None:
+    resource = _RESOURCES[path]
+    graph = resource.whole(_BASE)
+    present = Seen.of(resource.source.look())
+    written = render(graph.triples, "text/turtle", PREFIXES, base=_BASE + path)
+    assert Rendering(resource, "text/turtle", _BASE).body(present) == written

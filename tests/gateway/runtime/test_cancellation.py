@@ -1,0 +1,50 @@
+"""Tasks end although something in them swallows a cancellation, and whoever ends them can be interrupted himself."""
+
+import asyncio
+
+import pytest
+
+from gateway.runtime.cancellation import end
+
+
+class _Stubborn:
+    """Goes on after as many cancellations as it is told."""
+
+    def __init__(self, swallows: float) -> None:
+        self.swallows = swallows
+        self.task = asyncio.create_task(self._run())
+
+    async def _run(self) -> None:
+        while True:
+            try:
+                await asyncio.sleep(3600)
+            except asyncio.CancelledError:
+                self.swallows -= 1
+                if self.swallows < 0:
+                    raise
+
+
+def test_a_swallowed_cancellation_is_repeated() -> None:
+    async def run() -> None:
+        tasks = [_Stubborn(swallows).task for swallows in range(3)]
+        await asyncio.sleep(0)
+        async with asyncio.timeout(20):
+            await end(tasks)
+        assert all(task.cancelled() for task in tasks)
+        await end(tasks)  # nothing to do
+
+    asyncio.run(run())
+
+
+def test_who_ends_them_can_be_cancelled() -> None:
+    async def run() -> None:
+        stubborn = _Stubborn(float("inf"))
+        await asyncio.sleep(0)
+        ending = asyncio.create_task(end([stubborn.task]))
+        await asyncio.sleep(0)
+        ending.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await ending
+        stubborn.swallows = 0
+
+    asyncio.run(run())

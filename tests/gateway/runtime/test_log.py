@@ -1,0 +1,27 @@
+"""The two forms of a line of the log."""
+
+import json
+import logging
+import sys
+
+import pytest
+
+from gateway.app.settings import GatewaySettings
+from gateway.runtime.log import JsonFormatter, TextFormatter
+
+
+def test_only_known_forms_of_log_are_taken() -> None:
+    with pytest.raises(ValueError, match="text or json"):
+        GatewaySettings(log_format="xml")
+
+
+def test_text_and_traceback_of_a_record() -> None:
+    record = logging.LogRecord("gateway.x", logging.ERROR, "", 0, "robot %s", ("a\nb\x1b[2J",), None)
+    assert TextFormatter("%(levelname)s %(message)s").format(record) == "ERROR robot a\\x0ab\\x1b[2J"
+    try:
+        raise OSError("gone")
+    except OSError:
+        record.exc_info = sys.exc_info()
+    said = json.loads(JsonFormatter().format(record))
+    assert said["message"] == "robot a\nb\x1b[2J"
+    assert said["exception"].endswith("OSError: gone")
