@@ -156,7 +156,7 @@ def _plan(random: Random, offer: Offer, triples: list[Triple]) -> None:
     if random.random() < _COMPARED:
         _compare(offer, triples)
     admitted = admit(offer, triples, BASE)
-    plan = HANDLERS[offer.definition.iri].plan(Asked(BASE, admitted, offer.robot, offer.joint, moment_of(offer.robot)))
+    plan = HANDLERS[offer.definition.iri](Asked(BASE, admitted, offer.robot, offer.joint, moment_of(offer.robot)))
     if isinstance(plan, Later):
         plan = plan.compute() if random.random() < 0.1 else None  # a search takes milliseconds
     assert plan is None or isinstance(plan, Motion), "what takes a body moves"

@@ -19,8 +19,8 @@ from fuzz import good, mutation
 from fuzz.body import Patient
 from fuzz.findings import Tally, in_process
 from gateway.base.errors import FleetError
-from gateway.extensions.cameras.camera import read_picture
 from gateway.fleet.answers import read_description, read_mesh, read_reply
+from gateway.fleet.cameras import read_picture
 from gateway.fleet.events import Appeared, Described, Framed, Undescribed, Vanished
 from gateway.fleet.fleet import Fleet
 from gateway.fleet.invocations import Invocation, Invocations

@@ -13,7 +13,7 @@ from contextlib import asynccontextmanager
 import uvloop
 
 from agents.wire.trust import is_loopback, open_to_all
-from gateway.app.application import create_app
+from gateway.app.application import create_app, sockets_of
 from gateway.app.exposure import complaints
 from gateway.app.settings import GatewaySettings
 from gateway.http.server import Server
@@ -90,7 +90,7 @@ async def _serve(
     settings: GatewaySettings, listener: socket.socket, certificate: Certificate | None, tracing: Tracing | None
 ) -> int:
     app = create_app(settings, tracing)
-    server = Server(app, settings, certificate)
+    server = Server(app, sockets_of(settings), certificate)
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, server.leave, number)
     async with app.router.lifespan_context(app), _followed(certificate):

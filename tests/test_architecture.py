@@ -9,8 +9,8 @@ import pytest
 
 from agents.settings import SETTINGS
 from gateway.app.settings import GatewaySettings
-from gateway.rdf import kinds
 from gateway.rdf.serialise import parse
+from gateway.resources import joint_kinds as kinds
 from gateway.resources.action_definition import definitions
 from gateway.resources.subscription_resource import requested
 

@@ -9,7 +9,7 @@ from starlette.middleware import Middleware
 
 from gateway.actions.service import Actions
 from gateway.actions.store import ActionStore
-from gateway.app.metrics import Numbers, registry
+from gateway.app.metrics import Numbers, metrics, registry
 from gateway.app.sampler import Sampler
 from gateway.app.settings import GatewaySettings
 from gateway.extensions.cameras.pictures import Pictures
@@ -34,6 +34,7 @@ from gateway.http.offload import Offload
 from gateway.http.operator_endpoints import Front
 from gateway.http.rates import Pace, Rates
 from gateway.http.repeats import Repeats
+from gateway.http.sockets import Sockets, within_files
 from gateway.http.stop_priority import Turns
 from gateway.identity.service import Identities
 from gateway.identity.store import SessionKey
@@ -50,6 +51,21 @@ from gateway.subscriptions.service import Subscriptions, new_run
 from gateway.subscriptions.store import Store
 
 
+def new_live(settings: GatewaySettings, open_session: Opener) -> Live:
+    """The live fleet of a gateway with these settings, not yet joined."""
+    return Live(
+        settings.namespace,
+        settings.gateway_name,
+        lambda: open_session(settings.listen_endpoints, settings.connect_endpoints, settings.trust),
+        secured=bool(settings.identities),
+    )
+
+
+def sockets_of(settings: GatewaySettings) -> Sockets:
+    """The bounds of connections, at most as many as the process may have files."""
+    return Sockets(within_files(int(settings.sockets)), int(settings.sockets_per_client))
+
+
 def create_app(
     settings: GatewaySettings, tracing: Tracing | None = None, open_session: Opener = open_zenoh
 ) -> Starlette:
@@ -58,7 +74,7 @@ def create_app(
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
         async with AsyncExitStack() as stack:
-            live = await stack.enter_async_context(Live(settings, open_session))
+            live = await stack.enter_async_context(new_live(settings, open_session))
             live.add(*THINGS)
             span_s, rate_hz = float(settings.history_s), float(settings.history_hz)
             history = await stack.enter_async_context(
@@ -112,7 +128,7 @@ def create_app(
     app = Starlette(
         middleware=[
             Middleware(Forwarded, fronts=settings.front_networks),
-            Middleware(Front, requests=requests, tracing=tracing),
+            Middleware(Front, metrics=metrics, requests=requests, tracing=tracing),
             *pages_elsewhere(settings.cors_pages),
             Middleware(Authorities, public_urls=settings.public_urls, prefixes=PREFIXES, pages=settings.cors_pages),
             Middleware(Callers),

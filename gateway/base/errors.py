@@ -48,11 +48,10 @@ from typing import ClassVar
 
 from pyoxigraph import Triple
 
-from gateway.rdf.vocabulary import LDP
-
 Members = dict[str, str | int | float | list[str]]
 PROBLEMS = "https://w3id.org/linked-fleet/problems#"
 REALM = "linked-fleet"
+_CONSTRAINED_BY = "http://www.w3.org/ns/ldp#constrainedBy"  # LDP 4.2.1.6
 
 
 class FleetError(Exception):
@@ -75,7 +74,7 @@ class FleetError(Exception):
         """Link what describes the constraints that a write broke, unless that is linked (LDP 4.2.1.6)."""
         if self.constraint is None:
             self.constraint = constraint
-            self.headers["Link"] = f'<{constraint}>; rel="{LDP.constrainedBy.value}"'
+            self.headers["Link"] = f'<{constraint}>; rel="{_CONSTRAINED_BY}"'
 
     @property
     def type(self) -> str:

@@ -8,15 +8,15 @@ from pyoxigraph import NamedNode, Triple
 from starlette.requests import Request
 
 from gateway.base.errors import BadRequest, PayloadTooLarge, UnsupportedMediaType
-from gateway.extensions.things.documents import JSON
 from gateway.http.fields import field
 from gateway.http.negotiation import parse_content_type
 from gateway.http.offload import SHORT_BYTES, Offload
 from gateway.rdf.parsing import MAX_TRIPLES, ParseError, parse
 from gateway.rdf.vocabulary import PREFIXES
+from gateway.resources.plain_json import JSON
 
 if TYPE_CHECKING:
-    from gateway.extensions.things.schema import Form
+    from gateway.resources.json_form import Form
 
 # No Jelly: its parser was not made for strangers' bytes, which end it with whatever exception they hit upon.
 BODY_TYPES = ("text/turtle", "application/ld+json", "application/n-triples", "application/rdf+xml")
@@ -66,7 +66,7 @@ def parse_form(
     """As ``parse_body``, of a body that may be plain JSON, of which ``form`` says what its members mean."""
     if media_type != JSON:
         return parse_body(body, media_type, iri, base, max_triples)
-    from gateway.extensions.things.plain import triples_of
+    from gateway.resources.plain_json import triples_of
 
     return triples_of(body, form(), iri, max_triples)
 

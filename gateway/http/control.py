@@ -24,7 +24,7 @@ from gateway.resources.resource import Resource
 from gateway.resources.setting import Setting, judged
 
 if TYPE_CHECKING:
-    from gateway.extensions.things.schema import Form
+    from gateway.resources.json_form import Form
 
 # All are in every description and on every page of the robot.
 MAX_ANNOTATION_TRIPLES = 256
@@ -98,7 +98,7 @@ async def _read_setting(request: Request, setting: Setting, base: str) -> list[T
         return await read_as(request, lambda body: parse_body(body, media_type, iri, base, MAX_ANNOTATION_TRIPLES))
 
     def form() -> "Form":
-        from gateway.extensions.things.schema import form_of
+        from gateway.resources.json_form import form_of
 
         return form_of(shape)
 

@@ -19,7 +19,6 @@ from gateway.actions.handler_table import HANDLERS
 from gateway.actions.plan import Halt, Later, Moment, Motion
 from gateway.actions.service import Actions, Rehearsed
 from gateway.base.errors import AgentSilent, BadRequest, Collides, NotAcceptable, UnprocessableContent
-from gateway.extensions.things.documents import JSON
 from gateway.fleet.invocations import Invocation
 from gateway.http.body import FORM_TYPES, body_type, parse_form, read_as
 from gateway.http.fields import field
@@ -38,12 +37,13 @@ from gateway.resources.action_body import Body, written
 from gateway.resources.action_offer import Offer
 from gateway.resources.affordance import EndInvocation, Invoke, PutTarget
 from gateway.resources.invocation import describe_rehearsal, invocation_path
+from gateway.resources.plain_json import JSON
 from gateway.resources.resource import Resource
 from gateway.runtime.request_context import step, traced
 from gateway.subscriptions.live import Live
 
 if TYPE_CHECKING:
-    from gateway.extensions.things.schema import Form
+    from gateway.resources.json_form import Form
 
 # Of a trajectory: seven joints at some two hundred times.
 MAX_BODY_BYTES = 256 * 1024
@@ -179,13 +179,13 @@ def _admitted(offer: Offer, content: bytes, triples: Sequence[Triple], base: str
 
 
 def _input_form(offer: Offer, base: str) -> "Form":
-    from gateway.extensions.things.schema import form_of_input
+    from gateway.resources.json_form import form_of_input
 
     return form_of_input(offer, base)
 
 
 def _target_form(offer: Offer, base: str) -> "Form":
-    from gateway.extensions.things.schema import form_of_target
+    from gateway.resources.json_form import form_of_target
 
     return form_of_target(offer, base)
 
@@ -194,9 +194,7 @@ async def _halt(request: Request, offer: Offer, base: str) -> Response:
     """Nothing that a field says wrongly keeps a robot from being stopped."""
     actions: Actions = request.app.state.actions
     prefer = parse_prefer(field(request, "prefer"))
-    plan = HANDLERS[offer.definition.iri].plan(
-        Asked(base, Body((), NamedNode(base + offer.path)), offer.robot, offer.joint)
-    )
+    plan = HANDLERS[offer.definition.iri](Asked(base, Body((), NamedNode(base + offer.path)), offer.robot, offer.joint))
     assert isinstance(plan, Halt)
     stops = caller_of(request).over(Right.STOP)
     if prefer.dry_run:
@@ -214,7 +212,7 @@ async def _carry_out(
     actions: Actions = request.app.state.actions
     asking = caller(request, admitted.written, _digest(request, admitted.content))
     with step("plan"):
-        plan = HANDLERS[offer.definition.iri].plan(Asked(base, admitted.body, offer.robot, offer.joint, moment))
+        plan = HANDLERS[offer.definition.iri](Asked(base, admitted.body, offer.robot, offer.joint, moment))
         if isinstance(plan, Later):
             plan = await actions.compute(plan)
     assert isinstance(plan, Motion)  # what takes a body moves

@@ -6,13 +6,13 @@ probes a gateway asks it by its own address, which is no public URL of the fleet
 
 import time
 from collections.abc import Awaitable, Callable
+from functools import partial
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from gateway.app.metrics import metrics
 from gateway.base.errors import FleetError, InsufficientScope
 from gateway.http.callers import by_token
 from gateway.http.health import live, ready
@@ -28,24 +28,25 @@ _STARTS = ("http.response.start", "websocket.http.response.start", "websocket.ac
 _READ = ("GET", "HEAD", "OPTIONS")
 _TRACED = ("POST", "PUT", "PATCH", "DELETE")
 _LONGEST_PATH = 1024
-_PAGES: dict[str, Callable[[Request], Awaitable[Response]]] = {
-    "/health/live": live,
-    "/health/ready": ready,
-    "/metrics": metrics,
-}
+Page = Callable[[Request], Awaitable[Response]]
 
 
 class Front:
     """ASGI middleware, the outermost: gives each request its id, counts and traces it; operators are just answered."""
 
-    def __init__(self, app: ASGIApp, requests: Requests, tracing: Tracing | None = None) -> None:
+    def __init__(self, app: ASGIApp, metrics: Page, requests: Requests, tracing: Tracing | None = None) -> None:
         self.app, self._requests, self._tracing = app, requests, tracing
+        self._pages: dict[str, Page] = {
+            "/health/live": partial(_answer, live),
+            "/health/ready": partial(_answer, ready),
+            "/metrics": _for_administrators(partial(_answer, metrics)),
+        }
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
-        page = _PAGES.get(scope["path"]) if scope["type"] == "http" else None
+        page = self._pages.get(scope["path"]) if scope["type"] == "http" else None
         headers = Headers(scope=scope)
         asked = begin(headers.get(REQUEST_ID, ""))
         if self._tracing is not None and page is None and scope.get("method") in _TRACED:
@@ -72,7 +73,7 @@ class Front:
             if page is None:
                 await self.app(scope, receive, answer)
             else:
-                response = await _admitted(page, Request(scope, receive))
+                response = await page(Request(scope, receive))
                 await response(scope, receive, answer)
         finally:
             if asked.trace is not None:
@@ -80,24 +81,28 @@ class Front:
                 asked.trace = None  # contexts that were inherited live longer
 
 
-async def _admitted(page: Callable[[Request], Awaitable[Response]], request: Request) -> Response:
+def _for_administrators(metrics: Page) -> Page:
     """The numbers name all robots: where there are identities, they are for who may administer all of them.
 
     By a token: sessions are for pages of a host that is known, and nobody has looked yet which host was asked.
     """
-    identities = getattr(request.app.state, "identities", None)
-    if page is metrics and identities is not None:
-        try:
-            caller = await by_token(identities, request.headers)
-            if not caller.may(Right.ADMIN, None):
-                raise InsufficientScope("The numbers are for who may administer all robots.", scope=Right.ADMIN)
-        except FleetError as error:
-            body, headers = problem(error, request.headers.get("accept"), None, PREFIXES)
-            return Response(body, error.status, headers)
-    return await _answer(page, request)
+
+    async def admitted(request: Request) -> Response:
+        identities = getattr(request.app.state, "identities", None)
+        if identities is not None:
+            try:
+                caller = await by_token(identities, request.headers)
+                if not caller.may(Right.ADMIN, None):
+                    raise InsufficientScope("The numbers are for who may administer all robots.", scope=Right.ADMIN)
+            except FleetError as error:
+                body, headers = problem(error, request.headers.get("accept"), None, PREFIXES)
+                return Response(body, error.status, headers)
+        return await metrics(request)
+
+    return admitted
 
 
-async def _answer(page: Callable[[Request], Awaitable[Response]], request: Request) -> Response:
+async def _answer(page: Page, request: Request) -> Response:
     allow = {"allow": ", ".join(_READ)}
     if request.method not in _READ:
         text = f"{request.method} is not possible here; {allow['allow']} are."

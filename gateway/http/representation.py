@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from gateway.base.errors import NotAcceptable
 from gateway.extensions.pages.page import write
 from gateway.extensions.pages.view import FORMATS
-from gateway.extensions.things.documents import JSON, TD
+from gateway.extensions.things.documents import TD
 from gateway.http.conditional import etag
 from gateway.http.links import LINKSET_TYPES, Link, linkset_json, linkset_text
 from gateway.http.negotiation import choose
 from gateway.rdf.serialise import MEDIA_TYPES, WriteError, render
 from gateway.rdf.vocabulary import PREFIXES
+from gateway.resources.plain_json import JSON
 from gateway.resources.resource import Resource
 
 _PICKED = {name: media_type for name, (_, media_type) in FORMATS.items()} | {"json": JSON, "td": TD}

@@ -9,10 +9,9 @@ from typing import Any
 import uvicorn
 from starlette.applications import Starlette
 
-from gateway.app.settings import GatewaySettings
 from gateway.http.health import Readiness
 from gateway.http.protocol import HttpProtocol
-from gateway.http.sockets import Sockets, within_files
+from gateway.http.sockets import Sockets
 from gateway.http.timeouts import HEAD_S
 from gateway.http.tls import Certificate, secured
 from gateway.http.websocket_protocol import WebSocketProtocol
@@ -29,8 +28,7 @@ class Server(uvicorn.Server):
     raises them again after serving, which would cut the lifespan short.
     """
 
-    def __init__(self, app: Starlette, settings: GatewaySettings, certificate: Certificate | None = None) -> None:
-        sockets = Sockets(within_files(int(settings.sockets)), int(settings.sockets_per_client))
+    def __init__(self, app: Starlette, sockets: Sockets, certificate: Certificate | None = None) -> None:
         http: Any = partial(HttpProtocol, sockets=sockets, repeats=app.state.repeats)
         config = uvicorn.Config(
             app, lifespan="off", log_config=None, access_log=False, server_header=False,

@@ -10,7 +10,6 @@ from starlette.websockets import WebSocket
 
 from gateway.base.errors import Conflict, NotAcceptable
 from gateway.extensions.sessions.sealed_cookie import Session
-from gateway.extensions.things.documents import JSON
 from gateway.http.audit import note
 from gateway.http.event_stream import CANCELLED_ID, serve_event_stream
 from gateway.http.fields import field
@@ -23,6 +22,7 @@ from gateway.identity.service import Identities
 from gateway.rdf.serialise import JELLY, MEDIA_TYPES
 from gateway.resources.binary_frames import FRAME_TYPES
 from gateway.resources.paths import robot_of
+from gateway.resources.plain_json import JSON
 from gateway.resources.properties import FRAME_MEDIA_TYPE
 from gateway.resources.resource import Resource
 from gateway.resources.subscription import Kind, Subscription

@@ -24,8 +24,8 @@ from agents.wire.messages import (
     Reply,
     Stop,
 )
-from gateway.extensions.cameras.camera import Picture, read_picture, size_limit
 from gateway.fleet.answers import read_mesh, read_reply
+from gateway.fleet.cameras import Picture, read_picture, size_limit
 from gateway.fleet.events import Event
 from gateway.fleet.frames import Frames
 from gateway.fleet.presence import Token

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-from gateway.rdf.kinds import Unit
+from gateway.rdf.units import Unit
 from gateway.rdf.vocabulary import LF, MATHS, QUDT, RDF, SOSA, VOM, XSD
 
 Node = NamedNode | BlankNode

@@ -8,7 +8,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from gateway.base.errors import UnprocessableContent
 from gateway.rdf.graph import Graph, Node, Term
-from gateway.rdf.kinds import UNITS
+from gateway.rdf.units import UNITS
 from gateway.rdf.vocabulary import LDP, QUDT, RDF, SH, VOM
 
 TYPES_OF_ALL = frozenset({LDP.Resource, LDP.RDFSource})

@@ -7,7 +7,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, seriali
 
 from gateway.base.errors import UnprocessableContent
 from gateway.rdf.graph import Node
-from gateway.rdf.kinds import UNITS
+from gateway.rdf.units import UNITS
 from gateway.rdf.unused import renamed, subjects
 from gateway.rdf.vocabulary import HYBRIT, LDP, LF, MATHS, PROV, RDF, ROS, SH, SOSA, SPATIAL, VOM
 from gateway.resources.invocation import ROOT

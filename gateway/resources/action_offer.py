@@ -5,14 +5,14 @@ from dataclasses import dataclass
 
 from pyoxigraph import Literal, NamedNode
 
-from gateway.actions.handler_table import HANDLERS
 from gateway.fleet.model import Joint
 from gateway.fleet.robot import Robot
 from gateway.rdf.graph import Graph, Node
-from gateway.rdf.kinds import kind_of
 from gateway.rdf.shapes import closure, copy, load_folder
 from gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LF, METHODS, RDFS, SH
+from gateway.resources.action_conditions import CONDITIONS, has_commandable_joint
 from gateway.resources.action_definition import FOLDER, Definition, definitions
+from gateway.resources.joint_kinds import kind_of
 from gateway.resources.paths import joint_path, robot_path
 from gateway.resources.shape_parameters import Scope, complete
 
@@ -101,8 +101,5 @@ def offer_at(offers: Iterable[Offer], segment: str) -> Offer | None:
 
 def _offered(kind: NamedNode, robot: Robot, joint: Joint | None) -> list[Definition]:
     able = robot.description.capabilities if robot.description is not None and robot.model is not None else ()
-    return [
-        each
-        for each in definitions()
-        if kind in each.offered_by and each.capability in able and HANDLERS[each.iri].offered(robot, joint)
-    ]
+    kinds = [each for each in definitions() if kind in each.offered_by and each.capability in able]
+    return [each for each in kinds if CONDITIONS.get(each.iri, has_commandable_joint)(robot, joint)]

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 
-from gateway.extensions.things.documents import with_json
 from gateway.fleet.invocations import Invocation
 from gateway.fleet.robot import Robot
 from gateway.rdf.graph import Graph
@@ -17,6 +16,7 @@ from gateway.resources.invocation import (
     describe_invocations,
     invocation_path,
 )
+from gateway.resources.plain_json import with_json
 from gateway.resources.resource import CONTAINER, Resource, blueprint_of
 from gateway.resources.versioning import Source
 

@@ -14,8 +14,8 @@ from pyoxigraph import BlankNode, Literal, NamedNode
 from gateway.fleet.observation import Observation
 from gateway.fleet.robot import Robot
 from gateway.rdf.graph import Graph, Term, integer
-from gateway.rdf.kinds import NANOSECOND, UNITLESS
 from gateway.rdf.serialise import WriteError
+from gateway.rdf.units import NANOSECOND, UNITLESS
 from gateway.rdf.vocabulary import DCTERMS, HYBRIT, LF, MATHS, QUDT, RDFS, SPATIAL, VOM
 from gateway.resources.describe import Describer
 from gateway.resources.paths import joint_path, robot_path

@@ -4,14 +4,14 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from pyoxigraph import Literal, NamedNode
 
-from gateway.extensions.cameras.camera import cameras_of
+from gateway.fleet.cameras import cameras_of
 from gateway.fleet.model import Joint, Link
 from gateway.fleet.robot import Robot
 from gateway.rdf.graph import Graph, timestamp
-from gateway.rdf.kinds import kind_of
 from gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, RDFS, ROS, SOSA, XHV
 from gateway.resources.action_offer import Offer, fleet_offers, joint_offers, robot_offers
 from gateway.resources.annotations import annotate
+from gateway.resources.joint_kinds import kind_of
 from gateway.resources.paths import camera_path, joint_path, lease_path, link_path, model_path, robot_path
 from gateway.resources.properties import joint_properties, link_properties, robot_properties
 from gateway.resources.property import Property, Seen

@@ -7,8 +7,9 @@ from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, parse
 from gateway.fleet.invocations import Invocation, InvocationState
 from gateway.fleet.robot import Robot
 from gateway.rdf.graph import Graph, Node, timestamp
-from gateway.rdf.kinds import METRE, RADIAN, SECOND, UNITLESS, Unit, kind_of
+from gateway.rdf.units import METRE, RADIAN, SECOND, UNITLESS, Unit
 from gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LDP, LF, METHODS, PROV, RDFS, SOSA
+from gateway.resources.joint_kinds import kind_of
 from gateway.resources.paths import joint_path, robot_path
 
 STATES = {

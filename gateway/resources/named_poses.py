@@ -8,8 +8,8 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from agents.wire.names import unescape
 from gateway.fleet.robot import Robot
-from gateway.rdf.kinds import UNITS
 from gateway.rdf.serialise import ParseError, parse
+from gateway.rdf.units import UNITS
 from gateway.rdf.vocabulary import DCTERMS, LF, VOM
 from gateway.resources.paths import RESERVED_IN_ROBOT
 

@@ -15,7 +15,7 @@ from gateway.fleet.model import Pose
 from gateway.fleet.robot import Robot
 from gateway.fleet.xml import Quaternion, Vector
 from gateway.rdf.graph import Graph, Node
-from gateway.rdf.kinds import METRE
+from gateway.rdf.units import METRE
 from gateway.rdf.vocabulary import LF, MATHS
 from gateway.resources.action_body import Body
 

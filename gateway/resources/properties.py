@@ -11,24 +11,26 @@ from gateway.fleet.model import Joint, Link, Pose
 from gateway.fleet.observation import Observation
 from gateway.fleet.robot import Robot
 from gateway.rdf.graph import Graph, Node, integer, number
-from gateway.rdf.kinds import (
-    EFFORT_RESOLUTION,
+from gateway.rdf.units import (
     KILOGRAM,
     KILOGRAM_SQUARE_METRE,
     METRE,
     METRE_PER_SECOND,
-    POSE_RESOLUTION,
-    POSITION_RESOLUTION,
     RADIAN,
     RADIAN_PER_SECOND,
     UNITLESS,
-    VELOCITY_RESOLUTION,
     Dimension,
     Unit,
-    kind_of,
 )
 from gateway.rdf.vocabulary import DCTERMS, LF, MATHS, ROS, SPATIAL, XSD
 from gateway.resources.action_offer import joint_offers
+from gateway.resources.joint_kinds import (
+    EFFORT_RESOLUTION,
+    POSE_RESOLUTION,
+    POSITION_RESOLUTION,
+    VELOCITY_RESOLUTION,
+    kind_of,
+)
 from gateway.resources.paths import joint_path
 from gateway.resources.property import Property, Seen
 from gateway.resources.settable import ABSOLUTE, settable, target

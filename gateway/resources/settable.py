@@ -4,11 +4,12 @@ from pyoxigraph import Literal, NamedNode
 
 from gateway.fleet.robot import Robot
 from gateway.rdf.graph import Graph, integer
-from gateway.rdf.kinds import ANGULAR, UNITLESS, kind_of
+from gateway.rdf.units import ANGULAR, UNITLESS
 from gateway.rdf.vocabulary import HYBRIT, LF, SH
 from gateway.resources.action_offer import Offer
 from gateway.resources.affordance import PutSetting, PutTarget
 from gateway.resources.annotations import annotate
+from gateway.resources.joint_kinds import kind_of
 from gateway.resources.paths import robot_path
 from gateway.resources.placement import PLACEMENT, WORLD, describe_pose, placement_of
 from gateway.resources.property import Property, Seen

@@ -13,8 +13,9 @@ from pyoxigraph import Literal, NamedNode
 from gateway.fleet.model import Joint, JointKind
 from gateway.fleet.robot import Robot
 from gateway.rdf.graph import Graph, Node, Term, integer, lexical
-from gateway.rdf.kinds import ANGULAR, LINEAR, Dimension, Unit, kind_of
+from gateway.rdf.units import ANGULAR, LINEAR, Dimension, Unit
 from gateway.rdf.vocabulary import LF, NUMERIC, SH, VOM, XSD
+from gateway.resources.joint_kinds import kind_of
 from gateway.resources.named_poses import poses
 from gateway.resources.paths import joint_path, lease_path, link_path
 

@@ -8,14 +8,13 @@ from types import MappingProxyType
 
 from pyoxigraph import NamedNode
 
-from gateway.extensions.things.documents import of_thing, with_json
+from gateway.extensions.things.documents import of_thing
 from gateway.fleet.fleet import Fleet
 from gateway.fleet.invocations import FLEET, Invocations
 from gateway.fleet.model import Joint, Link
 from gateway.fleet.robot import Robot
 from gateway.identity.rights import ALL, View
 from gateway.rdf.graph import Graph
-from gateway.rdf.kinds import kind_of
 from gateway.rdf.vocabulary import LDP, LF
 from gateway.resources.access_filter import InvocationsInView, RobotsInView
 from gateway.resources.action_offer import Offer, fleet_offers, joint_offers, robot_offers
@@ -27,6 +26,7 @@ from gateway.resources.documents import asset, context, vocabulary
 from gateway.resources.extension import NONE, Found, Sight, Wings
 from gateway.resources.geometry import in_geometry
 from gateway.resources.invocation import invocation_path
+from gateway.resources.joint_kinds import kind_of
 from gateway.resources.lease import describe_lease
 from gateway.resources.paths import (
     RESERVED_AT_ROOT,
@@ -40,6 +40,7 @@ from gateway.resources.paths import (
     robot_name,
     robot_path,
 )
+from gateway.resources.plain_json import with_json
 from gateway.resources.properties import joint_properties, link_properties
 from gateway.resources.property import Property, Seen
 from gateway.resources.resource import CONTAINER, Redirect, Resource, blueprint_of

@@ -4,13 +4,12 @@ import asyncio
 import logging
 import time
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Awaitable, Callable, Collection, Iterator
 from contextlib import suppress
 from types import TracebackType
 
 from agents.wire.keys import Keys
 from agents.wire.messages import Accepted, Progress, Reply, Stop
-from gateway.app.settings import GatewaySettings
 from gateway.fleet.events import Event, Moved
 from gateway.fleet.fleet import Change, Fleet
 from gateway.fleet.frames import Frames
@@ -19,7 +18,7 @@ from gateway.fleet.silences import Run, Silences
 from gateway.identity.rights import ALL, View
 from gateway.link.fleet_link import FleetLink
 from gateway.link.meshes import Meshes
-from gateway.link.transport import Opener
+from gateway.link.transport import Session
 from gateway.resources.extension import FleetWing, PropertyWing, RobotWing, Wings
 from gateway.resources.invocation import invocation_path, invocations_path
 from gateway.resources.paths import joint_path, robot_path
@@ -37,14 +36,17 @@ log = logging.getLogger(__name__)
 class Live:
     """Owns the fleet, the invocations that are known here, and the link; an async context manager."""
 
-    def __init__(self, settings: GatewaySettings, open_session: Opener) -> None:
-        keys = Keys(settings.namespace)
+    def __init__(
+        self, namespace: str, name: str, open_session: Callable[[], Awaitable[Session]], secured: bool = False
+    ) -> None:
+        """``name`` is that of the gateway among the gateways. ``secured``: clients have to say who they are."""
+        keys = Keys(namespace)
         self.fleet = Fleet(Frames(lambda robot: keys.robot(robot, "state")))
         self.invocations = Invocations()
         self.fan_out = FanOut(self.tree)
         self.fleet.frames.watched = self.fan_out.watched
         self._wings = Wings()
-        self._secured = bool(settings.identities)
+        self._secured = secured
         self._judged = 0
         self._silences = Silences()
         self._heard = asyncio.Event()
@@ -53,8 +55,8 @@ class Live:
         self.on_lost: Callable[[str], None] = lambda robot: None
         self.link = FleetLink(
             keys,
-            settings.gateway_name,
-            lambda: open_session(settings.listen_endpoints, settings.connect_endpoints, settings.trust),
+            name,
+            open_session,
             self._on_events,
             lambda robot, progress: self.on_progress(robot, progress),
             self.fleet.frames,

@@ -12,6 +12,7 @@ from virtual.zenoh_network import ZenohNetwork
 
 from gateway.actions.replicated_invocations import Memory
 from gateway.actions.store import ActionStore
+from gateway.app.application import new_live
 from gateway.app.settings import GatewaySettings
 from gateway.fleet.invocations import Invocation, InvocationState
 from gateway.runtime.redis import StoreUnavailable
@@ -49,7 +50,7 @@ async def _stop(*_: object) -> None: ...
 
 
 def _live() -> Live:
-    return Live(GatewaySettings(), ZenohNetwork().gateway("g"))
+    return new_live(GatewaySettings(), ZenohNetwork().gateway("g"))
 
 
 def test_what_cannot_be_remembered_is_bounded_and_what_is_open_is_given_up_last(

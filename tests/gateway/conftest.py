@@ -116,7 +116,7 @@ class Bench:
         offer = self.offer(path)
         body = self.body(path, turtle) if offer.takes_body else Body((), offer.definition.iri)
         asked = Asked(self.base, body, offer.robot, offer.joint, moment_of(offer.robot))
-        return HANDLERS[offer.definition.iri].plan(asked)
+        return HANDLERS[offer.definition.iri](asked)
 
     @staticmethod
     def prefixed(turtle: str) -> str:

@@ -18,6 +18,7 @@ from gateway.actions import service as actions_module
 from gateway.actions.plan import Motion
 from gateway.actions.service import Actions
 from gateway.actions.store import ActionStore
+from gateway.app.application import new_live
 from gateway.app.settings import GatewaySettings
 from gateway.extensions.rules.store import RuleStore
 from gateway.extensions.world.store import ObjectStore
@@ -30,7 +31,6 @@ from gateway.subscriptions import callbacks as callbacks_module
 from gateway.subscriptions import courier as courier_module
 from gateway.subscriptions import service as subscriptions_module
 from gateway.subscriptions.fan_out import FanOut
-from gateway.subscriptions.live import Live
 from gateway.subscriptions.network import Network
 from gateway.subscriptions.receiver import Outcome, Verdict
 from gateway.subscriptions.service import Subscriptions, new_run
@@ -171,7 +171,7 @@ class Gateway:
         self.run = new_run()
         self.store = ActionStore(url, NAMESPACE, self.run)
         self.objects, self.rules = ObjectStore(url, NAMESPACE), RuleStore(url, NAMESPACE, self.run)
-        self.live = Live(GatewaySettings(), ZenohNetwork().gateway(self.run))
+        self.live = new_live(GatewaySettings(), ZenohNetwork().gateway(self.run))
         self.live.link = LossyLink(robots, draws)  # type: ignore[assignment]
         self._robots, self._watched, self._fan_out = robots, watched, watched.watch()
         self._remembered = ActionStore(url, NAMESPACE, self.run)

@@ -11,6 +11,7 @@ from agents.transport import Session
 from agents.wire.keys import Keys
 from agents.wire.messages import WIRE_VERSION, Accepted, Command, Move
 from bench.still_agent import Still
+from gateway.app.application import new_live
 from gateway.app.settings import GatewaySettings
 from gateway.link.transport import Opener
 from gateway.subscriptions.live import Live
@@ -76,7 +77,7 @@ class Gateway:
 
 @asynccontextmanager
 async def gateway(open_session: Opener, *flags: str) -> AsyncIterator[Gateway]:
-    live = Live(GatewaySettings.read({}, flags), open_session)
+    live = new_live(GatewaySettings.read({}, flags), open_session)
     async with live:
         await live.join()
         yield Gateway(live)

@@ -16,6 +16,7 @@ from running import eventually
 from virtual.loop import VirtualLoop, current
 from virtual.zenoh_network import ZenohNetwork
 
+from gateway.app.application import new_live
 from gateway.app.settings import GatewaySettings
 from gateway.base.errors import BadRequest, FleetError, QueryTooCostly, ResultTooLarge
 from gateway.extensions.query.messages import Instead, Placed
@@ -63,7 +64,7 @@ def asking() -> Iterator[Asking]:
     assert loop is not None
 
     async def enter() -> tuple[Live, Queries]:
-        live = await Live(GatewaySettings(), ZenohNetwork().gateway("queries")).__aenter__()
+        live = await new_live(GatewaySettings(), ZenohNetwork().gateway("queries")).__aenter__()
         return live, await Queries(live, limit_s=0.5).__aenter__()
 
     live, queries = loop.run(enter())

@@ -11,13 +11,13 @@ from redis_backends import Backend
 from stored import until
 from virtual.zenoh_network import ZenohNetwork
 
+from gateway.app.application import new_live
 from gateway.app.settings import GatewaySettings
 from gateway.extensions.world import store as store_module
 from gateway.extensions.world.replicated_objects import Objects
 from gateway.extensions.world.scene import SceneObject, Sphere
 from gateway.extensions.world.store import Changed, Full, ObjectStore, digest
 from gateway.fleet.model import Pose
-from gateway.subscriptions.live import Live
 
 NOWHERE = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
@@ -38,7 +38,7 @@ def known(server: Backend) -> Open:
     @asynccontextmanager
     async def make() -> Any:
         store = ObjectStore(server.url, "fleet")
-        async with Objects(Live(GatewaySettings(), ZenohNetwork().gateway("g")), store) as objects:
+        async with Objects(new_live(GatewaySettings(), ZenohNetwork().gateway("g")), store) as objects:
             yield Known(objects, store)
 
     return make

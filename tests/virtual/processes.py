@@ -15,7 +15,7 @@ from typing import Any
 import agents.transport
 from agents.serving import make_agent, serve
 from agents.settings import SettingsError, read_settings
-from gateway.app.application import create_app
+from gateway.app.application import create_app, sockets_of
 from gateway.app.settings import GatewaySettings
 from gateway.http.server import Server
 from gateway.identity.roster import BadRoster
@@ -164,7 +164,7 @@ class VirtualProcess:
         network = self._world.network(settings.connect_endpoints or settings.listen_endpoints)
         try:
             app = create_app(settings, None, network.gateway(self.name))
-            server = Server(app, settings)
+            server = Server(app, sockets_of(settings))
             self._ending = lambda: server.leave(signal.SIGTERM)
             async with app.router.lifespan_context(app):
                 self.lines.append(f"serving {settings.public_urls[0]}/\n")

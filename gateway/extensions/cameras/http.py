@@ -6,9 +6,9 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from gateway.base.errors import NotAcceptable
-from gateway.extensions.cameras.camera import FORMATS
 from gateway.extensions.cameras.pictures import Pictures
 from gateway.extensions.cameras.resources import Eye
+from gateway.fleet.cameras import FORMATS
 from gateway.http.conditional import not_modified
 from gateway.http.fields import field
 from gateway.http.negotiation import choose

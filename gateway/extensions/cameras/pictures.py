@@ -10,8 +10,8 @@ from typing import Self
 
 from agents.wire.messages import PictureFormat
 from gateway.base.errors import AgentSilent, Busy, Offline
-from gateway.extensions.cameras.camera import FORMATS, Picture
 from gateway.extensions.cameras.resources import MAX_RATE_HZ, Eye, cameras_wing
+from gateway.fleet.cameras import FORMATS, Picture
 from gateway.link.fleet_link import NoAnswer
 from gateway.resources.paths import camera_path, is_in_cameras
 from gateway.resources.resource import Resource

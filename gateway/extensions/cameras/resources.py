@@ -11,12 +11,12 @@ from functools import partial
 from pyoxigraph import Literal, NamedNode
 
 from agents.wire.messages import Camera
-from gateway.extensions.cameras.camera import FORMATS, Picture, cameras_of, types_of
+from gateway.fleet.cameras import FORMATS, Picture, cameras_of, types_of
 from gateway.fleet.observation import Observation
 from gateway.fleet.robot import Robot
 from gateway.rdf.graph import Graph, integer
-from gateway.rdf.kinds import HERTZ, METRE, RADIAN
 from gateway.rdf.serialise import NothingYet
+from gateway.rdf.units import HERTZ, METRE, RADIAN
 from gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, QUDT, RDFS, SOSA
 from gateway.resources.binary_frames import FRAME_TYPES, Field, add_field, begin_layout, layout_path
 from gateway.resources.describe import Describer

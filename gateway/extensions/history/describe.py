@@ -15,7 +15,7 @@ from gateway.extensions.history.series import Numbers, Series
 from gateway.extensions.history.span import Span, moment, query
 from gateway.extensions.history.track import Excerpt, Track
 from gateway.rdf.graph import Graph, integer, number, timestamp
-from gateway.rdf.kinds import METRE, METRE_PER_SECOND, RADIAN_PER_SECOND, SECOND
+from gateway.rdf.units import METRE, METRE_PER_SECOND, RADIAN_PER_SECOND, SECOND
 from gateway.rdf.vocabulary import DCTERMS, HYBRIT, HYDRA, LF, QUDT, RDFS, SOSA
 from gateway.resources.property import Property
 

@@ -14,7 +14,7 @@ from gateway.base.lazy_imports import Lazily
 from gateway.extensions.history.series import Numbers, samples
 from gateway.extensions.history.span import moment
 from gateway.extensions.history.track import Excerpt
-from gateway.rdf.kinds import Unit
+from gateway.rdf.units import Unit
 
 if TYPE_CHECKING:
     from mcap import writer as mcap

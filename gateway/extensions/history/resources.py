@@ -13,10 +13,10 @@ from gateway.extensions.history.track import Excerpt, Joints, Track, joints_of
 from gateway.fleet.geometry import SUFFIXES, drawable, file_name
 from gateway.fleet.robot import Robot
 from gateway.rdf.graph import Graph
-from gateway.rdf.kinds import kind_of
 from gateway.rdf.serialise import WriteError
 from gateway.rdf.vocabulary import LF
 from gateway.resources.extension import Found, PropertyWing, RobotWing, Sight
+from gateway.resources.joint_kinds import kind_of
 from gateway.resources.paths import joint_path, link_path, mesh_path, part_of, robot_path
 from gateway.resources.property import Property
 from gateway.resources.resource import Resource, blueprint_of

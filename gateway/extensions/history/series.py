@@ -10,8 +10,9 @@ from agents.wire.messages import Base
 from gateway.extensions.history.track import Excerpt, Joints, wall_ns
 from gateway.fleet.kinematics import ORIGIN, LinkPoses, placed
 from gateway.fleet.model import Pose
-from gateway.rdf.kinds import METRE, METRE_PER_SECOND, RADIAN_PER_SECOND, UNITLESS, Unit, kind_of
+from gateway.rdf.units import METRE, METRE_PER_SECOND, RADIAN_PER_SECOND, UNITLESS, Unit
 from gateway.rdf.vocabulary import LF, SPATIAL
+from gateway.resources.joint_kinds import kind_of
 from gateway.resources.paths import joint_path, robot_path
 from gateway.resources.property import Property
 

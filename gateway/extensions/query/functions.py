@@ -13,12 +13,12 @@ from gateway.extensions.query.messages import Ask, Placed
 from gateway.fleet.envelope import envelope
 from gateway.fleet.kinematics import ORIGIN, compose, inverse, placed
 from gateway.fleet.model import JointKind, ModelError, Pose
-from gateway.fleet.relative_poses import rounded, seen_from
 from gateway.fleet.robot import Robot
 from gateway.fleet.xml import Vector
 from gateway.rdf.graph import number
 from gateway.rdf.vocabulary import LF
 from gateway.resources.paths import part_of, robot_name
+from gateway.resources.relative_poses import rounded, seen_from
 from gateway.resources.shape_parameters import commandable
 
 TOLERANCE_M = 5e-5

@@ -18,11 +18,11 @@ from gateway.extensions.query.messages import Ask, Instead, Placed
 from gateway.extensions.query.process import QueryProcess
 from gateway.extensions.query.snapshot import Contribution, Feed
 from gateway.extensions.query.turns import FairTurns
-from gateway.fleet.relative_poses import Standing
 from gateway.identity.rights import View
 from gateway.rdf.sparql_syntax import Dataset, Query, check_select, read
 from gateway.resources.access_filter import InvocationsInView, RobotsInView
 from gateway.resources.extension import Sight
+from gateway.resources.relative_poses import Standing
 from gateway.subscriptions.live import Live
 
 LIMIT_S = 5.0

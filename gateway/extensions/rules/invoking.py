@@ -50,13 +50,13 @@ async def invoked(
     offer = offered(tree, path, creator)
     action = NamedNode(rule.base + offer.path)
     if not offer.takes_body:
-        halt = HANDLERS[offer.definition.iri].plan(Asked(rule.base, Body((), action), offer.robot, offer.joint))
+        halt = HANDLERS[offer.definition.iri](Asked(rule.base, Body((), action), offer.robot, offer.joint))
         assert isinstance(halt, Halt)
         asking = Caller(rule.client, stops=creator.over(Right.STOP), rule=rule.id)
         return await actions.halt(offer.path, halt, asking)
     body = admit(offer, filled(rule.body, row, action), rule.base)
     moment = None if offer.robot is None else moments.get(offer.robot.name)
-    plan = HANDLERS[offer.definition.iri].plan(Asked(rule.base, body, offer.robot, offer.joint, moment))
+    plan = HANDLERS[offer.definition.iri](Asked(rule.base, body, offer.robot, offer.joint, moment))
     if isinstance(plan, Later):
         plan = await actions.compute(plan)
     assert isinstance(plan, Motion)  # what takes a body moves

@@ -9,11 +9,12 @@ from starlette.responses import Response, StreamingResponse
 
 from gateway.base.errors import BadRequest, NotAcceptable, Unimplemented
 from gateway.extensions.things.directory import Listing, Place
-from gateway.extensions.things.documents import DIRECTORY, JSON, MOST
+from gateway.extensions.things.documents import DIRECTORY, MOST
 from gateway.http.conditional import etag, not_modified
 from gateway.http.fields import field
 from gateway.http.links import Link, link_header
 from gateway.http.negotiation import choose
+from gateway.resources.plain_json import JSON
 from gateway.resources.resource import Resource
 
 TYPES = ("application/ld+json", JSON)

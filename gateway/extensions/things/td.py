@@ -11,16 +11,16 @@ from typing import Any
 
 from pyoxigraph import NamedNode
 
-from gateway.extensions.things.documents import DIRECTORY, JSON, TD
-from gateway.extensions.things.plain import described
-from gateway.extensions.things.schema import Json, form_of, form_of_input, form_of_target
+from gateway.extensions.things.documents import DIRECTORY, TD
 from gateway.fleet.model import Joint, Link
 from gateway.fleet.robot import Robot
-from gateway.rdf.kinds import kind_of
 from gateway.rdf.vocabulary import HYBRIT, LF, ROS, SOSA
 from gateway.resources.action_offer import Offer, fleet_offers, joint_offers, robot_offers
 from gateway.resources.describe import part_paths
+from gateway.resources.joint_kinds import kind_of
+from gateway.resources.json_form import Json, form_of, form_of_input, form_of_target
 from gateway.resources.paths import joint_path, link_path, robot_path
+from gateway.resources.plain_json import JSON, described
 from gateway.resources.properties import joint_properties, link_properties, robot_properties
 from gateway.resources.property import Property, Seen
 

@@ -5,13 +5,13 @@ from collections.abc import Iterable, Mapping
 from pyoxigraph import Literal, NamedNode
 
 from gateway.extensions.world.scene import Box, Cylinder, Geometry, SceneObject, Sphere
-from gateway.fleet.relative_poses import Posed
 from gateway.fleet.robot import Robot
 from gateway.rdf.graph import Graph, Node
-from gateway.rdf.kinds import METRE
+from gateway.rdf.units import METRE
 from gateway.rdf.vocabulary import DCTERMS, HYBRIT, HYDRA, LDP, LF, RDFS
 from gateway.resources.paths import link_path, model_path, robot_path
 from gateway.resources.placement import PLACEMENT, WORLD, describe_pose, placement_of
+from gateway.resources.relative_poses import Posed
 
 OBJECTS, POSES = f"{WORLD}/objects", f"{WORLD}/pose"
 STL = "model/stl"

@@ -15,7 +15,6 @@ from gateway.extensions.world.describe import OBJECTS, POSES, describe_posed, ob
 from gateway.extensions.world.resources import AskPose, PostObject, PutObject
 from gateway.extensions.world.scene import SceneObject
 from gateway.extensions.world.service import World
-from gateway.fleet.relative_poses import seen_from
 from gateway.http.body import body_type, parse_body, read_as
 from gateway.http.invoke import refuse_rehearsal
 from gateway.http.offload import Offload
@@ -25,6 +24,7 @@ from gateway.http.rights import tree_of
 from gateway.rdf.unused import shown
 from gateway.rdf.vocabulary import LF
 from gateway.resources.placement import WORLD
+from gateway.resources.relative_poses import seen_from
 from gateway.resources.resource import Resource
 from gateway.resources.setting import managed
 

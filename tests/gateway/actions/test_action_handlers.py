@@ -8,7 +8,7 @@ import pytest
 from agents.wire.messages import Expectation, Follow, Move
 from gateway.actions.plan import Halt
 from gateway.base.errors import Conflict, UnprocessableContent
-from gateway.rdf.kinds import DEGREE
+from gateway.rdf.units import DEGREE
 
 _ELBOW = {"elbow": ("revolute", '<limit lower="-1" upper="2" velocity="1" effort="1"/>')}
 _WHEEL = {"wheel": ("continuous", "")}

@@ -16,6 +16,7 @@ from gateway.base.errors import UnprocessableContent
 from gateway.rdf import shapes
 from gateway.rdf.shacl_validator import Judge
 from gateway.rdf.vocabulary import HYBRIT, LF
+from gateway.resources import action_conditions
 from gateway.resources.action_definition import definitions
 from gateway.resources.shape_parameters import COMPLETIONS
 
@@ -48,13 +49,16 @@ def extended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     shutil.copytree(_ROOT / "shapes", folder)
     (turtle,) = _blocks("turtle")
     (folder / "actions" / "centre.ttl").write_text(turtle, encoding="utf-8")
-    module, line = _blocks("python")
+    module, handler, condition = _blocks("python")
     centre = ModuleType("centre")
     exec(module, vars(centre))
-    table = eval("{" + line + "}", {**vars(handlers), "centre": centre})
     monkeypatch.setattr(shapes, "resources", SimpleNamespace(files=lambda package: folder))
-    for kind, handler in table.items():
-        monkeypatch.setitem(handlers.HANDLERS, kind, handler)
+    for table, line, names in (
+        (handlers.HANDLERS, handler, {**vars(handlers), "centre": centre}),
+        (action_conditions.CONDITIONS, condition, {**vars(action_conditions)}),
+    ):
+        for kind, value in eval("{" + line + "}", names).items():
+            monkeypatch.setitem(table, kind, value)
     _forget()
     yield
     monkeypatch.undo()

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from gateway.base.errors import UnprocessableContent
-from gateway.rdf.kinds import UNITS
+from gateway.rdf.units import UNITS
 from gateway.rdf.vocabulary import LF, UNIT, VOM, XSD
 from gateway.resources.action_body import Body
 

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from gateway.base.errors import UnprocessableContent
 from gateway.fleet.model import RobotModel
-from gateway.rdf.kinds import DEGREE, METRE, MILLIMETRE, RADIAN, UNITS
 from gateway.rdf.shapes import load_folder
+from gateway.rdf.units import DEGREE, METRE, MILLIMETRE, RADIAN, UNITS
 from gateway.rdf.vocabulary import LF, XSD
 from gateway.resources.shape_parameters import (
     COMPLETIONS,

@@ -13,7 +13,7 @@ from gateway.extensions.history.files import recording, table
 from gateway.extensions.history.series import all_columns, samples
 from gateway.extensions.history.track import Excerpt, Joints
 from gateway.fleet.model import RobotModel
-from gateway.rdf.kinds import NEWTON_METRE, RADIAN
+from gateway.rdf.units import NEWTON_METRE, RADIAN
 
 S = 1_000_000_000
 ODD = 'arm 2/"left",é'

@@ -12,8 +12,6 @@ from agents.wire.messages import WIRE_VERSION, Description
 from gateway.actions.admission import admit
 from gateway.base.errors import BadRequest, UnprocessableContent
 from gateway.extensions.things.directory import WINGS, Listing
-from gateway.extensions.things.plain import triples_of
-from gateway.extensions.things.schema import form_of_input
 from gateway.fleet.events import Appeared, Described
 from gateway.fleet.fleet import Fleet
 from gateway.fleet.invocations import Invocations
@@ -22,6 +20,8 @@ from gateway.rdf.vocabulary import LF, ROS, UNIT, VOM
 from gateway.resources.action_offer import Offer
 from gateway.resources.affordance import Invoke, PutTarget
 from gateway.resources.extension import Wings
+from gateway.resources.json_form import form_of_input
+from gateway.resources.plain_json import triples_of
 from gateway.resources.resource import Resource
 from gateway.resources.tree import Tree
 

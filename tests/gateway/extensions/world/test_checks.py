@@ -15,6 +15,7 @@ from agents.wire.codec import encode_state, layout
 from agents.wire.messages import Description, Mesh, Move, State
 from gateway.actions.commands import TIME_TO_LIVE_NS, command_of
 from gateway.actions.plan import Moment, Motion
+from gateway.app.application import new_live
 from gateway.app.settings import GatewaySettings
 from gateway.base.errors import Unchecked
 from gateway.extensions.world import checks
@@ -27,7 +28,6 @@ from gateway.identity.rights import ALL
 from gateway.link.fleet_link import NoAnswer
 from gateway.link.meshes import Meshes
 from gateway.resources.placement import PLACEMENT
-from gateway.subscriptions.live import Live
 
 PATIENCE_S = 30.0
 
@@ -40,7 +40,7 @@ class Scene:
     """Robots with a mesh that they hand out when they are let, and the checks of their motions."""
 
     def __init__(self, folder: Path) -> None:
-        self.live = Live(GatewaySettings(), ZenohNetwork().gateway("g"))
+        self.live = new_live(GatewaySettings(), ZenohNetwork().gateway("g"))
         self.live.meshes = Meshes(self._ask)
         self.objects: dict[str, SceneObject] = {}
         self.checks = Checks(self.live, self.objects, folder)

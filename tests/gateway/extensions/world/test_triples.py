@@ -5,6 +5,7 @@ from pathlib import Path
 from pyoxigraph import Literal, NamedNode
 from virtual.zenoh_network import ZenohNetwork
 
+from gateway.app.application import new_live
 from gateway.app.settings import GatewaySettings
 from gateway.extensions.world.scene import SceneObject, Sphere, encode
 from gateway.extensions.world.service import World
@@ -14,14 +15,13 @@ from gateway.identity.rights import ALL
 from gateway.rdf.vocabulary import DCTERMS, LDP, LF, RDF
 from gateway.resources.access_filter import InvocationsInView
 from gateway.resources.extension import Sight
-from gateway.subscriptions.live import Live
 
 BASE = "http://fleet.test"
 
 
 def test_all_that_is_in_the_world_is_told_and_told_anew_when_it_changes(tmp_path: Path) -> None:
     settings = GatewaySettings()
-    live = Live(settings, ZenohNetwork().gateway("g"))
+    live = new_live(settings, ZenohNetwork().gateway("g"))
     world = World(live, "unix:///nowhere", settings.namespace, tmp_path)
     sight = Sight(BASE, live.fleet.robots, InvocationsInView(Invocations(), ALL), ALL)
     where = Pose((0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0))

@@ -3,9 +3,9 @@
 import pytest
 
 from gateway.base.errors import BadRequest
-from gateway.extensions.things.plain import triples_of
-from gateway.extensions.things.schema import form_of
 from gateway.rdf.vocabulary import LF
+from gateway.resources.json_form import form_of
+from gateway.resources.plain_json import triples_of
 
 IRI = "http://127.0.0.1:8000/arm/title"
 

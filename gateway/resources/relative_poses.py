@@ -8,7 +8,7 @@ from typing import Protocol
 from gateway.fleet.kinematics import ORIGIN, compose, inverse
 from gateway.fleet.model import Pose
 from gateway.fleet.robot import Robot
-from gateway.rdf.kinds import POSE_RESOLUTION
+from gateway.resources.joint_kinds import POSE_RESOLUTION
 from gateway.resources.paths import part_of, robot_name
 from gateway.resources.placement import WORLD, placement_of
 

@@ -1,4 +1,4 @@
-"""Plain JSON of resources and of bodies, by the form that their SHACL shape has (``gateway.extensions.things.schema``).
+"""Plain JSON of resources and of bodies, by the form that their SHACL shape has (``gateway.resources.json_form``).
 
 What comes as JSON becomes the triples that would have come as RDF, and goes the same way from there.
 """
@@ -6,21 +6,32 @@ What comes as JSON becomes the triples that would have come as RDF, and goes the
 import json
 import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from gateway.base.errors import BadRequest, UnprocessableContent
-from gateway.extensions.things.documents import JSON
-from gateway.extensions.things.schema import Field, Form, Json, Value, form_of
 from gateway.rdf.graph import Graph, Node, Term
 from gateway.rdf.json_input import load_json
 from gateway.rdf.parse_error import ParseError
 from gateway.rdf.parsing import MAX_LENGTH
 from gateway.rdf.vocabulary import LF, NUMERIC, XSD
+from gateway.resources.json_form import Field, Form, Json, Value, form_of
+from gateway.resources.resource import Resource
 
+JSON = "application/json"
 _MAX_DEPTH = 16
 _VALUES = 4  # for each triple that may be said
+
+
+def with_json(resource: Resource, shape: NamedNode, base: str) -> Resource:
+    """The resource with its values in plain JSON besides, if ``shape`` says which those are."""
+    if resource.describe is None or shape == LF.AnnotationsShape:
+        return resource
+    write = partial(document, resource.describe, NamedNode(base + resource.path), shape)
+    return replace(resource, documents={**resource.documents, JSON: write})
 
 
 def document(describe: Callable[[Graph], None], iri: NamedNode, shape: NamedNode) -> bytes:
