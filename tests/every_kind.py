@@ -6,14 +6,15 @@ from pyoxigraph import NamedNode, Triple
 
 from agents.wire.codec import layout
 from agents.wire.messages import WIRE_VERSION, Camera, Description
-from gateway.extensions.cameras.resources import cameras_wing
+from gateway.extensions.cameras.resources import cameras_branch
 from gateway.extensions.history.recorder import History
 from gateway.extensions.history.resources import Past
-from gateway.extensions.history.resources import wings as histories
+from gateway.extensions.history.resources import history_branches as histories
 from gateway.extensions.history.span import Span
-from gateway.extensions.rules.description import wing as rules_wing
+from gateway.extensions.pages.resources import BRANCH as ASSETS
+from gateway.extensions.rules.description import branch as rules_branch
 from gateway.extensions.rules.rule import Firing, FiringState, Known, Rule
-from gateway.extensions.things.directory import WINGS as THINGS
+from gateway.extensions.things.directory import BRANCHES as THINGS
 from gateway.extensions.world.resources import in_world
 from gateway.extensions.world.scene import Box, Cylinder, SceneObject, Sphere, TriangleMesh
 from gateway.fleet.events import Appeared, Described, Undescribed
@@ -24,7 +25,7 @@ from gateway.fleet.lease import Lease
 from gateway.fleet.model import Pose
 from gateway.rdf.graph import Graph
 from gateway.rdf.vocabulary import HYBRIT, LF
-from gateway.resources.extension import FleetWing, Wings
+from gateway.resources.branches import NONE, FleetBranch
 from gateway.resources.placement import WORLD
 from gateway.resources.resource import Resource
 from gateway.resources.subscription import Delivery, DeliveryState, Kind, Record, Subscription
@@ -128,17 +129,15 @@ def tree() -> Tree:
             _record("s4", Kind.EVENT_STREAM, DeliveryState.ACTIVE),
         ]
     }
-    in_robot, of_property = histories(History(fleet, 60.0, 10.0, 1_000_000))
-    wings = Wings(
-        of_fleet=(
-            *THINGS,
-            rules_wing(rules),
-            FleetWing(WORLD[1:], LF.world, lambda sight, rest: in_world(sight, rest, objects)),
-        ),
-        of_robots=(in_robot, cameras_wing(lambda robot, camera: {})),
-        of_properties=(of_property,),
+    branches = NONE.having(
+        *THINGS,
+        rules_branch(rules),
+        FleetBranch(WORLD[1:], LF.world, lambda sight, rest: in_world(sight, rest, objects)),
+        *histories(History(fleet, 60.0, 10.0, 1_000_000)),
+        cameras_branch(lambda robot, camera: {}),
+        ASSETS,
     )
-    return Tree(fleet, _invocations(), BASE, shelf, wings=wings)
+    return Tree(fleet, _invocations(), BASE, shelf, branches=branches)
 
 
 def described(tree: Tree, path: str) -> list[Triple]:

@@ -13,7 +13,7 @@ from gateway.extensions.query.snapshot import Feed
 from gateway.fleet.events import Appeared, Described, Framed, Vanished
 from gateway.fleet.fleet import Fleet
 from gateway.fleet.invocations import Invocations
-from gateway.resources.extension import NONE
+from gateway.resources.branches import NONE
 
 URDF = robot(
     link("base"), link("arm"), link("hand", inertial=False), link("tip"),
@@ -54,7 +54,7 @@ class Pictured:
     def bring(self) -> Mirror:
         ask = Ask(
             news=self._feed.news(), query="", base="", base_iri="", patterns=("*",), caller="", default=None,
-            named=None, wings=[], invocations=self._feed.of_fleet(), graphs=[], media_type="",
+            named=None, branches=[], invocations=self._feed.of_fleet(), graphs=[], media_type="",
             most_bytes=1, limit_s=1.0,
         )  # fmt: skip
         self.mirror.take(decode_ask(encode(ask)).news)

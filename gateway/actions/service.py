@@ -40,7 +40,7 @@ _PATIENCE = 3.0  # times the duration that the agent states, before a motion is 
 _SILENT = "unknown: no answer"
 
 
-class Judge(Protocol):
+class MotionGuard(Protocol):
     """Tells which motions meet something. ``sees``: to whom it is told."""
 
     async def ready(self, robot: Robot, sees: View) -> None:
@@ -55,7 +55,7 @@ class Judge(Protocol):
 
 @dataclass(frozen=True)
 class Rehearsed:
-    """What would happen: how long it takes, and the invocations that it ends; ``free``: as the judge says."""
+    """What would happen: how long it takes, and the invocations that it ends; ``free``: as the guards say."""
 
     duration_s: float
     preempts: tuple[str, ...]
@@ -65,8 +65,9 @@ class Rehearsed:
 class Actions:
     """Carries out plans, and keeps what became of them; an async context manager."""
 
-    def __init__(self, live: Live, store: ActionStore, most_motions: int, judge: Judge) -> None:
-        self._live, self._store, self._judge = live, store, judge
+    def __init__(self, live: Live, store: ActionStore, most_motions: int) -> None:
+        self._live, self._store = live, store
+        self._guards: list[MotionGuard] = []
         self._quota = Quota(live.invocations, most_motions)
         self.waiting = Waiting()
         self.memory = Memory(live, store, self.stop_one, self.waiting.wake)
@@ -91,6 +92,10 @@ class Actions:
     ) -> None:
         await end([task for task in (self._expiry, self._ticking) if task is not None])
         await self.memory.__aexit__(kind, error, trace)
+
+    def add_guard(self, guard: MotionGuard) -> None:
+        """Have ``guard`` judge every motion before it is accepted, from now on."""
+        self._guards.append(guard)
 
     # -- motions ----------------------------------------------------------------------------------------------------
 
@@ -138,19 +143,25 @@ class Actions:
     async def _once_ready(self, motion: Motion, caller: Caller) -> Motion:
         """The motion, which may arrive later by what it waited here; a stop in between still comes before it."""
         began_ns = time.monotonic_ns()
-        await self._judge.ready(motion.robot, caller.sees)
+        for guard in self._guards:
+            await guard.ready(motion.robot, caller.sees)
         return _later(motion, began_ns)
 
     async def _check(self, invocation: Invocation, motion: Motion, caller: Caller) -> Motion:
         """It has begun for everybody else: of two that begin at once, one at least is checked against the other."""
         began_ns = time.monotonic_ns()
         try:
-            await self._judge.free(motion, caller.sees, invocation.id)
+            await self._is_free(motion, caller, invocation.id)
         except (Collides, Unchecked) as error:
             invocation.refused = error.code
             self._fail(invocation, error.reason)
             raise
         return _later(motion, began_ns)
+
+    async def _is_free(self, motion: Motion, caller: Caller, own: str) -> bool:
+        """Return True if there are guards and each of them found the path free; Collides, Unchecked."""
+        found = [await guard.free(motion, caller.sees, own) for guard in self._guards]
+        return bool(found) and all(found)
 
     async def _open(self, invocation: Invocation, caller: Caller, full: bool) -> str | None:
         try:
@@ -182,7 +193,7 @@ class Actions:
         async with refusals():
             await self._store.check(robot.name, caller.token, lease_of(robot) if motion.tied else "")
         began_ns = time.monotonic_ns()
-        free = await self._judge.free(motion, caller.sees, "")
+        free = await self._is_free(motion, caller, "")
         motion = _later(motion, began_ns)
         try:
             command = command_of(str(uuid.uuid4()), motion, rehearsal=True)

@@ -4,10 +4,9 @@ from dataclasses import replace
 from urllib.parse import urlsplit
 
 from pyoxigraph import Literal, NamedNode
-from starlette.requests import HTTPConnection
 
 from gateway.base.errors import NotFound, StoreAway
-from gateway.http.rights import caller_of, name_of
+from gateway.http.request import Connection
 from gateway.identity.rights import Right
 from gateway.rdf.graph import Graph, integer, timestamp
 from gateway.rdf.vocabulary import DCTERMS, LDP, LF, PROV, RDFS, XHV
@@ -23,41 +22,43 @@ _NOTHING_DONE = (401, 404, 405)
 _LONGEST = 500
 
 
-def note(connection: HTTPConnection, what: str, status: int | None, location: str = "") -> None:
+def note(connection: Connection, what: str, status: int | None, location: str = "") -> None:
     """Something was asked for: done, or refused to who had found it."""
     if status in _NOTHING_DONE:
         return
-    audit: Audit = connection.app.state.audit
+    audit: Audit = connection.services.audit
     asked, path = present(), connection.scope["path"][:_LONGEST]
     audit.note(
-        name_of(connection), what, path, robot_of(path) or "", "" if status is None else str(status),
+        connection.caller_name, what, path, robot_of(path) or "", "" if status is None else str(status),
         "" if asked is None else asked.id, urlsplit(location).path,
     )  # fmt: skip
 
 
-async def audit_resource(connection: HTTPConnection, base: str) -> Resource:
+async def audit_resource(connection: Connection) -> Resource:
     """A page of entries, the newest first; NotFound, StoreAway."""
     path: str = connection.scope["path"]
-    audit: Audit = connection.app.state.audit
+    audit: Audit = connection.services.audit
     try:
         entries = await audit.page(path.removeprefix(PATH).removeprefix("/"))
     except ValueError as error:
         raise NotFound(f"There is no such page: {error}.") from error
     except StoreUnavailable as error:
         raise StoreAway("The server that keeps the audit is away; the log of each gateway has its own part.") from error
-    return Resource(path, "Audit", lambda graph: _describe(graph, base, path, entries), CONTAINER, followed=False)
+    return Resource(
+        path, "Audit", lambda graph: _describe(graph, connection.base, path, entries), CONTAINER, followed=False
+    )
 
 
 def is_audit(path: str) -> bool:
     return path == PATH or path.startswith(PATH + "/")
 
 
-def with_audit(connection: HTTPConnection, resource: Resource) -> Resource:
+def with_audit(connection: Connection, resource: Resource) -> Resource:
     """The fleet and its link set link the audit, for who may read it.
 
     Its triples do not say so: they are the same for all who see the same robots, as messages about it are.
     """
-    if not caller_of(connection).may_any(NEEDS, None):
+    if not connection.caller.may_any(NEEDS, None):
         return resource
     if resource.path == "/":
         return replace(resource, own=(*resource.own, PATH))

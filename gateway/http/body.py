@@ -5,24 +5,21 @@ from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
 from pyoxigraph import NamedNode, Triple
-from starlette.requests import Request
 
 from gateway.base.errors import BadRequest, PayloadTooLarge, UnsupportedMediaType
 from gateway.http.fields import field
 from gateway.http.negotiation import parse_content_type
 from gateway.http.offload import SHORT_BYTES, Offload
+from gateway.http.request import Request
 from gateway.rdf.parsing import MAX_TRIPLES, ParseError, parse
+from gateway.rdf.serialise import JSON
 from gateway.rdf.vocabulary import PREFIXES
-from gateway.resources.plain_json import JSON
+from gateway.resources.affordance import BODY_TYPES
 
 if TYPE_CHECKING:
     from gateway.resources.json_form import Form
 
-# No Jelly: its parser was not made for strangers' bytes, which end it with whatever exception they hit upon.
-BODY_TYPES = ("text/turtle", "application/ld+json", "application/n-triples", "application/rdf+xml")
 MAX_BODY_BYTES = 64 * 1024
-FORM_TYPES = (*BODY_TYPES, JSON)
-"""What is taken where a shape says which members an object in plain JSON has."""
 _CONTEXT = "https://w3id.org/linked-fleet/context"
 T = TypeVar("T")
 
@@ -38,7 +35,7 @@ async def read_as(
     request: Request, read: Callable[[bytes], T], most: int = MAX_BODY_BYTES, short_bytes: int = SHORT_BYTES
 ) -> T:
     """``read`` of the whole body, in a thread unless it is short; PayloadTooLarge, Busy and what ``read`` raises."""
-    offload: Offload = request.app.state.offload
+    offload: Offload = request.services.offload
     content = await read_body(request, most)
     return await offload.run(partial(read, content), len(content), short_bytes)
 

@@ -3,7 +3,6 @@
 from urllib.parse import quote
 
 from starlette.datastructures import Headers, MutableHeaders
-from starlette.requests import Request
 from starlette.responses import RedirectResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -12,13 +11,14 @@ from gateway.extensions.sessions.cookies import read_cookie
 from gateway.extensions.sessions.login import Login
 from gateway.http.host import refuse
 from gateway.http.negotiation import choose
+from gateway.http.representation import HTML
+from gateway.http.request import Request, gateway_of
 from gateway.identity.jwts import BadToken
 from gateway.identity.rights import NOBODY, Identity
 from gateway.identity.service import Identities
 from gateway.identity.store import StoreUnavailable
 from gateway.identity.web import IssuerSilent
-from gateway.rdf.serialise import MEDIA_TYPES
-from gateway.rdf.vocabulary import PREFIXES
+from gateway.rdf.serialise import RDF_TYPES
 from gateway.resources.paths import is_public
 
 _READ = ("GET", "HEAD", "OPTIONS")
@@ -34,8 +34,8 @@ class Callers:
         self._login = Login()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        identities: Identities | None = getattr(scope["app"].state, "identities", None)
-        if scope["type"] not in ("http", "websocket") or identities is None:
+        identities = gateway_of(scope).services.identities if scope["type"] in ("http", "websocket") else None
+        if identities is None:
             await self.app(scope, receive, send)
             return
         answer = _private(scope, send)
@@ -50,10 +50,10 @@ class Callers:
             if _would_log_in(scope):
                 await _to_login(scope)(scope, receive, answer)
             else:
-                await refuse(error, scope, answer, PREFIXES)
+                await refuse(error, scope, answer)
             return
         except FleetError as error:
-            await refuse(error, scope, answer, PREFIXES)
+            await refuse(error, scope, answer)
             return
         await self.app(scope, receive, answer)
 
@@ -124,7 +124,7 @@ def _would_log_in(scope: Scope) -> bool:
     if scope["type"] != "http" or scope["method"] not in ("GET", "HEAD"):
         return False
     accept = Headers(scope=scope).get("accept")
-    return accept is not None and "text/event-stream" not in accept and choose(accept, MEDIA_TYPES) == "text/html"
+    return accept is not None and "text/event-stream" not in accept and choose(accept, (*RDF_TYPES, HTML)) == HTML
 
 
 def _to_login(scope: Scope) -> RedirectResponse:

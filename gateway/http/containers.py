@@ -4,10 +4,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from pyoxigraph import NamedNode
-from starlette.requests import Request
 
 from gateway.http.fields import field
 from gateway.http.prefer import parse_prefer
+from gateway.http.request import Request
 from gateway.rdf.graph import Graph
 from gateway.rdf.vocabulary import LDP
 from gateway.resources.action_body import own_part

@@ -4,21 +4,20 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from pyoxigraph import Triple
-from starlette.requests import Request
 from starlette.responses import Response
 
 from gateway.actions.replicated_invocations import Memory
 from gateway.actions.service import Actions
 from gateway.base.errors import BadRequest, NotFound
-from gateway.http.body import FORM_TYPES, body_type, parse_body, parse_form, read_as
+from gateway.http.body import body_type, parse_body, parse_form, read_as
 from gateway.http.invoke import lock_token, refuse_rehearsal
 from gateway.http.patch import patched, read_patch
 from gateway.http.preconditions import present_under_preconditions
-from gateway.http.rights import tree_of
+from gateway.http.request import Request
 from gateway.rdf.unused import shown
 from gateway.rdf.vocabulary import LF
 from gateway.resources.action_body import Body
-from gateway.resources.affordance import Control, PutSetting
+from gateway.resources.affordance import FORM_TYPES, Control, PutSetting
 from gateway.resources.paths import lease_path
 from gateway.resources.resource import Resource
 from gateway.resources.setting import Setting, judged
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
 MAX_ANNOTATION_TRIPLES = 256
 
 
-async def control(request: Request, afforded: Control, base: str) -> Response:
+async def control(request: Request, afforded: Control) -> Response:
     """PUT takes or renews the lease and answers with its ``Lock-Token``; DELETE releases it with that token."""
     memory = _memory(request)
     refuse_rehearsal(request)
@@ -41,13 +40,13 @@ async def control(request: Request, afforded: Control, base: str) -> Response:
         if not await memory.release(robot, token):
             raise NotFound("Nobody has control at present.")
         return Response(status_code=204)
-    iri = base + lease_path(robot.name)
+    iri = request.base + lease_path(robot.name)
     media_type = body_type(request)
-    lease = tree_of(request, base).resolve(lease_path(robot.name))
-    present = shown(lease.whole(base)) if isinstance(lease, Resource) else frozenset()
+    lease = request.tree().resolve(lease_path(robot.name))
+    present = shown(lease.whole(request.base)) if isinstance(lease, Resource) else frozenset()
 
     def read(content: bytes) -> Body:
-        return judged(parse_body(content, media_type, iri, base), LF.ControlLeaseInput, iri, present)
+        return judged(parse_body(content, media_type, iri, request.base), LF.ControlLeaseInput, iri, present)
 
     body = await read_as(request, read)
     holder, duration_s = body.text(body.root, LF.holder), body.number(body.root, LF.leaseDuration)
@@ -57,45 +56,47 @@ async def control(request: Request, afforded: Control, base: str) -> Response:
 
 
 def _memory(request: Request) -> Memory:
-    actions: Actions = request.app.state.actions
+    actions: Actions = request.services.actions
     return actions.memory
 
 
-async def put_setting(request: Request, afforded: PutSetting, base: str) -> Response:
+async def put_setting(request: Request, afforded: PutSetting) -> Response:
     memory = _memory(request)
     refuse_rehearsal(request)
     setting = afforded.setting
-    change = await _change(request, setting, base)
+    change = await _change(request, setting)
     while True:
         # Each time, because the value may have changed while the body was on its way, or at another gateway.
-        present = await present_under_preconditions(request, lambda: tree_of(request, base).resolve(setting.path), base)
+        present = await present_under_preconditions(request, lambda: request.tree().resolve(setting.path))
         assert present is not None  # no robot is forgotten while its settings are written
         if await memory.configure(setting.robot, setting.name, change(present), lock_token(request)):
             return Response(status_code=204)
 
 
-async def _change(request: Request, setting: Setting, base: str) -> Callable[[Resource], str | None]:
+async def _change(request: Request, setting: Setting) -> Callable[[Resource], str | None]:
     """Return the function from the present resource to the value to store; None clears the setting."""
     if request.method == "DELETE":
         return lambda present: None
     if request.method == "PUT":
-        triples = await _read_setting(request, setting, base)
-        return lambda present: setting.admit(triples, base, shown(present.whole(base)))
-    iri = base + setting.path
+        triples = await _read_setting(request, setting)
+        return lambda present: setting.admit(triples, request.base, shown(present.whole(request.base)))
+    iri = request.base + setting.path
     update = await read_patch(request, iri)
 
     def patch(present: Resource) -> str:
-        after = patched(update, present, base, lambda described: setting.managed(described, base))
-        return setting.admit(after, base, shown(present.whole(base)))
+        after = patched(update, present, request.base, lambda described: setting.managed(described, request.base))
+        return setting.admit(after, request.base, shown(present.whole(request.base)))
 
     return patch
 
 
-async def _read_setting(request: Request, setting: Setting, base: str) -> list[Triple]:
-    iri, shape = base + setting.path, setting.shape
+async def _read_setting(request: Request, setting: Setting) -> list[Triple]:
+    iri, shape = request.base + setting.path, setting.shape
     if shape is None:
         media_type = body_type(request)
-        return await read_as(request, lambda body: parse_body(body, media_type, iri, base, MAX_ANNOTATION_TRIPLES))
+        return await read_as(
+            request, lambda body: parse_body(body, media_type, iri, request.base, MAX_ANNOTATION_TRIPLES)
+        )
 
     def form() -> "Form":
         from gateway.resources.json_form import form_of
@@ -103,4 +104,4 @@ async def _read_setting(request: Request, setting: Setting, base: str) -> list[T
         return form_of(shape)
 
     media_type = body_type(request, FORM_TYPES)
-    return await read_as(request, lambda body: parse_form(body, media_type, iri, base, form))
+    return await read_as(request, lambda body: parse_form(body, media_type, iri, request.base, form))

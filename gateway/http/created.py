@@ -2,18 +2,31 @@
 
 from starlette.responses import Response
 
-from gateway.http.representation import Representation
+from gateway.base.errors import NotAcceptable
+from gateway.http.fields import field
+from gateway.http.negotiation import choose
+from gateway.http.request import Request
 from gateway.resources.resource import Resource
 
 
-def created(resource: Resource, representation: Representation, base: str) -> Response:
-    """201 with Location and the description (RFC 9110, 15.3.2)."""
+def created(request: Request, resource: Resource, accept: str | None = None) -> Response:
+    """201 with Location and the description (RFC 9110, 15.3.2); ``accept`` stands for the field of the request."""
+    accept = accept or field(request, "accept")
+    representation = request.services.representations.negotiated(accept, resource, request.base)
+    location = request.base + resource.path
     headers = {
-        "location": base + resource.path,
-        "content-location": base + resource.path,
+        "location": location,
+        "content-location": location,
         "content-type": representation.content_type,
         "etag": representation.etag,
         "cache-control": "no-store",
         "vary": "Accept",
     }
     return Response(representation.body, 201, headers)
+
+
+def check_accepted(request: Request) -> None:
+    """Refuse, before anything is made, a request whose client could not read its description: NotAcceptable."""
+    offered = request.services.representations.media_types
+    if choose(field(request, "accept"), offered) is None:
+        raise NotAcceptable(f"Available here: {', '.join(offered)}.", offered=offered)

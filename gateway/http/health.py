@@ -1,26 +1,13 @@
 """Liveness and readiness of a gateway, and what its operator should know besides."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any
 
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
+from gateway.http.request import Gateway, gateway_of
 from gateway.runtime.damaged_data import statement
 from gateway.runtime.embedded_redis import Embedded
-
-
-@dataclass
-class Readiness:
-    """The memory of a gateway from which it tells that it is ready."""
-
-    draining: bool = False
-    """It ends when the work under way is done."""
-    has_been_ready: bool = False
-
-
-PREPARING = "the shapes of robots are being prepared for the check of their motions"
 
 
 async def live(request: Request) -> Response:
@@ -34,29 +21,27 @@ async def ready(request: Request) -> Response:
     Two states are warnings, because the gateway serves everything, ``stop`` above all: damaged data of the embedded
     server, and shapes that are prepared for a robot which joins a gateway that has been ready before.
     """
-    state = request.app.state
-    readiness: Readiness = state.readiness
-    missing, warnings = list(_missing(state)), [warning for warning in (store_warning(state),) if warning]
-    if not missing and not state.world.checks.prepared:
-        (warnings if readiness.has_been_ready else missing).append(PREPARING)
+    gateway = gateway_of(request.scope)
+    missing = list(_missing(gateway))
+    warnings = [warning for warning in (store_warning(gateway.services.embedded),) if warning]
+    if not missing:
+        (warnings if gateway.has_been_ready else missing).extend(gateway.services.unprepared())
     more = {"warnings": warnings} if warnings else {}
     if missing:
         return JSONResponse({"status": "not ready", "reasons": missing, **more}, 503)
-    readiness.has_been_ready = True
+    gateway.has_been_ready = True
     return JSONResponse({"status": "ready", **more})
 
 
-def store_warning(state: Any) -> str:
+def store_warning(embedded: Embedded | None) -> str:
     """One sentence about data that the embedded server could not load; empty if there are none."""
-    embedded: Embedded | None = state.embedded
     return "" if embedded is None else statement(embedded.set_aside)
 
 
-def _missing(state: Any) -> Iterator[str]:
-    """``state`` is that of the application."""
-    if state.readiness.draining:
+def _missing(gateway: Gateway) -> Iterator[str]:
+    if gateway.draining:
         yield "the gateway is ending"
-    if not state.live.link.joined:
+    if not gateway.services.live.link.joined:
         yield "no robot, router or other gateway is connected by Zenoh"
-    if not state.subscriptions.store_answers:
+    if not gateway.services.subscriptions.store_answers:
         yield "Redis does not answer"

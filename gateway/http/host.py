@@ -4,12 +4,13 @@ And whose page asks: that of another site neither does anything here nor listens
 """
 
 import re
-from collections.abc import Awaitable, Callable, Mapping, MutableMapping
+from collections.abc import Awaitable, Callable, MutableMapping
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
 from gateway.base.errors import BadRequest, FleetError, ForeignOrigin, MisdirectedRequest
 from gateway.http.problem import problem
+from gateway.http.request import html_of
 
 Scope = MutableMapping[str, Any]
 Message = MutableMapping[str, Any]
@@ -31,10 +32,8 @@ class Authorities:
     ``pages`` are origins of other sites' pages that may ask too; ``scope["state"]["elsewhere"]`` is whether one does.
     """
 
-    def __init__(
-        self, app: App, public_urls: tuple[str, ...], prefixes: Mapping[str, str], pages: tuple[str, ...] = ()
-    ) -> None:
-        self.app, self.prefixes = app, prefixes
+    def __init__(self, app: App, public_urls: tuple[str, ...], pages: tuple[str, ...] = ()) -> None:
+        self.app = app
         self._bases: dict[tuple[str, int], str] = {}
         for url in public_urls:
             parts = urlsplit(url)
@@ -55,7 +54,7 @@ class Authorities:
         try:
             base, elsewhere = self._base(scope, hosts), self._is_elsewhere(scope)
         except FleetError as error:
-            await refuse(error, scope, send, self.prefixes)
+            await refuse(error, scope, send)
             return
         scope.setdefault("state", {}).update(base=base, elsewhere=elsewhere)
         await self.app(scope, receive, send)
@@ -87,10 +86,10 @@ class Authorities:
         return not origins <= self._origins
 
 
-async def refuse(error: FleetError, scope: Scope, send: Send, prefixes: Mapping[str, str]) -> None:
+async def refuse(error: FleetError, scope: Scope, send: Send) -> None:
     """Answer with a problem before anything else has looked at the request."""
     accept = b", ".join(value for name, value in scope["headers"] if name == b"accept").decode("latin-1")
-    body, fields = problem(error, accept or None, None, prefixes)
+    body, fields = problem(error, accept or None, html=html_of(scope))
     if scope["type"] == "websocket" and "websocket.http.response" not in scope.get("extensions", {}):
         await send({"type": "websocket.close", "code": 1008})  # the server can only answer 403
         return

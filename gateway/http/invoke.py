@@ -9,7 +9,6 @@ from hashlib import blake2b
 from typing import TYPE_CHECKING
 
 from pyoxigraph import NamedNode, Triple
-from starlette.requests import Request
 from starlette.responses import Response
 
 from gateway.actions.action_request import Asked, moment_of
@@ -20,14 +19,15 @@ from gateway.actions.plan import Halt, Later, Moment, Motion
 from gateway.actions.service import Actions, Rehearsed
 from gateway.base.errors import AgentSilent, BadRequest, Collides, NotAcceptable, UnprocessableContent
 from gateway.fleet.invocations import Invocation
-from gateway.http.body import FORM_TYPES, body_type, parse_form, read_as
+from gateway.http.body import body_type, parse_form, read_as
 from gateway.http.fields import field
 from gateway.http.negotiation import choose
 from gateway.http.prefer import Prefer, parse_prefer
-from gateway.http.representation import Representation, negotiated
-from gateway.http.rights import caller_of, name_of, tree_of
+from gateway.http.representation import Representation
+from gateway.http.request import Request
 from gateway.identity.rights import Right
 from gateway.rdf.graph import Graph
+from gateway.rdf.serialise import JSON
 from gateway.rdf.shacl_validator import reachable
 from gateway.rdf.unused import Terms, refuse, shown, unused
 from gateway.rdf.validation import root
@@ -35,9 +35,8 @@ from gateway.rdf.vocabulary import LF
 from gateway.resources.access_filter import InvocationsInView
 from gateway.resources.action_body import Body, written
 from gateway.resources.action_offer import Offer
-from gateway.resources.affordance import EndInvocation, Invoke, PutTarget
+from gateway.resources.affordance import FORM_TYPES, EndInvocation, Invoke, PutTarget
 from gateway.resources.invocation import describe_rehearsal, invocation_path
-from gateway.resources.plain_json import JSON
 from gateway.resources.resource import Resource
 from gateway.runtime.request_context import step, traced
 from gateway.subscriptions.live import Live
@@ -53,35 +52,35 @@ _KEY = re.compile(r'"([\x20\x21\x23-\x5b\x5d-\x7e]{1,255})"|([!-~]{1,255})')
 _TOKEN = re.compile(r"<?(urn:uuid:[0-9a-f-]{36})>?")
 
 
-async def invoke(request: Request, afforded: Invoke, base: str) -> Response:
+async def invoke(request: Request, afforded: Invoke) -> Response:
     """204 with Location; 201 with the invocation by Prefer: return=representation, 202 by respond-async or wait."""
     offer, moment = afforded.offer, moment_of(afforded.offer.robot)
     _trace(offer, f"actions/{offer.definition.segment}")
     if not offer.takes_body:
-        return await _halt(request, offer, base)
-    prefer = _prefer(request, offer, base)
-    read = partial(_read_input, offer, body_type(request, FORM_TYPES), base)
+        return await _halt(request, offer)
+    prefer = _prefer(request, offer)
+    read = partial(_read_input, offer, body_type(request, FORM_TYPES), request.base)
     admitted = await read_as(request, read, MAX_BODY_BYTES)
-    return await _carry_out(request, offer, admitted, moment, prefer, base)
+    return await _carry_out(request, offer, admitted, moment, prefer)
 
 
-async def put_target(request: Request, afforded: PutTarget, base: str) -> Response:
+async def put_target(request: Request, afforded: PutTarget) -> Response:
     """A joint's target as a property: its ``lf:value`` is what the action takes (R0.5)."""
     offer, moment = afforded.offer, moment_of(afforded.offer.robot)
-    iri = base + request.scope["path"]
+    iri = request.base + request.scope["path"]
     _trace(offer, iri.rpartition("/")[2])
-    prefer = _prefer(request, offer, base)
-    present = tree_of(request, base).resolve(request.scope["path"])
-    seen = shown(present.whole(base)) if isinstance(present, Resource) else frozenset[Triple]()
-    read = partial(_read_target, offer, body_type(request, FORM_TYPES), iri, base, seen)
+    prefer = _prefer(request, offer)
+    present = request.tree().resolve(request.scope["path"])
+    seen = shown(present.whole(request.base)) if isinstance(present, Resource) else frozenset[Triple]()
+    read = partial(_read_target, offer, body_type(request, FORM_TYPES), iri, request.base, seen)
     admitted = await read_as(request, read, MAX_BODY_BYTES)
-    return await _carry_out(request, offer, admitted, moment, prefer, base)
+    return await _carry_out(request, offer, admitted, moment, prefer)
 
 
-async def end_invocation(request: Request, afforded: EndInvocation, base: str) -> Response:
+async def end_invocation(request: Request, afforded: EndInvocation) -> Response:
     """Cancel it, or stop and remove it; by whoever may, not only by who began it."""
     refuse_rehearsal(request)
-    actions: Actions = request.app.state.actions
+    actions: Actions = request.services.actions
     if afforded.keep:
         await actions.cancel(afforded.invocation)
     else:
@@ -91,7 +90,7 @@ async def end_invocation(request: Request, afforded: EndInvocation, base: str) -
 
 def caller(request: Request, body: str = "", digest: str = "") -> Caller:
     """Who asks; BadRequest for an Idempotency-Key or Lock-Token that is none."""
-    return Caller(name_of(request), lock_token(request), _key(request), digest, body, sees=caller_of(request).sees)
+    return Caller(request.caller_name, lock_token(request), _key(request), digest, body, sees=request.caller.sees)
 
 
 def _trace(offer: Offer, end: str) -> None:
@@ -129,16 +128,16 @@ def _key(request: Request) -> str:
     if match is None:
         raise BadRequest("Idempotency-Key is one string of at most 255 visible characters.")
     # Two who happen to choose the same key mean two things.
-    name, key = caller_of(request).name, match[1] or match[2]
+    name, key = request.caller.name, match[1] or match[2]
     return f"{name} {key}" if name else key
 
 
-def _prefer(request: Request, offer: Offer, base: str) -> Prefer:
+def _prefer(request: Request, offer: Offer) -> Prefer:
     """What the client would like; NotAcceptable before the motion or never."""
     prefer = parse_prefer(field(request, "prefer"))
     if prefer.dry_run or (prefer.return_ == "representation" and choose(field(request, "accept"), (JSON,)) is None):
         # As negotiable as the answer will be, but that an invocation is to be had in plain JSON too.
-        _show(request, offer.path, base)
+        _show(request, offer.path)
     return prefer
 
 
@@ -190,37 +189,39 @@ def _target_form(offer: Offer, base: str) -> "Form":
     return form_of_target(offer, base)
 
 
-async def _halt(request: Request, offer: Offer, base: str) -> Response:
+async def _halt(request: Request, offer: Offer) -> Response:
     """Nothing that a field says wrongly keeps a robot from being stopped."""
-    actions: Actions = request.app.state.actions
+    actions: Actions = request.services.actions
     prefer = parse_prefer(field(request, "prefer"))
-    plan = HANDLERS[offer.definition.iri](Asked(base, Body((), NamedNode(base + offer.path)), offer.robot, offer.joint))
+    plan = HANDLERS[offer.definition.iri](
+        Asked(request.base, Body((), NamedNode(request.base + offer.path)), offer.robot, offer.joint)
+    )
     assert isinstance(plan, Halt)
-    stops = caller_of(request).over(Right.STOP)
+    stops = request.caller.over(Right.STOP)
     if prefer.dry_run:
-        return _rehearsal(request, offer, plan, await actions.rehearse_halt(plan, stops), base)
-    with _located(base):
-        invocation = await actions.halt(offer.path, plan, Caller(name_of(request), stops=stops))
+        return _rehearsal(request, offer, plan, await actions.rehearse_halt(plan, stops))
+    with _located(request.base):
+        invocation = await actions.halt(offer.path, plan, Caller(request.caller_name, stops=stops))
     with suppress(NotAcceptable):
-        return await _answer(request, invocation, prefer, base)
-    return await _answer(request, invocation, replace(prefer, return_=None), base)
+        return await _answer(request, invocation, prefer)
+    return await _answer(request, invocation, replace(prefer, return_=None))
 
 
 async def _carry_out(
-    request: Request, offer: Offer, admitted: _Admitted, moment: Moment | None, prefer: Prefer, base: str
+    request: Request, offer: Offer, admitted: _Admitted, moment: Moment | None, prefer: Prefer
 ) -> Response:
-    actions: Actions = request.app.state.actions
+    actions: Actions = request.services.actions
     asking = caller(request, admitted.written, _digest(request, admitted.content))
     with step("plan"):
-        plan = HANDLERS[offer.definition.iri](Asked(base, admitted.body, offer.robot, offer.joint, moment))
+        plan = HANDLERS[offer.definition.iri](Asked(request.base, admitted.body, offer.robot, offer.joint, moment))
         if isinstance(plan, Later):
             plan = await actions.compute(plan)
     assert isinstance(plan, Motion)  # what takes a body moves
-    with _located(base):
+    with _located(request.base):
         if prefer.dry_run:
-            return _rehearsal(request, offer, plan, await actions.rehearse(plan, asking), base)
+            return _rehearsal(request, offer, plan, await actions.rehearse(plan, asking))
         invocation = await actions.start(offer.path, plan, asking)
-    return await _answer(request, invocation, prefer, base)
+    return await _answer(request, invocation, prefer)
 
 
 @contextmanager
@@ -237,14 +238,14 @@ def _located(base: str) -> Iterator[None]:
         raise
 
 
-async def _answer(request: Request, invocation: Invocation, prefer: Prefer, base: str) -> Response:
-    status, applied = await _outcome(request.app.state.actions, invocation, prefer)
-    location = base + invocation_path(invocation)
+async def _answer(request: Request, invocation: Invocation, prefer: Prefer) -> Response:
+    status, applied = await _outcome(request.services.actions, invocation, prefer)
+    location = request.base + invocation_path(invocation)
     headers = {"location": location, "cache-control": "no-store", "vary": "Accept, Prefer"}
     content = b""
     if prefer.return_ == "representation":
         applied.append("return=representation")
-        shown = _show(request, invocation_path(invocation), base)
+        shown = _show(request, invocation_path(invocation))
         content, status = shown.body, 201 if status == 204 else status
         headers |= {"content-type": shown.content_type, "content-location": location}
     if applied:
@@ -252,25 +253,28 @@ async def _answer(request: Request, invocation: Invocation, prefer: Prefer, base
     return Response(content, status, headers)
 
 
-def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt, rehearsed: Rehearsed, base: str) -> Response:
-    live: Live = request.app.state.live
-    seen = InvocationsInView(live.invocations, caller_of(request).sees)
+def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt, rehearsed: Rehearsed) -> Response:
+    live: Live = request.services.live
+    seen = InvocationsInView(live.invocations, request.caller.sees)
     known = [each for each in map(seen.get, rehearsed.preempts) if each is not None]
     targets, facts = ({}, {}) if isinstance(plan, Halt) else (plan.targets, plan.facts)
     free = None if isinstance(plan, Halt) else rehearsed.free
 
     def describe(graph: Graph) -> None:
-        describe_rehearsal(graph, base, offer.path, offer.robot, targets, facts, rehearsed.duration_s, known, free)
+        describe_rehearsal(
+            graph, request.base, offer.path, offer.robot, targets, facts, rehearsed.duration_s, known, free
+        )
 
-    shown = negotiated(field(request, "accept"), Resource(offer.path, f"Rehearsal of {offer.name}", describe, ()), base)
+    rehearsal = Resource(offer.path, f"Rehearsal of {offer.name}", describe, ())
+    shown = request.services.representations.negotiated(field(request, "accept"), rehearsal, request.base)
     headers = {"content-type": shown.content_type, "cache-control": "no-store", "vary": "Accept, Prefer"}
     return Response(shown.body, 200, headers | {"preference-applied": "dry-run"})
 
 
-def _show(request: Request, path: str, base: str) -> Representation:
-    found = tree_of(request, base).resolve(path)
+def _show(request: Request, path: str) -> Representation:
+    found = request.tree().resolve(path)
     assert isinstance(found, Resource)
-    return negotiated(field(request, "accept"), found, base)
+    return request.services.representations.negotiated(field(request, "accept"), found, request.base)
 
 
 async def _outcome(actions: Actions, invocation: Invocation, prefer: Prefer) -> tuple[int, list[str]]:

@@ -2,10 +2,9 @@
 
 import re
 
-from starlette.requests import Request
-
 from gateway.base.errors import UnprocessableContent
 from gateway.http.fields import field, parameters, split
+from gateway.http.request import Request
 from gateway.rdf.vocabulary import LDP
 from gateway.resources.resource import Resource
 

@@ -4,10 +4,12 @@ Outside of the tree and under reserved names, so that no robot can be called lik
 probes a gateway asks it by its own address, which is no public URL of the fleet.
 """
 
+import asyncio
 import time
 from collections.abc import Awaitable, Callable
 from functools import partial
 
+from prometheus_client.exposition import CONTENT_TYPE_PLAIN_0_0_4, generate_latest
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
@@ -17,8 +19,8 @@ from gateway.base.errors import FleetError, InsufficientScope
 from gateway.http.callers import by_token
 from gateway.http.health import live, ready
 from gateway.http.problem import problem
+from gateway.http.request import gateway_of, html_of
 from gateway.identity.rights import Right
-from gateway.rdf.vocabulary import PREFIXES
 from gateway.runtime.counters import Requests
 from gateway.runtime.request_context import begin
 from gateway.runtime.tracing import Tracing
@@ -34,12 +36,12 @@ Page = Callable[[Request], Awaitable[Response]]
 class Front:
     """ASGI middleware, the outermost: gives each request its id, counts and traces it; operators are just answered."""
 
-    def __init__(self, app: ASGIApp, metrics: Page, requests: Requests, tracing: Tracing | None = None) -> None:
+    def __init__(self, app: ASGIApp, requests: Requests, tracing: Tracing | None = None) -> None:
         self.app, self._requests, self._tracing = app, requests, tracing
         self._pages: dict[str, Page] = {
             "/health/live": partial(_answer, live),
             "/health/ready": partial(_answer, ready),
-            "/metrics": _for_administrators(partial(_answer, metrics)),
+            "/metrics": _for_administrators(partial(_answer, _metrics)),
         }
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -63,9 +65,6 @@ class Front:
                 if asked.trace is not None:
                     asked.trace.answered(message["status"])
                 message.setdefault("headers", [])
-                answered = scope.get("state", {}).get("answered")
-                if answered is not None:
-                    answered(message["status"], message["headers"])
                 MutableHeaders(scope=message).append(REQUEST_ID, asked.id)
             await send(message)
 
@@ -81,6 +80,12 @@ class Front:
                 asked.trace = None  # contexts that were inherited live longer
 
 
+async def _metrics(request: Request) -> Response:
+    """All numbers as text. It is put together in a thread: of ten thousand robots it is a megabyte."""
+    text = await asyncio.to_thread(generate_latest, gateway_of(request.scope).services.registry)
+    return Response(text, headers={"content-type": CONTENT_TYPE_PLAIN_0_0_4})
+
+
 def _for_administrators(metrics: Page) -> Page:
     """The numbers name all robots: where there are identities, they are for who may administer all of them.
 
@@ -88,14 +93,14 @@ def _for_administrators(metrics: Page) -> Page:
     """
 
     async def admitted(request: Request) -> Response:
-        identities = getattr(request.app.state, "identities", None)
+        identities = gateway_of(request.scope).services.identities
         if identities is not None:
             try:
                 caller = await by_token(identities, request.headers)
                 if not caller.may(Right.ADMIN, None):
                     raise InsufficientScope("The numbers are for who may administer all robots.", scope=Right.ADMIN)
             except FleetError as error:
-                body, headers = problem(error, request.headers.get("accept"), None, PREFIXES)
+                body, headers = problem(error, request.headers.get("accept"), html=html_of(request.scope))
                 return Response(body, error.status, headers)
         return await metrics(request)
 

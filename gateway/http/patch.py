@@ -3,10 +3,10 @@
 from collections.abc import Callable, Iterable, Sequence
 
 from pyoxigraph import Triple
-from starlette.requests import Request
 
 from gateway.base.errors import BadRequest, UnsupportedMediaType
 from gateway.http.body import body_type, read_as
+from gateway.http.request import Request
 from gateway.rdf.sparql_syntax import MAX_QUERY_BYTES
 from gateway.rdf.sparql_update import Operation, read_update, updated
 from gateway.rdf.unused import refuse

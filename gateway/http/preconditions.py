@@ -3,53 +3,51 @@
 import asyncio
 from collections.abc import Callable, Iterator
 
-from starlette.requests import Request
-
 from gateway.base.errors import PreconditionFailed
 from gateway.http.conditional import not_modified, precondition_holds
 from gateway.http.fields import field
-from gateway.http.representation import etags
+from gateway.http.request import Request
 from gateway.resources.affordance import EndInvocation, Invoke
 from gateway.resources.resource import Redirect, Resource
 
 
-def check_preconditions(request: Request, resource: Resource, base: str) -> None:
+def check_preconditions(request: Request, resource: Resource) -> None:
     """PreconditionFailed; never for what stops a robot. Renders up to every representation: not for the event loop."""
-    for _ in _checks(request, resource, base):
+    for _ in _checks(request, resource):
         pass
 
 
-async def await_preconditions(request: Request, resource: Resource, base: str) -> None:
+async def await_preconditions(request: Request, resource: Resource) -> None:
     """Check as ``check_preconditions`` does, in a turn of the event loop for each representation."""
-    for _ in _checks(request, resource, base):
+    for _ in _checks(request, resource):
         await asyncio.sleep(0)
 
 
 async def present_under_preconditions(
-    request: Request, resolve: Callable[[], Resource | Redirect | None], base: str
+    request: Request, resolve: Callable[[], Resource | Redirect | None]
 ) -> Resource | None:
     """The resource, whose preconditions hold for the state that it has when this returns; None where there is none."""
     while isinstance(resource := resolve(), Resource):
-        before = _version(request, resource, base)
-        await await_preconditions(request, resource, base)
-        if isinstance(now := resolve(), Resource) and _version(request, now, base) == before:
+        before = _version(request, resource)
+        await await_preconditions(request, resource)
+        if isinstance(now := resolve(), Resource) and _version(request, now) == before:
             return now
     return None
 
 
-def _version(request: Request, resource: Resource, base: str) -> str:
+def _version(request: Request, resource: Resource) -> str:
     conditional = field(request, "if-match") is not None or field(request, "if-none-match") is not None
-    return next(etags(resource, base), "") if conditional else ""
+    return next(request.services.representations.etags(resource, request.base), "") if conditional else ""
 
 
-def _checks(request: Request, resource: Resource, base: str) -> Iterator[None]:
+def _checks(request: Request, resource: Resource) -> Iterator[None]:
     """Yields after each representation whose entity tag did not decide yet."""
     wanted = field(request, "if-match")
     unwanted = None if request.method in ("GET", "HEAD", "OPTIONS") else field(request, "if-none-match")
     if (wanted is None and unwanted is None) or _stops(resource):
         return
     holds = False
-    for tag in etags(resource, base):
+    for tag in request.services.representations.etags(resource, request.base):
         if not_modified(unwanted, tag):
             raise PreconditionFailed("If-None-Match names the present state of the resource.")
         holds = holds or precondition_holds(wanted, {tag})
@@ -62,4 +60,4 @@ def _checks(request: Request, resource: Resource, base: str) -> Iterator[None]:
 
 def _stops(resource: Resource) -> bool:
     affords = resource.affords
-    return isinstance(affords, EndInvocation) or (isinstance(affords, Invoke) and not affords.takes_body)
+    return isinstance(affords, EndInvocation) or (isinstance(affords, Invoke) and not affords.offer.takes_body)

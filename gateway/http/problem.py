@@ -1,19 +1,19 @@
 """Problem details (RFC 9457): JSON unless the client would rather have RDF, with the SHACL report in either."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from gateway.base.errors import FleetError
-from gateway.extensions.pages.page import render as render_page
-from gateway.extensions.pages.policy import POLICY
+from gateway.http.html import HtmlWriter
 from gateway.http.negotiation import choose, parse_accept, weight
-from gateway.rdf.serialise import MEDIA_TYPES, render
-from gateway.rdf.vocabulary import DCTERMS, LF, RDF, SH, XSD
+from gateway.rdf.serialise import RDF_TYPES, render
+from gateway.rdf.vocabulary import DCTERMS, LF, PREFIXES, RDF, SH, XSD
 
 PROBLEM_JSON = "application/problem+json"
+HTML = "text/html"
 # RFC 9457 calls nothing like them; the names are those of the SHACL vocabulary without the word "result"
 _REPORTED = {
     SH.focusNode: "focusNode",
@@ -25,30 +25,29 @@ _REPORTED = {
 
 
 def problem(
-    error: FleetError, accept: str | None, instance: str | None, prefixes: Mapping[str, str]
+    error: FleetError, accept: str | None, instance: str | None = None, html: HtmlWriter | None = None
 ) -> tuple[bytes, dict[str, str]]:
-    """Body and header fields, those that the error itself brings included."""
-    body, content_type = problem_body(error, accept, instance, prefixes)
+    """Body and header fields, those that the error itself brings included; ``html`` writes pages, if there are any."""
+    body, content_type = problem_body(error, accept, instance, html)
     own = {name.lower(): value for name, value in error.headers.items()}
     headers = {"content-type": content_type, "vary": "Accept", "cache-control": "no-store"}
-    if content_type.startswith("text/html"):
-        headers |= {"content-security-policy": POLICY, "x-content-type-options": "nosniff"}
+    if html is not None and content_type.startswith(HTML):
+        headers |= {"content-security-policy": html.policy(forms=False), "x-content-type-options": "nosniff"}
     return body, headers | own
 
 
 def problem_body(
-    error: FleetError, accept: str | None, instance: str | None, prefixes: Mapping[str, str]
+    error: FleetError, accept: str | None, instance: str | None = None, html: HtmlWriter | None = None
 ) -> tuple[bytes, str]:
     """Body and content type. A client that accepts none of ours still gets JSON (RFC 9110, 15.5.7)."""
-    media_type = choose(_preferring_json(accept), (PROBLEM_JSON, *MEDIA_TYPES)) or PROBLEM_JSON
+    offered = (PROBLEM_JSON, *RDF_TYPES, *(() if html is None else (HTML,)))
+    media_type = choose(_preferring_json(accept), offered) or PROBLEM_JSON
     if media_type == PROBLEM_JSON:
         return _json(error, instance), PROBLEM_JSON
-    if media_type == "text/html":
-        members = {name: value for name, value in error.members.items() if value}
-        said = _report(error.report) if error.report else []
-        page = render_page("problem.html", error=error, instance=instance, members=members, report=said)
+    if media_type == HTML and html is not None:
+        page = html.write_problem(error, instance, _report(error.report) if error.report else [])
         return page, f"{media_type}; charset=utf-8"
-    body = render(_triples(error), media_type, prefixes, base=instance or "")
+    body = render(_triples(error), media_type, PREFIXES, base=instance or "")
     return body, f"{media_type}; charset=utf-8" if media_type.startswith("text/") else media_type
 
 

@@ -1,6 +1,5 @@
-"""The server's protocol class for HTTP: as uvicorn has it, with bounds of time, and what is answered at once."""
+"""The server's protocol class for HTTP: uvicorn's, with bounds of time and of connections."""
 
-import math
 import sys
 from asyncio.transports import Transport
 from collections.abc import Callable
@@ -13,7 +12,6 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from gateway.base.addresses import network_of
 from gateway.http.backpressure import STALL_S, Reader
 from gateway.http.framing import RefusedRequest, ServerConnection
-from gateway.http.repeats import Repeat, Repeats, repeatable
 from gateway.http.sockets import Sockets
 from gateway.http.timeouts import BODY_S, HEAD_S, MAX_HEAD_BYTES, Deadline
 from gateway.http.websocket_protocol import FAREWELL_S, WebSocketProtocol
@@ -26,8 +24,7 @@ _FULL = b"HTTP/1.1 503 Service Unavailable\r\nretry-after: 1\r\ncontent-length: 
 class HttpProtocol(H11Protocol):
     """HTTP/1.1 that an application can get hold of: ASGI alone neither aborts a connection nor tells of a shutdown.
 
-    Who does not say in time what it wants is cut off, and of ``sockets`` takes a place that others can have. What is
-    known of ``repeats`` is answered at once.
+    Who does not say in time what it wants is cut off, and of ``sockets`` takes a place that others can have.
     """
 
     stall_s = STALL_S
@@ -39,14 +36,9 @@ class HttpProtocol(H11Protocol):
     """Whether the server shuts down: what begins now has not been told."""
     reader: Reader
 
-    def __init__(
-        self, *arguments: Any, sockets: Sockets | None = None, repeats: Repeats | None = None, **named: Any
-    ) -> None:
+    def __init__(self, *arguments: Any, sockets: Sockets | None = None, **named: Any) -> None:
         super().__init__(*arguments, **named)
         self.conn: ServerConnection = ServerConnection(h11.SERVER, MAX_HEAD_BYTES)
-        self._repeats = repeats
-        self._said: bytes | None = None
-        self._repeated_s = -math.inf
         self._address = ""
         self._sockets = Sockets(sys.maxsize, sys.maxsize) if sockets is None else sockets
         self._deadline = Deadline(self._give_up)
@@ -69,9 +61,6 @@ class HttpProtocol(H11Protocol):
         self._sockets.close(self)
 
     def data_received(self, data: bytes) -> None:
-        self._said = data if repeatable(data) and self._is_free() else None
-        if self._said is not None and self._repeat(self._said):
-            return
         for first in range(0, len(data), MAX_HEAD_BYTES):  # more at once would be taken however long it is
             protocol = self.transport.get_protocol()
             if self.transport.is_closing():
@@ -83,42 +72,14 @@ class HttpProtocol(H11Protocol):
         self._begun = self.conn.their_state is h11.IDLE
         self._await_request()
 
-    def _is_free(self) -> bool:
-        """Whether nothing is under way or waits, so that what comes now is the beginning of a request."""
-        between = self.conn.our_state is h11.IDLE and self.conn.their_state is h11.IDLE
-        return between and not (self.ending or self.flow.write_paused or self.conn.trailing_data[0])
-
-    def _repeat(self, said: bytes) -> bool:
-        """Answer what was answered before, past the state machine, which has then seen neither."""
-        if self._repeats is None or self.transport.is_closing():
-            return False
-        answer = self._repeats.answer(said, self._address, self.server_state.default_headers)
-        if answer is None:
-            return False
-        self.transport.write(answer)
-        self.server_state.total_requests += 1
-        self._repeated_s = self.loop.time()
-        self._sockets.busy(self)
-        self._sockets.idle(self, self._give_way)
-        return True
-
-    def remember(self, repeat: Repeat) -> None:
-        """Keep what is being answered, if the client has said nothing but this one request."""
-        whole = self.conn.their_state is h11.DONE and not self.conn.trailing_data[0]
-        if self._repeats is not None and self._said is not None and whole:
-            self._repeats.keep(self._said, repeat)
-
     def timeout_keep_alive_handler(self) -> None:
-        left_s = self._repeated_s + self.timeout_keep_alive - self.loop.time()
-        if left_s <= 0 and self.reader.is_behind():  # on a slow line
-            left_s = self.timeout_keep_alive
-        if left_s > 0:
-            self.timeout_keep_alive_task = self.loop.call_later(left_s, self.timeout_keep_alive_handler)
+        if self.reader.is_behind():  # on a slow line
+            again = self.timeout_keep_alive_handler
+            self.timeout_keep_alive_task = self.loop.call_later(self.timeout_keep_alive, again)
         else:
             super().timeout_keep_alive_handler()
 
     def on_response_complete(self) -> None:
-        self._said = None  # of the next request that has been sent already
         super().on_response_complete()
         self._begun = False
         self._await_request()
@@ -155,10 +116,6 @@ class HttpProtocol(H11Protocol):
         return True
 
     def _give_up(self) -> None:
-        left_s = self._repeated_s + self.head_s - self.loop.time()
-        if left_s > 0 and self._is_free():
-            self._deadline.again(left_s)
-            return
         if self.reader.is_behind():
             self._deadline.again(self.head_s)
             return

@@ -12,7 +12,6 @@ from gateway.base.errors import TooManyRequests
 from gateway.http.host import refuse
 from gateway.http.stop_priority import URGENT
 from gateway.identity.rights import NOBODY, Identity
-from gateway.rdf.vocabulary import PREFIXES
 
 BURST_S = 10.0
 """What a client has not used is kept for so long."""
@@ -68,4 +67,4 @@ class Pace:
         if not wait_s:
             await self.app(scope, receive, send)
             return
-        await refuse(TooManyRequests(math.ceil(wait_s)), scope, send, PREFIXES)
+        await refuse(TooManyRequests(math.ceil(wait_s)), scope, send)

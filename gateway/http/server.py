@@ -7,10 +7,9 @@ from functools import partial
 from typing import Any
 
 import uvicorn
-from starlette.applications import Starlette
 
-from gateway.http.health import Readiness
 from gateway.http.protocol import HttpProtocol
+from gateway.http.request import Gateway
 from gateway.http.sockets import Sockets
 from gateway.http.timeouts import HEAD_S
 from gateway.http.tls import Certificate, secured
@@ -28,8 +27,8 @@ class Server(uvicorn.Server):
     raises them again after serving, which would cut the lifespan short.
     """
 
-    def __init__(self, app: Starlette, sockets: Sockets, certificate: Certificate | None = None) -> None:
-        http: Any = partial(HttpProtocol, sockets=sockets, repeats=app.state.repeats)
+    def __init__(self, app: Gateway, sockets: Sockets, certificate: Certificate | None = None) -> None:
+        http: Any = partial(HttpProtocol, sockets=sockets)
         config = uvicorn.Config(
             app, lifespan="off", log_config=None, access_log=False, server_header=False,
             proxy_headers=False,  # uvicorn would believe loopback; gateway.http.forwarded believes named fronts
@@ -46,12 +45,11 @@ class Server(uvicorn.Server):
 
     def leave(self, number: int) -> None:
         """Take no more work, and end when that under way is done; from now on the gateway is not ready."""
-        readiness: Readiness = self._app.state.readiness
-        readiness.draining = True
+        self._app.draining = True
         self.handle_exit(number, None)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        self._app.state.actions.waiting.hurry()
+        self._app.services.actions.waiting.hurry()
         await super().shutdown(sockets)
 
     @contextmanager

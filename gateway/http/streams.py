@@ -4,9 +4,7 @@ from collections.abc import Awaitable, Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 
-from starlette.requests import HTTPConnection, Request
 from starlette.types import Receive, Scope, Send
-from starlette.websockets import WebSocket
 
 from gateway.base.errors import Conflict, NotAcceptable
 from gateway.extensions.sessions.sealed_cookie import Session
@@ -14,15 +12,13 @@ from gateway.http.audit import note
 from gateway.http.event_stream import CANCELLED_ID, serve_event_stream
 from gateway.http.fields import field
 from gateway.http.negotiation import choose, parse_accept, weight
-from gateway.http.representation import preferred
-from gateway.http.rights import caller_of
+from gateway.http.request import Connection, Request, WebSocket
 from gateway.http.subscribe import new_subscription, observable_types, options, refusals, seen, subscription_link
 from gateway.http.websocket import BINARY_TYPES, serve_websocket
 from gateway.identity.service import Identities
-from gateway.rdf.serialise import JELLY, MEDIA_TYPES
+from gateway.rdf.serialise import JELLY, JSON
 from gateway.resources.binary_frames import FRAME_TYPES
 from gateway.resources.paths import robot_of
-from gateway.resources.plain_json import JSON
 from gateway.resources.properties import FRAME_MEDIA_TYPE
 from gateway.resources.resource import Resource
 from gateway.resources.subscription import Kind, Subscription
@@ -53,7 +49,8 @@ def wants_events(request: Request) -> bool:
     named = max((each.q for each in ranges if (each.type, each.subtype) == ("text", "event-stream")), default=0.0)
     if named == 0 or request.method not in ("GET", "HEAD"):
         return False
-    return named >= max(weight(ranges, media_type) for media_type in (*MEDIA_TYPES, *FRAME_TYPES, JSON))
+    ours = (*request.services.representations.media_types, *FRAME_TYPES, JSON)
+    return named >= max(weight(ranges, media_type) for media_type in ours)
 
 
 def is_over(request: Request) -> bool:
@@ -64,17 +61,15 @@ def is_over(request: Request) -> bool:
 class EventStream:
     """The answer to a GET that wants events; entered like any other response."""
 
-    def __init__(self, request: Request, resource: Resource, base: str) -> None:
-        self._subscriptions: Subscriptions = request.app.state.subscriptions
+    def __init__(self, request: Request, resource: Resource) -> None:
+        self._subscriptions: Subscriptions = request.services.subscriptions
         self._request, self._seen = request, seen(request)
         self._posted = resource.subscription
         if self._posted is not None:
             self._subscription = _opened(request, resource, Kind.EVENT_STREAM)
         else:
             media_type = _type_in_events(request, resource)
-            self._subscription = new_subscription(
-                request, resource, Kind.EVENT_STREAM, media_type, base, options(request)
-            )
+            self._subscription = new_subscription(request, resource, Kind.EVENT_STREAM, media_type, options(request))
         self._head = request.method == "HEAD"
 
     async def register(self) -> None:
@@ -97,15 +92,15 @@ class EventStream:
         await _live(self._request, self._subscription, self._seen, self._posted is not None, serve)
 
 
-async def open_websocket(websocket: WebSocket, resource: Resource, base: str) -> None:
+async def open_websocket(websocket: WebSocket, resource: Resource) -> None:
     """Serve a WebSocket on the resource (R0.15); refusals come before the handshake."""
-    subscriptions: Subscriptions = websocket.app.state.subscriptions
+    subscriptions: Subscriptions = websocket.services.subscriptions
     if resource.subscription is not None:
         subscription = _opened(websocket, resource, Kind.WEBSOCKET)
         _, subprotocol = _type_of_frames(websocket, (subscription.media_type,))
     else:
         media_type, subprotocol = _type_of_frames(websocket, observable_types(resource))
-        subscription = new_subscription(websocket, resource, Kind.WEBSOCKET, media_type, base, options(websocket))
+        subscription = new_subscription(websocket, resource, Kind.WEBSOCKET, media_type, options(websocket))
     async with refusals():
         await subscriptions.streams.register(subscription)
     headers = [(b"link", subscription_link(subscription).encode("latin-1"))]
@@ -117,14 +112,14 @@ async def open_websocket(websocket: WebSocket, resource: Resource, base: str) ->
 
 
 async def _live(
-    connection: HTTPConnection,
+    connection: Connection,
     subscription: Subscription,
     last: str | None,
     posted: bool,
     serve: Callable[[_Start], Awaitable[None]],
 ) -> None:
     """From the registration to the end of the connection, however it ends."""
-    subscriptions: Subscriptions = connection.app.state.subscriptions
+    subscriptions: Subscriptions = connection.services.subscriptions
     watcher: Watcher | None = None
 
     async def start(outlet: Outlet) -> Feed:
@@ -141,35 +136,35 @@ async def _live(
         subscriptions.streams.close(subscription, watcher, reopenable=posted)
 
 
-def _guarded(connection: HTTPConnection, subscription: Subscription) -> AbstractContextManager[None]:
+def _guarded(connection: Connection, subscription: Subscription) -> AbstractContextManager[None]:
     """End the stream as soon as its client may not have it any more."""
-    identities: Identities | None = connection.app.state.identities
+    identities: Identities | None = connection.services.identities
     if identities is None:
         return nullcontext()
-    subscriptions: Subscriptions = connection.app.state.subscriptions
+    subscriptions: Subscriptions = connection.services.subscriptions
     robot, id = robot_of(subscription.resource), subscription.id
     session: Session | None = getattr(connection.state, "session", None)
-    return identities.guarding(caller_of(connection), robot, lambda: subscriptions.streams.revoke(id), session)
+    return identities.guarding(connection.caller, robot, lambda: subscriptions.streams.revoke(id), session)
 
 
-def _opened(connection: HTTPConnection, resource: Resource, kind: Kind) -> Subscription:
+def _opened(connection: Connection, resource: Resource, kind: Kind) -> Subscription:
     """The subscription that was made by POST, on the connection that now opens it."""
     assert resource.subscription is not None
     subscription = resource.subscription.subscription
-    if subscription.creator != caller_of(connection).name:
+    if subscription.creator != connection.caller.name:
         raise Conflict("Only who made this subscription can open it.")
     if not subscription.kind.streams:
         raise Conflict("This is a callback subscription: its messages go to its receiver alone.")
     if kind is Kind.EVENT_STREAM and subscription.media_type in BINARY_TYPES:
         raise NotAcceptable("Binary messages cannot be sent as events; open a WebSocket.", offered=())
-    return replace(subscription, kind=kind, sees=caller_of(connection).sees.patterns)
+    return replace(subscription, kind=kind, sees=connection.caller.sees.patterns)
 
 
 def _type_in_events(request: Request, resource: Resource) -> str:
     """The type that Accept likes best beside event streams, or that ``?as=`` picks; Turtle when there is none."""
     offered = tuple(each for each in observable_types(resource) if each not in BINARY_TYPES)
     if (picked := request.query_params.get("as")) is not None:
-        media_type = preferred(None, picked)
+        media_type = request.services.representations.preferred(None, picked)
         if media_type not in offered:
             raise NotAcceptable(f"Messages are to be had in {', '.join(offered)}.", offered=offered)
         return media_type

@@ -9,7 +9,6 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 from urllib.parse import unquote
 
-from starlette.requests import HTTPConnection, Request
 from starlette.responses import Response
 
 from gateway.base.errors import (
@@ -22,13 +21,13 @@ from gateway.base.errors import (
     UnprocessableContent,
 )
 from gateway.http.body import body_type, parse_body, read_as
-from gateway.http.created import created
+from gateway.http.created import check_accepted, created
 from gateway.http.fields import field
 from gateway.http.links import Link, link_header
 from gateway.http.negotiation import choose
-from gateway.http.representation import negotiated
-from gateway.http.rights import caller_of, demand_all, name_of, tree_of
-from gateway.rdf.serialise import MEDIA_TYPES, RDF_TYPES
+from gateway.http.request import Connection, Request
+from gateway.http.rights import demand_all
+from gateway.rdf.serialise import RDF_TYPES
 from gateway.resources.affordance import ChangeSubscription, ResumeSubscription, Subscribe
 from gateway.resources.binary_frames import FRAME_TYPES, layout_path
 from gateway.resources.message import message_types
@@ -55,7 +54,7 @@ class Options:
     deadband: float = 0.0
 
 
-def options(connection: HTTPConnection) -> Options:
+def options(connection: Connection) -> Options:
     """The options in the query: ``depth``, ``interval`` (s), ``deadband`` (SI unit of the value); BadRequest."""
     query = connection.query_params
     for name, count in Counter(name for name, _ in query.multi_items()).items():
@@ -104,7 +103,7 @@ def _asks_upgrade_to(protocol: str, request: Request) -> bool:
     )
 
 
-async def subscribe_callback(request: Request, resource: Resource, base: str) -> Response:
+async def subscribe_callback(request: Request, resource: Resource) -> Response:
     """GET with ``Upgrade: callback``: 201 and the description of the new subscription (R0.16)."""
     offered = observable_types(resource)
     callbacks = request.headers.getlist("callback")
@@ -117,39 +116,39 @@ async def subscribe_callback(request: Request, resource: Resource, base: str) ->
     media_type = choose(field(request, "accept"), offered)
     if media_type is None:
         raise NotAcceptable(f"Messages are to be had in {', '.join(offered)}.", offered=offered)
-    subscription = new_subscription(request, resource, Kind.CALLBACK, media_type, base, options(request))
+    subscription = new_subscription(request, resource, Kind.CALLBACK, media_type, options(request))
     subscription = replace(subscription, callback=url)
     # Frames describe nothing: who wants nothing else gets the description in Turtle.
-    return await _create(request, subscription, base, media_type if media_type in MEDIA_TYPES else MEDIA_TYPES[0])
+    return await _create(request, subscription, media_type if media_type in RDF_TYPES else RDF_TYPES[0])
 
 
-async def post_subscription(request: Request, afforded: Subscribe, base: str) -> Response:
+async def post_subscription(request: Request, afforded: Subscribe) -> Response:
     """POST to a Subscriptions container: a callback, or a stream that is opened at its Location."""
     owner, media_type = afforded.owner, body_type(request)
-    accept = field(request, "accept")
-    if choose(accept, MEDIA_TYPES) is None:
-        raise NotAcceptable(f"Available here: {', '.join(MEDIA_TYPES)}.", offered=MEDIA_TYPES)
-    iri = base + container_path(owner)
+    check_accepted(request)
+    iri = request.base + container_path(owner)
     # Always in a thread: pySHACL judges it, which takes ten milliseconds for the shortest.
     wanted = await read_as(
-        request, lambda body: requested(parse_body(body, media_type, iri, base), iri, base), short_bytes=0
+        request,
+        lambda body: requested(parse_body(body, media_type, iri, request.base), iri, request.base),
+        short_bytes=0,
     )
-    resource = tree_of(request, base).resolve(unquote(wanted.resource[len(base) :]))
+    resource = request.tree().resolve(unquote(wanted.resource[len(request.base) :]))
     if not isinstance(resource, Resource):
-        raise _unprocessable(f"There is no resource at {wanted.resource}; browse from {base}/.", iri)
+        raise _unprocessable(f"There is no resource at {wanted.resource}; browse from {request.base}/.", iri)
     if not resource.observable:
         raise _unprocessable(f"{wanted.resource} cannot be subscribed to; its ETag says whether it has changed.", iri)
     if resource.owner != owner:
-        right = base + container_path(resource.owner)
+        right = request.base + container_path(resource.owner)
         raise _unprocessable(f"Subscriptions to {wanted.resource} are made at {right}.", iri)
-    return await _create(request, _from_body(request, wanted, resource, base, iri), base, None)
+    return await _create(request, _from_body(request, wanted, resource, iri), None)
 
 
-def _from_body(request: Request, wanted: Wanted, resource: Resource, base: str, iri: str) -> Subscription:
+def _from_body(request: Request, wanted: Wanted, resource: Resource, iri: str) -> Subscription:
     media_type = offered_type(resource, wanted.media_type, iri)
     asked = Options(wanted.depth, wanted.interval_s, wanted.deadband)
     kind = Kind.CALLBACK if wanted.callback else Kind.STREAM
-    subscription = new_subscription(request, resource, kind, media_type, base, asked)
+    subscription = new_subscription(request, resource, kind, media_type, asked)
     if not wanted.callback:
         return subscription
     try:
@@ -167,10 +166,10 @@ def offered_type(resource: Resource, wanted: str, iri: str) -> str:
     return media_type
 
 
-async def _create(request: Request, subscription: Subscription, base: str, media_type: str | None) -> Response:
+async def _create(request: Request, subscription: Subscription, media_type: str | None) -> Response:
     """201 with Location and description; ``media_type`` of the description where not Accept alone decides."""
-    subscriptions: Subscriptions = request.app.state.subscriptions
-    iri = base + container_path(subscription.owner)
+    subscriptions: Subscriptions = request.services.subscriptions
+    iri = request.base + container_path(subscription.owner)
     async with refusals():
         try:
             if subscription.kind is Kind.CALLBACK:
@@ -181,18 +180,18 @@ async def _create(request: Request, subscription: Subscription, base: str, media
         except Forbidden as error:
             raise _unprocessable(str(error), iri) from error
     path = subscription_path(subscription)
-    shown = tree_of(request, base, {subscription.owner: [record]}).resolve(path)
+    shown = request.tree({subscription.owner: [record]}).resolve(path)
     assert isinstance(shown, Resource)
-    return created(shown, negotiated(media_type or field(request, "accept"), shown, base), base)
+    return created(request, shown, media_type)
 
 
-async def cancel(request: Request, afforded: ChangeSubscription, base: str) -> Response:
-    subscriptions: Subscriptions = request.app.state.subscriptions
+async def cancel(request: Request, afforded: ChangeSubscription) -> Response:
+    subscriptions: Subscriptions = request.services.subscriptions
     return await _carried_out(subscriptions.cancel(afforded.record.subscription.id))
 
 
-async def resume(request: Request, afforded: ResumeSubscription, base: str) -> Response:
-    subscriptions: Subscriptions = request.app.state.subscriptions
+async def resume(request: Request, afforded: ResumeSubscription) -> Response:
+    subscriptions: Subscriptions = request.services.subscriptions
     if not subscriptions.callbacks.entitled(afforded.record.subscription):
         raise Conflict("The rights of its creator ended: it can only be deleted.")
     return await _carried_out(subscriptions.resume(afforded.record.subscription.id))
@@ -207,7 +206,7 @@ async def _carried_out(change: Awaitable[bool]) -> Response:
 
 
 def new_subscription(
-    connection: HTTPConnection, resource: Resource, kind: Kind, media_type: str, base: str, asked: Options
+    connection: Connection, resource: Resource, kind: Kind, media_type: str, asked: Options
 ) -> Subscription:
     demand_all(connection, resource.path, asked.depth)
     check_channel(resource, kind, media_type)
@@ -217,14 +216,14 @@ def new_subscription(
         resource=resource.path,
         kind=kind,
         media_type=media_type,
-        base=base,
-        client=name_of(connection),
+        base=connection.base,
+        client=connection.caller_name,
         created_ns=time.time_ns(),
         depth=asked.depth,
         interval_s=asked.interval_s,
         deadband=asked.deadband,
-        creator=caller_of(connection).name,
-        sees=caller_of(connection).sees.patterns,
+        creator=connection.caller.name,
+        sees=connection.caller.sees.patterns,
     )
 
 
@@ -244,7 +243,7 @@ def subscription_link(subscription: Subscription) -> str:
     return link_header(links, [])
 
 
-def seen(connection: HTTPConnection) -> str | None:
+def seen(connection: Connection) -> str | None:
     """The version that a client saw last: ``Last-Event-ID``, or ``last-event-id`` in the query for WebSockets."""
     return field(connection, "last-event-id") or connection.query_params.get("last-event-id")
 

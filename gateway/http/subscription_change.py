@@ -3,7 +3,6 @@
 from dataclasses import replace
 from functools import partial
 
-from starlette.requests import Request
 from starlette.responses import Response
 
 from gateway.base.errors import InsufficientScope, NotFound, UnprocessableContent
@@ -11,7 +10,8 @@ from gateway.http.invoke import refuse_rehearsal
 from gateway.http.offload import Offload
 from gateway.http.patch import patched, read_patch
 from gateway.http.preconditions import await_preconditions
-from gateway.http.rights import caller_of, demand_all, tree_of
+from gateway.http.request import Request
+from gateway.http.rights import demand_all
 from gateway.http.subscribe import cancel, check_channel, offered_type, refusals
 from gateway.identity.rights import Right
 from gateway.rdf.sparql_update import Operation
@@ -23,23 +23,23 @@ from gateway.resources.subscription_resource import container_path, subscription
 from gateway.subscriptions.service import Subscriptions
 
 
-async def change_subscription(request: Request, afforded: ChangeSubscription, base: str) -> Response:
+async def change_subscription(request: Request, afforded: ChangeSubscription) -> Response:
     """204: deleted, or changed."""
     if request.method == "DELETE":
-        return await cancel(request, afforded, base)
+        return await cancel(request, afforded)
     refuse_rehearsal(request)
-    subscriptions: Subscriptions = request.app.state.subscriptions
+    subscriptions: Subscriptions = request.services.subscriptions
     path = subscription_path(afforded.record.subscription)
-    update = await read_patch(request, base + path)
+    update = await read_patch(request, request.base + path)
     while True:
         # Each time, because another client may have changed it while the body was on its way.
         async with refusals():
             record = await subscriptions.record(afforded.record.subscription.id)
-        present = None if record is None else _described(request, record, base)
+        present = None if record is None else _described(request, record)
         if record is None or present is None:
             raise NotFound("The subscription has ended meanwhile.")
-        await await_preconditions(request, present, base)
-        options = await _options(request, update, record.subscription, present, base)
+        await await_preconditions(request, present)
+        options = await _options(request, update, record.subscription, present)
         if options == record.subscription.options:
             return Response(status_code=204)
         async with refusals():
@@ -47,41 +47,43 @@ async def change_subscription(request: Request, afforded: ChangeSubscription, ba
                 return Response(status_code=204)
 
 
-def _described(request: Request, record: Record, base: str) -> Resource | None:
+def _described(request: Request, record: Record) -> Resource | None:
     subscription = record.subscription
-    found = tree_of(request, base, {subscription.owner: [record]}).resolve(subscription_path(subscription))
+    found = request.tree({subscription.owner: [record]}).resolve(subscription_path(subscription))
     return found if isinstance(found, Resource) else None
 
 
 async def _options(
-    request: Request, update: list[Operation], subscription: Subscription, present: Resource, base: str
+    request: Request, update: list[Operation], subscription: Subscription, present: Resource
 ) -> Changeable:
     """The options after the update, which the client may have of this resource."""
-    iri, before = base + present.path, present.whole(base).triples
-    after = patched(update, present, base, lambda described: managed(described, iri))
-    offload: Offload = request.app.state.offload
+    iri, before = request.base + present.path, present.whole(request.base).triples
+    after = patched(update, present, request.base, lambda described: managed(described, iri))
+    offload: Offload = request.services.offload
     # Always in a thread, as bodies posted to the container: pySHACL judges it.
-    options = await offload.run(partial(changed, before, after, subscription, base), len(after), short=0)
+    options = await offload.run(partial(changed, before, after, subscription, request.base), len(after), short=0)
     if options.depth is not subscription.depth:
         _demand_depth(request, subscription, options.depth)
     if options.media_type == subscription.media_type:
         return options
-    return _in_type(request, subscription, options, base)
+    return _in_type(request, subscription, options)
 
 
 def _demand_depth(request: Request, subscription: Subscription, depth: Depth) -> None:
     """InsufficientScope for all below the fleet, which takes rights of its creator that are not known of another."""
     demand_all(request, subscription.resource, depth)
-    if subscription.resource == "/" and depth is Depth.SUBTREE and caller_of(request).name != subscription.creator:
+    if subscription.resource == "/" and depth is Depth.SUBTREE and request.caller.name != subscription.creator:
         raise InsufficientScope("Only its creator may have it cover the whole fleet.", scope=Right.SUBSCRIBE)
 
 
-def _in_type(request: Request, subscription: Subscription, options: Changeable, base: str) -> Changeable:
+def _in_type(request: Request, subscription: Subscription, options: Changeable) -> Changeable:
     """The options with a media type in which there are messages about the resource."""
-    container = base + container_path(subscription.owner)
-    resource = tree_of(request, base).resolve(subscription.resource)
+    container = request.base + container_path(subscription.owner)
+    resource = request.tree().resolve(subscription.resource)
     if not isinstance(resource, Resource):
-        detail = f"There is no resource at {base}{subscription.resource} at present: its media types are not known."
+        detail = (
+            f"There is no resource at {request.base}{subscription.resource} at present: its media types are not known."
+        )
         raise UnprocessableContent(detail, constraint=container)
     media_type = offered_type(resource, options.media_type, container)
     check_channel(resource, subscription.kind, media_type)

@@ -3,9 +3,9 @@
 import struct
 from collections.abc import Awaitable, Callable
 
-from starlette.websockets import WebSocket
 from websockets.frames import CloseCode, Opcode
 
+from gateway.http.request import WebSocket
 from gateway.http.websocket_protocol import WEBSOCKET, WebSocketProtocol
 from gateway.rdf.serialise import JELLY
 from gateway.resources.binary_frames import FRAME_TYPES

@@ -13,12 +13,12 @@ from gateway.rdf import jsonld, turtle
 from gateway.rdf.parsing import ParseError, parse
 from gateway.rdf.turtle_layout import TYPE, Outline, Term
 
-__all__ = ["JELLY", "MEDIA_TYPES", "RDF_TYPES", "TEXT_TYPES", "ParseError", "WriteError", "parse", "render"]
+__all__ = ["JELLY", "JSON", "RDF_TYPES", "TEXT_TYPES", "ParseError", "WriteError", "parse", "render"]
 
 JELLY = "application/x-jelly-rdf"
+JSON = "application/json"
 TEXT_TYPES = ("text/turtle", "application/ld+json", "application/n-triples", "application/rdf+xml")
 RDF_TYPES = (*TEXT_TYPES, JELLY)
-MEDIA_TYPES = (*RDF_TYPES, "text/html")
 
 _T = TypeVar("_T", bound=Term)
 

@@ -9,26 +9,42 @@ from typing import ClassVar, Protocol
 from gateway.fleet.invocations import Invocation
 from gateway.fleet.robot import Robot
 from gateway.identity.rights import Right
+from gateway.rdf.serialise import JSON, TEXT_TYPES
 from gateway.resources.action_offer import Offer
 from gateway.resources.setting import Setting
 from gateway.resources.subscription import Record
 
+BODY_TYPES = TEXT_TYPES
+"""Media types of RDF that bodies may have. Not Jelly: its parser raises any exception at bytes from strangers."""
+FORM_TYPES = (*BODY_TYPES, JSON)
+"""Media types of a body where a shape says which members an object in plain JSON has."""
+
 
 class Affordance(Protocol):
-    """What all of them tell. A wing of the tree brings its own, and what carries it out."""
+    """The attributes that all of them have. An extension brings its own, and the handler of it."""
 
     @property
     def methods(self) -> tuple[str, ...]: ...
 
     @property
-    def takes_body(self) -> bool: ...
+    def body_types(self) -> tuple[str, ...]:
+        """Media types of bodies that are taken; none if there is no body."""
 
     @property
-    def needs(self) -> tuple[Right, ...]: ...
+    def needs(self) -> tuple[Right, ...]:
+        """Rights of which one is needed."""
+
+    @property
+    def reads(self) -> bool:
+        """Return True if its methods are safe (RFC 9110, 9.2.1), whatever they are called."""
+
+
+class _Writes:
+    reads: ClassVar[bool] = False
 
 
 @dataclass(frozen=True)
-class Invoke:
+class Invoke(_Writes):
     """Run an action."""
 
     offer: Offer
@@ -38,22 +54,22 @@ class Invoke:
         return self.offer.methods
 
     @property
-    def takes_body(self) -> bool:
-        return self.offer.takes_body
+    def body_types(self) -> tuple[str, ...]:
+        return FORM_TYPES if self.offer.takes_body else ()
 
     @property
     def needs(self) -> tuple[Right, ...]:
         """What takes a body moves; the others stop."""
-        return (Right.ACT,) if self.takes_body else (Right.STOP,)
+        return (Right.ACT,) if self.offer.takes_body else (Right.STOP,)
 
 
 @dataclass(frozen=True)
-class EndInvocation:
+class EndInvocation(_Writes):
     """Stop an invocation, by deleting it, or by its own action ``cancel``, after which it stays."""
 
     invocation: Invocation
     keep: bool
-    takes_body: ClassVar[bool] = False
+    body_types: ClassVar[tuple[str, ...]] = ()
 
     @property
     def methods(self) -> tuple[str, ...]:
@@ -65,61 +81,64 @@ class EndInvocation:
 
 
 @dataclass(frozen=True)
-class PutSetting:
+class PutSetting(_Writes):
     """Replace the value of a property that clients may set, or take it back."""
 
     setting: Setting
-    takes_body: ClassVar[bool] = True
     needs: ClassVar[tuple[Right, ...]] = (Right.ADMIN,)
 
     @property
     def methods(self) -> tuple[str, ...]:
         return ("PUT", "PATCH", "DELETE") if self.setting.removable else ("PUT", "PATCH")
 
+    @property
+    def body_types(self) -> tuple[str, ...]:
+        return BODY_TYPES if self.setting.shape is None else FORM_TYPES
+
 
 @dataclass(frozen=True)
-class PutTarget:
+class PutTarget(_Writes):
     """Command a joint by its target property; the same motion as by ``offer``."""
 
     offer: Offer
     methods: ClassVar[tuple[str, ...]] = ("PUT",)
-    takes_body: ClassVar[bool] = True
+    body_types: ClassVar[tuple[str, ...]] = FORM_TYPES
     needs: ClassVar[tuple[Right, ...]] = (Right.ACT,)
 
 
 @dataclass(frozen=True)
-class Control:
+class Control(_Writes):
     """Take, renew or release the control lease of a robot."""
 
     robot: Robot
     methods: ClassVar[tuple[str, ...]] = ("PUT", "DELETE")
-    takes_body: ClassVar[bool] = True
+    body_types: ClassVar[tuple[str, ...]] = BODY_TYPES
     needs: ClassVar[tuple[Right, ...]] = (Right.ACT,)
 
 
 @dataclass(frozen=True)
-class Subscribe:
+class Subscribe(_Writes):
     """Make a subscription of the thing at ``owner``."""
 
     owner: str
     methods: ClassVar[tuple[str, ...]] = ("POST",)
-    takes_body: ClassVar[bool] = True
+    body_types: ClassVar[tuple[str, ...]] = BODY_TYPES
     needs: ClassVar[tuple[Right, ...]] = (Right.SUBSCRIBE,)
 
 
 @dataclass(frozen=True)
-class ChangeSubscription:
+class ChangeSubscription(_Writes):
     """Change the options of a subscription, or end it."""
 
     record: Record
     methods: ClassVar[tuple[str, ...]] = ("PATCH", "DELETE")
-    takes_body: ClassVar[bool] = True
+    body_types: ClassVar[tuple[str, ...]] = BODY_TYPES
     needs: ClassVar[tuple[Right, ...]] = (Right.SUBSCRIBE, Right.ADMIN)
 
 
 @dataclass(frozen=True)
-class ResumeSubscription:
+class ResumeSubscription(_Writes):
     record: Record
     methods: ClassVar[tuple[str, ...]] = ("POST",)
-    takes_body: ClassVar[bool] = False
+    body_types: ClassVar[tuple[str, ...]] = ()
     needs: ClassVar[tuple[Right, ...]] = (Right.SUBSCRIBE, Right.ADMIN)

@@ -17,7 +17,7 @@ from gateway.resources.properties import joint_properties, link_properties, robo
 from gateway.resources.property import Property, Seen
 
 _SECOND_NS = 1_000_000_000
-Wings = Iterable[tuple[NamedNode, str]]
+Links = Iterable[tuple[NamedNode, str]]
 
 
 class Describer:
@@ -31,15 +31,15 @@ class Describer:
 
     # -- the things -------------------------------------------------------------------------------------------------
 
-    def fleet(self, members: Mapping[str, Robot], wings: Wings, graph: Graph) -> None:
-        """``wings``: predicate and path of what the fleet has besides."""
+    def fleet(self, members: Mapping[str, Robot], links: Links, graph: Graph) -> None:
+        """``links``: predicate and path of what the fleet has besides."""
         root = self.iri("/")
         graph.a(root, HYBRIT.RoboticThing, LF.Fleet, LDP.BasicContainer, LDP.Container)
         graph.add(root, DCTERMS.title, Literal("Linked Fleet"))
         self._interface(graph, "/", LF.FleetShape)
         self._actions(graph, root, fleet_offers())
         graph.add(root, LF.vocabulary, self.iri("/vocabulary"))
-        for predicate, path in wings:
+        for predicate, path in links:
             graph.add(root, predicate, self.iri(path))
         robots = [robot for _, robot in sorted(members.items())]
         graph.add(root, LDP.contains, *(self.iri(robot_path(robot.name)) for robot in robots))
@@ -49,8 +49,8 @@ class Describer:
             graph.add(iri, DCTERMS.title, Literal(robot.title))
             self.presence(graph, iri, robot)
 
-    def robot(self, robot: Robot, tasks: Sequence[str], wings: Wings, graph: Graph) -> None:
-        """``tasks``: paths of the invocations that are under way; ``wings``: as of the fleet."""
+    def robot(self, robot: Robot, tasks: Sequence[str], links: Links, graph: Graph) -> None:
+        """``tasks``: paths of the invocations that are under way; ``links``: as of the fleet."""
         path = robot_path(robot.name)
         iri = self.iri(path)
         graph.a(iri, HYBRIT.RoboticThing, LF.Robot)
@@ -63,7 +63,7 @@ class Describer:
         self._actions(graph, iri, robot_offers(robot))
         graph.add(iri, LF.lease, self.iri(lease_path(robot.name)))
         graph.add(iri, LF.currentTask, *(self.iri(task) for task in tasks))
-        for predicate, other in wings:
+        for predicate, other in links:
             graph.add(iri, predicate, self.iri(other))
         self._annotations(graph, iri, robot)
         if robot.model is None or robot.description is None:

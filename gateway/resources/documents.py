@@ -1,4 +1,4 @@
-"""What the gateway itself has at the root: vocabulary, JSON-LD context, and the scripts and styles of its pages."""
+"""The documents that the gateway itself has at the root: vocabulary and JSON-LD context."""
 
 import json
 from collections.abc import Iterable
@@ -7,7 +7,6 @@ from itertools import chain
 
 from pyoxigraph import Literal, NamedNode, Triple
 
-from gateway.extensions.pages.assets import assets
 from gateway.rdf.graph import Graph
 from gateway.rdf.shapes import closure, load
 from gateway.rdf.vocabulary import DCTERMS, LDP, OWL, PREFIXES, RDF, RDFS
@@ -25,16 +24,6 @@ def context() -> Resource:
     content = json.dumps({"@context": PREFIXES}, indent=1).encode()
     document = {"application/ld+json": lambda: content}
     return Resource("/context", "JSON-LD context", None, (LDP.Resource,), documents=document)
-
-
-def asset(rest: list[str]) -> Resource | None:
-    """A script or style of the pages."""
-    found = assets().files.get("/".join(rest))
-    if found is None:
-        return None
-    media_type, content = found
-    path = "/assets/" + "/".join(rest)
-    return Resource(path, rest[-1], None, (LDP.Resource,), documents={media_type: lambda: content}, immutable=True)
 
 
 def describe_terms(base: str, graph: Graph) -> None:

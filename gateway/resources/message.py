@@ -2,7 +2,6 @@
 
 from pyoxigraph import NamedNode
 
-from gateway.extensions.things.documents import TD
 from gateway.rdf.serialise import RDF_TYPES, WriteError, render
 from gateway.rdf.vocabulary import PREFIXES
 from gateway.resources.resource import Resource
@@ -13,7 +12,7 @@ def message_types(resource: Resource) -> tuple[str, ...]:
     """Media types in which messages about ``resource`` can be had: no pages, and Turtle first (R1.2)."""
     if not resource.observable:
         return ()
-    return (*RDF_TYPES, *(each for each in resource.documents if each != TD))  # which says nothing that changes
+    return (*RDF_TYPES, *(each for each in resource.documents if each not in resource.constant))
 
 
 def message_body(resource: Resource, media_type: str, base: str, version: str, previous: str | None) -> bytes:

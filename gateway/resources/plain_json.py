@@ -17,11 +17,11 @@ from gateway.rdf.graph import Graph, Node, Term
 from gateway.rdf.json_input import load_json
 from gateway.rdf.parse_error import ParseError
 from gateway.rdf.parsing import MAX_LENGTH
+from gateway.rdf.serialise import JSON
 from gateway.rdf.vocabulary import LF, NUMERIC, XSD
 from gateway.resources.json_form import Field, Form, Json, Value, form_of
 from gateway.resources.resource import Resource
 
-JSON = "application/json"
 _MAX_DEPTH = 16
 _VALUES = 4  # for each triple that may be said
 

@@ -46,6 +46,8 @@ class Resource:
     parts: tuple[str, ...] = ()
     affords: Affordance | None = None
     documents: Mapping[str, Callable[[], bytes]] = field(default_factory=dict)
+    constant: frozenset[str] = frozenset()
+    """Media types of ``documents`` that are in no message, because no value stands in them."""
     remote: object | None = None
     linkset_of: "Resource | None" = None
     has_linkset: bool = False

@@ -8,7 +8,6 @@ from types import MappingProxyType
 
 from pyoxigraph import NamedNode
 
-from gateway.extensions.things.documents import of_thing
 from gateway.fleet.fleet import Fleet
 from gateway.fleet.invocations import FLEET, Invocations
 from gateway.fleet.model import Joint, Link
@@ -21,9 +20,9 @@ from gateway.resources.action_offer import Offer, fleet_offers, joint_offers, ro
 from gateway.resources.action_tree import in_actions, invocation_of
 from gateway.resources.affordance import Control
 from gateway.resources.binary_frames import frames_of, in_layout, is_framed, layout_path, related_layouts
+from gateway.resources.branches import NONE, Branches, Found, RequestView
 from gateway.resources.describe import Describer, part_paths
-from gateway.resources.documents import asset, context, vocabulary
-from gateway.resources.extension import NONE, Found, Sight, Wings
+from gateway.resources.documents import context, vocabulary
 from gateway.resources.geometry import in_geometry
 from gateway.resources.invocation import invocation_path
 from gateway.resources.joint_kinds import kind_of
@@ -65,7 +64,7 @@ class Tree:
         base: str,
         shelf: Shelf = EMPTY,
         sees: View = ALL,
-        wings: Wings = NONE,
+        branches: Branches = NONE,
         secured: bool = False,
     ) -> None:
         self._robots: Mapping[str, Robot] = fleet.robots if sees.all else RobotsInView(fleet.robots, sees)
@@ -73,8 +72,8 @@ class Tree:
         self._shelf = shelf
         self._say = Describer(base)
         self._base = base
-        self._wings = wings
-        self._sight = Sight(base, self._robots, self._invocations, sees, secured)
+        self._branches = branches
+        self._sight = RequestView(base, self._robots, self._invocations, sees, secured)
 
     def resolve(self, path: str) -> Found:
         """The resource at ``path`` (percent-decoded, starting with a slash), its other spelling, or None."""
@@ -85,12 +84,10 @@ class Tree:
         reserved = head in RESERVED_AT_ROOT and rest in ([], [""])
         if reserved and (found := self._at_root(head)) is not None:
             return Redirect(found.path) if rest else found
-        if head == "assets":
-            return asset(rest)
         if head == "subscriptions":
             return self._of_thing(self._fleet_resource(), [head, *rest], ())
-        if (wing := self._wings.at_root(head)) is not None:
-            return wing.resolve(self._sight, rest)
+        if (branch := self._branches.at_root(head)) is not None:
+            return branch.resolve(self._sight, rest)
         if head == "actions" and rest:
             return in_actions(fleet_offers(), rest, self._invocations, Source(), self._base)
         try:
@@ -115,7 +112,7 @@ class Tree:
         return Resource(
             "/",
             "Linked Fleet",
-            lambda graph: self._say.fleet(self._robots, self._wings.linked(), graph),
+            lambda graph: self._say.fleet(self._robots, self._branches.linked(), graph),
             CONTAINER,
             # When a robot was last seen is what each gateway saw for itself.
             Source(
@@ -123,10 +120,11 @@ class Tree:
             ),
             own=(
                 *("/subscriptions", "/blueprint", *(each.path for each in fleet_offers()), "/vocabulary", "/context"),
-                *(path for _, path in self._wings.linked()),
+                *(path for _, path in self._branches.linked()),
             ),
             parts=robots,
-            documents=of_thing(self._sight),
+            documents=self._branches.of_thing(self._sight),
+            constant=self._branches.constant,
             has_linkset=True,
         )
 
@@ -148,8 +146,8 @@ class Tree:
             if rest == [""] or rest[0] in _OF_THINGS:
                 thing = self._robot_resource(robot)
                 return thing if rest == [""] else self._of_thing(thing, rest, (LF.RobotShape,))
-            if (wing := self._wings.in_robot(robot, rest[0])) is not None:
-                return wing.resolve(self._sight, robot, rest[1:])
+            if (branch := self._branches.in_robot(robot, rest[0])) is not None:
+                return branch.resolve(self._sight, robot, rest[1:])
             own = self._of_robot(robot, rest) or in_geometry(robot, rest, self._base)
             return own or self._property(robot, robot_path(robot.name), self._say.robot_properties(robot), rest)
         if robot.model is None:
@@ -187,16 +185,17 @@ class Tree:
         properties = self._say.robot_properties(robot) if robot.model else []
         actions = (*(each.path for each in robot_offers(robot)), lease_path(robot.name))
         actions += (model_path(robot.name),) if robot.model else ()
-        wings = self._wings.linked_from(robot, path)
-        actions += tuple(found for _, found in wings)
+        branches = self._branches.linked_from(robot, path)
+        actions += tuple(found for _, found in branches)
         return Resource(
             path,
             robot.name,
-            lambda graph: self._say.robot(robot, self._tasks(robot), wings, graph),
+            lambda graph: self._say.robot(robot, self._tasks(robot), branches, graph),
             source=_thing(robot, properties, lambda: self._tasks(robot)),
             own=_own(path, properties, actions),
             parts=tuple(part_paths(robot)),
-            documents=of_thing(self._sight, robot),
+            documents=self._branches.of_thing(self._sight, robot),
+            constant=self._branches.constant,
             has_linkset=True,
         )
 
@@ -221,7 +220,8 @@ class Tree:
             lambda graph: self._say.joint(robot, joint, graph),
             source=_thing(robot, properties),
             own=_own(path, properties, actions),
-            documents=of_thing(self._sight, robot, joint),
+            documents=self._branches.of_thing(self._sight, robot, joint),
+            constant=self._branches.constant,
             has_linkset=True,
         )
 
@@ -242,7 +242,8 @@ class Tree:
             lambda graph: self._say.link(robot, link, graph),
             source=_thing(robot, properties),
             own=_own(path, properties),
-            documents=of_thing(self._sight, robot, link),
+            documents=self._branches.of_thing(self._sight, robot, link),
+            constant=self._branches.constant,
             has_linkset=True,
         )
 
@@ -263,9 +264,9 @@ class Tree:
         if item is None:
             return None
         if rest[1:] not in ([], ["blueprint"]):
-            wing = self._wings.below_property(item, rest[1])
-            if wing is not None:
-                return wing.resolve(self._sight, robot, owner, item, rest[2:])
+            branch = self._branches.below_property(item, rest[1])
+            if branch is not None:
+                return branch.resolve(self._sight, robot, owner, item, rest[2:])
             return in_layout(self._say, robot, owner, item, rest[1:])
         resource = self._measurement(robot, owner, item)
         if not rest[1:]:
@@ -289,7 +290,7 @@ class Tree:
             lambda graph: measured(graph, Seen.of(item.look())),
             measured=measured if item.measured else None,
             source=source,
-            own=(path + "/blueprint", *related_layouts(path, item), *self._wings.related_to(path, item)),
+            own=(path + "/blueprint", *related_layouts(path, item), *self._branches.related_to(path, item)),
             documents=frames_of(robot, item),
             layout=layout_path(path) if is_framed(item) else None,
             affords=affordance(item.put),

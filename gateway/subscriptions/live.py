@@ -4,7 +4,7 @@ import asyncio
 import logging
 import time
 from collections import Counter
-from collections.abc import Awaitable, Callable, Collection, Iterator
+from collections.abc import Awaitable, Callable, Collection, Iterator, Mapping
 from contextlib import suppress
 from types import TracebackType
 
@@ -19,9 +19,10 @@ from gateway.identity.rights import ALL, View
 from gateway.link.fleet_link import FleetLink
 from gateway.link.meshes import Meshes
 from gateway.link.transport import Session
-from gateway.resources.extension import FleetWing, PropertyWing, RobotWing, Wings
+from gateway.resources.branches import Branch, Branches
 from gateway.resources.invocation import invocation_path, invocations_path
 from gateway.resources.paths import joint_path, robot_path
+from gateway.resources.relative_poses import Standing
 from gateway.resources.tree import EMPTY, Shelf, Tree
 from gateway.subscriptions.fan_out import FanOut
 
@@ -45,7 +46,11 @@ class Live:
         self.invocations = Invocations()
         self.fan_out = FanOut(self.tree)
         self.fleet.frames.watched = self.fan_out.watched
-        self._wings = Wings()
+        self.objects: Callable[[], Mapping[str, Standing]] = dict
+        """What stands in the world besides robots, by id."""
+        self._listeners: dict[Callable[[str | None], None], None] = {}
+        self.fan_out.heard = self._tell_listeners
+        self._branches = Branches()
         self._secured = secured
         self._judged = 0
         self._silences = Silences()
@@ -120,28 +125,33 @@ class Live:
 
     def tree(self, base: str, sees: View = ALL, shelf: Shelf = EMPTY) -> Tree:
         """The resource tree as it is now to who ``sees`` it, under one base URL; ``shelf``: subscriptions to show."""
-        return Tree(self.fleet, self.invocations, base, shelf, sees, self._wings, self._secured)
+        return Tree(self.fleet, self.invocations, base, shelf, sees, self._branches, self._secured)
 
     @property
-    def wings(self) -> Wings:
+    def branches(self) -> Branches:
         """What packages of their own have added to the tree."""
-        return self._wings
+        return self._branches
 
-    def add(self, *wings: FleetWing | RobotWing | PropertyWing) -> None:
+    def add(self, *branches: Branch) -> None:
         """Have the tree show more than the fleet itself, from now on."""
-        of_fleet = tuple(each for each in wings if isinstance(each, FleetWing))
-        of_robots = tuple(each for each in wings if isinstance(each, RobotWing))
-        of_properties = tuple(each for each in wings if isinstance(each, PropertyWing))
-        had = self._wings
-        self._wings = Wings(had.of_fleet + of_fleet, had.of_robots + of_robots, had.of_properties + of_properties)
+        self._branches = self._branches.having(*branches)
 
-    def heed(self, hear: Callable[[str | None], None] | None) -> None:
-        """Have ``hear`` called at every change, of whichever robot, watched or not; None for nobody any more.
+    def add_listener(self, hear: Callable[[str | None], None]) -> None:
+        """Have ``hear`` called at every change, of whichever robot, watched or not.
 
         It is told the robot of which a frame came, whose values need not be others for that; None of anything else.
         """
-        self.fan_out.heard = hear or (lambda robot: None)
-        self.fleet.frames.heeded = hear is not None
+        self._listeners[hear] = None
+        self.fleet.frames.heeded = True
+
+    def remove_listener(self, hear: Callable[[str | None], None]) -> None:
+        """Have ``hear`` called no more; nothing if it is no listener."""
+        self._listeners.pop(hear, None)
+        self.fleet.frames.heeded = bool(self._listeners)
+
+    def _tell_listeners(self, robot: str | None) -> None:
+        for hear in list(self._listeners):
+            hear(robot)
 
     async def halt(self, robots: Collection[str] | None, stop: Stop, timeout_s: float) -> dict[str, Reply]:
         """Stop robots, and wait until they are seen as they are after it: what is asked of them then is no longer late.

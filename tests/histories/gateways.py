@@ -15,15 +15,12 @@ from histories.robots import LossyLink, Toy
 from virtual.zenoh_network import ZenohNetwork
 
 from gateway.actions import service as actions_module
-from gateway.actions.plan import Motion
 from gateway.actions.service import Actions
 from gateway.actions.store import ActionStore
 from gateway.app.application import new_live
 from gateway.app.settings import GatewaySettings
 from gateway.extensions.rules.store import RuleStore
 from gateway.extensions.world.store import ObjectStore
-from gateway.fleet.robot import Robot
-from gateway.identity.rights import View
 from gateway.resources.resource import Resource
 from gateway.resources.versioning import Source
 from gateway.runtime.cancellation import end
@@ -140,15 +137,6 @@ class _Receiver:
     async def aclose(self) -> None: ...
 
 
-class _Free:
-    """A judge that finds every motion free."""
-
-    async def ready(self, robot: Robot, sees: View) -> None: ...
-
-    async def free(self, motion: Motion, sees: View, own: str) -> bool:
-        return True
-
-
 _owner: ContextVar[WeakSet[asyncio.Task[Any]] | None] = ContextVar("owner", default=None)
 
 
@@ -175,7 +163,7 @@ class Gateway:
         self.live.link = LossyLink(robots, draws)  # type: ignore[assignment]
         self._robots, self._watched, self._fan_out = robots, watched, watched.watch()
         self._remembered = ActionStore(url, NAMESPACE, self.run)
-        self.actions = Actions(self.live, self._remembered, _LIMIT, _Free())
+        self.actions = Actions(self.live, self._remembered, _LIMIT)
         self._network = Network()
         self._subscribed = Store(url, NAMESPACE, self.run, LEASE_S)
         self.subscriptions = Subscriptions(

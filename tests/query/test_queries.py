@@ -24,7 +24,7 @@ from gateway.extensions.query.service import Queries, Term
 from gateway.fleet.invocation import Invocation
 from gateway.fleet.model import Pose
 from gateway.identity.rights import ALL, View, view
-from gateway.resources.extension import Sight
+from gateway.resources.branches import FleetBranch, RequestView
 from gateway.subscriptions.live import Live
 
 pytestmark = pytest.mark.virtual
@@ -134,7 +134,7 @@ def test_functions_say_where_a_thing_is_seen_from_another_and_how_far(asking: As
     """Across robots once both are placed; two parts of one robot need no place."""
     robots, half = asking.live.fleet.robots, math.sqrt(0.5)
     tip, other, crate = (f"<{BASE}/{path}>" for path in ("a/tip", "b/", "world/objects/crate"))
-    asking.queries.place(lambda: {"crate": Placed(Pose((0.0, 0.0, 3.0), (0.0, 0.0, 0.0, 1.0)))})
+    asking.live.objects = lambda: {"crate": Placed(Pose((0.0, 0.0, 3.0), (0.0, 0.0, 0.0, 1.0)))}
 
     def pose(of: str, frame: str) -> list[float]:
         terms = " ".join(f'(lf:poseIn({of}, {frame}, "{each}") AS ?{each})' for each in ("x", "y", "z", "qz", "qw"))
@@ -250,13 +250,13 @@ def _answers(ask: Callable[[], Awaitable[list[dict[str, Term]]]], asking: Asking
     return asking.loop.run(answered())
 
 
-def test_wings_say_what_they_have_to_who_may_see_it(asking: Asking) -> None:
+def test_branches_say_what_they_have_to_who_may_see_it(asking: Asking) -> None:
     place = NamedNode("http://world.example/place")
 
-    def contribution(sight: Sight) -> list[tuple[str, list[Triple]]]:
+    def contribution(sight: RequestView) -> list[tuple[str, list[Triple]]]:
         return [(f"/{name}/", [Triple(sight.iri(f"/{name}/"), place, Literal(name))]) for name in sight.robots]
 
-    asking.queries.contribute(contribution)
+    asking.live.add(FleetBranch("places", None, lambda view, rest: None, graphs=contribution))
     query = f"SELECT ?name {{ GRAPH ?robot {{ ?robot <{place.value}> ?name }} }}"
     assert asking.values(query) == [("a",), ("b",)]
     assert asking.values(query, ONE) == [("a",)]

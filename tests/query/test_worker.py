@@ -12,7 +12,7 @@ from gateway.extensions.query.messages import Ask, News, encode
 pytestmark = pytest.mark.processes
 ASK = Ask(
     news=News(robots=[], frames={}), query="ASK {}", base="http://fleet", base_iri="http://fleet/query",
-    patterns=("*",), caller="", default=None, named=None, wings=[], invocations=[], graphs=[],
+    patterns=("*",), caller="", default=None, named=None, branches=[], invocations=[], graphs=[],
     media_type="application/sparql-results+json", most_bytes=1000, limit_s=1.0,
 )  # fmt: skip
 

@@ -2,7 +2,6 @@
 
 from email.utils import formatdate
 
-from starlette.requests import Request
 from starlette.responses import Response
 
 from gateway.base.errors import NotAcceptable
@@ -12,33 +11,44 @@ from gateway.fleet.cameras import FORMATS
 from gateway.http.conditional import not_modified
 from gateway.http.fields import field
 from gateway.http.negotiation import choose
-from gateway.rdf.serialise import MEDIA_TYPES
+from gateway.http.preconditions import await_preconditions
+from gateway.http.read import READ, method_headers, read, resource_headers
+from gateway.http.request import Request
 from gateway.resources.resource import Resource
 
 # A file from elsewhere: should a browser take it for a document, it is one that can do nothing.
 _HEADERS = {"cache-control": "no-store", "content-security-policy": "sandbox; default-src 'none'"}
 
 
-def picture_type(request: Request, resource: Resource) -> str | None:
+def _picture_type(request: Request, resource: Resource) -> str | None:
     """The media type of pictures that is asked for, None for RDF. NotAcceptable with why there are no pictures."""
     if "as" in request.query_params:
         return None
     accept, eye = field(request, "accept"), resource.remote
-    offered = (*MEDIA_TYPES, *resource.documents)
+    offered = (*request.services.representations.media_types, *resource.documents)
     chosen = choose(accept, offered)
     if chosen is None and isinstance(eye, Eye) and eye.camera.unavailable and choose(accept, tuple(FORMATS)):
         raise NotAcceptable(f"No picture can be had here: {eye.camera.unavailable}.", offered=offered)
     return chosen if chosen in FORMATS else None
 
 
-async def picture(request: Request, eye: Eye, media_type: str, headers: dict[str, str]) -> Response:
-    """``headers``: as of any resource. Only who gets the bytes has the robot asked. Offline, AgentSilent, Busy."""
-    headers = headers | _HEADERS | {"content-type": media_type}
+async def read_camera(pictures: Pictures, request: Request, resource: Resource, eye: Eye) -> Response:
+    """RDF as of any resource, or what the camera sees. Raises NotAcceptable, Offline, AgentSilent and Busy."""
+    media_type = _picture_type(request, resource)
+    if media_type is not None:
+        return await _picture(pictures, request, resource, eye, media_type)
+    await await_preconditions(request, resource)
+    return read(request, resource)
+
+
+async def _picture(pictures: Pictures, request: Request, resource: Resource, eye: Eye, media_type: str) -> Response:
+    """The robot is asked only for a client that gets the bytes."""
+    headers = resource_headers(resource, request.base, "") | method_headers(resource, READ)
+    headers |= _HEADERS | {"content-type": media_type}
     if request.method == "HEAD":
         answer = Response(headers={name: value for name, value in headers.items() if name != "etag"})
         del answer.headers["content-length"]  # nobody knows yet
         return answer
-    pictures: Pictures = request.app.state.pictures
     format = FORMATS[media_type]
     found = await pictures.get(eye, format)
     at = found.moment

@@ -10,7 +10,7 @@ from typing import Self
 
 from agents.wire.messages import PictureFormat
 from gateway.base.errors import AgentSilent, Busy, Offline
-from gateway.extensions.cameras.resources import MAX_RATE_HZ, Eye, cameras_wing
+from gateway.extensions.cameras.resources import MAX_RATE_HZ, Eye
 from gateway.fleet.cameras import FORMATS, Picture
 from gateway.link.fleet_link import NoAnswer
 from gateway.resources.paths import camera_path, is_in_cameras
@@ -46,7 +46,7 @@ class _Followed:
 
 
 class Pictures:
-    """An async context manager; entering it shows the cameras of all robots in the tree."""
+    """An async context manager; it asks robots for pictures while somebody follows them."""
 
     def __init__(self, live: Live) -> None:
         self._live = live
@@ -57,7 +57,6 @@ class Pictures:
         self._room_of = defaultdict[str, asyncio.Semaphore](lambda: asyncio.Semaphore(_AT_ONCE_OF_A_ROBOT))
 
     async def __aenter__(self) -> Self:
-        self._live.add(cameras_wing(self.held))
         self._live.fan_out.on_watch, self._live.fan_out.on_forget = self.follow, self.leave
         return self
 

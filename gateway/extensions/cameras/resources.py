@@ -19,8 +19,8 @@ from gateway.rdf.serialise import NothingYet
 from gateway.rdf.units import HERTZ, METRE, RADIAN
 from gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, QUDT, RDFS, SOSA
 from gateway.resources.binary_frames import FRAME_TYPES, Field, add_field, begin_layout, layout_path
+from gateway.resources.branches import RequestView, RobotBranch
 from gateway.resources.describe import Describer
-from gateway.resources.extension import RobotWing, Sight
 from gateway.resources.paths import camera_path, cameras_path, link_path, robot_path
 from gateway.resources.resource import CONTAINER, Resource, blueprint_of
 from gateway.resources.versioning import Source, presence
@@ -57,16 +57,16 @@ class Eye:
     camera: Camera
 
 
-def cameras_wing(held: Held) -> RobotWing:
+def cameras_branch(held: Held) -> RobotBranch:
     """``/{robot}/cameras``, and below it each camera."""
 
-    def resolve(sight: Sight, robot: Robot, rest: list[str]) -> Resource | None:
+    def resolve(sight: RequestView, robot: Robot, rest: list[str]) -> Resource | None:
         return _resolve(held, sight, robot, rest)
 
-    return RobotWing(_SEGMENT, LF.cameras, resolve, lambda robot: bool(cameras_of(robot)))
+    return RobotBranch(_SEGMENT, LF.cameras, resolve, lambda robot: bool(cameras_of(robot)))
 
 
-def _resolve(held: Held, sight: Sight, robot: Robot, rest: list[str]) -> Resource | None:
+def _resolve(held: Held, sight: RequestView, robot: Robot, rest: list[str]) -> Resource | None:
     cameras = cameras_of(robot)
     if not rest:
         return _container(sight, robot, cameras)
@@ -84,7 +84,7 @@ def _resolve(held: Held, sight: Sight, robot: Robot, rest: list[str]) -> Resourc
     return _in_layout(sight, robot, camera, rest[2:]) if eye.layout and rest[1] == "layout" else None
 
 
-def _container(sight: Sight, robot: Robot, cameras: dict[str, Camera]) -> Resource:
+def _container(sight: RequestView, robot: Robot, cameras: dict[str, Camera]) -> Resource:
     path = cameras_path(robot.name)
     members = tuple(camera_path(robot.name, name) for name in cameras)
     return Resource(
@@ -98,7 +98,7 @@ def _container(sight: Sight, robot: Robot, cameras: dict[str, Camera]) -> Resour
     )
 
 
-def _camera(held: Held, sight: Sight, robot: Robot, camera: Camera) -> Resource:
+def _camera(held: Held, sight: RequestView, robot: Robot, camera: Camera) -> Resource:
     path = camera_path(robot.name, camera.name)
     types = types_of(camera)
 
@@ -134,7 +134,7 @@ def _said(robot: Robot) -> Source:
     return Source(lambda: robot.description, robot=robot)
 
 
-def _describe_all(graph: Graph, sight: Sight, robot: Robot, cameras: Iterable[Camera]) -> None:
+def _describe_all(graph: Graph, sight: RequestView, robot: Robot, cameras: Iterable[Camera]) -> None:
     iri = sight.iri(cameras_path(robot.name))
     graph.a(iri, LF.Cameras, LDP.BasicContainer, LDP.Container)
     graph.add(iri, DCTERMS.title, Literal(f"Cameras of {robot.name}"))
@@ -147,7 +147,7 @@ def _describe_all(graph: Graph, sight: Sight, robot: Robot, cameras: Iterable[Ca
         graph.add(member, DCTERMS.title, Literal(camera.name))
 
 
-def _describe(graph: Graph, sight: Sight, robot: Robot, camera: Camera) -> None:
+def _describe(graph: Graph, sight: RequestView, robot: Robot, camera: Camera) -> None:
     assert robot.model is not None
     iri, types = sight.iri(camera_path(robot.name, camera.name)), types_of(camera)
     graph.a(iri, LF.Camera, SOSA.Sensor, HYBRIT.Property)
@@ -171,7 +171,7 @@ def _describe(graph: Graph, sight: Sight, robot: Robot, camera: Camera) -> None:
         Describer(sight.base).presence(graph, iri, robot)
 
 
-def _in_layout(sight: Sight, robot: Robot, camera: Camera, rest: Sequence[str]) -> Resource | None:
+def _in_layout(sight: RequestView, robot: Robot, camera: Camera, rest: Sequence[str]) -> Resource | None:
     about = sight.iri(camera_path(robot.name, camera.name))
     path = layout_path(camera_path(robot.name, camera.name))
     layout = Resource(

@@ -1,10 +1,8 @@
 """Reads of histories: in a thread beside the event loop, in pieces as the client takes them, and links that lead on."""
 
 import asyncio
-from collections.abc import Callable
 from dataclasses import replace
 
-from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
@@ -13,6 +11,9 @@ from gateway.extensions.history.files import CSV, MCAP
 from gateway.extensions.history.resources import Past
 from gateway.extensions.history.span import parse_span
 from gateway.http.links import Link, link_header
+from gateway.http.preconditions import check_preconditions
+from gateway.http.read import read
+from gateway.http.request import Request
 from gateway.resources.resource import Resource
 
 _PIECE_BYTES = 64 * 1024
@@ -20,14 +21,19 @@ _LINK_BYTES = 512
 _SUFFIXES = {CSV: "csv", MCAP: "mcap"}
 
 
-async def read_past(request: Request, past: Past, read: Callable[[Resource], Response]) -> Response:
-    """The part of a history that the query asks for; BadRequest, Busy. ``read`` may be called in another thread."""
+async def read_past(request: Request, _: Resource, past: Past) -> Response:
+    """The part of a history that the query asks for, rendered in another thread; BadRequest, Busy."""
+
+    def work(resource: Resource) -> Response:
+        check_preconditions(request, resource)
+        return read(request, resource)
+
     shown = past.shown(parse_span(request.query_params.multi_items()))
     async with past.history.workers:
-        response = await asyncio.to_thread(read, replace(shown.resource, query=request.url.query))
+        response = await asyncio.to_thread(work, replace(shown.resource, query=request.url.query))
     media_type = response.headers.get("content-type", "").partition(";")[0]
     file = media_type in _SUFFIXES
-    page, address = shown.file if file else shown.document, str(request.state.base) + shown.resource.path
+    page, address = shown.file if file else shown.document, request.base + shown.resource.path
     leads = [Link(f"{address}?{query}", rel) for rel, query in (("next", page.next), ("prev", page.previous)) if query]
     if leads:
         response.headers.append("link", link_header(leads, [], limit=_LINK_BYTES))

@@ -15,7 +15,7 @@ from gateway.fleet.robot import Robot
 from gateway.rdf.graph import Graph
 from gateway.rdf.serialise import WriteError
 from gateway.rdf.vocabulary import LF
-from gateway.resources.extension import Found, PropertyWing, RobotWing, Sight
+from gateway.resources.branches import Found, PropertyBranch, RequestView, RobotBranch
 from gateway.resources.joint_kinds import kind_of
 from gateway.resources.paths import joint_path, link_path, mesh_path, part_of, robot_path
 from gateway.resources.property import Property
@@ -44,26 +44,26 @@ class Past:
     shown: Callable[[Span], Shown]
 
 
-def wings(history: History) -> tuple[RobotWing, PropertyWing]:
+def history_branches(history: History) -> tuple[RobotBranch, PropertyBranch]:
     """That of each robot, and that of each of its measured properties."""
 
-    def of_robot(sight: Sight, robot: Robot, rest: list[str]) -> Found:
+    def of_robot(sight: RequestView, robot: Robot, rest: list[str]) -> Found:
         found = _of_robot(history, sight, robot)
         if rest == ["blueprint"]:
             return blueprint_of(found, sight.base, (LF.HistoryShape,))
         return None if rest else found
 
-    def of_property(sight: Sight, robot: Robot, owner: str, item: Property, rest: list[str]) -> Found:
+    def of_property(sight: RequestView, robot: Robot, owner: str, item: Property, rest: list[str]) -> Found:
         found = _of_property(history, sight, robot, owner, item)
         if rest == ["blueprint"]:
             return blueprint_of(found, sight.base, (LF.HistoryShape,))
         return None if rest else found
 
-    in_robot = RobotWing(SEGMENT, LF.history, of_robot, lambda robot: robot.model is not None)
-    return in_robot, PropertyWing(SEGMENT, of_property, remembers)
+    in_robot = RobotBranch(SEGMENT, LF.history, of_robot, lambda robot: robot.model is not None)
+    return in_robot, PropertyBranch(SEGMENT, of_property, remembers)
 
 
-def _of_robot(history: History, sight: Sight, robot: Robot) -> Resource:
+def _of_robot(history: History, sight: RequestView, robot: Robot) -> Resource:
     path, title = robot_path(robot.name) + SEGMENT, f"History of {robot.name}"
     own, source = (path + "/blueprint",), Source(robot=robot)
 
@@ -91,7 +91,7 @@ def _of_robot(history: History, sight: Sight, robot: Robot) -> Resource:
     return Resource(path, title, None, source=source, own=own, remote=Past(history, shown))
 
 
-def _of_property(history: History, sight: Sight, robot: Robot, owner: str, item: Property) -> Resource:
+def _of_property(history: History, sight: RequestView, robot: Robot, owner: str, item: Property) -> Resource:
     of = f"{owner.rstrip('/')}/{item.segment}"
     path, title, source = f"{of}/{SEGMENT}", f"History of {item.title}", Source(robot=robot)
     whole = robot_path(robot.name) + SEGMENT

@@ -12,6 +12,8 @@ from gateway.base.lazy_imports import Lazily
 from gateway.extensions.pages.assets import assets
 from gateway.extensions.pages.labels import clean
 from gateway.extensions.pages.view import view_of
+from gateway.http.html import Formats
+from gateway.http.representation import FORMATS
 from gateway.rdf import jsonld
 from gateway.rdf.vocabulary import PREFIXES
 from gateway.resources.resource import Resource
@@ -24,9 +26,9 @@ else:
 _TEMPLATES = Path(__file__).parent / "templates"
 
 
-def write(resource: Resource, triples: Sequence[Triple], base: str) -> bytes:
+def write(resource: Resource, triples: Sequence[Triple], base: str, formats: Formats = FORMATS) -> bytes:
     """The page of a resource; ``base`` is scheme and authority. The same triples give the same bytes."""
-    view = view_of(resource, triples, base)
+    view = view_of(resource, triples, base, formats)
     data = embedded(jsonld.write(triples, PREFIXES))
     return render(f"{view.kind}.html", view=view, data=data)
 

@@ -12,6 +12,7 @@ from gateway.extensions.pages import labels
 from gateway.extensions.pages import thing_views as things
 from gateway.extensions.pages.thing_views import Described, Part, described
 from gateway.extensions.pages.values import Facts, Link, Row
+from gateway.http.html import Formats
 from gateway.rdf.serialise import RDF_TYPES
 from gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, PROV, RDF, ROS, SD, XHV
 from gateway.resources.action_offer import robot_offers
@@ -41,16 +42,6 @@ _PLAIN_TYPES = frozenset(
 # What the frame of the page shows already.
 _FRAME = frozenset({DCTERMS.title, HYBRIT.blueprint, HYBRIT.subscriptions, XHV.prev, XHV.next})
 _NOT_SERVED = frozenset({"actions"})
-FORMATS: Mapping[str, tuple[str, str]] = {
-    "turtle": ("Turtle", "text/turtle"),
-    "jsonld": ("JSON-LD", "application/ld+json"),
-    "ntriples": ("N-Triples", "application/n-triples"),
-    "rdfxml": ("RDF/XML", "application/rdf+xml"),
-    "jelly": ("Jelly", "application/x-jelly-rdf"),
-    "csv": ("CSV", "text/csv"),
-    "mcap": ("MCAP", "application/vnd.mcap"),
-}
-"""What ``?as=`` picks for a browser, whose links cannot set Accept."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +53,7 @@ class View:
     iri: str
     query: str
     documents: Sequence[str]
+    offered: Formats
     root: str
     kind: str
     title: str
@@ -87,7 +79,7 @@ class View:
         offered = {*RDF_TYPES, *self.documents}
         return [
             (name, media_type, f"{self.iri}?as={key}{rest}")
-            for key, (name, media_type) in FORMATS.items()
+            for key, (name, media_type) in self.offered.items()
             if media_type in offered
         ]
 
@@ -96,7 +88,7 @@ class View:
         return f"curl -H 'Accept: text/turtle' {shlex.quote(self.iri + (f'?{self.query}' if self.query else ''))}"
 
 
-def view_of(resource: Resource, triples: Sequence[Triple], base: str) -> View:
+def view_of(resource: Resource, triples: Sequence[Triple], base: str, formats: Formats) -> View:
     """``base`` is scheme and authority, without a slash at its end."""
     iri, facts = NamedNode(base + resource.path), Facts(triples, base + "/")
     kind, part = _kind(facts, iri)
@@ -105,6 +97,7 @@ def view_of(resource: Resource, triples: Sequence[Triple], base: str) -> View:
         iri=iri.value,
         query=resource.query,
         documents=tuple(resource.documents),
+        offered=formats,
         root=facts.root,
         kind=kind,
         title=facts.text(iri, DCTERMS.title) or labels.clean(resource.title),

@@ -14,12 +14,14 @@ from gateway.extensions.query.service import Queries
 from gateway.identity.rights import Right
 from gateway.rdf.graph import Graph, integer
 from gateway.rdf.vocabulary import DCTERMS, FORMAT, LF, PREFIXES, RDFS, SD, SH, VOID
+from gateway.resources.branches import FleetBranch, Found, RequestView
 from gateway.resources.documents import VOCABULARY
-from gateway.resources.extension import FleetWing, Found, Sight
 from gateway.resources.paths import robot_path
 from gateway.resources.resource import Redirect, Resource
 
 PATH = "/query"
+FORM = "application/x-www-form-urlencoded"
+QUERY_TYPES = ("application/sparql-query", FORM)
 _FORMATS = (
     FORMAT.SPARQL_Results_JSON, FORMAT.SPARQL_Results_XML, FORMAT.SPARQL_Results_CSV, FORMAT.SPARQL_Results_TSV,
     FORMAT.Turtle, FORMAT.terms["JSON-LD"], FORMAT.terms["N-Triples"], FORMAT.RDF_XML,
@@ -31,7 +33,7 @@ class Endpoint:
     """Where queries are answered; ``sight`` is that of who asks."""
 
     queries: Queries
-    sight: Sight
+    sight: RequestView
 
 
 @dataclass(frozen=True)
@@ -40,15 +42,16 @@ class PostQuery:
 
     endpoint: Endpoint
     methods: ClassVar[tuple[str, ...]] = ("POST",)
-    takes_body: ClassVar[bool] = False  # no RDF
+    body_types: ClassVar[tuple[str, ...]] = QUERY_TYPES
+    reads: ClassVar[bool] = True
     needs: ClassVar[tuple[Right, ...]] = (Right.READ,)
 
 
-def wing(queries: Queries) -> FleetWing:
-    return FleetWing(PATH[1:], LF.query, partial(_resolve, queries))
+def branch(queries: Queries) -> FleetBranch:
+    return FleetBranch(PATH[1:], LF.query, partial(_resolve, queries))
 
 
-def _resolve(queries: Queries, sight: Sight, rest: list[str]) -> Found:
+def _resolve(queries: Queries, sight: RequestView, rest: list[str]) -> Found:
     if rest:
         return Redirect(PATH) if rest == [""] else None
     return described(Endpoint(queries, sight), {})
@@ -67,7 +70,7 @@ def described(endpoint: Endpoint, counts: Mapping[str, int]) -> Resource:
     )
 
 
-def _describe(graph: Graph, sight: Sight, counts: Mapping[str, int]) -> None:
+def _describe(graph: Graph, sight: RequestView, counts: Mapping[str, int]) -> None:
     iri = sight.iri(PATH)
     graph.a(iri, SD.Service)
     graph.add(iri, DCTERMS.title, Literal("Query the fleet"))
@@ -87,7 +90,7 @@ def _describe(graph: Graph, sight: Sight, counts: Mapping[str, int]) -> None:
         graph.add(example, SH.select, Literal(each.text))
 
 
-def _dataset(graph: Graph, iri: NamedNode, sight: Sight, counts: Mapping[str, int]) -> None:
+def _dataset(graph: Graph, iri: NamedNode, sight: RequestView, counts: Mapping[str, int]) -> None:
     dataset, union = graph.blank(SD.Dataset, VOID.Dataset), graph.blank(SD.Graph, VOID.Dataset)
     graph.add(iri, SD.defaultDataset, dataset)
     graph.add(dataset, VOID.sparqlEndpoint, iri)
@@ -103,7 +106,7 @@ def _dataset(graph: Graph, iri: NamedNode, sight: Sight, counts: Mapping[str, in
         _count(graph, of, counts.get(sight.base + path))
 
 
-def _graphs(sight: Sight) -> Iterable[str]:
+def _graphs(sight: RequestView) -> Iterable[str]:
     return "/", VOCABULARY, SHAPES, *map(robot_path, sight.robots)
 
 

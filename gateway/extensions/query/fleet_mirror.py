@@ -18,7 +18,7 @@ class Mirrored:
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
-        self.wings: list[Member] = []
+        self.branches: list[Member] = []
         self.invocations: list[Invocation] = []
         self.said = self.seen = 0
 
@@ -79,7 +79,7 @@ def _tell(held: Mirrored, said: Said) -> None:
     robot.online, robot.heard_ns, robot.lease = said.online, said.last_seen_ns, said.lease
     robot.limit_fault = said.limit_fault
     robot.settings, robot.targets = said.settings, said.targets
-    held.wings, held.invocations = said.wings, said.invocations
+    held.branches, held.invocations = said.branches, said.invocations
     held.said += 1
 
 

@@ -1,29 +1,28 @@
 """The SPARQL 1.1 Protocol (W3C Recommendation of 21 March 2013), its query operation; there is no update operation."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from urllib.parse import parse_qsl, urljoin
 
-from starlette.requests import Request
 from starlette.responses import Response
 
 from gateway.base.errors import BadRequest, FleetError, NotAcceptable, UnsupportedMediaType
 from gateway.extensions.pages.policy import FORMS
-from gateway.extensions.query.description import PATH, Endpoint, PostQuery, described
+from gateway.extensions.query.description import FORM, PATH, QUERY_TYPES, Endpoint, PostQuery, described
 from gateway.extensions.query.service import JSON_RESULTS
 from gateway.http.body import read_body
 from gateway.http.fields import field
 from gateway.http.negotiation import choose, parse_content_type
 from gateway.http.offload import Offload
-from gateway.http.rights import name_of
+from gateway.http.preconditions import await_preconditions
+from gateway.http.read import read as read_resource
+from gateway.http.request import Request
 from gateway.rdf.serialise import RDF_TYPES
 from gateway.rdf.sparql_syntax import MAX_QUERY_BYTES, Dataset, Query, read
 from gateway.resources.resource import Resource
 
-_QUERY, _FORM, _UPDATE = "application/sparql-query", "application/x-www-form-urlencoded", "application/sparql-update"
-QUERY_TYPES = (_QUERY, _FORM)
-_TAKEN = (_QUERY, _FORM)
+_UPDATE = "application/sparql-update"
 _BOOLEANS = (JSON_RESULTS, "application/sparql-results+xml", "application/json", "text/html")
 _SOLUTIONS = (*_BOOLEANS, "text/csv", "text/tab-separated-values")
 _GRAPHS = (*RDF_TYPES, "text/html")
@@ -49,37 +48,36 @@ class _Asked:
     picked: str | None
 
 
-def is_query(request: Request) -> bool:
-    """Whether it reads, whatever its method."""
-    path: str = request.scope["path"]
-    return path == PATH
-
-
-async def read_query(request: Request, endpoint: Endpoint, base: str) -> Response | Resource:
+async def read_query(request: Request, resource: Resource, endpoint: Endpoint) -> Response:
     """The answer to a query in the address; without one, the resource as it describes itself."""
     said = _pairs(request.scope["query_string"])
-    if not any(name in ("query", "update") for name, _ in said):
-        return described(endpoint, await _counts(endpoint))
-    return await _answer(request, endpoint, _asked(said, base), base)
+    if any(name in ("query", "update") for name, _ in said):
+        return await _answer(request, endpoint, _asked(said, request.base))
+    answer = described(endpoint, await _counts(endpoint))
+    answer = replace(answer, reader=resource.reader, warning=resource.warning)
+    await await_preconditions(request, answer)
+    return read_resource(request, answer)
 
 
-async def post_query(request: Request, affords: PostQuery, base: str) -> Response:
+async def post_query(request: Request, affords: PostQuery) -> Response:
     """A query in the body, as it is or as a form (2.1.2, 2.1.3)."""
     media_type, _ = parse_content_type(field(request, "content-type"))
     if media_type == _UPDATE:
-        raise UnsupportedMediaType("There are no updates; robots are moved by their actions.", offered=_TAKEN)
-    if media_type not in _TAKEN:
-        raise UnsupportedMediaType(f"{media_type} is not taken here; {', '.join(_TAKEN)} are.", offered=_TAKEN)
+        raise UnsupportedMediaType("There are no updates; robots are moved by their actions.", offered=QUERY_TYPES)
+    if media_type not in QUERY_TYPES:
+        raise UnsupportedMediaType(
+            f"{media_type} is not taken here; {', '.join(QUERY_TYPES)} are.", offered=QUERY_TYPES
+        )
     coding = (field(request, "content-encoding") or "identity").strip().lower()
     if coding != "identity":
         raise UnsupportedMediaType(f"Content-Encoding {coding} is not taken.", headers={"Accept-Encoding": "identity"})
-    if media_type == _FORM:
-        return await _answer(request, affords.endpoint, _asked(_pairs(await read_body(request, _most())), base), base)
+    if media_type == FORM:
+        return await _answer(request, affords.endpoint, _asked(_pairs(await read_body(request, _most())), request.base))
     body = await read_body(request)
     said = _pairs(request.scope["query_string"])
     if any(name in ("query", "update") for name, _ in said):
         raise BadRequest("The query is the body; the address says only the dataset.")
-    return await _answer(request, affords.endpoint, _asked([("query", _text(body)), *said], base), base)
+    return await _answer(request, affords.endpoint, _asked([("query", _text(body)), *said], request.base))
 
 
 def _most() -> int:
@@ -119,12 +117,12 @@ def _asked(said: Sequence[tuple[str, str]], base: str) -> _Asked:
     return _Asked(queries[0], dataset, next(iter(all_of("as")), None))
 
 
-async def _answer(request: Request, endpoint: Endpoint, asked: _Asked, base: str) -> Response:
-    offload: Offload = request.app.state.offload
-    query = await offload.run(partial(read, asked.query, base + PATH), len(asked.query), _SHORT)
+async def _answer(request: Request, endpoint: Endpoint, asked: _Asked) -> Response:
+    offload: Offload = request.services.offload
+    query = await offload.run(partial(read, asked.query, request.base + PATH), len(asked.query), _SHORT)
     media_type = _chosen(request, query, asked.picked)
     body = await endpoint.queries.run(
-        query, base, endpoint.sight.sees, media_type, dataset=asked.dataset, client=name_of(request)
+        query, request.base, endpoint.sight.sees, media_type, dataset=asked.dataset, client=request.caller_name
     )
     content_type = media_type + ("; charset=utf-8" if media_type.startswith("text/") else "")
     policy = FORMS if media_type == "text/html" else _INERT

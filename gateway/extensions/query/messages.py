@@ -11,7 +11,7 @@ from gateway.fleet.lease import Lease
 from gateway.fleet.model import Pose
 
 Member = tuple[str, str]
-"""Predicate and path of what a wing adds to a description."""
+"""Predicate and path of what a branch adds to a description."""
 Kind = Literal["rows", "graph", "page"]
 
 
@@ -28,7 +28,7 @@ class Said(Struct, frozen=True, kw_only=True):
     lease: Lease | None
     settings: dict[str, str]
     targets: dict[str, float]
-    wings: list[Member]
+    branches: list[Member]
     invocations: list[Invocation]
 
 
@@ -81,7 +81,7 @@ class Ask(Struct, frozen=True, kw_only=True):
     caller: str
     default: tuple[str, ...] | None
     named: tuple[str, ...] | None
-    wings: list[Member]
+    branches: list[Member]
     invocations: list[Invocation]
     graphs: list[tuple[str, bytes]]
     media_type: str

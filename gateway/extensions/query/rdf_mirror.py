@@ -148,9 +148,9 @@ class Twin:
 
     def _write_robot(self, known: _Robot, held: Mirrored) -> None:
         robot, path = held.robot, robot_path(held.robot.name)
-        wings = [(NamedNode(term), other) for term, other in held.wings]
+        branches = [(NamedNode(term), other) for term, other in held.branches]
         tasks = [invocation_path(each) for each in held.tasks]
-        self._write(known, path, None, lambda say, graph: say.robot(robot, tasks, wings, graph))
+        self._write(known, path, None, lambda say, graph: say.robot(robot, tasks, branches, graph))
         self._write(known, "lease", None, lambda say, graph: describe_lease(graph, self.base, robot))
         others = {each.id: each for each in held.invocations}
         for each in held.invocations:

@@ -1,6 +1,6 @@
 """Queries over the live fleet: SPARQL 1.1, each of one consistent instant, evaluated beside the gateway."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from types import TracebackType
 
 from pyoxigraph import (
@@ -16,13 +16,12 @@ from pyoxigraph import (
 
 from gateway.extensions.query.messages import Ask, Instead, Placed
 from gateway.extensions.query.process import QueryProcess
-from gateway.extensions.query.snapshot import Contribution, Feed
+from gateway.extensions.query.snapshot import Feed
 from gateway.extensions.query.turns import FairTurns
 from gateway.identity.rights import View
 from gateway.rdf.sparql_syntax import Dataset, Query, check_select, read
 from gateway.resources.access_filter import InvocationsInView, RobotsInView
-from gateway.resources.extension import Sight
-from gateway.resources.relative_poses import Standing
+from gateway.resources.branches import RequestView
 from gateway.subscriptions.live import Live
 
 LIMIT_S = 5.0
@@ -36,14 +35,12 @@ Term = NamedNode | BlankNode | Literal
 
 
 class Queries:
-    """An async context manager; ``contribute`` whatever wings have to say."""
+    """An async context manager."""
 
     def __init__(self, live: Live, limit_s: float = LIMIT_S) -> None:
         self._live, self._limit_s = live, limit_s
-        self._contributions: list[Contribution] = []
-        self._objects: Callable[[], Mapping[str, Standing]] = dict
         self._turns = FairTurns()
-        self._process = QueryProcess(lambda: Feed(live.fleet, live.invocations, lambda: live.wings))
+        self._process = QueryProcess(lambda: Feed(live.fleet, live.invocations, lambda: live.branches))
 
     async def __aenter__(self) -> "Queries":
         return self
@@ -57,14 +54,6 @@ class Queries:
     def running(self) -> bool:
         """Whether anybody has asked anything yet."""
         return self._process.running
-
-    def contribute(self, *sources: Contribution) -> None:
-        """Have every query see more than the fleet itself; called for each, in the event loop, so to be quick."""
-        self._contributions += sources
-
-    def place(self, objects: Callable[[], Mapping[str, Standing]]) -> None:
-        """Have functions find the objects of the world, by id."""
-        self._objects = objects
 
     async def select(
         self,
@@ -124,7 +113,7 @@ class Queries:
         def make(feed: Feed) -> Ask:
             robots = RobotsInView(self._live.fleet.robots, sees)
             invocations = InvocationsInView(self._live.invocations, sees)
-            sight = Sight(base, robots, invocations, sees)
+            sight = RequestView(base, robots, invocations, sees)
             return Ask(
                 news=feed.news(),
                 query=query.text,
@@ -134,14 +123,14 @@ class Queries:
                 caller=sees.name,
                 default=asked.default,
                 named=asked.named,
-                wings=[(term.value, path) for term, path in self._live.wings.linked()],
+                branches=[(term.value, path) for term, path in self._live.branches.linked()],
                 invocations=[each for each in feed.of_fleet() if invocations.get(each.id) is not None],
-                graphs=[(path, _n_triples(said)) for source in self._contributions for path, said in source(sight)],
+                graphs=[(path, _n_triples(said)) for path, said in self._live.branches.graphs(sight)],
                 media_type=media_type,
                 most_bytes=most,
                 limit_s=self._limit_s,
                 bindings={name: _json(term) for name, term in bindings.items()},
-                objects={id: Placed(each.pose) for id, each in self._objects().items()},
+                objects={id: Placed(each.pose) for id, each in self._live.objects().items()},
                 instead=tuple(instead),
                 only_check=only_check,
             )

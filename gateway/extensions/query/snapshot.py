@@ -9,14 +9,14 @@ from gateway.extensions.query.messages import Member, News, Said
 from gateway.fleet.fleet import Fleet
 from gateway.fleet.invocations import FLEET, Invocation, Invocations
 from gateway.fleet.robot import Robot
-from gateway.resources.extension import Sight, Wings
+from gateway.resources.branches import Branches, RequestView
 from gateway.resources.paths import robot_path
 
 MAX_ENDED = 20
 """How many invocations that are over are told of each robot, and of the fleet: those that were asked for last."""
 
-Contribution = Callable[[Sight], Iterable[tuple[str, Sequence[Triple]]]]
-"""What a wing adds to the data set for who asks: triples, each time by the path of the graph that they belong to.
+Contribution = Callable[[RequestView], Iterable[tuple[str, Sequence[Triple]]]]
+"""What a branch adds to the data set for who asks: triples, each time by the path of the graph that they belong to.
 
 The labels of its blank nodes are its own: no two contributions to one graph may share them."""
 
@@ -25,8 +25,8 @@ class Feed:
     """What one query process has been told so far. To be asked, and its answer encoded, in one turn of the event loop:
     it refers to what lives."""
 
-    def __init__(self, fleet: Fleet, invocations: Invocations, wings: Callable[[], Wings]) -> None:
-        self._fleet, self._invocations, self._wings = fleet, invocations, wings
+    def __init__(self, fleet: Fleet, invocations: Invocations, branches: Callable[[], Branches]) -> None:
+        self._fleet, self._invocations, self._branches = fleet, invocations, branches
         self._said: dict[str, tuple[object, ...]] = {}
         self._frames: dict[str, bytes | None] = {}
 
@@ -35,11 +35,11 @@ class Feed:
         robots, frames = [], {}
         for name, robot in self._fleet.robots.items():
             invocations = recent(self._invocations, name)
-            wings = self._wings().linked_from(robot, robot_path(name))
-            key = _key(robot, invocations, wings)
+            branches = self._branches().linked_from(robot, robot_path(name))
+            key = _key(robot, invocations, branches)
             if key != self._said.get(name):
                 self._said[name] = key
-                robots.append(_said(robot, invocations, [(term.value, path) for term, path in wings]))
+                robots.append(_said(robot, invocations, [(term.value, path) for term, path in branches]))
             if (frame := robot.payload) is not self._frames.get(name):
                 frames[name] = self._frames[name] = frame
         forgotten = list(self._said.keys() - set(self._fleet.robots))
@@ -59,14 +59,14 @@ def recent(invocations: Invocations, robot: str) -> list[Invocation]:
     return [*invocations.open_of(robot), *islice(ended, MAX_ENDED)]
 
 
-def _key(robot: Robot, invocations: list[Invocation], wings: object) -> tuple[object, ...]:
+def _key(robot: Robot, invocations: list[Invocation], branches: object) -> tuple[object, ...]:
     """What is another whenever something that no frame brings is."""
     known = [(one.id, one.state, one.progress, one.reason, one.ended_ns, one.preempted_by) for one in invocations]
     said = robot.online, robot.incarnation, robot.news, robot.description, robot.fault
-    return *said, robot.lease, robot.settings, dict(robot.targets), known, wings
+    return *said, robot.lease, robot.settings, dict(robot.targets), known, branches
 
 
-def _said(robot: Robot, invocations: list[Invocation], wings: list[Member]) -> Said:
+def _said(robot: Robot, invocations: list[Invocation], branches: list[Member]) -> Said:
     return Said(
         name=robot.name,
         online=robot.online,
@@ -78,6 +78,6 @@ def _said(robot: Robot, invocations: list[Invocation], wings: list[Member]) -> S
         lease=robot.lease,
         settings=dict(robot.settings),
         targets=robot.targets,
-        wings=wings,
+        branches=branches,
         invocations=invocations,
     )

@@ -97,7 +97,7 @@ def _complete(ask: Ask, twin: Twin, mirror: Mirror, sees: View) -> Seen:
     """Add what depends on who asks, and say which graphs that is."""
     robots = {name: held.robot for name, held in sorted(mirror.robots.items()) if sees.sees(name)}
     graph = Graph()
-    Describer(ask.base).fleet(robots, [(NamedNode(term), path) for term, path in ask.wings], graph)
+    Describer(ask.base).fleet(robots, [(NamedNode(term), path) for term, path in ask.branches], graph)
     root = NamedNode(ask.base + "/")
     # What it says of its robots their own graphs say, and each thing is said once.
     twin.add("/", [triple for triple in graph.triples if triple.subject == root], "f")

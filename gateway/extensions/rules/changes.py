@@ -23,10 +23,10 @@ class Changes:
         self._looking: asyncio.TimerHandle | None = None
 
     def open(self) -> None:
-        self._live.heed(self._hear)
+        self._live.add_listener(self._hear)
 
     def shut(self) -> None:
-        self._live.heed(None)
+        self._live.remove_listener(self._hear)
         self._readings.clear()
         if self._looking is not None:
             self._looking.cancel()

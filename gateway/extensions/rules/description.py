@@ -13,7 +13,8 @@ from gateway.extensions.rules.template import ROOT, triples_of
 from gateway.identity.rights import Right
 from gateway.rdf.graph import Graph, Node, integer, timestamp
 from gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, PROV, RDFS, XSD
-from gateway.resources.extension import FleetWing, Sight
+from gateway.resources.affordance import BODY_TYPES
+from gateway.resources.branches import FleetBranch, RequestView
 from gateway.resources.resource import CONTAINER as LDP_CONTAINER
 from gateway.resources.resource import Resource, blueprint_of
 from gateway.resources.versioning import Source
@@ -32,7 +33,8 @@ class MakeRule:
     """Write a rule."""
 
     methods: ClassVar[tuple[str, ...]] = ("POST",)
-    takes_body: ClassVar[bool] = True
+    body_types: ClassVar[tuple[str, ...]] = BODY_TYPES
+    reads: ClassVar[bool] = False
     needs: ClassVar[tuple[Right, ...]] = (Right.SUBSCRIBE,)
 
 
@@ -42,7 +44,8 @@ class ChangeRule:
 
     known: Known
     methods: ClassVar[tuple[str, ...]] = ("PUT", "DELETE")
-    takes_body: ClassVar[bool] = True
+    body_types: ClassVar[tuple[str, ...]] = BODY_TYPES
+    reads: ClassVar[bool] = False
     needs: ClassVar[tuple[Right, ...]] = (Right.SUBSCRIBE, Right.ADMIN)
 
 
@@ -54,16 +57,16 @@ def firings_path(rule: Rule) -> str:
     return f"{rule_path(rule)}/firings"
 
 
-def readable(known: Known, sight: Sight) -> bool:
+def readable(known: Known, sight: RequestView) -> bool:
     """Whether who asks sees all that the rule's creator sees, or is its creator: nothing of it tells them more."""
     rule, sees = known.rule, sight.sees
     return sees.covers(rule.view) or (bool(sees.name) and sees.name == rule.creator)
 
 
-def wing(rules: Mapping[str, Known]) -> FleetWing:
+def branch(rules: Mapping[str, Known]) -> FleetBranch:
     """``rules`` are those that there are, by id, at any moment."""
 
-    def resolve(sight: Sight, rest: list[str]) -> Resource | None:
+    def resolve(sight: RequestView, rest: list[str]) -> Resource | None:
         if not rest:
             return _container(sight, rules)
         known = rules.get(rest[0])
@@ -71,10 +74,10 @@ def wing(rules: Mapping[str, Known]) -> FleetWing:
             return None
         return _in_rule(sight, known, rules, rest[1:])
 
-    return FleetWing(CONTAINER[1:], LF.rules, resolve)
+    return FleetBranch(CONTAINER[1:], LF.rules, resolve)
 
 
-def _container(sight: Sight, rules: Mapping[str, Known]) -> Resource:
+def _container(sight: RequestView, rules: Mapping[str, Known]) -> Resource:
     def shown() -> list[Known]:
         return sorted((each for each in rules.values() if readable(each, sight)), key=lambda each: each.rule.created_ns)
 
@@ -93,7 +96,7 @@ def _facts(known: Known) -> tuple[object, ...]:
     return known.rule, known.suppressed, known.fault, known.suspended, known.begun, tuple(known.firings)
 
 
-def _in_rule(sight: Sight, known: Known, rules: Mapping[str, Known], rest: list[str]) -> Resource | None:
+def _in_rule(sight: RequestView, known: Known, rules: Mapping[str, Known], rest: list[str]) -> Resource | None:
     rule = known.rule
     path, firings = rule_path(rule), firings_path(rule)
     if not rest or rest == ["blueprint"]:
@@ -118,7 +121,7 @@ def _in_rule(sight: Sight, known: Known, rules: Mapping[str, Known], rest: list[
     return _in_firing(sight, known, rules, rest[1:]) if rest[0] == "firings" else None
 
 
-def _in_firing(sight: Sight, known: Known, rules: Mapping[str, Known], rest: list[str]) -> Resource | None:
+def _in_firing(sight: RequestView, known: Known, rules: Mapping[str, Known], rest: list[str]) -> Resource | None:
     number = int(rest[0]) if rest[0].isdecimal() and rest[0].isascii() and len(rest[0]) < 16 else 0
     firing = known.firings.get(number)
     if firing is None or rest[0] != str(number) or rest[1:] not in ([], ["blueprint"]):
@@ -135,7 +138,7 @@ def _in_firing(sight: Sight, known: Known, rules: Mapping[str, Known], rest: lis
     return blueprint_of(whole, sight.base, (LF.FiringShape,)) if rest[1:] else whole
 
 
-def _describe_container(graph: Graph, sight: Sight, rules: Iterable[Known]) -> None:
+def _describe_container(graph: Graph, sight: RequestView, rules: Iterable[Known]) -> None:
     iri = sight.iri(CONTAINER)
     graph.a(iri, LDP.BasicContainer, LDP.Container)
     graph.add(iri, DCTERMS.title, Literal("Rules"))
@@ -151,7 +154,7 @@ def _describe_container(graph: Graph, sight: Sight, rules: Iterable[Known]) -> N
         graph.add(member, LF.state, rule_state(known))
 
 
-def _describe_rule(graph: Graph, sight: Sight, known: Known) -> None:
+def _describe_rule(graph: Graph, sight: RequestView, known: Known) -> None:
     rule = known.rule
     iri = sight.iri(rule_path(rule))
     graph.a(iri, LF.Rule)
@@ -213,7 +216,7 @@ def _copied(graph: Graph, body: str) -> Node:
     return root
 
 
-def _describe_firings(graph: Graph, sight: Sight, known: Known) -> None:
+def _describe_firings(graph: Graph, sight: RequestView, known: Known) -> None:
     iri = sight.iri(firings_path(known.rule))
     graph.a(iri, LDP.BasicContainer, LDP.Container)
     graph.add(iri, DCTERMS.title, Literal(f"Firings of {known.rule.title}"))
@@ -227,7 +230,7 @@ def _describe_firings(graph: Graph, sight: Sight, known: Known) -> None:
 
 
 def _describe_firing(
-    graph: Graph, sight: Sight, rule: Rule, number: int, firing: Firing, causes: Iterable[str]
+    graph: Graph, sight: RequestView, rule: Rule, number: int, firing: Firing, causes: Iterable[str]
 ) -> None:
     iri = sight.iri(f"{firings_path(rule)}/{number}")
     graph.a(iri, LF.Firing, PROV.Activity)

@@ -6,13 +6,11 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
 
-from starlette.requests import Request
 from starlette.responses import Response
 
 from gateway.base.errors import (
     BadRequest,
     InsufficientScope,
-    NotAcceptable,
     NotFound,
     PayloadTooLarge,
     PreconditionFailed,
@@ -20,7 +18,6 @@ from gateway.base.errors import (
     TooManyRules,
     UnprocessableContent,
 )
-from gateway.extensions.query.service import Queries
 from gateway.extensions.rules.creators import may_have_rules
 from gateway.extensions.rules.description import ChangeRule, MakeRule, rule_path
 from gateway.extensions.rules.invoking import offered, path_in_fleet
@@ -29,14 +26,11 @@ from gateway.extensions.rules.rule import Known, Rule
 from gateway.extensions.rules.service import Rules
 from gateway.extensions.rules.store import Changed, Crowded, Full, StoreUnavailable
 from gateway.http.body import body_type, parse_body, read_as
-from gateway.http.created import created
+from gateway.http.created import check_accepted, created
 from gateway.http.fields import field
 from gateway.http.invoke import refuse_rehearsal
-from gateway.http.negotiation import choose
-from gateway.http.representation import negotiated
-from gateway.http.rights import caller_of, name_of, tree_of
+from gateway.http.request import Request
 from gateway.identity.rights import Claims, Identity, Right
-from gateway.rdf.serialise import MEDIA_TYPES
 from gateway.rdf.sparql_syntax import bound_to
 from gateway.resources.resource import Resource
 
@@ -44,33 +38,31 @@ WORD_S = 86_400
 """How long the word of an issuer is good for a rule, unless its token is good for longer."""
 
 
-async def post_rule(request: Request, afforded: MakeRule, base: str) -> Response:
+async def post_rule(rules: Rules, request: Request, afforded: MakeRule) -> Response:
     """201 with Location and description."""
     refuse_rehearsal(request)
-    _demand_rights(caller_of(request))
+    _demand_rights(request.caller)
     media_type = body_type(request)
-    if choose(field(request, "accept"), MEDIA_TYPES) is None:
-        raise NotAcceptable(f"Available here: {', '.join(MEDIA_TYPES)}.", offered=MEDIA_TYPES)
-    wanted = await _wanted(request, media_type, base + CONTAINER, base)
-    rule = _as_wanted(request, wanted, base, str(uuid.uuid4()), time.time_ns())
-    async with _refusals(_rules(request)):
-        await _rules(request).write(rule, 0)
+    check_accepted(request)
+    wanted = await _wanted(rules, request, media_type, request.base + CONTAINER)
+    rule = _as_wanted(rules, request, wanted, str(uuid.uuid4()), time.time_ns())
+    async with _refusals(rules):
+        await rules.write(rule, 0)
     path = rule_path(rule)
-    shown = tree_of(request, base).resolve(path)
+    shown = request.tree().resolve(path)
     if not isinstance(shown, Resource):
         raise NotFound("The rule was deleted at once.")
-    return created(shown, negotiated(field(request, "accept"), shown, base), base)
+    return created(request, shown)
 
 
-async def change_rule(request: Request, afforded: ChangeRule, base: str) -> Response:
+async def change_rule(rules: Rules, request: Request, afforded: ChangeRule) -> Response:
     """PUT replaces what the rule says, DELETE ends it; who is not its creator may have it disabled or enabled."""
     refuse_rehearsal(request)
-    caller, known = caller_of(request), afforded.known
+    caller, known = request.caller, afforded.known
     own = caller.name == known.rule.creator
     if not own and not caller.may(Right.ADMIN, None):
         detail = "Only its creator, and who administers the fleet, may change a rule."
         raise InsufficientScope(detail, scope=Right.ADMIN)
-    rules = _rules(request)
     if request.method == "DELETE":
         async with _refusals(rules):
             # Without a condition whatever the rule says by now is to end.
@@ -78,18 +70,18 @@ async def change_rule(request: Request, afforded: ChangeRule, base: str) -> Resp
             if not await rules.remove(known.rule, revision):
                 raise NotFound("The rule has been deleted meanwhile.")
         return Response(status_code=204)
-    wanted = await _wanted(request, body_type(request), base + rule_path(known.rule), base)
-    changed = _changed(request, known, wanted, own, base)
+    wanted = await _wanted(rules, request, body_type(request), request.base + rule_path(known.rule))
+    changed = _changed(rules, request, known, wanted, own)
     async with _refusals(rules):
         await rules.write(changed, known.revision)
     return Response(status_code=204)
 
 
-def _changed(request: Request, known: Known, wanted: Wanted, own: bool, base: str) -> Rule:
+def _changed(rules: Rules, request: Request, known: Known, wanted: Wanted, own: bool) -> Rule:
     rule = known.rule
     if own:
-        _demand_rights(caller_of(request))
-        written = _as_wanted(request, wanted, base, rule.id, rule.created_ns)
+        _demand_rights(request.caller)
+        written = _as_wanted(rules, request, wanted, rule.id, rule.created_ns)
         return replace(written, client=rule.client)
     said = (rule.title, rule.condition, _iri(rule), rule.body, rule.told_apart_by, rule.interval_s)
     if said != (wanted.title, wanted.condition, wanted.invokes, wanted.body, wanted.told_apart_by, wanted.interval_s):
@@ -101,29 +93,30 @@ def _iri(rule: Rule) -> str:
     return rule.invokes if rule.variable else rule.base + rule.invokes
 
 
-async def _wanted(request: Request, media_type: str, iri: str, base: str) -> Wanted:
-    wanted = await read_as(request, lambda body: requested(parse_body(body, media_type, iri, base), iri, base))
-    queries: Queries = request.app.state.queries
+async def _wanted(rules: Rules, request: Request, media_type: str, iri: str) -> Wanted:
+    wanted = await read_as(
+        request, lambda body: requested(parse_body(body, media_type, iri, request.base), iri, request.base)
+    )
     try:
-        check_variables(wanted, await queries.check(wanted.condition, base), base)
-        _check_bound(request, wanted, base)
+        check_variables(wanted, await rules.check(wanted.condition, request.base), request.base)
+        _check_bound(rules, request, wanted)
     except (BadRequest, PayloadTooLarge) as error:
-        raise UnprocessableContent(f"lf:condition: {error.detail}", constraint=base + CONTAINER) from error
+        raise UnprocessableContent(f"lf:condition: {error.detail}", constraint=request.base + CONTAINER) from error
     return wanted
 
 
-def _as_wanted(request: Request, wanted: Wanted, base: str, id: str, created_ns: int) -> Rule:
-    caller = caller_of(request)
+def _as_wanted(rules: Rules, request: Request, wanted: Wanted, id: str, created_ns: int) -> Rule:
+    caller = request.caller
     invokes = wanted.invokes
     if not invokes.startswith("?"):
-        invokes = _action(request, invokes, base)
+        invokes = _action(rules, request, invokes)
     return Rule(
         id=id,
         title=wanted.title,
         condition=wanted.condition,
         invokes=invokes,
-        base=base,
-        client=name_of(request),
+        base=request.base,
+        client=request.caller_name,
         created_ns=created_ns,
         body=wanted.body,
         told_apart_by=wanted.told_apart_by,
@@ -135,24 +128,24 @@ def _as_wanted(request: Request, wanted: Wanted, base: str, id: str, created_ns:
     )
 
 
-def _action(request: Request, iri: str, base: str) -> str:
+def _action(rules: Rules, request: Request, iri: str) -> str:
     """The path of an action that who asks may invoke."""
-    path = path_in_fleet(iri, (base, *_rules(request).bases))
+    path = path_in_fleet(iri, (request.base, *rules.bases))
     if path is None:
-        raise _foreign(f"{iri[:200]!r}", base)
+        raise _foreign(f"{iri[:200]!r}", request.base)
     try:
-        return offered(tree_of(request, base), path, caller_of(request)).path
+        return offered(request.tree(), path, request.caller).path
     except UnprocessableContent as error:
-        raise UnprocessableContent(error.detail, constraint=base + CONTAINER) from error
+        raise UnprocessableContent(error.detail, constraint=request.base + CONTAINER) from error
 
 
-def _check_bound(request: Request, wanted: Wanted, base: str) -> None:
+def _check_bound(rules: Rules, request: Request, wanted: Wanted) -> None:
     """UnprocessableContent for a condition that itself names a foreign resource as the action."""
     if not wanted.invokes.startswith("?"):
         return
-    for iri in bound_to(wanted.condition, wanted.invokes[1:], base + "/query"):
-        if path_in_fleet(iri, (base, *_rules(request).bases)) is None:
-            raise _foreign(f"lf:condition binds {wanted.invokes[:50]} to {iri[:200]!r}, which", base)
+    for iri in bound_to(wanted.condition, wanted.invokes[1:], request.base + "/query"):
+        if path_in_fleet(iri, (request.base, *rules.bases)) is None:
+            raise _foreign(f"lf:condition binds {wanted.invokes[:50]} to {iri[:200]!r}, which", request.base)
 
 
 def _foreign(what: str, base: str) -> UnprocessableContent:
@@ -172,11 +165,6 @@ def _demand_rights(caller: Identity) -> None:
     if not may_have_rules(caller):
         wanted = "to subscribe to all that you may read, and to act or stop"
         raise InsufficientScope(f"A rule takes the right {wanted}, which you do not have.", scope=Right.SUBSCRIBE)
-
-
-def _rules(request: Request) -> Rules:
-    rules: Rules = request.app.state.rules
-    return rules
 
 
 @asynccontextmanager

@@ -12,7 +12,7 @@ from typing import Self
 from gateway.actions.service import Actions
 from gateway.extensions.rules.changes import Changes
 from gateway.extensions.rules.creators import Ended
-from gateway.extensions.rules.description import firings_path, rule_path, wing
+from gateway.extensions.rules.description import firings_path, rule_path
 from gateway.extensions.rules.engine import Engine, Select, robot_invoked
 from gateway.extensions.rules.request import CONTAINER
 from gateway.extensions.rules.rule import Firing, FiringState, Known, Rule
@@ -25,6 +25,8 @@ from gateway.runtime.cancellation import end
 from gateway.subscriptions.live import Live
 
 log = logging.getLogger(__name__)
+
+Check = Callable[[str, str], Awaitable[Collection[str]]]
 
 KEEP_S = 0.5
 """Between two renewals of the lease, and two looks at the rights of creators."""
@@ -43,6 +45,7 @@ class Rules:
         actions: Actions,
         store: RuleStore,
         select: Select,
+        check: Check,
         creator_of: Callable[[Rule], Identity],
         audit: Audit,
         limit: int,
@@ -50,6 +53,8 @@ class Rules:
     ) -> None:
         self._live, self._store, self._audit, self.limit = live, store, audit, limit
         self.bases = bases
+        self.check = check
+        """Tells the variables of a condition; BadRequest, PayloadTooLarge."""
         """Public URLs of the fleet."""
         self.known: dict[str, Known] = {}
         self._engine = Engine(live, actions, store, self.known, select, creator_of, self.refresh, self._noted, bases)
@@ -64,7 +69,6 @@ class Rules:
         self._awaited: set[str] | None = None
         self._tasks: list[asyncio.Task[None]] = []
         actions.on_stop = self._stopped
-        live.add(wing(self.known))
 
     async def __aenter__(self) -> Self:
         try:
@@ -137,7 +141,7 @@ class Rules:
         if rule.variable is not None:
             return robots is None or any(map(rule.view.sees, robots))
         found = self._live.tree(rule.base).resolve(rule.invokes)
-        if isinstance(found, Resource) and isinstance(found.affords, Invoke) and not found.affords.takes_body:
+        if isinstance(found, Resource) and isinstance(found.affords, Invoke) and not found.affords.offer.takes_body:
             return False
         return robots is None or rule.robot in robots
 

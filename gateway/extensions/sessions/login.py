@@ -10,7 +10,6 @@ from hmac import compare_digest
 from typing import Any
 from urllib.parse import parse_qs, quote, urlencode
 
-from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 
 from gateway.base.addresses import network_of
@@ -29,6 +28,7 @@ from gateway.extensions.sessions.cookies import LOGIN, read_cookie, set_cookie
 from gateway.extensions.sessions.sealed_cookie import SESSION_S, Session, Underway, open_login, seal_login
 from gateway.http.body import read_body
 from gateway.http.rates import Rates
+from gateway.http.request import Request
 from gateway.identity.jwts import BadToken, verified
 from gateway.identity.keys import endpoint
 from gateway.identity.rights import Claims, Credential, Identity

@@ -2,15 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
-from gateway.extensions.things.documents import DIRECTORY, TD, of_thing
+from gateway.extensions.things.td import DIRECTORY, TD, write_description
 from gateway.fleet.model import Joint, Link
 from gateway.fleet.robot import Robot
 from gateway.rdf.vocabulary import LDP, LF
-from gateway.resources.extension import FleetWing, Found, Sight
+from gateway.resources.branches import FleetBranch, Found, RequestView, ThingDocument
 from gateway.resources.paths import joint_path, link_path, part_of, robot_name, robot_path
 from gateway.resources.resource import Resource
 
+MOST = 50
+"""The most descriptions that one page has."""
 Place = tuple[Robot | None, Joint | Link | None]
 
 
@@ -18,7 +21,7 @@ Place = tuple[Robot | None, Joint | Link | None]
 class Listing:
     """All things that the caller may see (``gateway.extensions.things.http`` serves them)."""
 
-    sight: Sight
+    sight: RequestView
 
     def things(self) -> list[tuple[str, Place]]:
         """Each thing with its id, in code point order of the ids (Discovery, 7.3.2.3)."""
@@ -43,16 +46,17 @@ class Listing:
         return repr(facts).encode()
 
     def description(self, place: Place) -> bytes:
-        return of_thing(self.sight, *place)[TD]()
+        return write_description(self.sight, *place)
 
 
-def _entrance(sight: Sight, rest: Sequence[str]) -> Found:
+def _entrance(sight: RequestView, rest: Sequence[str]) -> Found:
     if list(rest) != ["wot"]:
         return None
-    return Resource("/.well-known/wot", "Thing Description", None, (LDP.Resource,), documents=of_thing(sight))
+    documents = {TD: partial(write_description, sight, None, None)}
+    return Resource("/.well-known/wot", "Thing Description", None, (LDP.Resource,), documents=documents)
 
 
-def _directory(sight: Sight, rest: Sequence[str]) -> Found:
+def _directory(sight: RequestView, rest: Sequence[str]) -> Found:
     """The listing, or what has the id that follows: the IRI of a thing."""
     if not rest:
         return Resource(DIRECTORY, "Thing Descriptions", None, (LDP.Resource,), remote=Listing(sight), followed=False)
@@ -61,11 +65,15 @@ def _directory(sight: Sight, rest: Sequence[str]) -> Found:
     if place is None:
         return None
     return Resource(
-        f"{DIRECTORY}/{id}", f"Thing Description of {id}", None, (LDP.Resource,), documents=of_thing(sight, *place)
+        f"{DIRECTORY}/{id}",
+        f"Thing Description of {id}",
+        None,
+        (LDP.Resource,),
+        documents={TD: partial(write_description, sight, *place)},
     )
 
 
-def _place(sight: Sight, path: str) -> Place | None:
+def _place(sight: RequestView, path: str) -> Place | None:
     if path == "/":
         return None, None
     head, _, part = path[1:].partition("/")
@@ -81,4 +89,8 @@ def _place(sight: Sight, path: str) -> Place | None:
     return robot, (robot.model.joints[joint] if joint is not None else robot.model.links[link or ""])
 
 
-WINGS = (FleetWing(".well-known", None, _entrance), FleetWing(DIRECTORY[1:], LF.things, _directory))
+BRANCHES = (
+    FleetBranch(".well-known", None, _entrance),
+    FleetBranch(DIRECTORY[1:], LF.things, _directory, takes_slashes=True),
+    ThingDocument(TD, write_description),
+)

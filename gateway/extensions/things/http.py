@@ -4,17 +4,17 @@ import asyncio
 import re
 from collections.abc import AsyncIterator, Iterable, Sequence
 
-from starlette.requests import Request
 from starlette.responses import Response, StreamingResponse
 
 from gateway.base.errors import BadRequest, NotAcceptable, Unimplemented
-from gateway.extensions.things.directory import Listing, Place
-from gateway.extensions.things.documents import DIRECTORY, MOST
+from gateway.extensions.things.directory import MOST, Listing, Place
+from gateway.extensions.things.td import DIRECTORY
 from gateway.http.conditional import etag, not_modified
 from gateway.http.fields import field
 from gateway.http.links import Link, link_header
 from gateway.http.negotiation import choose
-from gateway.resources.plain_json import JSON
+from gateway.http.request import Request
+from gateway.rdf.serialise import JSON
 from gateway.resources.resource import Resource
 
 TYPES = ("application/ld+json", JSON)
@@ -22,7 +22,7 @@ _SORTING = ("sort_by", "sort_order")
 _COUNT = re.compile(r"[0-9]{1,9}", re.ASCII)
 
 
-async def read_listing(request: Request, resource: Resource, listing: Listing, base: str) -> Response:
+async def read_listing(request: Request, resource: Resource, listing: Listing) -> Response:
     """All descriptions; with ``limit`` a page of them, which links the next page and the whole."""
     media_type = choose(field(request, "accept"), TYPES)
     if media_type is None:
@@ -35,16 +35,16 @@ async def read_listing(request: Request, resource: Resource, listing: Listing, b
     headers = {"vary": "Accept", "cache-control": "no-cache", "x-content-type-options": "nosniff"}
     content = {"content-type": media_type, "allow": "GET, HEAD, OPTIONS"}
     if limit is None:
-        headers["link"] = link_header([*links, *_canonical(things, base, paged=offset > 0)], [])
+        headers["link"] = link_header([*links, *_canonical(things, request.base, paged=offset > 0)], [])
         headers["etag"] = "W/" + etag(b"%d " % offset + listing.version())  # the body is known when it has been sent
         if not_modified(field(request, "if-none-match"), headers["etag"]):
             return Response(status_code=304, headers=headers)
         places = [place for _, place in things[offset:]]
         return StreamingResponse(_array(listing, places if request.method == "GET" else []), headers=headers | content)
     end = offset + min(limit, MOST)
-    links += _canonical(things, base, paged=True)
+    links += _canonical(things, request.base, paged=True)
     if end < len(things):
-        links.append(Link(f"{base}{DIRECTORY}?offset={end}&limit={limit}", "next"))
+        links.append(Link(f"{request.base}{DIRECTORY}?offset={end}&limit={limit}", "next"))
     body = b"".join([part async for part in _array(listing, [place for _, place in things[offset:end]])])
     headers |= {"link": link_header(links, []), "etag": etag(body)}
     if not_modified(field(request, "if-none-match"), headers["etag"]):

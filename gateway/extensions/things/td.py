@@ -11,19 +11,22 @@ from typing import Any
 
 from pyoxigraph import NamedNode
 
-from gateway.extensions.things.documents import DIRECTORY, TD
 from gateway.fleet.model import Joint, Link
 from gateway.fleet.robot import Robot
+from gateway.rdf.serialise import JSON
 from gateway.rdf.vocabulary import HYBRIT, LF, ROS, SOSA
 from gateway.resources.action_offer import Offer, fleet_offers, joint_offers, robot_offers
+from gateway.resources.branches import RequestView
 from gateway.resources.describe import part_paths
 from gateway.resources.joint_kinds import kind_of
 from gateway.resources.json_form import Json, form_of, form_of_input, form_of_target
 from gateway.resources.paths import joint_path, link_path, robot_path
-from gateway.resources.plain_json import JSON, described
+from gateway.resources.plain_json import described
 from gateway.resources.properties import joint_properties, link_properties, robot_properties
 from gateway.resources.property import Property, Seen
 
+TD, DIRECTORY = "application/td+json", "/things"
+"""Media type of a Thing Description, and path of their directory."""
 CONTEXT = "https://www.w3.org/2022/wot/td/v1.1"
 DISCOVERY = "https://www.w3.org/2022/wot/discovery"
 _BEYOND = {
@@ -162,6 +165,11 @@ class Thing:
             ],
         }
         return said | ({"input": form_of_input(offer, self.base).schema} if offer.takes_body else {})
+
+
+def write_description(sight: RequestView, robot: Robot | None, part: Joint | Link | None) -> bytes:
+    """The Thing Description of the fleet (no robot), a robot, or a part of it."""
+    return thing_description(Thing(sight.base, sight.secured, robot, part), sight.robots)
 
 
 def thing_description(thing: Thing, robots: Iterable[str] = ()) -> bytes:

@@ -39,7 +39,7 @@ NEAR_M = 25.0
 
 
 class Checks:
-    """A ``gateway.actions.service.Judge``, and an async context manager; it starts no process before a robot is placed.
+    """Implements ``MotionGuard``; an async context manager. It starts no process before a robot is placed.
 
     Meshes are kept in ``folder``.
     """

@@ -18,7 +18,8 @@ from gateway.extensions.world.describe import (
 from gateway.extensions.world.scene import SceneObject, TriangleMesh
 from gateway.identity.rights import Right
 from gateway.rdf.vocabulary import LDP, LF
-from gateway.resources.extension import Found, Sight
+from gateway.resources.affordance import BODY_TYPES
+from gateway.resources.branches import Found, RequestView
 from gateway.resources.placement import PLACEMENT, WORLD
 from gateway.resources.resource import CONTAINER, Resource, blueprint_of
 from gateway.resources.versioning import Source
@@ -31,7 +32,8 @@ class PostObject:
     """Put another object into the world."""
 
     methods: ClassVar[tuple[str, ...]] = ("POST",)
-    takes_body: ClassVar[bool] = True
+    body_types: ClassVar[tuple[str, ...]] = BODY_TYPES
+    reads: ClassVar[bool] = False
     needs: ClassVar[tuple[Right, ...]] = (Right.ADMIN,)
 
 
@@ -41,7 +43,8 @@ class PutObject:
 
     id: str
     methods: ClassVar[tuple[str, ...]] = ("PUT", "PATCH", "DELETE")
-    takes_body: ClassVar[bool] = True
+    body_types: ClassVar[tuple[str, ...]] = BODY_TYPES
+    reads: ClassVar[bool] = False
     needs: ClassVar[tuple[Right, ...]] = (Right.ADMIN,)
 
 
@@ -49,10 +52,10 @@ class PutObject:
 class AskPose:
     """A pose depends on the query: of what, and in which frame."""
 
-    sight: Sight
+    sight: RequestView
 
 
-def in_world(sight: Sight, rest: list[str], objects: Mapping[str, SceneObject]) -> Found:
+def in_world(sight: RequestView, rest: list[str], objects: Mapping[str, SceneObject]) -> Found:
     """``rest``: the segments below ``/world``."""
     if not rest:
         return _world(sight)
@@ -66,7 +69,7 @@ def in_world(sight: Sight, rest: list[str], objects: Mapping[str, SceneObject]) 
     return _in_objects(sight, rest[1:], objects) if rest[0] == "objects" else None
 
 
-def _world(sight: Sight) -> Resource:
+def _world(sight: RequestView) -> Resource:
     robots = sight.robots
     return Resource(
         WORLD,
@@ -80,7 +83,7 @@ def _world(sight: Sight) -> Resource:
     )
 
 
-def _in_objects(sight: Sight, rest: list[str], objects: Mapping[str, SceneObject]) -> Resource | None:
+def _in_objects(sight: RequestView, rest: list[str], objects: Mapping[str, SceneObject]) -> Resource | None:
     if not rest or rest == [_BLUEPRINT]:
         container = Resource(
             OBJECTS,
@@ -98,7 +101,7 @@ def _in_objects(sight: Sight, rest: list[str], objects: Mapping[str, SceneObject
 
 
 def _of_object(
-    sight: Sight, id: str, thing: SceneObject, rest: list[str], objects: Mapping[str, SceneObject]
+    sight: RequestView, id: str, thing: SceneObject, rest: list[str], objects: Mapping[str, SceneObject]
 ) -> Resource | None:
     path, geometry = object_path(id), thing.geometry
     if not rest or rest == [_BLUEPRINT]:

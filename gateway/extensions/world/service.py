@@ -15,13 +15,13 @@ from gateway.extensions.world.resources import in_world
 from gateway.extensions.world.store import ObjectStore
 from gateway.rdf.graph import Graph
 from gateway.rdf.vocabulary import LF
-from gateway.resources.extension import FleetWing, Sight
+from gateway.resources.branches import FleetBranch, RequestView
 from gateway.resources.placement import WORLD
 from gateway.subscriptions.live import Live
 
 
 class World:
-    """An async context manager; entering it adds the world to the tree. In ``folder`` meshes are kept."""
+    """An async context manager. In ``folder`` meshes are kept."""
 
     def __init__(self, live: Live, url: str, namespace: str, folder: Path) -> None:
         self._live = live
@@ -30,7 +30,12 @@ class World:
         self.checks = Checks(live, self.objects.known, folder)
         self._stack = AsyncExitStack()
 
-    def triples(self, sight: Sight) -> Iterator[tuple[str, Sequence[Triple]]]:
+    @property
+    def branch(self) -> FleetBranch:
+        known = self.objects.known
+        return FleetBranch(WORLD[1:], LF.world, lambda sight, rest: in_world(sight, rest, known), graphs=self.triples)
+
+    def triples(self, sight: RequestView) -> Iterator[tuple[str, Sequence[Triple]]]:
         """The whole world, for who asks many things of it at once; where robots stand is said with each of them."""
         frame, key, known = Graph(), (sight.base, self.objects.changes), self.objects.known
         describe_frame(frame, sight.base, sight.robots.values())
@@ -44,8 +49,7 @@ class World:
     async def __aenter__(self) -> Self:
         await self._stack.enter_async_context(self.objects)
         await self._stack.enter_async_context(self.checks)
-        known = self.objects.known
-        self._live.add(FleetWing(WORLD[1:], LF.world, lambda sight, rest: in_world(sight, rest, known)))
+        self._live.objects = lambda: self.objects.known
         return self
 
     async def __aexit__(

@@ -4,6 +4,8 @@ import asyncio
 import json
 import logging
 import socket
+from types import SimpleNamespace
+from typing import cast
 from urllib.parse import urlsplit
 
 import httpx
@@ -18,9 +20,12 @@ from rdflib import RDF, URIRef
 from gateway.app.application import create_app
 from gateway.app.settings import GatewaySettings
 from gateway.base.errors import NotAcceptable
-from gateway.http.representation import negotiated
+from gateway.http.endpoint import Endpoint
+from gateway.http.representation import Representations
+from gateway.http.request import Services
+from gateway.http.stop_priority import Turns
 from gateway.rdf.graph import Graph
-from gateway.rdf.serialise import MEDIA_TYPES
+from gateway.rdf.serialise import RDF_TYPES
 from gateway.resources.resource import Resource
 
 pytestmark = pytest.mark.virtual
@@ -343,19 +348,21 @@ def test_syntax_that_cannot_say_a_graph_gives_way() -> None:
         graph.add(NamedNode("urn:s"), NamedNode("urn:1"), NamedNode("urn:o"))
 
     def ask(accept: str) -> str:
-        return negotiated(accept, Resource("/", "", describe), "http://127.0.0.1").media_type
+        return Representations().negotiated(accept, Resource("/", "", describe), "http://127.0.0.1").media_type
 
     assert ask("application/rdf+xml, text/turtle;q=0.1") == "text/turtle"
     with pytest.raises(NotAcceptable) as refused:
         ask("application/rdf+xml")
     assert "application/rdf+xml" not in refused.value.offered
-    assert refused.value.offered == tuple(each for each in MEDIA_TYPES if each != "application/rdf+xml")
+    assert refused.value.offered == tuple(each for each in RDF_TYPES if each != "application/rdf+xml")
 
 
 def test_r0_6_unforeseen_errors(caplog: pytest.LogCaptureFixture) -> None:
     """R0.6: what nobody foresaw is a 500 problem that tells nothing of the code; the log has it all."""
-    # An application whose lifespan nobody entered has no fleet, and did not foresee to be asked.
     app = create_app(GatewaySettings())
+    app.router.default = Endpoint()
+    # No request was foreseen without a fleet.
+    app.services = cast(Services, SimpleNamespace(identities=None, turns=Turns(), representations=Representations()))
 
     async def ask(accept: str) -> httpx.Response:
         transport = httpx.ASGITransport(app=app)

@@ -31,7 +31,7 @@ def ask(*hosts: str, kind: str = "http", more: tuple[tuple[bytes, bytes], ...] =
     headers = [*((b"host", host.encode("latin-1")) for host in hosts), *more]
     scope: Scope = {"type": kind, "method": "GET", "path": "/", "headers": headers, "query_string": b"", **extra}
     app = Authorities(
-        Starlette(routes=[Route("/", base, methods=["GET", "HEAD", "OPTIONS", "POST", "PUT", "DELETE"])]), URLS, {}
+        Starlette(routes=[Route("/", base, methods=["GET", "HEAD", "OPTIONS", "POST", "PUT", "DELETE"])]), URLS
     )
     asyncio.run(app(scope, receive, send))
     return sent

@@ -25,7 +25,8 @@ from small_fleet import Place, live, move, presence
 from starlette.requests import Request
 
 from gateway.app.settings import GatewaySettings
-from gateway.http.health import PREPARING, Readiness, ready
+from gateway.extensions.world.extension import PREPARING
+from gateway.http.health import ready
 
 pytestmark = pytest.mark.virtual
 
@@ -238,10 +239,10 @@ def test_a_gateway_that_prepares_the_check_of_motions_is_not_ready() -> None:
 
 def test_a_robot_that_joins_takes_no_gateway_away() -> None:
     """Shapes of a further robot are prepared by a gateway that stays ready: its front must go on to reach stop."""
-    state = all_well(prepared=True)
-    assert answered(state) == (200, {"status": "ready"})
-    state.world.checks.prepared = False
-    assert answered(state) == (200, {"status": "ready", "warnings": [PREPARING]})
+    gateway = all_well(prepared=True)
+    assert answered(gateway) == (200, {"status": "ready"})
+    gateway.services.unprepared = lambda: [PREPARING]
+    assert answered(gateway) == (200, {"status": "ready", "warnings": [PREPARING]})
 
 
 def reasons(*, prepared: bool, draining: bool = False) -> list[str]:
@@ -254,12 +255,13 @@ def reasons(*, prepared: bool, draining: bool = False) -> list[str]:
 
 def all_well(*, prepared: bool, draining: bool = False) -> SimpleNamespace:
     up = SimpleNamespace(link=SimpleNamespace(joined=True), store_answers=True)
-    world = SimpleNamespace(checks=SimpleNamespace(prepared=prepared))
-    return SimpleNamespace(live=up, subscriptions=up, world=world, embedded=None, readiness=Readiness(draining))
+    reasons = [] if prepared else [PREPARING]
+    services = SimpleNamespace(live=up, subscriptions=up, embedded=None, unprepared=lambda: reasons)
+    return SimpleNamespace(services=services, draining=draining, has_been_ready=False)
 
 
-def answered(state: SimpleNamespace) -> tuple[int, dict[str, Any]]:
-    answer = asyncio.run(ready(Request({"type": "http", "app": SimpleNamespace(state=state)})))
+def answered(gateway: SimpleNamespace) -> tuple[int, dict[str, Any]]:
+    answer = asyncio.run(ready(Request({"type": "http", "app": gateway})))
     return answer.status_code, json.loads(answer.body)
 
 

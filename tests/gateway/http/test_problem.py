@@ -6,6 +6,7 @@ import pytest
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from gateway.base import errors
+from gateway.extensions.pages.extension import Pages
 from gateway.http.problem import problem_body
 from gateway.rdf.parsing import parse
 
@@ -24,7 +25,7 @@ REPORT = [
 def test_json_has_all_members() -> None:
     """Type, title, status, detail, instance, what would have been right, and the report."""
     error = errors.UnprocessableContent("out of limits", report=REPORT, constraint=BASE + "#shape")
-    body, content_type = problem_body(error, "*/*", BASE, PREFIXES)
+    body, content_type = problem_body(error, "*/*", BASE, Pages())
     assert content_type == "application/problem+json"
     assert json.loads(body) == {
         "type": "https://w3id.org/linked-fleet/problems#unprocessable-content",
@@ -56,7 +57,7 @@ def test_json_has_all_members() -> None:
 )
 def test_negotiation(accept: str | None, expected: str) -> None:
     """JSON unless something else is clearly preferred; also when nothing suits."""
-    assert problem_body(errors.NotFound("no robot of this name"), accept, BASE, PREFIXES)[1] == expected
+    assert problem_body(errors.NotFound("no robot of this name"), accept, BASE, Pages())[1] == expected
 
 
 @pytest.mark.parametrize(
@@ -64,7 +65,7 @@ def test_negotiation(accept: str | None, expected: str) -> None:
 )
 def test_rdf_carries_the_report(accept: str) -> None:
     """Problem and SHACL report in one graph."""
-    body, content_type = problem_body(errors.UnprocessableContent("no", report=REPORT), accept, None, PREFIXES)
+    body, content_type = problem_body(errors.UnprocessableContent("no", report=REPORT), accept)
     triples = parse(body, content_type.partition(";")[0], BASE)
     assert Literal("too far") in [t.object for t in triples]
     assert NamedNode("https://w3id.org/linked-fleet#Problem") in [t.object for t in triples]

@@ -6,10 +6,11 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from gateway.base import errors
 from gateway.extensions.pages import labels
+from gateway.extensions.pages.extension import Pages
 from gateway.extensions.pages.page import write
 from gateway.http.problem import problem
 from gateway.rdf.serialise import parse
-from gateway.rdf.vocabulary import DCTERMS, HYBRIT, LF, MATHS, PREFIXES, QUDT, RDF, RDFS, UNIT, VOM, XSD
+from gateway.rdf.vocabulary import DCTERMS, HYBRIT, LF, MATHS, QUDT, RDF, RDFS, UNIT, VOM, XSD
 from gateway.resources.resource import Resource
 
 BASE = "http://example.org"
@@ -156,7 +157,7 @@ def test_the_command_to_copy_is_quoted_for_a_shell() -> None:
 )
 def test_a_refusal_is_a_page_for_a_browser(error: errors.FleetError) -> None:
     """With the words of the problem details, escaped, and under the same policy."""
-    body, headers = problem(error, BROWSER, BASE + "/x<y", PREFIXES)
+    body, headers = problem(error, BROWSER, BASE + "/x<y", Pages())
     root = parsed(body)
     assert error.detail in root.text and error.title in root.text and str(error.status) in root.text
     assert not list(root.all("script", "b")) and "default-src 'none'" in headers["content-security-policy"]

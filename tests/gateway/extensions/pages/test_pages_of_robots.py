@@ -9,6 +9,7 @@ from browser import DCTERMS, HYBRIT, LDP, LF, ROS, Browser
 from dom import Element, parsed
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
+from gateway.extensions.things.td import TD
 from gateway.rdf.serialise import JELLY, parse
 from gateway.rdf.vocabulary import LF as OUR_TERMS
 
@@ -159,12 +160,14 @@ def test_raw_representations_are_one_click_away(browser: Browser) -> None:
     joint = browser.part("ur5", "elbow_joint")
     page = next(pages(browser, [joint.url]))[1]
     offered = [each for each in page.all("a") if "type" in each.attributes]
-    assert len(offered) == 5
+    assert len(offered) == 6
     for each in offered:
         answer = browser.http.get(each["href"], headers={"accept": "text/html"})
         assert answer.headers["content-type"].partition(";")[0] == each["type"]
         if each["type"] == JELLY:
             assert len(rdflib.Graph().parse(data=answer.content, format="jelly")) > 10
+        elif each["type"] == TD:
+            assert answer.json()["@type"]
         else:
             assert parse(answer.content, each["type"], joint.url)
     refused = browser.http.get(joint.url + "?as=pdf", headers={"accept": "text/html"})

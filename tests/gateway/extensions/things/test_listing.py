@@ -7,14 +7,13 @@ from typing import Any
 
 import pytest
 from every_kind import BASE, tree
-from starlette.requests import Request
 from starlette.responses import Response
 
 from gateway.base.errors import BadRequest, FleetError
-from gateway.extensions.things.directory import Listing
-from gateway.extensions.things.documents import MOST
+from gateway.extensions.things.directory import MOST, Listing
 from gateway.extensions.things.http import read_listing
-from gateway.resources.extension import Sight
+from gateway.http.request import Request
+from gateway.resources.branches import RequestView
 from gateway.resources.resource import Resource
 
 
@@ -55,12 +54,13 @@ def _get(query: str = "", *, method: str = "GET", without: str = "", **fields: s
     listing = found.remote
     if without:
         robots = {name: robot for name, robot in listing.sight.robots.items() if name != without}
-        listing = Listing(Sight(BASE, robots, listing.sight.invocations, listing.sight.sees))
+        listing = Listing(RequestView(BASE, robots, listing.sight.invocations, listing.sight.sees))
     headers = [(name.replace("_", "-").encode(), value.encode()) for name, value in fields.items()]
     scope = {"type": "http", "method": method, "path": "/things", "query_string": query.encode(), "headers": headers}
+    scope["state"] = {"base": BASE}
 
     async def run() -> _Answer:
-        return await _Answer(await read_listing(Request(scope), found, listing, BASE)).read()
+        return await _Answer(await read_listing(Request(scope), found, listing)).read()
 
     return asyncio.run(run())
 

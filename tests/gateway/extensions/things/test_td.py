@@ -11,7 +11,7 @@ from agents.wire.codec import layout
 from agents.wire.messages import WIRE_VERSION, Description
 from gateway.actions.admission import admit
 from gateway.base.errors import BadRequest, UnprocessableContent
-from gateway.extensions.things.directory import WINGS, Listing
+from gateway.extensions.things.directory import BRANCHES, Listing
 from gateway.fleet.events import Appeared, Described
 from gateway.fleet.fleet import Fleet
 from gateway.fleet.invocations import Invocations
@@ -19,7 +19,7 @@ from gateway.identity.rights import ALL, View, view
 from gateway.rdf.vocabulary import LF, ROS, UNIT, VOM
 from gateway.resources.action_offer import Offer
 from gateway.resources.affordance import Invoke, PutTarget
-from gateway.resources.extension import Wings
+from gateway.resources.branches import NONE
 from gateway.resources.json_form import form_of_input
 from gateway.resources.plain_json import triples_of
 from gateway.resources.resource import Resource
@@ -57,7 +57,7 @@ FLEET = _fleet()
 
 
 def _tree(sees: View = ALL, *, secured: bool = False) -> Tree:
-    return Tree(FLEET, Invocations(), BASE, sees=sees, wings=Wings(of_fleet=WINGS), secured=secured)
+    return Tree(FLEET, Invocations(), BASE, sees=sees, branches=NONE.having(*BRANCHES), secured=secured)
 
 
 def _resource(path: str, tree: Tree | None = None) -> Resource:
@@ -97,7 +97,7 @@ def test_every_form_leads_to_what_can_be_done(path: str) -> None:
     for name, action in td["actions"].items():
         invoke = _resource("/" + action["forms"][0]["href"].split("/", 3)[3], tree) if name != "retrieveThing" else None
         assert invoke is None or (
-            isinstance(invoke.affords, Invoke) and invoke.affords.takes_body == ("input" in action)
+            isinstance(invoke.affords, Invoke) and invoke.affords.offer.takes_body == ("input" in action)
         )
 
 

@@ -14,7 +14,7 @@ from gateway.fleet.model import Pose
 from gateway.identity.rights import ALL
 from gateway.rdf.vocabulary import DCTERMS, LDP, LF, RDF
 from gateway.resources.access_filter import InvocationsInView
-from gateway.resources.extension import Sight
+from gateway.resources.branches import RequestView
 
 BASE = "http://fleet.test"
 
@@ -23,7 +23,7 @@ def test_all_that_is_in_the_world_is_told_and_told_anew_when_it_changes(tmp_path
     settings = GatewaySettings()
     live = new_live(settings, ZenohNetwork().gateway("g"))
     world = World(live, "unix:///nowhere", settings.namespace, tmp_path)
-    sight = Sight(BASE, live.fleet.robots, InvocationsInView(Invocations(), ALL), ALL)
+    sight = RequestView(BASE, live.fleet.robots, InvocationsInView(Invocations(), ALL), ALL)
     where = Pose((0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0))
     for i in range(150):  # more than a page of them shows
         ball = SceneObject(title=f"ball {i}", kind="obstacle", pose=where, geometry=Sphere(0.1))

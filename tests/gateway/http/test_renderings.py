@@ -1,31 +1,23 @@
-"""Requests in the same words: what is answered without the whole way is what the whole way answers."""
+"""GET of measured values: compiled renderings give the same answer as the first one did, with the present value."""
 
-import asyncio
 import contextlib
 import socket
 from collections.abc import Iterator
-from functools import partial
 
 import httpx
 import pytest
 from actor import Actor, stage
 from browser import LF, Browser
 from running import eventually
-from serving import connect, run, serving, until
 from small_fleet import Place
-from starlette.types import Receive, Scope, Send
 
 from gateway.fleet.observation import Observation
-from gateway.http.protocol import HttpProtocol
-from gateway.http.rates import Rates
-from gateway.http.repeats import MAX_KEPT, Repeat, Repeats
 from gateway.rdf.graph import Graph
 from gateway.rdf.vocabulary import LF as TERMS
 from gateway.resources.property import Seen
+from gateway.resources.renderings import Renderings
 from gateway.resources.resource import Resource
-from gateway.resources.template import Rendering
 from gateway.resources.versioning import Source
-from gateway.runtime.counters import Requests
 
 pytestmark = pytest.mark.virtual
 
@@ -72,7 +64,7 @@ class Stand:
         return self._get().status_code == 200
 
     def at(self, angle: float) -> None:
-        """Until it is seen, in words of which nothing is kept."""
+        """Wait until an answer shows it."""
         eventually(lambda: self._shows(angle), f"the elbow at {angle}")
 
     def _shows(self, angle: float) -> bool:
@@ -80,13 +72,12 @@ class Stand:
         return f'"{angle!r}"' in self._get().text
 
     def _get(self) -> httpx.Response:
-        fields = {"accept": "text/turtle", "x-way": "whole"}
-        return self.browser.http.get(f"{self.root}odd/elbow/rotation", headers=fields)
+        return self.browser.http.get(f"{self.root}odd/elbow/rotation", headers={"accept": "text/turtle"})
 
 
 @pytest.fixture(scope="module")
 def stand(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stand]:
-    place = Place(tmp_path_factory.mktemp("repeats"))
+    place = Place(tmp_path_factory.mktemp("renderings"))
     with place.gateway() as (_, browser), stage(place.zenoh) as session:
         found = Stand(place.root, browser, Actor(session, "odd").appear())
         eventually(lambda: found.found, "the robot")
@@ -179,73 +170,16 @@ def test_a_robot_that_left_is_offline_in_the_next_answer(stand: Stand, connectio
     )
 
 
-# -- by itself ---------------------------------------------------------------------------------------------------------
-
-
-def _repeat(holds: bool = True) -> Repeat:
-    seen = (Observation((0.5,), 1),)
-
+def _resource(facts: object = ()) -> Resource:
     def describe(graph: Graph, seen: Seen) -> None:
         graph.result_time(TERMS.value, seen.wall_ns)
 
-    resource = Resource("/r/x", "x", None, source=Source(look=lambda: seen), measured=describe)
-    repeat = Repeat(resource, Rendering(resource, "text/turtle", "http://test"), None, None, lambda: holds)
-    assert repeat.answered(200, [(b"ETag", b"old"), (b"Content-Length", b"7"), (b"link", b"<x>")])
-    return repeat
+    seen = (Observation((0.5,), 1),)
+    return Resource(f"/r/{facts}", "x", None, source=Source(lambda: facts, lambda: seen), measured=describe)
 
 
-def test_what_holds_no_longer_is_forgotten() -> None:
-    repeats = Repeats(Rates(0), Requests())
-    repeats.keep(b"good", _repeat())
-    repeats.keep(b"bad", _repeat(holds=False))
-    assert repeats.answer(b"good", "", []) is not None
-    assert repeats.answer(b"bad", "", []) is None
-    assert repeats.known(b"bad") is None
-
-
-def test_it_counts_as_any_request() -> None:
-    requests, rates = Requests(), Rates(0.2, clock_s=lambda: 0.0)
-    repeats = Repeats(rates, requests)
-    repeats.keep(b"head", _repeat())
-    assert [repeats.answer(b"head", "a", []) is not None for _ in range(3)] == [True, True, False]
-    assert repeats.answer(b"head", "b", []) is not None
-    assert requests.answered["GET", "2xx"] == 3
-
-
-def test_there_are_never_too_many() -> None:
-    repeats, repeat = Repeats(Rates(0), Requests()), _repeat()
-    for number in range(MAX_KEPT + 5):
-        repeats.keep(b"%d" % number, repeat)
-    assert repeats.known(b"4") is None
-    assert repeats.known(b"5") is not None
-
-
-def test_fields_that_a_line_cannot_hold_are_not_kept() -> None:
-    assert not _repeat().answered(200, [(b"link", b"a\r\nset-cookie: b")])
-    assert not _repeat().answered(404, [])
-
-
-class Hasty(HttpProtocol):
-    head_s = 0.2
-
-
-async def _nobody(scope: Scope, receive: Receive, send: Send) -> None:
-    raise AssertionError("what is known is answered without the application")
-
-
-def test_who_repeats_keeps_his_connection_and_who_falls_silent_loses_it() -> None:
-    async def main() -> None:
-        request, repeats = b"GET /r/x HTTP/1.1\r\nHost: test\r\n\r\n", Repeats(Rates(0), Requests())
-        repeats.keep(request, _repeat())
-        async with serving(_nobody, partial(Hasty, repeats=repeats)) as (server, port):  # type: ignore[arg-type]
-            reader, writer = await connect(port, b"")
-            with contextlib.closing(writer):
-                for _ in range(10):  # longer than anybody may take to begin
-                    writer.write(request)
-                    head = await reader.readuntil(b"\r\n\r\n")
-                    assert head.startswith(b"HTTP/1.1 200 OK\r\n")
-                    await reader.readexactly(int(head.partition(b"content-length: ")[2].split()[0]))
-                    await asyncio.sleep(0.05)
-                await until(lambda: not server.server_state.connections)
-
-    run(main)
+def test_there_are_never_too_many_renderings() -> None:
+    renderings = Renderings(3)
+    for number in range(5):
+        renderings.body(_resource(number), "text/turtle", "http://test")
+    assert len(renderings) == 3

@@ -1,0 +1,58 @@
+"""Extensions found, put in order, and mounted."""
+
+from collections.abc import Sequence
+from contextlib import AsyncExitStack
+from dataclasses import replace
+
+from gateway.extensions.cameras.extension import CamerasExtension
+from gateway.extensions.history.extension import HistoryExtension
+from gateway.extensions.pages.extension import PagesExtension
+from gateway.extensions.query.extension import QueryExtension
+from gateway.extensions.rules.extension import RulesExtension
+from gateway.extensions.things.extension import ThingsExtension
+from gateway.extensions.world.extension import WorldExtension
+from gateway.http.extension import Core, Extension, Mount
+from gateway.http.representation import Representations
+
+BUILT_IN: Sequence[Extension] = (
+    ThingsExtension(),
+    HistoryExtension(),
+    WorldExtension(),
+    CamerasExtension(),
+    QueryExtension(),
+    RulesExtension(),
+    PagesExtension(),
+)
+
+
+def in_order(extensions: Sequence[Extension]) -> list[Extension]:
+    """The extensions, each after those that it needs. ValueError for one whose needs cannot be met."""
+    found: dict[str, Extension] = {}
+    waiting = list(extensions)
+    while waiting:
+        able = [each for each in waiting if all(name in found for name in each.needs)]
+        if not able:
+            lacking = ", ".join(f"{each.name} needs {' and '.join(each.needs)}" for each in waiting)
+            raise ValueError(f"extensions lack others, or need each other: {lacking}")
+        found |= {each.name: each for each in able}
+        waiting = [each for each in waiting if each not in able]
+    return list(found.values())
+
+
+async def mount(extensions: Sequence[Extension], core: Core, stack: AsyncExitStack) -> list[Mount]:
+    """Start the extensions one after the other and add them to the tree and to the guards; ``stack`` ends them."""
+    mounts: list[Mount] = []
+    for extension in extensions:
+        services = [service for each in mounts for service in each.services]
+        found = await stack.enter_async_context(extension.start(replace(core, services=services)))
+        core.live.add(*found.branches)
+        if found.guard is not None:
+            core.actions.add_guard(found.guard)
+        mounts.append(found)
+    return mounts
+
+
+def representations(mounts: Sequence[Mount]) -> Representations:
+    """All that the core and its extensions can write."""
+    html = next((each.html for each in mounts if each.html is not None), None)
+    return Representations(html, {name: value for each in mounts for name, value in each.formats.items()})

@@ -1,0 +1,21 @@
+"""The extension ``cameras``: cameras of robots as resources, their pictures, and streams of them."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from functools import partial
+from typing import ClassVar
+
+from gateway.extensions.cameras.http import read_camera
+from gateway.extensions.cameras.pictures import Pictures
+from gateway.extensions.cameras.resources import Eye, cameras_branch
+from gateway.http.extension import Core, Mount
+
+
+class CamerasExtension:
+    name: ClassVar[str] = "cameras"
+    needs: ClassVar[tuple[str, ...]] = ()
+
+    @asynccontextmanager
+    async def start(self, core: Core) -> AsyncIterator[Mount]:
+        async with Pictures(core.live) as pictures:
+            yield Mount(branches=(cameras_branch(pictures.held),), readers={Eye: partial(read_camera, pictures)})

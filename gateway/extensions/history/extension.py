@@ -1,0 +1,34 @@
+"""The extension ``history``: the last minutes of each robot, and of each property that is measured."""
+
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager
+from typing import ClassVar
+
+from prometheus_client.metrics_core import Metric
+
+from gateway.extensions.history.http import read_past
+from gateway.extensions.history.recorder import History
+from gateway.extensions.history.resources import Past, history_branches
+from gateway.http.extension import Core, Mount
+from gateway.runtime.metrics import gauge
+
+
+class HistoryExtension:
+    name: ClassVar[str] = "history"
+    needs: ClassVar[tuple[str, ...]] = ()
+
+    @asynccontextmanager
+    async def start(self, core: Core) -> AsyncIterator[Mount]:
+        span_s, rate_hz = float(core.settings["history_s"]), float(core.settings["history_hz"])
+        async with History(core.live.fleet, span_s, rate_hz, int(core.settings["history_mb"]) * 10**6) as history:
+            yield Mount(
+                branches=history_branches(history) if span_s else (),
+                readers={Past: read_past},
+                formats={"csv": ("CSV", "text/csv"), "mcap": ("MCAP", "application/vnd.mcap")},
+                metrics=lambda: _metrics(history),
+            )
+
+
+def _metrics(history: History) -> Iterator[Metric]:
+    yield gauge("history_bytes", "Memory of the histories of all robots.", history.bytes)
+    yield gauge("history_samples", "Samples in the histories of all robots.", history.samples)

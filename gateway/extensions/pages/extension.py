@@ -1,0 +1,38 @@
+"""The extension ``pages``: resources and problems as HTML, with forms that are made from their shapes."""
+
+from collections.abc import AsyncIterator, Mapping, Sequence
+from contextlib import asynccontextmanager
+from typing import ClassVar
+
+from pyoxigraph import Triple
+
+from gateway.base.errors import FleetError
+from gateway.extensions.pages import page
+from gateway.extensions.pages.policy import FORMS, POLICY
+from gateway.extensions.pages.resources import BRANCH
+from gateway.http.extension import Core, Mount
+from gateway.http.html import Formats
+from gateway.resources.resource import Resource
+
+
+class Pages:
+    """Implements ``gateway.http.html.HtmlWriter``."""
+
+    def write_resource(self, resource: Resource, triples: Sequence[Triple], base: str, formats: Formats) -> bytes:
+        return page.write(resource, triples, base, formats)
+
+    def write_problem(self, error: FleetError, instance: str | None, report: Sequence[Mapping[str, str]]) -> bytes:
+        members = {name: value for name, value in error.members.items() if value}
+        return page.render("problem.html", error=error, instance=instance, members=members, report=report)
+
+    def policy(self, forms: bool) -> str:
+        return FORMS if forms else POLICY
+
+
+class PagesExtension:
+    name: ClassVar[str] = "pages"
+    needs: ClassVar[tuple[str, ...]] = ()
+
+    @asynccontextmanager
+    async def start(self, core: Core) -> AsyncIterator[Mount]:
+        yield Mount(branches=(BRANCH,), html=Pages())

@@ -1,0 +1,25 @@
+"""The extension ``query``: SPARQL 1.1 over the live fleet, evaluated in a process of its own."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import ClassVar
+
+from gateway.extensions.query.description import Endpoint, PostQuery, branch
+from gateway.extensions.query.http import post_query, read_query
+from gateway.extensions.query.service import Queries
+from gateway.http.extension import Core, Mount
+
+
+class QueryExtension:
+    name: ClassVar[str] = "query"
+    needs: ClassVar[tuple[str, ...]] = ()
+
+    @asynccontextmanager
+    async def start(self, core: Core) -> AsyncIterator[Mount]:
+        async with Queries(core.live) as queries:
+            yield Mount(
+                branches=(branch(queries),),
+                readers={Endpoint: read_query},
+                writers={PostQuery: post_query},
+                services=(queries,),
+            )

@@ -1,0 +1,19 @@
+"""The extension ``things``: Thing Descriptions and their directory (W3C Web of Things)."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import ClassVar
+
+from gateway.extensions.things.directory import BRANCHES, Listing
+from gateway.extensions.things.http import read_listing
+from gateway.extensions.things.td import TD
+from gateway.http.extension import Core, Mount
+
+
+class ThingsExtension:
+    name: ClassVar[str] = "things"
+    needs: ClassVar[tuple[str, ...]] = ()
+
+    @asynccontextmanager
+    async def start(self, core: Core) -> AsyncIterator[Mount]:
+        yield Mount(branches=BRANCHES, readers={Listing: read_listing}, formats={"td": ("Thing Description", TD)})

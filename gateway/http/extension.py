@@ -1,0 +1,88 @@
+"""The contract of extensions: a package that adds a capability to the gateway, without a line outside its folder."""
+
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractAsyncContextManager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar, Protocol, TypeVar
+
+from prometheus_client.metrics_core import Metric
+from starlette.types import ASGIApp
+
+from gateway.actions.service import Actions, MotionGuard
+from gateway.http.html import HtmlWriter
+from gateway.http.request import Request
+from gateway.identity.service import Identities
+from gateway.resources.branches import Branch
+from gateway.resources.resource import Resource
+from gateway.runtime.audit_log import Audit
+from gateway.subscriptions.live import Live
+
+Reader = Callable[[Request, Resource, Any], Awaitable[ASGIApp]]
+"""Answers GET of a resource; the last argument is its ``remote``."""
+Writer = Callable[[Request, Any], Awaitable[ASGIApp]]
+"""Answers any other method of a resource; the last argument is its ``affords``."""
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Core:
+    """The parts of the gateway that an extension may use. It has not joined the fleet yet."""
+
+    live: Live
+    actions: Actions
+    audit: Audit
+    identities: Identities | None
+    redis_url: str
+    namespace: str
+    """Prefix of every Zenoh and Redis key."""
+    run: str
+    """Name of this run of the gateway among the gateways."""
+    public_urls: Sequence[str]
+    state_path: Path
+    """Folder for files that outlive the process."""
+    settings: Mapping[str, str] = field(default_factory=dict)
+    """Value of each setting by its name."""
+    services: Sequence[object] = ()
+    """Services of the extensions that were started before."""
+
+    def service(self, kind: type[T]) -> T:
+        """The service of this type that an extension named in ``needs`` has. Raises LookupError."""
+        for each in self.services:
+            if isinstance(each, kind):
+                return each
+        raise LookupError(f"no extension that was started before has a {kind.__name__}")
+
+
+@dataclass(frozen=True)
+class Mount:
+    """All that an extension adds. Every field is optional."""
+
+    branches: Sequence[Branch] = ()
+    """Resources of the tree."""
+    readers: Mapping[type, Reader] = field(default_factory=dict)
+    """Who answers GET of resources whose ``remote`` is of that type."""
+    writers: Mapping[type, Writer] = field(default_factory=dict)
+    """Who answers other methods of resources whose ``affords`` is of that type."""
+    formats: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    """Label and media type of further representations, by the word that picks one in ``?as=``."""
+    html: HtmlWriter | None = None
+    """Writer of pages; one extension has it."""
+    guard: MotionGuard | None = None
+    """Judge of motions before they are accepted. It fails closed."""
+    not_ready: Callable[[], str] = str
+    """The reason why a gateway that starts is not ready yet; empty if it is."""
+    metrics: Callable[[], Iterable[Metric]] = tuple
+    """Numbers for ``/metrics``, collected in a thread beside the event loop."""
+    services: Sequence[object] = ()
+    """Objects for the extensions that need this one, found by their type."""
+
+
+class Extension(Protocol):
+    """An extension. ``start`` gives what it adds, and ends all that it has begun when the context is left."""
+
+    name: ClassVar[str]
+    needs: ClassVar[tuple[str, ...]]
+    """Names of extensions that are started before."""
+
+    def start(self, core: Core) -> AbstractAsyncContextManager[Mount]: ...
