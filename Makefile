@@ -30,6 +30,7 @@ CADDY ?= $(or $(shell command -v caddy),$(CURDIR)/build/caddy/usr/bin/caddy)
 BIN := .venv/bin
 ASSETS := gateway/extensions/pages/assets/manifest.json
 NODE_WOT := tests/things/node_modules/.package-lock.json
+SHACL_SUITE := build/shacl-suite/core/manifest.ttl
 
 # Pins as variables, not as -c: the environment in which pip builds our own wheel reads them too.
 export PIP_CONSTRAINT := constraints.txt
@@ -47,13 +48,13 @@ $$python -c 'import ensurepip' 2>/dev/null || { echo "$$python has no venv: apt 
 $$python -m venv --clear $(1)
 endef
 
-.PHONY: demo test test-long test-all check check-collisions requirements fleet-check bench bench-robots fuzz mutants soak assets pictures node-wot chromium egl tools wrk caddy clean
+.PHONY: demo test test-long test-all check check-collisions requirements fleet-check bench bench-robots fuzz mutants soak assets pictures node-wot shacl-suite chromium egl tools wrk caddy clean
 
 demo: .venv/stamp $(ASSETS)
 	@$(BIN)/python -m demo --port $(PORT)
 
 # Those marked test_all are slow: the contract of the stores on clusters of Valkey, and with real replicas.
-test: .venv/stamp $(ASSETS) $(NODE_WOT) chromium egl tools
+test: .venv/stamp $(ASSETS) $(NODE_WOT) $(SHACL_SUITE) chromium egl tools
 	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder $(SECOND_TRY) $(PYTEST_ARGS)
 
 # For the tests of the pages. Those say so and fail where it cannot be had.
@@ -143,7 +144,7 @@ fuzz: .venv/stamp $(ASSETS)
 
 # With a package that nothing else needs. Exits with 1 when a mutant survives that the page does not explain.
 mutants: export PYTHONPATH := .:tests:tests/requirements
-mutants: .venv/stamp
+mutants: .venv/stamp $(SHACL_SUITE)
 	@$(BIN)/python -c 'import mutmut' 2>/dev/null || $(BIN)/python -m pip install -q -e '.[mutation]'
 	@nice $(BIN)/python -m mutation $(if $(ONLY),--only $(ONLY))
 
@@ -168,6 +169,16 @@ node-wot: $(NODE_WOT)
 $(NODE_WOT): tests/things/package.json | $(ASSETS)
 	@echo "Fetching node-wot for the tests of neighbours."
 	@cd tests/things && PATH="$(abspath $(BIN)):$$PATH" npm install --no-package-lock --ignore-scripts --no-audit --no-fund --silent
+	@touch $@
+
+# The test suite of the W3C for SHACL, as it comes with the sources of pySHACL.
+shacl-suite: $(SHACL_SUITE)
+
+$(SHACL_SUITE): tests/shacl/suite.txt | .venv/stamp
+	@echo "Fetching the test suite for SHACL."
+	@rm -rf build/shacl-suite && mkdir -p build/shacl-suite
+	@$(BIN)/python -m pip download -q --no-deps --no-binary pyshacl --require-hashes -r $< -d build/shacl-suite
+	@tar -xzf build/shacl-suite/pyshacl-*.tar.gz -C build/shacl-suite --strip-components=4 --wildcards '*/sht_tests/core'
 	@touch $@
 
 # One environment for everything. A later start finds it as it is and asks nobody for packages.

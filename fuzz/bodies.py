@@ -28,7 +28,7 @@ from gateway.fleet.invocations import Invocations
 from gateway.http.body import parse_body
 from gateway.http.invoke import MAX_TRIPLES
 from gateway.rdf.graph import Graph
-from gateway.rdf.shacl_validator import reachable
+from gateway.rdf.unused import reachable
 from gateway.rdf.validation import root
 from gateway.rdf.vocabulary import LF
 from gateway.resources.action_offer import Offer

@@ -24,6 +24,7 @@ from gateway.link.transport import LinkError
 from gateway.runtime.log import configure
 from gateway.runtime.redis import BadUrl
 from gateway.runtime.tracing import Tracing, open_tracing
+from gateway.shacl import Unsupported
 from telemetry.spans import TracingUnavailable
 
 # An Upgrade that is ignored, and each WebSocket that comes and goes.
@@ -56,7 +57,7 @@ def main() -> int:
     sys.setswitchinterval(_SWITCH_S)
     try:
         return uvloop.run(_serve(settings, listener, certificate, tracing))
-    except (LinkError, BadUrl, BadRoster) as error:
+    except (LinkError, BadUrl, BadRoster, Unsupported) as error:
         print(f"gateway: {error}", file=sys.stderr)
         return 1
     finally:

@@ -8,23 +8,34 @@ pySHACL orders NaN by a quirk and literals of two types by the names of these.
 import logging
 import math
 import warnings
+from collections import Counter
 from collections.abc import Iterable, Sequence
 
+import pyshacl
 import pytest
 import rdflib
-from pyoxigraph import BlankNode, NamedNode, Triple
+from pyoxigraph import BlankNode, NamedNode, RdfFormat, Triple, parse
 from pyshacl.constraints.core import value_range_constraints
 from pyshacl.pytypes import SHACLExecutor
 from pyshacl.shapes_graph import ShapesGraph
 
-from gateway.rdf.compiled import Data, compile_shape
-from gateway.rdf.graph import Node, Term
-from gateway.rdf.vocabulary import XSD
+from gateway.rdf.vocabulary import PREFIXES
+from gateway.shacl import CompiledGraph, Data, compile_shape, report
+from gateway.shacl.terms import RDF, SHACL, XSD, Namespace, Node, Term
 
 logging.getLogger("rdflib.term").setLevel(logging.ERROR)
 _compare = value_range_constraints.compare_literal
 
+EX = Namespace("http://example.org/", "body Shape p q r a b C D type")
+_PREFIXES = "".join(f"@prefix {prefix}: <{iri}> . " for prefix, iri in {**PREFIXES, "ex": EX.iri}.items())
+Results = Counter[tuple[object, ...]]  # of all that a report says of each result but its message
+_COMPARED = (SHACL.focusNode, SHACL.value, SHACL.sourceConstraintComponent, SHACL.resultSeverity, SHACL.sourceShape)
 Found = set[tuple[str, str, str, str]]  # focus, path, value and component of the results at the top
+
+
+def turtle(text: str) -> list[Triple]:
+    """The triples of a text in which the prefixes of the gateway, and ``ex``, are known."""
+    return [quad.triple for quad in parse(_PREFIXES + text, format=RdfFormat.TURTLE, base_iri=EX.iri)]
 
 
 def to_rdflib(term: Term) -> rdflib.term.Identifier:
@@ -38,7 +49,7 @@ def to_rdflib(term: Term) -> rdflib.term.Identifier:
         return rdflib.Literal(term.value, lang=term.language, datatype=datatype, normalize=False)
 
 
-def _graph(triples: Iterable[Triple]) -> rdflib.Graph:
+def to_graph(triples: Iterable[Triple]) -> rdflib.Graph:
     graph = rdflib.Graph()
     for t in triples:
         graph.add((to_rdflib(t.subject), to_rdflib(t.predicate), to_rdflib(t.object)))
@@ -60,11 +71,11 @@ def pyshacl_finds(shapes: Sequence[Triple], shape: Node, body: Sequence[Triple],
 
 
 def unrepaired_pyshacl_finds(shapes: Sequence[Triple], shape: Node, body: Sequence[Triple], focus: Node) -> Found:
-    graph = _graph(shapes)
+    graph = to_graph(shapes)
     graph.add((to_rdflib(shape), rdflib.RDF.type, rdflib.SH.NodeShape))
     known = ShapesGraph(graph)
     judge = {each.node: each for each in known.shapes}[to_rdflib(shape)]
-    conforms, results = judge.validate(SHACLExecutor(), _graph(body), focus=to_rdflib(focus))
+    conforms, results = judge.validate(SHACLExecutor(), to_graph(body), focus=to_rdflib(focus))
     assert conforms == (not results)
     return {_key(node, triples) for _, node, triples in results}
 
@@ -88,3 +99,47 @@ def compiled_finds(shapes: Sequence[Triple], shape: Node, body: Sequence[Triple]
         tuple(_n3(t and to_rdflib(t)) for t in (v.focus, v.path, v.value, v.component))  # type: ignore[misc]
         for v in found
     }
+
+
+def results(about: Data, root: Node) -> Results:
+    """The results of a report. Of blank nodes it only matters that they are some."""
+    found: Results = Counter()
+    for result in about.objects(root, SHACL.result):
+        values = (tuple(map(_plain, about.objects(result, each))) for each in _COMPARED)
+        paths = (_path(about, path) for path in about.objects(result, SHACL.resultPath))
+        found[(*values, *paths)] += 1
+    conforms = [term.value in ("true", "1") for term in about.objects(root, SHACL.conforms)]
+    assert conforms == [not found]
+    return found
+
+
+def _plain(term: Term) -> object:
+    return "blank" if isinstance(term, BlankNode) else term
+
+
+def _path(about: Data, path: Term) -> object:
+    if not isinstance(path, BlankNode):
+        return path
+    if first := about.objects(path, RDF.first):
+        return (_path(about, first[0]), _path(about, about.objects(path, RDF.rest)[0]))
+    return tuple((kind, *(_path(about, each) for each in inner)) for kind, inner in about.about(path).items())
+
+
+def _of_report(triples: Sequence[Triple]) -> Results:
+    about = Data(triples)
+    (root,) = about.subjects(RDF.type, SHACL.ValidationReport)
+    return results(about, root)  # type: ignore[arg-type]
+
+
+def reported(shapes: CompiledGraph, data: Sequence[Triple]) -> Results:
+    """What compiled shapes with targets report of ``data``."""
+    triples = shapes.shapes[0][0].triples if shapes.shapes else {}
+    return _of_report(report(shapes.check(Data(data)), triples))
+
+
+def pyshacl_reports(shapes: Sequence[Triple], data: Sequence[Triple]) -> Results:
+    """What pySHACL reports of ``data``, by the targets of the shapes."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(value_range_constraints, "compare_literal", _compare_numbers)
+        _, found, _ = pyshacl.validate(to_graph(data), shacl_graph=to_graph(shapes), inference="none", advanced=False)
+    return _of_report([q.triple for q in parse(found.serialize(format="nt"), format=RdfFormat.N_TRIPLES)])

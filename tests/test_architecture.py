@@ -39,6 +39,7 @@ PAGES = (
     "docs/RULES.md",
     "docs/ROS2.md",
     "docs/WORLD.md",
+    "gateway/shacl/CONFORMANCE.md",
 )
 FOLDERS = {path.name for path in ROOT.iterdir() if path.is_dir()}
 

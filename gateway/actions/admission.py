@@ -1,4 +1,4 @@
-"""The guard of a body: the very shape that its action's description links, compiled once (paper 5.4)."""
+"""What admits a body: the very shape that its action's description links, compiled once (paper 5.4)."""
 
 import re
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ from gateway.base.errors import UnprocessableContent
 from gateway.fleet.model import Joint, RobotModel
 from gateway.fleet.robot import Robot
 from gateway.rdf.graph import Graph, Node
-from gateway.rdf.shacl_validator import Judge
+from gateway.rdf.shacl_validator import ShaclValidator
 from gateway.rdf.unused import Terms, refuse, subjects, unused
 from gateway.rdf.validation import check_writable, root
 from gateway.rdf.vocabulary import HYBRIT, LF, MATHS, QUDT, RDF, ROS, SPATIAL, VOM
@@ -36,8 +36,8 @@ def admit(offer: Offer, triples: Sequence[Triple], base: str) -> Body:
     model = robot.model if robot is not None else None
     named = tuple(poses(robot)) if robot is not None and offer.definition.iri == LF.AssumePose else ()
     joints = robot.description.joints if robot is not None and robot.description is not None else ()
-    judge, terms = _judge(offer.definition, base, offer.thing, robot, offer.joint, model, joints, named)
-    report = judge.report(triples, focus, iri)
+    validator, terms = _validator(offer.definition, base, offer.thing, robot, offer.joint, model, joints, named)
+    report = validator.report(triples, focus)
     if report is not None:
         detail, about = report
         raise UnprocessableContent(
@@ -80,7 +80,7 @@ def _bare(iri: str) -> str:
 
 
 @lru_cache(maxsize=1024)  # five robots have some three hundred actions
-def _judge(
+def _validator(
     definition: Definition,
     base: str,
     thing: str,
@@ -89,8 +89,8 @@ def _judge(
     model: RobotModel | None,
     joints: tuple[str, ...],
     named: tuple[str, ...],
-) -> tuple[Judge, Terms]:
+) -> tuple[ShaclValidator, Terms]:
     """What the shape speaks of is in the key: a description may list other joints of the same model, or other poses."""
     graph = Graph()
     shape = Offer(definition, thing, robot, joint).consumes(graph, base)
-    return Judge(graph.triples, shape), Terms.of(subjects(graph.triples), shape)
+    return ShaclValidator(graph.triples, shape), Terms.of(subjects(graph.triples), shape)

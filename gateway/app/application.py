@@ -14,6 +14,7 @@ from gateway.app.extensions import BUILT_IN, in_order, mount, representations
 from gateway.app.metrics import Numbers, registry
 from gateway.app.sampler import Sampler
 from gateway.app.settings import GatewaySettings
+from gateway.app.shape_check import check_shapes
 from gateway.extensions.sessions.ended_sessions import EndedSessions
 from gateway.http.callers import Callers
 from gateway.http.cors import pages_elsewhere
@@ -56,7 +57,11 @@ def sockets_of(settings: GatewaySettings) -> Sockets:
 
 
 def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_session: Opener = open_zenoh) -> Gateway:
-    """The ASGI application; entering its lifespan joins the fleet, through the session that ``open_session`` opens."""
+    """The ASGI application; entering its lifespan joins the fleet, through the session that ``open_session`` opens.
+
+    Unsupported for shapes that cannot be compiled.
+    """
+    check_shapes()
     extensions = in_order(BUILT_IN)
 
     @asynccontextmanager

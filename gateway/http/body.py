@@ -9,7 +9,7 @@ from pyoxigraph import NamedNode, Triple
 from gateway.base.errors import BadRequest, PayloadTooLarge, UnsupportedMediaType
 from gateway.http.fields import field
 from gateway.http.negotiation import parse_content_type
-from gateway.http.offload import SHORT_BYTES, Offload
+from gateway.http.offload import Offload
 from gateway.http.request import Request
 from gateway.rdf.parsing import MAX_TRIPLES, ParseError, parse
 from gateway.rdf.serialise import JSON
@@ -31,13 +31,11 @@ def body_type(request: Request, taken: Sequence[str] = BODY_TYPES) -> str:
     return media_type
 
 
-async def read_as(
-    request: Request, read: Callable[[bytes], T], most: int = MAX_BODY_BYTES, short_bytes: int = SHORT_BYTES
-) -> T:
+async def read_as(request: Request, read: Callable[[bytes], T], most: int = MAX_BODY_BYTES) -> T:
     """``read`` of the whole body, in a thread unless it is short; PayloadTooLarge, Busy and what ``read`` raises."""
     offload: Offload = request.services.offload
     content = await read_body(request, most)
-    return await offload.run(partial(read, content), len(content), short_bytes)
+    return await offload.run(partial(read, content), len(content))
 
 
 def parse_body(

@@ -28,8 +28,7 @@ from gateway.http.request import Request
 from gateway.identity.rights import Right
 from gateway.rdf.graph import Graph
 from gateway.rdf.serialise import JSON
-from gateway.rdf.shacl_validator import reachable
-from gateway.rdf.unused import Terms, refuse, shown, unused
+from gateway.rdf.unused import Terms, reachable, refuse, shown, unused
 from gateway.rdf.validation import root
 from gateway.rdf.vocabulary import LF
 from gateway.resources.access_filter import InvocationsInView

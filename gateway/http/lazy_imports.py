@@ -9,7 +9,7 @@ from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 PAGES: Final = ("jinja2", "client.quantity", "gateway.extensions.pages.form")
-SUBSCRIPTIONS: Final = ("rdflib", "pyshacl", "httpx")
+SUBSCRIPTIONS: Final = ("httpx",)
 
 
 class Loading:

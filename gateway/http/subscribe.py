@@ -127,11 +127,8 @@ async def post_subscription(request: Request, afforded: Subscribe) -> Response:
     owner, media_type = afforded.owner, body_type(request)
     check_accepted(request)
     iri = request.base + container_path(owner)
-    # Always in a thread: pySHACL judges it, which takes ten milliseconds for the shortest.
     wanted = await read_as(
-        request,
-        lambda body: requested(parse_body(body, media_type, iri, request.base), iri, request.base),
-        short_bytes=0,
+        request, lambda body: requested(parse_body(body, media_type, iri, request.base), iri, request.base)
     )
     resource = request.tree().resolve(unquote(wanted.resource[len(request.base) :]))
     if not isinstance(resource, Resource):

@@ -22,6 +22,8 @@ from gateway.resources.subscription_change import changed, managed
 from gateway.resources.subscription_resource import container_path, subscription_path
 from gateway.subscriptions.service import Subscriptions
 
+_SHORT_TRIPLES = 50  # a description has twenty
+
 
 async def change_subscription(request: Request, afforded: ChangeSubscription) -> Response:
     """204: deleted, or changed."""
@@ -60,8 +62,8 @@ async def _options(
     iri, before = request.base + present.path, present.whole(request.base).triples
     after = patched(update, present, request.base, lambda described: managed(described, iri))
     offload: Offload = request.services.offload
-    # Always in a thread, as bodies posted to the container: pySHACL judges it.
-    options = await offload.run(partial(changed, before, after, subscription, request.base), len(after), short=0)
+    read = partial(changed, before, after, subscription, request.base)
+    options = await offload.run(read, len(after), _SHORT_TRIPLES)
     if options.depth is not subscription.depth:
         _demand_depth(request, subscription, options.depth)
     if options.media_type == subscription.media_type:

@@ -148,6 +148,18 @@ def subjects(triples: Iterable[Triple]) -> dict[Node, list[Triple]]:
     return found
 
 
+def reachable(body: Iterable[Triple], focus: Node) -> list[Triple]:
+    """What is said about ``focus`` and about the nodes that this refers to."""
+    by_subject, found = subjects(body), list[Triple]()
+    pending = [focus]
+    while pending:
+        for triple in by_subject.pop(pending.pop(), ()):
+            found.append(triple)
+            if isinstance(triple.object, NamedNode | BlankNode):
+                pending.append(triple.object)
+    return found
+
+
 def shown(description: Graph) -> frozenset[Triple]:
     """The triples of a description that can come back as they are: those without blank nodes."""
     return frozenset(t for t in description.triples if not any(isinstance(term, BlankNode) for term in t))

@@ -9,7 +9,7 @@ from pyoxigraph import NamedNode, Triple
 
 from gateway.base.errors import UnprocessableContent
 from gateway.fleet.robot import Robot
-from gateway.rdf.shacl_validator import Judge
+from gateway.rdf.shacl_validator import ShaclValidator
 from gateway.rdf.shapes import load
 from gateway.rdf.unused import TYPES_OF_ALL, Terms, refuse, unused
 from gateway.rdf.validation import root
@@ -52,7 +52,7 @@ class Setting:
 
 def managed(described: Sequence[Triple], shape: NamedNode, iri: str) -> list[Triple]:
     """The statements of a description of ``iri`` of which the shape of a body says nothing."""
-    _, terms = _judge(shape)
+    _, terms = _validator(shape)
     models = [each for each in described if each.predicate == RDF.type and each.object in TYPES_OF_ALL]
     return [*unused(described, NamedNode(iri), terms), *models]
 
@@ -63,8 +63,8 @@ def judged(triples: Sequence[Triple], shape: NamedNode, iri: str, present: froze
     UnprocessableContent when the blueprint's shape refuses it, or says nothing of a part of it that is not ``present``.
     """
     focus = root(triples, NamedNode(iri))
-    judge, terms = _judge(shape)
-    found = judge.report(triples, focus, iri)
+    validator, terms = _validator(shape)
+    found = validator.report(triples, focus)
     constraint = f"{iri}/blueprint"
     if found is not None:
         detail, report = found
@@ -86,9 +86,9 @@ def settings(robot: Robot) -> dict[str, Setting]:
 
 
 @cache
-def _judge(shape: NamedNode) -> tuple[Judge, Terms]:
+def _validator(shape: NamedNode) -> tuple[ShaclValidator, Terms]:
     shapes = load("blueprints.ttl")
-    return Judge(list(chain.from_iterable(shapes.values())), shape), Terms.of(shapes, shape)
+    return ShaclValidator(chain.from_iterable(shapes.values()), shape), Terms.of(shapes, shape)
 
 
 def _title(body: Body) -> str:

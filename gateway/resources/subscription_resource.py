@@ -1,27 +1,21 @@
 """Subscriptions as resources, and the request for one (paper 5.3, figure 4; R1.8)."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from functools import cache
-from typing import TYPE_CHECKING
 
 from pyoxigraph import Literal, NamedNode, Triple
 
 from gateway.base.errors import UnprocessableContent
-from gateway.base.lazy_imports import Lazily
 from gateway.rdf.graph import Graph, Node, integer, number, timestamp
 from gateway.rdf.shapes import load
 from gateway.rdf.unused import Terms, refuse, unused
-from gateway.rdf.validation import check_lexical_forms, focused, from_rdflib, root, targeted, validate
-from gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LDP, LF, METHODS, RDF, RDFS, SH, XSD
+from gateway.rdf.validation import check_lexical_forms, root
+from gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LDP, LF, METHODS, PREFIXES, RDF, RDFS, XSD
 from gateway.resources.signature import key
 from gateway.resources.subscription import DeliveryState, Depth, Kind, Record, Subscription
-
-if TYPE_CHECKING:
-    import rdflib
-else:
-    rdflib = Lazily("rdflib")
+from gateway.shacl import CompiledGraph, CompiledShape, Data, Violation, compile_graph, compile_shape, report
 
 _TYPES = {
     Kind.CALLBACK: (HYBRIT.WebCallback,),
@@ -181,9 +175,8 @@ def requested(body: Sequence[Triple], container_iri: str, base: str) -> Request:
     focus = _focus(body, NamedNode(container_iri))
     about = _about(body, focus)
     check_lexical_forms(about, container_iri)
-    conforms, report = validate(focused(about), _guard())
-    if not conforms:
-        raise _refusal(report, container_iri)
+    if violations := _violations(about, focus):
+        raise _refusal(violations, container_iri)
     refuse(_left(body, focus, NamedNode(container_iri)), container_iri)
     stated = {HYBRIT.callbackURL if t.predicate in CALLBACKS else t.predicate: _text(t) for t in about}
     resource, secret = stated[HYBRIT.onResource], stated.get(LF.secret, "")
@@ -230,10 +223,10 @@ def _terms() -> Terms:
 
 
 def _about(body: Sequence[Triple], focus: Node) -> list[Triple]:
-    """What the shapes are about. Two values break a maxCount as well as a thousand, which would keep pySHACL busy."""
-    about = list(dict.fromkeys(t for t in body if t.subject == focus))
+    """What the shapes are about."""
+    about = [t for t in body if t.subject == focus]
     types = [t for t in about if t.predicate == RDF.type and t.object in _READ_TYPES]
-    return types + [t for p in _READ for t in [t for t in about if t.predicate == p][:2]]
+    return list(dict.fromkeys(types + [t for t in about if t.predicate in _READ]))
 
 
 def _text(triple: Triple) -> str:
@@ -241,21 +234,28 @@ def _text(triple: Triple) -> str:
     return triple.object.value
 
 
+def _violations(about: Sequence[Triple], focus: Node) -> list[Violation]:
+    """What the shape of a subscription finds, whatever type the body states, and what the others find by their targets.
+
+    The report does not repeat a secret.
+    """
+    data, (subscription, others) = Data(about), validators()
+    found = dict.fromkeys([*subscription.check(data, focus), *others.check(data)])
+    return [replace(each, value=None) if each.path == LF.secret else each for each in found]
+
+
 @cache
-def _guard() -> "rdflib.Graph":
-    graph = Graph()
-    describe_request_shape(graph)
-    return targeted(graph.triples, LF.SubscriptionShape)
+def validators() -> tuple[CompiledShape, CompiledGraph]:
+    shapes = load("subscriptions.ttl")
+    return compile_shape(shapes, LF.SubscriptionShape, PREFIXES), compile_graph(shapes, PREFIXES)
 
 
-def _refusal(report: "rdflib.Graph", container_iri: str) -> UnprocessableContent:
-    """Every constraint has a sentence of its own; the report does not repeat a secret."""
-    for result in list(report.subjects(rdflib.SH.resultPath, rdflib.URIRef(LF.secret.value))):
-        report.remove((result, rdflib.URIRef(SH.value.value), None))
-    results = report.objects(None, rdflib.SH.result)  # not the details of one: they are about shapes inside shapes
-    messages = sorted({str(report.value(result, rdflib.SH.resultMessage)) for result in results})
+def _refusal(violations: Sequence[Violation], container_iri: str) -> UnprocessableContent:
+    """Every constraint has a sentence of its own."""
+    messages = sorted({each.message for each in violations})
     detail = "The body does not conform to the shape of a subscription: " + "; ".join(messages)
-    return UnprocessableContent(detail + ".", report=from_rdflib(report, container_iri), constraint=container_iri)
+    about = report(violations, validators()[0].triples)
+    return UnprocessableContent(detail + ".", report=about, constraint=container_iri)
 
 
 def _check_secret(secret: str, container_iri: str) -> None:

@@ -12,7 +12,6 @@ import json
 import time
 from asyncio.events import Handle
 from collections.abc import Iterator
-from importlib import import_module
 from itertools import cycle
 from pathlib import Path
 
@@ -123,7 +122,6 @@ def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Gateway]:
         made.subscription = eventually(subscribe, "a subscription, once the store is there").rpartition("/")[2]
         for accept in ACCEPTED:  # what is loaded or compiled once is no body's doing
             made.ask("GET", "/arm/", accept=accept)
-        runner.run(asyncio.to_thread(import_module, "pyshacl"))
         with timed_callbacks(made.note):
             for each in (*ENDPOINTS, QUERIES, LOGIN):
                 made.ask(each.method, each.path, b"x", content_type="text/turtle")

@@ -3,13 +3,14 @@
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import chain
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from gateway.base.errors import UnprocessableContent
 from gateway.extensions.rules.template import below, template, variables
 from gateway.rdf.graph import Node
-from gateway.rdf.shacl_validator import Judge
+from gateway.rdf.shacl_validator import ShaclValidator
 from gateway.rdf.shapes import load
 from gateway.rdf.unused import Terms, refuse, unused
 from gateway.rdf.validation import check_lexical_forms, root
@@ -47,7 +48,7 @@ def requested(triples: Sequence[Triple], iri: str, base: str) -> Wanted:
     # First of all: a misspelt option would be none.
     refuse(unused(triples, focus, _terms(), _present(triples, focus)), container)
     check_lexical_forms(about, container)
-    found = _judge().report(about, focus, iri)
+    found = _validator().report(about, focus)
     if found is not None:
         detail, report = found
         raise _refusal(f"The body does not conform to the shape of a rule: {detail}", container, report)
@@ -123,8 +124,8 @@ def check_variables(wanted: Wanted, selected: Collection[str], base: str) -> Non
 
 
 @cache
-def _judge() -> Judge:
-    return Judge([triple for triples in load("rules.ttl").values() for triple in triples], LF.RuleShape)
+def _validator() -> ShaclValidator:
+    return ShaclValidator(chain.from_iterable(load("rules.ttl").values()), LF.RuleShape)
 
 
 def _refusal(detail: str, container: str, report: list[Triple] | None = None) -> UnprocessableContent:

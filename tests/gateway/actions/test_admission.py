@@ -8,11 +8,11 @@ from shacl_findings import pyshacl_finds
 
 from gateway.actions.admission import admit
 from gateway.base.errors import UnprocessableContent
-from gateway.rdf.compiled import Data, compile_shape
 from gateway.rdf.serialise import parse
-from gateway.rdf.shacl_validator import Judge
+from gateway.rdf.shacl_validator import ShaclValidator
 from gateway.rdf.vocabulary import HYBRIT, SH, VOM
 from gateway.resources.action_body import written
+from gateway.shacl import Data, compile_shape
 
 _RANGE = '<limit lower="{}" upper="{}" velocity="1" effort="1"/>'
 _ROTATE = "/r/elbow/actions/rotate"
@@ -174,7 +174,7 @@ def test_every_guard_is_compiled_and_agrees_with_the_shape_that_is_served(bench:
             body = parse(bench.prefixed(turtle).encode(), "text/turtle", focus.value)
             found = compile_shape(shapes, shape).check(Data(body), focus)
             assert bool(found) == bool(pyshacl_finds(shapes, shape, body, focus)) == _refused(bench, path, turtle)
-            assert (Judge(shapes, shape).report(body, focus, focus.value) is None) == (not found)
+            assert (ShaclValidator(shapes, shape).report(body, focus) is None) == (not found)
 
 
 def _refused(bench: Any, path: str, turtle: str) -> bool:

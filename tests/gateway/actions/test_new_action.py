@@ -14,7 +14,7 @@ from agents.wire.messages import Move
 from gateway.actions import handler_table as handlers
 from gateway.base.errors import UnprocessableContent
 from gateway.rdf import shapes
-from gateway.rdf.shacl_validator import Judge
+from gateway.rdf.shacl_validator import ShaclValidator
 from gateway.rdf.vocabulary import HYBRIT, LF
 from gateway.resources import action_conditions
 from gateway.resources.action_definition import definitions
@@ -89,7 +89,7 @@ def test_its_description_conforms(bench: Any, extended: None) -> None:
     blueprints = [triple for about in shapes.load("blueprints.ttl").values() for triple in about]
     description = bench.described(path).triples
     iri = NamedNode(bench.base + path)
-    assert Judge(blueprints, LF.ActionShape).report(description, iri, iri.value) is None
+    assert ShaclValidator(blueprints, LF.ActionShape).report(description, iri) is None
     assert bench.offer(path).methods == ("POST", "PUT")
     assert bench.offer(path).definition.iri == _CENTRE
     assert Triple(iri, LF.invocations, NamedNode(f"{iri.value}/invocations")) in description

@@ -354,11 +354,11 @@ def test_a_refusal_names_what_is_not_used() -> None:
 
 
 def test_the_rest_of_the_body_costs_nothing() -> None:
-    """Ten thousand values, or triples about others, do not reach pySHACL."""
+    """Of ten thousand values the report names a few, and of triples about others none."""
     values = ", ".join(map(str, range(10_000)))
     others = " ".join(f"<s{i}> lf:deadband 'x' ." for i in range(10_000))
     body = f"<> a hybrit:Subscription ; hybrit:onResource <{_ROTATION}> ; lf:depth {values} . {others}"
     triples = parse((_PREFIXES + body).encode(), "text/turtle", _CONTAINER, max_triples=30_000)
     with pytest.raises(UnprocessableContent) as caught:
         requested(triples, _CONTAINER, _BASE)
-    assert caught.value.report is not None and len(caught.value.report) < 100
+    assert caught.value.report is not None and len(caught.value.report) < 250

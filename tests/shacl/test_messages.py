@@ -1,24 +1,20 @@
 """The message of each constraint about a value that it refuses, in words for people."""
 
 import pytest
-from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, parse
+from pyoxigraph import BlankNode, Literal, NamedNode, Triple
+from shacl_findings import EX, turtle
 
-from gateway.rdf.compiled import Data, Violation, compile_shape, report
-from gateway.rdf.compiled_report import SHACL, brief, listed, shown
 from gateway.rdf.graph import integer
-from gateway.rdf.vocabulary import VOM, XSD, Namespace
+from gateway.rdf.vocabulary import PREFIXES, VOM
+from gateway.shacl import Data, Violation, compile_shape, report
+from gateway.shacl.report import Words, brief
+from gateway.shacl.terms import SHACL, XSD
 
-EX = Namespace("http://example.org/", "body p q Shape")
-_PREFIXES = f"""@prefix sh: <http://www.w3.org/ns/shacl#> . @prefix ex: <{EX.iri}> .
-@prefix xsd: <http://www.w3.org/2001/XMLSchema#> . """
-
-
-def _turtle(text: str) -> list[Triple]:
-    return [quad.triple for quad in parse(_PREFIXES + text, format=RdfFormat.TURTLE)]
+_WORDS = Words(PREFIXES)
 
 
 def _check(shape: str, body: str) -> list[Violation]:
-    return compile_shape(_turtle(f"ex:Shape {shape} ."), EX.Shape).check(Data(_turtle(f"ex:body {body} .")), EX.body)
+    return compile_shape(turtle(f"ex:Shape {shape} ."), EX.Shape).check(Data(turtle(f"ex:body {body} .")), EX.body)
 
 
 def _message(shape: str, body: str) -> str:
@@ -59,6 +55,10 @@ def _message(shape: str, body: str) -> str:
         ("sh:maxInclusive 1234567890123456", "1234567890123457", "1234567890123457 must be at most 1234567890123456"),
         ("sh:minLength 3", "'ab'", "'ab' must be 3 or more characters long"),
         ("sh:maxLength 1", "'ab'", "'ab' must be 1 characters long at most"),
+        ("sh:languageIn ( 'en' 'DE' )", "'a'@fr", "'a' must be in the language en or de"),
+        ("sh:uniqueLang true", "'a'@en , 'b'@EN", "must have one text in each language at most"),
+        ("sh:equals ex:q", "1", "must have the values of ex:q; at fault: 1"),
+        ("sh:disjoint ex:p", "1", "must have no value of ex:p; at fault: 1"),
         ("sh:pattern '^a'", "'b'", "'b' must be like '^a'"),
     ],
 )
@@ -70,6 +70,11 @@ def test_a_message_about_a_property_says_what_would_be_right(constraint: str, va
 @pytest.mark.parametrize(
     ("shape", "body", "message"),
     [
+        (
+            "sh:closed true ; sh:property [ sh:path ex:p ]",
+            "ex:p 1 ; ex:q 2",
+            "must have no other properties; at fault: ex:q 2",
+        ),
         ("sh:hasValue ex:a", "ex:p 1", "must include ex:a, and has ex:body"),
         ("sh:not [ sh:class ex:C ]", "a ex:C", "ex:body must be other than a ex:C"),
         (
@@ -172,13 +177,13 @@ def test_where_there_is_no_room_for_details_a_choice_says_what_would_be_right() 
 )
 def test_a_term_is_shown_briefly(term: object, text: str) -> None:
     """A number as it is, another literal in quotes, and no label of a blank node."""
-    assert shown(term) == text
+    assert _WORDS.shown(term) == text
 
 
 def test_a_long_list_ends_with_how_many_more_there_are() -> None:
-    assert listed([integer(n) for n in range(3)]) == "0, 1, 2"
-    assert listed([integer(n) for n in range(20)]).endswith(", 18, 19")
-    assert listed([integer(n) for n in range(22)]).endswith(", 18, 19, 2 more")
+    assert _WORDS.listed([integer(n) for n in range(3)]) == "0, 1, 2"
+    assert _WORDS.listed([integer(n) for n in range(20)]).endswith(", 18, 19")
+    assert _WORDS.listed([integer(n) for n in range(22)]).endswith(", 18, 19, 2 more")
 
 
 def test_a_text_has_at_most_300_characters() -> None:

@@ -1,4 +1,4 @@
-"""The constraints of SHACL Core that are compiled: from what a shape states to a test of a value, or of all its values.
+"""The constraints on values: from what a shape states to a test of each of them, or of all together.
 
 Each agrees with pySHACL in what it counts as well-formed; what pySHACL would not load is Unsupported here.
 """
@@ -6,32 +6,16 @@ Each agrees with pySHACL in what it counts as well-formed; what pySHACL would no
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from operator import ge, gt, le, lt
-from typing import Protocol
 
 from pyoxigraph import BlankNode, Literal, NamedNode
 
-from gateway.rdf.compiled_check import Constraint, Count, Either, Shape, Switch, Values
-from gateway.rdf.compiled_data import NUMERIC, Data, Number, comparable
-from gateway.rdf.compiled_report import SHACL, brief, listed, shown
-from gateway.rdf.graph import Term
-from gateway.rdf.vocabulary import RDF, RDFS, XSD
+from gateway.shacl.check import Constraint, Count, Either, Shape, Switch, Values
+from gateway.shacl.data import Data, comparable
+from gateway.shacl.literals import NUMERIC, Number, well_typed
+from gateway.shacl.report import brief, shown
+from gateway.shacl.stated import Shapes, Stated, Unsupported, at_most_one, fixed, natural, one, text_of
+from gateway.shacl.terms import SHACL, Term
 
-Stated = Mapping[NamedNode, Sequence[Term]]
-
-
-class Unsupported(Exception):  # noqa: N818 - it is no error: the caller asks pySHACL instead
-    """A shape uses what the compiler does not know, or is no well-formed shape; pySHACL may know more."""
-
-
-class Shapes(Protocol):
-    """The shapes graph, as far as constraints refer to it."""
-
-    def shape(self, node: Term, depth: int) -> Shape: ...
-    def items(self, head: Term) -> list[Term]: ...
-
-
-_LANG_STRING = NamedNode(RDF.iri + "langString")
-_BOOLEANS = ("true", "false", "1", "0")
 _FEWEST_BRANCHES = 4  # of an sh:or, below which looking up the one that applies does not pay
 _KINDS: Mapping[Term, tuple[tuple[type, ...], str]] = {
     SHACL.IRI: ((NamedNode,), "an IRI"),
@@ -41,33 +25,6 @@ _KINDS: Mapping[Term, tuple[tuple[type, ...], str]] = {
     SHACL.BlankNodeOrLiteral: ((BlankNode, Literal), "a literal or a blank node"),
     SHACL.IRIOrLiteral: ((NamedNode, Literal), "an IRI or a literal"),
 }
-
-
-def one(stated: Stated, predicate: NamedNode) -> Term:
-    values = stated.get(predicate, ())
-    if len(values) != 1:
-        raise Unsupported(f"{len(values)} values of {shown(predicate)}")
-    return values[0]
-
-
-def at_most_one(stated: Stated, predicate: NamedNode) -> Term | None:
-    return one(stated, predicate) if predicate in stated else None
-
-
-def natural(stated: Stated, predicate: NamedNode) -> int:
-    term = one(stated, predicate)
-    digits = isinstance(term, Literal) and term.datatype == XSD.integer and re.fullmatch("[0-9]{1,18}", term.value)
-    if not digits:
-        raise Unsupported(f"{shown(predicate)} {shown(term)}")
-    return int(digits.string)
-
-
-def _fixed(terms: Iterable[Term]) -> list[Term]:
-    """``terms`` of a shape that may stand in a body: a blank node of the one is never that of the other."""
-    found = list(terms)
-    if any(isinstance(term, BlankNode) for term in found):
-        raise Unsupported("a blank node as value")
-    return found
 
 
 def _min_count(_shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Count]:
@@ -90,9 +47,9 @@ def _values(count: int) -> str:
     return f"{count} value" if count == 1 else f"{count} values"
 
 
-def _has_value(_shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Count]:
-    for term in _fixed(stated[SHACL.hasValue]):
-        yield Count(SHACL.HasValueConstraintComponent, f"include {shown(term)}", _including(term))
+def _has_value(shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Count]:
+    for term in fixed(stated[SHACL.hasValue]):
+        yield Count(SHACL.HasValueConstraintComponent, f"include {shapes.words.shown(term)}", _including(term))
 
 
 def _including(term: Term) -> Callable[[Data, Values], bool]:
@@ -117,27 +74,28 @@ def _qualified(shapes: Shapes, stated: Stated, depth: int) -> Iterable[Count]:
         yield Count(SHACL.QualifiedMaxCountConstraintComponent, text, lambda data, v: conforming(data, v) <= most)
 
 
-def _datatype(_shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Constraint]:
+def _datatype(shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Constraint]:
     wanted = one(stated, SHACL.datatype)
     if not isinstance(wanted, NamedNode):
         raise Unsupported(f"sh:datatype {shown(wanted)}")
-    well_typed = _well_typed(wanted)
+    if wanted in NUMERIC:
+        holds = _number_of(wanted)
+    else:
+        formed = well_typed(wanted)
+        if formed is None:
+            raise Unsupported(f"sh:datatype {shown(wanted)}")
+        holds = _of_type(wanted, formed)
+    yield Constraint(SHACL.DatatypeConstraintComponent, f"of type {shapes.words.shown(wanted)}", holds)
 
-    def holds(data: Data, value: Term) -> bool:
-        return isinstance(value, Literal) and value.datatype == wanted and well_typed(data, value)
 
-    yield Constraint(SHACL.DatatypeConstraintComponent, f"of type {shown(wanted)}", holds)
+def _number_of(wanted: NamedNode) -> Callable[[Data, Term], bool]:
+    return lambda data, value: (
+        isinstance(value, Literal) and value.datatype == wanted and data.number(value) is not None
+    )
 
 
-def _well_typed(datatype: NamedNode) -> Callable[[Data, Literal], bool]:
-    if datatype in NUMERIC:
-        return lambda data, literal: data.number(literal) is not None
-    if datatype == XSD.boolean:
-        return lambda _, literal: literal.value in _BOOLEANS
-    recognised = datatype.value.startswith((XSD.iri, RDF.iri, RDFS.iri))
-    if recognised and datatype not in (XSD.string, XSD.anyURI, _LANG_STRING):
-        raise Unsupported(f"sh:datatype {shown(datatype)}")
-    return lambda _, literal: True
+def _of_type(wanted: NamedNode, formed: Callable[[Literal], bool]) -> Callable[[Data, Term], bool]:
+    return lambda _, value: isinstance(value, Literal) and value.datatype == wanted and formed(value)
 
 
 def _node_kind(_shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Constraint]:
@@ -148,39 +106,42 @@ def _node_kind(_shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Constra
     yield Constraint(SHACL.NodeKindConstraintComponent, text, lambda _, value: isinstance(value, types))
 
 
-def _class(_shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Constraint]:
+def _class(shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Constraint]:
     for wanted in stated[SHACL.class_]:
         if not isinstance(wanted, NamedNode):
             raise Unsupported(f"sh:class {shown(wanted)}")
-        yield Constraint(SHACL.ClassConstraintComponent, f"a {shown(wanted)}", _of_class(wanted))
+        yield Constraint(SHACL.ClassConstraintComponent, f"a {shapes.words.shown(wanted)}", _of_class(wanted))
 
 
 def _of_class(wanted: NamedNode) -> Callable[[Data, Term], bool]:
-    return lambda data, value: wanted in data.objects(value, RDF.type)
+    return lambda data, value: data.is_a(value, wanted)
 
 
 def _in(shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Constraint]:
-    members = dict.fromkeys(_fixed(shapes.items(one(stated, SHACL.in_))))
-    text = f"one of {listed(members)}" if len(members) != 1 else listed(members)
+    members = dict.fromkeys(fixed(shapes.items(one(stated, SHACL.in_))))
+    listed = shapes.words.listed(members)
+    text = f"one of {listed}" if len(members) != 1 else listed
     yield Constraint(SHACL.InConstraintComponent, text, lambda _, value: value in members)
 
 
 def _limit(
     parameter: NamedNode, component: NamedNode, compare: Callable[[Number, Number], bool], text: str
 ) -> Callable[[Shapes, Stated, int], Iterable[Constraint]]:
-    def constraints(_shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Constraint]:
+    def constraints(shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Constraint]:
         for term in stated[parameter]:
             bound = comparable(term, Data(()))
             if bound is None:
                 raise Unsupported(f"{shown(parameter)} {shown(term)}")
-            yield Constraint(component, f"{text} {_rounded(bound, term)}", _within(bound, compare))
+            yield Constraint(
+                component, f"{text} {_rounded(bound) or shapes.words.shown(term)}", _within(bound, compare)
+            )
 
     return constraints
 
 
-def _rounded(bound: Number, term: Term) -> str:
-    """A limit as a person reads it; the last digits of a double only say which binary fraction it is."""
-    return f"{bound:.14g}" if isinstance(bound, float) else shown(term)
+def _rounded(bound: Number) -> str:
+    """A double as a person reads it: its last digits only say which binary fraction it is."""
+    return f"{bound:.14g}" if isinstance(bound, float) else ""
 
 
 def _within(bound: Number, compare: Callable[[Number, Number], bool]) -> Callable[[Data, Term], bool]:
@@ -210,22 +171,35 @@ def _max_length(_shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Constr
     )
 
 
-def _pattern(_shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Constraint]:
+def _pattern(shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Constraint]:
     flags = at_most_one(stated, SHACL.flags)
     if flags is not None and flags != Literal("i"):
         raise Unsupported(f"sh:flags {shown(flags)}")
     for term in stated[SHACL.pattern]:
-        if not isinstance(term, Literal) or term.datatype != XSD.string:
-            raise Unsupported(f"sh:pattern {shown(term)}")
         try:
-            pattern = re.compile(term.value, re.IGNORECASE if flags else 0)
+            pattern = re.compile(text_of(term, SHACL.pattern), re.IGNORECASE if flags else 0)
         except re.error as error:
             raise Unsupported(f"sh:pattern {shown(term)}: {error}") from error
-        yield Constraint(SHACL.PatternConstraintComponent, f"like {shown(term)}", _matching(pattern))
+        yield Constraint(SHACL.PatternConstraintComponent, f"like {shapes.words.shown(term)}", _matching(pattern))
 
 
 def _matching(pattern: re.Pattern[str]) -> Callable[[Data, Term], bool]:
     return lambda _, value: isinstance(value, NamedNode | Literal) and pattern.search(value.value) is not None
+
+
+def _language_in(shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Constraint]:
+    tags = [text_of(term, SHACL.languageIn).lower() for term in shapes.items(one(stated, SHACL.languageIn))]
+    yield Constraint(SHACL.LanguageInConstraintComponent, f"in the language {' or '.join(tags)}", _speaking(tags))
+
+
+def _speaking(ranges: Sequence[str]) -> Callable[[Data, Term], bool]:
+    """Basic filtering (RFC 4647, 3.3.1), as ``langMatches`` of SPARQL has it."""
+
+    def holds(_: Data, value: Term) -> bool:
+        tag = (value.language or "").lower() if isinstance(value, Literal) else ""
+        return bool(tag) and any(each in (tag, "*") or tag.startswith(each + "-") for each in ranges)
+
+    return holds
 
 
 def _node(shapes: Shapes, stated: Stated, depth: int) -> Iterable[Constraint]:
@@ -322,6 +296,7 @@ EACH: Mapping[NamedNode, Callable[[Shapes, Stated, int], Iterable[Constraint]]] 
     SHACL.minLength: _min_length,
     SHACL.maxLength: _max_length,
     SHACL.pattern: _pattern,
+    SHACL.languageIn: _language_in,
     SHACL.node: _node,
     SHACL.not_: _not,
     SHACL.and_: _and,

@@ -1,18 +1,18 @@
 """A compiled shape at work: first whether a node conforms, as fast as it can be said; only if not, why.
 
-Both are bounded whatever a body says: a node that many ways lead to is judged once, a report ends after MOST
+Both are bounded whatever the data say: a node that many ways lead to is judged once, a report ends after MOST
 violations.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 
 from pyoxigraph import NamedNode, Triple
 
-from gateway.rdf.compiled_data import Data, Reach
-from gateway.rdf.compiled_report import SHACL, Violation, brief, listed, shown
-from gateway.rdf.graph import Node, Term
+from gateway.shacl.data import Data, Reach
+from gateway.shacl.report import Violation, Words, brief
+from gateway.shacl.terms import SHACL, Node, Term
 
 MOST = 25  # violations in a report; whoever sent more is not helped by a longer one
 _MOST_DETAILS = 50
@@ -26,6 +26,7 @@ _DISCRIMINATORS = (SHACL.HasValueConstraintComponent, SHACL.InConstraintComponen
 class Run:
     """The explanation of one refusal: how many details it may still take, and what is already explained."""
 
+    words: Words
     room: int = _MOST_DETAILS
     told: dict[tuple[object, Term], tuple[Violation, ...]] = field(default_factory=dict)
 
@@ -45,6 +46,21 @@ class Count:
 
 
 @dataclass(frozen=True, eq=False)
+class Relation:
+    """A constraint on what a focus node and the value nodes have to do with each other or with the data around them.
+
+    ``breaches`` yields the predicate and the value at fault, None for the path of the shape and for no value.
+    """
+
+    component: NamedNode
+    expected: str
+    breaches: Callable[[Data, Term, Values], Iterable[tuple[NamedNode | None, Term | None]]]
+
+    def holds(self, data: Data, focus: Term, values: Values) -> bool:
+        return next(iter(self.breaches(data, focus, values)), None) is None
+
+
+@dataclass(frozen=True, eq=False)
 class Constraint:
     """A constraint on each value node; ``inner`` are the shapes whose violations explain it."""
 
@@ -57,7 +73,7 @@ class Constraint:
         """What would be right, and the violations of the inner shapes."""
         detail = tuple(found for shape in self.inner for found in run.detail(shape, data, value))
         told = "; ".join(found.message for found in detail)
-        return brief(told or f"{shown(value)} must be {self.expected}"), detail
+        return brief(told or f"{run.words.shown(value)} must be {self.expected}"), detail
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +86,7 @@ class Either(Constraint):
         if 0 < len(meant) < len(found):
             best = min(meant, key=len)
             return brief("; ".join(v.message for v in best)), best
-        return brief(f"{shown(value)} must be {self.expected}"), tuple(v for each in found for v in each)
+        return brief(f"{run.words.shown(value)} must be {self.expected}"), tuple(v for each in found for v in each)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,9 +99,9 @@ class Switch(Either):
     def explain(self, data: Data, value: Term, run: Run) -> tuple[str, tuple[Violation, ...]]:
         meant = list(self.applicable(data, value))
         if not meant:
-            return f"{shown(self.predicate)} must be one of {listed(self.table)}", ()
+            return f"{run.words.shown(self.predicate)} must be one of {run.words.listed(self.table)}", ()
         best = min((run.detail(shape, data, value) for shape in meant), key=len)
-        return brief("; ".join(v.message for v in best) or f"{shown(value)} must be {self.expected}"), best
+        return brief("; ".join(v.message for v in best) or f"{run.words.shown(value)} must be {self.expected}"), best
 
     def applicable(self, data: Data, value: Term) -> Iterator["Shape"]:
         for term in data.objects(value, self.predicate):
@@ -106,9 +122,11 @@ class Shape:
     name: str
     message: str | None
     remembers: bool
-    counts: tuple[Count, ...]
-    each: tuple[Constraint, ...]
-    properties: tuple["Shape", ...]
+    severity: NamedNode
+    counts: tuple[Count, ...] = ()
+    relations: tuple[Relation, ...] = ()
+    each: tuple[Constraint, ...] = ()
+    properties: tuple["Shape", ...] = ()
     requires: Mapping[NamedNode, frozenset[Term]] = field(default_factory=dict)
     expected: str = ""
 
@@ -124,6 +142,9 @@ class Shape:
         values = (focus,) if self.path is None else tuple(self.reach(data, focus))
         for count in self.counts:
             if not count.holds(data, values):
+                return False
+        for relation in self.relations:
+            if not relation.holds(data, focus, values):
                 return False
         for value in values:
             for constraint in self.each:
@@ -146,8 +167,13 @@ class Shape:
         values = (focus,) if self.path is None else tuple(self.reach(data, focus))
         for count in self.counts:
             if not count.holds(data, values):
-                told = f"must {count.expected}, and has {listed(values) or 'none'}"
+                told = f"must {count.expected}, and has {run.words.listed(values) or 'none'}"
                 yield self._violation(focus, None, count.component, told)
+        for relation in self.relations:
+            for path, value in relation.breaches(data, focus, values):
+                at_fault = " ".join(run.words.shown(each) for each in (path, value) if each is not None)
+                told = f"must {relation.expected}" + (f"; at fault: {at_fault}" if at_fault else "")
+                yield self._violation(focus, value, relation.component, told, path=path)
         for value in values:
             for constraint in self.each:
                 if not constraint.holds(data, value):
@@ -157,23 +183,43 @@ class Shape:
                 yield from shape.violations(data, value, run)
 
     def _violation(
-        self, focus: Term, value: Term | None, component: NamedNode, told: str, detail: tuple[Violation, ...] = ()
+        self,
+        focus: Term,
+        value: Term | None,
+        component: NamedNode,
+        told: str,
+        detail: tuple[Violation, ...] = (),
+        path: Node | None = None,
     ) -> Violation:
         message = self.message or (f"{self.name}: {told}" if self.name else told)
-        return Violation(focus, self.path, value, component, self.node, message, detail)
+        return Violation(focus, path or self.path, value, component, self.node, message, detail, self.severity)
 
 
 @dataclass(frozen=True, eq=False)
-class Guard:
-    """A compiled shape, with the triples of the shapes graph by subject (for ``report``)."""
+class CompiledShape:
+    """A shape at work, with the triples of the shapes graph by subject (for ``report``)."""
 
     shape: Shape
     triples: Mapping[Node, Sequence[Triple]]
+    words: Words
 
-    def check(self, data: Data, focus: Node) -> list[Violation]:
+    def check(self, data: Data, focus: Term) -> list[Violation]:
         """The violations of ``focus``, at most MOST; none if it conforms."""
         if self.shape.conforms(data, focus):
             return []
-        found = list(islice(self.shape.violations(data, focus, Run()), MOST))
+        found = list(islice(self.shape.violations(data, focus, Run(self.words)), MOST))
         assert found, "a shape that refuses says why"
         return found
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledGraph:
+    """The shapes of a graph that have targets, each with what finds its focus nodes in the data."""
+
+    shapes: Sequence[tuple[CompiledShape, Callable[[Data], Iterable[Term]]]]
+
+    def check(self, data: Data) -> list[Violation]:
+        """The violations of all focus nodes, at most MOST for each of them and each shape."""
+        return [
+            found for shape, targets in self.shapes for focus in targets(data) for found in shape.check(data, focus)
+        ]

@@ -6,18 +6,17 @@ from itertools import pairwise
 import pyshacl
 import pytest
 import rdflib
-from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, parse, serialize
+from graphs import graph_of
+from pyoxigraph import BlankNode, Literal, NamedNode, Triple
+from shacl_findings import EX, turtle
 
-from gateway.rdf.compiled import Data, Guard, Violation, compile_shape, report
-from gateway.rdf.compiled_check import MOST
-from gateway.rdf.compiled_report import SHACL
-from gateway.rdf.graph import Term, integer
-from gateway.rdf.vocabulary import LF, VOM, XSD
+from gateway.rdf.graph import integer
+from gateway.rdf.vocabulary import LF, PREFIXES, VOM
+from gateway.shacl import CompiledShape, Data, Violation, compile_shape, report
+from gateway.shacl.check import MOST
+from gateway.shacl.terms import SHACL, XSD, Term
 
-_PREFIXES = """@prefix sh: <http://www.w3.org/ns/shacl#> . @prefix xsd: <http://www.w3.org/2001/XMLSchema#> .
-@prefix rdf: <http://www.w3.org/1999/02/22-rdf-syntax-ns#> . @prefix lf: <https://w3id.org/linked-fleet#> .
-@prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> . @prefix ex: <http://example.org/> . """
-_BODY, _SHAPE = NamedNode("http://example.org/body"), NamedNode("http://example.org/Shape")
+_BODY, _SHAPE = EX.body, EX.Shape
 _TARGETS = """ex:Shape sh:property [ sh:path lf:target ; sh:minCount 1 ; sh:or (
     [ sh:property [ sh:path lf:ofJoint ; sh:hasValue ex:elbow ] , [ sh:path vom:numericalValue ; sh:name "angle" ;
                     sh:minCount 1 ; sh:maxInclusive 1.5 ] ]
@@ -30,16 +29,12 @@ _UNITS = """ex:Shape sh:or (
     ) ."""
 
 
-def _turtle(text: str) -> list[Triple]:
-    return [quad.triple for quad in parse(_PREFIXES + text, format=RdfFormat.TURTLE)]
-
-
-def _guard(text: str) -> Guard:
-    return compile_shape(_turtle(text), _SHAPE)
+def _compiled(text: str) -> CompiledShape:
+    return compile_shape(turtle(text), _SHAPE, PREFIXES)
 
 
 def _check(shape: str, body: str) -> list[Violation]:
-    return _guard(shape).check(Data(_turtle(body)), _BODY)
+    return _compiled(shape).check(Data(turtle(body)), _BODY)
 
 
 @pytest.mark.parametrize(
@@ -82,10 +77,10 @@ def test_detail_has_the_violations_inside() -> None:
 
 def test_a_report_is_a_validation_report() -> None:
     """It conforms to the shape that the recommendation gives of one, and its details hang below its results."""
-    guard = _guard(_TARGETS)
-    found = guard.check(Data(_turtle("ex:body lf:target [ lf:ofJoint ex:elbow ; vom:numericalValue 2 ] .")), _BODY)
-    triples = report(found, guard.triples)
-    graph = rdflib.Graph().parse(data=serialize(triples, format=RdfFormat.N_TRIPLES), format="nt")
+    compiled = _compiled(_TARGETS)
+    found = compiled.check(Data(turtle("ex:body lf:target [ lf:ofJoint ex:elbow ; vom:numericalValue 2 ] .")), _BODY)
+    triples = report(found, compiled.triples)
+    graph = graph_of(triples)
     sh = rdflib.SH
     (root,) = graph.subjects(rdflib.RDF.type, sh.ValidationReport)
     assert graph.value(root, sh.conforms) == rdflib.Literal(False)
@@ -99,7 +94,7 @@ def test_a_report_is_a_validation_report() -> None:
         assert graph.value(each, sh.resultSeverity) == sh.Violation
         assert graph.value(each, sh.sourceShape) and graph.value(each, sh.sourceConstraintComponent)
         assert graph.value(each, sh.resultMessage)
-    again = rdflib.Graph().parse(data=_PREFIXES + _REPORT_SHAPE, format="turtle")
+    again = graph_of(turtle(_REPORT_SHAPE))
     assert pyshacl.validate(graph, shacl_graph=again)[0]
 
 
@@ -116,9 +111,9 @@ ex:Result a sh:NodeShape ; sh:targetClass sh:ValidationResult ;
 
 def test_a_report_spells_out_a_path_that_is_no_predicate() -> None:
     """As a reader cannot look up a blank node of the shapes graph."""
-    guard = _guard("ex:Shape sh:property [ sh:path ( ex:p [ sh:zeroOrMorePath ex:q ] ) ; sh:minCount 1 ] .")
-    triples = report(guard.check(Data([]), _BODY), guard.triples)
-    graph = rdflib.Graph().parse(data=serialize(triples, format=RdfFormat.N_TRIPLES), format="nt")
+    compiled = _compiled("ex:Shape sh:property [ sh:path ( ex:p [ sh:zeroOrMorePath ex:q ] ) ; sh:minCount 1 ] .")
+    triples = report(compiled.check(Data([]), _BODY), compiled.triples)
+    graph = graph_of(triples)
     (path,) = graph.objects(None, rdflib.SH.resultPath)
     first, second = rdflib.collection.Collection(graph, path)
     assert first == rdflib.URIRef("http://example.org/p")
@@ -156,8 +151,8 @@ class _Counted(Data):
 
 def test_thousands_of_values_break_a_maximum_once() -> None:
     body = [Triple(_BODY, LF.target, integer(n)) for n in range(10_000)]
-    guard = _guard("ex:Shape sh:property [ sh:path lf:target ; sh:maxCount 1 ; sh:nodeKind sh:Literal ] .")
-    (violation,) = guard.check(Data(body), _BODY)
+    compiled = _compiled("ex:Shape sh:property [ sh:path lf:target ; sh:maxCount 1 ; sh:nodeKind sh:Literal ] .")
+    (violation,) = compiled.check(Data(body), _BODY)
     assert violation.component == SHACL.MaxCountConstraintComponent
     assert len(violation.message) < 1000
 
@@ -167,7 +162,7 @@ def test_a_report_ends_after_so_many_violations() -> None:
     targets = [NamedNode(f"http://example.org/{n}") for n in range(5_000)]
     body = [Triple(_BODY, LF.target, node) for node in targets]
     many = "sh:or ( " + "[ sh:class ex:C ; sh:nodeKind sh:Literal ] " * 15 + ")"
-    found = _guard(f"ex:Shape sh:property [ sh:path lf:target ; {many} ] .").check(Data(body), _BODY)
+    found = _compiled(f"ex:Shape sh:property [ sh:path lf:target ; {many} ] .").check(Data(body), _BODY)
     assert len(found) == MOST
     assert sum(len(violation.detail) for violation in found) <= 250
 
@@ -182,7 +177,7 @@ def test_a_node_that_many_ways_lead_to_is_judged_once(limit: str) -> None:
     for _ in range(4):
         shape = f"[ sh:path lf:target ; sh:property {shape} ]"
     data = _Counted(body)
-    found = _guard(f"ex:Shape sh:property {shape} .").check(data, _BODY)
+    found = _compiled(f"ex:Shape sh:property {shape} .").check(data, _BODY)
     assert len(found) == (0 if limit.endswith("1000") else MOST)
     assert data.looked_up < 2 * len(body)
 
@@ -197,7 +192,7 @@ def test_what_conforms_is_looked_at_once_for_an_explanation() -> None:
     for _ in range(4):
         shape = f"[ sh:path lf:target ; sh:property {shape} ]"
     data = _Counted(body)
-    found = _guard(f"ex:Shape sh:property {shape} .").check(data, _BODY)
+    found = _compiled(f"ex:Shape sh:property {shape} .").check(data, _BODY)
     assert {each.focus for each in found} == {layers[3][39]}
     assert data.looked_up < 2 * len(body)
 
@@ -208,9 +203,9 @@ def test_a_branch_is_found_by_its_joint() -> None:
         f"[ sh:property [ sh:path lf:ofJoint ; sh:hasValue ex:j{n} ] , [ sh:path vom:unit ; sh:minCount 1 ] ]"
         for n in range(100)
     )
-    data = _Counted(_turtle("ex:body lf:target [ lf:ofJoint ex:j99 ; vom:unit vom:Degree ] ."))
-    guard = _guard(f"ex:Shape sh:property [ sh:path lf:target ; sh:or ( {joints} ) ] .")
-    assert guard.check(data, _BODY) == []
+    data = _Counted(turtle("ex:body lf:target [ lf:ofJoint ex:j99 ; vom:unit vom:Degree ] ."))
+    compiled = _compiled(f"ex:Shape sh:property [ sh:path lf:target ; sh:or ( {joints} ) ] .")
+    assert compiled.check(data, _BODY) == []
     assert data.looked_up < 6
 
 
@@ -247,8 +242,8 @@ def test_a_branch_that_may_apply_is_not_passed_over(least: int, body: str, admit
 )
 def test_enormous_literals_are_judged_and_cut_short(text: str, datatype: NamedNode) -> None:
     """None crashes, and no message repeats one."""
-    guard = _guard("ex:Shape sh:property [ sh:path ex:p ; sh:minInclusive 1 ; sh:maxInclusive 5.5 ] .")
-    found = guard.check(
+    compiled = _compiled("ex:Shape sh:property [ sh:path ex:p ; sh:minInclusive 1 ; sh:maxInclusive 5.5 ] .")
+    found = compiled.check(
         Data([Triple(_BODY, NamedNode("http://example.org/p"), Literal(text, datatype=datatype))]), _BODY
     )
     assert found and all(len(violation.message) < 300 for violation in found)

@@ -1,24 +1,15 @@
 """The values that paths of compiled shapes lead to; pySHACL is asked as well."""
 
 import pytest
-from pyoxigraph import RdfFormat, Triple, parse
-from shacl_findings import compiled_finds, pyshacl_finds
+from shacl_findings import EX, compiled_finds, pyshacl_finds, turtle
 
-from gateway.rdf.vocabulary import Namespace
-
-EX = Namespace("http://example.org/", "body Shape")
-_PREFIXES = "@prefix sh: <http://www.w3.org/ns/shacl#> . @prefix ex: <http://example.org/> . "
 _BODY = """ex:body ex:p ex:a , ex:b ; ex:q ex:c .
     ex:a ex:p ex:c ; ex:q ex:b . ex:b ex:q ex:d . ex:c ex:p ex:body , ex:c . ex:d ex:q ex:e . ex:x ex:p ex:body ."""
 
 
-def _turtle(text: str) -> list[Triple]:
-    return [quad.triple for quad in parse(_PREFIXES + text, format=RdfFormat.TURTLE)]
-
-
 def _reached(path: str) -> set[str]:
     """The local names of the value nodes, of which none is a literal; one violation for each."""
-    shape, body = _turtle(f"ex:Shape sh:property [ sh:path {path} ; sh:nodeKind sh:Literal ] ."), _turtle(_BODY)
+    shape, body = turtle(f"ex:Shape sh:property [ sh:path {path} ; sh:nodeKind sh:Literal ] ."), turtle(_BODY)
     found = compiled_finds(shape, EX.Shape, body, EX.body)
     assert found == pyshacl_finds(shape, EX.Shape, body, EX.body)
     return {value.rpartition("/")[2] for _, _, value, _ in found}
@@ -64,10 +55,10 @@ def test_a_path_leads_to_each_node_once(path: str, reached: str) -> None:
 )
 def test_a_node_that_two_ways_lead_to_is_one_value(path: str, count: int) -> None:
     """a and b both lead to b, by p as by q, and the body to itself."""
-    body = _turtle("""ex:body ex:p ex:a , ex:b ; ex:r ex:body , ex:a , ex:b .
+    body = turtle("""ex:body ex:p ex:a , ex:b ; ex:r ex:body , ex:a , ex:b .
         ex:a ex:p ex:b ; ex:q ex:b . ex:b ex:p ex:b ; ex:q ex:b .""")
     for most in (count - 1, count):
-        shape = _turtle(f"ex:Shape sh:property [ sh:path {path} ; sh:maxCount {most} ] .")
+        shape = turtle(f"ex:Shape sh:property [ sh:path {path} ; sh:maxCount {most} ] .")
         found = compiled_finds(shape, EX.Shape, body, EX.body)
         assert (len(found), found) == (count - most, pyshacl_finds(shape, EX.Shape, body, EX.body))
 
@@ -88,7 +79,7 @@ _SHARED = """ex:Shape sh:node ex:Part ; sh:property [ sh:path ex:p ; sh:node ex:
 )
 def test_shapes_and_paths_may_be_shared(body: str, violations: int) -> None:
     """At one depth and at several: none refers to itself by that."""
-    shapes, triples = _turtle(_SHARED), _turtle(body)
+    shapes, triples = turtle(_SHARED), turtle(body)
     found = compiled_finds(shapes, EX.Shape, triples, EX.body)
     assert found == pyshacl_finds(shapes, EX.Shape, triples, EX.body)
     assert len(found) == violations
@@ -96,12 +87,12 @@ def test_shapes_and_paths_may_be_shared(body: str, violations: int) -> None:
 
 @pytest.mark.parametrize(("least", "most"), [(0, 0), (1, 1), (2, 2), (0, 2)])
 def test_values_are_counted_by_a_shape_with_properties(least: int, most: int) -> None:
-    shapes = _turtle(f"""ex:Shape sh:property [ sh:path ex:p ; sh:qualifiedMinCount {least} ;
+    shapes = turtle(f"""ex:Shape sh:property [ sh:path ex:p ; sh:qualifiedMinCount {least} ;
         sh:qualifiedMaxCount {most} ; sh:qualifiedValueShape [ sh:property [ sh:path ex:q ; sh:maxCount 1 ;
         sh:property [ sh:path ex:p ; sh:minCount 1 ] ] ] ] .""")
     good, bad = "[ ex:q [ ex:p 1 ] ]", "[ ex:q [ ex:q 1 ] ]"
     for values, count in (([bad], 0), ([good, bad], 1), ([good, good, bad], 2), ([good] * 3, 3)):
-        body = _turtle(f"ex:body ex:p {' , '.join(values)} .")
+        body = turtle(f"ex:body ex:p {' , '.join(values)} .")
         found = compiled_finds(shapes, EX.Shape, body, EX.body)
         assert found == pyshacl_finds(shapes, EX.Shape, body, EX.body)
         assert bool(found) == (not least <= count <= most)

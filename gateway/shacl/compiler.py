@@ -1,18 +1,13 @@
-"""SHACL shapes as Python: what pySHACL finds in a body in milliseconds, found in microseconds.
+"""From a shapes graph to shapes at work. Shapes are trusted: their patterns and paths cost what they cost."""
 
-``compile_shape`` knows the constraints of SHACL Core that the shapes here use and agrees with pySHACL on them
-(tests/gateway/rdf/test_compiled.py has the exceptions, each with its reason); at anything else it raises Unsupported,
-never passes over it. Shapes are trusted: they come from this gateway, and their patterns and paths cost what they cost.
-"""
-
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-from gateway.rdf.compiled_check import Guard, Shape
-from gateway.rdf.compiled_constraints import COUNTS, EACH, Stated, Unsupported, at_most_one, natural, one
-from gateway.rdf.compiled_data import (
-    Data,
+from gateway.shacl.check import CompiledGraph, CompiledShape, Constraint, Count, Relation, Shape
+from gateway.shacl.constraints import COUNTS, EACH
+from gateway.shacl.data import (
     Reach,
     alternative_path,
     inverse_path,
@@ -21,30 +16,41 @@ from gateway.rdf.compiled_data import (
     repeated_path,
     sequence_path,
 )
-from gateway.rdf.compiled_report import SHACL, Violation, brief, report, shown
-from gateway.rdf.graph import Node, Term
-from gateway.rdf.vocabulary import RDF, XSD
-
-__all__ = ["Data", "Guard", "Unsupported", "Violation", "compile_shape", "report"]
+from gateway.shacl.relations import RELATIONS
+from gateway.shacl.report import Words, brief, shown
+from gateway.shacl.stated import Stated, Unsupported, at_most_one, natural, one, true
+from gateway.shacl.targets import TARGETS, targets
+from gateway.shacl.terms import PREFIXES, RDF, SHACL, Node, Term
 
 _KNOWN = frozenset(
-    (*COUNTS, *EACH, SHACL.property, SHACL.path, SHACL.flags, SHACL.name, SHACL.description, SHACL.order, SHACL.group,
-     SHACL.defaultValue, SHACL.message, SHACL.severity, SHACL.deactivated, SHACL.targetClass, SHACL.targetNode,
-     SHACL.targetSubjectsOf, SHACL.targetObjectsOf)
+    (*COUNTS, *RELATIONS, *EACH, *TARGETS, SHACL.property, SHACL.path, SHACL.flags, SHACL.ignoredProperties, SHACL.name,
+     SHACL.description, SHACL.order, SHACL.group, SHACL.defaultValue, SHACL.message, SHACL.severity, SHACL.deactivated)
 )  # fmt: skip
 _WITH_QUALIFIED = (SHACL.qualifiedMinCount, SHACL.qualifiedMaxCount, SHACL.qualifiedValueShapesDisjoint)
-_FALSE = Literal("false", datatype=XSD.boolean)
+_OF_GRAPHS = {SHACL.parameter: "constraint components of one's own", SHACL.entailment: "sh:entailment"}
 
 
-def compile_shape(triples: Sequence[Triple] | Mapping[Node, Sequence[Triple]], shape: Node) -> Guard:
-    """The guard of ``shape`` in a shapes graph; Unsupported names what it cannot do. Targets are not looked at."""
-    by_subject = triples if isinstance(triples, Mapping) else _by_subject(triples)
-    if any(t.predicate == SHACL.parameter for about in by_subject.values() for t in about):
-        raise Unsupported("constraint components of one's own")
-    return Guard(_Compiler(by_subject).shape(shape, 0), by_subject)
+def compile_shape(
+    triples: Iterable[Triple] | Mapping[Node, Sequence[Triple]], shape: Node, prefixes: Mapping[str, str] = PREFIXES
+) -> CompiledShape:
+    """``shape`` of a shapes graph, to judge whatever focus node it is given; ``prefixes`` shorten IRIs in messages.
+
+    Unsupported names what it cannot do. Targets are not looked at.
+    """
+    compiler = _Compiler(triples, prefixes)
+    return compiler.compiled(shape)
 
 
-def _by_subject(triples: Sequence[Triple]) -> dict[Node, list[Triple]]:
+def compile_graph(
+    triples: Iterable[Triple] | Mapping[Node, Sequence[Triple]], prefixes: Mapping[str, str] = PREFIXES
+) -> CompiledGraph:
+    """All shapes of a graph that have targets. Unsupported names what it cannot do."""
+    compiler = _Compiler(triples, prefixes)
+    triples = [triple for about in compiler.triples.values() for triple in about]
+    return CompiledGraph([(compiler.compiled(shape), find) for shape, find in targets(triples)])
+
+
+def _by_subject(triples: Iterable[Triple]) -> dict[Node, list[Triple]]:
     found: dict[Node, list[Triple]] = {}
     for triple in triples:
         found.setdefault(triple.subject, []).append(triple)  # type: ignore[arg-type]
@@ -52,14 +58,23 @@ def _by_subject(triples: Sequence[Triple]) -> dict[Node, list[Triple]]:
 
 
 class _Compiler:
-    def __init__(self, triples: Mapping[Node, Sequence[Triple]]) -> None:
-        self._triples = triples
+    def __init__(
+        self, triples: Iterable[Triple] | Mapping[Node, Sequence[Triple]], prefixes: Mapping[str, str]
+    ) -> None:
+        self.triples = triples if isinstance(triples, Mapping) else _by_subject(triples)
+        self.words = Words(prefixes)
+        for predicate in (t.predicate for about in self.triples.values() for t in about):
+            if predicate in _OF_GRAPHS:
+                raise Unsupported(_OF_GRAPHS[predicate])
         self._open: set[Node] = set()
         self._done: dict[tuple[Node, int], Shape] = {}
 
+    def compiled(self, shape: Node) -> CompiledShape:
+        return CompiledShape(self.shape(shape, 0), self.triples, self.words)
+
     def shape(self, node: Term, depth: int) -> Shape:
-        """``node`` as a shape whose focus nodes are ``depth`` paths away from that of the guard (2: or more)."""
-        if isinstance(node, Literal) or node not in self._triples:
+        """``node`` as a shape whose focus nodes are ``depth`` paths away from the first one (2: or more)."""
+        if isinstance(node, Literal) or node not in self.triples:
             raise Unsupported(f"{shown(node)} is not described as a shape")
         if node in self._open:
             raise Unsupported(f"{shown(node)} refers to itself")
@@ -70,19 +85,28 @@ class _Compiler:
         return self._done[node, depth]
 
     def _compile(self, node: Node, depth: int) -> Shape:
-        stated = self._stated(node)
+        stated = self.stated(node)
         _refuse_unknown(stated)
         path = at_most_one(stated, SHACL.path)
         if isinstance(path, Literal):
             raise Unsupported("a literal as path")
-        name = _text(stated, SHACL.name) or (shown(path) if isinstance(path, NamedNode) else "")
-        inner = depth if path is None else min(depth + 1, 2)
+        name = _text(stated, SHACL.name) or (self.words.shown(path) if isinstance(path, NamedNode) else "")
+        severity = at_most_one(stated, SHACL.severity) or SHACL.Violation
+        if not isinstance(severity, NamedNode):
+            raise Unsupported(f"sh:severity {shown(severity)}")
         shape = Shape(
-            node, path, self._reach(path), name, _text(stated, SHACL.message), path is not None and depth >= 2,
+            node, path, self._reach(path), name, _text(stated, SHACL.message), path is not None and depth >= 2, severity
+        )  # fmt: skip
+        if SHACL.deactivated in stated and true(stated, SHACL.deactivated):
+            return shape
+        inner = depth if path is None else min(depth + 1, 2)
+        shape = replace(
+            shape,
             counts=tuple(c for p in stated if p in COUNTS for c in COUNTS[p](self, stated, inner)),
+            relations=tuple(c for p in stated if p in RELATIONS for c in RELATIONS[p](self, stated, inner)),
             each=tuple(c for p in stated if p in EACH for c in EACH[p](self, stated, inner)),
             properties=tuple(self._property(each, inner) for each in stated.get(SHACL.property, ())),
-        )  # fmt: skip
+        )
         shape.requires = self._requires(shape, stated)
         shape.expected = _expected(shape)
         return shape
@@ -104,11 +128,16 @@ class _Compiler:
             return {shape.path: frozenset(self.items(stated[SHACL.in_][0]))}
         return {}
 
-    def _stated(self, node: Term) -> dict[NamedNode, list[Term]]:
+    def stated(self, node: Term) -> dict[NamedNode, list[Term]]:
         found: dict[NamedNode, list[Term]] = {}
-        for triple in dict.fromkeys(self._triples.get(node, ())):  # type: ignore[arg-type]
-            found.setdefault(triple.predicate, []).append(triple.object)  # type: ignore[arg-type]
+        for triple in dict.fromkeys(self.triples.get(node, ())):  # type: ignore[arg-type]
+            found.setdefault(triple.predicate, []).append(triple.object)
         return found
+
+    def paths(self, properties: Iterable[Term]) -> Iterable[NamedNode]:
+        """The predicates that property shapes are about."""
+        found = (self.stated(each).get(SHACL.path, ()) for each in properties)
+        return (path for some in found for path in some if isinstance(path, NamedNode))
 
     def items(self, head: Term) -> list[Term]:
         """The members of an RDF collection."""
@@ -118,7 +147,7 @@ class _Compiler:
             if head in seen:
                 raise Unsupported("a collection without an end")
             seen.add(head)
-            cell = self._stated(head)
+            cell = self.stated(head)
             found.append(one(cell, RDF.first))
             head = one(cell, RDF.rest)
         return found
@@ -131,7 +160,7 @@ class _Compiler:
         if not isinstance(path, BlankNode) or path in self._open:
             raise Unsupported(f"{shown(path)} as path")
         self._open.add(path)
-        reach = self._complex_path(self._stated(path), path)
+        reach = self._complex_path(self.stated(path), path)
         self._open.discard(path)
         return reach
 
@@ -165,11 +194,8 @@ def _refuse_unknown(stated: Stated) -> None:
     for predicate in stated:
         if predicate.value.startswith(SHACL.iri) and predicate not in known:
             raise Unsupported(shown(predicate))
-    if at_most_one(stated, SHACL.severity) not in (None, SHACL.Violation):
-        raise Unsupported("a severity other than sh:Violation")
-    for predicate in (SHACL.deactivated, SHACL.qualifiedValueShapesDisjoint):
-        if at_most_one(stated, predicate) not in (None, _FALSE):
-            raise Unsupported(shown(predicate))
+    if SHACL.qualifiedValueShapesDisjoint in stated and true(stated, SHACL.qualifiedValueShapesDisjoint):
+        raise Unsupported("sh:qualifiedValueShapesDisjoint")
 
 
 def _text(stated: Stated, predicate: NamedNode) -> str | None:
@@ -179,6 +205,7 @@ def _text(stated: Stated, predicate: NamedNode) -> str | None:
 
 def _expected(shape: Shape) -> str:
     """What conforms, as part of a sentence: ``value at least 3 and at most 5``."""
-    own = [count.expected for count in shape.counts] + [constraint.expected for constraint in shape.each]
+    stated: list[Count | Relation | Constraint] = [*shape.counts, *shape.relations, *shape.each]
+    own = [each.expected for each in stated]
     own = [f"{shape.name} {' and '.join(own)}"] if own and shape.name else own
     return brief(" and ".join([*own, *(each.expected for each in shape.properties)]))

@@ -1,0 +1,69 @@
+"""A gateway whose shapes cannot be compiled does not start, and says which it is and why."""
+
+import re
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from gateway.app.application import create_app
+from gateway.app.settings import GatewaySettings
+from gateway.app.shape_check import check_shapes
+from gateway.rdf import shapes
+from gateway.resources.action_definition import definitions
+from gateway.shacl import Unsupported
+
+_SHAPES = Path(__file__).parents[3] / "shapes"
+Change = Callable[[str, str, str], None]
+
+
+@pytest.fixture
+def change(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Change]:
+    """Changes a file of a copy of shapes/, which is read instead."""
+    folder = Path(shutil.copytree(_SHAPES, tmp_path / "shapes"))
+
+    def forget() -> None:
+        for each in (shapes.load, shapes.load_folder, definitions, check_shapes):
+            each.cache_clear()
+
+    def changed(name: str, old: str, new: str) -> None:
+        text = (folder / name).read_text()
+        assert old in text
+        (folder / name).write_text(text.replace(old, new, 1))
+        forget()
+
+    monkeypatch.setattr(shapes, "resources", SimpleNamespace(files=lambda package: folder))
+    forget()
+    yield changed
+    monkeypatch.undo()
+    forget()
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "reason"),
+    [
+        ("blueprints.ttl", "lf:TextInput a sh:NodeShape ;", "lf:TextInput a sh:NodeShape ; sh:lessThan lf:value ;",
+         "shapes/blueprints.ttl: <https://w3id.org/linked-fleet#TextPropertyShape> cannot be compiled: sh:lessThan"),
+        ("rules.ttl", "sh:targetClass lf:Rule ;", "sh:targetClass lf:Rule ; sh:sparql [ ] ;",
+         "shapes/rules.ttl: <https://w3id.org/linked-fleet#RuleShape> cannot be compiled: sh:sparql"),
+        ("subscriptions.ttl", "sh:targetClass hybrit:WebCallback ;", "sh:node lf:WebCallbackShape ;",
+         "WebCallbackShape> cannot be compiled: <https://w3id.org/linked-fleet#WebCallbackShape> refers to itself"),
+        ("actions/rotate.ttl", "sh:NodeShape", "sh:NodeShape ; sh:minInclusive 'low'",
+         "shapes/actions/rotate: <https://w3id.org/linked-fleet#RotateInput> cannot be compiled: sh:minInclusive"),
+        ("actions/rotate.ttl", "lf:completedBy lf:jointPosition", "lf:completedBy lf:jointPositon",
+         "lf:completedBy <https://w3id.org/linked-fleet#jointPositon>: it is not one of those that there are"),
+    ],
+)  # fmt: skip
+def test_a_shape_that_cannot_be_compiled_is_refused_at_the_start(
+    change: Change, name: str, old: str, new: str, reason: str
+) -> None:
+    change(name, old, new)
+    with pytest.raises(Unsupported, match=re.escape(reason)):
+        create_app(GatewaySettings())
+
+
+def test_the_shapes_that_there_are_are_compiled() -> None:
+    check_shapes.cache_clear()
+    check_shapes()
