@@ -15,7 +15,6 @@ from gateway.app.metrics import Numbers, registry
 from gateway.app.sampler import Sampler
 from gateway.app.settings import GatewaySettings
 from gateway.app.shape_check import check_shapes
-from gateway.extensions.sessions.ended_sessions import EndedSessions
 from gateway.http.callers import Callers
 from gateway.http.cors import pages_elsewhere
 from gateway.http.endpoint import Endpoint
@@ -28,7 +27,6 @@ from gateway.http.rates import Pace, Rates
 from gateway.http.request import Gateway, Services
 from gateway.http.sockets import Sockets, within_files
 from gateway.identity.service import Identities
-from gateway.identity.store import SessionKey
 from gateway.link.transport import Opener
 from gateway.link.zenoh_session import open_session as open_zenoh
 from gateway.runtime.audit_log import Audit
@@ -74,9 +72,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
             audit = await stack.enter_async_context(Audit(url, settings.namespace))
             identities = None
             if settings.identities:
-                key = SessionKey(url, settings.namespace, settings.session_key_file)
-                ended = EndedSessions(url, settings.namespace)
-                identities = await stack.enter_async_context(Identities(Path(settings.identities), key, ended))
+                identities = await stack.enter_async_context(Identities(Path(settings.identities)))
             action_store = await stack.enter_async_context(ActionStore(url, settings.namespace, run))
             actions = await stack.enter_async_context(Actions(live, action_store, int(settings.invocations_per_client)))
             core = Core(
@@ -102,6 +98,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
             app.services = Services(
                 live, actions, subscriptions, audit, identities, embedded,
                 representations=representations(mounts), registry=registry(numbers),
+                schemes=[each.scheme for each in mounts if each.scheme is not None],
                 not_ready=[each.not_ready for each in mounts],
             )  # fmt: skip
             app.router.default = Endpoint(mounts)  # no route of its own has ever to know the tree, nor `OPTIONS *`

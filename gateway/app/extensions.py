@@ -9,6 +9,7 @@ from gateway.extensions.history.extension import HistoryExtension
 from gateway.extensions.pages.extension import PagesExtension
 from gateway.extensions.query.extension import QueryExtension
 from gateway.extensions.rules.extension import RulesExtension
+from gateway.extensions.sessions.extension import SessionsExtension
 from gateway.extensions.things.extension import ThingsExtension
 from gateway.extensions.world.extension import WorldExtension
 from gateway.http.extension import Core, Extension, Mount
@@ -22,6 +23,7 @@ BUILT_IN: Sequence[Extension] = (
     QueryExtension(),
     RulesExtension(),
     PagesExtension(),
+    SessionsExtension(),
 )
 
 

@@ -1,54 +1,48 @@
-"""Who asks: a bearer token (RFC 6750), or the session of a browser, whose requests must come from our own pages."""
+"""Authentication of every request: by a bearer token (RFC 6750), or by a scheme of an extension."""
 
-from urllib.parse import quote
+from collections.abc import Sequence
 
 from starlette.datastructures import Headers, MutableHeaders
-from starlette.responses import RedirectResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from gateway.base.errors import FleetError, ForeignOrigin, IssuerAway, StoreAway, Unauthenticated
-from gateway.extensions.sessions.cookies import read_cookie
-from gateway.extensions.sessions.login import Login
+from gateway.base.errors import FleetError, IssuerAway, StoreAway, Unauthenticated
+from gateway.http.authentication import Authenticated, Scheme
 from gateway.http.host import refuse
-from gateway.http.negotiation import choose
-from gateway.http.representation import HTML
-from gateway.http.request import Request, gateway_of
+from gateway.http.request import gateway_of
 from gateway.identity.jwts import BadToken
 from gateway.identity.rights import NOBODY, Identity
 from gateway.identity.service import Identities
-from gateway.identity.store import StoreUnavailable
 from gateway.identity.web import IssuerSilent
-from gateway.rdf.serialise import RDF_TYPES
 from gateway.resources.paths import is_public
 
-_READ = ("GET", "HEAD", "OPTIONS")
 _STARTS = ("http.response.start", "websocket.http.response.start")
-_LOGIN = "Log in at /login, or send Authorization: Bearer with a token."
 
 
 class Callers:
-    """ASGI middleware, inside of ``Authorities``: ``scope["state"]["caller"]`` is the identity of who asks."""
+    """ASGI middleware, inside of ``Authorities``: notes in the state of the request who asks."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
-        self._login = Login()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        identities = gateway_of(scope).services.identities if scope["type"] in ("http", "websocket") else None
-        if identities is None:
+        services = gateway_of(scope).services if scope["type"] in ("http", "websocket") else None
+        if services is None or services.identities is None:
             await self.app(scope, receive, send)
             return
         answer = _private(scope, send)
+        page = next((each for each in services.schemes if each.has_page(scope["path"])), None)
         try:
-            caller = await self._caller(identities, scope)
-            scope["state"]["caller"] = caller
-            if scope["type"] == "http" and self._login.has(scope["path"]):
-                response = await self._login.answer(Request(scope, receive), identities, caller)
+            found = await self._caller(services.identities, services.schemes, scope, free=page is not None)
+            scope["state"]["authenticated"] = found
+            if page is not None and scope["type"] == "http":
+                response = await page.answer(scope, receive)
                 await response(scope, receive, answer)
                 return
         except Unauthenticated as error:
-            if _would_log_in(scope):
-                await _to_login(scope)(scope, receive, answer)
+            invited = (each.invitation(scope) for each in services.schemes)
+            invitation = next((each for each in invited if each is not None), None)
+            if invitation is not None:
+                await invitation(scope, receive, answer)
             else:
                 await refuse(error, scope, answer)
             return
@@ -57,38 +51,32 @@ class Callers:
             return
         await self.app(scope, receive, answer)
 
-    async def _caller(self, identities: Identities, scope: Scope) -> Identity:
-        """Who asks; of what needs nobody, ``NOBODY`` if that cannot be told."""
-        free = is_public(scope["path"]) or self._login.has(scope["path"])
+    async def _caller(
+        self, identities: Identities, schemes: Sequence[Scheme], scope: Scope, free: bool
+    ) -> Authenticated:
+        """The caller. Where nobody has to be known, ``NOBODY`` if that cannot be told."""
         try:
-            return await authenticate(identities, scope)
+            return await authenticate(identities, schemes, scope)
         except (Unauthenticated, StoreAway, IssuerAway):
-            if not free:
+            if not (free or is_public(scope["path"])):
                 raise
-            return NOBODY
+            return Authenticated(NOBODY)
 
 
-async def authenticate(identities: Identities, scope: Scope) -> Identity:
-    """Unauthenticated, ForeignOrigin, StoreAway, IssuerAway. Notes in the state which session was used."""
+async def authenticate(identities: Identities, schemes: Sequence[Scheme], scope: Scope) -> Authenticated:
+    """The caller; Unauthenticated, ForeignOrigin, StoreAway, IssuerAway."""
     headers = Headers(scope=scope)
     if "authorization" in headers:
-        return await by_token(identities, headers)
-    sealed = read_cookie(scope)
-    if not sealed:
-        raise Unauthenticated(_LOGIN)
-    _check_page(scope, headers)
-    try:
-        found = await identities.session(sealed)
-    except StoreUnavailable as error:
-        raise StoreAway("Sessions cannot be checked while Redis is away; tokens can.") from error
-    if found is None:
-        raise Unauthenticated(f"The session is over. {_LOGIN}", wrong=True)
-    caller, scope.setdefault("state", {})["session"] = found
-    return caller
+        return Authenticated(await by_token(identities, headers))
+    for scheme in schemes:
+        found = await scheme.authenticate(scope)
+        if found is not None:
+            return found
+    raise Unauthenticated(" ".join([*(each.hint for each in schemes), "Send Authorization: Bearer with a token."]))
 
 
 async def by_token(identities: Identities, headers: Headers) -> Identity:
-    """Who asks with a token, which is the one way for programs; Unauthenticated, IssuerAway."""
+    """The caller by a token, which is the one way for programs; Unauthenticated, IssuerAway."""
     said = headers.getlist("authorization")
     if not said:
         raise Unauthenticated("Send Authorization: Bearer with a token.")
@@ -103,39 +91,8 @@ async def by_token(identities: Identities, headers: Headers) -> Identity:
         raise IssuerAway("The keys of the issuer of this token are not known yet; try again in a moment.") from error
 
 
-def _check_page(scope: Scope, headers: Headers) -> None:
-    """ForeignOrigin for what a cookie came with and does or listens, unless a page of ours sent it.
-
-    ``Authorities`` has refused or marked every foreign ``Origin``; here it is missed where there is none. Pages of
-    other sites that may use the fleet have tokens, or whoever is logged in would act for them. Reading needs none:
-    links of other sites may lead here, and what comes of it is shown to nobody but who followed them.
-    """
-    events = "text/event-stream" in headers.get("accept", "")
-    calls_back = "callback" in headers.get("upgrade", "").lower()
-    reads = scope["type"] == "http" and scope["method"] in _READ and not events and not calls_back
-    elsewhere = scope["state"]["elsewhere"]
-    ours = headers.get("sec-fetch-site") == "same-origin" or ("origin" in headers and not calls_back and not elsewhere)
-    if not reads and not ours:
-        raise ForeignOrigin("with a session this takes the Origin field of one of our pages; or send a bearer token")
-
-
-def _would_log_in(scope: Scope) -> bool:
-    """Whether a person waits for a page."""
-    if scope["type"] != "http" or scope["method"] not in ("GET", "HEAD"):
-        return False
-    accept = Headers(scope=scope).get("accept")
-    return accept is not None and "text/event-stream" not in accept and choose(accept, (*RDF_TYPES, HTML)) == HTML
-
-
-def _to_login(scope: Scope) -> RedirectResponse:
-    query = scope.get("query_string", b"").decode("latin-1")
-    then = quote(scope["path"] + (f"?{query}" if query else ""), safe="")
-    headers = {"cache-control": "no-store", "vary": "Accept"}
-    return RedirectResponse(f"{scope['state']['base']}/login?then={then}", 303, headers)
-
-
 def _private(scope: Scope, send: Send) -> Send:
-    """What is answered is for who asked: no shared cache may keep it (RFC 9111, 5.2.2.7)."""
+    """An answer is for the caller alone: no shared cache may keep it (RFC 9111, 5.2.2.7)."""
     if scope["path"].startswith("/assets/"):
         return send
 

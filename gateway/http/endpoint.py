@@ -196,7 +196,7 @@ async def _find(connection: Connection) -> Resource | Redirect:
         raise NotFound(f"There is no resource at {path[:_LONGEST_NAMED]}; browse from {connection.base}/.")
     if isinstance(found, Redirect):
         return found
-    if getattr(connection.state, "session", None):
+    if connection.on_page:
         found = replace(found, reader=connection.caller.name)
     if not connection.caller.may_any(SEES_SUBSCRIPTIONS, robot_of(found.path)):
         found = replace(found, links_subscriptions=False)

@@ -10,6 +10,7 @@ from prometheus_client.metrics_core import Metric
 from starlette.types import ASGIApp
 
 from gateway.actions.service import Actions, MotionGuard
+from gateway.http.authentication import Scheme
 from gateway.http.html import HtmlWriter
 from gateway.http.request import Request
 from gateway.identity.service import Identities
@@ -68,6 +69,8 @@ class Mount:
     """Label and media type of further representations, by the word that picks one in ``?as=``."""
     html: HtmlWriter | None = None
     """Writer of pages; one extension has it."""
+    scheme: Scheme | None = None
+    """A way to say who asks, beside bearer tokens."""
     guard: MotionGuard | None = None
     """Judge of motions before they are accepted. It fails closed."""
     not_ready: Callable[[], str] = str

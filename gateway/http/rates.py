@@ -9,9 +9,9 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from gateway.base.addresses import network_of
 from gateway.base.errors import TooManyRequests
+from gateway.http.authentication import Authenticated
 from gateway.http.host import refuse
 from gateway.http.stop_priority import URGENT
-from gateway.identity.rights import NOBODY, Identity
 
 BURST_S = 10.0
 """What a client has not used is kept for so long."""
@@ -47,9 +47,15 @@ class Rates:
 
 def by_caller(scope: Scope) -> str:
     """The identity of who asks, as ``Callers`` found it; of nobody in particular the address."""
-    caller: Identity = scope.get("state", {}).get("caller", NOBODY)
+    found: Authenticated | None = scope.get("state", {}).get("authenticated")
     client = scope.get("client")
-    return f"identity {caller.name}" if caller.name else network_of(client[0]) if client else ""
+    return (
+        f"identity {found.identity.name}"
+        if found is not None and found.identity.name
+        else network_of(client[0])
+        if client
+        else ""
+    )
 
 
 class Pace:

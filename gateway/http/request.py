@@ -10,6 +10,7 @@ from starlette.types import Scope
 from starlette.websockets import WebSocket as StarletteWebSocket
 
 from gateway.actions.service import Actions
+from gateway.http.authentication import Authenticated, Scheme
 from gateway.http.html import HtmlWriter
 from gateway.http.offload import Offload
 from gateway.http.representation import Representations
@@ -21,6 +22,8 @@ from gateway.runtime.audit_log import Audit
 from gateway.runtime.embedded_redis import Embedded
 from gateway.subscriptions.live import Live
 from gateway.subscriptions.service import Subscriptions
+
+_ANYBODY = Authenticated(EVERYBODY)
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,8 @@ class Services:
     representations: Representations = field(default_factory=Representations)
     registry: CollectorRegistry = field(default_factory=CollectorRegistry)
     """The numbers for ``/metrics``."""
+    schemes: Sequence[Scheme] = ()
+    """The ways to say who asks, beside bearer tokens."""
     not_ready: Sequence[Callable[[], str]] = ()
     """The reasons of extensions why a gateway that starts is not ready yet."""
 
@@ -73,8 +78,22 @@ class _Asked:
     @property
     def caller(self) -> Identity:
         """Who asks. Where no identities are configured, everybody may do everything."""
-        caller: Identity = self.scope.get("state", {}).get("caller", EVERYBODY)
-        return caller
+        return self._authenticated.identity
+
+    @property
+    def holds(self) -> Callable[[], bool]:
+        """Tells whether the credentials of the caller are still good."""
+        return self._authenticated.holds
+
+    @property
+    def on_page(self) -> bool:
+        """Return True if a page says who has logged in."""
+        return self._authenticated.on_page
+
+    @property
+    def _authenticated(self) -> Authenticated:
+        found: Authenticated = self.scope.get("state", {}).get("authenticated", _ANYBODY)
+        return found
 
     @property
     def caller_name(self) -> str:

@@ -7,7 +7,6 @@ from dataclasses import replace
 from starlette.types import Receive, Scope, Send
 
 from gateway.base.errors import Conflict, NotAcceptable
-from gateway.extensions.sessions.sealed_cookie import Session
 from gateway.http.audit import note
 from gateway.http.event_stream import CANCELLED_ID, serve_event_stream
 from gateway.http.fields import field
@@ -143,8 +142,7 @@ def _guarded(connection: Connection, subscription: Subscription) -> AbstractCont
         return nullcontext()
     subscriptions: Subscriptions = connection.services.subscriptions
     robot, id = robot_of(subscription.resource), subscription.id
-    session: Session | None = getattr(connection.state, "session", None)
-    return identities.guarding(connection.caller, robot, lambda: subscriptions.streams.revoke(id), session)
+    return identities.guarding(connection.caller, robot, lambda: subscriptions.streams.revoke(id), connection.holds)
 
 
 def _opened(connection: Connection, resource: Resource, kind: Kind) -> Subscription:

@@ -1,24 +1,20 @@
-"""Who asks, and whether he still may: the file as it is now, tokens of issuers, sessions, what ends with a right."""
+"""Identities: the file as it is now, tokens of issuers, and what ends when a right ends."""
 
 import asyncio
 import logging
-import secrets
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from gateway.extensions.sessions.ended_sessions import EndedSessions
-from gateway.extensions.sessions.sealed_cookie import Session, new_session, open_session, seal_session
 from gateway.identity.jwts import BadToken, expiry_ns, issuer_named, verified
 from gateway.identity.keys import IssuerKeys
 from gateway.identity.rights import Credential, Identity, Right, View
 from gateway.identity.roster import BadRoster, Issuer, Roster, read_roster
-from gateway.identity.store import SessionKey, StoreUnavailable
 from gateway.identity.web import Web
 from gateway.runtime.cancellation import end
 
@@ -26,56 +22,44 @@ log = logging.getLogger(__name__)
 
 LOOK_S = 1.0
 """Between two looks at the file and at what rights have ended."""
-_SESSION_ID_BYTES = 16
 _Stamp = tuple[int, int, int]
 
 
 @dataclass(frozen=True, eq=False)
 class _Guarded:
-    """Something that goes on for as long as ``identity`` may have it."""
+    """Something that goes on for as long as ``identity`` may have it and its credentials hold."""
 
     identity: Identity
     robot: str | None
     end: Callable[[], None]
-    session: Session | None
+    holds: Callable[[], bool]
 
 
 class Identities:
     """An async context manager. BadRoster when the file is unusable at first; later the one before it stays."""
 
-    def __init__(self, path: Path, key: SessionKey, ended: EndedSessions) -> None:
+    def __init__(self, path: Path) -> None:
         import_module("jwt")  # with identities it is needed for sure, and takes long for the first request to wait
-        self._path, self.key, self._ended = path, key, ended
+        self._path = path
         self._stamp = _stamp(path)
         self.roster: Roster = read_roster(path)
         self.web = Web()
         self._keys: dict[str, IssuerKeys] = {}
         self._guarded: set[_Guarded] = set()
         self._complaint = ""
-        self._tasks: list[asyncio.Task[None]] = []
+        self._looking: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> Self:
-        try:
-            await self.key.get()
-            await self._ended.look()
-        except StoreUnavailable as error:  # both are asked again when a session comes
-            log.warning("the store is away, sessions cannot be checked yet: %s", error)
-        except Exception:
-            # The boundary: whatever is in Redis, a gateway starts and stops robots.
-            log.exception("sessions that have ended cannot be read; the gateway starts without them")
-        for task, what in ((self._look_for_ever, "look at identities"), (self._hear_for_ever, "hear of logouts")):
-            self._tasks.append(asyncio.create_task(task(), name=what))
+        self._looking = asyncio.create_task(self._look_for_ever(), name="look at identities")
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        await end(self._tasks)
+        await end([self._looking] if self._looking is not None else [])
         for keys in self._keys.values():
             await keys.aclose()
         await self.web.aclose()
-        await self.key.aclose()
-        await self._ended.aclose()
 
     # -- who ----------------------------------------------------------------------------------------------------------
 
@@ -83,25 +67,9 @@ class Identities:
         """Who brings a token; BadToken, IssuerSilent."""
         return self._known(self.roster.token(text) or await self._issued(text))
 
-    async def session(self, sealed: str) -> tuple[Identity, Session] | None:
-        """Who has logged in; None when the session is none, or over. StoreUnavailable."""
-        session = open_session(sealed, await self.key.get())
-        await self._ended.known()
-        if session is None or session in self._ended:
-            return None
-        found = self.roster.identity(session.credential, time.time_ns())
-        return None if found is None else (found, session)
-
-    async def begin_session(self, credential: Credential) -> str:
-        """What the browser of who has logged in keeps; StoreUnavailable."""
-        session = new_session(credential, secrets.token_urlsafe(_SESSION_ID_BYTES), time.time_ns())
-        return seal_session(session, await self.key.get())
-
-    async def end_session(self, session: Session) -> None:
-        """From now on its cookie opens nothing, here; elsewhere within a second, as soon as Redis is there."""
-        with suppress(StoreUnavailable):  # told at the next look
-            await self._ended.end(session)
-        self._end_what_must()
+    def known(self, credential: Credential) -> Identity | None:
+        """The identity of a credential that was verified before; None if it holds no more."""
+        return self.roster.identity(credential, time.time_ns())
 
     def keys(self, issuer: Issuer) -> IssuerKeys:
         return self._keys.setdefault(issuer.url, IssuerKeys(self.web, issuer.url))
@@ -126,11 +94,11 @@ class Identities:
 
     @contextmanager
     def guarding(
-        self, identity: Identity, robot: str | None, end: Callable[[], None], session: Session | None
+        self, identity: Identity, robot: str | None, end: Callable[[], None], holds: Callable[[], bool]
     ) -> Iterator[None]:
-        """Call ``end``, again and again, once ``identity`` may not subscribe any more, or sees other robots, or the
-        session by which it asked is over."""
-        guarded = _Guarded(identity, robot, end, session)
+        """Call ``end``, again and again, once ``identity`` may not subscribe any more, sees other robots, or ``holds``
+        is no longer true of its credentials."""
+        guarded = _Guarded(identity, robot, end, holds)
         self._guarded.add(guarded)
         try:
             yield
@@ -138,10 +106,9 @@ class Identities:
             self._guarded.discard(guarded)
 
     def _lasts(self, guarded: _Guarded) -> bool:
-        session, now_ns = guarded.session, time.time_ns()
-        if session is not None and (session in self._ended or session.ends_ns <= now_ns):
+        if not guarded.holds():
             return False
-        now = self.roster.identity(guarded.identity.credential, now_ns)
+        now = self.roster.identity(guarded.identity.credential, time.time_ns())
         return now is not None and _subscribes(now, guarded.robot, guarded.identity.sees)
 
     def vouches(self, creator: str, robot: str | None, sees: View) -> bool:
@@ -162,22 +129,12 @@ class Identities:
             await asyncio.sleep(LOOK_S)
             try:
                 await self._look()
-                self._end_what_must()
+                self.end_what_must()
             except Exception:
                 # The boundary of the task: without it no right would ever be taken away again.
                 log.exception("identities could not be looked at; it is tried again")
 
-    async def _hear_for_ever(self) -> None:
-        """Apart from the file, which is looked at while Redis hangs; what was heard before holds on meanwhile."""
-        while True:
-            await asyncio.sleep(LOOK_S)
-            with suppress(StoreUnavailable):
-                await self._ended.look()
-
     async def _look(self) -> None:
-        if not self.key.known:  # as soon as it can be had: sessions are to outlive an outage of Redis
-            with suppress(StoreUnavailable):
-                await self.key.get()
         try:
             stamp = _stamp(self._path)
             if stamp == self._stamp:
@@ -191,7 +148,8 @@ class Identities:
         self._stamp, self._complaint = stamp, ""
         log.info("identities read anew: %d tokens, %d issuers", len(self.roster.tokens), len(self.roster.issuers))
 
-    def _end_what_must(self) -> None:
+    def end_what_must(self) -> None:
+        """End all that goes on without a right to it."""
         for each in list(self._guarded):
             if not self._lasts(each):
                 each.end()

@@ -14,9 +14,9 @@ from gateway.extensions.sessions.sealed_cookie import (
     seal_login,
     seal_session,
 )
+from gateway.extensions.sessions.session_key import read_key
 from gateway.identity.rights import Claims, TokenHash
 from gateway.identity.roster import BadRoster
-from gateway.identity.store import read_key
 
 _KEY, _OTHER = b"k" * 32, b"o" * 32
 _LOGIN = Underway("https://id.example", "state", "nonce", "verifier", "/ur5/")

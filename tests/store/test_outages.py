@@ -15,8 +15,8 @@ from gateway.actions.store import ActionStore
 from gateway.extensions.rules.rule import Known
 from gateway.extensions.rules.store import RuleStore
 from gateway.extensions.sessions.ended_sessions import EndedSessions
+from gateway.extensions.sessions.session_key import SessionKey
 from gateway.extensions.world.store import ObjectStore
-from gateway.identity.store import SessionKey
 from gateway.resources.subscription import Delivery
 from gateway.runtime.redis import StoreUnavailable
 from gateway.subscriptions.store import LEASE_S, Store

@@ -11,8 +11,8 @@ from stored import served
 
 from gateway.extensions.sessions.ended_sessions import EndedSessions
 from gateway.extensions.sessions.sealed_cookie import Session, new_session
+from gateway.extensions.sessions.session_key import SessionKey
 from gateway.identity.rights import TokenHash
-from gateway.identity.store import SessionKey
 from gateway.runtime.redis import StoreUnavailable
 
 

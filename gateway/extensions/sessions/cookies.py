@@ -4,7 +4,10 @@ from starlette.requests import HTTPConnection
 from starlette.responses import Response
 from starlette.types import Scope
 
+from gateway.extensions.sessions.sealed_cookie import Session
+
 _SESSION = "linked-fleet"
+_STATE = "sessions.session"
 LOGIN = "-login"
 """Of the cookie that a login at an issuer keeps while it is under way."""
 
@@ -21,6 +24,17 @@ def cookie_name(scope: Scope, suffix: str = "") -> str:
 
 def read_cookie(scope: Scope, suffix: str = "") -> str:
     return HTTPConnection(scope).cookies.get(cookie_name(scope, suffix), "")
+
+
+def session_of(scope: Scope) -> Session | None:
+    """The session by which the caller of a request is known."""
+    session: Session | None = scope["state"].get(_STATE)
+    return session
+
+
+def note_session(scope: Scope, session: Session) -> None:
+    """Have ``session_of`` find the session of a request."""
+    scope["state"][_STATE] = session
 
 
 def set_cookie(scope: Scope, response: Response, value: str, suffix: str = "") -> None:

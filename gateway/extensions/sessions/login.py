@@ -24,8 +24,10 @@ from gateway.base.errors import (
 )
 from gateway.extensions.pages.page import render
 from gateway.extensions.pages.policy import FORMS
-from gateway.extensions.sessions.cookies import LOGIN, read_cookie, set_cookie
-from gateway.extensions.sessions.sealed_cookie import SESSION_S, Session, Underway, open_login, seal_login
+from gateway.extensions.sessions.cookies import LOGIN, read_cookie, session_of, set_cookie
+from gateway.extensions.sessions.sealed_cookie import SESSION_S, Underway, open_login, seal_login
+from gateway.extensions.sessions.service import Sessions
+from gateway.extensions.sessions.session_key import StoreUnavailable
 from gateway.http.body import read_body
 from gateway.http.rates import Rates
 from gateway.http.request import Request
@@ -33,8 +35,6 @@ from gateway.identity.jwts import BadToken, verified
 from gateway.identity.keys import endpoint
 from gateway.identity.rights import Claims, Credential, Identity
 from gateway.identity.roster import Issuer
-from gateway.identity.service import Identities
-from gateway.identity.store import StoreUnavailable
 from gateway.identity.web import IssuerSilent
 
 log = logging.getLogger(__name__)
@@ -49,7 +49,7 @@ _NO_STORE = {"cache-control": "no-store"}
 
 
 class Login:
-    """Answers under these paths, whoever asks; ``caller`` may be nobody."""
+    """Answers under these paths, whoever asks; the caller may be nobody."""
 
     def __init__(self) -> None:
         self._failures = Rates(1 / REFILL_S, burst=FAILURES)
@@ -57,7 +57,7 @@ class Login:
     def has(self, path: str) -> bool:
         return path in _PAGES
 
-    async def answer(self, request: Request, identities: Identities, caller: Identity) -> Response:
+    async def answer(self, request: Request, sessions: Sessions) -> Response:
         path: str = request.scope["path"]
         method = "GET" if request.method == "HEAD" else request.method
         allow = _PAGES[path]
@@ -65,14 +65,14 @@ class Login:
             raise MethodNotAllowed(f"{method} is not possible here; {', '.join(allow)} are.", allow=allow)
         try:
             if path == "/logout":
-                return await _log_out(request, identities)
+                return await _log_out(request, sessions)
             if path == "/login/start":
-                return await self._start(request, identities)
+                return await self._start(request, sessions)
             if path == "/login/return":
-                return await self._return(request, identities)
+                return await self._return(request, sessions)
             if method == "POST":
-                return await self._with_token(request, identities)
-            return _page(identities, _path(request.query_params.get("then")), caller)
+                return await self._with_token(request, sessions)
+            return _page(sessions, _path(request.query_params.get("then")), request.caller)
         except StoreUnavailable as error:
             raise StoreAway("Nobody can log in while Redis is away; tokens in Authorization are taken.") from error
 
@@ -91,33 +91,33 @@ class Login:
 
     # -- by a token ---------------------------------------------------------------------------------------------------
 
-    async def _with_token(self, request: Request, identities: Identities) -> Response:
+    async def _with_token(self, request: Request, sessions: Sessions) -> Response:
         ours = "origin" in request.headers or request.headers.get("sec-fetch-site") == "same-origin"
         if request.state.elsewhere or not ours:
             raise ForeignOrigin("people log in here on the page itself; programs send Authorization: Bearer")
         form = parse_qs((await read_body(request, MAX_BODY_BYTES)).decode("utf-8", "replace"))
         token, then = _one(form, "token").strip(), _path(_one(form, "then"))
         try:
-            found = await identities.bearer(token)
+            found = await sessions.identities.bearer(token)
         except BadToken as error:
             self._failed(request, error)
-            return _page(identities, then, None, f"The token is not accepted: {error}.", status=401)
+            return _page(sessions, then, None, f"The token is not accepted: {error}.", status=401)
         except IssuerSilent as error:
             raise IssuerAway("The issuer of this token cannot be asked for its keys; try again in a moment.") from error
         assert found.credential is not None
-        return await _logged_in(request, identities, found.credential, then)
+        return await _logged_in(request, sessions, found.credential, then)
 
     # -- at an issuer -------------------------------------------------------------------------------------------------
 
-    async def _start(self, request: Request, identities: Identities) -> Response:
+    async def _start(self, request: Request, sessions: Sessions) -> Response:
         name = request.query_params.get("issuer", "")
-        issuer = next((each for each in identities.roster.issuers.values() if each.name == name), None)
+        issuer = next((each for each in sessions.identities.roster.issuers.values() if each.name == name), None)
         if issuer is None or not issuer.client_id:
             raise NotFound("There is no such issuer to log in at.")
         state, nonce, verifier = (secrets.token_urlsafe(32) for _ in range(3))
         login = Underway(issuer.url, state, nonce, verifier, _path(request.query_params.get("then")))
         try:
-            there = endpoint(await identities.keys(issuer).described(), "authorization_endpoint", issuer.url)
+            there = endpoint(await sessions.identities.keys(issuer).described(), "authorization_endpoint", issuer.url)
         except IssuerSilent as error:
             raise IssuerAway(f"{issuer.name} cannot be reached; try again in a moment.") from error
         challenge = urlsafe_b64encode(sha256(login.verifier.encode()).digest()).rstrip(b"=").decode()
@@ -132,35 +132,35 @@ class Login:
             "code_challenge_method": "S256",
         }
         response = RedirectResponse(f"{there}{'&' if '?' in there else '?'}{urlencode(query)}", 303, _NO_STORE)
-        set_cookie(request.scope, response, seal_login(login, await identities.key.get(), time.time_ns()), LOGIN)
+        set_cookie(request.scope, response, seal_login(login, await sessions.key.get(), time.time_ns()), LOGIN)
         return response
 
-    async def _return(self, request: Request, identities: Identities) -> Response:
-        login = open_login(read_cookie(request.scope, LOGIN), await identities.key.get())
-        issuer = None if login is None else identities.roster.issuers.get(login.issuer)
+    async def _return(self, request: Request, sessions: Sessions) -> Response:
+        login = open_login(read_cookie(request.scope, LOGIN), await sessions.key.get())
+        issuer = None if login is None else sessions.identities.roster.issuers.get(login.issuer)
         try:
             if login is None or issuer is None:
                 raise BadToken("it took too long, or began in another browser")
-            claims = await _claims(request, identities, issuer, login)
+            claims = await _claims(request, sessions, issuer, login)
         except BadToken as error:
             self._failed(request, error)
-            return _page(identities, "/", None, f"You are not logged in: {error}.", status=401)
+            return _page(sessions, "/", None, f"You are not logged in: {error}.", status=401)
         except IssuerSilent as error:
             log.warning("a login failed: %s", error)
             raise IssuerAway("The issuer does not answer as it should; try again in a moment.") from error
-        response = await _logged_in(request, identities, claims, login.then)
+        response = await _logged_in(request, sessions, claims, login.then)
         set_cookie(request.scope, response, "", LOGIN)
         return response
 
 
-async def _claims(request: Request, identities: Identities, issuer: Issuer, login: Underway) -> Claims:
+async def _claims(request: Request, sessions: Sessions, issuer: Issuer, login: Underway) -> Claims:
     """What the issuer says of who comes back from it with a code; BadToken, IssuerSilent."""
     said = request.query_params
     if not compare_digest(said.get("state", "").encode(), login.state.encode()):
         raise BadToken("it began in another browser")
     if said.get("iss", issuer.url) != issuer.url or "code" not in said:  # RFC 9207; or an error
         raise BadToken(f"{issuer.name} refused ({said.get('error', 'no code')[:100]})")
-    keys = identities.keys(issuer)
+    keys = sessions.identities.keys(issuer)
     form = {
         "grant_type": "authorization_code",
         "code": said["code"],
@@ -170,7 +170,7 @@ async def _claims(request: Request, identities: Identities, issuer: Issuer, logi
     }
     secret = (quote(issuer.client_id, safe=""), quote(issuer.client_secret, safe="")) if issuer.client_secret else None
     there = endpoint(await keys.described(), "token_endpoint", issuer.url)
-    answer = await identities.web.post(there, form, secret)
+    answer = await sessions.identities.web.post(there, form, secret)
     token: Any = answer.get("id_token")
     if not isinstance(token, str):
         raise IssuerSilent(f"{issuer.url} gave no id_token")
@@ -186,32 +186,31 @@ async def _claims(request: Request, identities: Identities, issuer: Issuer, logi
 
 
 def _return_url(request: Request) -> str:
-    base: str = request.state.base
-    return base + "/login/return"
+    return request.base + "/login/return"
 
 
 # -- in and out -----------------------------------------------------------------------------------------------------
 
 
-async def _logged_in(request: Request, identities: Identities, credential: Credential, then: str) -> Response:
-    response = RedirectResponse(request.state.base + then, 303, _NO_STORE)
-    set_cookie(request.scope, response, await identities.begin_session(credential))
+async def _logged_in(request: Request, sessions: Sessions, credential: Credential, then: str) -> Response:
+    response = RedirectResponse(request.base + then, 303, _NO_STORE)
+    set_cookie(request.scope, response, await sessions.begin(credential))
     return response
 
 
-async def _log_out(request: Request, identities: Identities) -> Response:
-    session: Session | None = getattr(request.state, "session", None)
+async def _log_out(request: Request, sessions: Sessions) -> Response:
+    session = session_of(request.scope)
     if session is not None:
-        await identities.end_session(session)
-    response = RedirectResponse(request.state.base + "/login", 303, _NO_STORE)
+        await sessions.end(session)
+    response = RedirectResponse(request.base + "/login", 303, _NO_STORE)
     set_cookie(request.scope, response, "")
     return response
 
 
-def _page(identities: Identities, then: str, caller: Identity | None, wrong: str = "", status: int = 200) -> Response:
+def _page(sessions: Sessions, then: str, caller: Identity | None, wrong: str = "", status: int = 200) -> Response:
     issuers = [
         (each.name, "/login/start?" + urlencode({"issuer": each.name, "then": then}))
-        for each in identities.roster.issuers.values()
+        for each in sessions.identities.roster.issuers.values()
         if each.client_id
     ]
     page = render("login.html", name=caller.name if caller else "", issuers=issuers, then=then, wrong=wrong)

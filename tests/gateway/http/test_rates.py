@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from starlette.responses import Response
 
+from gateway.http.authentication import Authenticated
 from gateway.http.rates import BURST_S, MAX_CLIENTS, Pace, Rates, by_caller
 from gateway.identity.rights import NOBODY, Identity
 
@@ -68,11 +69,15 @@ def test_who_is_one_client(one: str, other: str, same: bool) -> None:
 def test_an_identity_is_one_client_wherever_it_is() -> None:
     alice, bob = (Identity(name=name, grants=()) for name in ("alice", "bob"))
     scopes = [
-        {"client": (host, 1), "state": {"caller": who}} for host in ("192.0.2.1", "192.0.2.2") for who in (alice, bob)
+        {"client": (host, 1), "state": {"authenticated": Authenticated(who)}}
+        for host in ("192.0.2.1", "192.0.2.2")
+        for who in (alice, bob)
     ]
     found = [by_caller(scope) for scope in scopes]
     assert found[:2] == found[2:]
-    assert len({*found, by_caller({"client": ("192.0.2.1", 1), "state": {"caller": NOBODY}})}) == 3
+    assert (
+        len({*found, by_caller({"client": ("192.0.2.1", 1), "state": {"authenticated": Authenticated(NOBODY)}})}) == 3
+    )
 
 
 def _ask(pace: Pace, method: str, path: str, kind: str = "http") -> tuple[int, dict[str, str], bytes]:

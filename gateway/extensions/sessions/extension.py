@@ -1,0 +1,26 @@
+"""The extension ``sessions``: people log in by a browser, with a token or at an issuer, and stay logged in."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import ClassVar
+
+from gateway.extensions.sessions.ended_sessions import EndedSessions
+from gateway.extensions.sessions.scheme import SessionScheme
+from gateway.extensions.sessions.service import Sessions
+from gateway.extensions.sessions.session_key import SessionKey
+from gateway.http.extension import Core, Mount
+
+
+class SessionsExtension:
+    name: ClassVar[str] = "sessions"
+    needs: ClassVar[tuple[str, ...]] = ("pages",)
+
+    @asynccontextmanager
+    async def start(self, core: Core) -> AsyncIterator[Mount]:
+        if core.identities is None:
+            yield Mount()
+            return
+        key = SessionKey(core.redis_url, core.namespace, core.settings["session_key_file"])
+        ended = EndedSessions(core.redis_url, core.namespace)
+        async with Sessions(core.identities, key, ended) as sessions:
+            yield Mount(scheme=SessionScheme(sessions))
