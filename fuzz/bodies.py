@@ -21,7 +21,9 @@ from gateway.actions.action_request import Asked, moment_of
 from gateway.actions.admission import admit
 from gateway.actions.handler_table import HANDLERS
 from gateway.actions.plan import Later, Motion
+from gateway.app.extensions import BUILT_IN, install
 from gateway.base.errors import FleetError, UnprocessableContent
+from gateway.extensions.reach.handler import reach
 from gateway.fleet.events import Appeared, Described, Framed
 from gateway.fleet.fleet import Fleet
 from gateway.fleet.invocations import Invocations
@@ -39,6 +41,8 @@ from gateway.resources.subscription_resource import requested
 from gateway.resources.tree import Tree
 
 BASE = "http://127.0.0.1:8000"
+_HANDLERS = {**HANDLERS, LF.Reach: reach}
+install(BUILT_IN)
 _SYNTAXES = {"application/n-triples": RdfFormat.N_TRIPLES, "application/rdf+xml": RdfFormat.RDF_XML}
 _JSON = "application/ld+json"
 _COMPARED = 0.004
@@ -156,7 +160,7 @@ def _plan(random: Random, offer: Offer, triples: list[Triple]) -> None:
     if random.random() < _COMPARED:
         _compare(offer, triples)
     admitted = admit(offer, triples, BASE)
-    plan = HANDLERS[offer.definition.iri](Asked(BASE, admitted, offer.robot, offer.joint, moment_of(offer.robot)))
+    plan = _HANDLERS[offer.definition.iri](Asked(BASE, admitted, offer.robot, offer.joint, moment_of(offer.robot)))
     if isinstance(plan, Later):
         plan = plan.compute() if random.random() < 0.1 else None  # a search takes milliseconds
     assert plan is None or isinstance(plan, Motion), "what takes a body moves"

@@ -19,16 +19,18 @@ from fuzz import good, mutation
 from fuzz.body import Patient
 from fuzz.findings import Tally, in_process
 from gateway.base.errors import FleetError
+from gateway.extensions.pages.extension import Pages
 from gateway.fleet.answers import read_description, read_mesh, read_reply
 from gateway.fleet.cameras import read_picture
 from gateway.fleet.events import Appeared, Described, Framed, Undescribed, Vanished
 from gateway.fleet.fleet import Fleet
 from gateway.fleet.invocations import Invocation, Invocations
-from gateway.http.representation import negotiated
+from gateway.http.representation import Representations
 from gateway.resources.paths import robot_path
 from gateway.resources.resource import Resource
 from gateway.resources.tree import Tree
 
+_REPRESENTATIONS = Representations(Pages())
 _BASE = "http://127.0.0.1"
 _KEYS = Keys()
 _TYPES = ("text/turtle", "application/ld+json", "application/rdf+xml", "text/html")
@@ -196,7 +198,7 @@ class World:
         if not isinstance(part, Resource) or part.remote is not None:
             return
         try:
-            negotiated(media_type, part, _BASE)
+            _REPRESENTATIONS.negotiated(media_type, part, _BASE)
         except FleetError as error:
             assert error.status in (404, 406, 503), error
 

@@ -2,13 +2,11 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 
 from agents.wire.messages import Expectation, Follow, Move
 from gateway.actions.action_request import Asked
-from gateway.actions.plan import Halt, Later, Motion
+from gateway.actions.plan import Halt, Motion
 from gateway.base.errors import Conflict, UnprocessableContent
-from gateway.extensions.reach.handler import reaching
 from gateway.fleet.model import Joint, JointKind
 from gateway.rdf.graph import Node
 from gateway.rdf.vocabulary import LF
@@ -23,7 +21,7 @@ def to_position(asked: Asked) -> Motion:
     """``rotate`` and ``translate``."""
     joint = asked.of_joint()
     target = _near(asked, joint, asked.body.quantity(asked.body.root))
-    return _motion(asked, Move({joint.name: target}, _speeds(asked, joint)), {joint.name: target})
+    return motion_to(asked, Move({joint.name: target}, _speeds(asked, joint)), {joint.name: target})
 
 
 def by_distance(asked: Asked) -> Motion:
@@ -35,7 +33,7 @@ def by_distance(asked: Asked) -> Motion:
         if low is None or high is None or not low - _SETTLING <= target <= high + _SETTLING:
             raise Conflict(f"{joint.name} would end at {target:.6g}, outside its limits {low} to {high} (SI units).")
         target = min(max(target, low), high)
-    return _motion(asked, Move({joint.name: target}, _speeds(asked, joint)), {joint.name: target})
+    return motion_to(asked, Move({joint.name: target}, _speeds(asked, joint)), {joint.name: target})
 
 
 def hold(asked: Asked) -> Halt:
@@ -48,7 +46,7 @@ def hold(asked: Asked) -> Halt:
 def move_joints(asked: Asked) -> Motion:
     joints = asked.model().joints
     targets = {name: _near(asked, joints[name], value) for name, value in _targets(asked, asked.body.root).items()}
-    return _motion(asked, Move(targets), targets)
+    return motion_to(asked, Move(targets), targets)
 
 
 def follow(asked: Asked) -> Motion:
@@ -74,7 +72,7 @@ def follow(asked: Asked) -> Motion:
             )
         before = {name: _near(asked, known[name], targets[name], before.get(name)) for name in joints}
         rows.append(tuple(before[name] for name in joints))
-    return _motion(asked, Follow(tuple(joints), times, tuple(rows)), before)
+    return motion_to(asked, Follow(tuple(joints), times, tuple(rows)), before)
 
 
 def assume_pose(asked: Asked) -> Motion:
@@ -82,18 +80,7 @@ def assume_pose(asked: Asked) -> Motion:
     assert name is not None
     joints = asked.model().joints
     targets = {joint: _near(asked, joints[joint], value) for joint, value in poses(asked.of_robot())[name].items()}
-    return _motion(asked, Move(targets), targets)
-
-
-def reach(asked: Asked) -> Later:
-    """A link to a pose: the search runs apart, because it takes milliseconds."""
-    plain, search = _motion(asked, Move({"": 0.0}), {}), reaching(asked)
-
-    def compute() -> Motion:
-        targets, facts = search()
-        return replace(plain, motion=Move(dict(targets)), targets=targets, facts=facts)
-
-    return Later(compute)
+    return motion_to(asked, Move(targets), targets)
 
 
 def stop(asked: Asked) -> Halt:
@@ -110,7 +97,7 @@ def stop_all(asked: Asked) -> Halt:
 # -- pieces ---------------------------------------------------------------------------------------------------------
 
 
-def _motion(asked: Asked, motion: Move | Follow, targets: Mapping[str, float]) -> Motion:
+def motion_to(asked: Asked, motion: Move | Follow, targets: Mapping[str, float]) -> Motion:
     """The motion with what every body may say besides its goal."""
     body, robot = asked.body, asked.of_robot()
     scale = body.number(body.root, LF.speedScale)

@@ -9,7 +9,9 @@ from gateway.actions.action_request import Asked
 from gateway.actions.plan import Plan
 from gateway.rdf.vocabulary import LF
 
-HANDLERS: dict[NamedNode, Callable[[Asked], Plan]] = {
+Handler = Callable[[Asked], Plan]
+
+HANDLERS: dict[NamedNode, Handler] = {
     LF.Rotate: handlers.to_position,
     LF.Translate: handlers.to_position,
     LF.RotateBy: handlers.by_distance,
@@ -17,7 +19,6 @@ HANDLERS: dict[NamedNode, Callable[[Asked], Plan]] = {
     LF.Hold: handlers.hold,
     LF.MoveJoints: handlers.move_joints,
     LF.FollowTrajectory: handlers.follow,
-    LF.Reach: handlers.reach,
     LF.AssumePose: handlers.assume_pose,
     LF.StopRobot: handlers.stop,
     LF.StopAll: handlers.stop_all,

@@ -9,10 +9,14 @@ from dataclasses import dataclass, replace
 from types import TracebackType
 from typing import Protocol, Self
 
+from pyoxigraph import NamedNode
+
 from agents.wire.messages import WIRE_VERSION, Accepted, Command, Progress, Refused, Reply, Stop
+from gateway.actions.action_request import Asked
 from gateway.actions.caller import Caller
 from gateway.actions.commands import command_of
-from gateway.actions.plan import Halt, Later, Motion
+from gateway.actions.handler_table import HANDLERS, Handler
+from gateway.actions.plan import Halt, Later, Motion, Plan
 from gateway.actions.quota import Quota
 from gateway.actions.refusals import lease_of, refusal, refusals, repeated, silence
 from gateway.actions.replicated_invocations import Memory
@@ -24,6 +28,7 @@ from gateway.fleet.invocations import FLEET, Invocation, InvocationState
 from gateway.fleet.robot import Robot
 from gateway.identity.rights import ALL, View
 from gateway.link.fleet_link import NoAnswer
+from gateway.resources.action_offer import Offer
 from gateway.resources.invocation import invocation_path
 from gateway.runtime.cancellation import end
 from gateway.runtime.counters import Commands
@@ -68,6 +73,8 @@ class Actions:
     def __init__(self, live: Live, store: ActionStore, most_motions: int) -> None:
         self._live, self._store = live, store
         self._guards: list[MotionGuard] = []
+        self.handlers: dict[NamedNode, Handler] = dict(HANDLERS)
+        """The handler of each kind of action."""
         self._quota = Quota(live.invocations, most_motions)
         self.waiting = Waiting()
         self.memory = Memory(live, store, self.stop_one, self.waiting.wake)
@@ -170,6 +177,10 @@ class Actions:
             )
         except Full as error:
             raise self._quota.refusal(caller.name) from error
+
+    def plan(self, asked: Asked, offer: Offer) -> Plan:
+        """Have the handler of an offered action make its plan. Raises what the handler refuses."""
+        return self.handlers[offer.definition.iri](asked)
 
     async def compute(self, plan: Later) -> Motion:
         """Make a plan that takes milliseconds, in a thread; one after another, so that nobody gets all of the time.

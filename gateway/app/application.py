@@ -10,7 +10,7 @@ from starlette.middleware import Middleware
 
 from gateway.actions.service import Actions
 from gateway.actions.store import ActionStore
-from gateway.app.extensions import BUILT_IN, in_order, mount, representations
+from gateway.app.extensions import BUILT_IN, in_order, install, mount, representations
 from gateway.app.metrics import Numbers, registry
 from gateway.app.sampler import Sampler
 from gateway.app.settings import GatewaySettings
@@ -59,8 +59,9 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
 
     Unsupported for shapes that cannot be compiled.
     """
-    check_shapes()
     extensions = in_order(BUILT_IN)
+    install(extensions)
+    check_shapes()
 
     @asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:

@@ -8,23 +8,36 @@ from gateway.extensions.cameras.extension import CamerasExtension
 from gateway.extensions.history.extension import HistoryExtension
 from gateway.extensions.pages.extension import PagesExtension
 from gateway.extensions.query.extension import QueryExtension
+from gateway.extensions.reach.extension import ReachExtension
 from gateway.extensions.rules.extension import RulesExtension
 from gateway.extensions.sessions.extension import SessionsExtension
 from gateway.extensions.things.extension import ThingsExtension
 from gateway.extensions.world.extension import WorldExtension
 from gateway.http.extension import Core, Extension, Mount
 from gateway.http.representation import Representations
+from gateway.resources.action_definition import add_kinds
+from gateway.resources.fleet_functions import add_functions
 
 BUILT_IN: Sequence[Extension] = (
     ThingsExtension(),
     HistoryExtension(),
     WorldExtension(),
     CamerasExtension(),
+    ReachExtension(),
     QueryExtension(),
     RulesExtension(),
     PagesExtension(),
     SessionsExtension(),
 )
+
+
+def install(extensions: Sequence[Extension]) -> None:
+    """Have this process know the kinds of actions and the functions of the extensions."""
+    for extension in extensions:
+        for kind in extension.kinds:
+            add_kinds(kind)
+        for function in extension.functions:
+            add_functions(function)
 
 
 def in_order(extensions: Sequence[Extension]) -> list[Extension]:
@@ -48,6 +61,7 @@ async def mount(extensions: Sequence[Extension], core: Core, stack: AsyncExitSta
         services = [service for each in mounts for service in each.services]
         found = await stack.enter_async_context(extension.start(replace(core, services=services)))
         core.live.add(*found.branches)
+        core.actions.handlers.update(found.handlers)
         if found.guard is not None:
             core.actions.add_guard(found.guard)
         mounts.append(found)

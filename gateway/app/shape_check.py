@@ -8,6 +8,7 @@ from pyoxigraph import Triple
 from gateway.rdf.graph import Node
 from gateway.rdf.shapes import load, load_folder
 from gateway.rdf.vocabulary import LF, RDF, SH
+from gateway.resources.action_conditions import CONDITIONS
 from gateway.resources.action_definition import FOLDER, definitions
 from gateway.resources.shape_parameters import COMPLETIONS
 from gateway.shacl import Unsupported, compile_shape
@@ -32,6 +33,9 @@ def check_shapes() -> None:
     completions = {t.object for about in shapes.values() for t in about if t.predicate == LF.completedBy}
     for unknown in completions.difference(COMPLETIONS):
         raise Unsupported(f"shapes/{FOLDER}: lf:completedBy {unknown}: it is not one of those that there are")
+    for kind in definitions():
+        for unknown in set(kind.offered_if).difference(CONDITIONS):
+            raise Unsupported(f"shapes/{FOLDER}: lf:offeredIf {unknown}: it is not one of those that there are")
 
 
 def _check(name: str, shapes: Mapping[Node, Sequence[Triple]], shape: Node) -> None:

@@ -1,14 +1,16 @@
 """The contract of extensions: a package that adds a capability to the gateway, without a line outside its folder."""
 
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
-from contextlib import AbstractAsyncContextManager
+from contextlib import AbstractAsyncContextManager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, Protocol, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from prometheus_client.metrics_core import Metric
+from pyoxigraph import NamedNode
 from starlette.types import ASGIApp
 
+from gateway.actions.handler_table import Handler
 from gateway.actions.service import Actions, MotionGuard
 from gateway.http.authentication import Scheme
 from gateway.http.html import HtmlWriter
@@ -71,6 +73,8 @@ class Mount:
     """Writer of pages; one extension has it."""
     scheme: Scheme | None = None
     """A way to say who asks, beside bearer tokens."""
+    handlers: Mapping[NamedNode, Handler] = field(default_factory=dict)
+    """Handlers of the kinds of actions that the extension brings."""
     guard: MotionGuard | None = None
     """Judge of motions before they are accepted. It fails closed."""
     not_ready: Callable[[], str] = str
@@ -81,11 +85,17 @@ class Mount:
     """Objects for the extensions that need this one, found by their type."""
 
 
-class Extension(Protocol):
-    """An extension. ``start`` gives what it adds, and ends all that it has begun when the context is left."""
+class Extension:
+    """Base class of extensions. Everything is optional but the name."""
 
     name: ClassVar[str]
-    needs: ClassVar[tuple[str, ...]]
+    needs: ClassVar[tuple[str, ...]] = ()
     """Names of extensions that are started before."""
+    kinds: ClassVar[tuple[Path, ...]] = ()
+    """Turtle files of kinds of actions, written as those in shapes/actions."""
+    functions: ClassVar[tuple[str, ...]] = ()
+    """Functions over the live fleet for languages of other extensions, as ``module:attribute`` of FleetFunctions."""
 
-    def start(self, core: Core) -> AbstractAsyncContextManager[Mount]: ...
+    def start(self, core: Core) -> AbstractAsyncContextManager[Mount]:
+        """Give what the extension adds, and end all that it has begun when the context is left."""
+        return nullcontext(Mount())

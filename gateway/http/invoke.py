@@ -14,7 +14,6 @@ from starlette.responses import Response
 from gateway.actions.action_request import Asked, moment_of
 from gateway.actions.admission import admit
 from gateway.actions.caller import Caller
-from gateway.actions.handler_table import HANDLERS
 from gateway.actions.plan import Halt, Later, Moment, Motion
 from gateway.actions.service import Actions, Rehearsed
 from gateway.base.errors import AgentSilent, BadRequest, Collides, NotAcceptable, UnprocessableContent
@@ -192,9 +191,8 @@ async def _halt(request: Request, offer: Offer) -> Response:
     """Nothing that a field says wrongly keeps a robot from being stopped."""
     actions: Actions = request.services.actions
     prefer = parse_prefer(field(request, "prefer"))
-    plan = HANDLERS[offer.definition.iri](
-        Asked(request.base, Body((), NamedNode(request.base + offer.path)), offer.robot, offer.joint)
-    )
+    nothing = Body((), NamedNode(request.base + offer.path))
+    plan = actions.plan(Asked(request.base, nothing, offer.robot, offer.joint), offer)
     assert isinstance(plan, Halt)
     stops = request.caller.over(Right.STOP)
     if prefer.dry_run:
@@ -212,7 +210,7 @@ async def _carry_out(
     actions: Actions = request.services.actions
     asking = caller(request, admitted.written, _digest(request, admitted.content))
     with step("plan"):
-        plan = HANDLERS[offer.definition.iri](Asked(request.base, admitted.body, offer.robot, offer.joint, moment))
+        plan = actions.plan(Asked(request.base, admitted.body, offer.robot, offer.joint, moment), offer)
         if isinstance(plan, Later):
             plan = await actions.compute(plan)
     assert isinstance(plan, Motion)  # what takes a body moves

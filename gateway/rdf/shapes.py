@@ -3,6 +3,8 @@
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from importlib import resources
+from importlib.resources.abc import Traversable
+from pathlib import Path
 
 from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple
 from pyoxigraph import parse as parse_rdf
@@ -19,10 +21,25 @@ def load(name: str) -> dict[Node, list[Triple]]:
     return _read((resources.files("shapes") / name).read_text(encoding="utf-8"), name.removesuffix(".ttl"))
 
 
+_added: dict[str, dict[str, Path]] = {}
+
+
+def add_to_folder(name: str, file: Path) -> None:
+    """Have ``load_folder`` read one more Turtle file, in this process, from now on."""
+    _added.setdefault(name, {})[file.name] = file
+    load_folder.cache_clear()
+
+
+def added_to_folder(name: str) -> list[Path]:
+    """The files that were added."""
+    return list(_added.get(name, {}).values())
+
+
 @cache
 def load_folder(name: str) -> dict[Node, list[Triple]]:
-    """The triples of all files in the folder shapes/NAME, as if they were one."""
-    files = [each for each in (resources.files("shapes") / name).iterdir() if each.name.endswith(".ttl")]
+    """The triples of all files in the folder shapes/NAME and of those that were added, as if they were one."""
+    own = [each for each in (resources.files("shapes") / name).iterdir() if each.name.endswith(".ttl")]
+    files: list[Traversable] = [*own, *added_to_folder(name)]
     text = "\n".join(each.read_text(encoding="utf-8") for each in sorted(files, key=lambda each: each.name))
     return _read(text, name)
 

@@ -124,7 +124,8 @@ LF = Namespace(
     " rootLink baseMobility parentJoint childJoint shape invocations state reason"
     " target ofJoint result status vocabulary"
     # predicates: kinds of actions, and what completes their shapes
-    " segment offeredBy capability completedBy anyNumber jointPosition jointDisplacement jointSpeed jointTarget"
+    " segment offeredBy offeredIf isBounded isCommandable hasCommandableJoint hasMovedLink hasNamedPose"
+    " capability completedBy anyNumber jointPosition jointDisplacement jointSpeed jointTarget"
     " jointExpectation ownLease ownLink ownPose dryRun"
     # predicates: what actions take and invocations tell
     " speed speedScale precondition tolerance tiedTo waypoint atTime ofLink poseName namedPose input duration progress"

@@ -2,10 +2,11 @@
 
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 
 from pyoxigraph import Literal, NamedNode
 
-from gateway.rdf.shapes import load_folder
+from gateway.rdf.shapes import add_to_folder, load_folder
 from gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LF, RDF, RDFS
 
 FOLDER = "actions"
@@ -13,17 +14,25 @@ FOLDER = "actions"
 
 @dataclass(frozen=True)
 class Definition:
-    """A kind of action. ``offered_by``: classes of things; ``capability``: what the agent must be able to do."""
+    """A kind of action. ``offered_by``: classes of things; ``offered_if``: conditions of the robot at hand;
+    ``capability``: what the agent must be able to do."""
 
     iri: NamedNode
     segment: str
     title: str
     comment: str
     offered_by: frozenset[NamedNode]
+    offered_if: tuple[NamedNode, ...]
     capability: str
     methods: tuple[NamedNode, ...]
     consumes: NamedNode | None
     produces: NamedNode
+
+
+def add_kinds(file: Path) -> None:
+    """Have this process know the kinds of actions of one more Turtle file, written as those in shapes/actions."""
+    add_to_folder(FOLDER, file)
+    definitions.cache_clear()
 
 
 @cache
@@ -52,6 +61,7 @@ def _read(kind: NamedNode) -> Definition:
         title=text(DCTERMS.title),
         comment=text(RDFS.comment),
         offered_by=frozenset(named(LF.offeredBy)),
+        offered_if=named(LF.offeredIf),
         capability=text(LF.capability),
         methods=named(HTTP.mthd),
         consumes=next(iter(named(HYBRIT.consumes)), None),

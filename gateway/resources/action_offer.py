@@ -10,7 +10,7 @@ from gateway.fleet.robot import Robot
 from gateway.rdf.graph import Graph, Node
 from gateway.rdf.shapes import closure, copy, load_folder
 from gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LF, METHODS, RDFS, SH
-from gateway.resources.action_conditions import CONDITIONS, has_commandable_joint
+from gateway.resources.action_conditions import CONDITIONS
 from gateway.resources.action_definition import FOLDER, Definition, definitions
 from gateway.resources.joint_kinds import kind_of
 from gateway.resources.paths import joint_path, robot_path
@@ -102,4 +102,4 @@ def offer_at(offers: Iterable[Offer], segment: str) -> Offer | None:
 def _offered(kind: NamedNode, robot: Robot, joint: Joint | None) -> list[Definition]:
     able = robot.description.capabilities if robot.description is not None and robot.model is not None else ()
     kinds = [each for each in definitions() if kind in each.offered_by and each.capability in able]
-    return [each for each in kinds if CONDITIONS.get(each.iri, has_commandable_joint)(robot, joint)]
+    return [each for each in kinds if all(CONDITIONS[one](robot, joint) for one in each.offered_if)]

@@ -12,19 +12,24 @@ from gateway.actions.action_request import Asked, moment_of
 from gateway.actions.admission import admit
 from gateway.actions.handler_table import HANDLERS
 from gateway.actions.plan import Plan
+from gateway.extensions.reach.extension import ReachExtension
+from gateway.extensions.reach.handler import reach
 from gateway.fleet.events import Appeared, Described, Framed
 from gateway.fleet.fleet import Fleet
 from gateway.fleet.invocations import Invocations
 from gateway.fleet.robot import Robot
 from gateway.rdf.graph import Graph
 from gateway.rdf.serialise import parse
-from gateway.rdf.vocabulary import PREFIXES
+from gateway.rdf.vocabulary import LF, PREFIXES
 from gateway.resources.action_body import Body
+from gateway.resources.action_definition import add_kinds
 from gateway.resources.action_offer import Offer
 from gateway.resources.affordance import Invoke
 from gateway.resources.resource import Resource
 from gateway.resources.tree import Tree
 
+for _kind in ReachExtension.kinds:
+    add_kinds(_kind)
 _PREFIXES = "".join(f"@prefix {prefix}: <{iri}> .\n" for prefix, iri in PREFIXES.items())
 
 
@@ -116,7 +121,7 @@ class Bench:
         offer = self.offer(path)
         body = self.body(path, turtle) if offer.takes_body else Body((), offer.definition.iri)
         asked = Asked(self.base, body, offer.robot, offer.joint, moment_of(offer.robot))
-        return HANDLERS[offer.definition.iri](asked)
+        return {**HANDLERS, LF.Reach: reach}[offer.definition.iri](asked)
 
     @staticmethod
     def prefixed(turtle: str) -> str:

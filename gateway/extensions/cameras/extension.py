@@ -3,17 +3,15 @@
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from functools import partial
-from typing import ClassVar
 
 from gateway.extensions.cameras.http import read_camera
 from gateway.extensions.cameras.pictures import Pictures
 from gateway.extensions.cameras.resources import Eye, cameras_branch
-from gateway.http.extension import Core, Mount
+from gateway.http.extension import Core, Extension, Mount
 
 
-class CamerasExtension:
-    name: ClassVar[str] = "cameras"
-    needs: ClassVar[tuple[str, ...]] = ()
+class CamerasExtension(Extension):
+    name = "cameras"
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:

@@ -2,20 +2,18 @@
 
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
-from typing import ClassVar
 
 from prometheus_client.metrics_core import Metric
 
 from gateway.extensions.history.http import read_past
 from gateway.extensions.history.recorder import History
 from gateway.extensions.history.resources import Past, history_branches
-from gateway.http.extension import Core, Mount
+from gateway.http.extension import Core, Extension, Mount
 from gateway.runtime.metrics import gauge
 
 
-class HistoryExtension:
-    name: ClassVar[str] = "history"
-    needs: ClassVar[tuple[str, ...]] = ()
+class HistoryExtension(Extension):
+    name = "history"
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:

@@ -2,7 +2,6 @@
 
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
-from typing import ClassVar
 
 from pyoxigraph import Triple
 
@@ -10,7 +9,7 @@ from gateway.base.errors import FleetError
 from gateway.extensions.pages import page
 from gateway.extensions.pages.policy import FORMS, POLICY
 from gateway.extensions.pages.resources import BRANCH
-from gateway.http.extension import Core, Mount
+from gateway.http.extension import Core, Extension, Mount
 from gateway.http.html import Formats
 from gateway.resources.resource import Resource
 
@@ -29,9 +28,8 @@ class Pages:
         return FORMS if forms else POLICY
 
 
-class PagesExtension:
-    name: ClassVar[str] = "pages"
-    needs: ClassVar[tuple[str, ...]] = ()
+class PagesExtension(Extension):
+    name = "pages"
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:

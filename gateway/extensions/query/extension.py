@@ -2,17 +2,15 @@
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import ClassVar
 
 from gateway.extensions.query.description import Endpoint, PostQuery, branch
 from gateway.extensions.query.http import post_query, read_query
 from gateway.extensions.query.service import Queries
-from gateway.http.extension import Core, Mount
+from gateway.http.extension import Core, Extension, Mount
 
 
-class QueryExtension:
-    name: ClassVar[str] = "query"
-    needs: ClassVar[tuple[str, ...]] = ()
+class QueryExtension(Extension):
+    name = "query"
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:

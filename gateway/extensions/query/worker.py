@@ -18,13 +18,15 @@ from pyoxigraph import NamedNode, RdfFormat, parse
 
 from gateway.extensions.query.evaluation import Seen, evaluate, warm
 from gateway.extensions.query.fleet_mirror import Mirror
-from gateway.extensions.query.functions import functions_of, prepare
+from gateway.extensions.query.functions import functions_of
 from gateway.extensions.query.messages import DONE, FORKED, PATIENCE, REFUSED, Ask, Refused, decode_ask, encode
 from gateway.extensions.query.rdf_mirror import SHAPES, Twin
 from gateway.identity.rights import View
 from gateway.rdf.graph import Graph
+from gateway.resources.action_definition import add_kinds
 from gateway.resources.describe import Describer
 from gateway.resources.documents import VOCABULARY
+from gateway.resources.fleet_functions import add_functions, load_functions
 
 log = logging.getLogger(__name__)
 
@@ -41,6 +43,7 @@ class Worker:
     def __init__(self) -> None:
         self._mirror = Mirror()
         self._twins: OrderedDict[str, Twin] = OrderedDict()
+        self._functions = load_functions()
         # What describes the fleet reads its shapes from files, which a query cannot.
         Describer("http://localhost").fleet({}, (), Graph())
 
@@ -55,7 +58,9 @@ class Worker:
         self._mirror.take(ask.news)
         twin = self._twin(ask.base)
         twin.bring(self._mirror)
-        prepare(ask)
+        for each in self._functions:
+            if any(name.value.rpartition("#")[2] in ask.query for name in each.names):
+                each.prepare()
         warm(ask.media_type)
         if os.fork() == 0:
             try:
@@ -88,7 +93,10 @@ class Worker:
             twin.bring(self._mirror)
         try:
             seen = _complete(ask, twin, self._mirror, sees)
-            return evaluate(twin.store, ask, seen, functions_of(ask.base, robots, ask.objects)) + DONE
+            functions = functions_of(ask.base, robots, ask.objects)
+            for one in self._functions:
+                functions |= one.bind(ask.base, robots)
+            return evaluate(twin.store, ask, seen, functions) + DONE
         except Refused as refused:
             return encode(refused.refusal) + REFUSED
 
@@ -144,6 +152,11 @@ def _receive(control: socket.socket) -> tuple[bytes, int] | None:
 def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the gateway, and that ends this
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody asks how a query ended; it has said so, or not
+    for argument in sys.argv[2:]:
+        if argument.endswith(".ttl"):
+            add_kinds(Path(argument))
+        else:
+            add_functions(argument)
     with socket.socket(fileno=int(sys.argv[1])) as control:
         Worker().serve(control)
 

@@ -2,11 +2,15 @@
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
 from pyoxigraph import NamedNode
 
+from agents.wire.messages import Move
+from gateway.actions.action_handlers import motion_to
 from gateway.actions.action_request import Asked
+from gateway.actions.plan import Later, Motion
 from gateway.base.errors import Conflict, Offline, OutOfReach, UnprocessableContent
 from gateway.base.lazy_imports import Lazily
 from gateway.fleet.model import JointKind, ModelError
@@ -22,6 +26,17 @@ else:
 _UNIT_LENGTH = 1e-3  # how far a quaternion may be from length one
 
 Search = Callable[[], tuple[Mapping[str, float], Mapping[str, float]]]
+
+
+def reach(asked: Asked) -> Later:
+    """Bring a link to a pose: the search runs apart, because it takes milliseconds."""
+    plain, search = motion_to(asked, Move({"": 0.0}), {}), reaching(asked)
+
+    def compute() -> Motion:
+        targets, facts = search()
+        return replace(plain, motion=Move(dict(targets)), targets=targets, facts=facts)
+
+    return Later(compute)
 
 
 def reaching(asked: Asked) -> Search:

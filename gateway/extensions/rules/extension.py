@@ -4,7 +4,6 @@ from collections import Counter
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from functools import partial
-from typing import ClassVar
 
 from prometheus_client.metrics_core import Metric
 
@@ -14,13 +13,13 @@ from gateway.extensions.rules.description import ChangeRule, MakeRule, branch, r
 from gateway.extensions.rules.http import change_rule, post_rule
 from gateway.extensions.rules.service import Rules
 from gateway.extensions.rules.store import RuleStore
-from gateway.http.extension import Core, Mount
+from gateway.http.extension import Core, Extension, Mount
 from gateway.runtime.metrics import counter, gauges
 
 
-class RulesExtension:
-    name: ClassVar[str] = "rules"
-    needs: ClassVar[tuple[str, ...]] = ("query",)
+class RulesExtension(Extension):
+    name = "rules"
+    needs = ("query",)
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:

@@ -9,7 +9,6 @@ from pyoxigraph import NamedNode
 from gateway.actions.action_request import Asked
 from gateway.actions.admission import admit
 from gateway.actions.caller import Caller
-from gateway.actions.handler_table import HANDLERS
 from gateway.actions.plan import Halt, Later, Moment, Motion
 from gateway.actions.service import Actions
 from gateway.base.errors import InsufficientScope, UnprocessableContent
@@ -50,13 +49,13 @@ async def invoked(
     offer = offered(tree, path, creator)
     action = NamedNode(rule.base + offer.path)
     if not offer.takes_body:
-        halt = HANDLERS[offer.definition.iri](Asked(rule.base, Body((), action), offer.robot, offer.joint))
+        halt = actions.plan(Asked(rule.base, Body((), action), offer.robot, offer.joint), offer)
         assert isinstance(halt, Halt)
         asking = Caller(rule.client, stops=creator.over(Right.STOP), rule=rule.id)
         return await actions.halt(offer.path, halt, asking)
     body = admit(offer, filled(rule.body, row, action), rule.base)
     moment = None if offer.robot is None else moments.get(offer.robot.name)
-    plan = HANDLERS[offer.definition.iri](Asked(rule.base, body, offer.robot, offer.joint, moment))
+    plan = actions.plan(Asked(rule.base, body, offer.robot, offer.joint, moment), offer)
     if isinstance(plan, Later):
         plan = await actions.compute(plan)
     assert isinstance(plan, Motion)  # what takes a body moves

@@ -2,18 +2,17 @@
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import ClassVar
 
 from gateway.extensions.sessions.ended_sessions import EndedSessions
 from gateway.extensions.sessions.scheme import SessionScheme
 from gateway.extensions.sessions.service import Sessions
 from gateway.extensions.sessions.session_key import SessionKey
-from gateway.http.extension import Core, Mount
+from gateway.http.extension import Core, Extension, Mount
 
 
-class SessionsExtension:
-    name: ClassVar[str] = "sessions"
-    needs: ClassVar[tuple[str, ...]] = ("pages",)
+class SessionsExtension(Extension):
+    name = "sessions"
+    needs = ("pages",)
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:

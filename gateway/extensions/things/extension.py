@@ -2,17 +2,15 @@
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import ClassVar
 
 from gateway.extensions.things.directory import BRANCHES, Listing
 from gateway.extensions.things.http import read_listing
 from gateway.extensions.things.td import TD
-from gateway.http.extension import Core, Mount
+from gateway.http.extension import Core, Extension, Mount
 
 
-class ThingsExtension:
-    name: ClassVar[str] = "things"
-    needs: ClassVar[tuple[str, ...]] = ()
+class ThingsExtension(Extension):
+    name = "things"
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:

@@ -3,19 +3,17 @@
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from functools import partial
-from typing import ClassVar
 
 from gateway.extensions.world.http import post_object, put_object, read_pose
 from gateway.extensions.world.resources import AskPose, PostObject, PutObject
 from gateway.extensions.world.service import World
-from gateway.http.extension import Core, Mount
+from gateway.http.extension import Core, Extension, Mount
 
 PREPARING = "the shapes of robots are being prepared for the check of their motions"
 
 
-class WorldExtension:
-    name: ClassVar[str] = "world"
-    needs: ClassVar[tuple[str, ...]] = ()
+class WorldExtension(Extension):
+    name = "world"
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:

@@ -16,7 +16,6 @@ from gateway.base.errors import UnprocessableContent
 from gateway.rdf import shapes
 from gateway.rdf.shacl_validator import ShaclValidator
 from gateway.rdf.vocabulary import HYBRIT, LF
-from gateway.resources import action_conditions
 from gateway.resources.action_definition import definitions
 from gateway.resources.shape_parameters import COMPLETIONS
 
@@ -49,16 +48,12 @@ def extended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     shutil.copytree(_ROOT / "shapes", folder)
     (turtle,) = _blocks("turtle")
     (folder / "actions" / "centre.ttl").write_text(turtle, encoding="utf-8")
-    module, handler, condition = _blocks("python")
+    module, line = _blocks("python")
     centre = ModuleType("centre")
     exec(module, vars(centre))
     monkeypatch.setattr(shapes, "resources", SimpleNamespace(files=lambda package: folder))
-    for table, line, names in (
-        (handlers.HANDLERS, handler, {**vars(handlers), "centre": centre}),
-        (action_conditions.CONDITIONS, condition, {**vars(action_conditions)}),
-    ):
-        for kind, value in eval("{" + line + "}", names).items():
-            monkeypatch.setitem(table, kind, value)
+    for kind, handler in eval("{" + line + "}", {**vars(handlers), "centre": centre}).items():
+        monkeypatch.setitem(handlers.HANDLERS, kind, handler)
     _forget()
     yield
     monkeypatch.undo()

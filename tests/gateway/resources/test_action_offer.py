@@ -94,7 +94,7 @@ def test_a_robot_without_a_usable_description_offers_nothing(bench: Any) -> None
 
 def test_each_kind_of_action_has_a_file_and_a_handler() -> None:
     """Neither without the other; no two of one thing have the same segment."""
-    assert {each.iri for each in definitions()} == set(HANDLERS)
+    assert {each.iri for each in definitions()} == {*HANDLERS, LF.Reach}
     for one in definitions():
         assert not any(
             one is not other and one.segment == other.segment and one.offered_by & other.offered_by

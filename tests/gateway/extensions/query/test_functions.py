@@ -9,8 +9,8 @@ from pyoxigraph import Literal, NamedNode
 
 from agents.wire.codec import encode_state, layout
 from agents.wire.messages import Description, State
-from gateway.extensions.query.functions import functions_of
 from gateway.extensions.reach import inverse_kinematics as reach
+from gateway.extensions.reach.can_reach import CanReach
 from gateway.fleet.events import Appeared, Described, Framed
 from gateway.fleet.fleet import Fleet
 from gateway.fleet.model import RobotModel
@@ -59,7 +59,7 @@ def test_few_searches_are_made_in_vain_and_the_urdf_is_read_once(
     reach._chain.cache_clear()
     model = baxter.robots["baxter"].model
     assert model is not None
-    can_reach = functions_of(BASE, baxter.robots, {})[LF.canReach]
+    can_reach = CanReach().bind(BASE, baxter.robots)[LF.canReach]
     place = [Literal(each) for each in (0.5, 0.2, 0.4)]
     answers = {link: can_reach(NamedNode(f"{BASE}/baxter/{link}"), *place) for link in model.links}
     assert answers["left_gripper"] == Literal(True) and answers["head"] == Literal(False)
