@@ -7,7 +7,7 @@ import { fileURLToPath } from "node:url";
 import { build } from "esbuild";
 
 const here = path.dirname(fileURLToPath(import.meta.url));
-const assets = path.join(here, "..", "gateway", "face", "assets");
+const assets = path.join(here, "..", "gateway", "extensions", "pages", "assets");
 
 await rm(assets, { recursive: true, force: true });
 await mkdir(assets, { recursive: true });

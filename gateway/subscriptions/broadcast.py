@@ -4,38 +4,52 @@ import logging
 from collections.abc import Callable, Iterable
 from itertools import compress
 from operator import not_
-from typing import TYPE_CHECKING, Protocol
+from typing import Generic, Protocol, TypeVar
 
 from gateway.rdf.serialise import WriteError
-from gateway.resources.subscription import Subscription
 from gateway.resources.versioning import Reading
 from gateway.subscriptions.message import Framing, Message
-
-if TYPE_CHECKING:
-    from gateway.subscriptions.topic import Topic
-    from gateway.subscriptions.watcher import Watcher
 
 _log = logging.getLogger(__name__)
 _SHARE = 32  # members served between two looks at the clock
 _Send = Callable[[bytes], bool]
 
 
-class Rendering(Protocol):
-    """What sends messages needs this of the fan-out."""
+class Member(Protocol):
+    """A subscriber, as those need it who serve several."""
+
+    def fall_behind(self, path: str, sent: Reading) -> None:
+        """There was no room for the message that the others have got; ``sent`` is what was sent before."""
+
+    def fall_in(self, path: str) -> None:
+        """Join a broadcast of the resource, if this one has caught up with it."""
+
+
+M = TypeVar("M", bound=Member)
+
+
+class Watched(Protocol):
+    """A watched resource, as a broadcast needs it."""
+
+    path: str
+    reading: Reading
+
+    def differs(self, sent: Reading | None) -> bool: ...
+
+    def gather(self) -> None:
+        """Have those fall in that have caught up with a broadcast."""
+
+
+class Sending(Protocol):
+    """The fan-out, as those need it who send messages."""
 
     messages: int
     """How many have been handed to a subscriber."""
 
     def wall_ns(self) -> int: ...
 
-    def message(self, topic: "Topic", subscription: Subscription) -> Message:
-        """The message about the present reading; WriteError when the syntax cannot say it."""
 
-    def freshen(self, topic: "Topic") -> None:
-        """Read the resource, if something has happened to it since."""
-
-
-class Broadcast:
+class Broadcast(Generic[M]):
     """Every member has been sent the same message last, and nothing waits for it.
 
     A pass brings one message to all who were members when it began. News that comes meanwhile is for the next pass,
@@ -43,22 +57,31 @@ class Broadcast:
     to it alone.
     """
 
-    def __init__(self, fan_out: Rendering, topic: "Topic", subscription: Subscription, framing: Framing) -> None:
+    def __init__(
+        self,
+        fan_out: Sending,
+        topic: Watched,
+        framing: Framing,
+        freshen: Callable[[], None],
+        message: Callable[[], Message],
+    ) -> None:
+        """``freshen`` reads the resource, if something has happened to it since; ``message`` gives the message about
+        the present reading, or raises WriteError."""
         self.running = False
         self.last_ns: int | None = None
         """When the last pass was over."""
         self._fan_out, self._topic, self._framing = fan_out, topic, framing
-        self._subscription = subscription  # the first member's: the others want the same media type and base
-        self.members: dict[Watcher, _Send] = {}
+        self._freshen, self._message = freshen, message
+        self.members: dict[M, _Send] = {}
         # What members have been sent; in a pass those that have been served, and the others what was before.
         self._reading = self._before = topic.reading
-        self._pass: list[Watcher] = []
+        self._pass: list[M] = []
         self._sends: list[_Send] = []
         self._served = 0
         self._frame = b""
         self._news = False
 
-    def admit(self, watcher: "Watcher", send: _Send, reading: Reading) -> bool:
+    def admit(self, watcher: M, send: _Send, reading: Reading) -> bool:
         """Take in who has been sent ``reading``, if that is what the others have, or get in this pass."""
         if not self.members:
             self._reading, self._pass = reading, []
@@ -67,10 +90,10 @@ class Broadcast:
         self.members[watcher] = send
         return True
 
-    def dismiss(self, watcher: "Watcher") -> None:
+    def dismiss(self, watcher: M) -> None:
         del self.members[watcher]
 
-    def release(self, watcher: "Watcher") -> Reading:
+    def release(self, watcher: M) -> Reading:
         """``dismiss`` a member whose outlet stays open; what it has been sent. It gets no more of this pass."""
         del self.members[watcher]
         if watcher not in self._pass[self._served :]:
@@ -102,22 +125,21 @@ class Broadcast:
             return True
         self._pass, self._sends = [], []
         self.last_ns = self._fan_out.wall_ns()
-        if self._topic.apart:
-            self._topic.gather()
+        self._topic.gather()
         return self._news
 
-    def _leave_behind(self, full: Iterable["Watcher"]) -> None:
+    def _leave_behind(self, full: Iterable[M]) -> None:
         for watcher in full:
             if watcher in self.members:  # it can have left since the pass began
-                watcher.fall_behind(self._topic, self._before)
+                watcher.fall_behind(self._topic.path, self._before)
 
     def _begin(self) -> bool:
-        self._fan_out.freshen(self._topic)
+        self._freshen()
         self._news = False
         if not self.members or not self._topic.differs(self._reading):  # it may have moved back since
             return False
         try:
-            message = self._fan_out.message(self._topic, self._subscription)
+            message = self._message()
         except WriteError as error:
             _log.warning("%d subscriptions of %s get no message: %s", len(self.members), self._topic.path, error)
             return False

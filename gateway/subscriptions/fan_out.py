@@ -8,6 +8,7 @@ import asyncio
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, KeysView
+from functools import partial
 from typing import Protocol
 
 from gateway.identity.rights import View
@@ -38,15 +39,15 @@ class FanOut:
 
     def __init__(self, tree: Callable[[str, View], Tree]) -> None:
         self._tree = tree
-        self._topics: dict[str, dict[tuple[bool, View], Topic]] = {}
-        self._of_robot: dict[str | None, dict[Topic, None]] = {}
+        self._topics: dict[str, dict[tuple[bool, View], Topic[Watcher]]] = {}
+        self._of_robot: dict[str | None, dict[Topic[Watcher], None]] = {}
         self._subtrees: dict[Watcher, None] = {}
         self._absent: dict[Watcher, None] = {}
         self._scans: dict[Watcher, Iterator[None]] = {}
         self._scan_again: set[Watcher] = set()
         # What is to be read again; True: and to be resolved again, because more than its values can be different.
-        self._dirty: dict[Topic, bool] = {}
-        self._runnable: deque[Watcher | Broadcast] = deque()
+        self._dirty: dict[Topic[Watcher], bool] = {}
+        self._runnable: deque[Watcher | Broadcast[Watcher]] = deque()
         self._turn_due = False
         self.heard: Callable[[str | None], None] = lambda robot: None
         """Called at every change: with the robot of which a frame came, None for anything else."""
@@ -143,27 +144,29 @@ class FanOut:
     def later(self, delay_s: float, call: Callable[[], None]) -> Timer:
         return asyncio.get_running_loop().call_later(delay_s, call)
 
-    def run(self, sender: Watcher | Broadcast) -> None:
+    def run(self, sender: Watcher | Broadcast[Watcher]) -> None:
         """Let it ``step`` when it is its turn."""
         if not sender.running:
             sender.running = True
             self._runnable.append(sender)
             self._take_turn_soon()
 
-    def message(self, topic: Topic, subscription: Subscription) -> Message:
+    def message(self, topic: Topic[Watcher], subscription: Subscription) -> Message:
         before = topic.renders
         message = topic.message(subscription.media_type, subscription.base, self._tree)
         self.renders += topic.renders - before
         return message
 
-    def broadcast(self, topic: Topic, subscription: Subscription, stream: Stream) -> Broadcast:
+    def broadcast(self, topic: Topic[Watcher], subscription: Subscription, stream: Stream) -> Broadcast[Watcher]:
         key = (subscription.media_type, subscription.base, stream.framing)
         broadcast = topic.broadcasts.get(key)
         if broadcast is None:
-            broadcast = topic.broadcasts[key] = Broadcast(self, topic, subscription, stream.framing)
+            broadcast = topic.broadcasts[key] = Broadcast(
+                self, topic, stream.framing, partial(self.freshen, topic), partial(self.message, topic, subscription)
+            )
         return broadcast
 
-    def freshen(self, topic: Topic) -> None:
+    def freshen(self, topic: Topic[Watcher]) -> None:
         if topic in self._dirty:
             self._read(topic)
 
@@ -224,9 +227,9 @@ class FanOut:
             finally:
                 self._runnable.extendleft(reversed(ready))
 
-    def _prepared(self, end: float) -> deque[Watcher | Broadcast]:
+    def _prepared(self, end: float) -> deque[Watcher | Broadcast[Watcher]]:
         """Those whose turn it is and who have something to send, as many as get ready by ``end`` (s)."""
-        ready: deque[Watcher | Broadcast] = deque()
+        ready: deque[Watcher | Broadcast[Watcher]] = deque()
         while self._runnable and time.perf_counter() < end:
             sender = self._runnable.popleft()
             sender.running = sender.prepare()
@@ -234,12 +237,12 @@ class FanOut:
                 ready.append(sender)
         return ready
 
-    def _read(self, topic: Topic) -> None:
+    def _read(self, topic: Topic[Watcher]) -> None:
         """Read a resource that is marked; if that is news, its watchers hear of it."""
         if not self._dirty.pop(topic) or self._renew(topic):
             self._refresh(topic)
 
-    def _refresh(self, topic: Topic) -> None:
+    def _refresh(self, topic: Topic[Watcher]) -> None:
         if topic.refresh():
             for broadcast in topic.broadcasts.values():
                 if broadcast.members:
@@ -249,7 +252,7 @@ class FanOut:
                 self.conflated += watcher.waits(topic.path)
                 watcher.news(topic)
 
-    def _renew(self, topic: Topic) -> bool:
+    def _renew(self, topic: Topic[Watcher]) -> bool:
         """Resolve a resource again: its constants, its members or its very existence may be different."""
         watcher = next(iter(topic.watchers))
         resource = self._resolve(topic.path, watcher.subscription)
@@ -271,7 +274,7 @@ class FanOut:
         found = self._tree_of(subscription).resolve(path)
         return found if isinstance(found, Resource) else None
 
-    def _topic(self, path: str, values: bool, resource: Resource, sees: View) -> Topic:
+    def _topic(self, path: str, values: bool, resource: Resource, sees: View) -> Topic[Watcher]:
         places = self._topics.setdefault(path, {})
         topic = places.get((values, sees))
         if topic is None:

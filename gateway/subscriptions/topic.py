@@ -1,7 +1,7 @@
 """One watched resource: its present reading, the version before, and each message about it, rendered once."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Protocol
+from typing import Generic, Protocol
 
 from gateway.identity.rights import ALL, View
 from gateway.resources.message import message_body
@@ -9,11 +9,8 @@ from gateway.resources.property import Seen
 from gateway.resources.resource import Redirect, Resource
 from gateway.resources.template import Rendering, Versions, compiles
 from gateway.resources.versioning import Reading
-from gateway.subscriptions.broadcast import Broadcast
+from gateway.subscriptions.broadcast import Broadcast, M
 from gateway.subscriptions.message import Framing, Message
-
-if TYPE_CHECKING:
-    from gateway.subscriptions.watcher import Watcher
 
 
 class Resolver(Protocol):
@@ -22,7 +19,7 @@ class Resolver(Protocol):
     def resolve(self, path: str) -> Resource | Redirect | None: ...
 
 
-class Topic:
+class Topic(Generic[M]):
     """A resource that at least one subscriber watches, as those see it who share ``sees``.
 
     ``values``: whether measured values count as its change.
@@ -30,10 +27,10 @@ class Topic:
 
     def __init__(self, path: str, values: bool, resource: Resource, sees: View = ALL) -> None:
         self.path, self.values, self.sees = path, values, sees
-        self.watchers: dict[Watcher, None] = {}
-        self.apart: dict[Watcher, None] = {}
+        self.watchers: dict[M, None] = {}
+        self.apart: dict[M, None] = {}
         """Those of the watchers that are in no broadcast."""
-        self.broadcasts: dict[tuple[str, str, Framing], Broadcast] = {}
+        self.broadcasts: dict[tuple[str, str, Framing], Broadcast[M]] = {}
         """By media type, base and framing."""
         self.previous: str | None = None
         self.renders = 0
@@ -81,7 +78,7 @@ class Topic:
     def gather(self) -> None:
         """Have those fall in that have caught up with a broadcast."""
         for watcher in list(self.apart):
-            watcher.fall_in(self)
+            watcher.fall_in(self.path)
 
     def message(self, media_type: str, base: str, tree: Callable[[str, View], Resolver]) -> Message:
         """The message about the present reading; WriteError when the syntax cannot say it."""

@@ -7,8 +7,8 @@ from typing import Protocol
 from gateway.rdf.serialise import NothingYet, WriteError
 from gateway.resources.subscription import Depth, Subscription
 from gateway.resources.versioning import Reading
-from gateway.subscriptions.broadcast import Broadcast, Rendering
-from gateway.subscriptions.message import Ending, Outlet, Stream
+from gateway.subscriptions.broadcast import Broadcast, Sending
+from gateway.subscriptions.message import Ending, Message, Outlet, Stream
 from gateway.subscriptions.topic import Topic
 
 _log = logging.getLogger(__name__)
@@ -18,8 +18,14 @@ class Timer(Protocol):
     def cancel(self) -> None: ...
 
 
-class Schedule(Rendering, Protocol):
-    """What a watcher needs of the fan-out."""
+class Schedule(Sending, Protocol):
+    """The fan-out, as a watcher needs it."""
+
+    def message(self, topic: "Topic[Watcher]", subscription: Subscription) -> Message:
+        """The message about the present reading; WriteError when the syntax cannot say it."""
+
+    def freshen(self, topic: "Topic[Watcher]") -> None:
+        """Read the resource, if something has happened to it since."""
 
     def now_s(self) -> float:
         """Monotonic."""
@@ -29,7 +35,7 @@ class Schedule(Rendering, Protocol):
 
     def later(self, delay_s: float, call: Callable[[], None]) -> Timer: ...
 
-    def broadcast(self, topic: Topic, subscription: Subscription, stream: Stream) -> Broadcast:
+    def broadcast(self, topic: "Topic[Watcher]", subscription: Subscription, stream: Stream) -> "Broadcast[Watcher]":
         """What serves all who want the same of a resource."""
 
     def drop(self, watcher: "Watcher", path: str) -> None:
@@ -55,7 +61,7 @@ class Watcher:
         self.patient = patient
         self.left: set[str] = set()
         """Of a patient one: what it does not watch any more."""
-        self.topics: dict[str, Topic] = {}
+        self.topics: dict[str, Topic[Watcher]] = {}
         self.running = False
         self._schedule, self._outlet = schedule, outlet
         self._known = sent
@@ -64,7 +70,7 @@ class Watcher:
         self._round: dict[str, None] = {}
         self._next_s = 0.0
         self._last_ns: int | None = None
-        self._broadcast: Broadcast | None = None
+        self._broadcast: Broadcast[Watcher] | None = None
         self._stream = self._in_step()
         self._timer: Timer | None = None
         self._whole = not self.subtree
@@ -85,7 +91,7 @@ class Watcher:
         together = self._broadcast.last_ns if self._broadcast is not None else None
         return max(filter(None, (self._last_ns, together)), default=None)
 
-    def join(self, topic: Topic) -> None:
+    def join(self, topic: "Topic[Watcher]") -> None:
         """Watch one more resource; its present state is news unless the subscriber has it."""
         self.topics[topic.path] = topic
         self.left.discard(topic.path)
@@ -96,7 +102,7 @@ class Watcher:
         else:
             self._pending[topic.path] = None
 
-    def leave(self, path: str) -> Topic:
+    def leave(self, path: str) -> "Topic[Watcher]":
         topic = self.topics.pop(path)
         if self.patient:
             self.left.add(path)
@@ -111,7 +117,7 @@ class Watcher:
         """Whether a message about the resource is still to be sent."""
         return path in self._pending or path in self._round
 
-    def news(self, topic: Topic) -> None:
+    def news(self, topic: "Topic[Watcher]") -> None:
         """A resource has changed; if that is news to this subscriber, it goes out as soon as it may."""
         if not self.waits(topic.path) and (self.subscription.deadband <= 0 or self._is_news(topic)):
             self._pending[topic.path] = None
@@ -146,25 +152,25 @@ class Watcher:
             self._send(topic)
         if not self._round and self.subscription.interval_s > 0:
             self._next_s = self._schedule.now_s() + self.subscription.interval_s
-        self.fall_in(topic)
+        self.fall_in(topic.path)
         return bool(self._round or self._pending)
 
-    def fall_in(self, topic: Topic) -> None:
+    def fall_in(self, path: str) -> None:
         """Be in step with the others from now on, if nothing waits and the same has been sent last."""
-        sent = self._sent.get(topic.path)
+        topic, sent = self.topics[path], self._sent.get(path)
         if self._stream is not None and sent is not None and not self.waits(topic.path):
             broadcast = self._schedule.broadcast(topic, self.subscription, self._stream)
             if broadcast.admit(self, self._stream.send, sent):
                 self._broadcast = broadcast
                 del topic.apart[self], self._sent[topic.path]
 
-    def fall_behind(self, topic: Topic, sent: Reading) -> None:
+    def fall_behind(self, path: str, sent: Reading) -> None:
         """There was no room for the message that the others have got; ``sent`` is what was sent before."""
-        self._fall_out(topic)
-        self._sent[topic.path] = sent
-        self._pending[topic.path] = None
+        self._fall_out(self.topics[path])
+        self._sent[path] = sent
+        self._pending[path] = None
 
-    def _fall_out(self, topic: Topic) -> None:
+    def _fall_out(self, topic: "Topic[Watcher]") -> None:
         if self._broadcast is not None:
             self._last_ns = self.last_ns
             self._broadcast.dismiss(self)
@@ -229,7 +235,7 @@ class Watcher:
             self._timer.cancel()
             self._timer = None
 
-    def _send(self, topic: Topic) -> None:
+    def _send(self, topic: "Topic[Watcher]") -> None:
         try:
             message = self._schedule.message(topic, self.subscription)
         except NothingYet:
@@ -245,7 +251,7 @@ class Watcher:
         if self.subtree and topic.ended:
             self._schedule.drop(self, topic.path)
 
-    def _is_news(self, topic: Topic) -> bool:
+    def _is_news(self, topic: "Topic[Watcher]") -> bool:
         sent, reading, deadband = self._sent.get(topic.path), topic.reading, self.subscription.deadband
         if sent is None or deadband <= 0:
             return topic.differs(sent)
