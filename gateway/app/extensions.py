@@ -57,9 +57,10 @@ def in_order(extensions: Sequence[Extension]) -> list[Extension]:
 async def mount(extensions: Sequence[Extension], core: Core, stack: AsyncExitStack) -> list[Mount]:
     """Start the extensions one after the other and add them to the tree and to the guards; ``stack`` ends them."""
     mounts: list[Mount] = []
+    views = [view for each in extensions for view in each.views]
     for extension in extensions:
         services = [service for each in mounts for service in each.services]
-        found = await stack.enter_async_context(extension.start(replace(core, services=services)))
+        found = await stack.enter_async_context(extension.start(replace(core, services=services, views=views)))
         core.live.add(*found.branches)
         core.actions.handlers.update(found.handlers)
         if found.guard is not None:

@@ -46,6 +46,8 @@ class Core:
     """Folder for files that outlive the process."""
     settings: Mapping[str, str] = field(default_factory=dict)
     """Value of each setting by its name."""
+    views: Sequence[str] = ()
+    """The page views of all extensions, as ``module:attribute``."""
     services: Sequence[object] = ()
     """Services of the extensions that were started before."""
 
@@ -95,6 +97,9 @@ class Extension:
     """Turtle files of kinds of actions, written as those in shapes/actions."""
     functions: ClassVar[tuple[str, ...]] = ()
     """Functions over the live fleet for languages of other extensions, as ``module:attribute`` of FleetFunctions."""
+
+    views: ClassVar[tuple[str, ...]] = ()
+    """Page views, as ``module:attribute`` of a ``PageView``: loaded where there are pages."""
 
     def start(self, core: Core) -> AbstractAsyncContextManager[Mount]:
         """Give what the extension adds, and end all that it has begun when the context is left."""

@@ -12,6 +12,7 @@ from gateway.http.extension import Core, Extension, Mount
 
 class CamerasExtension(Extension):
     name = "cameras"
+    views = ("gateway.extensions.cameras.page:VIEW",)
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:

@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING
 from pyoxigraph import BlankNode, NamedNode
 
 from gateway.base.lazy_imports import Lazily
-from gateway.extensions.pages.thing_views import Part, actions
+from gateway.extensions.pages.thing_views import actions
 from gateway.extensions.pages.values import Facts, Link, Number, Value
+from gateway.extensions.pages.views import Part
 from gateway.rdf.turtle_layout import Term
-from gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LDP, LF, RDFS, SH
+from gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LDP, LF, RDFS
 
 if TYPE_CHECKING:
     from gateway.extensions.pages import form
@@ -121,22 +122,3 @@ def subscription(facts: Facts, iri: NamedNode) -> Part:
 
 def lease(facts: Facts, iri: NamedNode) -> Part:
     return Part({"state": _only(facts, iri, LF.state)}, {LF.state, HYBRIT.consumes})
-
-
-# -- queries ----------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Example:
-    title: str
-    comment: str
-    text: str
-
-
-def query(facts: Facts, iri: NamedNode) -> Part:
-    """The endpoint: what can be asked."""
-    examples = [
-        Example(*(facts.text(each, predicate) for predicate in (DCTERMS.title, RDFS.comment, SH.select)))
-        for each in facts.all(iri, LF.example)
-    ]
-    return Part({"examples": examples}, {LF.example, RDFS.comment})

@@ -2,6 +2,7 @@
 
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
+from importlib import import_module
 
 from pyoxigraph import Triple
 
@@ -9,6 +10,7 @@ from gateway.base.errors import FleetError
 from gateway.extensions.pages import page
 from gateway.extensions.pages.policy import FORMS, POLICY
 from gateway.extensions.pages.resources import BRANCH
+from gateway.extensions.pages.views import add_view
 from gateway.http.extension import Core, Extension, Mount
 from gateway.http.html import Formats
 from gateway.resources.resource import Resource
@@ -33,4 +35,7 @@ class PagesExtension(Extension):
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
+        for name in core.views:
+            module, _, attribute = name.partition(":")
+            add_view(getattr(import_module(module), attribute))
         yield Mount(branches=(BRANCH,), html=Pages())

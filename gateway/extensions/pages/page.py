@@ -12,6 +12,7 @@ from gateway.base.lazy_imports import Lazily
 from gateway.extensions.pages.assets import assets
 from gateway.extensions.pages.labels import clean
 from gateway.extensions.pages.view import view_of
+from gateway.extensions.pages.views import added_views
 from gateway.http.html import Formats
 from gateway.http.representation import FORMATS
 from gateway.rdf import jsonld
@@ -35,7 +36,8 @@ def write(resource: Resource, triples: Sequence[Triple], base: str, formats: For
 
 def render(template: str, **variables: object) -> bytes:
     """A template with what all pages need."""
-    return _templates().get_template(template).render(entries=assets().entries, **variables).encode()
+    folders = tuple(dict.fromkeys(each.template.parent for each in added_views()))
+    return _templates(folders).get_template(template).render(entries=assets().entries, **variables).encode()
 
 
 def embedded(json: str) -> Markup:
@@ -45,9 +47,10 @@ def embedded(json: str) -> Markup:
 
 
 @cache
-def _templates() -> "jinja2.Environment":
+def _templates(folders: tuple[Path, ...]) -> "jinja2.Environment":
+    """``folders``: those of other extensions."""
     environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(_TEMPLATES),
+        loader=jinja2.FileSystemLoader([_TEMPLATES, *folders]),
         autoescape=True,
         auto_reload=False,
         trim_blocks=True,

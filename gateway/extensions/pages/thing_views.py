@@ -1,33 +1,24 @@
 """What pages of the fleet, of robots, joints, links and properties show besides the facts that every page has."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from pyoxigraph import BlankNode, NamedNode
 
 from gateway.base.lazy_imports import Lazily
 from gateway.extensions.pages import labels
 from gateway.extensions.pages.values import Address, Facts, Link, Number, Row, State, Time, Value, Vector
-from gateway.extensions.world.describe import OBJECTS
+from gateway.extensions.pages.views import Part, constant
 from gateway.rdf.turtle_layout import Subject, Term
-from gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, MATHS, RDF, RDFS, ROS, SOSA
+from gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, RDF, RDFS, ROS, SOSA
 
 if TYPE_CHECKING:
     from gateway.extensions.pages import form
 else:
     form = Lazily("gateway.extensions.pages.form")
 
-_AROUND = frozenset({DCTERMS.title, RDFS.seeAlso, HYBRIT.blueprint, HYBRIT.consumes, SOSA.resultTime})
-
-
-@dataclass(frozen=True)
-class Part:
-    """``more`` is for the template; in it are ``shown``, predicates of the resource, and ``done``, other subjects."""
-
-    more: Mapping[str, Any] = field(default_factory=dict)
-    shown: Set[NamedNode] = frozenset()
-    done: Set[Subject] = frozenset()
+AROUND = frozenset({DCTERMS.title, RDFS.seeAlso, HYBRIT.blueprint, HYBRIT.consumes, SOSA.resultTime})
 
 
 @dataclass(frozen=True)
@@ -77,7 +68,7 @@ def described(facts: Facts, subject: Subject) -> Described:
 
 
 def card(facts: Facts, iri: NamedNode, name: str) -> Card:
-    rows = facts.rows(iri, without=_AROUND)
+    rows = facts.rows(iri, without=AROUND)
     numbers = [value for row in rows for value in row.values if isinstance(value, Number)]
     number = numbers[0] if len(numbers) == 1 and rows[0].values == numbers else None
     times = facts.values(iri, SOSA.resultTime)
@@ -138,7 +129,7 @@ def presence(facts: Facts, iri: NamedNode) -> Presence:
     return Presence(_state(facts, iri, LF.presence), seen[0] if seen else None, facts.text(iri, LF.fault))
 
 
-_PRESENCE = frozenset({LF.presence, LF.lastSeen, LF.fault})
+PRESENCE = frozenset({LF.presence, LF.lastSeen, LF.fault})
 
 
 def actions(facts: Facts, iri: NamedNode) -> list[Link]:
@@ -155,44 +146,6 @@ def fleet(facts: Facts, iri: NamedNode) -> Part:
     robots = [(facts.link(each), labels.place(each.value, facts.root), presence(facts, each)) for each in members]
     more = {"robots": robots, "actions": actions(facts, iri)}
     return Part(more, {LDP.contains, HYBRIT.action}, set(members))
-
-
-# -- world ----------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Standing:
-    """A robot in the world; addresses of what draws it, empty where it has not said what it is."""
-
-    link: Link
-    name: str
-    placement: str
-    placed: bool
-    model: str
-    state: str
-    pose: str
-
-
-def world(facts: Facts, iri: NamedNode) -> Part:
-    robots = [each for each in facts.all(iri, DCTERMS.hasPart) if isinstance(each, NamedNode)]
-    placements = {each: facts.one(each, LF.placement) for each in robots}
-    standing = [_standing(facts, each, placements[each]) for each in robots]
-    more = {"robots": standing, "objects": _path(getattr(facts.one(iri, LF.objects), "value", ""), facts.root)}
-    done = {each for each in (*robots, *placements.values()) if isinstance(each, NamedNode)}
-    return Part(more, {DCTERMS.hasPart}, done)
-
-
-def _standing(facts: Facts, iri: NamedNode, placement: Term | None) -> Standing:
-    def address(predicate: NamedNode) -> str:
-        return _path(getattr(facts.one(iri, predicate), "value", ""), facts.root)
-
-    position = facts.one(placement, LF.position) if isinstance(placement, NamedNode) else None
-    x = facts.one(position, MATHS.x) if isinstance(position, BlankNode) else None
-    name = labels.place(iri.value, facts.root)
-    return Standing(
-        facts.link(iri), name, address(LF.placement), x != LF.unknown, address(LF.model), address(LF.jointState),
-        address(LF.pose),
-    )  # fmt: skip
 
 
 # -- robot ----------------------------------------------------------------------------------------------------------
@@ -228,15 +181,15 @@ def robot(facts: Facts, iri: NamedNode) -> Part:
         "state_time": _first(facts, state, SOSA.resultTime),
         "pose": getattr(facts.one(iri, LF.pose), "value", ""),
         "placement": getattr(facts.one(iri, LF.placement), "value", ""),
-        "objects": OBJECTS,
-        "model": _path(getattr(facts.one(iri, LF.model), "value", f"{iri.value}model"), facts.root),
+        "objects": constant("objects"),
+        "model": path_below(getattr(facts.one(iri, LF.model), "value", f"{iri.value}model"), facts.root),
         "tasks": [facts.link(each) for each in facts.all(iri, LF.currentTask) if isinstance(each, NamedNode)],
         "actions": actions(facts, iri),
         "poses": [_pose(facts, each) for each in facts.all(iri, LF.namedPose)],
         "cards": [of for _, of in settings],
         "comment": facts.text(iri, RDFS.comment),
     }
-    shown = _PRESENCE | {DCTERMS.hasPart, HYBRIT.property, HYBRIT.action, LF.currentTask, LF.namedPose, RDFS.comment}
+    shown = PRESENCE | {DCTERMS.hasPart, HYBRIT.property, HYBRIT.action, LF.currentTask, LF.namedPose, RDFS.comment}
     properties = {each for each in facts.all(iri, HYBRIT.property) if isinstance(each, NamedNode)}
     return Part(more, shown | _leading(facts, iri), {*joints, *links, *properties})
 
@@ -291,7 +244,7 @@ def _first(facts: Facts, subject: Term | None, predicate: NamedNode) -> Value | 
     return found[0] if found else None
 
 
-def _path(iri: str, root: str) -> str:
+def path_below(iri: str, root: str) -> str:
     return "/" + iri.removeprefix(root)
 
 
@@ -323,7 +276,7 @@ def link(facts: Facts, iri: NamedNode) -> Part:
 
 
 def _of_part(facts: Facts, iri: NamedNode) -> set[NamedNode]:
-    return {*_PRESENCE, HYBRIT.property, HYBRIT.action, *_leading(facts, iri)}
+    return {*PRESENCE, HYBRIT.property, HYBRIT.action, *_leading(facts, iri)}
 
 
 def _neighbours(facts: Facts, iri: NamedNode) -> set[Subject]:
@@ -346,20 +299,7 @@ def _limits(facts: Facts, iri: NamedNode, value: Number | None) -> Limits | None
 
 def property_(facts: Facts, iri: NamedNode) -> Part:
     own = card(facts, iri, facts.text(iri, DCTERMS.title))
-    shown: set[NamedNode] = {*_PRESENCE, *_AROUND}
+    shown: set[NamedNode] = {*PRESENCE, *AROUND}
     if own.number is not None or own.time is not None:
         shown = set(facts.of.get(iri, {})) - {RDFS.seeAlso, HYBRIT.consumes}
     return Part({"presence": presence(facts, iri), "card": own, "form": form.form_of_setting(facts, iri)}, shown)
-
-
-def camera(facts: Facts, iri: NamedNode) -> Part:
-    """The picture, which is at the address of the camera, or why there is none."""
-    there = facts.one(iri, LF.picture) == iri
-    more = {
-        "presence": presence(facts, iri),
-        "picture": iri.value if there else "",
-        "width": facts.text(iri, LF.imageWidth),
-        "height": facts.text(iri, LF.imageHeight),
-        "reason": facts.text(iri, LF.reason),
-    }
-    return Part(more, {*_PRESENCE, *_AROUND, *((LF.picture,) if there else ())})

@@ -10,11 +10,12 @@ from pyoxigraph import NamedNode, Triple
 from gateway.extensions.pages import action_views as doings
 from gateway.extensions.pages import labels
 from gateway.extensions.pages import thing_views as things
-from gateway.extensions.pages.thing_views import Described, Part, described
+from gateway.extensions.pages.thing_views import Described, described
 from gateway.extensions.pages.values import Facts, Link, Row
+from gateway.extensions.pages.views import Part, added_views
 from gateway.http.html import Formats
 from gateway.rdf.serialise import RDF_TYPES
-from gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, PROV, RDF, ROS, SD, XHV
+from gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, PROV, RDF, ROS, XHV
 from gateway.resources.action_offer import robot_offers
 from gateway.resources.paths import AUDIT, RESERVED_AT_ROOT
 from gateway.resources.resource import Resource
@@ -25,14 +26,11 @@ _KINDS: Mapping[NamedNode, tuple[str, Callable[[Facts, NamedNode], Part]]] = {
     LF.Robot: ("robot", things.robot),
     LF.Joint: ("joint", things.joint),
     ROS.Link: ("link", things.link),
-    LF.World: ("world", things.world),
     LF.Invocation: ("invocation", doings.invocation),
     HYBRIT.Action: ("action", doings.action),
-    LF.Camera: ("camera", things.camera),
     HYBRIT.Property: ("property", things.property_),
     HYBRIT.Subscription: ("subscription", doings.subscription),
     LF.ControlLease: ("lease", doings.lease),
-    SD.Service: ("query", doings.query),
 }
 # These say what everything of a kind is; they help nobody at the head of a page.
 _PLAIN_TYPES = frozenset(
@@ -126,6 +124,9 @@ def _kind(facts: Facts, iri: NamedNode) -> tuple[str, Part]:
     if doings.is_subscriptions(facts, iri):
         return "subscriptions", doings.subscriptions(facts, iri)
     types = facts.all(iri, RDF.type)
+    for view in added_views():
+        if view.type in types:
+            return view.kind, view.read(facts, iri)
     for type_, (kind, read) in _KINDS.items():
         if type_ in types:
             return kind, read(facts, iri)

@@ -20,7 +20,7 @@ from pyoxigraph import (
     Variable,
 )
 
-from gateway.extensions.query import pages
+from gateway.extensions.query import page
 from gateway.extensions.query.messages import Ask, Refusal, Refused, too_large
 from gateway.rdf.serialise import RDF_TYPES, WriteError, render
 from gateway.rdf.vocabulary import LF, PREFIXES, RDF
@@ -56,7 +56,7 @@ def warm(media_type: str) -> None:
     if media_type in RDF_TYPES:
         render([Triple(LF.Fleet, RDF.type, LF.Fleet)], media_type, PREFIXES, base="http://localhost/")
     elif media_type not in ROWS:
-        pages.warm()
+        page.warm()
 
 
 def evaluate(store: Store, ask: Ask, seen: Seen, functions: Mapping[NamedNode, Function]) -> bytes:
@@ -114,7 +114,7 @@ def _bindings(said: Mapping[str, Mapping[str, str]]) -> Iterator[tuple[Variable,
 def _written(result: Any, ask: Ask) -> bytes:
     if isinstance(result, QuerySolutions | QueryBoolean):
         if ask.media_type == "text/html":
-            return pages.page_of(result, ask)
+            return page.page_of(result, ask)
         output = _Bounded(ask.most_bytes)
         result.serialize(output, format=ROWS[ask.media_type])
         return output.getvalue()
@@ -124,7 +124,7 @@ def _written(result: Any, ask: Ask) -> bytes:
         if len(triples) * _TERM_BYTES > ask.most_bytes:
             raise Refused(too_large(ask.most_bytes))
     if ask.media_type == "text/html":
-        return pages.page_of(triples, ask)
+        return page.page_of(triples, ask)
     written = render(triples, ask.media_type, PREFIXES, base=ask.base + "/")
     if len(written) > ask.most_bytes:
         raise Refused(too_large(ask.most_bytes))

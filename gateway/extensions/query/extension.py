@@ -11,6 +11,7 @@ from gateway.http.extension import Core, Extension, Mount
 
 class QueryExtension(Extension):
     name = "query"
+    views = ("gateway.extensions.query.page:VIEW",)
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:

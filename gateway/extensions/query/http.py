@@ -8,7 +8,6 @@ from urllib.parse import parse_qsl, urljoin
 from starlette.responses import Response
 
 from gateway.base.errors import BadRequest, FleetError, NotAcceptable, UnsupportedMediaType
-from gateway.extensions.pages.policy import FORMS
 from gateway.extensions.query.description import FORM, PATH, QUERY_TYPES, Endpoint, PostQuery, described
 from gateway.extensions.query.service import JSON_RESULTS
 from gateway.http.body import read_body
@@ -17,18 +16,19 @@ from gateway.http.negotiation import choose, parse_content_type
 from gateway.http.offload import Offload
 from gateway.http.preconditions import await_preconditions
 from gateway.http.read import read as read_resource
+from gateway.http.representation import HTML
 from gateway.http.request import Request
 from gateway.rdf.serialise import RDF_TYPES
 from gateway.rdf.sparql_syntax import MAX_QUERY_BYTES, Dataset, Query, read
 from gateway.resources.resource import Resource
 
 _UPDATE = "application/sparql-update"
-_BOOLEANS = (JSON_RESULTS, "application/sparql-results+xml", "application/json", "text/html")
+_BOOLEANS = (JSON_RESULTS, "application/sparql-results+xml", "application/json", HTML)
 _SOLUTIONS = (*_BOOLEANS, "text/csv", "text/tab-separated-values")
-_GRAPHS = (*RDF_TYPES, "text/html")
+_GRAPHS = (*RDF_TYPES, HTML)
 _PICKED = {
     "json": JSON_RESULTS, "xml": "application/sparql-results+xml", "csv": "text/csv",
-    "tsv": "text/tab-separated-values", "html": "text/html", "turtle": "text/turtle", "jsonld": "application/ld+json",
+    "tsv": "text/tab-separated-values", "html": HTML, "turtle": "text/turtle", "jsonld": "application/ld+json",
     "ntriples": "application/n-triples", "rdfxml": "application/rdf+xml", "jelly": "application/x-jelly-rdf",
 }  # fmt: skip
 _MAX_FIELDS = 64
@@ -125,12 +125,15 @@ async def _answer(request: Request, endpoint: Endpoint, asked: _Asked) -> Respon
         query, request.base, endpoint.sight.sees, media_type, dataset=asked.dataset, client=request.caller_name
     )
     content_type = media_type + ("; charset=utf-8" if media_type.startswith("text/") else "")
-    policy = FORMS if media_type == "text/html" else _INERT
+    html = request.services.representations.html
+    policy = html.policy(forms=True) if html is not None and media_type == HTML else _INERT
     return Response(body, headers=_HEADERS | {"content-type": content_type, "content-security-policy": policy})
 
 
 def _chosen(request: Request, query: Query, picked: str | None) -> str:
-    offered = _SOLUTIONS if query.form == "SELECT" else _BOOLEANS if query.form == "ASK" else _GRAPHS
+    offered: tuple[str, ...] = _SOLUTIONS if query.form == "SELECT" else _BOOLEANS if query.form == "ASK" else _GRAPHS
+    if request.services.representations.html is None:
+        offered = tuple(each for each in offered if each != HTML)
     if picked is not None and picked not in _PICKED:
         raise NotAcceptable(f"&as= picks one of {', '.join(_PICKED)}.", offered=tuple(_PICKED))
     accept = field(request, "accept") if picked is None else _PICKED[picked]

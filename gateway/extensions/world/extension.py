@@ -14,6 +14,7 @@ PREPARING = "the shapes of robots are being prepared for the check of their moti
 
 class WorldExtension(Extension):
     name = "world"
+    views = ("gateway.extensions.world.page:VIEW",)
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:

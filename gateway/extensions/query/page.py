@@ -1,14 +1,18 @@
-"""Results as a page; written in the query process, where many of them hold nobody up."""
+"""The page of the endpoint, and results as a page: those are written in the query process, beside the event loop."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from urllib.parse import urlencode
 
 from pyoxigraph import BlankNode, Literal, NamedNode, QueryBoolean, QuerySolutions, Triple
 
 from gateway.extensions.pages.labels import clean
 from gateway.extensions.pages.page import render
+from gateway.extensions.pages.values import Facts
+from gateway.extensions.pages.views import PageView, Part, add_view
 from gateway.extensions.query.messages import Ask, Refused, too_large
+from gateway.rdf.vocabulary import DCTERMS, LF, RDFS, SD, SH
 
 _CELL_BYTES = 64
 
@@ -24,6 +28,7 @@ class Cell:
 
 def warm() -> None:
     """Load what pages take: afterwards no file can be opened."""
+    add_view(VIEW)  # whose folder has the template
     _page("", [], [], "", {})
 
 
@@ -74,3 +79,25 @@ def _page(
     query: str, names: Sequence[str], rows: Sequence[Sequence[Cell]], summary: str, formats: Mapping[str, str]
 ) -> bytes:
     return render("results.html", query=clean(query), names=names, rows=rows, summary=summary, formats=formats)
+
+
+# -- the endpoint ------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Example:
+    title: str
+    comment: str
+    text: str
+
+
+def query(facts: Facts, iri: NamedNode) -> Part:
+    """The endpoint: what can be asked."""
+    examples = [
+        Example(*(facts.text(each, predicate) for predicate in (DCTERMS.title, RDFS.comment, SH.select)))
+        for each in facts.all(iri, LF.example)
+    ]
+    return Part({"examples": examples}, {LF.example, RDFS.comment})
+
+
+VIEW = PageView(SD.Service, Path(__file__).parent / "templates" / "query.html", query)
