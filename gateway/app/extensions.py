@@ -17,6 +17,7 @@ from gateway.http.extension import Core, Extension, Mount
 from gateway.http.representation import Representations
 from gateway.resources.action_definition import add_kinds
 from gateway.resources.fleet_functions import add_functions
+from gateway.resources.paths import reserve
 
 BUILT_IN: Sequence[Extension] = (
     ThingsExtension(),
@@ -32,7 +33,9 @@ BUILT_IN: Sequence[Extension] = (
 
 
 def install(extensions: Sequence[Extension]) -> None:
-    """Have this process know the kinds of actions and the functions of the extensions."""
+    """Have this process know the segments, the kinds of actions and the functions of the extensions."""
+    for extension in (*BUILT_IN, *extensions):
+        reserve(extension.at_root, extension.in_robot)
     for extension in extensions:
         for kind in extension.kinds:
             add_kinds(kind)

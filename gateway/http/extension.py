@@ -93,6 +93,10 @@ class Extension:
     name: ClassVar[str]
     needs: ClassVar[tuple[str, ...]] = ()
     """Names of extensions that are started before."""
+    at_root: ClassVar[tuple[str, ...]] = ()
+    """Segments below ``/`` that are the extension's, on or off: a robot of such a name is escaped."""
+    in_robot: ClassVar[tuple[str, ...]] = ()
+    """Segments below a robot that are the extension's, likewise."""
     kinds: ClassVar[tuple[Path, ...]] = ()
     """Turtle files of kinds of actions, written as those in shapes/actions."""
     functions: ClassVar[tuple[str, ...]] = ()

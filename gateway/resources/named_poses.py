@@ -11,7 +11,7 @@ from gateway.fleet.robot import Robot
 from gateway.rdf.serialise import ParseError, parse
 from gateway.rdf.units import UNITS
 from gateway.rdf.vocabulary import DCTERMS, LF, VOM
-from gateway.resources.paths import RESERVED_IN_ROBOT
+from gateway.resources.paths import reserved_in_robot
 
 _BASE = "http://robot.invalid/r/"  # names of joints are read off IRIs below it, whatever the base of a request
 _LONGEST = 128
@@ -67,7 +67,7 @@ def _target(about: list[Triple]) -> tuple[str, float] | None:
     if "/" in segment or unit not in UNITS:
         return None
     try:
-        name, position = unescape(segment, RESERVED_IN_ROBOT), float(value.value) * UNITS[unit].si
+        name, position = unescape(segment, reserved_in_robot()), float(value.value) * UNITS[unit].si
     except ValueError:
         return None
     return (name, position) if math.isfinite(position) else None

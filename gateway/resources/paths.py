@@ -1,18 +1,19 @@
 """Paths of the resource tree: built from names and resolved to names in one place (ARCHITECTURE.md, "The tree")."""
 
+from collections.abc import Iterable
 from functools import lru_cache
 
 from agents.wire.names import escape, unescape
 from gateway.fleet.model import RobotModel
 
 AUDIT = "/audit"
-RESERVED_AT_ROOT = frozenset(
-    {".well-known", "actions", "assets", AUDIT[1:], "blueprint", "context", "health", "invocations", "linkset", "login"}
-    | {"logout", "metrics", "query", "rules", "scene", "subscriptions", "things", "vocabulary", "world"}
+_CORE_AT_ROOT = frozenset(
+    {"actions", AUDIT[1:], "blueprint", "context", "health", "invocations", "linkset", "metrics", "scene"}
+    | {"subscriptions", "vocabulary"}
 )
-RESERVED_IN_ROBOT = frozenset(
-    {"actions", "annotations", "blueprint", "cameras", "history", "invocations", "jointState", "lease", "linkset"}
-    | {"maximumSpeedScale", "meshes", "model", "placement", "pose", "subscriptions", "title", "twist"}
+_CORE_IN_ROBOT = frozenset(
+    {"actions", "annotations", "blueprint", "invocations", "jointState", "lease", "linkset", "maximumSpeedScale"}
+    | {"meshes", "model", "placement", "pose", "subscriptions", "title", "twist"}
 )
 RESERVED_IN_CAMERAS = frozenset({"blueprint"})
 _LINK_MARK = "~link"  # no escape: "~l" is no hexadecimal digit, so the mark cannot be part of a name
@@ -22,13 +23,32 @@ _LINK_MARK = "~link"  # no escape: "~l" is no hexadecimal digit, so the mark can
 _segment = lru_cache(maxsize=32_768)(escape)
 
 
+_at_root, _in_robot = _CORE_AT_ROOT, _CORE_IN_ROBOT
+
+
+def reserve(at_root: Iterable[str] = (), in_robot: Iterable[str] = ()) -> None:
+    """Have the tree of this process own more segments: robots, joints and links of such names are escaped."""
+    global _at_root, _in_robot
+    _at_root, _in_robot = _at_root | set(at_root), _in_robot | set(in_robot)
+
+
+def reserved_at_root() -> frozenset[str]:
+    """The segments below ``/`` that no robot has."""
+    return _at_root
+
+
+def reserved_in_robot() -> frozenset[str]:
+    """The segments below a robot that no joint or link has."""
+    return _in_robot
+
+
 def robot_path(robot: str) -> str:
-    return f"/{_segment(robot, RESERVED_AT_ROOT)}/"
+    return f"/{_segment(robot, _at_root)}/"
 
 
 def robot_name(segment: str) -> str:
     """ValueError when ``segment`` is no robot's."""
-    return unescape(segment, RESERVED_AT_ROOT)
+    return unescape(segment, _at_root)
 
 
 def robot_of(path: str) -> str | None:
@@ -71,20 +91,20 @@ def mesh_path(robot: str, file_name: str) -> str:
 
 
 def joint_path(robot: str, joint: str) -> str:
-    return robot_path(robot) + _segment(joint, RESERVED_IN_ROBOT)
+    return robot_path(robot) + _segment(joint, _in_robot)
 
 
 def link_path(robot: str, model: RobotModel, link: str) -> str:
     """A link that shares its name with a joint gets a mark; the joint keeps the plain segment."""
-    return robot_path(robot) + _segment(link, RESERVED_IN_ROBOT) + (_LINK_MARK if link in model.joints else "")
+    return robot_path(robot) + _segment(link, _in_robot) + (_LINK_MARK if link in model.joints else "")
 
 
 def owner_path(path: str) -> str:
     """The fleet, robot, joint or link that owns the resource at ``path``, which exists: the nearest at or above it."""
     robot, *rest = path[1:].split("/")
-    if not rest or robot in RESERVED_AT_ROOT:
+    if not rest or robot in _at_root:
         return "/"
-    return f"/{robot}/" if rest[0] == "" or rest[0] in RESERVED_IN_ROBOT else f"/{robot}/{rest[0]}"
+    return f"/{robot}/" if rest[0] == "" or rest[0] in _in_robot else f"/{robot}/{rest[0]}"
 
 
 def is_below(path: str, root: str) -> bool:
@@ -94,7 +114,7 @@ def is_below(path: str, root: str) -> bool:
 
 def part_of(segment: str, model: RobotModel) -> tuple[str | None, str | None]:
     """(joint, None) or (None, link) that ``segment`` names in ``model``; ValueError when it names neither."""
-    name = unescape(segment.removesuffix(_LINK_MARK), RESERVED_IN_ROBOT)
+    name = unescape(segment.removesuffix(_LINK_MARK), _in_robot)
     marked = segment.endswith(_LINK_MARK)
     if name in model.joints and not marked:
         return name, None

@@ -28,14 +28,14 @@ from gateway.resources.invocation import invocation_path
 from gateway.resources.joint_kinds import kind_of
 from gateway.resources.lease import describe_lease
 from gateway.resources.paths import (
-    RESERVED_AT_ROOT,
-    RESERVED_IN_ROBOT,
     is_below,
     joint_path,
     lease_path,
     link_path,
     model_path,
     part_of,
+    reserved_at_root,
+    reserved_in_robot,
     robot_name,
     robot_path,
 )
@@ -81,7 +81,7 @@ class Tree:
             return self._fleet_resource()
         head, *rest = path[1:].split("/")
         # Only such paths can name what the fleet itself owns; the links of all robots are made for nobody else.
-        reserved = head in RESERVED_AT_ROOT and rest in ([], [""])
+        reserved = head in reserved_at_root() and rest in ([], [""])
         if reserved and (found := self._at_root(head)) is not None:
             return Redirect(found.path) if rest else found
         if head == "subscriptions":
@@ -142,7 +142,7 @@ class Tree:
 
     def _in_robot(self, robot: Robot, rest: list[str]) -> Found:
         # No part has a reserved segment, and the robot itself has a hundred links: only those who ask wait for them.
-        if rest == [""] or rest[0] in RESERVED_IN_ROBOT:
+        if rest == [""] or rest[0] in reserved_in_robot():
             if rest == [""] or rest[0] in _OF_THINGS:
                 thing = self._robot_resource(robot)
                 return thing if rest == [""] else self._of_thing(thing, rest, (LF.RobotShape,))

@@ -12,7 +12,7 @@ from gateway.actions.action_request import Asked, moment_of
 from gateway.actions.admission import admit
 from gateway.actions.handler_table import HANDLERS
 from gateway.actions.plan import Plan
-from gateway.extensions.reach.extension import ReachExtension
+from gateway.app.extensions import BUILT_IN, install
 from gateway.extensions.reach.handler import reach
 from gateway.fleet.events import Appeared, Described, Framed
 from gateway.fleet.fleet import Fleet
@@ -22,14 +22,12 @@ from gateway.rdf.graph import Graph
 from gateway.rdf.serialise import parse
 from gateway.rdf.vocabulary import LF, PREFIXES
 from gateway.resources.action_body import Body
-from gateway.resources.action_definition import add_kinds
 from gateway.resources.action_offer import Offer
 from gateway.resources.affordance import Invoke
 from gateway.resources.resource import Resource
 from gateway.resources.tree import Tree
 
-for _kind in ReachExtension.kinds:
-    add_kinds(_kind)
+install(BUILT_IN)
 _PREFIXES = "".join(f"@prefix {prefix}: <{iri}> .\n" for prefix, iri in PREFIXES.items())
 
 

@@ -12,6 +12,7 @@ from gateway.http.extension import Core, Extension, Mount
 
 class CamerasExtension(Extension):
     name = "cameras"
+    in_robot = ("cameras",)
     views = ("gateway.extensions.cameras.page:VIEW",)
 
     @asynccontextmanager

@@ -14,6 +14,7 @@ from gateway.runtime.metrics import gauge
 
 class HistoryExtension(Extension):
     name = "history"
+    in_robot = ("history",)
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:

@@ -32,6 +32,7 @@ class Pages:
 
 class PagesExtension(Extension):
     name = "pages"
+    at_root = ("assets",)
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:

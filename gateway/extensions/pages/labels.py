@@ -9,7 +9,7 @@ from zlib import crc32
 from agents.wire.names import unescape
 from gateway.base.lazy_imports import Lazily
 from gateway.rdf.vocabulary import ROS, XHV
-from gateway.resources.paths import RESERVED_AT_ROOT, RESERVED_IN_ROBOT
+from gateway.resources.paths import reserved_at_root, reserved_in_robot
 
 if TYPE_CHECKING:
     from client import quantity
@@ -78,7 +78,7 @@ def local_name(iri: str) -> str:
 def segment_name(segment: str, depth: int) -> str:
     """The name that a segment of a path stands for; ``depth`` is 0 for what is below the root."""
     try:
-        return clean(unescape(segment.removesuffix(_LINK_MARK), RESERVED_IN_ROBOT if depth else RESERVED_AT_ROOT))
+        return clean(unescape(segment.removesuffix(_LINK_MARK), reserved_in_robot() if depth else reserved_at_root()))
     except ValueError:
         return clean(segment)
 

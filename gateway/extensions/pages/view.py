@@ -17,7 +17,7 @@ from gateway.http.html import Formats
 from gateway.rdf.serialise import RDF_TYPES
 from gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, PROV, RDF, ROS, XHV
 from gateway.resources.action_offer import robot_offers
-from gateway.resources.paths import AUDIT, RESERVED_AT_ROOT
+from gateway.resources.paths import AUDIT, reserved_at_root
 from gateway.resources.resource import Resource
 
 # In this order: what is first found among the types of a resource is its kind.
@@ -149,7 +149,7 @@ def _crumbs(path: str, root: str) -> list[tuple[str, str]]:
     crumbs = [("Fleet", root)]
     for depth, segment in enumerate(segments):
         address = root + "/".join(segments[: depth + 1])
-        robot = depth == 0 and segment not in RESERVED_AT_ROOT
+        robot = depth == 0 and segment not in reserved_at_root()
         if segment not in _NOT_SERVED:
             crumbs.append((labels.segment_name(segment, depth), address + ("/" if robot else "")))
     return [*crumbs[:-1], (crumbs[-1][0], "")]
@@ -159,6 +159,6 @@ def _stop(resource: Resource, root: str) -> tuple[str, str]:
     """A robot's own if it has any, on the pages below it; else that of the whole fleet."""
     head, robot = resource.path[1:].partition("/")[0], resource.source.robot
     able = robot is None or any(each.definition.iri == LF.StopRobot for each in robot_offers(robot))
-    if head and head not in RESERVED_AT_ROOT and able:
+    if head and head not in reserved_at_root() and able:
         return labels.segment_name(head, 0), f"{root}{head}/actions/stop"
     return "all", f"{root}actions/stopAll"

@@ -11,6 +11,7 @@ from gateway.http.extension import Core, Extension, Mount
 
 class QueryExtension(Extension):
     name = "query"
+    at_root = ("query",)
     views = ("gateway.extensions.query.page:VIEW",)
 
     @asynccontextmanager

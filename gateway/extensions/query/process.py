@@ -9,11 +9,9 @@ import time
 from collections.abc import Callable
 
 from gateway.base.errors import BadRequest, Busy, FleetError, QueryTooCostly, ResultTooLarge
+from gateway.extensions.query.extended import extended
 from gateway.extensions.query.messages import DONE, FORKED, PATIENCE, REFUSED, Ask, Refusal, decode_refusal, encode
 from gateway.extensions.query.snapshot import Feed
-from gateway.rdf.shapes import added_to_folder
-from gateway.resources.action_definition import FOLDER
-from gateway.resources.fleet_functions import added_functions
 
 log = logging.getLogger(__name__)
 
@@ -89,7 +87,7 @@ class QueryProcess:
             environment = {name: os.environ[name] for name in _KEPT if name in os.environ} | _ALONE
             self._child = await asyncio.create_subprocess_exec(
                 sys.executable, "-m", "gateway.extensions.query.worker", str(theirs.fileno()),
-                *map(str, added_to_folder(FOLDER)), *added_functions(),
+                extended(),
                 pass_fds=[theirs.fileno()], stdin=asyncio.subprocess.DEVNULL, env=environment,
             )  # fmt: skip
         ours.setblocking(False)

@@ -17,16 +17,16 @@ from pathlib import Path
 from pyoxigraph import NamedNode, RdfFormat, parse
 
 from gateway.extensions.query.evaluation import Seen, evaluate, warm
+from gateway.extensions.query.extended import decode_extended, extend
 from gateway.extensions.query.fleet_mirror import Mirror
 from gateway.extensions.query.functions import functions_of
 from gateway.extensions.query.messages import DONE, FORKED, PATIENCE, REFUSED, Ask, Refused, decode_ask, encode
 from gateway.extensions.query.rdf_mirror import SHAPES, Twin
 from gateway.identity.rights import View
 from gateway.rdf.graph import Graph
-from gateway.resources.action_definition import add_kinds
 from gateway.resources.describe import Describer
 from gateway.resources.documents import VOCABULARY
-from gateway.resources.fleet_functions import add_functions, load_functions
+from gateway.resources.fleet_functions import load_functions
 
 log = logging.getLogger(__name__)
 
@@ -152,11 +152,8 @@ def _receive(control: socket.socket) -> tuple[bytes, int] | None:
 def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the gateway, and that ends this
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody asks how a query ended; it has said so, or not
-    for argument in sys.argv[2:]:
-        if argument.endswith(".ttl"):
-            add_kinds(Path(argument))
-        else:
-            add_functions(argument)
+    if len(sys.argv) > 2:
+        extend(decode_extended(sys.argv[2]))
     with socket.socket(fileno=int(sys.argv[1])) as control:
         Worker().serve(control)
 

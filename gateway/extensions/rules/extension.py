@@ -19,6 +19,7 @@ from gateway.runtime.metrics import counter, gauges
 
 class RulesExtension(Extension):
     name = "rules"
+    at_root = ("rules",)
     needs = ("query",)
 
     @asynccontextmanager

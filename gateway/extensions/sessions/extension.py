@@ -12,6 +12,7 @@ from gateway.http.extension import Core, Extension, Mount
 
 class SessionsExtension(Extension):
     name = "sessions"
+    at_root = ("login", "logout")
     needs = ("pages",)
 
     @asynccontextmanager

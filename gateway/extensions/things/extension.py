@@ -11,6 +11,7 @@ from gateway.http.extension import Core, Extension, Mount
 
 class ThingsExtension(Extension):
     name = "things"
+    at_root = (".well-known", "things")
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:

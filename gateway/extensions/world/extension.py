@@ -14,6 +14,7 @@ PREPARING = "the shapes of robots are being prepared for the check of their moti
 
 class WorldExtension(Extension):
     name = "world"
+    at_root = ("world",)
     views = ("gateway.extensions.world.page:VIEW",)
 
     @asynccontextmanager

@@ -1,0 +1,150 @@
+"""Measures of the architecture: lines and modules of each room, imports that run up, circles of files.
+
+``python -m bench.architecture`` prints them as Markdown (ARCHITECTURE.md, "Measures"). Imports inside functions and
+under TYPE_CHECKING count.
+"""
+
+import ast
+import re
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("agents", "gateway", "client", "demo", "telemetry", "bench", "fuzz")
+ROOMS = (
+    "base", "shacl", "rdf", "runtime", "fleet", "identity", "resources", "link", "subscriptions", "actions", "http",
+    "extensions", "app",
+)  # fmt: skip
+"""Rooms of the gateway, the lowest first."""
+Edges = Mapping[str, set[str]]
+
+
+def modules(package: str) -> dict[str, Path]:
+    """The Python modules of a package by their dotted names."""
+    found: dict[str, Path] = {}
+    for path in sorted((ROOT / package).rglob("*.py")):
+        if "node_modules" not in path.parts:
+            name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
+            found[name.removesuffix(".__init__")] = path
+    return found
+
+
+def imports(files: Mapping[str, Path]) -> dict[str, set[str]]:
+    """The modules among ``files`` that each of them imports."""
+    found: dict[str, set[str]] = {name: set() for name in files}
+    for name, path in files.items():
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                named = [each.name for each in node.names]
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                named = [f"{node.module}.{each.name}" for each in node.names]
+                named = [each if each in files else node.module for each in named]
+            else:
+                continue
+            found[name] |= {each for each in named if each in files and each != name}
+    return found
+
+
+def scripts() -> dict[str, set[str]]:
+    """The imports of the pages' scripts."""
+    found: dict[str, set[str]] = {}
+    for path in sorted((ROOT / "face" / "src").rglob("*.js")):
+        named = re.findall(r"""(?:from|import)\s*\(?\s*["'](\.[^"']+)["']""", path.read_text())
+        found[str(path.relative_to(ROOT))] = {
+            str((path.parent / each).resolve().relative_to(ROOT.resolve())) for each in named
+        }
+    return found
+
+
+def circles(edges: Edges) -> list[list[str]]:
+    """Strongly connected components of more than one file (Tarjan), each in order."""
+    number: dict[str, int] = {}
+    lowest: dict[str, int] = {}
+    stack: list[str] = []
+    found: list[list[str]] = []
+
+    def visit(node: str) -> Iterator[str]:
+        number[node] = lowest[node] = len(number)
+        stack.append(node)
+        for other in edges.get(node, ()):
+            if other not in number:
+                yield other
+                lowest[node] = min(lowest[node], lowest[other])
+            elif other in stack:
+                lowest[node] = min(lowest[node], number[other])
+        if lowest[node] == number[node]:
+            first = stack.index(node)
+            if len(stack) - first > 1:
+                found.append(sorted(stack[first:]))
+            del stack[first:]
+
+    for start in edges:
+        pending = [visit(start)] if start not in number else []
+        while pending:
+            following = next(pending[-1], None)
+            if following is None:
+                pending.pop()
+            else:
+                pending.append(visit(following))
+    return found
+
+
+def room_of(module: str) -> str:
+    """The room of a module of the gateway, an extension by its name."""
+    parts = module.split(".")
+    if len(parts) < 2 or parts[1] == "__main__":
+        return "app"
+    return ".".join(parts[1:3]) if parts[1] == "extensions" and len(parts) > 2 else parts[1]
+
+
+def rank(room: str) -> int:
+    return ROOMS.index(room.partition(".")[0])
+
+
+def upward(edges: Edges) -> list[tuple[str, str]]:
+    """Imports of the gateway that run up, or from one extension to another."""
+    found = []
+    for module, imported in edges.items():
+        for other in sorted(imported):
+            one, two = room_of(module), room_of(other)
+            if one != two and rank(two) >= rank(one):
+                found.append((module, other))
+    return found
+
+
+def main() -> None:
+    gateway = modules("gateway")
+    edges = imports(gateway)
+    lines: Counter[str] = Counter()
+    counts: Counter[str] = Counter()
+    used: dict[str, set[str]] = defaultdict(set)
+    for module, path in gateway.items():
+        room = room_of(module)
+        lines[room] += len(path.read_text().splitlines())
+        counts[room] += 1
+        used[room] |= {room_of(each) for each in edges[module]} - {room}
+    print("| room | modules | lines | imports |\n|---|---|---|---|")
+    for room in sorted(lines, key=lambda each: (-rank(each), each)):
+        if lines[room]:
+            print(f"| `{room}` | {counts[room]} | {lines[room]:,} | {', '.join(sorted(used[room]))} |")
+    extensions = sum(count for room, count in lines.items() if room.startswith("extensions"))
+    core = sum(lines.values()) - extensions - lines["shacl"]
+    up = upward(edges)
+    back = [each for each in up if not room_of(each[0]).startswith("extensions.")]
+    every = {name: path for package in PACKAGES for name, path in modules(package).items()}
+    found = circles(imports(every)) + circles(scripts())
+    product = sum(len(modules(each)) for each in PACKAGES if each not in ("bench", "fuzz"))
+    print("\n| measure | |\n|---|---|")
+    print(f"| core of the gateway, SHACL apart | {core:,} lines |")
+    print(f"| extensions | {extensions:,} lines |")
+    print(f"| modules outside tests, bench and fuzz | {product} |")
+    print(f"| imports of the core that run up | {len(back)} |")
+    print(f"| imports from one extension to another | {len(up) - len(back)} |")
+    print(f"| circles of files | {len(found)} |")
+    for circle in found:
+        print(f"\ncircle: {', '.join(circle)}")
+
+
+if __name__ == "__main__":
+    main()

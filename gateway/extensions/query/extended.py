@@ -1,0 +1,39 @@
+"""The process-wide part of extensions, told to the query process: it resolves the same tree as the gateway."""
+
+from pathlib import Path
+
+import msgspec
+
+from gateway.rdf.shapes import added_to_folder
+from gateway.resources.action_definition import FOLDER, add_kinds
+from gateway.resources.fleet_functions import add_functions, added_functions
+from gateway.resources.paths import reserve, reserved_at_root, reserved_in_robot
+
+
+class Extended(msgspec.Struct):
+    """Reserved segments, files of kinds of actions, and functions as ``module:attribute``."""
+
+    at_root: list[str]
+    in_robot: list[str]
+    kinds: list[str]
+    functions: list[str]
+
+
+def extended() -> str:
+    """The extensions of this process, as an argument of the query process."""
+    kinds = [str(each) for each in added_to_folder(FOLDER)]
+    known = Extended(sorted(reserved_at_root()), sorted(reserved_in_robot()), kinds, added_functions())
+    return msgspec.json.encode(known).decode()
+
+
+def decode_extended(text: str) -> Extended:
+    return msgspec.json.decode(text, type=Extended)
+
+
+def extend(said: Extended) -> None:
+    """Have this process know the same extensions."""
+    reserve(said.at_root, said.in_robot)
+    for kind in said.kinds:
+        add_kinds(Path(kind))
+    for function in said.functions:
+        add_functions(function)
