@@ -10,12 +10,11 @@ from gateway.actions.store import KeyReused, LeaseHeld, LeaseOver, StoreUnavaila
 from gateway.base.errors import (
     AgentSilent,
     Changed,
-    Collides,
     Conflict,
     Controlled,
+    MotionRefused,
     RefusedByAgent,
     StoreAway,
-    Unchecked,
 )
 from gateway.base.errors import KeyReused as KeyReusedError
 from gateway.fleet.invocations import Invocation
@@ -37,10 +36,8 @@ def refusal(robot: Robot, reply: Refused) -> Conflict:
 
 def repeated(robot: Robot, invocation: Invocation) -> None:
     """Raise what the request that began the invocation was answered with, unless its agent accepted it."""
-    if invocation.refused == Collides.code:
-        raise Collides(f"The motion was not begun: {invocation.reason}.", reason=invocation.reason)
-    if invocation.refused == Unchecked.code:
-        raise Unchecked(f"The motion was not begun: {invocation.reason}.", reason=invocation.reason)
+    if (guarded := MotionRefused.coded(invocation.refused)) is not None:
+        raise guarded(f"The motion was not begun: {invocation.reason}.", reason=invocation.reason)
     if invocation.refused:
         raise refusal(robot, Refused(invocation.id, cast(RefusalCode, invocation.refused), invocation.reason))
     if not invocation.accepted and not invocation.state.terminal:

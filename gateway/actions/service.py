@@ -23,7 +23,7 @@ from gateway.actions.replicated_invocations import Memory
 from gateway.actions.stall_detector import Alertness
 from gateway.actions.store import ActionStore, Full, StoreUnavailable
 from gateway.actions.waiting import Waiting
-from gateway.base.errors import AgentSilent, Busy, Collides, Conflict, Unchecked
+from gateway.base.errors import AgentSilent, Busy, Conflict, MotionRefused
 from gateway.fleet.invocations import FLEET, Invocation, InvocationState
 from gateway.fleet.robot import Robot
 from gateway.identity.rights import ALL, View
@@ -49,10 +49,10 @@ class MotionGuard(Protocol):
     """Tells which motions meet something. ``sees``: to whom it is told."""
 
     async def ready(self, robot: Robot, sees: View) -> None:
-        """Return once the motions of a robot can be judged; Unchecked when that takes too long."""
+        """Return once the motions of a robot can be judged; MotionRefused when that takes too long."""
 
     async def free(self, motion: Motion, sees: View, own: str) -> bool:
-        """Check the path of a motion for collisions; Collides, Unchecked. Return False if the robot has no placement.
+        """Check the path of a motion for collisions; MotionRefused. Return False if the robot has no placement.
 
         What else is under way counts, but for the invocation of the id ``own``.
         """
@@ -110,7 +110,7 @@ class Actions:
         """Have the robot begin, and return the invocation once its agent accepted; the first one for a repeated key.
 
         Raises Controlled when somebody else has the lease, Changed when the body's precondition does not hold,
-        RefusedByAgent with the agent's reason, Collides, Unchecked, TooManyInvocations, StoreAway, and AgentSilent when
+        RefusedByAgent with the agent's reason, MotionRefused, TooManyInvocations, StoreAway, and AgentSilent when
         no answer came: then the invocation is "unknown" until progress or its deadline settles it.
         """
         robot, motion = motion.robot, await self._once_ready(motion, caller)
@@ -159,14 +159,14 @@ class Actions:
         began_ns = time.monotonic_ns()
         try:
             await self._is_free(motion, caller, invocation.id)
-        except (Collides, Unchecked) as error:
+        except MotionRefused as error:
             invocation.refused = error.code
             self._fail(invocation, error.reason)
             raise
         return _later(motion, began_ns)
 
     async def _is_free(self, motion: Motion, caller: Caller, own: str) -> bool:
-        """Return True if there are guards and each of them found the path free; Collides, Unchecked."""
+        """Return True if there are guards and each of them found the path free; MotionRefused."""
         found = [await guard.free(motion, caller.sees, own) for guard in self._guards]
         return bool(found) and all(found)
 

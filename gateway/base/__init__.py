@@ -1,0 +1,4 @@
+"""Base: errors, lazy imports, networks of addresses. Every room may import it.
+
+``errors``: every refusal of the core with its status and problem type (RFC 9457); extensions add their own.
+"""

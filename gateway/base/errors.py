@@ -1,4 +1,4 @@
-"""Everything that the gateway refuses, as one tree; each error knows how it looks from outside.
+"""The errors of the core as one tree; each knows how it looks from outside. Those of extensions are with them.
 
     FleetError                      status  code
     ├── BadRequest                  400     bad-request
@@ -10,30 +10,23 @@
     ├── Conflict                    409     conflict
     │   ├── RefusedByAgent          409     refused
     │   ├── Changed                 409     changed
-    │   ├── Collides                409     collision
     │   ├── Controlled              409     controlled
     │   └── NoRoom                  409     conflict
+    ├── MotionRefused               409     motion-refused
     ├── PreconditionFailed          412     precondition-failed
     ├── PayloadTooLarge             413     payload-too-large
-    │   └── ResultTooLarge          413     result-too-large
     ├── UnsupportedMediaType        415     unsupported-media-type
     ├── ForeignOrigin               403     foreign-origin
     ├── MisdirectedRequest          421     misdirected-request
     ├── UnprocessableContent        422     unprocessable-content
-    │   ├── OutOfReach              422     out-of-reach
     │   └── KeyReused               422     key-reused
     ├── TooManySubscriptions        429     too-many-subscriptions
-    ├── TooManyRules                429     too-many-rules
     ├── TooManyInvocations          429     too-many-invocations
-    ├── TooManyLogins               429     too-many-logins
     ├── TooManyRequests             429     too-many-requests
-    ├── TooManyQueries              429     too-many-queries
     ├── Unimplemented               501     not-implemented
     ├── Offline                     503     offline
     ├── Faulty                      503     faulty
     ├── Busy                        503     busy
-    ├── QueryTooCostly              503     query-too-costly
-    ├── Unchecked                   503     unchecked
     ├── StoreAway                   503     store-away
     ├── IssuerAway                  503     issuer-away
     └── AgentSilent                 504     agent-silent
@@ -185,21 +178,25 @@ class Changed(Conflict):
     code, title = "changed", "The robot is not where the motion was planned for"
 
 
-class Collides(Conflict):
-    """On its way the robot would meet something. ``things``: IRIs of its link and of what that meets, as far as who
-    asks may know it; ``share``: of the way that is free. ``reason`` names nothing but the robot's own."""
+class MotionRefused(FleetError):
+    """A guard of motions refuses one, or cannot tell; ``reason`` is remembered with the invocation.
 
-    code, title = "collision", "The motion would end in a collision"
+    Guards raise subclasses. The first answer to a request is given again by its code.
+    """
 
-    def __init__(
-        self, detail: str, *, things: Sequence[str] = (), share: float | None = None, reason: str = ""
-    ) -> None:
+    status, code, title = 409, "motion-refused", "A guard refuses the motion"
+
+    def __init__(self, detail: str, *, reason: str = "") -> None:
         super().__init__(detail)
-        self.things, self.share, self.reason = list(things), share, reason
+        self.reason = reason
 
-    @property
-    def members(self) -> Members:
-        return {} if self.share is None else {"things": self.things, "share": self.share}
+    def locate(self, base: str) -> None:
+        """Turn paths that the error names into IRIs below ``base``."""
+
+    @classmethod
+    def coded(cls, code: str) -> "type[MotionRefused] | None":
+        """The error of a guard that has this code."""
+        return next((each for each in (cls, *cls.__subclasses__()) if each.code == code), None)
 
 
 class Controlled(Conflict):
@@ -226,12 +223,6 @@ class PreconditionFailed(FleetError):
 
 class PayloadTooLarge(FleetError):
     status, code, title = 413, "payload-too-large", "The body is too large"
-
-
-class ResultTooLarge(PayloadTooLarge):
-    """A result is given whole or not at all."""
-
-    code, title = "result-too-large", "The result of the query is too large"
 
 
 class UnsupportedMediaType(FleetError):
@@ -283,20 +274,6 @@ class UnprocessableContent(FleetError):
         return super().members | ({"unused": self.unused} if self.unused else {})
 
 
-class OutOfReach(UnprocessableContent):
-    """No joint positions bring the link there: how far off it would stay (m, and rad if an orientation was asked)."""
-
-    code, title = "out-of-reach", "The pose cannot be reached"
-
-    def __init__(self, detail: str, *, residual_m: float, residual_rad: float) -> None:
-        super().__init__(detail)
-        self.residual_m, self.residual_rad = residual_m, residual_rad
-
-    @property
-    def members(self) -> Members:
-        return super().members | {"residual_m": self.residual_m, "residual_rad": self.residual_rad}
-
-
 class KeyReused(UnprocessableContent):
     """The Idempotency-Key belongs to another request, of the last day."""
 
@@ -309,12 +286,6 @@ class TooManySubscriptions(FleetError):
     status, code, title = 429, "too-many-subscriptions", "The client has too many subscriptions"
 
 
-class TooManyRules(FleetError):
-    """RFC 6585, 4; delete some."""
-
-    status, code, title = 429, "too-many-rules", "There are too many rules"
-
-
 class TooManyInvocations(FleetError):
     """RFC 6585, 4; what stops robots is never refused for it."""
 
@@ -324,13 +295,6 @@ class TooManyInvocations(FleetError):
         super().__init__(detail, headers={"Retry-After": "1"})
 
 
-class TooManyLogins(FleetError):
-    status, code, title = 429, "too-many-logins", "Too many attempts to log in"
-
-    def __init__(self, detail: str, *, retry_after_s: int) -> None:
-        super().__init__(detail, headers={"Retry-After": str(retry_after_s)})
-
-
 class TooManyRequests(FleetError):
     """RFC 6585, 4; what stops robots is never refused for it. ``wait_s`` (s) is when to ask again."""
 
@@ -338,21 +302,6 @@ class TooManyRequests(FleetError):
 
     def __init__(self, wait_s: int) -> None:
         super().__init__(f"Ask again in {wait_s} s, and less often.", headers={"Retry-After": str(wait_s)})
-
-
-class TooManyQueries(FleetError):
-    """RFC 6585, 4; some of the client's own are waiting already."""
-
-    status, code, title = 429, "too-many-queries", "The client has too many queries waiting"
-
-    def __init__(self, detail: str) -> None:
-        super().__init__(detail, headers={"Retry-After": "1"})
-
-
-class QueryTooCostly(FleetError):
-    """A query was ended at its limit of time or memory; nothing else was disturbed. The same again fares no better."""
-
-    status, code, title = 503, "query-too-costly", "The query takes too much time or memory"
 
 
 class Unimplemented(FleetError):
@@ -378,16 +327,6 @@ class Busy(FleetError):
 
     def __init__(self, detail: str) -> None:
         super().__init__(detail, headers={"Retry-After": "1"})
-
-
-class Unchecked(FleetError):
-    """Whether the motion meets anything could not be told, so nothing moves; ``reason`` as of Collides."""
-
-    status, code, title = 503, "unchecked", "The motion could not be checked"
-
-    def __init__(self, detail: str, *, reason: str = "") -> None:
-        super().__init__(detail, headers={"Retry-After": "2"})
-        self.reason = reason or "it could not be checked for collisions"
 
 
 class StoreAway(FleetError):

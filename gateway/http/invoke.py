@@ -16,7 +16,7 @@ from gateway.actions.admission import admit
 from gateway.actions.caller import Caller
 from gateway.actions.plan import Halt, Later, Moment, Motion
 from gateway.actions.service import Actions, Rehearsed
-from gateway.base.errors import AgentSilent, BadRequest, Collides, NotAcceptable, UnprocessableContent
+from gateway.base.errors import AgentSilent, BadRequest, MotionRefused, NotAcceptable, UnprocessableContent
 from gateway.fleet.invocations import Invocation
 from gateway.http.body import body_type, parse_form, read_as
 from gateway.http.fields import field
@@ -226,8 +226,8 @@ def _located(base: str) -> Iterator[None]:
     """Where to look for what becomes of a command that got no answer, and at what is in the way of one."""
     try:
         yield
-    except Collides as error:
-        error.things = [base + path for path in error.things]
+    except MotionRefused as error:
+        error.locate(base)
         raise
     except AgentSilent as error:
         if "location" in error.headers:

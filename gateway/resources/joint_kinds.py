@@ -8,7 +8,7 @@ from gateway.fleet.model import Joint, JointKind
 from gateway.rdf.units import ANGULAR, LINEAR, Dimension
 from gateway.rdf.vocabulary import LF, ROS
 
-# What counts as change (ARCHITECTURE.md): a value that moved by less is the same value.
+# What counts as change (docs/TREE.md): a value that moved by less is the same value.
 POSITION_RESOLUTION = 1e-5  # rad or m
 VELOCITY_RESOLUTION = 1e-3  # rad/s or m/s
 EFFORT_RESOLUTION = 1e-2  # N m or N

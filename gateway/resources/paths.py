@@ -1,4 +1,4 @@
-"""Paths of the resource tree: built from names and resolved to names in one place (ARCHITECTURE.md, "The tree")."""
+"""Paths of the resource tree: built from names and resolved to names in one place (docs/TREE.md)."""
 
 from collections.abc import Iterable
 from functools import lru_cache

@@ -1,4 +1,4 @@
-"""The resource tree: a path is resolved to a resource here, and nowhere else (ARCHITECTURE.md, "The tree")."""
+"""The resource tree: a path is resolved to a resource here, and nowhere else (docs/TREE.md)."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What counts as change of a resource, and the number that the change has (ARCHITECTURE.md, "What counts as change").
+"""What counts as change of a resource, and the number that the change has (docs/TREE.md, "What counts as change").
 
 The version of what belongs to a robot names the robot's incarnation and the frame that brought the change, counted
 from 1. What no frame brings (presence, a description) counts on from the frame before. The version of anything else

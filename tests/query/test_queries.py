@@ -18,7 +18,8 @@ from virtual.zenoh_network import ZenohNetwork
 
 from gateway.app.application import new_live
 from gateway.app.settings import GatewaySettings
-from gateway.base.errors import BadRequest, FleetError, QueryTooCostly, ResultTooLarge
+from gateway.base.errors import BadRequest, FleetError
+from gateway.extensions.query.errors import QueryTooCostly, ResultTooLarge
 from gateway.extensions.query.messages import Instead, Placed
 from gateway.extensions.query.service import Queries, Term
 from gateway.fleet.invocation import Invocation

@@ -1,4 +1,4 @@
-"""The paper's figures come out of the running Baxter (corrections: ARCHITECTURE.md, "Errata")."""
+"""The paper's figures come out of the running Baxter (corrections: docs/PAPER.md)."""
 
 from pathlib import Path
 

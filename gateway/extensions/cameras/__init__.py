@@ -1,0 +1,1 @@
+"""Cameras: cameras of robots as resources, their pictures, and streams of them (docs/CAMERAS.md)."""

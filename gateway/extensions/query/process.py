@@ -8,7 +8,8 @@ import sys
 import time
 from collections.abc import Callable
 
-from gateway.base.errors import BadRequest, Busy, FleetError, QueryTooCostly, ResultTooLarge
+from gateway.base.errors import BadRequest, Busy, FleetError
+from gateway.extensions.query.errors import QueryTooCostly, ResultTooLarge
 from gateway.extensions.query.extended import extended
 from gateway.extensions.query.messages import DONE, FORKED, PATIENCE, REFUSED, Ask, Refusal, decode_refusal, encode
 from gateway.extensions.query.snapshot import Feed

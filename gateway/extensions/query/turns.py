@@ -5,7 +5,8 @@ from collections import OrderedDict, deque
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
-from gateway.base.errors import Busy, TooManyQueries
+from gateway.base.errors import Busy
+from gateway.extensions.query.errors import TooManyQueries
 
 AT_ONCE = 2
 MAX_OF_CLIENT, MAX_WAITING = 8, 128

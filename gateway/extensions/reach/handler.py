@@ -11,8 +11,9 @@ from agents.wire.messages import Move
 from gateway.actions.action_handlers import motion_to
 from gateway.actions.action_request import Asked
 from gateway.actions.plan import Later, Motion
-from gateway.base.errors import Conflict, Offline, OutOfReach, UnprocessableContent
+from gateway.base.errors import Conflict, Offline, UnprocessableContent
 from gateway.base.lazy_imports import Lazily
+from gateway.extensions.reach.errors import OutOfReach
 from gateway.fleet.model import JointKind, ModelError
 from gateway.rdf.graph import Node
 from gateway.rdf.vocabulary import LF, MATHS

@@ -15,11 +15,11 @@ from gateway.base.errors import (
     PayloadTooLarge,
     PreconditionFailed,
     StoreAway,
-    TooManyRules,
     UnprocessableContent,
 )
 from gateway.extensions.rules.creators import may_have_rules
 from gateway.extensions.rules.description import ChangeRule, MakeRule, rule_path
+from gateway.extensions.rules.errors import TooManyRules
 from gateway.extensions.rules.invoking import offered, path_in_fleet
 from gateway.extensions.rules.request import CONTAINER, Wanted, check_variables, requested
 from gateway.extensions.rules.rule import Known, Rule

@@ -13,18 +13,11 @@ from urllib.parse import parse_qs, quote, urlencode
 from starlette.responses import RedirectResponse, Response
 
 from gateway.base.addresses import network_of
-from gateway.base.errors import (
-    BadRequest,
-    ForeignOrigin,
-    IssuerAway,
-    MethodNotAllowed,
-    NotFound,
-    StoreAway,
-    TooManyLogins,
-)
+from gateway.base.errors import BadRequest, ForeignOrigin, IssuerAway, MethodNotAllowed, NotFound, StoreAway
 from gateway.extensions.pages.page import render
 from gateway.extensions.pages.policy import FORMS
 from gateway.extensions.sessions.cookies import LOGIN, read_cookie, session_of, set_cookie
+from gateway.extensions.sessions.errors import TooManyLogins
 from gateway.extensions.sessions.sealed_cookie import SESSION_S, Underway, open_login, seal_login
 from gateway.extensions.sessions.service import Sessions
 from gateway.extensions.sessions.session_key import StoreUnavailable

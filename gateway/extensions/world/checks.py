@@ -12,8 +12,9 @@ from types import TracebackType
 from typing import Self
 
 from gateway.actions.plan import Motion
-from gateway.base.errors import Busy, Collides, Unchecked
+from gateway.base.errors import Busy
 from gateway.extensions.world.describe import object_path
+from gateway.extensions.world.errors import Collides, Unchecked
 from gateway.extensions.world.messages import Check, Meets, Positions, Stood, Unable
 from gateway.extensions.world.preparation import Preparation, is_placed, key_of
 from gateway.extensions.world.process import Checker

@@ -4,7 +4,8 @@ import asyncio
 
 import pytest
 
-from gateway.base.errors import Busy, FleetError, TooManyQueries
+from gateway.base.errors import Busy, FleetError
+from gateway.extensions.query.errors import TooManyQueries
 from gateway.extensions.query.turns import AT_ONCE, MAX_OF_CLIENT, MAX_WAITING, FairTurns
 
 

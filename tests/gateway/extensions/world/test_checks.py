@@ -17,9 +17,9 @@ from gateway.actions.commands import TIME_TO_LIVE_NS, command_of
 from gateway.actions.plan import Moment, Motion
 from gateway.app.application import new_live
 from gateway.app.settings import GatewaySettings
-from gateway.base.errors import Unchecked
 from gateway.extensions.world import checks
 from gateway.extensions.world.checks import Checks
+from gateway.extensions.world.errors import Unchecked
 from gateway.extensions.world.scene import SceneObject
 from gateway.fleet.events import Appeared, Described, Framed
 from gateway.fleet.model import Pose
