@@ -115,7 +115,7 @@ async def _followed(certificate: Certificate | None) -> AsyncIterator[None]:
         yield
         return
     asyncio.get_running_loop().add_signal_handler(signal.SIGHUP, certificate.reload)
-    following = asyncio.create_task(certificate.follow())
+    following = certificate.follow()
     try:
         yield
     finally:

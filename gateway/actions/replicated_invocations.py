@@ -17,6 +17,7 @@ from gateway.fleet.lease import Lease
 from gateway.fleet.robot import Robot
 from gateway.resources.invocation import invocation_path
 from gateway.resources.paths import lease_path
+from gateway.runtime.background import RETRY_S, supervised
 from gateway.runtime.cancellation import end
 from gateway.runtime.redis import GATHER_S
 from gateway.subscriptions.live import Live
@@ -24,7 +25,6 @@ from gateway.subscriptions.live import Live
 log = logging.getLogger(__name__)
 
 _WATCH_S = 0.25  # between two looks at leases; a motion that is tied to one stops that much later at most
-_RETRY_S = 0.5
 _FIRST_WORD_S = 1.0
 _AT_ONCE = 64  # are saved together
 _MAX_FETCHES = 100
@@ -51,6 +51,7 @@ class Memory:
         self._ends_s: dict[str, float] = {}  # of leases by robot, monotonic, as far as was last heard
         self._fetching: set[asyncio.Task[None]] = set()
         self._stopping: dict[str, asyncio.Task[None]] = {}
+        self._looked_at: set[str] = set()
         self._tasks: list[asyncio.Task[None]] = []
 
     async def __aenter__(self) -> Self:
@@ -61,8 +62,14 @@ class Memory:
         except Exception:
             # The boundary: whatever is in Redis, a gateway starts and stops robots.
             log.exception("invocations, leases or settings cannot be read; the gateway starts without them")
-        for task in (self._listen, self._save, self._look, self._watch):
-            self._tasks.append(asyncio.create_task(self._for_ever(task), name=f"memory {task.__name__}"))
+        for run, name, pause_s in (
+            (self._listen, "hear of invocations", RETRY_S),
+            (self._save, "save invocations", GATHER_S),
+            (self._look, "look at leases", 0.0),
+            (self._watch, "watch leases", 0.0),
+        ):
+            failed = "what the gateways remember together is not up to date"
+            self._tasks.append(supervised(run, name, log, failed, pause_s))
         return self
 
     async def __aexit__(
@@ -245,15 +252,6 @@ class Memory:
 
     # -- tasks ------------------------------------------------------------------------------------------------------
 
-    async def _for_ever(self, task: Callable[[], Awaitable[None]]) -> None:
-        while True:
-            try:
-                await task()
-            except Exception:
-                # The boundary of the task: without it nothing would be remembered, or heard of, any more.
-                log.exception("what the gateways remember together is not up to date; it is tried again")
-            await asyncio.sleep(_RETRY_S)
-
     async def _load(self) -> None:
         for invocation in await self._store.load():
             self._put(invocation)
@@ -284,16 +282,11 @@ class Memory:
             await self.configured(news.robot)
 
     async def _save(self) -> None:
-        while True:
-            await self._to_save.wait()
-            self._to_save.clear()
-            while self._unsaved:
-                try:
-                    await self._save_oldest()
-                except StoreUnavailable:
-                    await asyncio.sleep(_RETRY_S)
-            self._dropped = False
-            await asyncio.sleep(GATHER_S)
+        await self._to_save.wait()
+        while self._unsaved:
+            await self._save_oldest()
+        self._to_save.clear()
+        self._dropped = False
 
     async def _save_oldest(self) -> None:
         # Taken out first: what becomes of it meanwhile is to be saved again.
@@ -311,14 +304,12 @@ class Memory:
 
     async def _look(self) -> None:
         """Notice leases that end, and those of robots that appear."""
-        known: set[str] = set()
-        while True:
-            await asyncio.sleep(_WATCH_S)
-            robots = set(self._live.fleet.robots)
-            for robot in {*(robots - known), *self._live.fleet.leases}:
-                with suppress(StoreUnavailable):
-                    await self._look_at(robot)
-            known = robots
+        await asyncio.sleep(_WATCH_S)
+        robots = set(self._live.fleet.robots)
+        for robot in {*(robots - self._looked_at), *self._live.fleet.leases}:
+            with suppress(StoreUnavailable):
+                await self._look_at(robot)
+        self._looked_at = robots
 
     async def _look_at(self, robot: str) -> None:
         """Again if somebody took or released the lease meanwhile: the answer may be older than that."""
@@ -331,17 +322,16 @@ class Memory:
 
     async def _watch(self) -> None:
         """Stop what is tied to a lease that is over, whether or not Redis answers: without it nobody can renew."""
-        while True:
-            await asyncio.sleep(_WATCH_S)
-            now_s = time.monotonic()
-            for robot in [robot for robot, ends_s in self._ends_s.items() if now_s > ends_s + _WATCH_S]:
-                self.control(robot, None)
-            robots = list(self._live.fleet.robots)
-            for invocation in [one for robot in robots for one in self._live.invocations.open_of(robot) if one.lease]:
-                lease = self._live.fleet.leases.get(invocation.robot)
-                if (lease is None or lease.id != invocation.lease) and invocation.id not in self._stopping:
-                    stopping = asyncio.create_task(self._stop_tied(invocation), name=f"stop {invocation.id}")
-                    self._stopping[invocation.id] = stopping
+        await asyncio.sleep(_WATCH_S)
+        now_s = time.monotonic()
+        for robot in [robot for robot, ends_s in self._ends_s.items() if now_s > ends_s + _WATCH_S]:
+            self.control(robot, None)
+        robots = list(self._live.fleet.robots)
+        for invocation in [one for robot in robots for one in self._live.invocations.open_of(robot) if one.lease]:
+            lease = self._live.fleet.leases.get(invocation.robot)
+            if (lease is None or lease.id != invocation.lease) and invocation.id not in self._stopping:
+                stopping = asyncio.create_task(self._stop_tied(invocation), name=f"stop {invocation.id}")
+                self._stopping[invocation.id] = stopping
 
     async def _stop_tied(self, invocation: Invocation) -> None:
         """Apart from the others: a robot that does not answer holds nobody up."""

@@ -20,7 +20,7 @@ from gateway.actions.plan import Halt, Later, Motion, Plan
 from gateway.actions.quota import Quota
 from gateway.actions.refusals import lease_of, refusal, refusals, repeated, silence
 from gateway.actions.replicated_invocations import Memory
-from gateway.actions.stall_detector import Alertness
+from gateway.actions.stall_detector import TICK_S, Alertness
 from gateway.actions.store import ActionStore, Full, StoreUnavailable
 from gateway.actions.waiting import Waiting
 from gateway.base.errors import AgentSilent, Busy, Conflict, MotionRefused
@@ -30,6 +30,7 @@ from gateway.identity.rights import ALL, View
 from gateway.link.fleet_link import NoAnswer
 from gateway.resources.action_offer import Offer
 from gateway.resources.invocation import invocation_path
+from gateway.runtime.background import supervised
 from gateway.runtime.cancellation import end
 from gateway.runtime.counters import Commands
 from gateway.subscriptions.live import Live
@@ -78,8 +79,7 @@ class Actions:
         self._quota = Quota(live.invocations, most_motions)
         self.waiting = Waiting()
         self.memory = Memory(live, store, self.stop_one, self.waiting.wake)
-        self._expiry: asyncio.Task[None] | None = None
-        self._ticking: asyncio.Task[None] | None = None
+        self._tasks: list[asyncio.Task[None]] = []
         self._alertness = Alertness()
         self._computing = asyncio.Semaphore(1)
         self._planning = 0
@@ -90,14 +90,16 @@ class Actions:
 
     async def __aenter__(self) -> Self:
         await self.memory.__aenter__()
-        self._expiry = asyncio.create_task(self._expire_for_ever(), name="expire invocations")
-        self._ticking = asyncio.create_task(self._alertness.tick_for_ever(), name="tick")
+        self._tasks = [
+            supervised(self._expire, "expire invocations", log, "what is late stays open", 0.0),
+            supervised(self._alertness.tick, "tick", log, "a pause of this process may go unnoticed", TICK_S),
+        ]
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        await end([task for task in (self._expiry, self._ticking) if task is not None])
+        await end(self._tasks)
         await self.memory.__aexit__(kind, error, trace)
 
     def add_guard(self, guard: MotionGuard) -> None:
@@ -402,20 +404,10 @@ class Actions:
         for invocation in self._live.invocations.lose(robot):
             self._news(invocation)
 
-    async def _expire_for_ever(self) -> None:
+    async def _expire(self) -> None:
         """Fail what nobody has reported the end of, and what an earlier run of an agent was at."""
-        while True:
-            await asyncio.sleep(_EXPIRY_INTERVAL_S)
-            try:
-                await self._expire(time.time_ns())
-            except StoreUnavailable as error:
-                log.debug("whether what others began is late is not known: %s", error)
-            except Exception:
-                # The boundary of the task: without it nothing would ever be late any more.
-                log.exception("what is late stays open; it is tried again")
-
-    async def _expire(self, now_ns: int) -> None:
-        invocations = self._live.invocations
+        await asyncio.sleep(_EXPIRY_INTERVAL_S)
+        invocations, now_ns = self._live.invocations, time.time_ns()
         for robot in self._live.fleet.robots.values():
             for invocation in invocations.outlived(robot.name, robot.incarnation or 0, now_ns):
                 self._settle(invocation)

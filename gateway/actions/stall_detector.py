@@ -1,9 +1,8 @@
 """Whether this process was held up just now: frozen, starved or suspended. What was asked of it meanwhile is old."""
 
-import asyncio
 import time
 
-_TICK_S = 0.25
+TICK_S = 0.25
 HELD_S = 2.0
 """From which on robots may have given this gateway up, and hold."""
 CATCH_UP_S = 0.25
@@ -17,10 +16,9 @@ class Alertness:
         self._ticked_s = time.monotonic()
         self._resumed_s = -CATCH_UP_S
 
-    async def tick_for_ever(self) -> None:
-        while True:
-            self._tick()
-            await asyncio.sleep(_TICK_S)
+    async def tick(self) -> None:
+        """Notice that this process runs; to be called every ``TICK_S``."""
+        self._tick()
 
     def was_held_up(self) -> bool:
         """Now, or so recently that a request may have come before."""

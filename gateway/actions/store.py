@@ -19,8 +19,9 @@ from gateway.actions import redis_scripts as scripts
 from gateway.actions.redis_keys import Keys, hashed, robot_of, tag
 from gateway.fleet.invocations import MAX_TERMINAL, Invocation
 from gateway.fleet.lease import Lease
+from gateway.runtime.background import supervised
 from gateway.runtime.cancellation import end
-from gateway.runtime.redis import BACKOFF_S, GATHER_S, Connection, StoreUnavailable, heed_cancellation
+from gateway.runtime.redis import GATHER_S, Connection, StoreUnavailable, heed_cancellation
 
 __all__ = ["KEPT_S", "ActionStore", "Full", "KeyReused", "Lease", "LeaseHeld", "LeaseOver", "News", "StoreUnavailable"]
 _log = logging.getLogger(__name__)
@@ -80,15 +81,15 @@ class ActionStore:
         self._untold: list[News] = []
         self._to_tell = asyncio.Event()
         self._noted: dict[str, tuple[int, int]] = {}
-        self._teller: asyncio.Task[None] | None = None
+        self._tasks: list[asyncio.Task[None]] = []
 
     async def __aenter__(self) -> Self:
-        self._teller = asyncio.create_task(self._tell_for_ever(), name="tell other gateways")
+        failed = "other gateways have not been told"
+        self._tasks = [supervised(self._tell_others, "tell other gateways", _log, failed, GATHER_S)]
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        if self._teller is not None:
-            await end([self._teller])
+        await end(self._tasks)
         with suppress(StoreUnavailable, TimeoutError):
             async with asyncio.timeout(_LAST_S):
                 await self._tell_rest()
@@ -249,17 +250,11 @@ class ActionStore:
         self._untold.append(News(what, robot, id))
         self._to_tell.set()
 
-    async def _tell_for_ever(self) -> None:
-        while True:
-            await self._to_tell.wait()
-            heed_cancellation()
-            self._to_tell.clear()
-            try:
-                await self._tell_rest()
-                await asyncio.sleep(GATHER_S)
-            except StoreUnavailable:
-                self._to_tell.set()
-                await asyncio.sleep(BACKOFF_S)
+    async def _tell_others(self) -> None:
+        await self._to_tell.wait()
+        heed_cancellation()
+        self._to_tell.clear()
+        await self._tell_rest()
 
     async def _tell_rest(self) -> None:
         telling, self._untold = self._untold, []
@@ -269,6 +264,7 @@ class ActionStore:
             await self._redis.all([self._entry(news) for news in telling])
         except BaseException:  # cancelled as well
             self._untold = [*telling, *self._untold][-_NEWS:]
+            self._to_tell.set()
             raise
 
     def _entry(self, news: News) -> tuple[str | int, ...]:

@@ -1,13 +1,17 @@
 """What is measured at intervals, so that it costs nothing per frame: late timers, and how old frames come."""
 
 import asyncio
+import logging
 import time
 from types import TracebackType
 from typing import Self
 
 from gateway.fleet.fleet import Fleet
+from gateway.runtime.background import supervised
 from gateway.runtime.cancellation import end
 from gateway.runtime.counters import Histogram
+
+log = logging.getLogger(__name__)
 
 _PERIOD_S = 0.25
 _ROUND = 4  # periods between two looks at the frames
@@ -25,25 +29,23 @@ class Sampler:
         self.loop_lag, self.frame_lag = Histogram(), Histogram()
         self._fleet = fleet
         self._seen: dict[str, tuple[int, int]] = {}
-        self._task: asyncio.Task[None] | None = None
+        self._tasks: list[asyncio.Task[None]] = []
 
     async def __aenter__(self) -> Self:
-        self._task = asyncio.create_task(self._run(), name="sample")
+        self._tasks = [supervised(self._sample, "sample", log, "delays are not measured", 0.0)]
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._task is not None:
-            await end([self._task])
+        await end(self._tasks)
 
-    async def _run(self) -> None:
-        while True:
-            for _ in range(_ROUND):
-                due_s = time.monotonic() + _PERIOD_S
-                await asyncio.sleep(_PERIOD_S)
-                self.loop_lag.add(time.monotonic() - due_s)
-            await self._look_at_frames()
+    async def _sample(self) -> None:
+        for _ in range(_ROUND):
+            due_s = time.monotonic() + _PERIOD_S
+            await asyncio.sleep(_PERIOD_S)
+            self.loop_lag.add(time.monotonic() - due_s)
+        await self._look_at_frames()
 
     async def _look_at_frames(self) -> None:
         names = list(self._fleet.robots)

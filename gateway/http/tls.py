@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from agents.wire.trust import check_pair
+from gateway.runtime.background import supervised
 
 log = logging.getLogger(__name__)
 LOOK_S = 10.0
@@ -42,12 +43,13 @@ class Certificate:
         else:
             log.info("new connections get the certificate of %s as it is now", self._certificate)
 
-    async def follow(self, look_s: float = LOOK_S) -> None:
-        """Reload whenever the files have changed, until cancelled."""
-        while True:
-            await asyncio.sleep(look_s)
-            if self._state() != self._seen:
-                self.reload()
+    def follow(self, look_s: float = LOOK_S) -> asyncio.Task[None]:
+        """Start a task that reloads whenever the files have changed."""
+        return supervised(self._look, "follow the certificate", log, "the certificate in use stays", look_s)
+
+    async def _look(self) -> None:
+        if self._state() != self._seen:
+            self.reload()
 
     def _load(self) -> None:
         check_pair(self._certificate, self._key)  # a context that refused a key has the new certificate already

@@ -16,6 +16,7 @@ from gateway.identity.keys import IssuerKeys
 from gateway.identity.rights import Credential, Identity, Right, View
 from gateway.identity.roster import BadRoster, Issuer, Roster, read_roster
 from gateway.identity.web import Web
+from gateway.runtime.background import supervised
 from gateway.runtime.cancellation import end
 
 log = logging.getLogger(__name__)
@@ -50,7 +51,7 @@ class Identities:
         self._looking: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> Self:
-        self._looking = asyncio.create_task(self._look_for_ever(), name="look at identities")
+        self._looking = supervised(self._look, "look at identities", log, "identities could not be looked at", LOOK_S)
         return self
 
     async def __aexit__(
@@ -124,17 +125,11 @@ class Identities:
 
     # -- the file ------------------------------------------------------------------------------------------------------
 
-    async def _look_for_ever(self) -> None:
-        while True:
-            await asyncio.sleep(LOOK_S)
-            try:
-                await self._look()
-                self.end_what_must()
-            except Exception:
-                # The boundary of the task: without it no right would ever be taken away again.
-                log.exception("identities could not be looked at; it is tried again")
-
     async def _look(self) -> None:
+        await self._look_at_file()
+        self.end_what_must()
+
+    async def _look_at_file(self) -> None:
         try:
             stamp = _stamp(self._path)
             if stamp == self._stamp:

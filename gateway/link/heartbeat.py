@@ -9,6 +9,7 @@ from contextlib import suppress
 
 from agents.wire.transport import HEARTBEAT_S
 from gateway.link.transport import Session, TransportError
+from gateway.runtime.background import supervised
 
 _log = logging.getLogger(__name__)
 
@@ -25,7 +26,8 @@ class Heartbeat:
         self._task: asyncio.Task[None] | None = None
 
     def start(self) -> None:
-        self._task = asyncio.get_running_loop().create_task(self._run())
+        self._wanted.set()
+        self._task = supervised(self._beat, "heartbeat", _log, "no heartbeat can be sent", _SHORTEST_S)
 
     def hasten(self) -> None:
         """Send the next one now, because somebody came who has heard none."""
@@ -35,16 +37,11 @@ class Heartbeat:
         if self._task is not None:
             self._task.cancel()
 
-    async def _run(self) -> None:
-        while True:
-            self._wanted.clear()
-            self._send()
-            await asyncio.sleep(_SHORTEST_S)
-            with suppress(TimeoutError):
-                async with asyncio.timeout(HEARTBEAT_S - _SHORTEST_S):
-                    await self._wanted.wait()
-
-    def _send(self) -> None:
+    async def _beat(self) -> None:
+        with suppress(TimeoutError):
+            async with asyncio.timeout(HEARTBEAT_S - _SHORTEST_S):
+                await self._wanted.wait()
+        self._wanted.clear()
         try:
             self._publish()
             self._failing = False

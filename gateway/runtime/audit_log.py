@@ -14,6 +14,7 @@ from dataclasses import dataclass, fields
 from types import TracebackType
 from typing import Self
 
+from gateway.runtime.background import supervised
 from gateway.runtime.cancellation import end
 from gateway.runtime.redis import GATHER_S, Connection, StoreUnavailable
 
@@ -24,7 +25,6 @@ KEPT = 100_000
 PAGE = 100
 MOST_WAITING = 10_000
 _AT_ONCE = 256
-_PAUSE_S = 0.5
 _LAST_S = 1.0  # for the rest when this gateway ends
 _ID = re.compile(r"[0-9]{1,20}-[0-9]{1,20}", re.ASCII)
 
@@ -54,17 +54,17 @@ class Audit:
         self._redis = Connection(url, self._key)
         self._waiting: deque[Entry] = deque(maxlen=MOST_WAITING)
         self._news = asyncio.Event()
-        self._task: asyncio.Task[None] | None = None
+        self._tasks: list[asyncio.Task[None]] = []
 
     async def __aenter__(self) -> Self:
-        self._task = asyncio.create_task(self._write_for_ever(), name="write the audit")
+        failed = "Redis does not have the audit yet"
+        self._tasks = [supervised(self._write_all, "write the audit", log, failed, GATHER_S)]
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._task is not None:
-            await end([self._task])
+        await end(self._tasks)
         with suppress(StoreUnavailable, TimeoutError):
             async with asyncio.timeout(_LAST_S):
                 while self._waiting:
@@ -89,16 +89,11 @@ class Audit:
         found = await self._redis.one("XREVRANGE", self._key, last, "-", "COUNT", PAGE)
         return [(id.decode(), _read(pairs)) for id, pairs in found]
 
-    async def _write_for_ever(self) -> None:
-        while True:
-            await self._news.wait()
-            self._news.clear()
-            while self._waiting:
-                try:
-                    await self._write()
-                except StoreUnavailable:
-                    await asyncio.sleep(_PAUSE_S)
-            await asyncio.sleep(GATHER_S)
+    async def _write_all(self) -> None:
+        await self._news.wait()
+        while self._waiting:
+            await self._write()
+        self._news.clear()
 
     async def _write(self) -> None:
         """The oldest ones; after an outage perhaps a second time, since nobody knows whether Redis had them."""

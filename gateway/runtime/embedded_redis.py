@@ -28,6 +28,7 @@ from typing import Self
 from urllib.parse import quote
 
 from gateway.runtime import damaged_data as damage
+from gateway.runtime.background import supervised
 from gateway.runtime.cancellation import end
 
 _log = logging.getLogger(__name__)
@@ -79,8 +80,12 @@ class Embedded:
 
     async def __aenter__(self) -> Self:
         self._tried.clear()
-        tasks = ((self._supervise, "supervise the embedded server"), (self._look, "look for data that are set aside"))
-        self._tasks = [asyncio.create_task(task(), name=name) for task, name in tasks]
+        self._tasks = [
+            supervised(self._replace, "replace the embedded server", _log, "the gateway has no Redis"),
+            supervised(
+                self._look, "look for data that are set aside", _log, "the state folder cannot be read", _LOOK_S
+            ),
+        ]
         try:
             async with asyncio.timeout(_OPENING_S):
                 await self._tried.wait()
@@ -95,7 +100,7 @@ class Embedded:
         await end(self._tasks)
         await self._end()
 
-    async def _supervise(self) -> None:
+    async def _replace(self) -> None:
         failures = 0
         while True:
             try:
@@ -110,13 +115,11 @@ class Embedded:
             await asyncio.sleep(_PAUSES_S[min(failures, len(_PAUSES_S) - 1)])
 
     async def _look(self) -> None:
-        while True:
-            with suppress(OSError):  # supervision reports a folder that cannot be used
-                names = await asyncio.to_thread(damage.kept_aside, self._dir)
-                if set(names) - set(self.set_aside):  # by an earlier run, or by another gateway
-                    _log.warning("%s State folder: %s", damage.statement(names), self._dir)
-                self.set_aside = names
-            await asyncio.sleep(_LOOK_S)
+        with suppress(OSError):  # a folder that cannot be used is reported with the server
+            names = await asyncio.to_thread(damage.kept_aside, self._dir)
+            if set(names) - set(self.set_aside):  # by an earlier run, or by another gateway
+                _log.warning("%s State folder: %s", damage.statement(names), self._dir)
+            self.set_aside = names
 
     async def _ensure(self) -> None:
         """Find a server that answers, or start one."""

@@ -8,6 +8,7 @@ from contextlib import suppress
 from types import TracebackType
 
 from gateway.resources.subscription import Changeable, Record, Subscription
+from gateway.runtime.background import supervised
 from gateway.runtime.cancellation import end
 from gateway.subscriptions.callbacks import Callbacks, Vouches
 from gateway.subscriptions.fan_out import FanOut
@@ -45,12 +46,13 @@ class Subscriptions:
         self._refreshing = asyncio.Lock()
         self._tasks: list[asyncio.Task[None]] = []
         self._renewed_s = float("-inf")
+        self._away, self._note_s, self._compare_s = False, 0.0, 0.0
 
     async def __aenter__(self) -> "Subscriptions":
         self._tasks = [
-            asyncio.create_task(self._live(), name="renew the lease"),
-            asyncio.create_task(self._keep(), name="keep subscriptions"),
-            asyncio.create_task(self._hear(), name="hear of subscriptions"),
+            supervised(self._renew, "renew the lease", log, "the lease could not be renewed", KEEP_S),
+            supervised(self._keep, "keep subscriptions", log, "keeping subscriptions failed", KEEP_S),
+            supervised(self._hear, "hear of subscriptions", log, "hearing of subscriptions failed", KEEP_S),
         ]
         return self
 
@@ -104,15 +106,9 @@ class Subscriptions:
     # -- with the other gateways --------------------------------------------------------------------------------------
 
     async def _hear(self) -> None:
-        while True:
-            try:
-                async for news in self._store.news():
-                    if news.holder == self._run or news.what == "changed":
-                        await self._heed(news)
-            except Exception:
-                # The boundary of the task: without it no deletion through another gateway would be heard of again.
-                log.exception("hearing of subscriptions failed; it is tried again")
-            await asyncio.sleep(KEEP_S)
+        async for news in self._store.news():
+            if news.holder == self._run or news.what == "changed":
+                await self._heed(news)
 
     async def _heed(self, news: News) -> None:
         match news.what:
@@ -135,15 +131,13 @@ class Subscriptions:
                     self.streams.change(record.subscription)
                     self.callbacks.change(record.subscription)
 
-    async def _live(self) -> None:
-        """Renew the lease, also while a thousand callbacks are taken over; outages are told of elsewhere."""
-        while True:
-            try:
-                await self._store.renew()
-                self._renewed_s = time.monotonic()
-            except StoreUnavailable:
-                self._renewed_s = float("-inf")
-            await asyncio.sleep(KEEP_S)
+    async def _renew(self) -> None:
+        """Apart from the rest, which may take a thousand callbacks over."""
+        try:
+            await self._store.renew()
+            self._renewed_s = time.monotonic()
+        except StoreUnavailable:
+            self._renewed_s = float("-inf")
 
     async def _take_over(self, run: str) -> None:
         count = 0
@@ -157,34 +151,32 @@ class Subscriptions:
             log.info("took %d subscriptions over from gateway run %s", count, run)
 
     async def _keep(self) -> None:
-        away, note_s, compare_s = False, 0.0, 0.0
-        while True:
-            try:
-                await self.callbacks.suspend_unentitled()
-                await self.callbacks.catch_up()
-                await self.streams.catch_up()
-                for run in await self._store.dead_runs():
-                    await self._take_over(run)
-                if time.monotonic() >= note_s:
-                    await self.streams.note()
-                    note_s = time.monotonic() + NOTE_S
-                if time.monotonic() >= compare_s:
-                    held = {record.subscription.id: record for record in await self._store.held()}
-                    await self.callbacks.compare(held)
-                    await self.streams.compare(held)
-                    for id, record in held.items():
-                        if not (self.streams.obeys(record.subscription) and self.callbacks.obeys(record.subscription)):
-                            await self._refresh(id)  # it was changed while this run came to hold it
-                    compare_s = time.monotonic() + RECONCILE_S
-                away = False
-            except StoreUnavailable as error:
-                if not away:
-                    log.warning("the store is away, callbacks wait for it: %s", error)
-                away = True
-            except Exception:
-                # The boundary of the task: without it nobody would take over from a dead gateway any more.
-                log.exception("keeping subscriptions failed; it is tried again")
-            await asyncio.sleep(KEEP_S)
+        try:
+            await self.callbacks.suspend_unentitled()
+            await self.callbacks.catch_up()
+            await self.streams.catch_up()
+            for run in await self._store.dead_runs():
+                await self._take_over(run)
+            if time.monotonic() >= self._note_s:
+                await self.streams.note()
+                self._note_s = time.monotonic() + NOTE_S
+            if time.monotonic() >= self._compare_s:
+                await self._compare()
+                self._compare_s = time.monotonic() + RECONCILE_S
+            self._away = False
+        except StoreUnavailable as error:
+            if not self._away:
+                log.warning("the store is away, callbacks wait for it: %s", error)
+            self._away = True
+
+    async def _compare(self) -> None:
+        """Serve what the store says that this run holds."""
+        held = {record.subscription.id: record for record in await self._store.held()}
+        await self.callbacks.compare(held)
+        await self.streams.compare(held)
+        for id, record in held.items():
+            if not (self.streams.obeys(record.subscription) and self.callbacks.obeys(record.subscription)):
+                await self._refresh(id)  # it was changed while this run came to hold it
 
 
 def new_run() -> str:

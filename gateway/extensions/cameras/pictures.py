@@ -5,6 +5,7 @@ import logging
 from collections import defaultdict
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from types import TracebackType
 from typing import Self
 
@@ -15,6 +16,7 @@ from gateway.fleet.cameras import FORMATS, Picture
 from gateway.link.fleet_link import NoAnswer
 from gateway.resources.paths import camera_path, is_in_cameras
 from gateway.resources.resource import Resource
+from gateway.runtime.background import supervised
 from gateway.runtime.cancellation import end
 from gateway.subscriptions.live import Live
 from gateway.subscriptions.watcher import Watcher
@@ -98,7 +100,8 @@ class Pictures:
         followed.watchers[watcher] = format
         followed.joined.set()
         if followed.task is None:
-            followed.task = asyncio.create_task(self._keep(path, followed), name=f"watch {path}")
+            failed = f"what is seen at {path} could not be had"
+            followed.task = supervised(partial(self._keep, path, followed), f"watch {path}", log, failed, _AGAIN_S)
 
     def leave(self, watcher: Watcher) -> None:
         """The opposite; harmless when it is done already."""
@@ -116,7 +119,7 @@ class Pictures:
         while True:
             due_s, wanted = loop.time() + _PERIOD_S, set(followed.watchers.values())
             followed.joined.clear()
-            seen = await self._look(path, wanted)
+            seen = await self._see(path, wanted)
             followed.pictures = {format: picture for format, picture in followed.pictures.items() if format in wanted}
             followed.pictures |= seen
             if seen:
@@ -130,14 +133,6 @@ class Pictures:
     def _find(self, path: str) -> Eye | None:
         found = self._live.tree("").resolve(path)
         return found.remote if isinstance(found, Resource) and isinstance(found.remote, Eye) else None
-
-    async def _look(self, path: str, wanted: set[PictureFormat]) -> dict[str, Picture]:
-        try:
-            return await self._see(path, wanted)
-        except Exception:
-            # The boundary of the task: without it who follows the camera would wait for ever.
-            log.exception("what is seen at %s could not be had; it is tried again", path)
-            return {}
 
     async def _see(self, path: str, wanted: set[PictureFormat]) -> dict[str, Picture]:
         """What can be had of it now, which the camera may refuse, and the robot be away."""

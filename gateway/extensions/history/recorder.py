@@ -5,6 +5,7 @@ the bytes that are there. They are decoded when somebody wants to know.
 """
 
 import asyncio
+import logging
 import time
 from collections.abc import Iterable, Iterator
 from types import TracebackType
@@ -14,7 +15,10 @@ from gateway.extensions.history.track import Track, joints_of
 from gateway.fleet.fleet import Fleet
 from gateway.fleet.frames import Latest
 from gateway.fleet.robot import Robot
+from gateway.runtime.background import supervised
 from gateway.runtime.cancellation import end
+
+log = logging.getLogger(__name__)
 
 _TURN_S = 0.002
 _LOOKS = 64
@@ -37,18 +41,17 @@ class History:
         self.workers = asyncio.Semaphore(_WORKERS)
         self._fleet = fleet
         self._tracks: dict[str, Track] = {}
-        self._task: asyncio.Task[None] | None = None
+        self._tasks: list[asyncio.Task[None]] = []
 
     async def __aenter__(self) -> Self:
         if self.span_s > 0:
-            self._task = asyncio.create_task(self._run(), name="history")
+            self._tasks = [supervised(self._run, "history", log, "frames are not recorded")]
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._task is not None:
-            await end([self._task])
+        await end(self._tasks)
 
     @property
     def samples(self) -> int:

@@ -4,7 +4,9 @@ import asyncio
 import logging
 import time
 from collections.abc import Awaitable, Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol
 
 from gateway.actions.action_request import moment_of
@@ -21,6 +23,7 @@ from gateway.extensions.rules.store import Changed, Lost, RuleStore, StoreUnavai
 from gateway.identity.rights import Identity, View
 from gateway.resources.invocation import invocation_path
 from gateway.resources.paths import robot_of
+from gateway.runtime.background import supervised
 from gateway.runtime.cancellation import end
 from gateway.subscriptions.live import Live
 
@@ -30,7 +33,6 @@ EVERY_S = 0.1
 """The least time between two evaluations of a rule."""
 SHARE = 4
 """A rule that takes long to evaluate is so in at most one of so many parts of the time."""
-_RETRY_S = 0.5
 _LONGEST = 1_000  # characters of a reason
 
 Note = Callable[[Rule, int, Firing], None]
@@ -88,8 +90,8 @@ class Engine:
             self._causes.restore(self._known.values(), self._live.fleet.robots, self._live.invocations)
         for id in ids - self._tasks.keys():
             self._due[id] = asyncio.Event()
-            self._due[id].set()
-            self._tasks[id] = asyncio.create_task(self._serve(id), name=f"rule {id}")
+            failed = f"rule {id} could not be evaluated"
+            self._tasks[id] = supervised(partial(self._serve, id), f"rule {id}", log, failed)
         ending = [self._tasks.pop(id) for id in self._tasks.keys() - ids]
         await end(ending)
         self._due = {id: event for id, event in self._due.items() if id in ids}
@@ -113,33 +115,18 @@ class Engine:
         return creator
 
     async def _serve(self, id: str) -> None:
+        """Evaluate a rule whenever something changed. It is read anew first: after an error it may be another one."""
+        await self._refresh(id)
+        self._due[id].set()
         held: Evaluated | None = None
-        while True:
-            await self._due[id].wait()
-            self._due[id].clear()
-            known, begun_s = self._known.get(id), time.monotonic()
-            try:
+        with suppress(Lost, Changed):
+            while True:
+                await self._due[id].wait()
+                self._due[id].clear()
+                known, begun_s = self._known.get(id), time.monotonic()
                 if known is not None and known.rule.enabled:
                     held = await self._evaluate(known, held)
-            except (Lost, Changed, StoreUnavailable) as error:
-                log.debug("rule %s is not evaluated now: %r", id, error)
-                held = None
-                await self._again(id)
-            except Exception:
-                # The boundary of the task: without it the rule would never be evaluated again.
-                log.exception("rule %s could not be evaluated; it is tried again", id)
-                held = None
-                await self._again(id)
-            await asyncio.sleep(max(EVERY_S, (time.monotonic() - begun_s) * (SHARE - 1)))
-
-    async def _again(self, id: str) -> None:
-        """What is known is not what is so: read it anew, after a moment."""
-        await asyncio.sleep(_RETRY_S)
-        try:
-            await self._refresh(id)
-        except StoreUnavailable as error:
-            log.debug("rule %s cannot be read: %s", id, error)
-        self._due[id].set()
+                await asyncio.sleep(max(EVERY_S, (time.monotonic() - begun_s) * (SHARE - 1)))
 
     async def _evaluate(self, known: Known, held: Evaluated | None) -> Evaluated | None:
         rule, was_suspended = known.rule, bool(known.suspended)

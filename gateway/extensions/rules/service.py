@@ -21,6 +21,7 @@ from gateway.identity.rights import Identity
 from gateway.resources.affordance import Invoke
 from gateway.resources.resource import Resource
 from gateway.runtime.audit_log import Audit
+from gateway.runtime.background import supervised
 from gateway.runtime.cancellation import end
 from gateway.subscriptions.live import Live
 
@@ -78,8 +79,8 @@ class Rules:
         except Exception:
             # The boundary: whatever is in Redis, a gateway starts and stops robots.
             log.exception("rules cannot be read; the gateway starts without them")
-        for task, what in ((self._keep, "serve rules"), (self._hear, "hear of rules")):
-            self._tasks.append(asyncio.create_task(self._for_ever(task), name=what))
+        for run, name in ((self._keep, "serve rules"), (self._hear, "hear of rules")):
+            self._tasks.append(supervised(run, name, log, "rules are not up to date", 0.0))
         return self
 
     async def __aexit__(
@@ -198,25 +199,13 @@ class Rules:
 
     # -- serving ------------------------------------------------------------------------------------------------------
 
-    async def _for_ever(self, task: Callable[[], Awaitable[None]]) -> None:
-        while True:
-            try:
-                await task()
-            except Exception:
-                # The boundary of the task: without it no rule would be evaluated, or heard of, any more.
-                log.exception("rules are not up to date; it is tried again")
-            await asyncio.sleep(KEEP_S)
-
     async def _keep(self) -> None:
-        while True:
-            try:
-                await self._serve() if await self._store.serve() else await self._rest()
-            except StoreUnavailable as error:  # nothing fires without it
-                log.debug("whether this gateway serves the rules is not known: %s", error)
-            with suppress(TimeoutError):
-                async with asyncio.timeout(KEEP_S):
-                    await self._written.wait()
-            self._written.clear()
+        """Nothing fires during an outage of Redis."""
+        await self._serve() if await self._store.serve() else await self._rest()
+        with suppress(TimeoutError):
+            async with asyncio.timeout(KEEP_S):
+                await self._written.wait()
+        self._written.clear()
 
     async def _serve(self) -> None:
         if self._awaited is None:

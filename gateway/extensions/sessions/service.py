@@ -13,6 +13,7 @@ from gateway.extensions.sessions.sealed_cookie import Session, new_session, open
 from gateway.extensions.sessions.session_key import SessionKey, StoreUnavailable
 from gateway.identity.rights import Credential, Identity
 from gateway.identity.service import Identities
+from gateway.runtime.background import supervised
 from gateway.runtime.cancellation import end
 
 log = logging.getLogger(__name__)
@@ -38,7 +39,7 @@ class Sessions:
         except Exception:
             # The boundary: whatever is in Redis, a gateway starts and stops robots.
             log.exception("sessions that have ended cannot be read; the gateway starts without them")
-        self._hearing = asyncio.create_task(self._hear_for_ever(), name="hear of logouts")
+        self._hearing = supervised(self._hear, "hear of logouts", log, "logouts could not be heard of", LOOK_S)
         return self
 
     async def __aexit__(
@@ -72,10 +73,7 @@ class Sessions:
             await self._ended.end(session)
         self.identities.end_what_must()
 
-    async def _hear_for_ever(self) -> None:
-        while True:
-            await asyncio.sleep(LOOK_S)
-            with suppress(StoreUnavailable):
-                if not self.key.known:  # as soon as it can be had: sessions are to outlive an outage of Redis
-                    await self.key.get()
-                await self._ended.look()
+    async def _hear(self) -> None:
+        if not self.key.known:  # as soon as it can be had: sessions are to outlive an outage of Redis
+            await self.key.get()
+        await self._ended.look()

@@ -17,6 +17,7 @@ from gateway.extensions.world.scene import MAX_OBJECTS, SceneObject
 from gateway.fleet.geometry import file_name, meshes_of
 from gateway.fleet.robot import Robot
 from gateway.resources.placement import placement_of
+from gateway.runtime.background import supervised
 from gateway.runtime.cancellation import end
 from gateway.subscriptions.live import Live
 
@@ -37,13 +38,14 @@ class Preparation:
         self._unheard: set[str] = set()
         self._ended = Counter[str]()
         self._keys: dict[str, tuple[Description, str]] = {}
-        self._looking: asyncio.Task[None] | None = None
+        self._tasks: list[asyncio.Task[None]] = []
 
     def open(self) -> None:
-        self._looking = asyncio.create_task(self._look_for_ever(), name="prepare robots")
+        failed = "robots could not be prepared for checks"
+        self._tasks = [supervised(self._look, "prepare robots", log, failed, _LOOK_S)]
 
     async def close(self) -> None:
-        await end([*([] if self._looking is None else [self._looking]), *self._under_way.values()])
+        await end([*self._tasks, *self._under_way.values()])
 
     def key(self, robot: Robot) -> str:
         """The same for robots that look the same."""
@@ -128,18 +130,12 @@ class Preparation:
         answer = await self._checker.ask(question, _PREPARE_S)
         return Unable("its meshes are too large to be kept") if isinstance(answer, Lacks) else answer
 
-    async def _look_for_ever(self) -> None:
+    async def _look(self) -> None:
         """Prepare robots as they are placed: the first motion need not wait for it."""
-        while True:
-            await asyncio.sleep(_LOOK_S)
-            try:
-                self._forget()
-                for robot in self._live.fleet.robots.values():
-                    if is_placed(robot):
-                        self._begin(robot)
-            except Exception:
-                # The boundary of the task: without it robots would be prepared at their first motion.
-                log.exception("robots could not be prepared for checks; it is tried again")
+        self._forget()
+        for robot in self._live.fleet.robots.values():
+            if is_placed(robot):
+                self._begin(robot)
 
     def _forget(self) -> None:
         """Drop what was prepared for descriptions that no robot has any more."""

@@ -213,7 +213,7 @@ def test_files_that_change_are_noticed(folder: Path, tmp_path: Path, caplog: pyt
         for ending in pair:
             put("router", ending)
         used = Certificate(str(pair["pem"]), str(pair["key"]))
-        following = asyncio.create_task(used.follow(0.01))
+        following = used.follow(0.01)
         with caplog.at_level("INFO", "gateway.http.tls"):
             put("gateway", "pem")
             await until(lambda: "the certificate in use stays" in caplog.text)

@@ -1,0 +1,36 @@
+"""Background tasks that never end by themselves: whatever happens in them, they go on after a pause."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from logging import Logger
+
+from gateway.runtime.redis import BACKOFF_S, StoreUnavailable
+
+RETRY_S = 0.5
+"""The shortest pause after an unforeseen error."""
+
+
+def supervised(
+    run: Callable[[], Awaitable[None]], name: str, log: Logger, failed: str, pause_s: float = RETRY_S
+) -> asyncio.Task[None]:
+    """Start a task that calls ``run`` again and again, ``pause_s`` after it returned; ``end`` ends it.
+
+    An unforeseen error is a line of ``log`` that begins with ``failed``. An outage of Redis is none: whoever renews a
+    lease reports it.
+    """
+    return asyncio.create_task(_repeat(run, log, failed, pause_s), name=name)
+
+
+async def _repeat(run: Callable[[], Awaitable[None]], log: Logger, failed: str, pause_s: float) -> None:
+    while True:
+        rest_s = pause_s
+        try:
+            await run()
+        except StoreUnavailable as outage:
+            log.debug("%s: %s", failed, outage)
+            rest_s = max(pause_s, BACKOFF_S)
+        except Exception:
+            # The boundary of the task: without it nobody would ever do this again.
+            log.exception("%s; it is tried again", failed)
+            rest_s = max(pause_s, RETRY_S)
+        await asyncio.sleep(rest_s)

@@ -1,0 +1,67 @@
+"""Background tasks go on after errors, and after outages of Redis without a word."""
+
+import asyncio
+import logging
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+import pytest
+from virtual.loop import on_virtual_time
+
+from gateway.runtime.background import RETRY_S, supervised
+from gateway.runtime.cancellation import end
+from gateway.runtime.redis import BACKOFF_S, StoreUnavailable
+
+log = logging.getLogger("tests.background")
+
+
+class Work:
+    """Fails as it is told, and knows when it was called."""
+
+    def __init__(self, *errors: Exception | None) -> None:
+        self.errors = list(errors)
+        self.called_s: list[float] = []
+
+    async def __call__(self) -> None:
+        self.called_s.append(time.monotonic())
+        if self.errors and (error := self.errors.pop(0)) is not None:
+            raise error
+
+    @property
+    def pauses_s(self) -> list[float]:
+        return [round(later - sooner, 3) for sooner, later in zip(self.called_s, self.called_s[1:], strict=False)]
+
+
+@asynccontextmanager
+async def doing(work: Work, pause_s: float) -> AsyncIterator[asyncio.Task[None]]:
+    task = supervised(work, "work", log, "work is not done", pause_s)
+    yield task
+    await end([task])
+
+
+def test_work_that_fails_is_done_again_after_a_pause_and_each_error_is_one_line(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    work = Work(None, ValueError("wrong"), StoreUnavailable("away"))
+
+    async def test() -> None:
+        async with doing(work, 0.1) as task:
+            await asyncio.sleep(1.0)
+        assert task.cancelled() and task.get_name() == "work"
+
+    on_virtual_time(test)
+    assert work.pauses_s[:4] == [0.1, RETRY_S, BACKOFF_S, 0.1]
+    assert [each.message for each in caplog.records] == ["work is not done; it is tried again"]
+    assert caplog.records[0].exc_info is not None
+
+
+def test_a_long_pause_is_as_long_after_an_error() -> None:
+    work = Work(ValueError("wrong"), StoreUnavailable("away"), None)
+
+    async def test() -> None:
+        async with doing(work, 5.0):
+            await asyncio.sleep(16.0)
+
+    on_virtual_time(test)
+    assert work.pauses_s == [5.0, 5.0, 5.0]
