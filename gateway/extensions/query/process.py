@@ -2,10 +2,9 @@
 
 import asyncio
 import logging
-import os
 import socket
-import sys
 import time
+from asyncio.subprocess import DEVNULL
 from collections.abc import Callable
 
 from gateway.base.errors import BadRequest, Busy, FleetError
@@ -13,13 +12,13 @@ from gateway.extensions.query.errors import QueryTooCostly, ResultTooLarge
 from gateway.extensions.query.extended import extended
 from gateway.extensions.query.messages import DONE, FORKED, PATIENCE, REFUSED, Ask, Refusal, decode_refusal, encode
 from gateway.extensions.query.snapshot import Feed
+from gateway.runtime.worker import Worker
 
 log = logging.getLogger(__name__)
 
 _BEGIN_S = 60.0  # to write the whole fleet down for the first time
 _GRACE_S = 1.0
 _CHUNK = 256 * 1024
-_KEPT = ("PATH", "PYTHONPATH", "HOME", "LANG", "LC_ALL", "TMPDIR", "VIRTUAL_ENV")
 # It copies itself, which leaves threads behind; and what one query computes is not worth any.
 _ALONE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
@@ -31,7 +30,7 @@ class QueryProcess:
         self._new_feed = feed
         self._feed = feed()
         self._control: socket.socket | None = None
-        self._child: asyncio.subprocess.Process | None = None
+        self._worker = Worker("gateway.extensions.query.worker", _ALONE)
         self._telling = asyncio.Lock()
 
     async def ask(self, make: Callable[[Feed], Ask]) -> bytes:
@@ -52,10 +51,7 @@ class QueryProcess:
         if self._control is not None:
             self._control.close()
             self._control = None
-        if self._child is not None and self._child.returncode is None:
-            self._child.kill()
-            await self._child.wait()
-        self._child = None
+        await self._worker.end()
 
     async def _begin(self, make: Callable[[Feed], Ask], ours: socket.socket, theirs: socket.socket) -> float:
         """Have the process begin with it; the time that it has."""
@@ -79,18 +75,13 @@ class QueryProcess:
                 raise
 
     async def _running(self) -> socket.socket:
-        if self._control is not None and self._child is not None and self._child.returncode is None:
+        if self._control is not None and self._worker.running:
             return self._control
         await self.close()
         self._feed = self._new_feed()
         ours, theirs = socket.socketpair()
         with theirs:
-            environment = {name: os.environ[name] for name in _KEPT if name in os.environ} | _ALONE
-            self._child = await asyncio.create_subprocess_exec(
-                sys.executable, "-m", "gateway.extensions.query.worker", str(theirs.fileno()),
-                extended(),
-                pass_fds=[theirs.fileno()], stdin=asyncio.subprocess.DEVNULL, env=environment,
-            )  # fmt: skip
+            await self._worker.start(str(theirs.fileno()), extended(), pass_fds=[theirs.fileno()], stdin=DEVNULL)
         ours.setblocking(False)
         self._control = ours
         return ours

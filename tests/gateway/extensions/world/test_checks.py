@@ -181,8 +181,7 @@ def test_shapes_are_prepared_again_when_the_process_that_has_them_is_gone(tmp_pa
     async def test(scene: Scene) -> None:
         robot = scene.robot("arm", let=True)
         await scene.checks.ready(robot, ALL)
-        process = scene.checks._checker._process
-        assert process is not None
+        process = scene.checks._checker._worker.process
         process.kill()
         await process.wait()
         assert not scene.checks.prepared

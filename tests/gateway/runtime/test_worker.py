@@ -1,0 +1,72 @@
+"""Child processes: replaced when they are gone, ended for certain, and without what is none of their business."""
+
+import asyncio
+import signal
+from asyncio.subprocess import PIPE
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+
+import pytest
+
+from gateway.runtime.worker import Worker
+
+CHILD = """
+import os, sys
+print(sys.argv[1], os.environ.get("OWN"), os.environ.get("SECRET"), os.getsid(0) == os.getpid(), flush=True)
+sys.stdin.read()
+"""
+
+
+@pytest.fixture
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[Worker], Awaitable[None]]], None]:
+    (tmp_path / "child_of_test.py").write_text(CHILD)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setenv("SECRET", "of the gateway")
+
+    def run(test: Callable[[Worker], Awaitable[None]]) -> None:
+        async def bounded() -> None:
+            worker = Worker("child_of_test", {"OWN": "own"})
+            try:
+                async with asyncio.timeout(60):
+                    await test(worker)
+            finally:
+                await worker.end()
+
+        asyncio.run(bounded())
+
+    return run
+
+
+async def said(worker: Worker, word: str) -> bytes:
+    process = await worker.start(word, stdin=PIPE, stdout=PIPE)
+    assert process.stdout is not None
+    return await process.stdout.readline()
+
+
+def test_it_has_its_arguments_its_part_of_the_environment_and_a_session_of_its_own(
+    run: Callable[[Callable[[Worker], Awaitable[None]]], None],
+) -> None:
+    async def test(worker: Worker) -> None:
+        assert not worker.running
+        assert await said(worker, "word") == b"word own None True\n"
+        assert worker.running
+
+    run(test)
+
+
+def test_it_can_be_ended_also_when_it_is_frozen_and_is_replaced_by_the_next(
+    run: Callable[[Callable[[Worker], Awaitable[None]]], None],
+) -> None:
+    async def test(worker: Worker) -> None:
+        await said(worker, "first")
+        first = worker.process
+        first.send_signal(signal.SIGSTOP)
+        assert (await said(worker, "second")).startswith(b"second")
+        assert first.returncode == -signal.SIGKILL and worker.running
+        worker.process.kill()
+        await worker.process.wait()
+        assert not worker.running
+        await worker.end()
+        await worker.end()  # nothing to do
+
+    run(test)
