@@ -17,9 +17,10 @@ from gateway.fleet.lease import Lease
 from gateway.fleet.robot import Robot
 from gateway.resources.invocation import invocation_path
 from gateway.resources.paths import lease_path
-from gateway.runtime.background import RETRY_S, supervised
+from gateway.runtime.background import supervised
 from gateway.runtime.cancellation import end
 from gateway.runtime.redis import GATHER_S
+from gateway.runtime.replica import Replica, follow
 from gateway.subscriptions.live import Live
 
 log = logging.getLogger(__name__)
@@ -47,7 +48,7 @@ class Memory:
         self._asked: set[str] = set()
         self._forgotten: dict[str, None] = {}  # oldest first
         self._dropped = False
-        self._reading = asyncio.Lock()  # one answer after the other, so that no settings are taken after newer ones
+        self._settings = Replica(store.all_settings, store.settings, self._configure)
         self._ends_s: dict[str, float] = {}  # of leases by robot, monotonic, as far as was last heard
         self._fetching: set[asyncio.Task[None]] = set()
         self._stopping: dict[str, asyncio.Task[None]] = {}
@@ -55,21 +56,12 @@ class Memory:
         self._tasks: list[asyncio.Task[None]] = []
 
     async def __aenter__(self) -> Self:
-        try:
-            await self._load()
-        except StoreUnavailable as error:  # ``news`` says "lost" as soon as it is there
-            log.warning("the store is away, nothing is remembered yet: %s", error)
-        except Exception:
-            # The boundary: whatever is in Redis, a gateway starts and stops robots.
-            log.exception("invocations, leases or settings cannot be read; the gateway starts without them")
-        for run, name, pause_s in (
-            (self._listen, "hear of invocations", RETRY_S),
-            (self._save, "save invocations", GATHER_S),
-            (self._look, "look at leases", 0.0),
-            (self._watch, "watch leases", 0.0),
-        ):
-            failed = "what the gateways remember together is not up to date"
-            self._tasks.append(supervised(run, name, log, failed, pause_s))
+        self._tasks = [
+            await follow("invocations, leases and settings", log, self._load, self._hear, self._store.news),
+            supervised(self._save, "save invocations", log, "invocations are not saved", GATHER_S),
+            supervised(self._look, "look at leases", log, "leases are not up to date", 0.0),
+            supervised(self._watch, "watch leases", log, "motions may outlive their leases", 0.0),
+        ]
         return self
 
     async def __aexit__(
@@ -229,9 +221,8 @@ class Memory:
         present = self._live.fleet.settings.get(robot.name, {}).get(name)
         async with refusals():
             await self._store.check(robot.name, token)
-            done = await self._store.set_setting(robot.name, name, present, value)
-            await self.configured(robot.name)
-        return done
+            step = self._store.set_setting(robot.name, name, present, value)
+            return await self._settings.write(robot.name, step)
 
     def control(self, robot: str, lease: Lease | None, asked_s: float = 0.0) -> None:
         """Note who has control, as the store said that was asked at ``asked_s``, monotonic."""
@@ -242,12 +233,8 @@ class Memory:
         if self._live.fleet.control(robot, lease):
             self._live.fan_out.touched(lease_path(robot))
 
-    async def configured(self, robot: str) -> None:
-        async with self._reading:
-            self._configure(robot, await self._store.settings(robot))
-
-    def _configure(self, robot: str, settings: Mapping[str, str]) -> None:
-        if self._live.fleet.configure(robot, settings):
+    def _configure(self, robot: str, settings: Mapping[str, str] | None) -> None:
+        if self._live.fleet.configure(robot, settings or {}):
             self._live.fan_out.changed(robot)
 
     # -- tasks ------------------------------------------------------------------------------------------------------
@@ -255,31 +242,19 @@ class Memory:
     async def _load(self) -> None:
         for invocation in await self._store.load():
             self._put(invocation)
-        async with self._reading:
-            found = await self._store.all_settings()
-            for robot in {*self._live.fleet.settings, *found}:
-                self._configure(robot, found.get(robot, {}))
+        await self._settings.load()
         for robot in {*self._live.fleet.robots, *self._live.fleet.leases}:
             await self._look_at(robot)
 
-    async def _listen(self) -> None:
-        async for news in self._store.news():
-            try:
-                await self._hear(news)
-            except StoreUnavailable as error:  # "lost" follows
-                log.debug("news could not be followed up: %s", error)
-
     async def _hear(self, news: News) -> None:
-        if news.what == "lost":
-            await self._load()
-        elif news.what == "invocation":
+        if news.what == "invocation":
             await self.fetch(news.robot, news.id)
         elif news.what == "deleted":
             self.forget(news.id)
         elif news.what == "lease":
             await self._look_at(news.robot)
         else:
-            await self.configured(news.robot)
+            await self._settings.refresh(news.robot)
 
     async def _save(self) -> None:
         await self._to_save.wait()

@@ -8,7 +8,7 @@ import asyncio
 import logging
 import time
 import uuid
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncGenerator, Sequence
 from contextlib import aclosing, suppress
 from dataclasses import dataclass
 from typing import Literal, Self, cast, get_args
@@ -31,14 +31,13 @@ _NEWS = 10_000  # are kept, about; also how many that could not be told yet
 _LAST_S = 0.5  # to tell the rest when this gateway ends
 _MS = 1_000_000  # nanoseconds
 
-What = Literal["invocation", "deleted", "lease", "settings", "lost"]
+What = Literal["invocation", "deleted", "lease", "settings"]
 
 
 @dataclass(frozen=True)
 class News:
     """What another run did: opened, wrote or deleted the invocation ``id``, took, renewed or released the lease ``id``,
-    or changed the setting named ``id``. ``lost``: Redis was away, there may be more; what is remembered must be read
-    anew."""
+    or changed the setting named ``id``."""
 
     what: What
     robot: str = ""
@@ -231,15 +230,15 @@ class ActionStore:
 
     # News
 
-    async def news(self) -> AsyncIterator[News]:
+    async def news(self) -> AsyncGenerator[News | None, None]:
         """What other runs did since the first contact, for ever; outages are waited out.
 
-        ``lost`` follows each outage that any method met, so what failed meanwhile may be left to it.
+        None follows each outage that any method met: there may be more, and what is remembered must be read anew.
         """
         async with aclosing(self._redis.news()) as news:
             async for fields in news:
                 if fields is None:
-                    yield News("lost")
+                    yield None
                     continue
                 what = fields[b"what"].decode()
                 if fields[b"run"].decode() != self._run and what in get_args(What):  # not of a later version

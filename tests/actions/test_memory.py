@@ -172,10 +172,10 @@ def test_an_answer_that_comes_late_is_not_taken_for_what_is_set_now(tmp_path: Pa
         live = _live()
         async with Slow(url, "settings") as store, Memory(live, store, _stop, lambda _: None) as memory:
             await store.set_setting("r", "title", None, "old")
-            first = asyncio.create_task(memory.configured("r"))
+            first = asyncio.create_task(memory._settings.refresh("r"))
             await store.answered.wait()
             await store.set_setting("r", "title", "old", "new")
-            second = asyncio.create_task(memory.configured("r"))
+            second = asyncio.create_task(memory._settings.refresh("r"))
             await asyncio.wait([second], timeout=1.0)
             store.handed_over.set()
             await asyncio.gather(first, second)

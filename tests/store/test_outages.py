@@ -66,7 +66,7 @@ def others(url: str, stack: AsyncExitStack) -> tuple[Call, ...]:
     stack.push_async_callback(key.aclose)
     return (
         objects.load, lambda: objects.read("i"), lambda: objects.change("i", "", b"body"),
-        lambda: anext(objects.news()), ended.known, ended.look, key.get,
+        ended.known, ended.look, key.get,
     )  # fmt: skip
 
 

@@ -23,6 +23,7 @@ from gateway.resources.resource import Resource
 from gateway.runtime.audit_log import Audit
 from gateway.runtime.background import supervised
 from gateway.runtime.cancellation import end
+from gateway.runtime.replica import Replica, follow
 from gateway.subscriptions.live import Live
 
 log = logging.getLogger(__name__)
@@ -58,12 +59,12 @@ class Rules:
         """Tells the variables of a condition; BadRequest, PayloadTooLarge."""
         """Public URLs of the fleet."""
         self.known: dict[str, Known] = {}
-        self._engine = Engine(live, actions, store, self.known, select, creator_of, self.refresh, self._noted, bases)
+        self._replica = Replica(store.load, store.read, self._put)
+        refresh = self._replica.refresh
+        self._engine = Engine(live, actions, store, self.known, select, creator_of, refresh, self._noted, bases)
         self._changes = Changes(live, self._engine.wake)
         self._stopping: dict[str, str] = {}
         """Why rules are disabled here already, of which Redis does not know yet."""
-        # One answer after the other, so that none is taken after one that is newer.
-        self._reading = asyncio.Lock()
         self._written = asyncio.Event()
         self._writing: set[asyncio.Task[None]] = set()
         self._serving_since_s: float | None = None
@@ -72,15 +73,10 @@ class Rules:
         actions.on_stop = self._stopped
 
     async def __aenter__(self) -> Self:
-        try:
-            await self._load()
-        except StoreUnavailable as error:  # ``news`` says so as soon as it is there
-            log.warning("the store is away, no rule is known yet: %s", error)
-        except Exception:
-            # The boundary: whatever is in Redis, a gateway starts and stops robots.
-            log.exception("rules cannot be read; the gateway starts without them")
-        for run, name in ((self._keep, "serve rules"), (self._hear, "hear of rules")):
-            self._tasks.append(supervised(run, name, log, "rules are not up to date", 0.0))
+        self._tasks = [
+            await follow("rules", log, self._replica.load, self._replica.refresh, self._store.news),
+            supervised(self._keep, "serve rules", log, "rules are not served", 0.0),
+        ]
         return self
 
     async def __aexit__(
@@ -113,14 +109,12 @@ class Rules:
         StoreUnavailable."""
         await self._store.write(rule, revision, self.limit)
         self._stopping.pop(rule.id, None)
-        await self.refresh(rule.id)
+        await self._replica.refresh(rule.id)
         return self.known.get(rule.id, Known(rule, revision + 1))
 
     async def remove(self, rule: Rule, revision: int | None) -> bool:
         """False if there was none; with a revision, Changed unless it says what it said at that; StoreUnavailable."""
-        removed = await self._store.remove(rule, revision)
-        await self.refresh(rule.id)
-        return removed
+        return await self._replica.write(rule.id, self._store.remove(rule, revision))
 
     def _stopped(self, robots: Collection[str] | None) -> None:
         """Somebody stops these robots, all for None. That comes first; what a rule asks of them meanwhile is late."""
@@ -154,24 +148,13 @@ class Rules:
                     stopped = replace(known.rule, enabled=False, reason=reason)
                     await self._store.write(stopped, known.revision, self.limit)
                 self._stopping.pop(id, None)
-                await self.refresh(id)
+                await self._replica.refresh(id)
             except Changed:
                 continue
             except StoreUnavailable:  # nor does anything fire without it
                 await asyncio.sleep(_RETRY_S)
 
     # -- the copy -----------------------------------------------------------------------------------------------------
-
-    async def refresh(self, id: str) -> None:
-        """Read one rule anew; StoreUnavailable."""
-        async with self._reading:
-            self._put(id, await self._store.read(id))
-
-    async def _load(self) -> None:
-        async with self._reading:
-            found = await self._store.load()
-            for id in {*found, *self.known}:
-                self._put(id, found.get(id))
 
     def _put(self, id: str, known: Known | None) -> None:
         before = self.known.pop(id, None)
@@ -189,13 +172,6 @@ class Rules:
         paths = (CONTAINER, rule_path(either.rule), firings_path(either.rule))
         for path in (*paths, *(f"{firings_path(either.rule)}/{number}" for number in fired)):
             self._live.fan_out.touched(path)
-
-    async def _hear(self) -> None:
-        async for id in self._store.news():
-            try:
-                await (self._load() if id is None else self.refresh(id))
-            except StoreUnavailable as error:  # the whole is read after the outage
-                log.debug("news of rules could not be followed up: %s", error)
 
     # -- serving ------------------------------------------------------------------------------------------------------
 

@@ -6,7 +6,7 @@ was frozen, or cut off, claims nothing when it wakes.
 """
 
 import logging
-from collections.abc import AsyncIterator, Collection, Iterable, Mapping, Sequence
+from collections.abc import AsyncGenerator, Collection, Iterable, Mapping, Sequence
 from contextlib import aclosing
 from dataclasses import replace
 from typing import Any
@@ -174,7 +174,7 @@ class RuleStore:
 
     # News
 
-    async def news(self) -> AsyncIterator[str | None]:
+    async def news(self) -> AsyncGenerator[str | None, None]:
         """Ids of rules with which another run did something; None: Redis was away, and all must be read anew."""
         async with aclosing(self._redis.news()) as news:
             async for fields in news:

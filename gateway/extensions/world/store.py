@@ -1,6 +1,7 @@
 """The objects of the world in Redis, shared by all gateways and kept for good."""
 
 from collections.abc import AsyncGenerator
+from contextlib import aclosing
 from hashlib import sha1
 
 from gateway.extensions.world.scene import MAX_OBJECTS
@@ -42,7 +43,8 @@ def digest(body: bytes | None) -> str:
 
 
 class ObjectStore:
-    """Bodies by id. While Redis is away every method raises StoreUnavailable; what was asked may have been done."""
+    """Bodies by id. While Redis is away every method but ``news`` raises StoreUnavailable; what was asked may have been
+    done."""
 
     def __init__(self, url: str, namespace: str) -> None:
         # One hash tag, so that a change and the news of it are one step in a cluster as well.
@@ -69,8 +71,8 @@ class ObjectStore:
         if said == b"full":
             raise Full(id)
 
-    async def news(self) -> AsyncGenerator[str, None]:
-        """Ids of objects that anybody put or deleted since the first contact; ends with StoreUnavailable."""
-        while True:
-            for fields in await self._redis.follow():
-                yield fields[b"id"].decode()
+    async def news(self) -> AsyncGenerator[str | None, None]:
+        """Ids of objects that anybody put or deleted; None: Redis was away, and all must be read anew."""
+        async with aclosing(self._redis.news()) as news:
+            async for fields in news:
+                yield None if fields is None else fields[b"id"].decode()
