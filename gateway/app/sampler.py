@@ -10,12 +10,12 @@ from gateway.fleet.fleet import Fleet
 from gateway.runtime.background import supervised
 from gateway.runtime.cancellation import end
 from gateway.runtime.counters import Histogram
+from gateway.runtime.time_slices import sliced
 
 log = logging.getLogger(__name__)
 
 _PERIOD_S = 0.25
 _ROUND = 4  # periods between two looks at the frames
-_AT_ONCE = 500
 
 
 class Sampler:
@@ -51,7 +51,7 @@ class Sampler:
         names = list(self._fleet.robots)
         for name in self._seen.keys() - set(names):
             del self._seen[name]
-        for number, name in enumerate(names, 1):
+        async for name in sliced(names):
             robot = self._fleet.robots.get(name)
             if robot is None:
                 continue  # forgotten meanwhile
@@ -61,5 +61,3 @@ class Sampler:
                 if self._seen.get(robot.name) != frame:
                     self._seen[robot.name] = frame
                     self.frame_lag.add((taken_ns - header.wall_ns) / 1e9)
-            if number % _AT_ONCE == 0:
-                await asyncio.sleep(0)

@@ -1,6 +1,5 @@
 """If-Match and, for writes, If-None-Match (RFC 9110, 13.1.1 and 13.1.2)."""
 
-import asyncio
 from collections.abc import Callable, Iterator
 
 from gateway.base.errors import PreconditionFailed
@@ -9,6 +8,7 @@ from gateway.http.fields import field
 from gateway.http.request import Request
 from gateway.resources.affordance import EndInvocation, Invoke
 from gateway.resources.resource import Redirect, Resource
+from gateway.runtime.time_slices import sliced
 
 
 def check_preconditions(request: Request, resource: Resource) -> None:
@@ -18,9 +18,9 @@ def check_preconditions(request: Request, resource: Resource) -> None:
 
 
 async def await_preconditions(request: Request, resource: Resource) -> None:
-    """Check as ``check_preconditions`` does, in a turn of the event loop for each representation."""
-    for _ in _checks(request, resource):
-        await asyncio.sleep(0)
+    """Check as ``check_preconditions`` does, and serve others in between."""
+    async for _ in sliced(_checks(request, resource)):
+        pass
 
 
 async def present_under_preconditions(

@@ -7,7 +7,6 @@ the bytes that are there. They are decoded when somebody wants to know.
 import asyncio
 import logging
 import time
-from collections.abc import Iterable, Iterator
 from types import TracebackType
 from typing import Self
 
@@ -17,12 +16,10 @@ from gateway.fleet.frames import Latest
 from gateway.fleet.robot import Robot
 from gateway.runtime.background import supervised
 from gateway.runtime.cancellation import end
+from gateway.runtime.time_slices import sliced
 
 log = logging.getLogger(__name__)
 
-_TURN_S = 0.002
-_LOOKS = 64
-"""Robots between two looks at the clock."""
 _ROOM = 0.75
 """Of its share of the memory what is left of a track that has outgrown it: or it would do so with each frame."""
 FILES = 16
@@ -66,27 +63,25 @@ class History:
         period_s = 1 / self.rate_hz
         due_s = time.monotonic()
         while True:
-            await _in_turns(self._sample_all())
+            await self._sample_all()
             if self.bytes > self.most_bytes:
-                await _in_turns(self._thin_all())
+                await self._thin_all()
             due_s = max(due_s + period_s, time.monotonic())
             await asyncio.sleep(due_s - time.monotonic())
 
-    def _sample_all(self) -> Iterator[None]:
+    async def _sample_all(self) -> None:
         for name in self._tracks.keys() - set(self._fleet.robots):
             self._forget(name)
-        for latest in self._fleet.frames.all():
+        async for latest in sliced(self._fleet.frames.all()):
             self.sample(latest)
-            yield
 
-    def _thin_all(self) -> Iterator[None]:
+    async def _thin_all(self) -> None:
         share = self.most_bytes / len(self._tracks)
-        for track in list(self._tracks.values()):
+        async for track in sliced(list(self._tracks.values())):
             if track.bytes > share:
                 self.bytes -= track.bytes
                 track.thin(_ROOM * share)
                 self.bytes += track.bytes
-            yield
 
     def sample(self, latest: Latest) -> None:
         """Keep the frame that is the latest now, unless it is kept already, or nobody knows yet what it is of."""
@@ -115,12 +110,3 @@ class History:
     def _forget(self, name: str) -> None:
         track = self._tracks.pop(name, None)
         self.bytes -= 0 if track is None else track.bytes
-
-
-async def _in_turns(steps: Iterable[None]) -> None:
-    """A few milliseconds at a time: between two turns the event loop sees to everybody else."""
-    until_s = time.monotonic() + _TURN_S
-    for number, _ in enumerate(steps, 1):
-        if number % _LOOKS == 0 and time.monotonic() > until_s:
-            await asyncio.sleep(0)
-            until_s = time.monotonic() + _TURN_S

@@ -1,6 +1,5 @@
 """The directory of Thing Descriptions, as a whole or by pages (W3C WoT Discovery, 7.3.2.3)."""
 
-import asyncio
 import re
 from collections.abc import AsyncIterator, Iterable, Sequence
 
@@ -16,6 +15,7 @@ from gateway.http.negotiation import choose
 from gateway.http.request import Request
 from gateway.rdf.serialise import JSON
 from gateway.resources.resource import Resource
+from gateway.runtime.time_slices import sliced
 
 TYPES = ("application/ld+json", JSON)
 _SORTING = ("sort_by", "sort_order")
@@ -61,12 +61,11 @@ def _canonical(things: Sequence[tuple[str, Place]], base: str, *, paged: bool) -
 
 
 async def _array(listing: Listing, places: Iterable[Place]) -> AsyncIterator[bytes]:
-    """A JSON array of descriptions, each written when its turn comes."""
+    """A JSON array of descriptions, each of which takes milliseconds to write."""
     separator = b"["
-    for place in places:
+    async for place in sliced(places):
         yield separator + listing.description(place)
         separator = b",\n"
-        await asyncio.sleep(0)  # a description takes milliseconds
     yield b"]" if separator != b"[" else b"[]"
 
 
