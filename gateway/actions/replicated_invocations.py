@@ -17,7 +17,7 @@ from gateway.fleet.lease import Lease
 from gateway.fleet.robot import Robot
 from gateway.resources.invocation import invocation_path
 from gateway.resources.paths import lease_path
-from gateway.runtime.background import supervised
+from gateway.runtime.background import finish, supervised
 from gateway.runtime.cancellation import end
 from gateway.runtime.redis import GATHER_S
 from gateway.runtime.replica import Replica, follow
@@ -31,7 +31,6 @@ _AT_ONCE = 64  # are saved together
 _MAX_FETCHES = 100
 _MAX_UNSAVED = 10_000
 _MAX_FORGOTTEN = 1000  # deletions that a copy which was read before may still be on its way from
-_LAST_S = 1.0  # to remember the rest when this gateway ends
 
 StopOne = Callable[[Invocation, str], Awaitable[object]]
 
@@ -68,10 +67,8 @@ class Memory:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         await end([*self._tasks, *self._fetching, *self._stopping.values()])
-        with suppress(StoreUnavailable, TimeoutError):
-            async with asyncio.timeout(_LAST_S):
-                while self._unsaved:
-                    await self._save_oldest()
+        if self._unsaved:
+            await finish(self._save(), log, "the last invocations could not be saved")
         for id in self._unsaved:
             log.warning("what became of invocation %s could not be remembered", id)
 

@@ -9,7 +9,7 @@ import logging
 import time
 import uuid
 from collections.abc import AsyncGenerator, Sequence
-from contextlib import aclosing, suppress
+from contextlib import aclosing
 from dataclasses import dataclass
 from typing import Literal, Self, cast, get_args
 
@@ -19,7 +19,7 @@ from gateway.actions import redis_scripts as scripts
 from gateway.actions.redis_keys import Keys, hashed, robot_of, tag
 from gateway.fleet.invocations import MAX_TERMINAL, Invocation
 from gateway.fleet.lease import Lease
-from gateway.runtime.background import supervised
+from gateway.runtime.background import finish, supervised
 from gateway.runtime.cancellation import end
 from gateway.runtime.redis import GATHER_S, Connection, StoreUnavailable, heed_cancellation
 
@@ -89,9 +89,7 @@ class ActionStore:
 
     async def __aexit__(self, *_: object) -> None:
         await end(self._tasks)
-        with suppress(StoreUnavailable, TimeoutError):
-            async with asyncio.timeout(_LAST_S):
-                await self._tell_rest()
+        await finish(self._tell_rest(), _log, "other gateways have not been told everything", _LAST_S)
         await self._redis.close()
 
     # Invocations

@@ -9,14 +9,13 @@ import re
 import time
 from collections import deque
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, fields
 from types import TracebackType
 from typing import Self
 
-from gateway.runtime.background import supervised
+from gateway.runtime.background import finish, supervised
 from gateway.runtime.cancellation import end
-from gateway.runtime.redis import GATHER_S, Connection, StoreUnavailable
+from gateway.runtime.redis import GATHER_S, Connection
 
 log = logging.getLogger("gateway.audit")
 
@@ -25,7 +24,6 @@ KEPT = 100_000
 PAGE = 100
 MOST_WAITING = 10_000
 _AT_ONCE = 256
-_LAST_S = 1.0  # for the rest when this gateway ends
 _ID = re.compile(r"[0-9]{1,20}-[0-9]{1,20}", re.ASCII)
 
 
@@ -65,10 +63,8 @@ class Audit:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         await end(self._tasks)
-        with suppress(StoreUnavailable, TimeoutError):
-            async with asyncio.timeout(_LAST_S):
-                while self._waiting:
-                    await self._write()
+        if self._waiting:
+            await finish(self._write_all(), log, "the last entries are only in the log")
         await self._redis.close()
 
     def note(self, who: str, what: str, target: str, robot: str, outcome: str, request: str, result: str = "") -> None:

@@ -1,4 +1,4 @@
-"""Background tasks that never end by themselves: whatever happens in them, they go on after a pause."""
+"""Background tasks that go on after a pause whatever happens in them, and what is still to be done at their end."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
@@ -8,6 +8,7 @@ from gateway.runtime.redis import BACKOFF_S, StoreUnavailable
 
 RETRY_S = 0.5
 """The shortest pause after an unforeseen error."""
+FINISH_S = 1.0
 
 
 def supervised(
@@ -34,3 +35,12 @@ async def _repeat(run: Callable[[], Awaitable[None]], log: Logger, failed: str, 
             log.exception("%s; it is tried again", failed)
             rest_s = max(pause_s, RETRY_S)
         await asyncio.sleep(rest_s)
+
+
+async def finish(step: Awaitable[object], log: Logger, failed: str, limit_s: float = FINISH_S) -> None:
+    """Await a last step at Redis, but not for long; ``failed`` is logged if it was not taken."""
+    try:
+        async with asyncio.timeout(limit_s):
+            await step
+    except (StoreUnavailable, TimeoutError) as outage:
+        log.info("%s: %s", failed, str(outage) or "no answer in time")

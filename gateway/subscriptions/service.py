@@ -8,7 +8,7 @@ from contextlib import suppress
 from types import TracebackType
 
 from gateway.resources.subscription import Changeable, Record, Subscription
-from gateway.runtime.background import supervised
+from gateway.runtime.background import finish, supervised
 from gateway.runtime.cancellation import end
 from gateway.subscriptions.callbacks import Callbacks, Vouches
 from gateway.subscriptions.fan_out import FanOut
@@ -23,7 +23,6 @@ KEEP_S = 0.5
 """Between two looks at leases; with the store's lease of 3 s a dead gateway's callbacks move within 5 s."""
 NOTE_S = 5.0
 RECONCILE_S = 10.0
-_LEAVE_S = 1.0
 
 
 class Subscriptions:
@@ -61,11 +60,7 @@ class Subscriptions:
     ) -> None:
         await end(self._tasks)
         await asyncio.gather(self.streams.aclose(), self.callbacks.aclose())
-        try:
-            async with asyncio.timeout(_LEAVE_S):
-                await self._store.leave()
-        except (StoreUnavailable, TimeoutError) as outage:
-            log.info("the store could not be told that this gateway ends: %s", str(outage) or "no answer in time")
+        await finish(self._store.leave(), log, "the store could not be told that this gateway ends")
 
     @property
     def store_answers(self) -> bool:

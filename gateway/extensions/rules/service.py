@@ -21,7 +21,7 @@ from gateway.identity.rights import Identity
 from gateway.resources.affordance import Invoke
 from gateway.resources.resource import Resource
 from gateway.runtime.audit_log import Audit
-from gateway.runtime.background import supervised
+from gateway.runtime.background import finish, supervised
 from gateway.runtime.cancellation import end
 from gateway.runtime.replica import Replica, follow
 from gateway.subscriptions.live import Live
@@ -34,7 +34,6 @@ KEEP_S = 0.5
 """Between two renewals of the lease, and two looks at the rights of creators."""
 MEETING_S = 10.0
 """For the robots that were there when rules were evaluated last; then what holds of them does so no more."""
-_LEAVE_S = 1.0
 _RETRY_S = 0.2
 
 
@@ -85,11 +84,7 @@ class Rules:
         await end([*self._tasks, *self._writing])
         self._changes.shut()
         await self._engine.compare(set())
-        try:
-            async with asyncio.timeout(_LEAVE_S):
-                await self._store.leave()
-        except (StoreUnavailable, TimeoutError) as outage:
-            log.info("the store could not be told that this gateway ends: %s", str(outage) or "no answer in time")
+        await finish(self._store.leave(), log, "the store could not be told that this gateway ends")
         await self._store.close()
 
     @property

@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager
 import pytest
 from virtual.loop import on_virtual_time
 
-from gateway.runtime.background import RETRY_S, supervised
+from gateway.runtime.background import FINISH_S, RETRY_S, finish, supervised
 from gateway.runtime.cancellation import end
 from gateway.runtime.redis import BACKOFF_S, StoreUnavailable
 
@@ -65,3 +65,16 @@ def test_a_long_pause_is_as_long_after_an_error() -> None:
 
     on_virtual_time(test)
     assert work.pauses_s == [5.0, 5.0, 5.0]
+
+
+def test_a_last_step_is_waited_for_as_long_as_redis_may_take(caplog: pytest.LogCaptureFixture) -> None:
+    async def test() -> None:
+        begun_s = time.monotonic()
+        await finish(asyncio.sleep(0.5), log, "a step was not taken")
+        await finish(Work(StoreUnavailable("away"))(), log, "it could not be said")
+        await finish(asyncio.sleep(3600), log, "it hangs")
+        assert time.monotonic() - begun_s == pytest.approx(0.5 + FINISH_S)
+
+    with caplog.at_level(logging.INFO):
+        on_virtual_time(test)
+    assert [each.message for each in caplog.records] == ["it could not be said: away", "it hangs: no answer in time"]
