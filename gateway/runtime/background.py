@@ -6,8 +6,8 @@ from logging import Logger
 
 from gateway.runtime.redis import BACKOFF_S, StoreUnavailable
 
-RETRY_S = 0.5
-"""The shortest pause after an unforeseen error."""
+RETRY_S, MOST_S = 0.5, 10.0
+"""The shortest pause after an unforeseen error; it doubles with each further one, up to the longest."""
 FINISH_S = 1.0
 
 
@@ -23,17 +23,19 @@ def supervised(
 
 
 async def _repeat(run: Callable[[], Awaitable[None]], log: Logger, failed: str, pause_s: float) -> None:
+    retry_s = RETRY_S
     while True:
         rest_s = pause_s
         try:
             await run()
+            retry_s = RETRY_S
         except StoreUnavailable as outage:
             log.debug("%s: %s", failed, outage)
             rest_s = max(pause_s, BACKOFF_S)
         except Exception:
             # The boundary of the task: without it nobody would ever do this again.
             log.exception("%s; it is tried again", failed)
-            rest_s = max(pause_s, RETRY_S)
+            rest_s, retry_s = max(pause_s, retry_s), min(2 * retry_s, MOST_S)
         await asyncio.sleep(rest_s)
 
 

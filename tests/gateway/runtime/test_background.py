@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager
 import pytest
 from virtual.loop import on_virtual_time
 
-from gateway.runtime.background import FINISH_S, RETRY_S, finish, supervised
+from gateway.runtime.background import FINISH_S, MOST_S, RETRY_S, finish, supervised
 from gateway.runtime.cancellation import end
 from gateway.runtime.redis import BACKOFF_S, StoreUnavailable
 
@@ -54,6 +54,17 @@ def test_work_that_fails_is_done_again_after_a_pause_and_each_error_is_one_line(
     assert work.pauses_s[:4] == [0.1, RETRY_S, BACKOFF_S, 0.1]
     assert [each.message for each in caplog.records] == ["work is not done; it is tried again"]
     assert caplog.records[0].exc_info is not None
+
+
+def test_the_pause_grows_while_work_fails_and_begins_anew_when_it_succeeds() -> None:
+    work = Work(*[ValueError("wrong")] * 7, None, ValueError("again"))
+
+    async def test() -> None:
+        async with doing(work, 0.1):
+            await asyncio.sleep(60.0)
+
+    on_virtual_time(test)
+    assert work.pauses_s[:10] == [0.5, 1.0, 2.0, 4.0, 8.0, MOST_S, MOST_S, 0.1, RETRY_S, 0.1]
 
 
 def test_a_long_pause_is_as_long_after_an_error() -> None:
