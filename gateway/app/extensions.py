@@ -36,11 +36,8 @@ def install(extensions: Sequence[Extension]) -> None:
     """Have this process know the segments, the kinds of actions and the functions of the extensions."""
     for extension in (*BUILT_IN, *extensions):
         reserve(extension.at_root, extension.in_robot)
-    for extension in extensions:
-        for kind in extension.kinds:
-            add_kinds(kind)
-        for function in extension.functions:
-            add_functions(function)
+    add_kinds(kind for extension in extensions for kind in extension.kinds)
+    add_functions(function for extension in extensions for function in extension.functions)
 
 
 def in_order(extensions: Sequence[Extension]) -> list[Extension]:

@@ -21,18 +21,18 @@ def load(name: str) -> dict[Node, list[Triple]]:
     return _read((resources.files("shapes") / name).read_text(encoding="utf-8"), name.removesuffix(".ttl"))
 
 
-_added: dict[str, dict[str, Path]] = {}
+_added: dict[str, tuple[Path, ...]] = {}
 
 
-def add_to_folder(name: str, file: Path) -> None:
-    """Have ``load_folder`` read one more Turtle file, in this process, from now on."""
-    _added.setdefault(name, {})[file.name] = file
+def add_to_folder(name: str, files: Iterable[Path]) -> None:
+    """Have ``load_folder`` read these Turtle files too, in this process, instead of those that were added before."""
+    _added[name] = tuple(files)
     load_folder.cache_clear()
 
 
-def added_to_folder(name: str) -> list[Path]:
+def added_to_folder(name: str) -> tuple[Path, ...]:
     """The files that were added."""
-    return list(_added.get(name, {}).values())
+    return _added.get(name, ())
 
 
 @cache

@@ -1,5 +1,6 @@
 """The kinds of actions there are: one Turtle file each in shapes/actions, read once."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -29,9 +30,10 @@ class Definition:
     produces: NamedNode
 
 
-def add_kinds(file: Path) -> None:
-    """Have this process know the kinds of actions of one more Turtle file, written as those in shapes/actions."""
-    add_to_folder(FOLDER, file)
+def add_kinds(files: Iterable[Path]) -> None:
+    """Have this process know the kinds of actions of these Turtle files, written as those in shapes/actions, instead of
+    those that were added before."""
+    add_to_folder(FOLDER, files)
     definitions.cache_clear()
 
 

@@ -1,6 +1,6 @@
 """Functions over the live fleet that extensions offer to languages of other extensions, such as SPARQL."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from importlib import import_module
 from typing import Protocol
 
@@ -25,16 +25,17 @@ class FleetFunctions(Protocol):
         """The functions for these robots and no others. ``base``: the public URL without slash."""
 
 
-_names: dict[str, None] = {}
+_names: tuple[str, ...] = ()
 
 
-def add_functions(name: str) -> None:
-    """Have this process know the functions of ``module:attribute``."""
-    _names[name] = None
+def add_functions(names: Iterable[str]) -> None:
+    """Have this process know the functions of these ``module:attribute``, instead of those that were added before."""
+    global _names
+    _names = tuple(names)
 
 
-def added_functions() -> list[str]:
-    return list(_names)
+def added_functions() -> tuple[str, ...]:
+    return _names
 
 
 def load_functions() -> list[FleetFunctions]:

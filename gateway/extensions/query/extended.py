@@ -22,7 +22,7 @@ class Extended(msgspec.Struct):
 def extended() -> str:
     """The extensions of this process, as an argument of the query process."""
     kinds = [str(each) for each in added_to_folder(FOLDER)]
-    known = Extended(sorted(reserved_at_root()), sorted(reserved_in_robot()), kinds, added_functions())
+    known = Extended(sorted(reserved_at_root()), sorted(reserved_in_robot()), kinds, list(added_functions()))
     return msgspec.json.encode(known).decode()
 
 
@@ -33,7 +33,5 @@ def decode_extended(text: str) -> Extended:
 def extend(said: Extended) -> None:
     """Have this process know the same extensions."""
     reserve(said.at_root, said.in_robot)
-    for kind in said.kinds:
-        add_kinds(Path(kind))
-    for function in said.functions:
-        add_functions(function)
+    add_kinds(map(Path, said.kinds))
+    add_functions(said.functions)
