@@ -10,6 +10,7 @@
 # make soak    an hour of everything at once, with faults (MINUTES=60)
 # make pictures  those of README.md, from the running demo
 # make fleet-check  the compose fleet, started and checked from outside (COMPOSE="docker compose")
+# make docs-settings  the table of docs/SETTINGS.md, from the classes of the settings
 # make requirements  what images install, with hashes, from pyproject.toml and constraints.txt
 # make assets  the scripts and styles of the pages alone
 # make clean   remove what make made
@@ -48,7 +49,7 @@ $$python -c 'import ensurepip' 2>/dev/null || { echo "$$python has no venv: apt 
 $$python -m venv --clear $(1)
 endef
 
-.PHONY: demo test test-long test-all check check-collisions requirements fleet-check bench bench-robots fuzz mutants soak assets pictures node-wot shacl-suite chromium egl tools wrk caddy clean
+.PHONY: demo test test-long test-all check check-collisions docs-settings requirements fleet-check bench bench-robots fuzz mutants soak assets pictures node-wot shacl-suite chromium egl tools wrk caddy clean
 
 demo: .venv/stamp $(ASSETS)
 	@$(BIN)/python -m demo --port $(PORT)
@@ -94,6 +95,10 @@ check: .venv/stamp .venv-bare/stamp
 	  { echo "constraints.txt holds exact names and versions only"; exit 1; }
 	@! git grep --untracked -nIE 'index[-]url|find[-]links|(^|[^A-Za-z0-9_.])/(home|root|work)/[A-Za-z]' || \
 	  { echo "no address of a package index and no path of one machine belongs in here"; exit 1; }
+
+# After every change of a setting.
+docs-settings: .venv/stamp
+	$(BIN)/python docs/settings_table.py
 
 # After every change of a dependency or of constraints.txt. Asks the package index of this machine.
 requirements: .venv/stamp

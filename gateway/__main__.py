@@ -19,7 +19,6 @@ from gateway.app.settings import GatewaySettings
 from gateway.http.server import Server
 from gateway.http.tls import Certificate
 from gateway.identity.roster import BadRoster
-from gateway.link.session_settings import trust
 from gateway.link.transport import LinkError
 from gateway.runtime.log import configure
 from gateway.runtime.redis import BadUrl
@@ -44,9 +43,9 @@ def main() -> int:
         settings = GatewaySettings.read(os.environ, sys.argv[1:])
         configure(settings.log_format)
         _refuse_exposure(settings)
-        certificate = Certificate(settings.tls_cert, settings.tls_key) if settings.tls_cert else None
+        certificate = _certificate(settings)
         tracing = open_tracing(os.environ, settings.gateway_name)
-        listener = _listen(settings.host, settings.port_number)
+        listener = _listen(settings.host, settings.port)
     except (ValueError, OSError) as error:
         print(f"gateway: {error}", file=sys.stderr)
         return 1
@@ -68,7 +67,7 @@ def main() -> int:
 
 def _refuse_exposure(settings: GatewaySettings) -> None:
     """ValueError, in one line, for what may not be reached from other machines as it is, or proves nothing."""
-    trust(settings.credentials, settings.zenoh_access)
+    settings.trust  # noqa: B018 -- ValueError
     # Whom a certificate names does not matter where nobody has said what each of them may do.
     proof = settings.credentials if settings.zenoh_access else None
     found = complaints(
@@ -76,10 +75,14 @@ def _refuse_exposure(settings: GatewaySettings) -> None:
         tls=bool(settings.tls_cert),
         identities=bool(settings.identities),
         open_endpoints=open_to_all(settings.listen_endpoints, proof),
-        allowed=settings.allowed,
+        allowed=settings.allow,
     )
     if found:
         raise ValueError(f"refused: {'; '.join(found)}")
+
+
+def _certificate(settings: GatewaySettings) -> Certificate | None:
+    return Certificate(str(settings.tls_cert), str(settings.tls_key)) if settings.tls_cert else None
 
 
 def _is_news(record: logging.LogRecord) -> bool:

@@ -1,14 +1,12 @@
 """ARCHITECTURE.md is true: what it names exists, and the settings that the docs name are those of the code."""
 
-import dataclasses
 import importlib
 import re
 from pathlib import Path
 
 import pytest
 
-from agents.settings import SETTINGS
-from gateway.app.settings import GatewaySettings
+from gateway.app.extensions import BUILT_IN
 from gateway.rdf.serialise import parse
 from gateway.resources import joint_kinds as kinds
 from gateway.resources.action_definition import definitions
@@ -17,7 +15,6 @@ from gateway.resources.subscription_resource import requested
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "ARCHITECTURE.md").read_text()
 TREE = (ROOT / "docs/TREE.md").read_text()
-SETTINGS_PAGE = (ROOT / "docs/SETTINGS.md").read_text()
 PAGES = (
     "README.md",
     "ARCHITECTURE.md",
@@ -47,12 +44,6 @@ PAGES = (
 FOLDERS = {path.name for path in ROOT.iterdir() if path.is_dir()}
 
 
-def settings_table() -> set[tuple[str, str, str, str]]:
-    """(process, variable, flag, default) of each row."""
-    rows = re.findall(r"^\| (gateway|agents) \| (.*) \| (.*) \| (.*?) ?\| .* \|$", SETTINGS_PAGE, re.M)
-    return {(process, *(cell.strip("`") for cell in cells)) for process, *cells in rows}  # type: ignore[misc]
-
-
 @pytest.mark.parametrize("page", PAGES)
 def test_every_path_that_a_page_names_exists(page: str) -> None:
     text = (ROOT / page).read_text()
@@ -75,13 +66,24 @@ def test_architecture_names_many_paths() -> None:
     assert len(set(re.findall(r"`(?:agents|gateway)/[\w./]+`", PAGE))) > 15
 
 
-def test_the_settings_table_is_complete_and_has_the_real_defaults() -> None:
-    gateway = {
-        ("gateway", item.metadata["env"], "--" + item.name.replace("_", "-"), item.default)
-        for item in dataclasses.fields(GatewaySettings)
-    }
-    agents = {("agents", setting.variable, setting.flag, setting.default) for setting in SETTINGS}
-    assert settings_table() == gateway | agents
+def test_the_settings_table_is_what_its_script_writes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """``make docs-settings`` writes it."""
+    monkeypatch.syspath_prepend(str(ROOT / "docs"))
+    script = importlib.import_module("settings_table")
+    text = script.PAGE.read_text()
+    assert text == script.page(text)
+    rows = re.findall(
+        r"^\| (gateway|gateway, \w+|agents) \| `(\w+)` \| `(--[\w-]+)` \| (?:`(.+)` )?\| .+ \|$", text, re.M
+    )
+    assert ("gateway", "REDIS_URL", "--redis-url", "") in rows
+    assert ("gateway, history", "LINKED_FLEET_HISTORY_S", "--history-s", "300") in rows
+    assert ("agents", "LINKED_FLEET_ZENOH_CONNECT", "--connect", "tcp/127.0.0.1:7447") in rows
+    assert len(rows) == len(script.table().splitlines()) - 2
+
+
+def test_the_extensions_that_can_be_switched_off_are_on_the_page() -> None:
+    listed = (ROOT / "docs/SETTINGS.md").read_text().partition("## Extensions")[2].partition("## All settings")[0]
+    assert re.findall(r"^\| `(\w+)` \|", listed, re.M) == [each.name for each in BUILT_IN]
 
 
 def test_the_table_of_kinds_is_that_of_the_code() -> None:

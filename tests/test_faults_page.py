@@ -1,6 +1,5 @@
 """docs/FAULTS.md names only what is there: each test, each file, and each bound with the value that it has in code."""
 
-import dataclasses
 import importlib
 import re
 from pathlib import Path
@@ -13,7 +12,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGE = (ROOT / "docs" / "FAULTS.md").read_text()
 _TABLE = PAGE.partition("## Clients that cost too much")[2].partition("|---|---|---|\n")[2].partition("\n\n")[0]
 BOUNDS = [tuple(cell.strip() for cell in row.strip("|").split(" | ")) for row in _TABLE.splitlines()]
-SETTINGS = {f"`{each.metadata['env']}`": each.default for each in dataclasses.fields(GatewaySettings)}
+SETTINGS = {f"`{each.variable}`": each.default for each in GatewaySettings.settings()}
 
 
 def test_every_file_that_is_named_exists() -> None:

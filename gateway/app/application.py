@@ -2,15 +2,13 @@
 
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager, closing
-from dataclasses import asdict
-from pathlib import Path
 
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
 
 from gateway.actions.service import Actions
 from gateway.actions.store import ActionStore
-from gateway.app.extensions import BUILT_IN, in_order, install, mount, representations
+from gateway.app.extensions import ExtensionSettings, chosen, install, mount, representations
 from gateway.app.metrics import Numbers, registry
 from gateway.app.sampler import Sampler
 from gateway.app.settings import GatewaySettings
@@ -44,14 +42,14 @@ def new_live(settings: GatewaySettings, open_session: Opener) -> Live:
     return Live(
         settings.namespace,
         settings.gateway_name,
-        lambda: open_session(settings.listen_endpoints, settings.connect_endpoints, settings.trust),
+        lambda: open_session(settings.listen_endpoints, settings.zenoh_connect, settings.trust),
         secured=bool(settings.identities),
     )
 
 
 def sockets_of(settings: GatewaySettings) -> Sockets:
     """The bounds of connections, at most as many as the process may have files."""
-    return Sockets(within_files(int(settings.sockets)), int(settings.sockets_per_client))
+    return Sockets(within_files(settings.sockets), settings.sockets_per_client)
 
 
 def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_session: Opener = open_zenoh) -> Gateway:
@@ -59,7 +57,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
 
     Unsupported for shapes that cannot be compiled.
     """
-    extensions = in_order(BUILT_IN)
+    extensions = chosen(settings.section(ExtensionSettings))
     install(extensions)
     check_shapes()
 
@@ -73,22 +71,21 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
             audit = await stack.enter_async_context(Audit(url, settings.namespace))
             identities = None
             if settings.identities:
-                identities = await stack.enter_async_context(Identities(Path(settings.identities)))
+                identities = await stack.enter_async_context(Identities(settings.identities))
             action_store = await stack.enter_async_context(ActionStore(url, settings.namespace, run))
-            actions = await stack.enter_async_context(Actions(live, action_store, int(settings.invocations_per_client)))
+            actions = await stack.enter_async_context(Actions(live, action_store, settings.invocations_per_client))
             core = Core(
                 live, actions, audit, identities, url, settings.namespace, run,
-                settings.public_urls, settings.state_path, asdict(settings),
+                settings.public_urls, settings.state_path,
+                sections=[settings.section(each.settings) for each in extensions if each.settings],
             )  # fmt: skip
             mounts = await mount(extensions, core, stack)
             await live.join()
             store = await stack.enter_async_context(Store(url, settings.namespace, run))
-            network = stack.enter_context(
-                closing(Network(settings.callback_networks, ports=settings.callback_port_ranges))
-            )
+            network = stack.enter_context(closing(Network(settings.callback_allow, ports=settings.callback_ports)))
             subscriptions = Subscriptions(
                 store, run, live.fan_out, network,
-                consent=settings.callback_consent == "on", limit=int(settings.subscriptions_per_client),
+                consent=settings.callback_consent, limit=settings.subscriptions_per_client,
                 vouches=identities.vouches if identities else lambda *_: True,
             )  # fmt: skip
             await stack.enter_async_context(subscriptions)
@@ -105,13 +102,13 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
             app.router.default = Endpoint(mounts)  # no route of its own has ever to know the tree, nor `OPTIONS *`
             yield
 
-    requests, rates = Requests(), Rates(float(settings.requests_per_client))
+    requests, rates = Requests(), Rates(settings.requests_per_client)
     app = Gateway(
         middleware=[
-            Middleware(Forwarded, fronts=settings.front_networks),
+            Middleware(Forwarded, fronts=settings.fronts),
             Middleware(Front, requests=requests, tracing=tracing),
-            *pages_elsewhere(settings.cors_pages),
-            Middleware(Authorities, public_urls=settings.public_urls, pages=settings.cors_pages),
+            *pages_elsewhere(settings.cors_origins),
+            Middleware(Authorities, public_urls=settings.public_urls, pages=settings.cors_origins),
             Middleware(Callers),
             Middleware(Pace, rates=rates),
             Middleware(Loading),

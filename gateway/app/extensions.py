@@ -1,35 +1,102 @@
-"""Extensions found, put in order, and mounted."""
+"""Extensions found, put in order, and mounted.
 
-from collections.abc import Sequence
+The folders of ``gateway/extensions`` are the built-in ones, each with a class in ``extension.py``. They are known
+without the metadata of an installation, which may be older. Foreign ones are found by their entry points.
+"""
+
+import pkgutil
+from collections.abc import Iterator, Sequence
 from contextlib import AsyncExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from importlib import import_module
+from importlib.metadata import entry_points
+from importlib.util import find_spec
+from typing import TypeGuard
 
-from gateway.extensions.cameras.extension import CamerasExtension
-from gateway.extensions.history.extension import HistoryExtension
-from gateway.extensions.pages.extension import PagesExtension
-from gateway.extensions.query.extension import QueryExtension
-from gateway.extensions.reach.extension import ReachExtension
-from gateway.extensions.rules.extension import RulesExtension
-from gateway.extensions.sessions.extension import SessionsExtension
-from gateway.extensions.things.extension import ThingsExtension
-from gateway.extensions.world.extension import WorldExtension
+import gateway.extensions
+from gateway.base.settings import TEXTS, Section, setting
 from gateway.http.extension import Core, Extension, Mount
 from gateway.http.representation import Representations
 from gateway.resources.action_definition import add_kinds
 from gateway.resources.fleet_functions import add_functions
 from gateway.resources.paths import reserve
 
-BUILT_IN: Sequence[Extension] = (
-    ThingsExtension(),
-    HistoryExtension(),
-    WorldExtension(),
-    CamerasExtension(),
-    ReachExtension(),
-    QueryExtension(),
-    RulesExtension(),
-    PagesExtension(),
-    SessionsExtension(),
-)
+GROUP = "linked_fleet.extensions"
+"""Entry points of extensions in other packages: each names a subclass of ``Extension``, and has its name."""
+
+
+@dataclass(frozen=True)
+class ExtensionSettings(Section):
+    """The extensions that a gateway has."""
+
+    extensions: tuple[str, ...] = setting(
+        TEXTS, "", "extensions of other packages that are loaded, by their names; comma-separated"
+    )
+    extensions_off: tuple[str, ...] = setting(
+        TEXTS,
+        "",
+        "built-in extensions that are switched off, by their names (docs/SETTINGS.md#extensions); comma-separated",
+    )
+
+
+def _built_in() -> Iterator[Extension]:
+    for folder in pkgutil.iter_modules(gateway.extensions.__path__):
+        module = f"{gateway.extensions.__name__}.{folder.name}.extension"
+        if find_spec(module):
+            (kind,) = (each for each in vars(import_module(module)).values() if _is_extension(each))
+            yield kind()
+
+
+def _is_extension(value: object) -> TypeGuard[type[Extension]]:
+    return isinstance(value, type) and issubclass(value, Extension) and value is not Extension
+
+
+BUILT_IN: Sequence[Extension] = tuple(_built_in())
+
+
+def chosen(settings: ExtensionSettings) -> list[Extension]:
+    """The extensions of a gateway with these settings, in order.
+
+    ValueError for a name that none has, and for an extension that needs one that is off.
+    """
+    names, off = [each.name for each in BUILT_IN], settings.extensions_off
+    if unknown := [name for name in off if name not in names]:
+        raise ValueError(f"LINKED_FLEET_EXTENSIONS_OFF is of {', '.join(names)}, not {', '.join(unknown)}")
+    found = [*(each for each in BUILT_IN if each.name not in off), *foreign(settings)]
+    for each in found:
+        if lacking := [name for name in each.needs if name in off]:
+            raise ValueError(
+                f"LINKED_FLEET_EXTENSIONS_OFF names {lacking[0]}, which {each.name} needs: "
+                f"switch {each.name} off as well, or neither"
+            )
+    return in_order(found)
+
+
+def foreign(settings: ExtensionSettings) -> list[Extension]:
+    """The extensions of other packages that the settings name. ValueError for a name that is not one's."""
+    if taken := [each.name for each in BUILT_IN if each.name in settings.extensions]:
+        raise ValueError(f"LINKED_FLEET_EXTENSIONS is of extensions of other packages; {taken[0]} is built in")
+    return [_foreign(name) for name in dict.fromkeys(settings.extensions)]
+
+
+def _foreign(name: str) -> Extension:
+    found = entry_points(group=GROUP, name=name)
+    if len(found) != 1:
+        there = ", ".join(sorted(entry_points(group=GROUP).names)) or "none"
+        raise ValueError(
+            f"LINKED_FLEET_EXTENSIONS names {name!r}, which {'several' if found else 'no'} installed packages have; "
+            f"entry points in the group {GROUP}: {there}"
+        )
+    (entry_point,) = found
+    try:
+        kind = entry_point.load()
+    except (ImportError, AttributeError) as error:
+        raise ValueError(f"LINKED_FLEET_EXTENSIONS names {name!r}, which cannot be imported: {error}") from error
+    if not _is_extension(kind) or kind.name != name:
+        raise ValueError(
+            f"the entry point {name!r} in the group {GROUP} is no extension of that name: {entry_point.value}"
+        )
+    return kind()
 
 
 def install(extensions: Sequence[Extension]) -> None:

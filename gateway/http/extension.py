@@ -12,6 +12,7 @@ from starlette.types import ASGIApp
 
 from gateway.actions.handler_table import Handler
 from gateway.actions.service import Actions, MotionGuard
+from gateway.base.settings import Section, SectionT, section
 from gateway.http.authentication import Scheme
 from gateway.http.html import HtmlWriter
 from gateway.http.request import Request
@@ -44,12 +45,16 @@ class Core:
     public_urls: Sequence[str]
     state_path: Path
     """Folder for files that outlive the process."""
-    settings: Mapping[str, str] = field(default_factory=dict)
-    """Value of each setting by its name."""
     views: Sequence[str] = ()
     """The page views of all extensions, as ``module:attribute``."""
+    sections: Sequence[Section] = ()
+    """Settings of the extensions."""
     services: Sequence[object] = ()
     """Services of the extensions that were started before."""
+
+    def section(self, kind: type[SectionT]) -> SectionT:
+        """The settings of the extension that says in ``settings`` that they are its own. Raises LookupError."""
+        return section(self.sections, kind)
 
     def service(self, kind: type[T]) -> T:
         """The service of this type that an extension named in ``needs`` has. Raises LookupError."""
@@ -101,7 +106,8 @@ class Extension:
     """Turtle files of kinds of actions, written as those in shapes/actions."""
     functions: ClassVar[tuple[str, ...]] = ()
     """Functions over the live fleet for languages of other extensions, as ``module:attribute`` of FleetFunctions."""
-
+    settings: ClassVar[type[Section] | None] = None
+    """Section of its own, with a prefix of its own."""
     views: ClassVar[tuple[str, ...]] = ()
     """Page views, as ``module:attribute`` of a ``PageView``: loaded where there are pages."""
 

@@ -102,8 +102,9 @@ def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Gateway]:
     """With a robot that has all kinds of actions and obeys."""
     port, endpoint = free_port(), f"tcp/127.0.0.1:{free_port()}"
     state: Path = tmp_path_factory.mktemp("state")
-    limits = {"requests_per_client": "0", "subscriptions_per_client": "20", "callback_allow": "127.0.0.0/8"}
-    app = create_app(GatewaySettings(port=str(port), zenoh_listen=endpoint, state_dir=str(state), **limits))
+    flags = {"port": port, "zenoh-listen": endpoint, "state-dir": state}
+    flags |= {"requests-per-client": 0, "subscriptions-per-client": 20, "callback-allow": "127.0.0.0/8"}
+    app = create_app(GatewaySettings.read({}, [f"--{name}={value}" for name, value in flags.items()]))
     with contextlib.ExitStack() as stack:
         runner = stack.enter_context(asyncio.Runner())
         life = app.router.lifespan_context(app)

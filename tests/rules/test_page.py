@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from gateway.app.settings import GatewaySettings
 from gateway.extensions.rules import engine, request, service, store, template
+from gateway.extensions.rules.settings import RuleSettings
 from gateway.rdf.serialise import parse
 from gateway.rdf.sparql_syntax import check_select
 
@@ -31,7 +31,7 @@ def test_a_rule_that_speaks_of_nothing_is_not() -> None:
 
 
 def test_its_numbers_are_those_of_the_code() -> None:
-    most = GatewaySettings().rules_per_client
+    most = RuleSettings().per_client
     said = (
         f"at most {template.MOST_TRIPLES} triples", f"a lease of {store.LEASE_S:g} s", f"the last {store.KEPT} firings",
         f"a fleet {store.MOST};", f"at most {most} (", f"together, {store.AT_ONCE} at most",

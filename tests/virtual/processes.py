@@ -157,11 +157,11 @@ class VirtualProcess:
             if not settings.redis_url:
                 words = [*words, "--redis-url", self._world.embedded(settings.state_path).url]
                 settings = GatewaySettings.read({}, words)
-            listener: Any = Listener(self._loop.internet, settings.host, settings.port_number)
+            listener: Any = Listener(self._loop.internet, settings.host, settings.port)
         except (ValueError, OSError) as error:
             self.lines.append(f"gateway: {error}\n")
             return 1
-        network = self._world.network(settings.connect_endpoints or settings.listen_endpoints)
+        network = self._world.network(settings.zenoh_connect or settings.listen_endpoints)
         try:
             app = create_app(settings, None, network.gateway(self.name))
             server = Server(app, sockets_of(settings))

@@ -8,6 +8,7 @@ from prometheus_client.metrics_core import Metric
 from gateway.extensions.history.http import read_past
 from gateway.extensions.history.recorder import History
 from gateway.extensions.history.resources import Past, history_branches
+from gateway.extensions.history.settings import HistorySettings
 from gateway.http.extension import Core, Extension, Mount
 from gateway.runtime.metrics import gauge
 
@@ -15,13 +16,14 @@ from gateway.runtime.metrics import gauge
 class HistoryExtension(Extension):
     name = "history"
     in_robot = ("history",)
+    settings = HistorySettings
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
-        span_s, rate_hz = float(core.settings["history_s"]), float(core.settings["history_hz"])
-        async with History(core.live.fleet, span_s, rate_hz, int(core.settings["history_mb"]) * 10**6) as history:
+        settings = core.section(HistorySettings)
+        async with History(core.live.fleet, float(settings.s), float(settings.hz), settings.mb * 10**6) as history:
             yield Mount(
-                branches=history_branches(history) if span_s else (),
+                branches=history_branches(history) if settings.s else (),
                 readers={Past: read_past},
                 formats={"csv": ("CSV", "text/csv"), "mcap": ("MCAP", "application/vnd.mcap")},
                 metrics=lambda: _metrics(history),

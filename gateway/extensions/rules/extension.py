@@ -12,6 +12,7 @@ from gateway.extensions.rules.creators import creator_of
 from gateway.extensions.rules.description import ChangeRule, MakeRule, branch, rule_state
 from gateway.extensions.rules.http import change_rule, post_rule
 from gateway.extensions.rules.service import Rules
+from gateway.extensions.rules.settings import RuleSettings
 from gateway.extensions.rules.store import RuleStore
 from gateway.http.extension import Core, Extension, Mount
 from gateway.runtime.metrics import counter, gauges
@@ -21,6 +22,7 @@ class RulesExtension(Extension):
     name = "rules"
     at_root = ("rules",)
     needs = ("query",)
+    settings = RuleSettings
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
@@ -33,7 +35,7 @@ class RulesExtension(Extension):
             queries.check,
             lambda rule: creator_of(rule, core.identities),
             core.audit,
-            int(core.settings["rules_per_client"]),
+            core.section(RuleSettings).per_client,
             core.public_urls,
         )
         async with rules:

@@ -7,6 +7,7 @@ from gateway.extensions.sessions.ended_sessions import EndedSessions
 from gateway.extensions.sessions.scheme import SessionScheme
 from gateway.extensions.sessions.service import Sessions
 from gateway.extensions.sessions.session_key import SessionKey
+from gateway.extensions.sessions.settings import SessionSettings
 from gateway.http.extension import Core, Extension, Mount
 
 
@@ -14,13 +15,14 @@ class SessionsExtension(Extension):
     name = "sessions"
     at_root = ("login", "logout")
     needs = ("pages",)
+    settings = SessionSettings
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
         if core.identities is None:
             yield Mount()
             return
-        key = SessionKey(core.redis_url, core.namespace, core.settings["session_key_file"])
+        key = SessionKey(core.redis_url, core.namespace, str(core.section(SessionSettings).key_file or ""))
         ended = EndedSessions(core.redis_url, core.namespace)
         async with Sessions(core.identities, key, ended) as sessions:
             yield Mount(scheme=SessionScheme(sessions))

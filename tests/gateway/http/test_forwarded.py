@@ -103,8 +103,8 @@ def test_clients_behind_a_front_are_told_apart(kind: str) -> None:
 
 
 def test_fronts_are_addresses_and_networks() -> None:
-    settings = GatewaySettings(fronts="192.0.2.1, 2001:db8::/64")
-    assert settings.front_networks == (ip_network("192.0.2.1/32"), ip_network("2001:db8::/64"))
-    assert GatewaySettings().front_networks == ()
+    settings = GatewaySettings.read({}, ["--fronts", "192.0.2.1, 2001:db8::/64"])
+    assert settings.fronts == (ip_network("192.0.2.1/32"), ip_network("2001:db8::/64"))
+    assert GatewaySettings().fronts == ()
     with pytest.raises(ValueError, match="LINKED_FLEET_FRONTS is of networks"):
-        GatewaySettings(fronts="front.example")
+        GatewaySettings.read({}, ["--fronts", "front.example"])

@@ -331,7 +331,7 @@ def test_what_prometheus_scrapes_is_what_the_alerts_are_about_and_the_gateways_o
     services = yaml.safe_load((ROOT / "docker-compose.yml").read_text())["services"]
     (found,) = scraped["dns_sd_configs"]
     assert set(found["names"]) <= set(services)
-    assert found["port"] == GatewaySettings().port_number
+    assert found["port"] == GatewaySettings().port
 
 
 # -- the log ----------------------------------------------------------------------------------------------------------

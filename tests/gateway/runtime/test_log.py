@@ -12,7 +12,7 @@ from gateway.runtime.log import JsonFormatter, TextFormatter
 
 def test_only_known_forms_of_log_are_taken() -> None:
     with pytest.raises(ValueError, match="text or json"):
-        GatewaySettings(log_format="xml")
+        GatewaySettings.read({}, ["--log-format", "xml"])
 
 
 def test_text_and_traceback_of_a_record() -> None:
