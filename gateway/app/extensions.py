@@ -20,6 +20,7 @@ from gateway.http.representation import Representations
 from gateway.resources.action_definition import add_kinds
 from gateway.resources.fleet_functions import add_functions
 from gateway.resources.paths import reserve
+from gateway.resources.property import add_robot_properties
 
 GROUP = "linked_fleet.extensions"
 """Entry points of extensions in other packages: each names a subclass of ``Extension``, and has its name."""
@@ -100,10 +101,11 @@ def _foreign(name: str) -> Extension:
 
 
 def install(extensions: Sequence[Extension]) -> None:
-    """Have this process know the segments, the kinds of actions and the functions of the extensions."""
+    """Have this process know the segments, the kinds of actions, the properties and the functions of the extensions."""
     for extension in (*BUILT_IN, *extensions):
         reserve(extension.at_root, extension.in_robot)
     add_kinds(kind for extension in extensions for kind in extension.kinds)
+    add_robot_properties(name for extension in extensions for name in extension.robot_properties)
     add_functions(function for extension in extensions for function in extension.functions)
 
 

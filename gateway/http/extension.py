@@ -104,6 +104,8 @@ class Extension:
     """Segments below a robot that are the extension's, likewise."""
     kinds: ClassVar[tuple[Path, ...]] = ()
     """Turtle files of kinds of actions, written as those in shapes/actions."""
+    robot_properties: ClassVar[tuple[str, ...]] = ()
+    """Further properties of robots, as ``module:attribute`` of functions from a robot to its property."""
     functions: ClassVar[tuple[str, ...]] = ()
     """Functions over the live fleet for languages of other extensions, as ``module:attribute`` of FleetFunctions."""
     settings: ClassVar[type[Section] | None] = None

@@ -24,10 +24,16 @@ def load(name: str) -> dict[Node, list[Triple]]:
 _added: dict[str, tuple[Path, ...]] = {}
 
 
-def add_to_folder(name: str, files: Iterable[Path]) -> None:
-    """Have ``load_folder`` read these Turtle files too, in this process, instead of those that were added before."""
-    _added[name] = tuple(files)
+def add_to_folder(name: str, files: Iterable[Path]) -> bool:
+    """Have ``load_folder`` read these Turtle files too, in this process, instead of those that were added before.
+
+    Return True if they are others than before.
+    """
+    before, _added[name] = _added.get(name, ()), tuple(files)
+    if _added[name] == before:
+        return False
     load_folder.cache_clear()
+    return True
 
 
 def added_to_folder(name: str) -> tuple[Path, ...]:

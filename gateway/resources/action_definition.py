@@ -33,8 +33,8 @@ class Definition:
 def add_kinds(files: Iterable[Path]) -> None:
     """Have this process know the kinds of actions of these Turtle files, written as those in shapes/actions, instead of
     those that were added before."""
-    add_to_folder(FOLDER, files)
-    definitions.cache_clear()
+    if add_to_folder(FOLDER, files):
+        definitions.cache_clear()
 
 
 @cache

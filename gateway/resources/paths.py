@@ -13,7 +13,7 @@ _CORE_AT_ROOT = frozenset(
 )
 _CORE_IN_ROBOT = frozenset(
     {"actions", "annotations", "blueprint", "invocations", "jointState", "lease", "linkset", "maximumSpeedScale"}
-    | {"meshes", "model", "placement", "pose", "subscriptions", "title", "twist"}
+    | {"meshes", "model", "pose", "subscriptions", "title", "twist"}
 )
 RESERVED_IN_CAMERAS = frozenset({"blueprint"})
 _LINK_MARK = "~link"  # no escape: "~l" is no hexadecimal digit, so the mark cannot be part of a name

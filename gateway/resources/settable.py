@@ -10,8 +10,6 @@ from gateway.resources.action_offer import Offer
 from gateway.resources.affordance import PutSetting, PutTarget
 from gateway.resources.annotations import annotate
 from gateway.resources.joint_kinds import kind_of
-from gateway.resources.paths import robot_path
-from gateway.resources.placement import PLACEMENT, WORLD, describe_pose, placement_of
 from gateway.resources.property import Property, Seen
 from gateway.resources.resource import Resource
 from gateway.resources.setting import Setting, settings
@@ -37,12 +35,6 @@ def settable(robot: Robot) -> list[Property]:
         subject = iri.value.removesuffix("annotations")
         annotate(graph, NamedNode(subject), robot.annotations, subject)
 
-    def placed(graph: Graph, iri: NamedNode, _: Seen) -> None:
-        describe_pose(graph, iri, placement_of(robot))
-        root = iri.value.removesuffix(robot_path(robot.name) + PLACEMENT)
-        graph.add(iri, LF.inFrame, NamedNode(root + WORLD))
-        graph.add(iri, HYBRIT.consumes, LF.PlacementInput)
-
     named = f"of {robot.name}"
     return [
         Property(segment, predicate, (type_,), shape, f"{words} {named}", describe, put=known[segment])
@@ -58,7 +50,6 @@ def settable(robot: Robot) -> list[Property]:
                 "maximum speed scale",
                 scale,
             ),
-            (PLACEMENT, LF.placement, LF.Placement, LF.PlacementShape, "placement", placed),
         )
     ]
 

@@ -1,4 +1,4 @@
-"""What clients may set of a robot: title, annotations, maximum speed scale, placement; from a body to the memory."""
+"""What clients may set of a robot: title, annotations, maximum speed scale; from a body to the memory."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -17,7 +17,6 @@ from gateway.rdf.vocabulary import LF, RDF, VOM
 from gateway.resources.action_body import Body
 from gateway.resources.annotation_body import agents_part, read_annotations
 from gateway.resources.paths import robot_path
-from gateway.resources.placement import PLACEMENT, read_placement
 
 
 @dataclass(frozen=True)
@@ -80,7 +79,6 @@ def settings(robot: Robot) -> dict[str, Setting]:
         Setting(robot, "title", LF.TextInput, _title),
         Setting(robot, "annotations", removable=True),
         Setting(robot, "maximumSpeedScale", LF.SpeedScaleInput, _scale),
-        Setting(robot, PLACEMENT, LF.PlacementInput, read_placement, removable=True),
     )
     return {each.name: each for each in found}
 

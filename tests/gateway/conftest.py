@@ -27,7 +27,15 @@ from gateway.resources.affordance import Invoke
 from gateway.resources.resource import Resource
 from gateway.resources.tree import Tree
 
-install(BUILT_IN)
+install(BUILT_IN)  # cases are made when tests are collected
+
+
+@pytest.fixture(autouse=True)
+def every_extension() -> None:
+    """A gateway of another test may have had fewer."""
+    install(BUILT_IN)
+
+
 _PREFIXES = "".join(f"@prefix {prefix}: <{iri}> .\n" for prefix, iri in PREFIXES.items())
 
 

@@ -15,6 +15,8 @@ PREPARING = "the shapes of robots are being prepared for the check of their moti
 class WorldExtension(Extension):
     name = "world"
     at_root = ("world",)
+    in_robot = ("placement",)
+    robot_properties = ("gateway.extensions.world.placement_property:placement",)
     views = ("gateway.extensions.world.page:VIEW",)
 
     @asynccontextmanager

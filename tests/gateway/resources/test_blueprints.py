@@ -17,7 +17,7 @@ from gateway.shacl import CompiledShape, Data, compile_shape
 _SH = rdflib.SH
 # A resource may lack these: they depend on how many parts, actions and options it has, and on what has happened.
 _OPTIONAL = {
-    HYBRIT.action, LDP.contains, DCTERMS.hasPart, LF.fault, LF.reason, LF.currentTask, LF.lastSeen,
+    LF.placement, HYBRIT.action, LDP.contains, DCTERMS.hasPart, LF.fault, LF.reason, LF.currentTask, LF.lastSeen,
     LF.parentJoint, LF.childJoint, XHV.prev, XHV.next, LF.mimic, LF.targetRotation, LF.targetTranslation,
     LF.things, LF.rules, LF.world, LF.cameras, LF.history, SOSA.hosts, LF.mesh,
     PROV.wasAssociatedWith, PROV.startedAtTime, PROV.endedAtTime, SOSA.actsOnProperty, LF.duration, LF.target,

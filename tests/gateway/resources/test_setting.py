@@ -12,6 +12,7 @@ from pyoxigraph import NamedNode
 from agents.wire.codec import layout
 from agents.wire.messages import Description
 from gateway.base.errors import UnprocessableContent
+from gateway.extensions.world.placement_property import placement
 from gateway.fleet.events import Appeared, Described
 from gateway.fleet.fleet import Fleet
 from gateway.fleet.robot import Robot
@@ -24,7 +25,7 @@ from gateway.rdf.vocabulary import PREFIXES
 from gateway.resources.annotation_body import MAX_ANNOTATIONS
 from gateway.resources.annotations import annotate
 from gateway.resources.describe import Describer
-from gateway.resources.property import Seen
+from gateway.resources.property import Property, Seen
 from gateway.resources.settable import settable
 from gateway.resources.setting import Setting
 from gateway.resources.setting import settings as settings_of
@@ -37,7 +38,15 @@ _PREFIXES += "@prefix ex: <http://example.org/> .\n"
 def _setting(name: str) -> Setting:
     fleet = Fleet()
     fleet.apply(Appeared("r", 1), 1)
-    return settings_of(fleet.robots["r"])[name]
+    robot = fleet.robots["r"]
+    setting = _item(robot, name).put
+    assert isinstance(setting, Setting)
+    return setting
+
+
+def _item(robot: Robot, name: str) -> Property:
+    (found,) = (each for each in (*settable(robot), placement(robot)) if each.segment == name)
+    return found
 
 
 def _admit(name: str, turtle: str) -> str:
@@ -269,15 +278,16 @@ def test_what_was_read_can_be_put(name: str, media_type: str) -> None:
     """In every syntax that is taken: what is remembered of the description is what was remembered before."""
     robot = _robot_with(_AGENTS)
     clients = _put(robot, "<./> ex:colour 'red' ; ex:by [ ex:name 'Ada' ] .")
-    placement = '{"position_m":[1,2,0.1],"orientation_xyzw":[0,0,0,1]}'
-    robot.settings = {"title": "Arm", "annotations": clients, "maximumSpeedScale": "0.25", "placement": placement}
+    stands = '{"position_m":[1,2,0.1],"orientation_xyzw":[0,0,0,1]}'
+    robot.settings = {"title": "Arm", "annotations": clients, "maximumSpeedScale": "0.25", "placement": stands}
     graph, iri = Graph(), f"{_BASE}/r/{name}"
-    (item,) = (each for each in settable(robot) if each.segment == name)
+    item = _item(robot, name)
+    assert isinstance(item.put, Setting)
     describer = Describer(_BASE)
     describer.property(robot, "/r/", item, graph, Seen())
     triples = parse(render(graph.triples, media_type, PREFIXES, base=iri), media_type, iri)
     present = shown(graph)
-    found = settings_of(robot)[name].admit(triples, _BASE, present)
+    found = item.put.admit(triples, _BASE, present)
     assert _without_labels(found) == _without_labels(robot.settings[name])
 
 

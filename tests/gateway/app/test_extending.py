@@ -1,0 +1,109 @@
+"""docs/EXTENDING.md: its blocks, put where it says, are an extension of a gateway."""
+
+import re
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from actor import Actor, stage
+from browser import HYBRIT, VOM, Browser, Page
+from rdflib import URIRef
+from running import eventually, process
+from small_fleet import Place
+
+pytestmark = pytest.mark.virtual
+
+_PAGE = (Path(__file__).parents[3] / "docs" / "EXTENDING.md").read_text(encoding="utf-8")
+_ODOMETER = "https://example.org/odometer#"
+
+
+def _block(language: str) -> str:
+    (found,) = re.findall(rf"^```{language}\n(.*?)^```$", _PAGE, re.MULTILINE | re.DOTALL)
+    return str(found)
+
+
+def _install(folder: Path) -> str:
+    """Put the module and the entry point into a folder of packages; the value of the setting that switches it on."""
+    (folder / "odometer.py").write_text(_block("python"), encoding="utf-8")
+    metadata = folder / "odometer-1.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: odometer\nVersion: 1\n")
+    section, entry = _block("toml").splitlines()
+    assert section == '[project.entry-points."linked_fleet.extensions"]'
+    (metadata / "entry_points.txt").write_text("[linked_fleet.extensions]\n" + entry.replace('"', "") + "\n")
+    (name,) = re.findall(r"^LINKED_FLEET_EXTENSIONS=(\w+)$", _PAGE, re.MULTILINE)
+    return str(name)
+
+
+@dataclass(frozen=True)
+class Here:
+    browser: Browser
+    actor: Actor
+    url: str
+
+    def page(self) -> Page:
+        return self.browser.page(self.url)
+
+    def turned(self) -> float:
+        page = self.page()
+        scalar = page.graph.value(page.iri, URIRef(_ODOMETER + "turned"))
+        return float(str(page.graph.value(scalar, VOM.numericalValue)))
+
+    def turn(self, angle: float) -> None:
+        """Until the gateway has seen the joint there."""
+        rotation = self.url.replace("odometer", "elbow/rotation")
+
+        def seen() -> bool:
+            self.actor.put("state", self.actor.frame((angle,)))
+            return f'"{angle!r}"' in self.browser.http.get(rotation, headers={"accept": "text/turtle"}).text
+
+        eventually(seen, f"the elbow at {angle}")
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Here]:
+    folder = tmp_path_factory.mktemp("odometer")
+    name = _install(folder)
+    sys.path.insert(0, str(folder))
+    place = Place(folder / "state")
+    try:
+        with process(*place.command(), "--extensions", name) as gateway, stage(place.zenoh) as session:
+            gateway.said("serving")
+            browser = Browser(place.root)
+            found = Here(browser, Actor(session, "odd").appear(), f"{place.root}odd/odometer")
+            eventually(lambda: browser.http.get(found.url).status_code == 200, "the robot")
+            found.turn(0.0)
+            yield found
+            browser.close()
+    finally:
+        sys.path.remove(str(folder))
+        sys.modules.pop("odometer", None)
+
+
+def test_it_is_linked_and_read_in_any_media_type(here: Here) -> None:
+    robot = here.browser.page(here.url.removesuffix("odometer"))
+    assert (robot.iri, URIRef(_ODOMETER + "odometer"), URIRef(here.url)) in robot.graph
+    assert (robot.iri, HYBRIT.property, URIRef(here.url)) not in robot.graph
+    for media_type in ("text/turtle", "application/ld+json", "text/html"):
+        answer = here.browser.http.get(here.url, headers={"accept": media_type})
+        assert answer.headers["content-type"].startswith(media_type)
+
+
+def test_it_counts_and_is_set_back(here: Here) -> None:
+    assert here.browser.http.post(here.url).status_code == 204
+    for angle in (0.5, 0.25, 0.0):
+        here.turn(angle)
+    assert here.turned() == 1.0
+    etag = here.browser.http.get(here.url).headers["etag"]
+    assert here.browser.http.get(here.url, headers={"if-none-match": etag}).status_code == 304
+    assert here.browser.http.post(here.url).status_code == 204
+    assert here.turned() == 0.0
+    assert here.browser.http.get(here.url, headers={"if-none-match": etag}).status_code == 200
+    assert here.browser.http.put(here.url).status_code == 405
+
+
+def test_it_is_among_the_numbers(here: Here) -> None:
+    numbers = here.browser.http.get(here.url.replace("odd/odometer", "metrics")).text
+    assert 'linked_fleet_odometer{robot="odd"}' in numbers

@@ -1,0 +1,74 @@
+"""A gateway without an extension is whole: every link leads somewhere, and what the extension brings is not there."""
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+from actor import Actor, stage
+from browser import Browser
+from running import eventually, process
+from small_fleet import Place
+from walk import Walk, walk
+
+from client.conform.verdict import Outcome
+from gateway.app.extensions import BUILT_IN
+from tests.client.test_conform_server import check, outcomes
+
+pytestmark = pytest.mark.virtual
+
+NAMES = [each.name for each in BUILT_IN]
+PATHS = {
+    "world": "world", "rules": "rules", "query": "query", "things": ".well-known/wot", "history": "odd/history",
+    "sessions": "login",
+}  # fmt: skip
+"""A path of each extension that has one whatever the robot."""
+
+
+def needing(name: str) -> list[str]:
+    """The extension and those that cannot be without it."""
+    found = [name]
+    for each in [each for each in BUILT_IN if name in each.needs]:
+        found += needing(each.name)
+    return found
+
+
+@contextlib.contextmanager
+def gateway(folder: Path, off: list[str]) -> Iterator[tuple[httpx.Client, str]]:
+    place = Place(folder)
+    with process(*place.command(), "--extensions-off", ",".join(off)) as one, stage(place.zenoh) as session:
+        one.said("serving")
+        actor = Actor(session, "odd").appear()
+        actor.put("state", actor.frame((0.5,)))
+        with contextlib.closing(Browser(place.root)) as browser:
+            eventually(lambda: browser.http.get(f"{place.root}odd/").status_code == 200, "the robot")
+            yield browser.http, place.root
+
+
+def tree(http: httpx.Client, root: str) -> Walk:
+    return walk(root, http)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_gateway_is_whole_without_one(tmp_path: Path, name: str) -> None:
+    off = needing(name)
+    with gateway(tmp_path, off) as (http, root):
+        found = tree(http, root)
+        assert f"{root}odd/elbow/rotation" in found.pages
+        for other, path in PATHS.items():
+            here = http.get(root + path, headers={"accept": "*/*"})
+            assert (here.status_code == 404) == (other in off or other == "sessions"), path
+        html = http.get(root, headers={"accept": "text/html"}).status_code
+        assert html == (406 if name == "pages" else 200)
+
+
+def test_the_core_alone_conforms(tmp_path: Path) -> None:
+    """R0.x and R1.x hold with every extension off."""
+    with gateway(tmp_path, NAMES) as (http, root):
+        found = tree(http, root)
+        assert not [url for url in found.pages if any(url.startswith(root + path) for path in PATHS.values())]
+        report = check(root, no_write=False)
+        assert outcomes(report, Outcome.FAILED) == {"R0.7"}  # 201 to a POST that makes a member, as LDP asks for
+        assert len(outcomes(report, Outcome.PASSED)) > 20
+        assert not report.breaks
