@@ -6,6 +6,7 @@ from rdflib import Graph
 from rdflib.term import BNode, Literal, Node, URIRef
 
 from client.errors import BadAnswer, InvalidInput
+from client.graphs import in_memory
 from client.quantity import unit_label
 from client.vocabulary import RDF, SH, local_name
 
@@ -35,20 +36,14 @@ def root(body: Graph) -> Node:
 def _focused(body: Graph) -> Graph:
     """A copy whose root is an IRI, by which the validator can be told of it. An empty body has a root all the same."""
     top = root(body) if len(body) else FOCUS
-    copy = Graph()
-    for subject, predicate, value in body:
-        copy.add((FOCUS if subject == top else subject, predicate, value))
-    return copy
+    return in_memory((FOCUS if subject == top else subject, predicate, value) for subject, predicate, value in body)
 
 
 def _report(data: Graph, shapes: Graph, shape: Node) -> Graph | None:
     """The report of what is wrong; None if nothing is."""
     import pyshacl  # takes as long to load as everything else together
 
-    targeted = Graph()
-    for triple in shapes:
-        if triple[1] not in _TARGETS and triple[1] not in _PROGRAMS:
-            targeted.add(triple)
+    targeted = in_memory(triple for triple in shapes if triple[1] not in _TARGETS and triple[1] not in _PROGRAMS)
     targeted.add((shape, RDF.type, SH.NodeShape))
     targeted.add((shape, SH.targetNode, FOCUS))
     try:

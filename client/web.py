@@ -4,7 +4,6 @@ import logging
 import re
 import threading
 import time
-import warnings
 from collections import OrderedDict
 from collections.abc import Generator, Iterator, Mapping
 from contextlib import contextmanager
@@ -15,6 +14,7 @@ import rdflib
 from rdflib.term import Node, URIRef
 
 from client.errors import BadAnswer, Unreachable, problem
+from client.graphs import load
 from client.vocabulary import document_of, is_web
 
 ACCEPT = "text/turtle, application/n-triples;q=0.5, application/problem+json"
@@ -133,7 +133,7 @@ class Web:
     def stream(self, url: str, headers: Mapping[str, str], silence_s: float) -> Iterator[httpx.Response]:
         """An answer that goes on; more than ``silence_s`` without a byte of it is Unreachable."""
         timeout = httpx.Timeout(self.timeout_s, read=silence_s)
-        _check(url)
+        self._check(url)
         with (
             _translated(url),
             self.http.stream("GET", url, headers=headers, timeout=timeout, follow_redirects=True) as response,
@@ -176,9 +176,16 @@ class Web:
         raise BadAnswer(f"{url} redirects too often")
 
     def _once(self, method: str, url: str, headers: Mapping[str, str], body: bytes | None) -> Answer:
-        _check(url)
+        self._check(url)
         with _translated(url), self.http.stream(method, url, headers=headers, content=body) as response:
             return Answer(str(response.url), response.status_code, response.headers, self.bounded(response))
+
+    def _check(self, url: str) -> None:
+        node: Node = URIRef(url)
+        if not is_web(node):
+            raise BadAnswer(f"{url[:200]!r} is not on the Web")
+        if self.http.is_closed:
+            raise Unreachable(f"{url} is not asked: the client is closed")
 
     def _recall(self, url: str) -> Document | None:
         with self._lock:
@@ -203,10 +210,8 @@ def parsed(text: str, media_type: str, url: str) -> rdflib.Graph:
     if _HUGE_NUMBER.search(text):
         raise BadAnswer(f"{url} has a number that is too large")
     try:
-        with warnings.catch_warnings(action="ignore"):  # of odd booleans and the like, which are no values here
-            return rdflib.Graph().parse(data=text, format=known, publicID=url)
-    except (SyntaxError, ValueError, LookupError, TypeError, AttributeError, AssertionError, RecursionError) as error:
-        # what rdflib's parsers raise at malformed documents is not only their own BadSyntax and ParserError
+        return load(text, known, url)
+    except (SyntaxError, ValueError) as error:
         raise BadAnswer(f"{url} is not valid {known}: {_first_line(error)}") from error
 
 
@@ -232,12 +237,6 @@ def _accepted(answer: Answer) -> Answer:
     if answer.status >= 400:
         raise problem(answer.url, answer.status, answer.headers, answer.body)
     return answer
-
-
-def _check(url: str) -> None:
-    node: Node = URIRef(url)
-    if not is_web(node):
-        raise BadAnswer(f"{url[:200]!r} is not on the Web")
 
 
 @contextmanager

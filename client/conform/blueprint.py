@@ -1,4 +1,4 @@
-"""Whether resources conform to their blueprints (SHACL), found out by a process of its own.
+"""Validation of resources by their blueprints (SHACL), in a process of its own.
 
 Shapes of strangers may take for ever or all memory; that process is ended, and they may not reach out: what runs SPARQL
 (which can fetch from anywhere) or scripts is not run at all.
@@ -13,7 +13,8 @@ from multiprocessing.connection import Connection
 import rdflib
 from rdflib import RDF, URIRef
 
-from client.conform.rdf import RDFS, SH, parsed, types, wary
+from client.conform.rdf import RDFS, SH, types, wary
+from client.graphs import load_exactly
 
 _START_S = 20.0
 _PROGRAMS = (SH.sparql, SH.select, SH.ask, SH.construct, SH.jsFunctionName, SH.js, SH.rule, SH.expression)
@@ -21,11 +22,11 @@ _PROGRAMS = (SH.sparql, SH.select, SH.ask, SH.construct, SH.jsFunctionName, SH.j
 
 @dataclass(frozen=True)
 class Case:
-    """A resource with its graph and its blueprint, as N-Triples; ``shape`` is what it named as blueprint."""
+    """A resource and its blueprint, as Turtle; ``shape`` is what it named as blueprint."""
 
     url: str
     node: str
-    data: str
+    data: bytes
     blueprint: str
     shapes: bytes
     shape: str
@@ -71,10 +72,10 @@ def _work(cases: list[Case], results: Connection) -> None:
 def _judged(case: Case) -> tuple[bool | None, str]:
     import pyshacl  # here alone, for it is slow to load and nobody else needs it
 
-    data = rdflib.Graph().parse(data=case.data, format="nt")
-    shapes, fault = parsed(case.shapes, case.blueprint)
-    if fault:
-        return False, f"the blueprint {fault}"
+    data, shapes = (
+        load_exactly(case.data.decode(), "turtle", case.url),
+        load_exactly(case.shapes.decode(), "turtle", case.blueprint),
+    )
     if any((None, program, None) in shapes for program in _PROGRAMS):
         return None, "the blueprint has programs, which are not run"
     if (None, RDF.type, SH.NodeShape) not in shapes and (None, SH.property, None) not in shapes:
@@ -92,7 +93,7 @@ def _judged(case: Case) -> tuple[bool | None, str]:
 
 
 def _aimed_at(data: rdflib.Graph, shapes: rdflib.Graph, node: URIRef) -> bool:
-    """Whether a target of any shape hits the node; otherwise everything would conform."""
+    """True if a target of any shape hits the node; otherwise everything would conform."""
     classes = set(types(data, node))
     aimed = any(target in classes for target in shapes.objects(None, SH.targetClass))
     aimed = aimed or (None, SH.targetNode, node) in shapes

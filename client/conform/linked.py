@@ -1,4 +1,4 @@
-"""R1.1 to R1.12: what makes a Robotic Thing a linked one."""
+"""R1.1 to R1.12: Linked Robotic Things."""
 
 import asyncio
 import re
@@ -256,9 +256,8 @@ async def _cases(subject: Subject, having: list[Page]) -> tuple[list[str], list[
             if blueprint.fault:
                 problems.append(f"{blueprint.fault}, though a blueprint")
                 continue
-            case_data = page.graph.serialize(format="nt")
-            body = blueprint.graph.serialize(format="nt").encode()
-            cases.append(Case(page.url, str(page.node), case_data, blueprint.url, body, str(node)))
+            data, shapes = page.turtle, blueprint.turtle
+            cases.append(Case(data.url, str(page.node), data.body, shapes.url, shapes.body, str(node)))
     return problems, cases
 
 

@@ -1,4 +1,4 @@
-"""What servers say, parsed: Turtle, Link fields and link sets. Anything may come, so anything may be refused."""
+"""Parsers of Turtle, Link fields and link sets. Anything may come, so anything may be refused."""
 
 import contextlib
 import json
@@ -12,6 +12,7 @@ from rdflib import RDF, BNode, URIRef
 from rdflib.term import Node
 
 from client.conform.web import Answer, absolute
+from client.graphs import load
 
 TURTLE = "text/turtle"
 LINKSET = "application/linkset+json"
@@ -54,13 +55,11 @@ def turtle(answer: Answer) -> tuple[rdflib.Graph, str]:
 
 def parsed(body: bytes, base: str) -> tuple[rdflib.Graph, str]:
     """The graph of a Turtle document and what is wrong with it; never both."""
-    graph = rdflib.Graph()
     try:
-        graph.parse(data=body.decode("utf-8"), format="turtle", publicID=base)
-    except Exception as error:  # noqa: BLE001 - rdflib raises many kinds on foul input, all of which mean the same
+        return load(body.decode("utf-8"), "turtle", base), ""
+    except (SyntaxError, ValueError) as error:
         reason = " ".join(str(error).split("\n")[:3])
         return rdflib.Graph(), f"does not parse as Turtle: {type(error).__name__} {reason}"
-    return graph, ""
 
 
 def related(answer: Answer, relation: str) -> list[str]:

@@ -29,6 +29,8 @@ class Page:
     answer: Answer
     graph: rdflib.Graph
     fault: str
+    turtle: Answer
+    """The answer that has the graph."""
     asked: str
     """The URL that was asked for, perhaps redirected."""
     found_on: str = ""
@@ -100,9 +102,10 @@ async def read(web: Web, url: str, found_on: str = "", in_any_case: bool = False
     answer = await web.request("GET", url, in_any_case=in_any_case)
     graph, fault = turtle(answer)
     if fault and answer.successful and answer.media_type != TURTLE:
-        graph, asked_fault = turtle(await web.request("GET", url, {"accept": TURTLE}, in_any_case=in_any_case))
-        return Page(answer, graph, fault if asked_fault else "", url, found_on)
-    return Page(answer, graph, fault, url, found_on)
+        on_demand = await web.request("GET", url, {"accept": TURTLE}, in_any_case=in_any_case)
+        graph, asked_fault = turtle(on_demand)
+        return Page(answer, graph, fault if asked_fault else "", on_demand, url, found_on)
+    return Page(answer, graph, fault, answer, url, found_on)
 
 
 async def walk(web: Web, root: Page, most: int) -> Walk:
