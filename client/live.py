@@ -1,7 +1,9 @@
-"""Being told of changes: server-sent events with resumption, or polling where there are none."""
+"""Subscriptions to changes: server-sent events with resumption, or polling where there are none."""
 
+import contextlib
 import re
 import secrets
+import socket
 import time
 from collections.abc import Generator, Iterable, Iterator
 from dataclasses import dataclass
@@ -20,6 +22,7 @@ from client.web import MAX_BODY_BYTES, Document, Web, parsed
 SILENCE_S = 45.0
 """Longest silence of an event stream before it is opened again; servers send comments more often."""
 POLL_S = 1.0
+_NAP_S = 0.2
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.5, 30.0
 _EVENTS = "text/event-stream"
 # Statuses that say "not as events" rather than "not at all".
@@ -79,6 +82,17 @@ class Feed:
         self._retry_s, self._silence_s = _FIRST_PAUSE_S, silence_s
         self._failures = 0
         self._events, self._open = True, False
+        self._closed = False
+        self._response: httpx.Response | None = None
+
+    def close(self) -> None:
+        """End the iteration, which may wait for the server in another thread."""
+        self._closed = True
+        stream = self._response.extensions.get("network_stream") if self._response is not None else None
+        connection = stream.get_extra_info("socket") if stream is not None else None
+        if isinstance(connection, socket.socket):
+            with contextlib.suppress(OSError):  # it is closed already
+                socket.socket.shutdown(connection, socket.SHUT_RDWR)
 
     def __iter__(self) -> Iterator[Change]:
         while self._events and not self._late():
@@ -101,8 +115,9 @@ class Feed:
         headers |= {"last-event-id": self.last_id} if self.last_id else {}
         self._open = False
         with self.web.stream(self.url, headers, self._remaining_s()) as response:
+            self._response = response
             media_type = response.headers.get("content-type", "").partition(";")[0].strip().lower()
-            if response.status_code == 204:
+            if response.status_code == 204 or self._closed:
                 return True
             if response.status_code in _LATER:
                 raise Unreachable(f"{self.url} answers {response.status_code}")
@@ -148,16 +163,21 @@ class Feed:
             if document.digest != seen:
                 seen = document.digest
                 yield Change(document.iri(self.iri), document, document.etag)
-            time.sleep(self._at_most(pause_s))
+            self._sleep(pause_s)
             pause_s = min(2 * pause_s, POLL_S)
 
     def _pause(self) -> None:
         """Longer after each failure in a row, and never the same for two clients."""
         pause_s = min(self._retry_s * 2.0 ** min(self._failures, 10), _LONGEST_PAUSE_S)
-        time.sleep(self._at_most(pause_s * (0.5 + secrets.randbelow(1000) / 2000)))
+        self._sleep(pause_s * (0.5 + secrets.randbelow(1000) / 2000))
+
+    def _sleep(self, pause_s: float) -> None:
+        until = time.monotonic() + pause_s
+        while not self._late() and (left_s := until - time.monotonic()) > 0:
+            time.sleep(min(self._at_most(left_s), _NAP_S))
 
     def _late(self) -> bool:
-        return self.deadline is not None and time.monotonic() >= self.deadline
+        return self._closed or (self.deadline is not None and time.monotonic() >= self.deadline)
 
     def _at_most(self, pause_s: float) -> float:
         return pause_s if self.deadline is None else max(0.0, min(pause_s, self.deadline - time.monotonic()))

@@ -1,113 +1,114 @@
-"""Tab completion: a script for the shell, and the hidden command that it asks."""
+"""Tab completion by click, of names that the server has, and the command that prints the script for a shell."""
 
-import os
 import re
-from collections.abc import Iterator, Sequence
-from itertools import pairwise
+from collections.abc import Callable, Iterable, Iterator
 
+import click
+from click.shell_completion import BashComplete, CompletionItem, ZshComplete, add_completion_class, get_completion_class
+
+from client.cli.options import Session
 from client.errors import ClientError
 from client.fleet import Fleet
-from client.form import Asked, said_choices
+from client.form import said_choices
 from client.naming import step
 from client.thing import Thing
 
-COMMANDS = ("ls", "get", "watch", "do", "stop", "conform", "completion")
-_OPTIONS = {
-    "ls": ("--json", "--unit", "--values", "--url"),
-    "get": ("--json", "--unit", "--url"),
-    "watch": ("--json", "--unit", "--count", "--interval", "--seconds", "--url"),
-    "do": ("--dry-run", "--idempotency-key", "--json", "--no-wait", "--seconds", "--url"),
-    "stop": ("--json", "--no-wait", "--url"),
-}
-_TAKING = frozenset({"--url", "--unit", "--count", "--interval", "--seconds", "--idempotency-key", "--timeout"})
-QUICK_S = 2.0
+VARIABLE = "_LINKED_FLEET_COMPLETE"
+_QUICK_S = 2.0
+_BREAKS = "=:"
+"""Characters at which bash cuts words (COMP_WORDBREAKS) and names, values and addresses are not cut."""
 
-_BASH = r"""_linked_fleet() {
-    local line="${COMP_LINE:0:COMP_POINT}" words word
-    read -ra words <<<"$line"
-    [[ $line == *[[:space:]] ]] && words+=("")
-    word="${words[-1]}"
-    mapfile -t COMPREPLY < <(linked-fleet complete -- "${words[@]:1}" 2>/dev/null)
-    [[ $word == *[=:]* ]] && COMPREPLY=("${COMPREPLY[@]#"${word%"${word##*[=:]}"}"}")
-    [[ ${#COMPREPLY[@]} -eq 1 && ${COMPREPLY[0]} == */ || ${COMPREPLY[0]} == *= ]] && compopt -o nospace
-    return 0
-}
-complete -F _linked_fleet linked-fleet"""
-
-_ZSH = r"""#compdef linked-fleet
-_linked_fleet() {
-    local -a found
-    found=("${(@f)$(linked-fleet complete -- "${(@)words[2,CURRENT]}" 2>/dev/null)}")
-    compadd -Q -S '' -- "${(@)found:#}"
-}
-compdef _linked_fleet linked-fleet"""
-
-SCRIPTS = {"bash": _BASH, "zsh": _ZSH}
+Completer = Callable[[click.Context, click.Parameter, str], list[CompletionItem[str]]]
 
 
-def completions(words: Sequence[str], url: str) -> list[str]:
-    """What the last of ``words`` may become; nothing where nobody answers, for a shell has no use for an error."""
-    *before, last = words or [""]
-    url = _url(before) or url
-    plain = _plain(before)
-    if before and before[-1] in _TAKING:
-        return []
-    if not plain:
-        return [each for each in COMMANDS if each.startswith(last)]
-    if last.startswith("-"):
-        return [each for each in _OPTIONS.get(plain[0], ()) if each.startswith(last)]
-    if plain[0] == "completion":
-        return [each for each in SCRIPTS if each.startswith(last)]
-    try:
-        with Fleet(url, QUICK_S, token=os.environ.get("LINKED_FLEET_TOKEN", "")) as fleet:
-            return [each for each in _offered(fleet, plain, last) if each.casefold().startswith(last.casefold())]
-    except ClientError:
-        return []
+def _completer(offered: Callable[[Fleet, click.Context, str], Iterable[str]]) -> Completer:
+    """Those offered that begin with what was typed; none if nobody answers, for a shell has no use for an error."""
+
+    def complete(context: click.Context, _: click.Parameter, typed: str) -> list[CompletionItem[str]]:
+        try:
+            with context.ensure_object(Session).fleet(_QUICK_S) as fleet:
+                found = [
+                    each for each in offered(fleet, context, typed) if each.casefold().startswith(typed.casefold())
+                ]
+        except ClientError:
+            return []
+        return [CompletionItem(each) for each in found]
+
+    return complete
 
 
-def _offered(fleet: Fleet, plain: list[str], last: str) -> Iterator[str]:
-    command, *arguments = plain
-    if command == "watch" or (command in ("ls", "get", "do", "stop") and not arguments):
-        yield from _paths(fleet, last, command)
-    elif command == "do" and (thing := fleet.at(arguments[0])) and isinstance(thing, Thing):
-        if len(arguments) == 1:
-            yield from (step(action.name) for action in thing.actions.introduced())
-        else:
-            yield from _inputs(thing.actions[arguments[1]].fields, last)
-
-
-def _paths(fleet: Fleet, last: str, command: str) -> Iterator[str]:
-    above, slash, _ = last.rpartition("/")
+def _paths(fleet: Fleet, typed: str, properties: bool, actions: bool) -> Iterator[str]:
+    above, slash, _ = typed.rpartition("/")
     here = fleet.at(above)
     if not isinstance(here, Thing):
         return
-    yield from (f"{above}{slash}{step(part.name)}" for part in here.parts.introduced())
-    if command in ("ls", "get", "watch"):
-        yield from (f"{above}{slash}{step(prop.name)}" for prop in here.properties.introduced())
-    if command in ("ls", "get"):
-        yield from (f"{above}{slash}{step(action.name)}" for action in here.actions.introduced())
+    names = [part.name for part in here.parts.introduced()]
+    names += [prop.name for prop in here.properties.introduced()] if properties else []
+    names += [action.name for action in here.actions.introduced()] if actions else []
+    yield from (f"{above}{slash}{step(name)}" for name in names)
 
 
-def _inputs(fields: Sequence[Asked], last: str) -> Iterator[str]:
-    name, equals, _ = last.partition("=")
-    for each in fields:
+def _action_names(fleet: Fleet, context: click.Context, _: str) -> Iterator[str]:
+    thing = fleet.at(context.params["path"])
+    if isinstance(thing, Thing):
+        yield from (step(action.name) for action in thing.actions.introduced())
+
+
+def _inputs(fleet: Fleet, context: click.Context, typed: str) -> Iterator[str]:
+    thing = fleet.at(context.params["path"])
+    name, equals, _ = typed.partition("=")
+    for each in thing.actions[context.params["action"]].fields if isinstance(thing, Thing) else ():
         if not equals:
             yield f"{each.name}="
         elif each.name == name and each.choices is not None:
             yield from (f"{name}={choice}" for choice in re.split(", ", said_choices(each.choices)))
 
 
-def _url(before: Sequence[str]) -> str | None:
-    named = [value for flag, value in pairwise(before) if flag == "--url"]
-    named += [each.partition("=")[2] for each in before if each.startswith("--url=")]
-    return named[-1] if named else None
+all_paths = _completer(lambda fleet, _, typed: _paths(fleet, typed, properties=True, actions=True))
+watched_paths = _completer(lambda fleet, _, typed: _paths(fleet, typed, properties=True, actions=False))
+things = _completer(lambda fleet, _, typed: _paths(fleet, typed, properties=False, actions=False))
+action_names = _completer(_action_names)
+inputs = _completer(_inputs)
 
 
-def _plain(before: Sequence[str]) -> list[str]:
-    """The words that are neither options nor their values."""
-    found, taken = [], False
-    for word in before:
-        if not taken and not word.startswith("-"):
-            found.append(word)
-        taken = not taken and word in _TAKING
-    return found
+class _Bash(BashComplete):
+    """Words with ``=`` and ``:`` are put together again, and nothing follows a ``=`` or ``/`` at the end."""
+
+    source_template = BashComplete.source_template.replace(
+        "    return 0\n",
+        "    [[ ${#COMPREPLY[@]} -eq 1 && ${COMPREPLY[0]} == *[=/] ]] && compopt -o nospace\n    return 0\n",
+        1,
+    )
+
+    def get_completion_args(self) -> tuple[list[str], str]:
+        before, typed = super().get_completion_args()
+        words: list[str] = []
+        for word in (*before, typed):
+            broken = words and ((word and word[0] in _BREAKS) or (words[-1][-1:] and words[-1][-1] in _BREAKS))
+            words[-1:] = [words[-1] + word] if broken else [*words[-1:], word]
+        *whole, self._typed = words
+        return whole, self._typed
+
+    def format_completion(self, item: CompletionItem[str]) -> str:
+        cut = max(self._typed.rfind(each) for each in _BREAKS) + 1
+        return f"{item.type},{item.value[cut:]}"
+
+
+class _Zsh(ZshComplete):
+    """No space follows, for a name may go on with ``=`` or ``/``."""
+
+    source_template = ZshComplete.source_template.replace("compadd -U", "compadd -S '' -U")
+
+
+for _shell in (_Bash, _Zsh):
+    add_completion_class(_shell)
+
+
+@click.command()
+@click.argument("shell", type=click.Choice(["bash", "fish", "zsh"]))
+@click.pass_context
+def completion(context: click.Context, shell: str) -> None:
+    """Print a script for tab completion: eval it in your shell."""
+    found = get_completion_class(shell)
+    assert found is not None
+    print(found(context.find_root().command, {}, "linked-fleet", VARIABLE).source())

@@ -1,25 +1,30 @@
-"""``watch``: values as they change."""
+"""Command ``watch``: values as they change."""
 
+import contextlib
+import itertools
 import queue
 import sys
 import threading
 import time
-from argparse import Namespace
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from client.cli import show
-from client.cli.look import found_at
+import click
+
+from client.cli import output
+from client.cli.completion import watched_paths
+from client.cli.description import found_at
+from client.cli.options import Session, common, seconds, units
 from client.errors import ClientError
-from client.fleet import Fleet
-from client.live import Change
+from client.live import Change, Feed
 from client.reading import Reading
 from client.resource import Resource
 from client.thing import Observable, Thing
 
 _CLEAR = "\x1b[H\x1b[J"
 _WAITING = 64
+_END_S = 2.0
 
 
 @dataclass(frozen=True)
@@ -29,36 +34,75 @@ class Row:
     missed: bool
 
 
-def watch(fleet: Fleet, options: Namespace) -> int:
-    """One line for each value that changes; on a terminal a table that is kept fresh."""
-    watched = [(path, found_at(fleet, path)) for path in options.paths]
-    news: queue.Queue[tuple[str, Change] | ClientError | None] = queue.Queue(_WAITING)
-    for path, here in watched:
-        threading.Thread(target=_follow, args=(path, here, options, news), daemon=True).start()
-    shown = _Screen(options) if sys.stdout.isatty() and not options.json else _Lines(options)
-    here_of = dict(watched)
-    changes, open_feeds = 0, len(watched)
-    while open_feeds and (options.count is None or changes < options.count):
-        said = news.get()
-        if isinstance(said, ClientError):
-            raise said
-        if said is None:
-            open_feeds -= 1
-            continue
-        path, change = said
-        changes += 1
-        shown.show(list(_rows(path, here_of[path], change)))
-    return 0
+@click.command()
+@click.argument("paths", nargs=-1, required=True, metavar="PATH...", shell_complete=watched_paths)
+@click.option("--count", type=click.IntRange(min=1), help="End after so many changes.")
+@click.option("--interval", type=seconds, help="At least so many seconds between two changes.")
+@click.option("--seconds", type=seconds, help="End after so many seconds.")
+@units
+@common
+@click.pass_obj
+def watch(
+    session: Session,
+    paths: tuple[str, ...],
+    units: tuple[str, ...],
+    count: int | None,
+    interval: float | None,
+    seconds: float | None,
+) -> None:
+    """Print values as they change: a line each, on a terminal a table that is kept fresh."""
+    shown = _Screen(units) if sys.stdout.isatty() and not session.json else _Lines(units, session.json)
+    with session.fleet() as fleet:
+        watched = {path: found_at(fleet, path) for path in paths}
+        feeds = {
+            path: _observed(here).subscribe(interval_s=interval, timeout_s=seconds) for path, here in watched.items()
+        }
+        with contextlib.closing(_changes(feeds)) as changes:
+            for path, change in itertools.islice(changes, count):
+                shown.show(list(_rows(path, watched[path], change)))
 
 
-def _follow(path: str, here: Resource, options: Namespace, news: "queue.Queue[Any]") -> None:
-    observed = here if isinstance(here, Observable) else Observable(here.web, here.iri)
+def _observed(here: Resource) -> Observable:
+    return here if isinstance(here, Observable) else Observable(here.web, here.iri)
+
+
+def _changes(feeds: Mapping[str, Feed]) -> Generator[tuple[str, Change], None, None]:
+    """The changes of all feeds, each followed by a thread; closing it ends them."""
+    news: queue.Queue[tuple[str, Change] | ClientError | None] = queue.Queue(_WAITING + len(feeds))
+    threads = [threading.Thread(target=_follow, args=(*each, news), daemon=True) for each in feeds.items()]
+    for thread in threads:
+        thread.start()
     try:
-        for change in observed.subscribe(interval_s=options.interval, timeout_s=options.seconds):
+        running = len(threads)
+        while running:
+            said = news.get()
+            if isinstance(said, ClientError):
+                raise said
+            if said is None:
+                running -= 1
+            else:
+                yield said
+    finally:
+        for feed in feeds.values():
+            feed.close()
+        _wait_for(threads, news)
+
+
+def _follow(path: str, feed: Feed, news: "queue.Queue[Any]") -> None:
+    try:
+        for change in feed:
             news.put((path, change))
         news.put(None)
     except ClientError as error:
         news.put(error)
+
+
+def _wait_for(threads: list[threading.Thread], news: "queue.Queue[Any]") -> None:
+    """Until all have ended; one that is just connecting may take longer, and ends by itself."""
+    deadline = time.monotonic() + _END_S
+    while any(thread.is_alive() for thread in threads) and time.monotonic() < deadline:
+        with contextlib.suppress(queue.Empty):
+            news.get(timeout=0.02)  # who waits for room in the queue can go on
 
 
 def _rows(path: str, here: Resource, change: Change) -> Iterator[Row]:
@@ -69,19 +113,19 @@ def _rows(path: str, here: Resource, change: Change) -> Iterator[Row]:
     if presence:
         yield Row(path, Reading({"presence": presence}, ()), change.missed)
     for prop in here.properties_in(change.document).introduced():
-        yield Row(show.path_of(path, prop.name), prop.within(change.document), change.missed)
+        yield Row(output.path_of(path, prop.name), prop.within(change.document), change.missed)
 
 
 class _Lines:
     """A line for each value that is another than before."""
 
-    def __init__(self, options: Namespace) -> None:
-        self.options = options
+    def __init__(self, units: Sequence[str], as_json: bool) -> None:
+        self.units, self.as_json = units, as_json
         self.before: dict[str, dict[str, Any]] = {}
 
     def show(self, rows: list[Row]) -> None:
         for row in rows:
-            values = {key: show.said(value, self.options.unit) for key, value in row.reading.values.items()}
+            values = {key: output.said(value, self.units) for key, value in row.reading.values.items()}
             if self.before.get(row.path) == values:
                 continue
             self.before[row.path] = values
@@ -89,24 +133,24 @@ class _Lines:
 
     def _line(self, row: Row) -> str:
         now = time.strftime("%H:%M:%S")
-        if self.options.json:
-            values = show.reading(row.reading, self.options.unit)
-            return show.as_json({"path": row.path, "values": values, "missed": row.missed})
+        if self.as_json:
+            values = output.reading(row.reading, self.units)
+            return output.as_json({"path": row.path, "values": values, "missed": row.missed})
         gap = "  (others in between)" if row.missed else ""
-        return show.clean(f"{now}  {row.path}  {show.brief(row.reading, self.options.unit)}{gap}")
+        return output.clean(f"{now}  {row.path}  {output.brief(row.reading, self.units)}{gap}")
 
 
 class _Screen:
     """A table of the latest values, painted anew at every change."""
 
-    def __init__(self, options: Namespace) -> None:
-        self.options = options
+    def __init__(self, units: Sequence[str]) -> None:
+        self.units = units
         self.rows: dict[str, tuple[str, str]] = {}
 
     def show(self, rows: list[Row]) -> None:
         for row in rows:
             if row.reading.values:
-                self.rows[row.path] = (show.brief(row.reading, self.options.unit), time.strftime("%H:%M:%S"))
+                self.rows[row.path] = (output.brief(row.reading, self.units), time.strftime("%H:%M:%S"))
         lines = [[path, value, at] for path, (value, at) in self.rows.items()]
-        sys.stdout.write(_CLEAR + show.table(lines, ("PATH", "VALUE", "AT")) + "\n")
+        sys.stdout.write(_CLEAR + output.table(lines, ("PATH", "VALUE", "AT")) + "\n")
         sys.stdout.flush()

@@ -1,11 +1,15 @@
-"""`linked-fleet conform URL`: whether a server does what the paper asks."""
+"""`linked-fleet conform URL`: check of a server against the paper."""
 
-import argparse
 import asyncio
 import os
 import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
+
+import click
 
 from client.conform.rdf import wary
 from client.conform.report import Report, as_json, earl, table
@@ -18,58 +22,74 @@ from client.conform.web import OutOfTimeError, Web
 _CONFORMS, _BREAKS, _UNREACHABLE = 0, 1, 3
 
 
-def command(argv: list[str]) -> int:
-    """0 when no must failed, 1 when one did, 2 on wrong usage, 3 when the server cannot be reached."""
-    parser = _parser()
-    options = parser.parse_args(argv)
+@dataclass(frozen=True)
+class Options:
+    """The server, and the bounds of the check."""
+
+    url: str
+    callback_host: str
+    no_write: bool
+    resources: int
+    timeout: float
+    limit: float
+
+
+def command(argv: Sequence[str]) -> int:
+    """0 when no must failed, 1 when one did, 3 when the server cannot be reached; SystemExit 2 on wrong usage."""
     try:
-        with wary():
-            report = asyncio.run(conform(options, _token(options.token_file)))
-    except ValueError as error:
-        parser.error(str(error))
-    except ConnectionError as error:
-        print(f"{options.url} cannot be reached: {error}", file=sys.stderr)
-        return _UNREACHABLE
-    print(as_json(report) if options.json else table(report))
-    if options.earl:
-        try:
-            options.earl.write_text(earl(report), encoding="utf-8")
-        except OSError as error:
-            parser.error(f"{options.earl} cannot be written: {error}")
-    return _BREAKS if report.breaks else _CONFORMS
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser("linked-fleet conform", description=__doc__)
-    parser.add_argument("url", metavar="URL", help="the root of the server")
-    parser.add_argument("--earl", metavar="FILE", type=Path, help="write the results there, as EARL in Turtle")
-    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
-    parser.add_argument(
-        "--callback-host",
-        metavar="HOST",
-        default="127.0.0.1",
-        help="an address of this machine that the server can reach",
-    )
-    parser.add_argument("--no-write", action="store_true", help="send no bodies and make no callbacks")
-    parser.add_argument("--resources", metavar="N", type=_positive, default=200, help="how many to visit at most (200)")
-    parser.add_argument(
-        "--token-file", metavar="FILE", type=Path, help="has the token that says who you are (or LINKED_FLEET_TOKEN)"
-    )
-    parser.add_argument("--timeout", metavar="S", type=_duration_s, default=10.0, help="seconds for one request (10)")
-    parser.add_argument("--limit", metavar="S", type=_duration_s, default=300.0, help="seconds for everything (300)")
-    return parser
-
-
-def _positive(text: str) -> int:
-    if (number := int(text)) < 1:
-        raise argparse.ArgumentTypeError("at least 1")
-    return number
+        return int(cli.main(list(argv), "linked-fleet conform", standalone_mode=False))
+    except click.ClickException as error:
+        error.show()
+        raise SystemExit(error.exit_code) from error
 
 
 def _duration_s(text: str) -> float:
-    if not 0.1 <= (seconds := float(text)) <= 86_400:
-        raise argparse.ArgumentTypeError("between 0.1 and 86400 seconds")
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = 0.0
+    if not 0.1 <= seconds <= 86_400:
+        raise click.BadParameter(f"{text} is not between 0.1 and 86400 seconds")
     return seconds
+
+
+@click.command("conform", context_settings={"help_option_names": ["-h", "--help"]})
+@click.argument("url")
+@click.option(
+    "--earl", "earl_file", metavar="FILE", type=click.Path(path_type=Path), help="Write EARL in Turtle there."
+)
+@click.option("--json", "json_", is_flag=True, help="Print JSON instead of a table.")
+@click.option(
+    "--callback-host", metavar="HOST", default="127.0.0.1", help="An address of this machine that the server can reach."
+)
+@click.option("--no-write", is_flag=True, help="Send no bodies and make no callbacks.")
+@click.option("--resources", metavar="N", type=click.IntRange(min=1), default=200, help="Visit at most so many (200).")
+@click.option(
+    "--token-file",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Has the token that says who you are (or LINKED_FLEET_TOKEN).",
+)
+@click.option("--timeout", metavar="S", type=_duration_s, default=10.0, help="Seconds for one request (10).")
+@click.option("--limit", metavar="S", type=_duration_s, default=300.0, help="Seconds for everything (300).")
+def cli(earl_file: Path | None, json_: bool, token_file: Path | None, **options: Any) -> int:
+    """Check the server whose root is URL against the paper."""
+    checked = Options(**options)
+    try:
+        with wary():
+            report = asyncio.run(conform(checked, _token(token_file)))
+    except ValueError as error:
+        raise click.UsageError(str(error)) from error
+    except ConnectionError as error:
+        print(f"{checked.url} cannot be reached: {error}", file=sys.stderr)
+        return _UNREACHABLE
+    print(as_json(report) if json_ else table(report))
+    if earl_file:
+        try:
+            earl_file.write_text(earl(report), encoding="utf-8")
+        except OSError as error:
+            raise click.UsageError(f"{earl_file} cannot be written: {error}") from error
+    return _BREAKS if report.breaks else _CONFORMS
 
 
 def _token(file: Path | None) -> str:
@@ -87,7 +107,7 @@ def _token(file: Path | None) -> str:
     return token
 
 
-async def conform(options: argparse.Namespace, token: str = "") -> Report:
+async def conform(options: Options, token: str = "") -> Report:
     """ConnectionError when there is no connection to the server, ValueError when the URL is none."""
     async with Web(options.url, options.timeout, options.limit, token) as web:
         root = await _root(web)
@@ -105,7 +125,7 @@ async def _root(web: Web) -> Page:
     return root
 
 
-async def _trials(web: Web, found: Walk, options: argparse.Namespace) -> Trials:
+async def _trials(web: Web, found: Walk, options: Options) -> Trials:
     trials = Trials(*target(found))
     if options.no_write:
         trials.excuse = "left out, for nothing may be written (--no-write)"

@@ -6,17 +6,21 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
+import threading
 from contextlib import redirect_stderr, redirect_stdout
+from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
 import pytest
+from click.shell_completion import ShellComplete
 from running import ROOT, eventually, free_port
 
-from client.cli.completion import SCRIPTS, completions
-from client.cli.given import BadArgument, given
-from client.cli.main import main
-from client.cli.show import clean
+from client.cli.arguments import BadArgument, nested
+from client.cli.completion import VARIABLE
+from client.cli.main import cli, main
+from client.cli.output import clean
 
 
 def run(url: str, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -82,8 +86,11 @@ def test_no_wait_says_where_to_look(other_tree: Any) -> None:
         (["do", "cell/lefty", "rest", "fast"], 2, "name=value"),
         (["get", "cell/nobody"], 4, "lefty"),
         (["stop"], 4, "stop"),
-        (["ls", "--wrong"], 2, "usage"),
-        ([], 2, "usage"),
+        (["ls", "--wrong"], 2, "Usage"),
+        (["do", "cell/lefty", "rest", "--seconds", "nan"], 2, "nan is no number of seconds"),
+        (["watch", "cell", "--count", "0"], 2, "--count"),
+        (["ls", "--url"], 2, "requires an argument"),
+        ([], 2, "Usage"),
     ],
 )
 def test_what_cannot_be_done_has_a_code_and_says_why(
@@ -113,6 +120,16 @@ def test_watch_prints_what_changes(other_tree: Any) -> None:
     assert said["cell/lefty/elbow/load"]["value"]["number"] is None
 
 
+def test_threads_of_watch_end_before_the_client_does(other_tree: Any) -> None:
+    """No thread is left, and none raises."""
+    before = set(threading.enumerate())
+    paths = ("cell/lefty/elbow/angle", "cell/lefty/elbow/load", "cell/lefty/elbow/mood")
+    done = run(other_tree.root, "watch", *paths, "--count", "1")
+    assert (done.returncode, len(done.stdout.splitlines()), done.stderr) == (0, 1, "")
+    left = [each.name for each in threading.enumerate() if each not in before and "_follow" in each.name]
+    assert left == []
+
+
 @pytest.mark.processes
 def test_ctrl_c_cancels_what_is_running(other_tree: Any) -> None:
     """By the invocation's own action; the process says so and ends with 1."""
@@ -128,37 +145,66 @@ def test_ctrl_c_cancels_what_is_running(other_tree: Any) -> None:
 
 
 def test_completion_offers_what_is_there(other_tree: Any) -> None:
-    def offered(*words: str) -> list[str]:
-        return completions(list(words), other_tree.root)
+    def offered(*words: str, url: str = other_tree.root) -> list[str]:
+        *before, typed = words
+        with patch.dict(os.environ, LINKED_FLEET_URL=url):
+            found = ShellComplete(cli, {}, "linked-fleet", VARIABLE).get_completions(before, typed)
+        return [item.value for item in found]
 
     assert offered("g") == ["get"]
+    assert offered("conf") == ["conform"]
     assert offered("ls", "cell/le") == ["cell/lefty"]
     assert offered("ls", "cell/lefty/elbow/l") == ["cell/lefty/elbow/load"]
+    assert offered("watch", "cell", "cell/lefty/elbow/l") == ["cell/lefty/elbow/load"]
     assert offered("do", "cell/lefty/T") == ["cell/lefty/Two%20fingers"]
     assert offered("do", "cell/lefty", "B") == ["Break"]
     assert offered("do", "cell/lefty/Elbow", "Bend", "") == ["goal=", "mode=", "tries="]
     assert offered("do", "cell/lefty/Elbow", "Bend", "mode=") == ["mode=soft", "mode=hard"]
     assert offered("ls", "nobody/") == []
-    assert offered("--url", other_tree.root, "do", "cell/lefty", "Re") == ["Rest"]
-    assert completions(["ls", ""], f"http://127.0.0.1:{free_port()}/") == []
-    hidden = run(other_tree.root, "complete", "--", "do", "cell/lefty", "--dr")
-    assert hidden.stdout.split() == ["--dry-run"]
+    nobody = f"http://127.0.0.1:{free_port()}/"
+    assert offered("--url", other_tree.root, "do", "cell/lefty", "Re", url=nobody) == ["Rest"]
+    assert offered("do", "--url", other_tree.root, "cell/lefty", "Re", url=nobody) == ["Rest"]
+    assert offered("ls", "", url=nobody) == []
+    assert offered("do", "cell/lefty", "--dr") == ["--dry-run"]
 
 
 @pytest.mark.processes
-def test_the_script_for_bash_completes(other_tree: Any) -> None:
-    """In a real bash, with a linked-fleet that is found by its name."""
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        ("('do' 'cell/lefty/Elbow' 'Bend' 'mode' '=' 's')", ["soft"]),
+        ("('--url' 'http' ':' '//127.0.0.1' ':' 'PORT/start' 'do' 'cell/lefty' 'Re')", ["Rest"]),
+    ],
+)
+def test_the_script_for_bash_completes(other_tree: Any, words: str, found: list[str]) -> None:
+    """In a real bash, with a linked-fleet that is found by its name. bash has cut the words at ``=`` and ``:``."""
+    script = run(other_tree.root, "completion", "bash")
+    assert script.returncode == 0
+    port = other_tree.url.rpartition(":")[2]
     ask = f"""
-linked-fleet() {{ {sys.executable} -m client.cli.main "$@"; }}
-{SCRIPTS["bash"]}
-COMP_LINE='linked-fleet do cell/lefty/Elbow Bend mode=s' COMP_POINT=${{#COMP_LINE}}
-COMP_POINT=${{#COMP_LINE}}
+{script.stdout}
+COMP_WORDS=(linked-fleet "${{words[@]}}")
+COMP_CWORD=$(( ${{#COMP_WORDS[@]}} - 1 ))
 compopt() {{ :; }}
-_linked_fleet; printf '%s\\n' "${{COMPREPLY[@]}}"
+_linked_fleet_completion "$PWD/linked-fleet"; printf '%s\\n' "${{COMPREPLY[@]}}"
 """
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "LINKED_FLEET_URL": other_tree.root}
-    done = subprocess.run(["bash", "-c", ask], env=environment, capture_output=True, text=True, timeout=60, check=True)
-    assert done.stdout.split() == ["soft"]
+    with tempfile.TemporaryDirectory() as folder:
+        program = Path(folder, "linked-fleet")
+        program.write_text(f"#!{sys.executable}\nimport sys\nfrom client.cli.main import main\nsys.exit(main())\n")
+        program.chmod(0o755)
+        environment = {**os.environ, "PYTHONPATH": str(ROOT), "LINKED_FLEET_URL": other_tree.root}
+        done = subprocess.run(
+            ["bash", "-c", f"words={words.replace('PORT', port)}\n{ask}"],
+            env=environment, cwd=folder, capture_output=True, text=True, timeout=60, check=True,
+        )  # fmt: skip
+    assert done.stdout.split() == found, done.stderr
+
+
+@pytest.mark.parametrize("shell", ["fish", "zsh"])
+def test_other_shells_have_scripts(shell: str) -> None:
+    script = run("http://127.0.0.1:1/", "completion", shell).stdout
+    assert VARIABLE in script
+    assert "compadd -U" not in script
 
 
 @pytest.mark.parametrize(
@@ -173,7 +219,7 @@ _linked_fleet; printf '%s\\n' "${{COMPREPLY[@]}}"
     ],
 )
 def test_arguments_are_a_nested_mapping(arguments: list[str], found: dict[str, Any]) -> None:
-    assert given(arguments) == found
+    assert nested(arguments) == found
 
 
 @pytest.mark.parametrize(
@@ -181,7 +227,7 @@ def test_arguments_are_a_nested_mapping(arguments: list[str], found: dict[str, A
 )
 def test_other_arguments_are_refused(argument: list[str]) -> None:
     with pytest.raises(BadArgument):
-        given(argument)
+        nested(argument)
 
 
 def test_nothing_from_the_network_steers_the_terminal() -> None:

@@ -1,5 +1,8 @@
 """Event streams: framing, resumption, reconnection and their end."""
 
+import queue
+import socket
+import threading
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -9,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from client import live
-from client.errors import BadAnswer, Problem
+from client.errors import BadAnswer, Problem, Unreachable
 from client.live import Event, Feed, events, lines
 from client.web import Web
 
@@ -38,6 +41,35 @@ def test_a_stream_that_breaks_is_resumed_where_it_was_until_it_is_over(script: A
     script.answers["/x"] = [HEAD + event("1", "0", 1.5) + event("2", "1", 2.5), b"", HEAD + event("5", "4", 5.5), OVER]
     assert numbers(Feed(web, f"{script.url}/x")) == [(1.5, False), (2.5, False), (5.5, True)]
     assert [fields.get("last-event-id") for fields in script.at("/x")] == [None, "2", "2", "5"]
+
+
+def test_a_feed_is_closed_while_it_waits_for_the_server(web: Web) -> None:
+    """A thread that waits in a stream without news ends at once, and raises nothing."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        feed = Feed(web, f"http://127.0.0.1:{server.getsockname()[1]}/x")
+        told: queue.Queue[str | None] = queue.Queue()
+        reader = threading.Thread(target=lambda: [told.put(change.version) for change in feed])
+        reader.start()
+        connection, _ = server.accept()
+        with connection:
+            connection.recv(65536)
+            connection.sendall(HEAD + event("1", "0", 1.5))
+            assert told.get(timeout=30) == "1"
+            feed.close()
+            reader.join(30)
+            assert not reader.is_alive()
+
+
+def test_a_closed_client_is_unreachable_and_no_other_error(web: Web) -> None:
+    web.close()
+    with pytest.raises(Unreachable, match="closed"):
+        web.get("http://127.0.0.1:1/")
+    assert list(_closed(Feed(web, "http://127.0.0.1:1/"))) == []
+
+
+def _closed(feed: Feed) -> Feed:
+    feed.close()
+    return feed
 
 
 def test_an_id_without_data_is_where_to_resume(script: Any, web: Web) -> None:

@@ -1,4 +1,4 @@
-"""``name=value`` arguments as the nested mapping that they describe."""
+"""Parser of ``name=value`` arguments."""
 
 import json
 import re
@@ -14,8 +14,11 @@ class BadArgument(ClientError):  # noqa: N818
     """An argument that is no ``name=value``."""
 
 
-def given(arguments: Sequence[str]) -> dict[str, Any]:
-    """``a=1 b[0].c=2 b[1].c=3`` or ``b='[{"c": 2}, {"c": 3}]'``; a name that comes twice has both values."""
+def nested(arguments: Sequence[str]) -> dict[str, Any]:
+    """The mapping that they describe; a name that comes twice has both values.
+
+    ``a=1 b[0].c=2 b[1].c=3`` is the same as ``a=1 b='[{"c": 2}, {"c": 3}]'``.
+    """
     found: dict[str, Any] = {}
     for argument in arguments:
         name, equals, text = argument.partition("=")

@@ -1,15 +1,17 @@
-"""``ls`` and ``get``: what there is, and what it says."""
+"""Commands ``ls`` and ``get``: the resources of a fleet and their descriptions."""
 
-from argparse import Namespace
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+import click
 from rdflib.term import URIRef
 
 from client.action import Action
-from client.cli import show
-from client.cli.show import clean
+from client.cli import output
+from client.cli.completion import all_paths
+from client.cli.options import Session, common, units
+from client.cli.output import clean
 from client.fleet import Fleet
 from client.invocation import Invocation
 from client.naming import step
@@ -26,39 +28,46 @@ def found_at(fleet: Fleet, path: str) -> Found:
     return fleet.get(path) if is_web(URIRef(path)) else fleet.at(path)
 
 
-def ls(fleet: Fleet, options: Namespace) -> int:
-    here = found_at(fleet, options.path)
-    rows = list(_rows(here, options)) if isinstance(here, Thing) else [_row(here, options)]
-    if options.json:
-        print(show.as_json(rows))
+@click.command()
+@click.argument("path", default="", shell_complete=all_paths)
+@click.option("--values", is_flag=True, help="Read each part for its measured values.")
+@units
+@common
+@click.pass_obj
+def ls(session: Session, path: str, values: bool, units: tuple[str, ...]) -> None:
+    """List parts, properties and actions. PATH is titles with slashes between, such as baxter/right_s1."""
+    with session.fleet() as fleet:
+        here = found_at(fleet, path)
+        rows = list(_rows(here, values, units)) if isinstance(here, Thing) else [_row(here, units)]
+    if session.json:
+        print(output.as_json(rows))
     elif rows:
-        print(show.table([[step(row["name"]), row["kind"], row["state"]] for row in rows], ("NAME", "KIND", "VALUE")))
-    return 0
+        print(output.table([[step(row["name"]), row["kind"], row["state"]] for row in rows], ("NAME", "KIND", "VALUE")))
 
 
-def _rows(thing: Thing, options: Namespace) -> Iterator[dict[str, Any]]:
+def _rows(thing: Thing, live: bool, units: Sequence[str]) -> Iterator[dict[str, Any]]:
     document = thing.read()
     parts = list(thing.parts.introduced())
-    if options.values:
+    if live:
         with ThreadPoolExecutor(_AT_ONCE) as pool:
             list(pool.map(Thing.learn, parts))
     for part in parts:
-        state = _presence(part, thing) or (_live(part, options.unit) if options.values else "")
+        state = _presence(part, thing) or (_live(part, units) if live else "")
         yield {"name": part.name, "kind": part.kind, "state": state, "iri": part.iri}
     for prop in thing.properties_in(document).introduced():
         value = prop.within(document)
         value = value if value.values else prop.reading
-        row = {"name": prop.name, "kind": kind_of(prop) or "property", "state": show.brief(value, options.unit)}
-        yield row | {"iri": prop.iri, "values": show.reading(value, options.unit)}
+        row = {"name": prop.name, "kind": kind_of(prop) or "property", "state": output.brief(value, units)}
+        yield row | {"iri": prop.iri, "values": output.reading(value, units)}
     for action in thing.actions.introduced():
-        yield _row(action, options)
+        yield _row(action, units)
 
 
-def _row(here: Found, options: Namespace) -> dict[str, Any]:
+def _row(here: Found, units: Sequence[str]) -> dict[str, Any]:
     if isinstance(here, Property):
         value = here.reading
-        row = {"name": here.name, "kind": kind_of(here), "state": show.brief(value, options.unit), "iri": here.iri}
-        return row | {"values": show.reading(value, options.unit)}
+        row = {"name": here.name, "kind": kind_of(here), "state": output.brief(value, units), "iri": here.iri}
+        return row | {"values": output.reading(value, units)}
     here.learn()
     kind = "action" if isinstance(here, Action) else kind_of(here)
     return {"name": here.name, "kind": kind, "state": here.title, "iri": here.iri}
@@ -68,40 +77,43 @@ def _presence(part: Thing, above: Thing) -> str:
     return part.presence_in(above.learn()) or part.presence_in(part.learn() if part.known else above.learn()) or ""
 
 
-def _live(part: Thing, units: list[str]) -> str:
+def _live(part: Thing, units: Sequence[str]) -> str:
     """Those values of a thing that have a time: they are measured, not made."""
     document = part.learn()
     found = [(prop.name, prop.within(document).main) for prop in part.properties_in(document)]
-    return ", ".join(f"{name}={show.said(value, units)}" for name, value in found if value and value.time)
+    return ", ".join(f"{name}={output.said(value, units)}" for name, value in found if value and value.time)
 
 
-def get(fleet: Fleet, options: Namespace) -> int:
-    here = found_at(fleet, options.path)
-    said = _described(here, options)
-    if options.json:
-        print(show.as_json(said))
-    else:
-        print("\n".join(_text(here, said, options)))
-    return 0
+@click.command()
+@click.argument("path", default="", shell_complete=all_paths)
+@units
+@common
+@click.pass_obj
+def get(session: Session, path: str, units: tuple[str, ...]) -> None:
+    """Show values with their units, and the input of actions."""
+    with session.fleet() as fleet:
+        here = found_at(fleet, path)
+        said = _described(here, units)
+        print(output.as_json(said) if session.json else "\n".join(_text(here, said, units)))
 
 
-def _described(here: Found, options: Namespace) -> dict[str, Any]:
+def _described(here: Found, units: Sequence[str]) -> dict[str, Any]:
     document = here.read()
     said: dict[str, Any] = {"iri": here.iri, "title": here.title, "types": sorted(map(str, here.types))}
     if isinstance(here, Thing):
         said["presence"] = here.presence_in(document)
         said["parts"] = [part.name for part in here.parts.introduced()]
         properties = here.properties_in(document).introduced()
-        said["properties"] = {prop.name: show.reading(_value(prop, here), options.unit) for prop in properties}
+        said["properties"] = {prop.name: output.reading(_value(prop, here), units) for prop in properties}
         said["actions"] = {action.name: _action(action) for action in here.actions.introduced()}
     elif isinstance(here, Action):
         said |= _action(here)
     elif isinstance(here, Invocation):
         said |= invocation(here)
     else:
-        said["values"] = show.reading(here.reading, options.unit)
+        said["values"] = output.reading(here.reading, units)
         if not said["values"]:
-            said["statements"] = show.statements(here.triples)
+            said["statements"] = output.statements(here.triples)
     return said
 
 
@@ -113,7 +125,7 @@ def _value(prop: Property, thing: Thing) -> Reading:
 
 def _action(action: Action) -> dict[str, Any]:
     action.learn()
-    return {"title": action.title, "dryRun": action.can_rehearse, "input": show.asked_json(action.fields)}
+    return {"title": action.title, "dryRun": action.can_rehearse, "input": output.asked_json(action.fields)}
 
 
 def invocation(run: Invocation) -> dict[str, Any]:
@@ -130,25 +142,25 @@ def invocation(run: Invocation) -> dict[str, Any]:
     }
 
 
-def _text(here: Found, said: dict[str, Any], options: Namespace) -> Iterator[str]:
+def _text(here: Found, said: dict[str, Any], units: Sequence[str]) -> Iterator[str]:
     yield clean(f"{said['title']}  ({kind_of(here)})")
     yield clean(str(here.iri))
     if said.get("presence"):
         yield clean(said["presence"])
     if isinstance(here, Thing):
-        yield from _thing_text(here, options)
+        yield from _thing_text(here, units)
     elif isinstance(here, Action):
         yield from _action_text(here)
     elif isinstance(here, Property):
-        yield from _property_text(here, options)
+        yield from _property_text(here, units)
     else:
-        yield show.table([[key, str(value)] for key, value in invocation(here).items() if value is not None])
+        yield output.table([[key, str(value)] for key, value in invocation(here).items() if value is not None])
 
 
-def _thing_text(thing: Thing, options: Namespace) -> Iterator[str]:
-    rows = [[step(prop.name), show.brief(_value(prop, thing), options.unit)] for prop in thing.properties.introduced()]
+def _thing_text(thing: Thing, units: Sequence[str]) -> Iterator[str]:
+    rows = [[step(prop.name), output.brief(_value(prop, thing), units)] for prop in thing.properties.introduced()]
     if rows:
-        yield "\nProperties\n" + show.table([["  " + name, value] for name, value in rows])
+        yield "\nProperties\n" + output.table([["  " + name, value] for name, value in rows])
     actions = list(thing.actions.introduced())
     if actions:
         yield "\nActions"
@@ -167,16 +179,18 @@ def _action_text(action: Action) -> Iterator[str]:
 
 def _input(action: Action) -> list[str]:
     action.learn()
-    return show.input_in_words(action.fields, "    ") or ["    takes nothing"]
+    return output.input_in_words(action.fields, "    ") or ["    takes nothing"]
 
 
-def _property_text(prop: Property, options: Namespace) -> Iterator[str]:
+def _property_text(prop: Property, units: Sequence[str]) -> Iterator[str]:
     reading = prop.reading
-    rows = [[key, show.said(value, options.unit)] for key, value in reading.values.items()]
+    rows = [[key, output.said(value, units)] for key, value in reading.values.items()]
     if rows:
-        yield show.table(rows)
+        yield output.table(rows)
     else:
-        yield show.table([[name, value] for name, values in show.statements(prop.triples).items() for value in values])
+        yield output.table(
+            [[name, value] for name, values in output.statements(prop.triples).items() for value in values]
+        )
     times = {value.time for value in reading.values.values() if not isinstance(value, str) and value.time}
     for time in sorted(times):
         yield f"at {time.isoformat()}"

@@ -1,4 +1,4 @@
-"""What is found, as text for people and as JSON for scripts. What comes from the network is made harmless first."""
+"""Text for people and JSON for scripts. Text from the network loses its control characters first."""
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
