@@ -133,6 +133,7 @@ class _Tree(BaseHTTPRequestHandler):
     """A root with twenty robots of two joints, each of which says something else in each answer."""
 
     protocol_version = "HTTP/1.1"
+    disable_nagle_algorithm = True
     answers = 0
 
     def do_GET(self) -> None:

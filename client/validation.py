@@ -71,7 +71,7 @@ def _messages(data: Graph, shapes: Graph, shape: Node, report: Graph | None, dep
 
 
 def _branches(shapes: Graph, source: Node | None, component: Node | None) -> Iterator[Node]:
-    """Of a broken sh:or or sh:xone the branches."""
+    """The branches of a broken sh:or or sh:xone."""
     predicate = {SH.OrConstraintComponent: SH["or"], SH.XoneConstraintComponent: SH.xone}.get(component)  # type: ignore[call-overload]
     if predicate is not None and source is not None:
         for head in shapes.objects(source, predicate):
@@ -79,7 +79,7 @@ def _branches(shapes: Graph, source: Node | None, component: Node | None) -> Ite
 
 
 def _chosen(data: Graph, shapes: Graph, branch: Node, focus: Node | None) -> bool:
-    """Whether the choices of a branch, such as its unit, are those that the data has made."""
+    """True if the choices of a branch, such as its unit, are those that the data has made."""
     made = False
     for each in shapes.objects(branch, SH.property):
         allowed = set(_allowed(shapes, each))

@@ -32,7 +32,7 @@ logging.getLogger("rdflib.term").setLevel(logging.ERROR)
 
 @dataclass(frozen=True)
 class Document:
-    """What was served for ``url``, which is where redirects ended. The graph is shared: read it only."""
+    """The answer for ``url``, which is where redirects ended. The graph is shared: read it only."""
 
     url: str
     graph: rdflib.Graph
@@ -59,7 +59,7 @@ class Answer:
     body: bytes
 
     def location(self) -> str:
-        """Where the Location field leads; BadAnswer if there is none."""
+        """The target of the Location field; BadAnswer if there is none."""
         target = self.headers.get("location")
         if not target:
             raise BadAnswer(f"{self.url} answers {self.status} without saying where to look")

@@ -118,7 +118,7 @@ def _described(here: Found, units: Sequence[str]) -> dict[str, Any]:
 
 
 def _value(prop: Property, thing: Thing) -> Reading:
-    """As the description of the thing shows it or, where that only links it, as it says itself."""
+    """The value in the description of the thing or, where that only links it, in its own."""
     shown = prop.within(thing.learn())
     return shown if shown.values else prop.reading
 

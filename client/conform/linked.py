@@ -58,7 +58,7 @@ async def r1_2(subject: Subject) -> Verdict:
 
 
 def _may_be_a_thing(page: Page, declared: set[Node]) -> bool:
-    """Whether a page that cannot be read is called a thing elsewhere, or is Turtle that could say so."""
+    """True for a page that cannot be read, and is called a thing elsewhere or is Turtle that could say so."""
     called = page.node in declared or URIRef(page.asked) in declared
     return bool(page.fault) and page.answer.successful and (called or page.answer.media_type == TURTLE)
 
@@ -150,7 +150,7 @@ async def r1_7(subject: Subject) -> Verdict:
 
 
 def _unstated(subject: Subject, thing: Page) -> Iterator[str]:
-    """What is typed as a property or an action of a thing, but not linked as one."""
+    """Values typed as a property or an action of a thing, but not linked as one."""
     model = subject.walk.model
     for role, kind in (("property", model.Property), ("action", model.Action)):
         linked = set(thing.graph.objects(thing.node, model[role]))

@@ -93,7 +93,7 @@ def cli(earl_file: Path | None, json_: bool, token_file: Path | None, **options:
 
 
 def _token(file: Path | None) -> str:
-    """Of the file, else of the environment; not of the arguments, which everybody on the machine can read.
+    """The token of the file, else of the environment; not of the arguments, which everybody here can read.
 
     Empty without any; ValueError for what is none.
     """

@@ -41,7 +41,7 @@ class Page:
 
     @property
     def node(self) -> URIRef:
-        """What the page is about: its own URL, or the first fragment of it that it describes."""
+        """The subject of the page: its own URL, or the first fragment of it that it describes."""
         own = URIRef(self.url)
         if (own, None, None) in self.graph:
             return own
@@ -74,7 +74,7 @@ class Walk:
         return any((page.node, self.model[role], None) in page.graph for role in _ROLES[:3])
 
     def named(self, page: Page, role: str) -> list[Node]:
-        """What a page names as its property, action, subscriptions or blueprint."""
+        """The nodes that a page names as its property, action, subscriptions or blueprint."""
         return sorted(page.graph.objects(page.node, self.model[role]), key=str)
 
     def of(self, role: str) -> list[Page]:
@@ -86,7 +86,7 @@ class Walk:
         return [(role, node) for role in _ROLES for node in self.named(page, role)]
 
     def declared(self) -> set[Node]:
-        """What any page calls a Robotic Thing."""
+        """The nodes that any page calls a Robotic Thing."""
         return {node for page in self for node in page.graph.subjects(RDF.type, self.model.RoboticThing)}
 
     def claimed(self) -> list[Page]:
@@ -137,7 +137,7 @@ def _limit(web: Web, size: int, most: int) -> str:
 
 
 async def _has_gone(web: Web, page: Page) -> bool:
-    """Whether a resource ended, and with it the link to it, between the reading of both: that is no fault."""
+    """True if a resource ended, and with it the link to it, between the reading of both: that is no fault."""
     if page.answer.status not in _GONE or not page.found_on:
         return False
     origin = await read(web, page.found_on)
