@@ -70,7 +70,7 @@ class Action(Resource):
         ready = self._ready(body, given)
         headers = {"idempotency-key": idempotency_key} if idempotency_key else {}
         answer = self._send(ready, headers)
-        return Invocation(self.web, answer.location() if "location" in answer.headers else "")
+        return Invocation(self.web, answer.location() if "location" in answer.headers else "", Action)
 
     def rehearse(self, body: Graph | Mapping[str, Any] | None = None, /, **given: Any) -> Reading:
         """What it would do, judged and not done; Unsupported if the action does not say that it can be tried.

@@ -41,5 +41,5 @@ class Fleet(Thing):
         if HYBRIT.Action in types:
             return Action(self.web, iri, self)
         if types & {LF.Invocation, PROV.Activity}:
-            return Invocation(self.web, iri)
+            return Invocation(self.web, iri, Action)
         return (Property if HYBRIT.Property in types else Thing)(self.web, URIRef(iri), self)

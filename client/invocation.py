@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime
+from typing import Protocol
 
 from rdflib import Graph
 from rdflib.term import Literal, Node, URIRef
@@ -16,10 +17,22 @@ from client.quantity import Quantity
 from client.reading import Value, moment, read
 from client.resource import Resource
 from client.vocabulary import HYBRIT, LF, PROV, document_of, local_name
-from client.web import Web
+from client.web import Document, Web
 
 ENDED = frozenset({LF.succeeded, LF.failed, LF.cancelled, LF.preempted})
 _SLICE_S = 5.0
+
+
+class Doable(Protocol):
+    """An action, as an invocation needs it."""
+
+    @property
+    def names(self) -> Sequence[str]: ...
+
+    def __call__(self) -> object: ...
+
+
+MakeAction = Callable[[Web, str, Resource, Document | None], Doable]
 
 
 class Invocation(Resource):
@@ -28,8 +41,10 @@ class Invocation(Resource):
     A server may do what was asked for without saying where to look: then ``traced`` is False and there is no state.
     """
 
-    def __init__(self, web: Web, iri: str) -> None:
+    def __init__(self, web: Web, iri: str, action: MakeAction) -> None:
+        """``action`` makes the actions that the description links, such as one that cancels."""
         super().__init__(web, iri)
+        self._action = action
 
     @property
     def traced(self) -> bool:
@@ -92,12 +107,10 @@ class Invocation(Resource):
 
     def cancel(self) -> None:
         """Have it stopped: by the action that its description links or, where there is none, by DELETE."""
-        from client.action import Action  # which has invocations, as these have actions
-
         if not self.traced:
             raise Unsupported("the server does not say where what it was asked to do can be stopped")
         self.read()
-        actions = [Action(self.web, iri, self, self._document) for iri in self.linked(HYBRIT.action)]
+        actions = [self._action(self.web, iri, self, self._document) for iri in self.linked(HYBRIT.action)]
         if len(actions) > 1:
             actions = [action for action in actions if any("cancel" in name.casefold() for name in action.names)]
         if actions:
