@@ -49,7 +49,7 @@ $$python -c 'import ensurepip' 2>/dev/null || { echo "$$python has no venv: apt 
 $$python -m venv --clear $(1)
 endef
 
-.PHONY: demo test test-long test-all check check-collisions docs-settings requirements fleet-check bench bench-robots fuzz mutants soak assets pictures node-wot shacl-suite chromium egl tools wrk caddy clean
+.PHONY: architecture demo test test-long test-all check check-collisions docs-settings requirements fleet-check bench bench-robots fuzz mutants soak assets pictures node-wot shacl-suite chromium egl tools wrk caddy clean
 
 demo: .venv/stamp $(ASSETS)
 	@$(BIN)/python -m demo --port $(PORT)
@@ -146,6 +146,13 @@ check-collisions: .venv/stamp
 fuzz: export PYTHONPATH := .:tests:tests/requirements
 fuzz: .venv/stamp $(ASSETS)
 	@$(BIN)/python -m fuzz --count $(COUNT) --seed $(SEED)
+
+# Lines and modules of each room, arrows, circles, and the rooms that a request passes through.
+architecture: export PYTHONPATH := .:tests:tests/requirements
+architecture: .venv/stamp
+	@$(BIN)/python -m bench.architecture
+	@echo
+	@$(BIN)/python -m bench.rooms_visited
 
 # With a package that nothing else needs. Exits with 1 when a mutant survives that the page does not explain.
 mutants: export PYTHONPATH := .:tests:tests/requirements
