@@ -19,6 +19,7 @@ from gateway.http.extension import Core, Extension, Mount
 from gateway.http.representation import Representations
 from gateway.resources.action_definition import add_kinds
 from gateway.resources.fleet_functions import add_functions
+from gateway.resources.link_statements import add_link_statements
 from gateway.resources.paths import reserve
 from gateway.resources.property import add_robot_properties
 
@@ -103,9 +104,10 @@ def _foreign(name: str) -> Extension:
 def install(extensions: Sequence[Extension]) -> None:
     """Have this process know the segments, the kinds of actions, the properties and the functions of the extensions."""
     for extension in (*BUILT_IN, *extensions):
-        reserve(extension.at_root, extension.in_robot)
+        reserve(extension.at_root, extension.in_robot, extension.public)
     add_kinds(kind for extension in extensions for kind in extension.kinds)
     add_robot_properties(name for extension in extensions for name in extension.robot_properties)
+    add_link_statements(name for extension in extensions for name in extension.link_statements)
     add_functions(function for extension in extensions for function in extension.functions)
 
 

@@ -13,7 +13,7 @@ from gateway.identity.jwts import BadToken
 from gateway.identity.rights import NOBODY, Identity
 from gateway.identity.service import Identities
 from gateway.identity.web import IssuerSilent
-from gateway.resources.paths import is_public
+from gateway.resources.paths import is_public, is_shared
 
 _STARTS = ("http.response.start", "websocket.http.response.start")
 
@@ -93,7 +93,7 @@ async def by_token(identities: Identities, headers: Headers) -> Identity:
 
 def _private(scope: Scope, send: Send) -> Send:
     """An answer is for the caller alone: no shared cache may keep it (RFC 9111, 5.2.2.7)."""
-    if scope["path"].startswith("/assets/"):
+    if is_shared(scope["path"]):
         return send
 
     async def answer(message: Message) -> None:

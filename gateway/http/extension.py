@@ -100,12 +100,16 @@ class Extension:
     """Names of extensions that are started before."""
     at_root: ClassVar[tuple[str, ...]] = ()
     """Segments below ``/`` that are the extension's, on or off: a robot of such a name is escaped."""
+    public: ClassVar[tuple[str, ...]] = ()
+    """Those of them that say nothing about any fleet, so that anybody may read what is below."""
     in_robot: ClassVar[tuple[str, ...]] = ()
     """Segments below a robot that are the extension's, likewise."""
     kinds: ClassVar[tuple[Path, ...]] = ()
     """Turtle files of kinds of actions, written as those in shapes/actions."""
     robot_properties: ClassVar[tuple[str, ...]] = ()
     """Further properties of robots, as ``module:attribute`` of functions from a robot to its property."""
+    link_statements: ClassVar[tuple[str, ...]] = ()
+    """Further statements about links, as ``module:attribute`` of functions of robot and link."""
     functions: ClassVar[tuple[str, ...]] = ()
     """Functions over the live fleet for languages of other extensions, as ``module:attribute`` of FleetFunctions."""
     settings: ClassVar[type[Section] | None] = None

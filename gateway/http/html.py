@@ -13,6 +13,9 @@ Formats = Mapping[str, tuple[str, str]]
 
 
 class HtmlWriter(Protocol):
+    modules: Sequence[str]
+    """Modules that take long to import, and that only pages need."""
+
     def write_resource(self, resource: Resource, triples: Sequence[Triple], base: str, formats: Formats) -> bytes:
         """The page of a resource; ``base`` is scheme and authority."""
 

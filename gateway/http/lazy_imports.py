@@ -8,7 +8,8 @@ from typing import Final
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-PAGES: Final = ("jinja2", "client.quantity", "gateway.extensions.pages.form")
+from gateway.http.request import html_of
+
 SUBSCRIPTIONS: Final = ("httpx",)
 
 
@@ -38,4 +39,5 @@ def _needed(scope: Scope) -> tuple[str, ...]:
     if method in ("POST", "PATCH"):
         container = path if method == "POST" else path.rpartition("/")[0]
         return SUBSCRIPTIONS if container.endswith("/subscriptions") else ()
-    return PAGES if "text/html" in Headers(scope=scope).get("accept", "") else ()
+    html = html_of(scope)
+    return tuple(html.modules) if html is not None and "text/html" in Headers(scope=scope).get("accept", "") else ()

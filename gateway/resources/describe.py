@@ -4,7 +4,6 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from pyoxigraph import Literal, NamedNode
 
-from gateway.fleet.cameras import cameras_of
 from gateway.fleet.model import Joint, Link
 from gateway.fleet.robot import Robot
 from gateway.rdf.graph import Graph, timestamp
@@ -12,7 +11,8 @@ from gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, RDFS, ROS, SOSA, XH
 from gateway.resources.action_offer import Offer, fleet_offers, joint_offers, robot_offers
 from gateway.resources.annotations import annotate
 from gateway.resources.joint_kinds import kind_of
-from gateway.resources.paths import camera_path, joint_path, lease_path, link_path, model_path, robot_path
+from gateway.resources.link_statements import further_statements
+from gateway.resources.paths import joint_path, lease_path, link_path, model_path, robot_path
 from gateway.resources.properties import joint_properties, link_properties, robot_properties
 from gateway.resources.property import Property, Seen
 
@@ -117,8 +117,8 @@ class Describer:
             for name in names:
                 for predicate in predicates:
                     graph.add(iri, predicate, self.iri(joint_path(robot.name, name)))
-        mounted = [each.name for each in cameras_of(robot).values() if each.link == link.name]
-        graph.add(iri, SOSA.hosts, *(self.iri(camera_path(robot.name, name)) for name in mounted))
+        for predicate, other in further_statements(robot, link):
+            graph.add(iri, predicate, self.iri(other))
         self._annotations(graph, iri, robot)
         self._properties(graph, path, link_properties(robot, link))
         for name in (*parents, *link.child_joints):

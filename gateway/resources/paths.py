@@ -23,13 +23,16 @@ _LINK_MARK = "~link"  # no escape: "~l" is no hexadecimal digit, so the mark can
 _segment = lru_cache(maxsize=32_768)(escape)
 
 
-_at_root, _in_robot = _CORE_AT_ROOT, _CORE_IN_ROBOT
+_at_root, _in_robot, _public = _CORE_AT_ROOT, _CORE_IN_ROBOT, frozenset[str]()
 
 
-def reserve(at_root: Iterable[str] = (), in_robot: Iterable[str] = ()) -> None:
-    """Have the tree of this process own more segments: robots, joints and links of such names are escaped."""
-    global _at_root, _in_robot
-    _at_root, _in_robot = _at_root | set(at_root), _in_robot | set(in_robot)
+def reserve(at_root: Iterable[str] = (), in_robot: Iterable[str] = (), public: Iterable[str] = ()) -> None:
+    """Have the tree of this process own more segments: robots, joints and links of such names are escaped.
+
+    Below those of ``public`` nothing is said of any fleet, so that anybody may read it.
+    """
+    global _at_root, _in_robot, _public
+    _at_root, _in_robot, _public = _at_root | set(at_root), _in_robot | set(in_robot), _public | set(public)
 
 
 def reserved_at_root() -> frozenset[str]:
@@ -61,8 +64,13 @@ def robot_of(path: str) -> str | None:
 
 
 def is_public(path: str) -> bool:
-    """Whether the resource at ``path`` says nothing about any fleet: anybody may read it."""
-    return path in ("/vocabulary", "/context") or path.startswith("/assets/")
+    """Return True if the resource at ``path`` says nothing about any fleet: anybody may read it."""
+    return path in ("/vocabulary", "/context") or is_shared(path)
+
+
+def is_shared(path: str) -> bool:
+    """Return True if the answer is the same for everybody, so that shared caches may keep it."""
+    return path[1:].partition("/")[0] in _public
 
 
 def lease_path(robot: str) -> str:

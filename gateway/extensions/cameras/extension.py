@@ -13,6 +13,7 @@ from gateway.http.extension import Core, Extension, Mount
 class CamerasExtension(Extension):
     name = "cameras"
     in_robot = ("cameras",)
+    link_statements = ("gateway.extensions.cameras.resources:hosted",)
     views = ("gateway.extensions.cameras.page:VIEW",)
 
     @asynccontextmanager

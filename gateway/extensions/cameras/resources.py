@@ -12,6 +12,7 @@ from pyoxigraph import Literal, NamedNode
 
 from agents.wire.messages import Camera
 from gateway.fleet.cameras import FORMATS, Picture, cameras_of, types_of
+from gateway.fleet.model import Link
 from gateway.fleet.observation import Observation
 from gateway.fleet.robot import Robot
 from gateway.rdf.graph import Graph, integer
@@ -55,6 +56,12 @@ class Eye:
 
     robot: Robot
     camera: Camera
+
+
+def hosted(robot: Robot, link: Link) -> list[tuple[NamedNode, str]]:
+    """The cameras that are mounted on a link."""
+    mounted = [each.name for each in cameras_of(robot).values() if each.link == link.name]
+    return [(SOSA.hosts, camera_path(robot.name, name)) for name in mounted]
 
 
 def cameras_branch(held: Held) -> RobotBranch:

@@ -19,6 +19,8 @@ from gateway.resources.resource import Resource
 class Pages:
     """Implements ``gateway.http.html.HtmlWriter``."""
 
+    modules: Sequence[str] = ("jinja2", "client.quantity", "gateway.extensions.pages.form")
+
     def write_resource(self, resource: Resource, triples: Sequence[Triple], base: str, formats: Formats) -> bytes:
         return page.write(resource, triples, base, formats)
 
@@ -33,6 +35,7 @@ class Pages:
 class PagesExtension(Extension):
     name = "pages"
     at_root = ("assets",)
+    public = ("assets",)
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:

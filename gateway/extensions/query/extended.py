@@ -7,17 +7,19 @@ import msgspec
 from gateway.rdf.shapes import added_to_folder
 from gateway.resources.action_definition import FOLDER, add_kinds
 from gateway.resources.fleet_functions import add_functions, added_functions
+from gateway.resources.link_statements import add_link_statements, added_link_statements
 from gateway.resources.paths import reserve, reserved_at_root, reserved_in_robot
 from gateway.resources.property import add_robot_properties, added_robot_properties
 
 
 class Extended(msgspec.Struct):
-    """Reserved segments, files of kinds of actions, properties of robots and functions as ``module:attribute``."""
+    """Reserved segments, files of kinds of actions, and ``module:attribute`` of what extensions add besides."""
 
     at_root: list[str]
     in_robot: list[str]
     kinds: list[str]
     robot_properties: list[str]
+    link_statements: list[str]
     functions: list[str]
 
 
@@ -29,6 +31,7 @@ def extended() -> str:
         sorted(reserved_in_robot()),
         kinds,
         list(added_robot_properties()),
+        list(added_link_statements()),
         list(added_functions()),
     )
     return msgspec.json.encode(known).decode()
@@ -43,4 +46,5 @@ def extend(said: Extended) -> None:
     reserve(said.at_root, said.in_robot)
     add_kinds(map(Path, said.kinds))
     add_robot_properties(said.robot_properties)
+    add_link_statements(said.link_statements)
     add_functions(said.functions)

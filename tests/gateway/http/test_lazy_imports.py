@@ -2,10 +2,15 @@
 
 import asyncio
 import threading
+from types import SimpleNamespace
+from typing import cast
 
 from starlette.types import Receive, Scope, Send
 
-from gateway.http.lazy_imports import PAGES, SUBSCRIPTIONS, Loading
+from gateway.extensions.pages.extension import Pages
+from gateway.http.lazy_imports import SUBSCRIPTIONS, Loading
+from gateway.http.representation import Representations
+from gateway.http.request import Gateway, Services
 
 
 def asked(*requests: tuple[str, str, str]) -> list[str]:
@@ -19,10 +24,14 @@ def asked(*requests: tuple[str, str, str]) -> list[str]:
     async def app(scope: Scope, receive: Receive, send: Send) -> None:
         happened.append(scope["path"])
 
+    gateway = Gateway()
+    gateway.services = cast(Services, SimpleNamespace(representations=Representations(Pages())))
+
     async def run() -> None:
         loading = Loading(app, load)
         for method, path, accept in requests:
-            scope = {"type": "http", "method": method, "path": path, "headers": [(b"accept", accept.encode())]}
+            headers = [(b"accept", accept.encode())]
+            scope = {"type": "http", "method": method, "path": path, "headers": headers, "app": gateway}
             await loading(scope, None, None)  # type: ignore[arg-type]
 
     asyncio.run(run())
@@ -31,7 +40,7 @@ def asked(*requests: tuple[str, str, str]) -> list[str]:
 
 def test_a_page_waits_for_what_pages_are_made_with() -> None:
     page = ("GET", "/a", "text/html,*/*;q=0.8")
-    assert asked(("GET", "/t", "text/turtle"), page, page) == ["/t", *PAGES, "/a", "/a"]
+    assert asked(("GET", "/t", "text/turtle"), page, page) == ["/t", *Pages.modules, "/a", "/a"]
 
 
 def test_a_subscription_waits_for_what_judges_it() -> None:
