@@ -77,7 +77,7 @@ def steps(page: str) -> Iterator[Command | File]:
         if named := _FILE.search(before):
             yield File(named[1], body)
         elif before == _OTHER_TERMINAL:
-            yield from (Command(line, f"{{ {text}}} &\n", None) for text in _commands(body))
+            yield from (Command(line, f"{{ {text}}} > other-terminal 2>&1 &\n", None) for text in _commands(body))
         elif language == "console":
             yield from _transcript(body, line)
         elif language == "sh":

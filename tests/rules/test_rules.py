@@ -13,10 +13,14 @@ from browser import HYBRIT, LDP, LF, SH, Browser, Page
 from rdflib import URIRef
 from receivers import receiving
 from redis_servers import Servers, single
-from ruling import BEGIN, BY_SIDE, TO_TARGET, a_rule, container, fired, firings, post, posted, put, sides
+from ruling import BEGIN, BY_SIDE, TO_TARGET, TURTLE, a_rule, container, fired, firings, post, posted, put, sides
 from running import eventually, process
 from several import Gateway, Hub, gateway, gateways, hub
 from small_fleet import live
+
+from gateway.extensions.rules.rule import Known, Rule
+from gateway.extensions.rules.service import Rules
+from gateway.extensions.rules.store import Changed
 
 pytestmark = pytest.mark.virtual
 
@@ -162,6 +166,27 @@ def test_who_stops_all_robots_disables_what_would_move_them(scene: Scene) -> Non
     eventually(lambda: scene.one.browser.page(moves).one(LF.state) == LF.active, "enabled")
     scene.turn(0.5)
     assert fired(scene.one.browser, moves, 1) == [("accepted", "down")]
+
+
+def test_a_rule_that_is_written_meanwhile_is_replaced_unless_the_client_sets_a_condition(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As when somebody stops its robot, which disables it."""
+    browser, write, meanwhile = scene.one.browser, Rules.write, [True, True]
+    text = a_rule(sides(scene.one.joint), scene.rotate, TO_TARGET, BY_SIDE)
+    rule = posted(browser, text)
+
+    async def late(self: Rules, written: Rule, revision: int) -> Known:
+        if meanwhile.pop():
+            raise Changed
+        return await write(self, written, revision)
+
+    monkeypatch.setattr(Rules, "write", late)
+    meanwhile[:] = [False, True]
+    assert browser.http.put(rule, content=text, headers=TURTLE).status_code == 204
+    etag = browser.http.get(rule, headers={"accept": "text/turtle"}).headers["etag"]
+    meanwhile[:] = [True]
+    assert browser.http.put(rule, content=text, headers=TURTLE | {"if-match": etag}).status_code == 412
 
 
 def ur5(scene: Scene) -> Page:

@@ -71,10 +71,20 @@ async def change_rule(rules: Rules, request: Request, afforded: ChangeRule) -> R
                 raise NotFound("The rule has been deleted meanwhile.")
         return Response(status_code=204)
     wanted = await _wanted(rules, request, body_type(request), request.base + rule_path(known.rule))
-    changed = _changed(rules, request, known, wanted, own)
-    async with _refusals(rules):
-        await rules.write(changed, known.revision)
-    return Response(status_code=204)
+    while True:
+        changed = _changed(rules, request, known, wanted, own)
+        async with _refusals(rules):
+            try:
+                await rules.write(changed, known.revision)
+                return Response(status_code=204)
+            except Changed:
+                if field(request, "if-match") is not None:
+                    raise
+                # The client set no condition, and the rule was written meanwhile, as when somebody stops its robot.
+                latest = await rules.latest(known.rule.id)
+        if latest is None:
+            raise NotFound("The rule has been deleted meanwhile.")
+        known = latest
 
 
 def _changed(rules: Rules, request: Request, known: Known, wanted: Wanted, own: bool) -> Rule:

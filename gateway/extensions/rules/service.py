@@ -107,6 +107,11 @@ class Rules:
         await self._replica.refresh(rule.id)
         return self.known.get(rule.id, Known(rule, revision + 1))
 
+    async def latest(self, id: str) -> Known | None:
+        """The rule as Redis has it now; StoreUnavailable."""
+        await self._replica.refresh(id)
+        return self.known.get(id)
+
     async def remove(self, rule: Rule, revision: int | None) -> bool:
         """False if there was none; with a revision, Changed unless it says what it said at that; StoreUnavailable."""
         return await self._replica.write(rule.id, self._store.remove(rule, revision))
