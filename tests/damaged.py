@@ -41,8 +41,14 @@ def cut_tail(data: Path) -> None:
     _append(_increment(data), b"*3\r\n$3\r\nSET\r\n$4\r\nlost\r\n$9\r\nby ha")
 
 
+def _flip_quarter(path: Path) -> None:
+    """Damage several commands: fewer bytes could all stand in one value, with which the data load."""
+    size = path.stat().st_size
+    _flip(path, size // 2, size // 4)
+
+
 DAMAGES: dict[str, Damage] = {
-    "bytes flipped in the middle": lambda data: _flip(_increment(data), _increment(data).stat().st_size // 2, 64),
+    "bytes flipped in the middle": lambda data: _flip_quarter(_increment(data)),
     "zeros at the end": lambda data: _append(_increment(data), bytes(4096)),
     "an unknown command": lambda data: _append(_increment(data), b"*1\r\n$6\r\nNOSUCH\r\n"),
     "no file of commands": lambda data: _increment(data).unlink(),
