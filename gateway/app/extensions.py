@@ -18,10 +18,10 @@ from gateway.base.settings import TEXTS, Section, setting
 from gateway.http.extension import Core, Extension, Mount
 from gateway.http.representation import Representations
 from gateway.resources.action_definition import add_kinds
-from gateway.resources.fleet_functions import add_functions
-from gateway.resources.link_statements import add_link_statements
+from gateway.resources.fleet_functions import FUNCTIONS
+from gateway.resources.link_statements import LINK_STATEMENTS
 from gateway.resources.paths import reserve
-from gateway.resources.property import add_robot_properties
+from gateway.resources.property import ROBOT_PROPERTIES
 
 GROUP = "linked_fleet.extensions"
 """Entry points of extensions in other packages: each names a subclass of ``Extension``, and has its name."""
@@ -106,9 +106,9 @@ def install(extensions: Sequence[Extension]) -> None:
     for extension in (*BUILT_IN, *extensions):
         reserve(extension.at_root, extension.in_robot, extension.public)
     add_kinds(kind for extension in extensions for kind in extension.kinds)
-    add_robot_properties(name for extension in extensions for name in extension.robot_properties)
-    add_link_statements(name for extension in extensions for name in extension.link_statements)
-    add_functions(function for extension in extensions for function in extension.functions)
+    ROBOT_PROPERTIES.replace(name for extension in extensions for name in extension.robot_properties)
+    LINK_STATEMENTS.replace(name for extension in extensions for name in extension.link_statements)
+    FUNCTIONS.replace(function for extension in extensions for function in extension.functions)
 
 
 def in_order(extensions: Sequence[Extension]) -> list[Extension]:

@@ -11,7 +11,7 @@ from gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, RDFS, ROS, SOSA, XH
 from gateway.resources.action_offer import Offer, fleet_offers, joint_offers, robot_offers
 from gateway.resources.annotations import annotate
 from gateway.resources.joint_kinds import kind_of
-from gateway.resources.link_statements import further_statements
+from gateway.resources.link_statements import LINK_STATEMENTS
 from gateway.resources.paths import joint_path, lease_path, link_path, model_path, robot_path
 from gateway.resources.properties import joint_properties, link_properties, robot_properties
 from gateway.resources.property import Property, Seen
@@ -117,8 +117,9 @@ class Describer:
             for name in names:
                 for predicate in predicates:
                     graph.add(iri, predicate, self.iri(joint_path(robot.name, name)))
-        for predicate, other in further_statements(robot, link):
-            graph.add(iri, predicate, self.iri(other))
+        for state in LINK_STATEMENTS:
+            for predicate, other in state(robot, link):
+                graph.add(iri, predicate, self.iri(other))
         self._annotations(graph, iri, robot)
         self._properties(graph, path, link_properties(robot, link))
         for name in (*parents, *link.child_joints):

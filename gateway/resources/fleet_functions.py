@@ -1,11 +1,11 @@
 """Functions over the live fleet that extensions offer to languages of other extensions, such as SPARQL."""
 
-from collections.abc import Callable, Iterable, Mapping
-from importlib import import_module
+from collections.abc import Callable, Mapping
 from typing import Protocol
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
+from gateway.base.contributed import Contributed
 from gateway.fleet.robot import Robot
 
 Term = NamedNode | BlankNode | Literal | Triple
@@ -25,26 +25,8 @@ class FleetFunctions(Protocol):
         """The functions for these robots and no others. ``base``: the public URL without slash."""
 
 
-_names: tuple[str, ...] = ()
-
-
-def add_functions(names: Iterable[str]) -> None:
-    """Have this process know the functions of these ``module:attribute``, instead of those that were added before."""
-    global _names
-    _names = tuple(names)
-
-
-def added_functions() -> tuple[str, ...]:
-    return _names
-
-
-def load_functions() -> list[FleetFunctions]:
-    """An instance of each class that was added."""
-    found: list[FleetFunctions] = []
-    for name in _names:
-        module, _, attribute = name.partition(":")
-        found.append(getattr(import_module(module), attribute)())
-    return found
+FUNCTIONS = Contributed[Callable[[], FleetFunctions]]()
+"""The classes of all extensions."""
 
 
 def path_of(base: str, term: Term) -> str:

@@ -32,7 +32,7 @@ from gateway.resources.joint_kinds import (
     kind_of,
 )
 from gateway.resources.paths import joint_path
-from gateway.resources.property import Property, Seen, further_properties
+from gateway.resources.property import ROBOT_PROPERTIES, Property, Seen
 from gateway.resources.settable import ABSOLUTE, settable, target
 
 FRAME_MEDIA_TYPE = "application/vnd.linked-fleet.frame"
@@ -149,7 +149,7 @@ def robot_properties(robot: Robot, iri_of: Callable[[str], NamedNode]) -> list[P
             lambda: tuple(chain.from_iterable(_joint_values(robot, joint) for joint in _movable(robot))),
         )
     ]
-    found += [*settable(robot), *further_properties(robot)]
+    found += [*settable(robot), *(make(robot) for make in ROBOT_PROPERTIES)]
     if robot.description is not None and robot.description.base == "floating":
         found.append(
             _pose_property("pose", f"pose of the base of {robot.name}", lambda: _base_pose(robot), robot, "pose")

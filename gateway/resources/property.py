@@ -1,14 +1,13 @@
 """One property of one thing (paper 5.2), whatever it is about."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
-from importlib import import_module
 from itertools import chain
 from typing import NamedTuple, Self
 
 from pyoxigraph import NamedNode
 
+from gateway.base.contributed import Contributed
 from gateway.fleet.observation import Observation
 from gateway.fleet.robot import Robot
 from gateway.rdf.graph import Graph
@@ -61,29 +60,5 @@ class Property:
         return self.look is not tuple
 
 
-_added: tuple[str, ...] = ()
-
-
-def add_robot_properties(names: Iterable[str]) -> None:
-    """Have robots of this process have these properties too, instead of those that were added before.
-
-    Each is ``module:attribute`` of a function that makes the property of a robot.
-    """
-    global _added
-    _added = tuple(names)
-    _makers.cache_clear()
-
-
-def added_robot_properties() -> tuple[str, ...]:
-    return _added
-
-
-def further_properties(robot: Robot) -> list[Property]:
-    """The properties of a robot that were added."""
-    return [make(robot) for make in _makers()]
-
-
-@cache
-def _makers() -> tuple[Callable[[Robot], Property], ...]:
-    named = (name.partition(":") for name in _added)
-    return tuple(getattr(import_module(module), attribute) for module, _, attribute in named)
+ROBOT_PROPERTIES = Contributed[Callable[[Robot], Property]]()
+"""Makers of further properties of robots."""

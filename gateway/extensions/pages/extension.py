@@ -2,7 +2,7 @@
 
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
-from importlib import import_module
+from pkgutil import resolve_name
 
 from pyoxigraph import Triple
 
@@ -40,6 +40,5 @@ class PagesExtension(Extension):
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
         for name in core.views:
-            module, _, attribute = name.partition(":")
-            add_view(getattr(import_module(module), attribute))
+            add_view(resolve_name(name))
         yield Mount(branches=(BRANCH,), html=Pages())

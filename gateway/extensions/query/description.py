@@ -16,7 +16,7 @@ from gateway.rdf.graph import Graph, integer
 from gateway.rdf.vocabulary import DCTERMS, FORMAT, LF, PREFIXES, RDFS, SD, SH, VOID
 from gateway.resources.branches import FleetBranch, Found, RequestView
 from gateway.resources.documents import VOCABULARY
-from gateway.resources.fleet_functions import load_functions
+from gateway.resources.fleet_functions import FUNCTIONS as FURTHER
 from gateway.resources.paths import robot_path
 from gateway.resources.resource import Redirect, Resource
 
@@ -81,7 +81,7 @@ def _describe(graph: Graph, sight: RequestView, counts: Mapping[str, int]) -> No
     graph.add(iri, SD.supportedLanguage, SD.SPARQL11Query)
     graph.add(iri, SD.resultFormat, *_FORMATS)
     graph.add(iri, SD.feature, SD.UnionDefaultGraph)
-    graph.add(iri, SD.extensionFunction, *FUNCTIONS, *(name for each in load_functions() for name in each.names))
+    graph.add(iri, SD.extensionFunction, *FUNCTIONS, *(name for make in FURTHER for name in make().names))
     _dataset(graph, iri, sight, counts)
     for each in EXAMPLES:
         example = graph.blank(SH.SPARQLSelectExecutable)

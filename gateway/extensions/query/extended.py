@@ -6,10 +6,10 @@ import msgspec
 
 from gateway.rdf.shapes import added_to_folder
 from gateway.resources.action_definition import FOLDER, add_kinds
-from gateway.resources.fleet_functions import add_functions, added_functions
-from gateway.resources.link_statements import add_link_statements, added_link_statements
+from gateway.resources.fleet_functions import FUNCTIONS
+from gateway.resources.link_statements import LINK_STATEMENTS
 from gateway.resources.paths import reserve, reserved_at_root, reserved_in_robot
-from gateway.resources.property import add_robot_properties, added_robot_properties
+from gateway.resources.property import ROBOT_PROPERTIES
 
 
 class Extended(msgspec.Struct):
@@ -30,9 +30,9 @@ def extended() -> str:
         sorted(reserved_at_root()),
         sorted(reserved_in_robot()),
         kinds,
-        list(added_robot_properties()),
-        list(added_link_statements()),
-        list(added_functions()),
+        list(ROBOT_PROPERTIES.names),
+        list(LINK_STATEMENTS.names),
+        list(FUNCTIONS.names),
     )
     return msgspec.json.encode(known).decode()
 
@@ -45,6 +45,6 @@ def extend(said: Extended) -> None:
     """Have this process know the same extensions."""
     reserve(said.at_root, said.in_robot)
     add_kinds(map(Path, said.kinds))
-    add_robot_properties(said.robot_properties)
-    add_link_statements(said.link_statements)
-    add_functions(said.functions)
+    ROBOT_PROPERTIES.replace(said.robot_properties)
+    LINK_STATEMENTS.replace(said.link_statements)
+    FUNCTIONS.replace(said.functions)

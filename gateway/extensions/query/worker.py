@@ -26,7 +26,7 @@ from gateway.identity.rights import View
 from gateway.rdf.graph import Graph
 from gateway.resources.describe import Describer
 from gateway.resources.documents import VOCABULARY
-from gateway.resources.fleet_functions import load_functions
+from gateway.resources.fleet_functions import FUNCTIONS
 
 log = logging.getLogger(__name__)
 
@@ -43,7 +43,7 @@ class Worker:
     def __init__(self) -> None:
         self._mirror = Mirror()
         self._twins: OrderedDict[str, Twin] = OrderedDict()
-        self._functions = load_functions()
+        self._functions = [make() for make in FUNCTIONS]
         # What describes the fleet reads its shapes from files, which a query cannot.
         Describer("http://localhost").fleet({}, (), Graph())
 
