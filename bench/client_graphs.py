@@ -71,7 +71,7 @@ def shape(choices: int, number: int) -> str:
 
 
 def median_ms(work: Callable[[int], object], times: int) -> float:
-    """Of the processor, after one call that is not counted."""
+    """Return the time of the processor, after one call that is not counted."""
     work(0)
     found = []
     for number in range(1, times + 1):

@@ -22,7 +22,7 @@ Completer = Callable[[click.Context, click.Parameter, str], list[CompletionItem[
 
 
 def _completer(offered: Callable[[Fleet, click.Context, str], Iterable[str]]) -> Completer:
-    """Those offered that begin with what was typed; none if nobody answers, for a shell has no use for an error."""
+    """Keep the words that begin with what was typed; none if no server answers: a shell has no use for an error."""
 
     def complete(context: click.Context, _: click.Parameter, typed: str) -> list[CompletionItem[str]]:
         try:

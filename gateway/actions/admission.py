@@ -1,4 +1,4 @@
-"""What admits a body: the very shape that its action's description links, compiled once (paper 5.4)."""
+"""Admission of a body by the very shape that its action's description links, compiled once (paper 5.4)."""
 
 import re
 from collections.abc import Sequence

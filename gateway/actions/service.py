@@ -61,7 +61,7 @@ class MotionGuard(Protocol):
 
 @dataclass(frozen=True)
 class Rehearsed:
-    """What would happen: how long it takes, and the invocations that it ends; ``free``: as the guards say."""
+    """The result of a rehearsal: duration, and the invocations that it would end; ``free``: as the guards say."""
 
     duration_s: float
     preempts: tuple[str, ...]

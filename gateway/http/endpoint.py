@@ -188,10 +188,9 @@ async def _find(connection: Connection) -> Resource | Redirect:
         demand(connection, path, AUDIT_NEEDS)
         return await audit_resource(connection)
     # An encoded slash separates nothing (RFC 3986, 2.2), and no name in the tree has one, but the ids of things have.
-    encoded_slash = b"%2f" in connection.scope[
-        "raw_path"
-    ].lower() and not connection.services.live.branches.takes_slashes(path)
-    found: Found = None if encoded_slash else connection.tree(await _shelf(connection, path)).resolve(path)
+    encoded = b"%2f" in connection.scope["raw_path"].lower()
+    lost = encoded and not connection.services.live.branches.takes_slashes(path)
+    found: Found = None if lost else connection.tree(await _shelf(connection, path)).resolve(path)
     if found is None:
         raise NotFound(f"There is no resource at {path[:_LONGEST_NAMED]}; browse from {connection.base}/.")
     if isinstance(found, Redirect):

@@ -8,6 +8,7 @@ from pyoxigraph import Triple
 from gateway.base.errors import FleetError
 from gateway.resources.resource import Resource
 
+HTML = "text/html"
 Formats = Mapping[str, tuple[str, str]]
 """Label and media type of each representation, by the word that picks it in ``?as=``."""
 

@@ -7,13 +7,12 @@ from typing import Any
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from gateway.base.errors import FleetError
-from gateway.http.html import HtmlWriter
+from gateway.http.html import HTML, HtmlWriter
 from gateway.http.negotiation import choose, parse_accept, weight
 from gateway.rdf.serialise import RDF_TYPES, render
 from gateway.rdf.vocabulary import DCTERMS, LF, PREFIXES, RDF, SH, XSD
 
 PROBLEM_JSON = "application/problem+json"
-HTML = "text/html"
 # RFC 9457 calls nothing like them; the names are those of the SHACL vocabulary without the word "result"
 _REPORTED = {
     SH.focusNode: "focusNode",

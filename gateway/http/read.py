@@ -8,10 +8,10 @@ from gateway.base.errors import NotAcceptable, PreconditionFailed
 from gateway.http.conditional import not_modified, precondition_holds
 from gateway.http.containers import preferred_part
 from gateway.http.fields import field
+from gateway.http.html import HTML
 from gateway.http.links import Link, link_header
 from gateway.http.negotiation import choose
 from gateway.http.patch import PATCH_TYPES
-from gateway.http.representation import HTML
 from gateway.http.request import Request
 from gateway.resources.resource import CONTAINER, Remote, Resource
 

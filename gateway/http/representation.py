@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from gateway.base.errors import NotAcceptable
 from gateway.http.conditional import etag
-from gateway.http.html import Formats, HtmlWriter
+from gateway.http.html import HTML, Formats, HtmlWriter
 from gateway.http.links import LINKSET_TYPES, Link, linkset_json, linkset_text
 from gateway.http.negotiation import choose
 from gateway.rdf.serialise import JSON, RDF_TYPES, WriteError, render
@@ -15,7 +15,6 @@ from gateway.resources.renderings import Renderings
 from gateway.resources.resource import Resource
 from gateway.resources.template import compiles
 
-HTML = "text/html"
 FORMATS: Formats = {
     "turtle": ("Turtle", "text/turtle"),
     "jsonld": ("JSON-LD", "application/ld+json"),

@@ -5,22 +5,7 @@ Terms of ``ros`` and ``hybrit`` are those of the paper and its authors' implemen
 ``lf`` and described in shapes/vocabulary.ttl.
 """
 
-from pyoxigraph import NamedNode
-
-
-class Namespace:
-    """A closed set of terms under one IRI; attributes are NamedNodes."""
-
-    def __init__(self, iri: str, terms: str) -> None:
-        self.iri = iri
-        self.terms = {term: NamedNode(iri + term) for term in terms.split()}
-
-    def __getattr__(self, term: str) -> NamedNode:
-        try:
-            return self.terms[term.rstrip("_")]
-        except KeyError:
-            raise AttributeError(f"{self.iri} has no term {term!r} here") from None
-
+from gateway.shacl.terms import Namespace
 
 RDF = Namespace("http://www.w3.org/1999/02/22-rdf-syntax-ns#", "type first rest nil")
 RDFS = Namespace("http://www.w3.org/2000/01/rdf-schema#", "seeAlso label comment")

@@ -38,7 +38,7 @@ class Shown:
 
 @dataclass(frozen=True)
 class Past:
-    """What a history shows depends on the query (``gateway/extensions/history/http.py``)."""
+    """A history, whose part is chosen by the query of the request (``gateway/extensions/history/http.py``)."""
 
     history: History
     shown: Callable[[Span], Shown]

@@ -12,11 +12,11 @@ from gateway.extensions.query.description import FORM, PATH, QUERY_TYPES, Endpoi
 from gateway.extensions.query.service import JSON_RESULTS
 from gateway.http.body import read_body
 from gateway.http.fields import field
+from gateway.http.html import HTML
 from gateway.http.negotiation import choose, parse_content_type
 from gateway.http.offload import Offload
 from gateway.http.preconditions import await_preconditions
 from gateway.http.read import read as read_resource
-from gateway.http.representation import HTML
 from gateway.http.request import Request
 from gateway.rdf.serialise import RDF_TYPES
 from gateway.rdf.sparql_syntax import MAX_QUERY_BYTES, Dataset, Query, read

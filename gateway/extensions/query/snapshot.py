@@ -16,7 +16,7 @@ MAX_ENDED = 20
 """How many invocations that are over are told of each robot, and of the fleet: those that were asked for last."""
 
 Contribution = Callable[[RequestView], Iterable[tuple[str, Sequence[Triple]]]]
-"""What a branch adds to the data set for who asks: triples, each time by the path of the graph that they belong to.
+"""Triples that a branch adds to the data set for the caller, by the path of the graph that they belong to.
 
 The labels of its blank nodes are its own: no two contributions to one graph may share them."""
 

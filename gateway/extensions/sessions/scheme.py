@@ -13,8 +13,8 @@ from gateway.extensions.sessions.login import Login
 from gateway.extensions.sessions.service import Sessions
 from gateway.extensions.sessions.session_key import StoreUnavailable
 from gateway.http.authentication import Authenticated
+from gateway.http.html import HTML
 from gateway.http.negotiation import choose
-from gateway.http.representation import HTML
 from gateway.http.request import Request
 from gateway.rdf.serialise import RDF_TYPES
 
