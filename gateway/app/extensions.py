@@ -4,6 +4,7 @@ The folders of ``gateway/extensions`` are the built-in ones, each with a class i
 without the metadata of an installation, which may be older. Foreign ones are found by their entry points.
 """
 
+import logging
 import pkgutil
 from collections.abc import Iterator, Sequence
 from contextlib import AsyncExitStack
@@ -23,6 +24,7 @@ from gateway.resources.link_statements import LINK_STATEMENTS
 from gateway.resources.paths import reserve
 from gateway.resources.property import ROBOT_PROPERTIES
 
+log = logging.getLogger(__name__)
 GROUP = "linked_fleet.extensions"
 """Entry points of extensions in other packages: each names a subclass of ``Extension``, and has its name."""
 
@@ -64,14 +66,19 @@ def chosen(settings: ExtensionSettings) -> list[Extension]:
     names, off = [each.name for each in BUILT_IN], settings.extensions_off
     if unknown := [name for name in off if name not in names]:
         raise ValueError(f"LINKED_FLEET_EXTENSIONS_OFF is of {', '.join(names)}, not {', '.join(unknown)}")
-    found = [*(each for each in BUILT_IN if each.name not in off), *foreign(settings)]
+    found = [*(each for each in BUILT_IN if each.name not in off and not lacking(each)), *foreign(settings)]
     for each in found:
-        if lacking := [name for name in each.needs if name in off]:
+        if missing := [name for name in each.needs if name in off]:
             raise ValueError(
-                f"LINKED_FLEET_EXTENSIONS_OFF names {lacking[0]}, which {each.name} needs: "
+                f"LINKED_FLEET_EXTENSIONS_OFF names {missing[0]}, which {each.name} needs: "
                 f"switch {each.name} off as well, or neither"
             )
     return in_order(found)
+
+
+def lacking(extension: Extension) -> list[str]:
+    """The optional packages that the extension needs and that are not installed."""
+    return [name for name in extension.modules if find_spec(name) is None]
 
 
 def foreign(settings: ExtensionSettings) -> list[Extension]:
@@ -118,8 +125,8 @@ def in_order(extensions: Sequence[Extension]) -> list[Extension]:
     while waiting:
         able = [each for each in waiting if all(name in found for name in each.needs)]
         if not able:
-            lacking = ", ".join(f"{each.name} needs {' and '.join(each.needs)}" for each in waiting)
-            raise ValueError(f"extensions lack others, or need each other: {lacking}")
+            needs = ", ".join(f"{each.name} needs {' and '.join(each.needs)}" for each in waiting)
+            raise ValueError(f"extensions lack others, or need each other: {needs}")
         found |= {each.name: each for each in able}
         waiting = [each for each in waiting if each not in able]
     return list(found.values())
@@ -127,6 +134,9 @@ def in_order(extensions: Sequence[Extension]) -> list[Extension]:
 
 async def mount(extensions: Sequence[Extension], core: Core, stack: AsyncExitStack) -> list[Mount]:
     """Start the extensions one after the other and add them to the tree and to the guards; ``stack`` ends them."""
+    for extension in BUILT_IN:
+        if names := lacking(extension):
+            log.warning("The extension %s is off: %s is not installed.", extension.name, " and ".join(names))
     mounts: list[Mount] = []
     views = [view for each in extensions for view in each.views]
     for extension in extensions:

@@ -98,6 +98,8 @@ class Extension:
     name: ClassVar[str]
     needs: ClassVar[tuple[str, ...]] = ()
     """Names of extensions that are started before."""
+    modules: ClassVar[tuple[str, ...]] = ()
+    """Top-level modules of optional packages. The extension is off where one is not installed, and the log says so."""
     at_root: ClassVar[tuple[str, ...]] = ()
     """Segments below ``/`` that are the extension's, on or off: a robot of such a name is escaped."""
     public: ClassVar[tuple[str, ...]] = ()

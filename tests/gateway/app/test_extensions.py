@@ -91,6 +91,12 @@ def test_what_is_off_is_not_there_and_its_settings_can_stay() -> None:
     assert "history" not in [each.name for each in chosen(ExtensionSettings(extensions_off=("history",)))]
 
 
+def test_a_built_in_extension_whose_package_is_not_installed_is_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    (history,) = (each for each in BUILT_IN if each.name == "history")
+    monkeypatch.setattr(type(history), "modules", ("no_such_package",))
+    assert set(BUILT_NAMES) - set(names()) == {"history"}
+
+
 @pytest.mark.parametrize(
     ("flags", "said"),
     [
