@@ -29,7 +29,8 @@ BENCH_ARGS ?=
 SECOND_TRY := --second-try
 CADDY ?= $(or $(shell command -v caddy),$(CURDIR)/build/caddy/usr/bin/caddy)
 BIN := .venv/bin
-ASSETS := gateway/extensions/pages/assets/manifest.json
+AGENT := agents/linked_fleet_agent
+ASSETS := gateway/linked_fleet_gateway/extensions/pages/assets/manifest.json
 NODE_WOT := tests/things/node_modules/.package-lock.json
 SHACL_SUITE := build/shacl-suite/core/manifest.ttl
 
@@ -52,7 +53,7 @@ endef
 .PHONY: architecture demo test test-long test-all check check-collisions docs-settings requirements fleet-check bench bench-robots fuzz mutants soak assets pictures node-wot shacl-suite chromium egl tools wrk caddy clean
 
 demo: .venv/stamp $(ASSETS)
-	@$(BIN)/python -m demo --port $(PORT)
+	@$(BIN)/python -m linked_fleet_demo --port $(PORT)
 
 # Those marked test_all are slow: the contract of the stores on clusters of Valkey, and with real replicas.
 test: .venv/stamp $(ASSETS) $(NODE_WOT) $(SHACL_SUITE) chromium egl tools
@@ -90,7 +91,7 @@ check: .venv/stamp .venv-bare/stamp
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	.venv-bare/bin/python -Ic "import agents.agent, agents.link, agents.__main__"
+	.venv-bare/bin/python -Ic "import linked_fleet_agent.agent, linked_fleet_agent.link, linked_fleet_agent.__main__"
 	@! grep -vnE '^(#.*|[A-Za-z0-9._-]+==[A-Za-z0-9.!+]+)$$' constraints.txt || \
 	  { echo "constraints.txt holds exact names and versions only"; exit 1; }
 	@! git grep --untracked -nIE 'index[-]url|find[-]links|(^|[^A-Za-z0-9_.])/(home|root|work)/[A-Za-z]' || \
@@ -194,19 +195,19 @@ $(SHACL_SUITE): tests/shacl/suite.txt | .venv/stamp
 	@touch $@
 
 # One environment for everything. A later start finds it as it is and asks nobody for packages.
-.venv/stamp: pyproject.toml constraints.txt
+.venv/stamp: pyproject.toml agents/pyproject.toml constraints.txt
 	@echo "Making .venv: the gateway, the simulation and the tools. The first time takes a minute or two."
 	@$(call make_venv,.venv)
-	@$(BIN)/python -m pip install -q -e '.[gateway,sim,ros,client,tracing,dev,bench]'
+	@$(BIN)/python -m pip install -q -e './agents[sim,ros,tracing]' -e '.[dev,bench]'
 	@touch $@
 
-# The base install alone, as on a robot: it must be enough to import the agent.
-.venv-bare/stamp: pyproject.toml constraints.txt $(wildcard agents/*.py agents/wire/*.py agents/robots/*.py telemetry/*.py)
-	@echo "Making .venv-bare: the base install alone, as on a robot."
+# The agent alone, as on a robot.
+.venv-bare/stamp: agents/pyproject.toml constraints.txt $(wildcard $(AGENT)/*.py $(AGENT)/wire/*.py $(AGENT)/robots/*.py)
+	@echo "Making .venv-bare: the agent alone, as on a robot."
 	@$(call make_venv,.venv-bare)
-	@.venv-bare/bin/python -m pip install -q --force-reinstall --no-deps .
-	@.venv-bare/bin/python -m pip install -q .
+	@.venv-bare/bin/python -m pip install -q --force-reinstall --no-deps ./agents
+	@.venv-bare/bin/python -m pip install -q ./agents
 	@touch $@
 
 clean:
-	rm -rf .venv .venv-bare face/node_modules tests/things/node_modules gateway/extensions/pages/assets build dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis
+	rm -rf .venv .venv-bare face/node_modules tests/things/node_modules gateway/linked_fleet_gateway/extensions/pages/assets build dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis

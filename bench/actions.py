@@ -7,13 +7,13 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 import httpx
+
+from bench.scene import browsing, scene
+from bench.table import Row, known, percentile
 from browser import HYBRIT, LF, Browser
 from conftest import ROBOTS
 from running import eventually, process
 from small_fleet import live
-
-from bench.scene import browsing, scene
-from bench.table import Row, known, percentile
 
 _PREFIXES = """@prefix maths: <http://vocab.arvida.de/2015/06/maths/vocab#> .
 @prefix unit: <http://qudt.org/vocab/unit/> .
@@ -27,7 +27,7 @@ _CLIENTS = 8
 def rows(seconds: float) -> list[Row]:
     with (
         scene("--requests-per-client", "0") as place,
-        process("-m", "agents", *(f"--robot={name}" for name in ROBOTS), "--connect", place.place.zenoh),
+        process("-m", "linked_fleet_agent", *(f"--robot={name}" for name in ROBOTS), "--connect", place.place.zenoh),
         browsing(place.place) as browser,
     ):
         for name in ROBOTS:

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import httpx
-from actor import Actor
-from small_fleet import live
 
+from actor import Actor
 from bench.beside import BARE, bare
 from bench.scene import browsing, cpu_s, scene
 from bench.table import Row, UnavailableError, at_least, known
+from small_fleet import live
 
 ROBOTS, RATE_HZ, CONNECTIONS = 5, 100, 32
 _FRESH = Path(__file__).with_name("fresh.lua")

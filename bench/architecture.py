@@ -11,7 +11,11 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("agents", "gateway", "client", "demo", "telemetry", "bench", "fuzz")
+FOLDERS = {
+    "linked_fleet_agent": "agents", "linked_fleet_gateway": "gateway", "linked_fleet_client": "client",
+    "linked_fleet_demo": "demo", "bench": ".", "fuzz": ".",
+}  # fmt: skip
+"""The folder of each package."""
 ROOMS = (
     "base", "shacl", "rdf", "runtime", "fleet", "identity", "resources", "link", "subscriptions", "actions", "http",
     "extensions", "app",
@@ -23,9 +27,10 @@ Edges = Mapping[str, set[str]]
 def modules(package: str) -> dict[str, Path]:
     """The Python modules of a package by their dotted names."""
     found: dict[str, Path] = {}
-    for path in sorted((ROOT / package).rglob("*.py")):
+    folder = ROOT / FOLDERS[package]
+    for path in sorted((folder / package).rglob("*.py")):
         if "node_modules" not in path.parts:
-            name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
+            name = ".".join(path.relative_to(folder).with_suffix("").parts)
             found[name.removesuffix(".__init__")] = path
     return found
 
@@ -114,7 +119,7 @@ def upward(edges: Edges) -> list[tuple[str, str]]:
 
 
 def main() -> None:
-    gateway = modules("gateway")
+    gateway = modules("linked_fleet_gateway")
     edges = imports(gateway)
     lines: Counter[str] = Counter()
     counts: Counter[str] = Counter()
@@ -132,9 +137,9 @@ def main() -> None:
     core = sum(lines.values()) - extensions - lines["shacl"]
     up = upward(edges)
     back = [each for each in up if not room_of(each[0]).startswith("extensions.")]
-    every = {name: path for package in PACKAGES for name, path in modules(package).items()}
+    every = {name: path for package in FOLDERS for name, path in modules(package).items()}
     found = circles(imports(every)) + circles(scripts())
-    product = sum(len(modules(each)) for each in PACKAGES if each not in ("bench", "fuzz"))
+    product = sum(len(modules(each)) for each in FOLDERS if each not in ("bench", "fuzz"))
     print("\n| measure | |\n|---|---|")
     print(f"| core of the gateway, SHACL apart | {core:,} lines |")
     print(f"| extensions | {extensions:,} lines |")

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import zenoh
-from running import ROOT, eventually, free_port, process
 
 from bench.references import QUESTION, SENT, STATE, session
 from bench.scene import pid_of
+from running import ROOT, eventually, free_port, process
 
 BARE = "bare Starlette (httptools)"
 

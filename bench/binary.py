@@ -10,19 +10,19 @@ import struct
 import time
 from collections.abc import Callable, Iterator, Mapping
 
-from agents.wire.codec import decode, layout
-from agents.wire.messages import Description
 from bench.synthetic import robot, urdf
 from bench.table import Row
-from gateway.fleet.events import Appeared, Described, Framed
-from gateway.fleet.fleet import Fleet
-from gateway.fleet.invocations import Invocations
-from gateway.identity.rights import ALL, View
-from gateway.rdf.serialise import JELLY
-from gateway.resources.binary_frames import FRAME_TYPES
-from gateway.resources.resource import Resource
-from gateway.resources.tree import Tree
-from gateway.subscriptions.topic import Topic
+from linked_fleet_agent.wire.codec import decode, layout
+from linked_fleet_agent.wire.messages import Description
+from linked_fleet_gateway.fleet.events import Appeared, Described, Framed
+from linked_fleet_gateway.fleet.fleet import Fleet
+from linked_fleet_gateway.fleet.invocations import Invocations
+from linked_fleet_gateway.identity.rights import ALL, View
+from linked_fleet_gateway.rdf.serialise import JELLY
+from linked_fleet_gateway.resources.binary_frames import FRAME_TYPES
+from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.tree import Tree
+from linked_fleet_gateway.subscriptions.topic import Topic
 
 JOINTS, RUNS = 20, 5
 _BASE = "http://127.0.0.1:8000"

@@ -20,11 +20,11 @@ from unittest.mock import patch
 import pyshacl
 from rdflib import RDF, SH, Graph, URIRef
 
-from client.conform import command
-from client.fleet import Fleet
-from client.graphs import in_memory, load_big, load_exactly
-from client.reading import read
-from client.shape import read_shape
+from linked_fleet_client.conform import command
+from linked_fleet_client.fleet import Fleet
+from linked_fleet_client.graphs import in_memory, load_big, load_exactly
+from linked_fleet_client.reading import read
+from linked_fleet_client.shape import read_shape
 
 HEAD = """@prefix dcterms: <http://purl.org/dc/terms/> . @prefix hybrit: <https://hybr-it-projekt.de/ns/hybr-it#> .
 @prefix ldp: <http://www.w3.org/ns/ldp#> . @prefix sh: <http://www.w3.org/ns/shacl#> .
@@ -189,7 +189,7 @@ def walk(loader: Loader) -> float:
                 for prop in thing.properties_in(thing.learn()):
                     prop.within(thing.learn())
 
-    with tree() as root, patch("client.web.load", loader):
+    with tree() as root, patch("linked_fleet_client.web.load", loader):
         return median_ms(once, 5)
 
 
@@ -198,7 +198,7 @@ def conform(loader: Loader) -> float:
         with contextlib.redirect_stdout(io.StringIO()):
             command([root, "--json", "--no-write"])
 
-    with tree() as root, patch("client.conform.rdf.load", loader):
+    with tree() as root, patch("linked_fleet_client.conform.rdf.load", loader):
         begun = time.thread_time()
         once(0)
         return (time.thread_time() - begun) * 1e3

@@ -16,17 +16,17 @@ from pathlib import Path
 
 import numpy as np
 
-from agents.meshes import named
-from agents.robots.catalogue import MODELS, data_folder
 from bench.rigid import Around, Rigid
-from demo.tree import PLACES
-from gateway.extensions.world.collision_check import CLEARANCE_M, check
-from gateway.extensions.world.messages import Answer, Check, Free, Leg, Meets, Stood, Unable, Way
-from gateway.extensions.world.robot import Robot
-from gateway.extensions.world.shapes import robot_of
-from gateway.extensions.world.surfaces import read_mesh
-from gateway.extensions.world.surroundings import MARGIN_M
-from gateway.fleet.model import Pose
+from linked_fleet_agent.meshes import named
+from linked_fleet_agent.robots.catalogue import MODELS, data_folder
+from linked_fleet_demo.tree import PLACES
+from linked_fleet_gateway.extensions.world.collision_check import CLEARANCE_M, check
+from linked_fleet_gateway.extensions.world.messages import Answer, Check, Free, Leg, Meets, Stood, Unable, Way
+from linked_fleet_gateway.extensions.world.robot import Robot
+from linked_fleet_gateway.extensions.world.shapes import robot_of
+from linked_fleet_gateway.extensions.world.surfaces import read_mesh
+from linked_fleet_gateway.extensions.world.surroundings import MARGIN_M
+from linked_fleet_gateway.fleet.model import Pose
 
 TOLERANCE_M = 0.001  # half of the step at which the check looks where parts are near
 STEP_M = 0.004

@@ -17,10 +17,10 @@ from typing import Any
 import httpx
 import redis
 from prometheus_client.parser import text_string_to_metric_families
-from redis_servers import Server
-from running import PATIENCE_S, ROOT, free_port, process
 
 from bench.scene import pid_of
+from redis_servers import Server
+from running import PATIENCE_S, ROOT, free_port, process
 
 _PAUSE_S = 0.1  # to ask is not to be what the gateway is busy with
 
@@ -132,7 +132,7 @@ def stage(size: Size, count: int) -> Iterator[Scene]:
         def start(where: contextlib.ExitStack) -> Gateway:
             port = free_port()
             shared = ("--zenoh-connect", endpoint, "--redis-url", server.url, "--requests-per-client", "0")
-            child = where.enter_context(process("-m", "gateway", "--port", str(port), *shared))
+            child = where.enter_context(process("-m", "linked_fleet_gateway", "--port", str(port), *shared))
             one = Gateway(port, pid_of(child))
             where.callback(one.http.close)
             if where is first:

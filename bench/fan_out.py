@@ -10,14 +10,13 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from running import process
-from small_fleet import live
-
 from bench import crowd
 from bench.crowd import Size
 from bench.scene import Mover, Readers, Scene, browsing, cpu_s, scene
 from bench.synthetic import name_of
 from bench.table import Row, at_least, at_most, known, percentile
+from running import process
+from small_fleet import live
 
 _LIMITS = Path(__file__).with_name("limits.py")
 _UNIT = "1/CPU s"
@@ -211,7 +210,7 @@ def distinct(seconds: float, robots: int = 50) -> Found:
 def swaying(place: Scene) -> Iterator[str]:
     """Baxter in simulation, one joint of which sways; its path."""
     flags = ("--robot=baxter", "--sway=baxter:left_s0", f"--connect={place.place.zenoh}")
-    with process("-m", "agents", *flags), browsing(place.place) as browser:
+    with process("-m", "linked_fleet_agent", *flags), browsing(place.place) as browser:
         yield live(browser, "baxter").url.removeprefix(place.place.root.rstrip("/"))
 
 

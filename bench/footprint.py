@@ -22,7 +22,7 @@ MOST_MB, MOST_KB, MOST_AGENT_MB, MOST_AGENT_PERCENT = 64.0, 300.0, 40.0, 3.0
 _PARTS = """
 import asyncio, json, sys
 import h11, msgspec, pyoxigraph, redis.asyncio, starlette.applications, uvicorn, uvloop, websockets, zenoh
-from gateway.link.session_settings import settings
+from linked_fleet_gateway.link.session_settings import settings
 config = zenoh.Config()
 for name, value in settings(("tcp/127.0.0.1:0",), (), {}).items():
     config.insert_json5(name, json.dumps(value))
@@ -34,8 +34,8 @@ with zenoh.open(config):
 _TIMER = """
 import asyncio, sys
 import zenoh
-from agents.zenoh_session import configuration
-from agents.wire.keys import Keys
+from linked_fleet_agent.zenoh_session import configuration
+from linked_fleet_agent.wire.keys import Keys
 endpoint, period_s, payload = sys.argv[1], 1.0 / float(sys.argv[2]), bytes(int(sys.argv[3]))
 async def main():
     loop = asyncio.get_running_loop()

@@ -9,10 +9,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from running import eventually
-
 from bench.far import NAME
 from bench.table import UnavailableError
+from running import eventually
 
 _CONFIGURATION = """{{
 	admin off

@@ -9,8 +9,8 @@ import threading
 
 import zenoh
 
-from agents.wire.keys import Keys
 from bench.references import session_of_gateway
+from linked_fleet_agent.wire.keys import Keys
 
 _KEYS = Keys()
 _AT_ONCE = 8  # as many questions as a gateway asks

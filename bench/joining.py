@@ -7,12 +7,11 @@ import time
 from collections.abc import Callable, Sequence
 
 import actor
-from running import PATIENCE_S, process
-
 from bench.crowd import Gateway, Scene, Size, stage
 from bench.scene import cpu_s, pid_of
 from bench.synthetic import name_of
 from bench.table import Row, known
+from running import PATIENCE_S, process
 
 ALREADY = (10, 100, 1000)
 MOST_S = 10.0

@@ -6,14 +6,13 @@ import time
 from collections.abc import Callable, Sequence
 from urllib.parse import urlsplit
 
+from bench.beside import BARE, bare, fsync_ms, wire
+from bench.scene import Readers, browsing, cpu_s, scene
+from bench.table import Row, at_most, known, percentile
 from browser import HYBRIT, Browser
 from commanding import PREFIXES
 from running import free_port, process
 from small_fleet import live
-
-from bench.beside import BARE, bare, fsync_ms, wire
-from bench.scene import Readers, browsing, cpu_s, scene
-from bench.table import Row, at_most, known, percentile
 
 RATE_HZ = 100
 _TURTLE = {"content-type": "text/turtle"}
@@ -49,7 +48,7 @@ def actions(asked_ms: Sequence[float], seconds: float) -> list[Row]:
         posted_ms = timed_ms(url, seconds, _body)
     with (
         scene("--requests-per-client", "0") as place,
-        process("-m", "agents", "--robot=ur5", "--connect", place.place.zenoh),
+        process("-m", "linked_fleet_agent", "--robot=ur5", "--connect", place.place.zenoh),
         browsing(place.place) as browser,
     ):
         live(browser, "ur5")

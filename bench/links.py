@@ -4,13 +4,12 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from certificates import made
-from running import free_port
-
 from bench.beside import Wire, wire
 from bench.lossy import Network, lossy
 from bench.table import Row, known, percentile
 from bench.transports import DELAY_MS, LOSSES
+from certificates import made
+from running import free_port
 
 RATE_HZ = 100.0
 LONGER = 2.0

@@ -8,11 +8,10 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from actor import Actor
-from browser import Browser
-from small_fleet import live
-
 from bench.scene import cpu_s, rss_kib, scene
 from bench.table import Row, known
+from browser import Browser
+from small_fleet import live
 from tests.fleet.test_subscription_memory import Client, emptied
 
 STEP = 1000

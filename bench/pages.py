@@ -5,12 +5,12 @@ import tempfile
 import threading
 from pathlib import Path
 
-from actor import Actor, stage
 from playwright.sync_api import Page, sync_playwright
+
+from actor import Actor, stage
+from bench.table import Row, UnavailableError, known, percentile
 from running import eventually
 from small_fleet import Place, live
-
-from bench.table import Row, UnavailableError, known, percentile
 
 _ARGUMENTS = [
     "--no-sandbox",

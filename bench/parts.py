@@ -12,24 +12,23 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from statistics import median
 
-from redis_servers import Server, single
-
-from agents.wire.codec import decode
-from agents.wire.messages import Description
 from bench.caches import reads
 from bench.synthetic import Robot, name_of, robot, urdf
 from bench.table import Row, known
-from gateway.actions import redis_scripts as scripts
-from gateway.fleet.events import Appeared, Described, Framed, Moved
-from gateway.fleet.fleet import Fleet
-from gateway.fleet.frames import Frames
-from gateway.fleet.invocations import Invocations
-from gateway.http.websocket import framed
-from gateway.resources.subscription import Kind, Subscription
-from gateway.resources.tree import EMPTY, Tree
-from gateway.runtime.redis import Connection
-from gateway.subscriptions.fan_out import FanOut
-from gateway.subscriptions.message import Ending, Message
+from linked_fleet_agent.wire.codec import decode
+from linked_fleet_agent.wire.messages import Description
+from linked_fleet_gateway.actions import redis_scripts as scripts
+from linked_fleet_gateway.fleet.events import Appeared, Described, Framed, Moved
+from linked_fleet_gateway.fleet.fleet import Fleet
+from linked_fleet_gateway.fleet.frames import Frames
+from linked_fleet_gateway.fleet.invocations import Invocations
+from linked_fleet_gateway.http.websocket import framed
+from linked_fleet_gateway.resources.subscription import Kind, Subscription
+from linked_fleet_gateway.resources.tree import EMPTY, Tree
+from linked_fleet_gateway.runtime.redis import Connection
+from linked_fleet_gateway.subscriptions.fan_out import FanOut
+from linked_fleet_gateway.subscriptions.message import Ending, Message
+from redis_servers import Server, single
 
 ROBOTS, JOINTS = 50, 10
 _BASE = "http://127.0.0.1:8000"

@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import httpx
 import zenoh
-from running import eventually, free_port
 
 from bench.answers import wrk
 from bench.beside import BARE, bare
@@ -22,6 +21,7 @@ from bench.fan_out import Case, fan_out, measured
 from bench.references import Beat, session
 from bench.scene import Readers
 from bench.table import Row, UnavailableError, at_least, known
+from running import eventually, free_port
 
 _SIZE = 1216  # bytes, as a value of ours in Turtle
 _ACCEPT = {"accept": "text/turtle, application/json;q=0.9, */*;q=0.1"}

@@ -19,8 +19,8 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
 
-from agents.wire.trust import Credentials
-from gateway.link.session_settings import settings
+from linked_fleet_agent.wire.trust import Credentials
+from linked_fleet_gateway.link.session_settings import settings
 
 STATE, QUESTION = "raw/state", "raw/question"
 SENT = struct.Struct("<q")

@@ -14,8 +14,8 @@ import fcl
 import numpy as np
 import numpy.typing as npt
 
-from agents.meshes import locate
-from gateway.extensions.world.surfaces import read_mesh
+from linked_fleet_agent.meshes import locate
+from linked_fleet_gateway.extensions.world.surfaces import read_mesh
 
 Array = npt.NDArray[np.float64]
 _MOVES = ("revolute", "continuous", "prismatic")

@@ -14,13 +14,13 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from commanding import TURTLE, radian
-from running import eventually
 from websockets.sync.client import connect as websocket
 
 from bench.crowd import Probe, Scene, Size, stage
 from bench.scene import cpu_s, rss_kib
 from bench.synthetic import name_of
+from commanding import TURTLE, radian
+from running import eventually
 
 Figures = dict[str, str]
 T = TypeVar("T")

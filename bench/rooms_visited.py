@@ -15,15 +15,15 @@ from types import FrameType
 from typing import Any
 
 from actor import Actor, stage
+from bench.architecture import ROOT, rank, room_of
 from browser import Browser
 from running import eventually, process
 from small_fleet import Place
 from virtual.client import clients_in_memory
 from virtual.loop import virtual_time
 
-from bench.architecture import ROOT, rank, room_of
-
-_GATEWAY = str(ROOT / "gateway") + "/"
+_FOLDER = ROOT / "gateway"
+_GATEWAY = str(_FOLDER / "linked_fleet_gateway") + "/"
 
 
 @dataclass
@@ -46,7 +46,7 @@ class Visits:
 
 
 def _room(frame: FrameType) -> str:
-    path = Path(frame.f_code.co_filename).relative_to(ROOT).with_suffix("")
+    path = Path(frame.f_code.co_filename).relative_to(_FOLDER).with_suffix("")
     return room_of(".".join(path.parts))
 
 

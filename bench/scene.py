@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import zenoh
+
 from actor import Actor, stage
 from browser import Browser
 from running import Process, process

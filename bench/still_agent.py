@@ -7,11 +7,11 @@ import asyncio
 import sys
 from collections.abc import Mapping
 
-from agents.agent import Agent
-from agents.link import RobotLink
-from agents.robot import Facts, JointFacts, Limits, Reading
-from agents.wire.keys import Keys
-from agents.zenoh_session import open_session
+from linked_fleet_agent.agent import Agent
+from linked_fleet_agent.link import RobotLink
+from linked_fleet_agent.robot import Facts, JointFacts, Limits, Reading
+from linked_fleet_agent.wire.keys import Keys
+from linked_fleet_agent.zenoh_session import open_session
 
 
 class Still:

@@ -26,9 +26,9 @@ from typing import Any, Literal
 
 import zenoh
 
-from agents.wire.codec import decode, encode, encode_state, layout
-from agents.wire.keys import Keys
-from agents.wire.messages import WIRE_VERSION, Accepted, Command, Description, Progress, State, Stop
+from linked_fleet_agent.wire.codec import decode, encode, encode_state, layout
+from linked_fleet_agent.wire.keys import Keys
+from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Command, Description, Progress, State, Stop
 
 Asked = Literal["description", "command", "stop"]
 Answer = Callable[[bytes], bytes]
@@ -134,7 +134,7 @@ class Crowd:
             each.join()
 
     def _declare(self, each: Robot) -> None:
-        """What agents/link.py declares, in its order."""
+        """What agents/linked_fleet_agent/link.py declares, in its order."""
         session, name = self._session, each.name
         each.publisher = session.declare_publisher(
             KEYS.robot(name, "state"),

@@ -7,12 +7,11 @@ import sys
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from running import PATIENCE_S, ROOT, free_port
-
 from bench.front import Front, front, program
 from bench.lossy import Network, lossy
 from bench.scene import Mover, scene
 from bench.table import Row, known, percentile
+from running import PATIENCE_S, ROOT, free_port
 
 DELAY_MS = 10.0
 """Each way; a round trip is twice as long."""

@@ -23,23 +23,19 @@ COPY deploy/requirements-simulation.txt deploy/
 RUN pip --python /opt/linked-fleet/bin/python install -q --require-hashes -r deploy/requirements-simulation.txt
 
 FROM packages AS built
-COPY pyproject.toml README.md LICENSE ./
+COPY LICENSE ./
 COPY agents agents
-COPY telemetry telemetry
 COPY deploy/bill_of_materials.py deploy/
-RUN pip wheel -q --no-index --no-deps --no-build-isolation -w /build/wheels . \
+RUN pip wheel -q --no-index --no-deps --no-build-isolation -w /build/wheels ./agents \
  && pip --python /opt/linked-fleet/bin/python install -q --no-index --no-deps /build/wheels/*.whl \
- && rm /opt/linked-fleet/bin/linked-fleet \
  && /opt/linked-fleet/bin/python deploy/bill_of_materials.py /opt/doc
 
 FROM packages-sim AS built-sim
-COPY pyproject.toml README.md LICENSE ./
+COPY LICENSE ./
 COPY agents agents
-COPY telemetry telemetry
 COPY deploy/bill_of_materials.py deploy/
-RUN pip wheel -q --no-index --no-deps --no-build-isolation -w /build/wheels . \
+RUN pip wheel -q --no-index --no-deps --no-build-isolation -w /build/wheels ./agents \
  && pip --python /opt/linked-fleet/bin/python install -q --no-index --no-deps /build/wheels/*.whl \
- && rm /opt/linked-fleet/bin/linked-fleet \
  && /opt/linked-fleet/bin/python deploy/bill_of_materials.py /opt/doc
 
 FROM python:${PYTHON_TAG} AS run
@@ -51,7 +47,7 @@ COPY deploy/linked.py /usr/local/lib/linked-fleet/linked.py
 USER 10001:10001
 WORKDIR /tmp
 HEALTHCHECK --interval=5s --timeout=5s --start-period=30s CMD ["python", "/usr/local/lib/linked-fleet/linked.py"]
-ENTRYPOINT ["python", "-P", "-m", "agents"]
+ENTRYPOINT ["python", "-P", "-m", "linked_fleet_agent"]
 
 FROM run AS agent-sim
 LABEL org.opencontainers.image.title="Linked Fleet agent with simulated robots"

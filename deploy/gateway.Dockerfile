@@ -24,21 +24,19 @@ ENV NODE_EXTRA_CA_CERTS=/etc/ssl/certs/ca-certificates.crt NPM_CONFIG_CAFILE=/et
 COPY deploy/requirements-pages.txt deploy/
 RUN pip install -q --require-hashes -r deploy/requirements-pages.txt
 COPY face face
-RUN mkdir -p gateway/extensions/pages && face/build "$(command -v python)"
+RUN mkdir -p gateway/linked_fleet_gateway/extensions/pages && face/build "$(command -v python)"
 
 FROM packages AS built
 COPY pyproject.toml README.md LICENSE ./
-COPY agents/__init__.py agents/__init__.py
-COPY agents/wire agents/wire
+COPY agents agents
 COPY client client
 COPY gateway gateway
 COPY shapes shapes
-COPY telemetry telemetry
-COPY --from=pages /build/gateway/extensions/pages/assets gateway/extensions/pages/assets
+COPY --from=pages /build/gateway/linked_fleet_gateway/extensions/pages/assets gateway/linked_fleet_gateway/extensions/pages/assets
 COPY deploy/bill_of_materials.py deploy/
 COPY face/package.json face/
 RUN --mount=from=pages,source=/build/face/node_modules,target=/build/face/node_modules \
-    pip wheel -q --no-index --no-deps --no-build-isolation -w /build/wheels . \
+    pip wheel -q --no-index --no-deps --no-build-isolation -w /build/wheels ./agents . \
  && pip --python /opt/linked-fleet/bin/python install -q --no-index --no-deps /build/wheels/*.whl \
  && /opt/linked-fleet/bin/python deploy/bill_of_materials.py /opt/doc face
 
@@ -59,4 +57,4 @@ USER 10001:10001
 WORKDIR /tmp
 EXPOSE 8000
 HEALTHCHECK --interval=5s --timeout=5s --start-period=30s CMD ["python", "/usr/local/lib/linked-fleet/ready.py"]
-ENTRYPOINT ["python", "-P", "-m", "gateway"]
+ENTRYPOINT ["python", "-P", "-m", "linked_fleet_gateway"]

@@ -24,12 +24,14 @@ _HEAD = "# Written by make requirements: names, versions and hashes of the wheel
 
 
 def wanted() -> dict[str, list[str]]:
-    """By file, what pyproject.toml asks for."""
-    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())
-    project = settings["project"]
-    base, extras = project["dependencies"], project["optional-dependencies"]
+    """Return the requirements of each file. The image of gateways has no simulation, which the demo alone needs."""
+    settings, of_agent = (
+        tomllib.loads((ROOT / path).read_text()) for path in ("pyproject.toml", "agents/pyproject.toml")
+    )
+    base, extras = of_agent["project"]["dependencies"], of_agent["project"]["optional-dependencies"]
+    gateway = [each for each in settings["project"]["dependencies"] if not each.startswith("linked-fleet-agent")]
     return {
-        "requirements.txt": [*base, *extras["gateway"], *extras["tracing"], BEFORE_3_11_3],
+        "requirements.txt": [*base, *gateway, *extras["tracing"], BEFORE_3_11_3],
         "requirements-agent.txt": base,
         "requirements-simulation.txt": [*base, *extras["sim"]],
         "requirements-build.txt": settings["build-system"]["requires"],

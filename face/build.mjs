@@ -1,4 +1,4 @@
-// Bundles what pages need into ../gateway/extensions/pages/assets, each file named by its content, and writes down the licences.
+// Bundles what pages need into ../gateway/linked_fleet_gateway/extensions/pages/assets, each file named by its content, and writes down the licences.
 
 import { mkdir, readdir, readFile, rm, writeFile } from "node:fs/promises";
 import path from "node:path";
@@ -7,7 +7,7 @@ import { fileURLToPath } from "node:url";
 import { build } from "esbuild";
 
 const here = path.dirname(fileURLToPath(import.meta.url));
-const assets = path.join(here, "..", "gateway", "extensions", "pages", "assets");
+const assets = path.join(here, "..", "gateway", "linked_fleet_gateway", "extensions", "pages", "assets");
 
 await rm(assets, { recursive: true, force: true });
 await mkdir(assets, { recursive: true });

@@ -10,35 +10,35 @@ from random import Random
 from typing import Any
 
 from pyoxigraph import NamedNode, RdfFormat, Triple, parse, serialize
-from shacl_findings import pyshacl_finds
 
-from agents.wire.codec import encode_state
-from agents.wire.messages import State
 from fuzz import mutation
 from fuzz.findings import Tally, in_process
 from fuzz.good import BODIES, JOINTS, TERMS, TURTLE_PREFIXES, able_arm
-from gateway.actions.action_request import Asked, moment_of
-from gateway.actions.admission import admit
-from gateway.actions.handler_table import HANDLERS
-from gateway.actions.plan import Later, Motion
-from gateway.app.extensions import BUILT_IN, install
-from gateway.base.errors import FleetError, UnprocessableContent
-from gateway.extensions.reach.handler import reach
-from gateway.fleet.events import Appeared, Described, Framed
-from gateway.fleet.fleet import Fleet
-from gateway.fleet.invocations import Invocations
-from gateway.http.body import parse_body
-from gateway.http.invoke import MAX_TRIPLES
-from gateway.rdf.graph import Graph
-from gateway.rdf.unused import reachable
-from gateway.rdf.validation import root
-from gateway.rdf.vocabulary import LF
-from gateway.resources.action_offer import Offer
-from gateway.resources.affordance import Control, Invoke, PutSetting, PutTarget
-from gateway.resources.resource import Resource
-from gateway.resources.setting import judged
-from gateway.resources.subscription_resource import requested
-from gateway.resources.tree import Tree
+from linked_fleet_agent.wire.codec import encode_state
+from linked_fleet_agent.wire.messages import State
+from linked_fleet_gateway.actions.action_request import Asked, moment_of
+from linked_fleet_gateway.actions.admission import admit
+from linked_fleet_gateway.actions.handler_table import HANDLERS
+from linked_fleet_gateway.actions.plan import Later, Motion
+from linked_fleet_gateway.app.extensions import BUILT_IN, install
+from linked_fleet_gateway.base.errors import FleetError, UnprocessableContent
+from linked_fleet_gateway.extensions.reach.handler import reach
+from linked_fleet_gateway.fleet.events import Appeared, Described, Framed
+from linked_fleet_gateway.fleet.fleet import Fleet
+from linked_fleet_gateway.fleet.invocations import Invocations
+from linked_fleet_gateway.http.body import parse_body
+from linked_fleet_gateway.http.invoke import MAX_TRIPLES
+from linked_fleet_gateway.rdf.graph import Graph
+from linked_fleet_gateway.rdf.unused import reachable
+from linked_fleet_gateway.rdf.validation import root
+from linked_fleet_gateway.rdf.vocabulary import LF
+from linked_fleet_gateway.resources.action_offer import Offer
+from linked_fleet_gateway.resources.affordance import Control, Invoke, PutSetting, PutTarget
+from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.setting import judged
+from linked_fleet_gateway.resources.subscription_resource import requested
+from linked_fleet_gateway.resources.tree import Tree
+from shacl_findings import pyshacl_finds
 
 BASE = "http://127.0.0.1:8000"
 _HANDLERS = {**HANDLERS, LF.Reach: reach}
@@ -144,7 +144,7 @@ def _invoke(random: Random, afforded: Invoke, triples: list[Triple], path: str) 
 
 
 def _target(random: Random, afforded: PutTarget, triples: list[Triple], path: str) -> None:
-    """As gateway/http/invoke.py reads a target."""
+    """As gateway/linked_fleet_gateway/http/invoke.py reads a target."""
     focus = root(triples, NamedNode(BASE + path))
     values = {t.object for t in triples if t.subject == focus and t.predicate == LF.value}
     if len(values) != 1:

@@ -4,11 +4,11 @@ import itertools
 import math
 from collections.abc import Mapping
 
-from agents.agent import Agent
-from agents.robot import Facts, JointFacts, Limits, Reading
-from agents.wire.codec import decode, decode_state
-from agents.wire.messages import Progress
 from fuzz.good import ARM
+from linked_fleet_agent.agent import Agent
+from linked_fleet_agent.robot import Facts, JointFacts, Limits, Reading
+from linked_fleet_agent.wire.codec import decode, decode_state
+from linked_fleet_agent.wire.messages import Progress
 
 _LIMITS = {"pan": Limits(-1.0, 1.0, 2.0, 3.0), "slide": Limits(-1.0, 1.0, 2.0, 3.0), "roll": Limits(velocity=2.0)}
 FACTS = Facts(

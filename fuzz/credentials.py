@@ -9,10 +9,10 @@ from random import Random
 from typing import Any
 
 import jwt
-from issuer import AUDIENCE, Issuer, Key
 from starlette.requests import cookie_parser
 
 from fuzz import mutation
+from issuer import AUDIENCE, Issuer, Key
 
 COOKIE = "__Host-linked-fleet"
 SUBJECT = "the subject"

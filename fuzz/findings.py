@@ -12,7 +12,7 @@ from random import Random
 from types import FrameType
 
 from bench.scene import rss_kib
-from gateway.runtime.log import TextFormatter
+from linked_fleet_gateway.runtime.log import TextFormatter
 
 EPISODE = 500
 """Inputs that share a state: each begins anew, so that a finding is repeated by its own episode alone."""

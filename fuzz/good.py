@@ -5,10 +5,9 @@ from random import Random
 from typing import Any
 
 from actor import SIMPLE, joint, link, robot
-
-from agents.wire.codec import encode, encode_state, layout
-from agents.wire.messages import WIRE_VERSION, Base, Description, State
-from gateway.rdf.vocabulary import PREFIXES
+from linked_fleet_agent.wire.codec import encode, encode_state, layout
+from linked_fleet_agent.wire.messages import WIRE_VERSION, Base, Description, State
+from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 
 ARM = robot(
     link("base"), link("upper"), link("cart"), link("wheel"), link("finger"), link("tip", inertial=False),

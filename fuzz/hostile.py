@@ -12,16 +12,16 @@ from random import Random
 from typing import Any
 
 from fuzz.good import TURTLE_PREFIXES
-from gateway.extensions.sessions.login import MAX_BODY_BYTES as MAX_LOGIN_BYTES
-from gateway.extensions.world.http import MAX_BODY_BYTES as MAX_OBJECT_BYTES
-from gateway.extensions.world.http import MAX_TRIPLES as MAX_OBJECT_TRIPLES
-from gateway.http.body import MAX_BODY_BYTES
-from gateway.http.control import MAX_ANNOTATION_TRIPLES
-from gateway.http.invoke import MAX_BODY_BYTES as MAX_INPUT_BYTES
-from gateway.http.invoke import MAX_TRIPLES as MAX_INPUT_TRIPLES
-from gateway.http.patch import PATCH_TYPES
-from gateway.rdf.parsing import MAX_TRIPLES
-from gateway.rdf.sparql_syntax import MAX_QUERY_BYTES
+from linked_fleet_gateway.extensions.sessions.login import MAX_BODY_BYTES as MAX_LOGIN_BYTES
+from linked_fleet_gateway.extensions.world.http import MAX_BODY_BYTES as MAX_OBJECT_BYTES
+from linked_fleet_gateway.extensions.world.http import MAX_TRIPLES as MAX_OBJECT_TRIPLES
+from linked_fleet_gateway.http.body import MAX_BODY_BYTES
+from linked_fleet_gateway.http.control import MAX_ANNOTATION_TRIPLES
+from linked_fleet_gateway.http.invoke import MAX_BODY_BYTES as MAX_INPUT_BYTES
+from linked_fleet_gateway.http.invoke import MAX_TRIPLES as MAX_INPUT_TRIPLES
+from linked_fleet_gateway.http.patch import PATCH_TYPES
+from linked_fleet_gateway.rdf.parsing import MAX_TRIPLES
+from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES
 
 TURTLE, TRIPLES, XML = "text/turtle", "application/n-triples", "application/rdf+xml"
 JSON_LD, JSON, QUERY, FORM = (

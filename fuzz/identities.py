@@ -10,17 +10,17 @@ from random import Random
 from urllib.parse import urlencode
 
 import httpx
-from certificates import made
-from guarded import ALL, Guarded
-from issuer import issuing
-from running import process
-from small_fleet import Place
 
+from certificates import made
 from fuzz import mutation
 from fuzz.credentials import COOKIE, SUBJECT, Wallet
 from fuzz.findings import Tally, random_of
 from fuzz.http import AT_ONCE, Line, broken
 from fuzz.living import PATIENCE_S, Living, in_batches
+from guarded import ALL, Guarded
+from issuer import issuing
+from running import process
+from small_fleet import Place
 
 _ASKED = (
     ("GET", "/"), ("GET", "/"), ("GET", "/linkset"), ("HEAD", "/"), ("GET", "/metrics"), ("GET", "/audit"),

@@ -11,18 +11,18 @@ from urllib.parse import urlsplit
 
 import httpx
 import zenoh
-from actor import KEYS, Actor, stage
-from browser import Browser
-from running import Process, process
-from small_fleet import Place, live
 
-from agents.wire.codec import WireError, decode, encode
-from agents.wire.messages import WIRE_VERSION, Accepted, Command, Progress, Refused, Stop
+from actor import KEYS, Actor, stage
 from bench.scene import pid_of, rss_kib
+from browser import Browser
 from fuzz.findings import Tally
 from fuzz.good import able_arm
 from fuzz.stops import LATE_S, STOP, Stops, stopping
 from fuzz.watched import STALL
+from linked_fleet_agent.wire.codec import WireError, decode, encode
+from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Command, Progress, Refused, Stop
+from running import Process, process
+from small_fleet import Place, live
 
 PATIENCE_S = 20.0
 """For an answer, on a machine that does other things too; what takes longer hangs."""

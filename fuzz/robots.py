@@ -15,18 +15,18 @@ from random import Random
 
 import httpx
 import zenoh
+
 from actor import KEYS
 from browser import Browser
-from running import process
-from small_fleet import live
-
-from agents.wire.codec import WireError, decode_reply, encode
-from agents.wire.messages import Description
 from fuzz import good, mutation
 from fuzz.findings import Tally, random_of
 from fuzz.living import PATIENCE_S, Living, in_batches, living
 from fuzz.wire import spoilt, spoilt_description, torn
-from gateway.resources.paths import robot_path
+from linked_fleet_agent.wire.codec import WireError, decode_reply, encode
+from linked_fleet_agent.wire.messages import Description
+from linked_fleet_gateway.resources.paths import robot_path
+from running import process
+from small_fleet import live
 
 _NAMES = ("liar", "liar 2", "é", "pose")
 _KINDS = (
@@ -48,7 +48,10 @@ _FRAME_BYTES = 40 + 8 * 3 * 6
 
 
 def run(count: int, seed: int, first: int = 0) -> Tally:
-    with living() as there, process("-m", "agents", f"--robot={_ROBOT}", "--connect", there.place.zenoh) as agent:
+    with (
+        living() as there,
+        process("-m", "linked_fleet_agent", f"--robot={_ROBOT}", "--connect", there.place.zenoh) as agent,
+    ):
         with contextlib.closing(Browser(there.place.root)) as browser:
             live(browser, _ROBOT)
         there.watched.append(("the agent", agent))

@@ -6,18 +6,17 @@ from collections.abc import Callable
 from random import Random
 from typing import Any
 
-from ros2_robot import STORE, URDF, joint_state, text
-
-from agents.robot import Facts, RobotFaultError
-from agents.robots.ros2 import cdr
-from agents.robots.ros2.address import AddressError, parse_address
-from agents.robots.ros2.following import Follower
-from agents.robots.ros2.robot import facts_of
-from agents.robots.ros2.session import Arrived
-from agents.robots.ros2.states import JointStates
-from agents.urdf import UrdfError
 from fuzz import mutation
 from fuzz.findings import Tally, in_process
+from linked_fleet_agent.robot import Facts, RobotFaultError
+from linked_fleet_agent.robots.ros2 import cdr
+from linked_fleet_agent.robots.ros2.address import AddressError, parse_address
+from linked_fleet_agent.robots.ros2.following import Follower
+from linked_fleet_agent.robots.ros2.robot import facts_of
+from linked_fleet_agent.robots.ros2.session import Arrived
+from linked_fleet_agent.robots.ros2.states import JointStates
+from linked_fleet_agent.urdf import UrdfError
+from ros2_robot import STORE, URDF, joint_state, text
 
 _JOINTS = ("pan", "lift", "grip", "thumb_grip")
 _WORDS = (0, 1, 2, 3, 4, 5, 7, 8, 1024, 1025, 65_536, 2**31 - 1, 2**31, 2**32 - 8, 2**32 - 1)

@@ -18,17 +18,17 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import httpx
+
+from bench.scene import pid_of, rss_kib
 from browser import LF
 from commanding import ENDED, WRIST, all_see, of_joint
+from fuzz.living import WRONG
+from fuzz.workers import Churn, Clients, Guests, Hops, Motions, Reads, Steps, agent
 from load import EventFollower, Follower, Front, SocketFollower, going_on
 from receivers import CallbackReceiver, receiving
 from redis_servers import Server, single
 from running import Process, eventually, free_port
 from several import Gateway, Hub, arrived, deliveries, gateway, hub
-
-from bench.scene import pid_of, rss_kib
-from fuzz.living import WRONG
-from fuzz.workers import Churn, Clients, Guests, Hops, Motions, Reads, Steps, agent
 
 GROWTH_KIB = 32 * 1024
 """By which the memory of the gateway that lives may have grown after the warm-up, by the line through its samples."""

@@ -1,7 +1,7 @@
 """``python -m fuzz.watched``: the gateway, on a loop that logs each callback of more than 25 ms of processor time.
 
-It is ``python -m gateway`` but for two things: the loop is that of asyncio, all of whose callbacks are Python objects
-that can be timed, and such a callback is logged as an error.
+It is ``python -m linked_fleet_gateway`` but for two things: the loop is that of asyncio, all of whose callbacks are
+Python objects that can be timed, and such a callback is logged as an error.
 """
 
 import asyncio
@@ -14,7 +14,7 @@ from contextlib import contextmanager
 
 import uvloop
 
-from gateway.__main__ import main
+from linked_fleet_gateway.__main__ import main
 
 MOST_S = 0.025
 """Processor time of its thread that one callback of the event loop may use."""

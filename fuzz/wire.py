@@ -7,28 +7,28 @@ from random import Random
 from typing import Any
 from uuid import UUID
 
-from agents.meshes import MeshError
-from agents.robot import PictureError
-from agents.wire import traceparent
-from agents.wire.codec import WireError, decode, decode_reply, decode_state
-from agents.wire.keys import Keys
-from agents.wire.messages import Accepted, Camera, Mesh, PictureFormat, Progress, Reply
-from agents.wire.names import escape, unescape
-from agents.wire.pictures import MAGICS, Moment, encode_picture
 from fuzz import good, mutation
 from fuzz.body import Patient
 from fuzz.findings import Tally, in_process
-from gateway.base.errors import FleetError
-from gateway.extensions.pages.extension import Pages
-from gateway.fleet.answers import read_description, read_mesh, read_reply
-from gateway.fleet.cameras import read_picture
-from gateway.fleet.events import Appeared, Described, Framed, Undescribed, Vanished
-from gateway.fleet.fleet import Fleet
-from gateway.fleet.invocations import Invocation, Invocations
-from gateway.http.representation import Representations
-from gateway.resources.paths import robot_path
-from gateway.resources.resource import Resource
-from gateway.resources.tree import Tree
+from linked_fleet_agent.meshes import MeshError
+from linked_fleet_agent.robot import PictureError
+from linked_fleet_agent.wire import traceparent
+from linked_fleet_agent.wire.codec import WireError, decode, decode_reply, decode_state
+from linked_fleet_agent.wire.keys import Keys
+from linked_fleet_agent.wire.messages import Accepted, Camera, Mesh, PictureFormat, Progress, Reply
+from linked_fleet_agent.wire.names import escape, unescape
+from linked_fleet_agent.wire.pictures import MAGICS, Moment, encode_picture
+from linked_fleet_gateway.base.errors import FleetError
+from linked_fleet_gateway.extensions.pages.extension import Pages
+from linked_fleet_gateway.fleet.answers import read_description, read_mesh, read_reply
+from linked_fleet_gateway.fleet.cameras import read_picture
+from linked_fleet_gateway.fleet.events import Appeared, Described, Framed, Undescribed, Vanished
+from linked_fleet_gateway.fleet.fleet import Fleet
+from linked_fleet_gateway.fleet.invocations import Invocation, Invocations
+from linked_fleet_gateway.http.representation import Representations
+from linked_fleet_gateway.resources.paths import robot_path
+from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.tree import Tree
 
 _REPRESENTATIONS = Representations(Pages())
 _BASE = "http://127.0.0.1"

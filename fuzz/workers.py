@@ -7,16 +7,16 @@ from collections.abc import Iterator, Sequence
 
 import httpx
 import zenoh
+from websockets.exceptions import WebSocketException
+
 from actor import Actor
 from browser import HYBRIT
 from commanding import TURTLE, radian
+from fuzz.living import obey
 from receivers import CallbackReceiver
 from running import Process, process
 from several import Hub
 from subscribers import Socket, StreamEnded, events
-from websockets.exceptions import WebSocketException
-
-from fuzz.living import obey
 
 _WELL = (200, 201, 202, 204)
 _AWAY = (503, 504)
@@ -168,5 +168,5 @@ class Guests:
 @contextlib.contextmanager
 def agent(endpoint: str) -> Iterator[Process]:
     """Of a simulated arm, at a rate that leaves time for the rest."""
-    with process("-m", "agents", "--robot=ur5", "--rate-hz=25", "--connect", endpoint) as child:
+    with process("-m", "linked_fleet_agent", "--robot=ur5", "--rate-hz=25", "--connect", endpoint) as child:
         yield child

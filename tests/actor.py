@@ -9,11 +9,11 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 
 import zenoh
-from virtual.loop import current
 
-from agents.wire.codec import encode, encode_state, layout
-from agents.wire.keys import Keys
-from agents.wire.messages import WIRE_VERSION, Description, State
+from linked_fleet_agent.wire.codec import encode, encode_state, layout
+from linked_fleet_agent.wire.keys import Keys
+from linked_fleet_agent.wire.messages import WIRE_VERSION, Description, State
+from virtual.loop import current
 
 KEYS = Keys()
 _runs = itertools.count(1)

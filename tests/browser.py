@@ -5,9 +5,10 @@ from dataclasses import dataclass
 
 import httpx
 import rdflib
+from rdflib import RDF, URIRef
+
 from connections import http_client
 from graphs import read
-from rdflib import RDF, URIRef
 
 HYBRIT = rdflib.Namespace("https://hybr-it-projekt.de/ns/hybr-it#")
 ROS = rdflib.Namespace("http://ros.org/#")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import pytest
 from opentelemetry.proto.collector.trace.v1.trace_service_pb2 import ExportTraceServiceRequest
 from opentelemetry.proto.trace.v1 import trace_pb2
+
 from receivers import Answer, CallbackReceiver, receiving
 from running import eventually
 

@@ -5,9 +5,10 @@ import math
 from collections.abc import Callable, Iterator
 
 import httpx
+from rdflib import URIRef
+
 from browser import LDP, LF, ROS, SPATIAL, VOM, Browser, Page
 from graphs import read
-from rdflib import URIRef
 from running import Process, eventually, process
 from several import Gateway
 from small_fleet import live
@@ -138,7 +139,7 @@ def invocations(browser: Browser, action: str) -> list[str]:
 @contextlib.contextmanager
 def arm(endpoint: str, *flags: str) -> Iterator[Process]:
     """The agent of a simulated UR5."""
-    with process("-m", "agents", "--robot=ur5", "--connect", endpoint, *flags) as agent:
+    with process("-m", "linked_fleet_agent", "--robot=ur5", "--connect", endpoint, *flags) as agent:
         yield agent
 
 

@@ -3,8 +3,9 @@
 from collections.abc import Container, Iterable, Mapping
 
 import httpx
-from browser import DCTERMS, LF, ROS, Browser, Page
 from rdflib import RDF, URIRef
+
+from browser import DCTERMS, LF, ROS, Browser, Page
 
 PREFIXES = """@prefix xsd: <http://www.w3.org/2001/XMLSchema#> .
 @prefix maths: <http://vocab.arvida.de/2015/06/maths/vocab#> .

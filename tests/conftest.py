@@ -14,6 +14,7 @@ from pathlib import Path
 
 import hypothesis
 import pytest
+
 from browser import Browser, all_live
 from running import PATIENCE_S, Process, eventually, free_port, process
 from second_try import add_option, pytest_itemcollected, pytest_terminal_summary  # noqa: F401 - hooks
@@ -89,8 +90,8 @@ def fleet(
     port, zenoh = free_port(), f"tcp/127.0.0.1:{free_port()}"
     state = ("--state-dir", str(tmp_path_factory.mktemp("state")), "--callback-allow", "127.0.0.0/8")
     with (
-        process("-m", "gateway", "--port", str(port), "--zenoh-listen", zenoh, *state) as gateway,
-        process("-m", "agents", *(f"--robot={name}" for name in names), "--connect", zenoh) as agents,
+        process("-m", "linked_fleet_gateway", "--port", str(port), "--zenoh-listen", zenoh, *state) as gateway,
+        process("-m", "linked_fleet_agent", *(f"--robot={name}" for name in names), "--connect", zenoh) as agents,
     ):
         gateway.said("serving")
         running = RunningFleet(f"http://127.0.0.1:{port}/", zenoh, gateway, agents)

@@ -7,11 +7,12 @@ from types import TracebackType
 from typing import Protocol, Self
 
 import httpx
-from virtual.client import WebSocket as VirtualWebSocket
-from virtual.loop import current
 from websockets.http11 import Response
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
+
+from virtual.client import WebSocket as VirtualWebSocket
+from virtual.loop import current
 
 PATIENCE_S = 15.0
 

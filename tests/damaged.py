@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import redis
-from running import eventually
 
-from gateway.runtime import embedded_redis as embedded
+from linked_fleet_gateway.runtime import embedded_redis as embedded
+from running import eventually
 
 Damage = Callable[[Path], object]
 MANIFEST = "appendonly.aof.manifest"

@@ -21,7 +21,7 @@ class Demo:
         self._folder, self._log = folder, folder / "output"
         with self._log.open("wb") as output:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "demo", "--port", str(self.port)],
+                [sys.executable, "-m", "linked_fleet_demo", "--port", str(self.port)],
                 cwd=ROOT,
                 stdin=subprocess.DEVNULL,
                 stdout=output,

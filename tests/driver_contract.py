@@ -1,12 +1,12 @@
-"""What every driver must do, whatever robot is behind it (agents/robot.py); run it with your own (deploy/README.md)."""
+"""The contract of drivers (linked_fleet_agent/robot.py); run it with a driver of your own (deploy/README.md)."""
 
 import math
 from collections.abc import Callable
 
 import pytest
 
-from agents.robot import JointFacts, Reading, Robot
-from agents.urdf import joints_of
+from linked_fleet_agent.robot import JointFacts, Reading, Robot
+from linked_fleet_agent.urdf import joints_of
 
 _PERIOD_S = 0.01
 _STEP = 0.05  # rad or m that a joint is moved

@@ -4,32 +4,32 @@ from dataclasses import replace
 
 from pyoxigraph import NamedNode, Triple
 
-from agents.wire.codec import layout
-from agents.wire.messages import WIRE_VERSION, Camera, Description
-from gateway.extensions.cameras.resources import cameras_branch
-from gateway.extensions.history.recorder import History
-from gateway.extensions.history.resources import Past
-from gateway.extensions.history.resources import history_branches as histories
-from gateway.extensions.history.span import Span
-from gateway.extensions.pages.resources import BRANCH as ASSETS
-from gateway.extensions.rules.description import branch as rules_branch
-from gateway.extensions.rules.rule import Firing, FiringState, Known, Rule
-from gateway.extensions.things.directory import BRANCHES as THINGS
-from gateway.extensions.world.resources import in_world
-from gateway.extensions.world.scene import Box, Cylinder, SceneObject, Sphere, TriangleMesh
-from gateway.fleet.events import Appeared, Described, Undescribed
-from gateway.fleet.fleet import Fleet
-from gateway.fleet.invocation import FLEET, Invocation, InvocationState
-from gateway.fleet.invocations import Invocations
-from gateway.fleet.lease import Lease
-from gateway.fleet.model import Pose
-from gateway.rdf.graph import Graph
-from gateway.rdf.vocabulary import HYBRIT, LF
-from gateway.resources.branches import NONE, FleetBranch
-from gateway.resources.placement import WORLD
-from gateway.resources.resource import Resource
-from gateway.resources.subscription import Delivery, DeliveryState, Kind, Record, Subscription
-from gateway.resources.tree import Tree
+from linked_fleet_agent.wire.codec import layout
+from linked_fleet_agent.wire.messages import WIRE_VERSION, Camera, Description
+from linked_fleet_gateway.extensions.cameras.resources import cameras_branch
+from linked_fleet_gateway.extensions.history.recorder import History
+from linked_fleet_gateway.extensions.history.resources import Past
+from linked_fleet_gateway.extensions.history.resources import history_branches as histories
+from linked_fleet_gateway.extensions.history.span import Span
+from linked_fleet_gateway.extensions.pages.resources import BRANCH as ASSETS
+from linked_fleet_gateway.extensions.rules.description import branch as rules_branch
+from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Known, Rule
+from linked_fleet_gateway.extensions.things.directory import BRANCHES as THINGS
+from linked_fleet_gateway.extensions.world.resources import in_world
+from linked_fleet_gateway.extensions.world.scene import Box, Cylinder, SceneObject, Sphere, TriangleMesh
+from linked_fleet_gateway.fleet.events import Appeared, Described, Undescribed
+from linked_fleet_gateway.fleet.fleet import Fleet
+from linked_fleet_gateway.fleet.invocation import FLEET, Invocation, InvocationState
+from linked_fleet_gateway.fleet.invocations import Invocations
+from linked_fleet_gateway.fleet.lease import Lease
+from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_gateway.rdf.graph import Graph
+from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF
+from linked_fleet_gateway.resources.branches import NONE, FleetBranch
+from linked_fleet_gateway.resources.placement import WORLD
+from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Kind, Record, Subscription
+from linked_fleet_gateway.resources.tree import Tree
 
 BASE = "http://example.org"
 _NOW_NS = 1_700_000_000_000_000_000

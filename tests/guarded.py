@@ -6,15 +6,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 
-from browser import Browser
-from connections import websocket
-from issuer import AUDIENCE, CLIENT, SECRET, Issuer
-from running import Process, eventually, process
-from small_fleet import Place, live
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.http11 import Response
 
-from gateway.identity.__main__ import new_token
+from browser import Browser
+from connections import websocket
+from issuer import AUDIENCE, CLIENT, SECRET, Issuer
+from linked_fleet_gateway.identity.__main__ import new_token
+from running import Process, eventually, process
+from small_fleet import Place, live
 
 ALL = ("read", "subscribe", "stop", "act", "admin")
 SEEN, HIDDEN = "lab-1", "hall-1"
@@ -88,7 +88,7 @@ def guarded(folder: Path, *more: str, robots: bool = True, issuer: Issuer | None
     with contextlib.ExitStack() as stack:
         here.gateway = stack.enter_context(process(*place.command(), *flags))
         if robots:
-            stack.enter_context(process("-m", "agents", *names, "--connect", place.zenoh))
+            stack.enter_context(process("-m", "linked_fleet_agent", *names, "--connect", place.zenoh))
         here.gateway.said("serving")
         with here.browsing("root") as browser:
             for name in (SEEN, HIDDEN) if robots else ():

@@ -36,4 +36,4 @@ def _hanging(call: Callable[[], object]) -> Callable[..., None]:
 if __name__ == "__main__":
     signal.signal(signal.SIGUSR1, _hanging(lambda: time.sleep(601)))
     signal.signal(signal.SIGUSR2, _hanging(lambda: re.match("(a+)+$", "a" * 64 + "b")))
-    runpy.run_module("gateway", run_name="__main__", alter_sys=True)
+    runpy.run_module("linked_fleet_gateway", run_name="__main__", alter_sys=True)

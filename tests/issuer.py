@@ -17,6 +17,7 @@ from urllib.parse import parse_qs, urlencode, urlsplit
 import jwt
 from cryptography.hazmat.primitives.asymmetric import ec, ed25519, rsa
 from jwt.algorithms import ECAlgorithm, OKPAlgorithm, RSAAlgorithm
+
 from receivers import Answer, Receiver, Seen, receiving
 from virtual.clock import Datetime
 from virtual.loop import current

@@ -8,13 +8,14 @@ from collections.abc import Callable, Iterator, Sequence
 
 import httpx
 import rdflib
+from websockets.exceptions import ConnectionClosed, WebSocketException
+
 from commanding import TURTLE, radian
 from graphs import read
 from parallel import pool
 from running import PATIENCE_S, eventually
 from several import Hub
 from subscribers import Said, Socket, StreamEnded, angle_in, events
-from websockets.exceptions import ConnectionClosed, WebSocketException
 
 Work = Callable[[threading.Event], None]
 _RESTART = 1012

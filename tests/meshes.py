@@ -4,7 +4,7 @@ import struct
 from collections.abc import Sequence
 from itertools import product
 
-from gateway.extensions.world.surfaces import Surface, read_mesh
+from linked_fleet_gateway.extensions.world.surfaces import Surface, read_mesh
 
 Point = tuple[float, ...]
 Triangle = tuple[Point, ...]

@@ -4,16 +4,15 @@ import math
 from collections.abc import Sequence
 
 from actor import joint, link, robot
-
-from agents.wire.codec import encode_state, layout
-from agents.wire.messages import Base, Description, State
-from gateway.extensions.query.fleet_mirror import Mirror
-from gateway.extensions.query.messages import Ask, decode_ask, encode
-from gateway.extensions.query.snapshot import Feed
-from gateway.fleet.events import Appeared, Described, Framed, Vanished
-from gateway.fleet.fleet import Fleet
-from gateway.fleet.invocations import Invocations
-from gateway.resources.branches import NONE
+from linked_fleet_agent.wire.codec import encode_state, layout
+from linked_fleet_agent.wire.messages import Base, Description, State
+from linked_fleet_gateway.extensions.query.fleet_mirror import Mirror
+from linked_fleet_gateway.extensions.query.messages import Ask, decode_ask, encode
+from linked_fleet_gateway.extensions.query.snapshot import Feed
+from linked_fleet_gateway.fleet.events import Appeared, Described, Framed, Vanished
+from linked_fleet_gateway.fleet.fleet import Fleet
+from linked_fleet_gateway.fleet.invocations import Invocations
+from linked_fleet_gateway.resources.branches import NONE
 
 URDF = robot(
     link("base"), link("arm"), link("hand", inertial=False), link("tip"),

@@ -14,6 +14,7 @@ from unittest import mock
 import pytest
 from hypothesis import settings
 from hypothesis.stateful import RuleBasedStateMachine, run_state_machine_as_test
+
 from redis_servers import Servers, cluster, single
 from virtual.loop import VirtualLoop, virtual_time
 from virtual.redis_server import RedisServer

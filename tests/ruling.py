@@ -1,6 +1,7 @@
 """Rules as clients write them, and what they see of them; everything by links."""
 
 import httpx
+
 from browser import DCTERMS, LDP, LF, Browser, Page
 from running import eventually
 

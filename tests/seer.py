@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import zenoh
-from actor import KEYS, SIMPLE, Actor
 from msgspec.structs import replace
 
-from agents.wire import codec
-from agents.wire.messages import Camera, Description, Glance
-from agents.wire.pictures import Moment, encode_picture
+from actor import KEYS, SIMPLE, Actor
+from linked_fleet_agent.wire import codec
+from linked_fleet_agent.wire.messages import Camera, Description, Glance
+from linked_fleet_agent.wire.pictures import Moment, encode_picture
 
 PNG = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR" + struct.pack(">II", 4, 3) + bytes(5)
 JPEG = b"\xff\xd8\xff\xc0\x00\x0b\x08" + struct.pack(">HH", 3, 4) + b"\x03"

@@ -9,12 +9,12 @@ from typing import Any
 import uvicorn
 import uvloop
 from starlette.types import ASGIApp
+
+from linked_fleet_gateway.http.protocol import HttpProtocol
+from linked_fleet_gateway.http.websocket_protocol import WebSocketProtocol
+from linked_fleet_gateway.subscriptions.message import Message, Outlet
 from virtual.loop import VirtualLoop, on_virtual_time
 from virtual.tcp import KERNEL_BYTES, Listener
-
-from gateway.http.protocol import HttpProtocol
-from gateway.http.websocket_protocol import WebSocketProtocol
-from gateway.subscriptions.message import Message, Outlet
 
 
 def run(test: Callable[[], Coroutine[Any, Any, None]]) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import httpx
 import rdflib
 import zenoh
+
 from actor import Actor, stage
 from browser import HYBRIT, LF, ROS, Browser, Page
 from graphs import read
@@ -146,7 +147,17 @@ def gateway(
     port = port or free_port()
     place = () if state is None else ("--state-dir", str(state))
     allowed = ("--callback-allow", allow) if allow else ()
-    command = ("-m", "gateway", "--port", str(port), "--zenoh-connect", hub.endpoint, *place, *allowed, *flags)
+    command = (
+        "-m",
+        "linked_fleet_gateway",
+        "--port",
+        str(port),
+        "--zenoh-connect",
+        hub.endpoint,
+        *place,
+        *allowed,
+        *flags,
+    )
     root = f"http://127.0.0.1:{port}/"
     with process(*command) as running, contextlib.closing(Browser(root)) as browser:
         running.said("serving")
@@ -161,7 +172,9 @@ def gateways(hub: Hub, redis_url: str, count: int = 2) -> Iterator[list[Gateway]
     ports = [free_port() for _ in range(count)]
     shared = ("--zenoh-connect", hub.endpoint, "--redis-url", redis_url, "--callback-allow", LOOPBACK)
     with contextlib.ExitStack() as stack:
-        started = [stack.enter_context(process("-m", "gateway", "--port", str(port), *shared)) for port in ports]
+        started = [
+            stack.enter_context(process("-m", "linked_fleet_gateway", "--port", str(port), *shared)) for port in ports
+        ]
         found = []
         for port, running in zip(ports, started, strict=True):
             running.said("serving")

@@ -15,15 +15,15 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 import numpy.typing as npt
-from virtual.loop import VirtualLoop, current
 
-from agents.agent import Agent
-from agents.link import RobotLink
-from agents.robots.catalogue import MODELS, load, poses_of
-from agents.robots.mujoco_robot import MujocoRobot
-from agents.transport import Session
-from agents.wire.keys import Keys
-from agents.zenoh_session import open_session
+from linked_fleet_agent.agent import Agent
+from linked_fleet_agent.link import RobotLink
+from linked_fleet_agent.robots.catalogue import MODELS, load, poses_of
+from linked_fleet_agent.robots.mujoco_robot import MujocoRobot
+from linked_fleet_agent.transport import Session
+from linked_fleet_agent.wire.keys import Keys
+from linked_fleet_agent.zenoh_session import open_session
+from virtual.loop import VirtualLoop, current
 
 Array = npt.NDArray[np.float64]
 

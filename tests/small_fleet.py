@@ -8,10 +8,11 @@ from pathlib import Path
 import httpx
 import pyshacl
 import rdflib
-from browser import HYBRIT, LF, SH, VOM, Browser, Page
 from rdflib import URIRef
-from running import Process, eventually, free_port, process
 from walk import Walk, walk
+
+from browser import HYBRIT, LF, SH, VOM, Browser, Page
+from running import Process, eventually, free_port, process
 
 _TURTLE = {"content-type": "text/turtle"}
 _BODY = "@prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> . @prefix unit: <http://qudt.org/vocab/unit/> .\n"
@@ -31,7 +32,7 @@ class Place:
 
     def command(self) -> tuple[str, ...]:
         state = ("--state-dir", str(self.state), "--callback-allow", "127.0.0.0/8")
-        return ("-m", "gateway", "--port", str(self.port), "--zenoh-listen", self.zenoh, *state)
+        return ("-m", "linked_fleet_gateway", "--port", str(self.port), "--zenoh-listen", self.zenoh, *state)
 
     @contextlib.contextmanager
     def gateway(self) -> Iterator[tuple[Process, Browser]]:
@@ -40,7 +41,7 @@ class Place:
             yield gateway, browser
 
     def ur5(self, *more: str) -> contextlib.AbstractContextManager[Process]:
-        return process("-m", "agents", "--robot=ur5", "--connect", self.zenoh, *more)
+        return process("-m", "linked_fleet_agent", "--robot=ur5", "--connect", self.zenoh, *more)
 
 
 def presence(browser: Browser, name: str) -> Page | None:

@@ -8,13 +8,12 @@ from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import replace
 from typing import Any, Protocol, TypeVar
 
+from linked_fleet_gateway.extensions.rules.rule import Rule
+from linked_fleet_gateway.fleet.invocations import Invocation, InvocationState
+from linked_fleet_gateway.resources.subscription import Kind, Record, Subscription
+from linked_fleet_gateway.runtime.redis import StoreUnavailable
+from linked_fleet_gateway.subscriptions.store import Outgoing, Store
 from running import PATIENCE_S
-
-from gateway.extensions.rules.rule import Rule
-from gateway.fleet.invocations import Invocation, InvocationState
-from gateway.resources.subscription import Kind, Record, Subscription
-from gateway.runtime.redis import StoreUnavailable
-from gateway.subscriptions.store import Outgoing, Store
 
 T = TypeVar("T")
 LIMIT = 1000

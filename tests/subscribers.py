@@ -9,16 +9,17 @@ from types import TracebackType
 
 import httpx
 import rdflib
+from pyoxigraph import RdfFormat
+from rdflib import URIRef
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.http11 import Response
+
 from actor import Actor, joint, link, robot, stage
 from browser import DCTERMS, HYBRIT, LDP, LF, ROS, SPATIAL, VOM, Browser, Page
 from connections import http_client, websocket
 from graphs import read
-from pyoxigraph import RdfFormat
-from rdflib import URIRef
 from running import eventually, process
 from small_fleet import Place, presence
-from websockets.exceptions import ConnectionClosed, InvalidStatus
-from websockets.http11 import Response
 
 PATIENCE_S = 15.0
 EVENTS = "text/event-stream"

@@ -1,4 +1,4 @@
-"""``python -m demo`` as a user has it: it starts, answers, and Ctrl-C leaves nothing behind."""
+"""``python -m linked_fleet_demo`` as a user has it: it starts, answers, and Ctrl-C leaves nothing behind."""
 
 import contextlib
 import os
@@ -15,6 +15,7 @@ import httpx
 import pytest
 import test_actions
 import test_figures
+
 from browser import Browser
 from demonstration import Demo
 from running import ROOT, eventually
@@ -87,7 +88,11 @@ def test_a_taken_port_is_one_line(tmp_path: Path) -> None:
         taken.listen()
         port = taken.getsockname()[1]
         answer = subprocess.run(
-            [sys.executable, "-m", "demo", "--port", str(port)], cwd=ROOT, capture_output=True, text=True, check=False
+            [sys.executable, "-m", "linked_fleet_demo", "--port", str(port)],
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+            check=False,
         )
     assert answer.returncode == 1
     assert answer.stdout == ""

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.app.settings import GatewaySettings
+from linked_fleet_gateway.app.settings import GatewaySettings
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = (ROOT / "docs" / "FAULTS.md").read_text()
@@ -45,9 +45,9 @@ def test_there_are_bounds_to_look_at() -> None:
 @pytest.mark.parametrize(
     "path",
     [
-        *(f"gateway/http/{name}.py" for name in ("invoke", "body", "control")),
-        "gateway/extensions/world/http.py",
-        "gateway/extensions/sessions/login.py",
+        *(f"gateway/linked_fleet_gateway/http/{name}.py" for name in ("invoke", "body", "control")),
+        "gateway/linked_fleet_gateway/extensions/world/http.py",
+        "gateway/linked_fleet_gateway/extensions/sessions/login.py",
     ],
 )
 def test_every_bound_on_bodies_is_on_the_page(path: str) -> None:
@@ -64,23 +64,41 @@ def test_threats_refer_to_the_bounds_and_repeat_none() -> None:
 @pytest.mark.parametrize(
     ("page", "words", "file", "name", "unit"),
     [
-        ("docs/WORLD.md", r"at most ([\d,]+) triangles", "gateway/extensions/world/scene.py", "MAX_TRIANGLES", 1),
+        (
+            "docs/WORLD.md",
+            r"at most ([\d,]+) triangles",
+            "gateway/linked_fleet_gateway/extensions/world/scene.py",
+            "MAX_TRIANGLES",
+            1,
+        ),
         (
             "docs/WORLD.md",
             r"in a body of at most (\d+) KiB",
-            "gateway/extensions/world/http.py",
+            "gateway/linked_fleet_gateway/extensions/world/http.py",
             "MAX_BODY_BYTES",
             2**10,
         ),
-        ("docs/RULES.md", r"at most (\d+) triples", "gateway/extensions/rules/template.py", "MOST_TRIPLES", 1),
+        (
+            "docs/RULES.md",
+            r"at most (\d+) triples",
+            "gateway/linked_fleet_gateway/extensions/rules/template.py",
+            "MOST_TRIPLES",
+            1,
+        ),
         (
             "docs/QUERY.md",
             r"A result has at most (\d+) MiB",
-            "gateway/extensions/query/service.py",
+            "gateway/linked_fleet_gateway/extensions/query/service.py",
             "MAX_RESULT_BYTES",
             2**20,
         ),
-        ("docs/IDENTITIES.md", r"one every (\d+) s is not", "gateway/extensions/sessions/login.py", "REFILL_S", 1),
+        (
+            "docs/IDENTITIES.md",
+            r"one every (\d+) s is not",
+            "gateway/linked_fleet_gateway/extensions/sessions/login.py",
+            "REFILL_S",
+            1,
+        ),
     ],
 )
 def test_pages_for_users_state_the_same_bounds(page: str, words: str, file: str, name: str, unit: int) -> None:

@@ -23,11 +23,11 @@ from pathlib import Path
 
 from authority import Authority, CertificateError
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "agents"))
 
-from agents.wire.access import GATEWAY, ROUTER, common_name, of_router
-from agents.wire.keys import Keys
-from agents.wire.trust import mutual_tls
+from linked_fleet_agent.wire.access import GATEWAY, ROUTER, common_name, of_router
+from linked_fleet_agent.wire.keys import Keys
+from linked_fleet_agent.wire.trust import mutual_tls
 
 _MOST_SESSIONS = 20_000
 _LEASE_MS = 2_000

@@ -1,4 +1,4 @@
-// The proof that this browser has control of a robot (gateway/actions/PROTOCOL.md): whoever took it goes on having it.
+// The proof that this browser has control of a robot (gateway/linked_fleet_gateway/actions/PROTOCOL.md): whoever took it goes on having it.
 
 const PREFIX = "linked-fleet control of ";
 

@@ -1,4 +1,4 @@
-// Numbers as people read them; gateway/extensions/pages/labels.py writes the same.
+// Numbers as people read them; gateway/linked_fleet_gateway/extensions/pages/labels.py writes the same.
 
 const LARGE = 1e6;
 const SMALL = 1e-4;

@@ -6,7 +6,7 @@ const LF = "https://w3id.org/linked-fleet#";
 const MATHS = "http://vocab.arvida.de/2015/06/maths/vocab#";
 const RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#";
 
-// Frames are little-endian (agents/wire/PROTOCOL.md).
+// Frames are little-endian (agents/linked_fleet_agent/wire/PROTOCOL.md).
 const TYPES = {
   char2: [2, (view, at) => String.fromCharCode(view.getUint8(at), view.getUint8(at + 1))],
   uint16: [2, (view, at) => view.getUint16(at, true)],

@@ -1,4 +1,4 @@
-// Subscriptions over WebSocket (gateway/subscriptions/PROTOCOL.md): one connection for all who watch the same.
+// Subscriptions over WebSocket (gateway/linked_fleet_gateway/subscriptions/PROTOCOL.md): one connection for all who watch the same.
 
 import * as heartbeat from "./heartbeat.js";
 import { parse } from "./ntriples.js";

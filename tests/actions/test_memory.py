@@ -6,17 +6,17 @@ import time
 from pathlib import Path
 
 import pytest
+
+from linked_fleet_gateway.actions.replicated_invocations import Memory
+from linked_fleet_gateway.actions.store import ActionStore
+from linked_fleet_gateway.app.application import new_live
+from linked_fleet_gateway.app.settings import GatewaySettings
+from linked_fleet_gateway.fleet.invocations import Invocation, InvocationState
+from linked_fleet_gateway.runtime.redis import StoreUnavailable
+from linked_fleet_gateway.subscriptions.live import Live
 from redis_servers import single
 from running import PATIENCE_S
 from virtual.zenoh_network import ZenohNetwork
-
-from gateway.actions.replicated_invocations import Memory
-from gateway.actions.store import ActionStore
-from gateway.app.application import new_live
-from gateway.app.settings import GatewaySettings
-from gateway.fleet.invocations import Invocation, InvocationState
-from gateway.runtime.redis import StoreUnavailable
-from gateway.subscriptions.live import Live
 
 pytestmark = pytest.mark.virtual
 MOST = 10_000

@@ -8,15 +8,12 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager
 
 import pytest
-from running import Process, free_port, process
-from serving import until
-from virtual.processes import gateway_session
 
-from agents.pace import every
-from agents.robots.catalogue import load
-from agents.wire import codec
-from agents.wire.keys import Keys
-from agents.wire.messages import (
+from linked_fleet_agent.pace import every
+from linked_fleet_agent.robots.catalogue import load
+from linked_fleet_agent.wire import codec
+from linked_fleet_agent.wire.keys import Keys
+from linked_fleet_agent.wire.messages import (
     WIRE_VERSION,
     Accepted,
     Command,
@@ -28,9 +25,12 @@ from agents.wire.messages import (
     State,
     Stop,
 )
-from agents.wire.transport import HEARTBEAT_S
-from gateway.fleet.inbox import Payload
-from gateway.link.transport import Answer, Question, Session
+from linked_fleet_agent.wire.transport import HEARTBEAT_S
+from linked_fleet_gateway.fleet.inbox import Payload
+from linked_fleet_gateway.link.transport import Answer, Question, Session
+from running import Process, free_port, process
+from serving import until
+from virtual.processes import gateway_session
 
 pytestmark = pytest.mark.virtual
 KEYS = Keys("test")
@@ -103,7 +103,9 @@ def run(scenario: Callable[[Gateway, Process], Awaitable[None]], *flags: str) ->
             await until(lambda: len(gateway.frames) > 2)
             await scenario(gateway, agent)
 
-    with process("-m", "agents", "--robot=ur5", "--connect", endpoint, "--namespace", "test", *flags) as agent:
+    with process(
+        "-m", "linked_fleet_agent", "--robot=ur5", "--connect", endpoint, "--namespace", "test", *flags
+    ) as agent:
         asyncio.run(together(agent))
 
 
@@ -196,7 +198,9 @@ def test_a_stop_by_the_key_of_all_robots_ends_what_runs() -> None:
     run(scenario, "--sway", "ur5:shoulder_pan_joint")
 
 
-@pytest.mark.parametrize("module", ["agents.agent", "agents.link", "agents.__main__"])
+@pytest.mark.parametrize(
+    "module", ["linked_fleet_agent.agent", "linked_fleet_agent.link", "linked_fleet_agent.__main__"]
+)
 def test_the_agent_is_light(module: str) -> None:
     """Importing it brings neither MuJoCo nor NumPy."""
     code = f"import sys, {module}; sys.exit(bool({{'mujoco', 'numpy'}} & sys.modules.keys()))"

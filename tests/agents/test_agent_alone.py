@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.agent import Agent
-from agents.robot import Facts, JointFacts, Reading, RobotFaultError
-from agents.wire import codec
-from agents.wire.messages import (
+from linked_fleet_agent.agent import Agent
+from linked_fleet_agent.robot import Facts, JointFacts, Reading, RobotFaultError
+from linked_fleet_agent.wire import codec
+from linked_fleet_agent.wire.messages import (
     Accepted,
     Command,
     Expectation,

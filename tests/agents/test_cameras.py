@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from agents.cameras import Cameras
-from agents.robot import Facts, PictureError
-from agents.robots.eyes import Probe, as_available, probe
-from agents.robots.mujoco_robot import MujocoRobot
-from agents.urdf import joints_of
-from agents.wire import codec
-from agents.wire.messages import Camera, Glance, State
-from agents.wire.pictures import decode_picture
+from linked_fleet_agent.cameras import Cameras
+from linked_fleet_agent.robot import Facts, PictureError
+from linked_fleet_agent.robots.eyes import Probe, as_available, probe
+from linked_fleet_agent.robots.mujoco_robot import MujocoRobot
+from linked_fleet_agent.urdf import joints_of
+from linked_fleet_agent.wire import codec
+from linked_fleet_agent.wire.messages import Camera, Glance, State
+from linked_fleet_agent.wire.pictures import decode_picture
 
 HEIGHT_M, DOWN_RAD, FIELD_RAD = 1.5, 0.8, 1.0
 ROWS, COLUMNS = 60, 80
@@ -126,7 +126,7 @@ def test_without_a_renderer_there_is_a_reason_and_a_robot_all_the_same(way: str)
 
 
 def test_the_cameras_of_the_catalogue_sit_on_links_of_their_robots() -> None:
-    from agents.robots.catalogue import MODELS, data_folder
+    from linked_fleet_agent.robots.catalogue import MODELS, data_folder
 
     for model in MODELS.values():
         urdf = Path(data_folder() / model.file).read_text()

@@ -7,9 +7,9 @@ import pytest
 import rdflib
 from rdflib import DCTERMS, Namespace, URIRef
 
-from agents.robot import JointFacts, Limits
-from agents.robots.catalogue import MODELS, Model, facts_of, load, poses_of
-from agents.wire.names import unescape
+from linked_fleet_agent.robot import JointFacts, Limits
+from linked_fleet_agent.robots.catalogue import MODELS, Model, facts_of, load, poses_of
+from linked_fleet_agent.wire.names import unescape
 
 LF = Namespace("https://w3id.org/linked-fleet#")
 VOM = Namespace("http://vocab.arvida.de/2015/06/vom/vocab#")

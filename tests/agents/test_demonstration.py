@@ -5,11 +5,11 @@ import os
 
 import pytest
 
-from agents.agent import Agent
-from agents.motion import Sway
-from agents.robots.catalogue import load
-from agents.wire import codec
-from agents.wire.messages import Accepted, Command, Description, Move, Stop
+from linked_fleet_agent.agent import Agent
+from linked_fleet_agent.motion import Sway
+from linked_fleet_agent.robots.catalogue import load
+from linked_fleet_agent.wire import codec
+from linked_fleet_agent.wire.messages import Accepted, Command, Description, Move, Stop
 
 PAN = "shoulder_pan_joint"
 

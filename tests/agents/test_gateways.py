@@ -2,8 +2,8 @@
 
 import pytest
 
-from agents.gateways import GRACE_S, LEASE_S, MAX_GATEWAYS, PAUSE_S, Gateways
-from agents.wire.transport import HEARTBEAT_S
+from linked_fleet_agent.gateways import GRACE_S, LEASE_S, MAX_GATEWAYS, PAUSE_S, Gateways
+from linked_fleet_agent.wire.transport import HEARTBEAT_S
 
 PERIOD_S = 0.01
 

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from agents.meshes import MeshError, MeshFiles, locate, named
-from agents.robots.catalogue import MODELS, data_folder
-from agents.wire.messages import MAX_MESH_BYTES
+from linked_fleet_agent.meshes import MeshError, MeshFiles, locate, named
+from linked_fleet_agent.robots.catalogue import MODELS, data_folder
+from linked_fleet_agent.wire.messages import MAX_MESH_BYTES
 
 WAYS = [
     "package://arm/meshes/a.stl",

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.motion import SETTLE_S, Measured, Motions, Outcome, Sway
-from agents.plan import ImpossibleError, plan
-from agents.profile import cruise_of
-from agents.robot import JointFacts, Limits
-from agents.wire.messages import Follow, Move
+from linked_fleet_agent.motion import SETTLE_S, Measured, Motions, Outcome, Sway
+from linked_fleet_agent.plan import ImpossibleError, plan
+from linked_fleet_agent.profile import cruise_of
+from linked_fleet_agent.robot import JointFacts, Limits
+from linked_fleet_agent.wire.messages import Follow, Move
 
 ARM = JointFacts("arm", limits=Limits(-3.0, 3.0, 1.0, 5.0))
 JOINTS = {"arm": ARM, "wheel": JointFacts("wheel", continuous=True), "lift": JointFacts("lift", linear=True)}

@@ -3,9 +3,9 @@
 import asyncio
 
 import pytest
-from serving import running_loop
 
-from agents.pace import every
+from linked_fleet_agent.pace import every
+from serving import running_loop
 
 pytestmark = pytest.mark.virtual
 PERIOD_S = 0.02

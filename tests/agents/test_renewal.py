@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import pytest
 
-from agents.renewal import FORGOTTEN_S, LONGEST_S, MAX_MISSING, RENEW_S, Renewal
+from linked_fleet_agent.renewal import FORGOTTEN_S, LONGEST_S, MAX_MISSING, RENEW_S, Renewal
 
 PERIOD_S = 0.25
 

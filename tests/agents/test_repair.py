@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.robots.catalogue import UnavailableError, load
-from agents.robots.repair import physical
-from agents.urdf import UrdfError, joints_of
+from linked_fleet_agent.robots.catalogue import UnavailableError, load
+from linked_fleet_agent.robots.repair import physical
+from linked_fleet_agent.urdf import UrdfError, joints_of
 
 SOUND = '<mass value="1"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>'
 INDEFINITE = SOUND.replace('ixy="0"', 'ixy="0.5"')

@@ -1,9 +1,9 @@
 """What is told again to a gateway that came later."""
 
-from agents.motion import Outcome
-from agents.report import AGAIN_NS, KEPT_NS, Report
-from agents.wire import codec
-from agents.wire.messages import Progress
+from linked_fleet_agent.motion import Outcome
+from linked_fleet_agent.report import AGAIN_NS, KEPT_NS, Report
+from linked_fleet_agent.wire import codec
+from linked_fleet_agent.wire.messages import Progress
 
 NOW_NS = 10**12
 

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from agents.robot import Robot
-from agents.robots.catalogue import MODELS, load
+from linked_fleet_agent.robot import Robot
+from linked_fleet_agent.robots.catalogue import MODELS, load
 
 PERIOD_S = 0.01
 

@@ -4,9 +4,9 @@ import math
 
 import pytest
 
-from agents.robot import JointFacts, Limits
-from agents.safety import ROUNDING, Remembered, Stops, clamp, judge, judge_stop, unexpected
-from agents.wire.messages import WIRE_VERSION, Accepted, Command, Expectation, Follow, Move, Refused, Stop
+from linked_fleet_agent.robot import JointFacts, Limits
+from linked_fleet_agent.safety import ROUNDING, Remembered, Stops, clamp, judge, judge_stop, unexpected
+from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Command, Expectation, Follow, Move, Refused, Stop
 
 NOW = 10_000_000_000
 JOINTS = {
@@ -181,7 +181,7 @@ def test_memory_of_ids_is_bounded() -> None:
 
 
 def test_the_last_4096_ids_are_known() -> None:
-    """The number is that of agents/wire/PROTOCOL.md."""
+    """The number is that of agents/linked_fleet_agent/wire/PROTOCOL.md."""
     seen = Remembered()
     for number in range(4_097):
         seen.add(str(number))

@@ -8,12 +8,12 @@ from typing import Any
 import numpy
 import pytest
 
-from agents.agent import Agent
-from agents.profile import cruise_of
-from agents.robot import JointFacts, Robot
-from agents.robots.catalogue import MODELS, data_folder, load, poses_of
-from agents.wire import codec
-from agents.wire.messages import Accepted, Command, Follow, Move, Progress, Reply, State, Stop
+from linked_fleet_agent.agent import Agent
+from linked_fleet_agent.profile import cruise_of
+from linked_fleet_agent.robot import JointFacts, Robot
+from linked_fleet_agent.robots.catalogue import MODELS, data_folder, load, poses_of
+from linked_fleet_agent.wire import codec
+from linked_fleet_agent.wire.messages import Accepted, Command, Follow, Move, Progress, Reply, State, Stop
 
 PERIOD_NS = 10_000_000
 POSES = [(name, pose) for name, model in MODELS.items() for pose in model.poses]

@@ -4,9 +4,9 @@ import math
 
 import pytest
 
-from agents.robots.catalogue import MODELS
 from bench.collisions import Scene, Trial
-from gateway.extensions.world.messages import Free, Meets
+from linked_fleet_agent.robots.catalogue import MODELS
+from linked_fleet_gateway.extensions.world.messages import Free, Meets
 
 SEED, COUNT = 5, 6
 

@@ -15,12 +15,12 @@ from unittest.mock import patch
 
 import pytest
 from click.shell_completion import ShellComplete
-from running import ROOT, eventually, free_port
 
-from client.cli.arguments import BadArgument, nested
-from client.cli.completion import VARIABLE
-from client.cli.main import cli, main
-from client.cli.output import clean
+from linked_fleet_client.cli.arguments import BadArgument, nested
+from linked_fleet_client.cli.completion import VARIABLE
+from linked_fleet_client.cli.main import cli, main
+from linked_fleet_client.cli.output import clean
+from running import ROOT, eventually, free_port
 
 
 def run(url: str, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -111,7 +111,17 @@ def test_nobody_there_is_3() -> None:
 def test_watch_prints_what_changes(other_tree: Any) -> None:
     """In a process, with which its threads end."""
     paths = ("cell/lefty/elbow/angle", "cell/lefty/elbow/load")
-    command = [sys.executable, "-W", "error", "-m", "client.cli.main", "--url", other_tree.root, "watch", *paths]
+    command = [
+        sys.executable,
+        "-W",
+        "error",
+        "-m",
+        "linked_fleet_client.cli.main",
+        "--url",
+        other_tree.root,
+        "watch",
+        *paths,
+    ]
     done = subprocess.run(
         [*command, "--count", "2", "--json"], cwd=ROOT, capture_output=True, text=True, timeout=60, check=True
     )
@@ -137,7 +147,7 @@ def test_ctrl_c_cancels_what_is_running(other_tree: Any) -> None:
     other_tree.endless = True
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "LINKED_FLEET_URL": other_tree.root}
     goal = 'goal=[{"axis": "Elbow", "value": 45, "unit": "deg"}]'
-    command = [sys.executable, "-m", "client.cli.main", "do", "cell/lefty/elbow", "bend", goal, "--json"]
+    command = [sys.executable, "-m", "linked_fleet_client.cli.main", "do", "cell/lefty/elbow", "bend", goal, "--json"]
     with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as child:
         eventually(lambda: other_tree.looks.get("/jobs/0", 0) > 2, "somebody looks at the job")
         child.send_signal(signal.SIGINT)
@@ -191,7 +201,9 @@ _linked_fleet_completion "$PWD/linked-fleet"; printf '%s\\n' "${{COMPREPLY[@]}}"
 """
     with tempfile.TemporaryDirectory() as folder:
         program = Path(folder, "linked-fleet")
-        program.write_text(f"#!{sys.executable}\nimport sys\nfrom client.cli.main import main\nsys.exit(main())\n")
+        program.write_text(
+            f"#!{sys.executable}\nimport sys\nfrom linked_fleet_client.cli.main import main\nsys.exit(main())\n"
+        )
         program.chmod(0o755)
         environment = {**os.environ, "PYTHONPATH": str(ROOT), "LINKED_FLEET_URL": other_tree.root}
         done = subprocess.run(

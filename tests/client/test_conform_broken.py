@@ -2,8 +2,8 @@
 
 import pytest
 
-from client.conform.protocol import security
-from client.conform.verdict import Level, Outcome
+from linked_fleet_client.conform.protocol import security
+from linked_fleet_client.conform.verdict import Level, Outcome
 from tests.client.test_conform_server import BLUEPRINT, WITH_BLUEPRINT, check, outcomes, replaced, serving
 
 pytestmark = pytest.mark.virtual

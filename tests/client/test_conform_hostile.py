@@ -7,12 +7,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+
+from linked_fleet_client.conform import command
+from linked_fleet_client.conform.web import MAX_BODY_BYTES, Web
 from running import free_port
 from virtual.loop import current
 from virtual.tcp import Listener
-
-from client.conform import command
-from client.conform.web import MAX_BODY_BYTES, Web
 
 pytestmark = pytest.mark.virtual
 Reply = Callable[[str, str], bytes]

@@ -13,12 +13,12 @@ from urllib.parse import urlsplit
 
 import pytest
 import rdflib
+
+from linked_fleet_client.conform.main import conform
+from linked_fleet_client.conform.report import Report
+from linked_fleet_client.conform.verdict import Outcome
 from virtual.handlers import handling
 from virtual.loop import current
-
-from client.conform.main import conform
-from client.conform.report import Report
-from client.conform.verdict import Outcome
 
 pytestmark = pytest.mark.virtual
 PREFIXES = """\

@@ -4,15 +4,15 @@ import math
 from collections.abc import Iterator
 
 import pytest
-from conftest import RunningFleet
-from running import eventually
 
-from client.errors import InvalidInput, Problem
-from client.fleet import Fleet
-from client.invocation import Invocation
-from client.quantity import Quantity
-from client.thing import Thing
-from client.vocabulary import LF
+from conftest import RunningFleet
+from linked_fleet_client.errors import InvalidInput, Problem
+from linked_fleet_client.fleet import Fleet
+from linked_fleet_client.invocation import Invocation
+from linked_fleet_client.quantity import Quantity
+from linked_fleet_client.thing import Thing
+from linked_fleet_client.vocabulary import LF
+from running import eventually
 
 pytestmark = pytest.mark.virtual
 

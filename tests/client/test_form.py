@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from rdflib import Graph, Namespace, URIRef
 from rdflib.term import Node
 
-from client.errors import BadAnswer, InvalidInput
-from client.form import asked, build
-from client.quantity import Quantity
-from client.shape import read_shape
-from client.validation import validate
+from linked_fleet_client.errors import BadAnswer, InvalidInput
+from linked_fleet_client.form import asked, build
+from linked_fleet_client.quantity import Quantity
+from linked_fleet_client.shape import read_shape
+from linked_fleet_client.validation import validate
 
 EX = Namespace("https://example.org/ns#")
 HYBRIT = Namespace("https://hybr-it-projekt.de/ns/hybr-it#")

@@ -5,10 +5,10 @@ from collections.abc import Callable
 import pytest
 from rdflib import XSD, BNode, Graph, Literal, URIRef
 
-from client.errors import BadAnswer, InvalidInput
-from client.graphs import BIG, load, load_big, load_exactly
-from client.validation import validate
-from client.web import parsed
+from linked_fleet_client.errors import BadAnswer, InvalidInput
+from linked_fleet_client.graphs import BIG, load, load_big, load_exactly
+from linked_fleet_client.validation import validate
+from linked_fleet_client.web import parsed
 
 Loader = Callable[[str, str, str], Graph]
 BASE = "http://127.0.0.1/doc"

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from client import live
-from client.errors import BadAnswer, Problem, Unreachable
-from client.live import Event, Feed, events, lines
-from client.web import Web
+from linked_fleet_client import live
+from linked_fleet_client.errors import BadAnswer, Problem, Unreachable
+from linked_fleet_client.live import Event, Feed, events, lines
+from linked_fleet_client.web import Web
 
 HEAD = b"HTTP/1.1 200 OK\r\ncontent-type: text/event-stream\r\nconnection: close\r\n\r\nretry: 1\n"
 OVER = b"HTTP/1.1 204 No Content\r\nconnection: close\r\n\r\n"

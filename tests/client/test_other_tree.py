@@ -7,10 +7,10 @@ import pytest
 import rdflib
 from rdflib import RDF, Namespace, URIRef
 
-from client.action import Action
-from client.errors import InvalidInput, NoSuchThing, Problem, StillRunning, Unsupported
-from client.fleet import Fleet
-from client.thing import Thing
+from linked_fleet_client.action import Action
+from linked_fleet_client.errors import InvalidInput, NoSuchThing, Problem, StillRunning, Unsupported
+from linked_fleet_client.fleet import Fleet
+from linked_fleet_client.thing import Thing
 
 EX = Namespace("https://example.org/ns#")
 VOM = Namespace("http://vocab.arvida.de/2015/06/vom/vocab#")

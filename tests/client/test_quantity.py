@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rdflib import XSD, Literal, Namespace, URIRef
 
-from client.errors import InvalidInput
-from client.quantity import INTEGERS, UNITS, Quantity, matching, number
-from client.term import literal
+from linked_fleet_client.errors import InvalidInput
+from linked_fleet_client.quantity import INTEGERS, UNITS, Quantity, matching, number
+from linked_fleet_client.term import literal
 
 UNIT = Namespace("http://qudt.org/vocab/unit/")
 MATHS = Namespace("http://vocab.arvida.de/2015/06/maths/vocab#")

@@ -4,10 +4,10 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from running import free_port
 
-from client.errors import BadAnswer, ClientError, Problem, Unreachable
-from client.web import MAX_BODY_BYTES, Web
+from linked_fleet_client.errors import BadAnswer, ClientError, Problem, Unreachable
+from linked_fleet_client.web import MAX_BODY_BYTES, Web
+from running import free_port
 
 
 @pytest.fixture

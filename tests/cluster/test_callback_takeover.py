@@ -1,6 +1,7 @@
 """A gateway that is killed, whose memory is a cluster, loses no callback."""
 
 import pytest
+
 from cluster.on_cluster import memory
 from fleet.test_callback_takeover import test_a_gateway_killed_among_many_changes_loses_nothing
 

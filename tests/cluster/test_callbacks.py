@@ -1,6 +1,7 @@
 """Callbacks at two gateways whose memory is a cluster."""
 
 import pytest
+
 from cluster import on_cluster
 from fleet.test_callbacks import *
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import httpx
 import pytest
+
 from browser import DCTERMS, LF
 from commanding import (
     PREFIXES,
@@ -44,7 +45,7 @@ def engine(tmp_path: Path) -> Iterator[Servers]:
 
 @contextlib.contextmanager
 def arms(endpoint: str) -> Iterator[None]:
-    with process("-m", "agents", *(f"--robot={name}=ur5" for name in NAMES), "--connect", endpoint):
+    with process("-m", "linked_fleet_agent", *(f"--robot={name}=ur5" for name in NAMES), "--connect", endpoint):
         yield
 
 

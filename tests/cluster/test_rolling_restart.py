@@ -1,6 +1,7 @@
 """Gateways that end in good order, whose memory is a cluster."""
 
 import pytest
+
 from cluster.on_cluster import memory
 from fleet.test_rolling_restart import stage, test_a_rolling_restart_under_load_loses_nothing
 

@@ -1,6 +1,7 @@
 """Streams that go from one gateway to another whose memory is a cluster."""
 
 import pytest
+
 from cluster import on_cluster
 from fleet.test_stream_handover import *
 

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from driver_contract import check_driver
 
-from agents.robot import Reading, RobotFaultError
-from agents.robots.catalogue import load
+from driver_contract import check_driver
+from linked_fleet_agent.robot import Reading, RobotFaultError
+from linked_fleet_agent.robots.catalogue import load
 
 PAGE = (Path(__file__).parents[2] / "deploy" / "README.md").read_text()
 DRIVER, EXAMPLE = re.findall(r"^```python\n(.*?)^```$", PAGE, re.M | re.S)

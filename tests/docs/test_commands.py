@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
 from browser import Browser, all_live
 from demonstration import Demo
 from running import ROOT, eventually, free_port

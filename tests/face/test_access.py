@@ -3,10 +3,11 @@
 from typing import Any
 
 import pytest
-from browser import DCTERMS, HYBRIT, LF, Browser
-from conftest import RunningFleet
 from playwright.sync_api import Browser as Chromium
 from playwright.sync_api import Page, ViewportSize, expect
+
+from browser import DCTERMS, HYBRIT, LF, Browser
+from conftest import RunningFleet
 
 pytestmark = pytest.mark.processes
 PHONE: ViewportSize = {"width": 360, "height": 740}

@@ -5,8 +5,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import pytest
-from browser import LF, ROS, SPATIAL, Browser
 from playwright.sync_api import Locator, Page, Request, expect
+
+from browser import LF, ROS, SPATIAL, Browser
 from small_fleet import Place, live, move, number, property_page
 
 pytestmark = pytest.mark.processes

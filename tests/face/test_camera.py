@@ -4,9 +4,10 @@ from collections.abc import Iterator
 from io import BytesIO
 
 import pytest
+from playwright.sync_api import Page, expect
+
 from actor import Actor, stage
 from browser import Browser
-from playwright.sync_api import Page, expect
 from running import eventually
 from seer import BLIND, EYE, Seer
 from small_fleet import Place

@@ -6,9 +6,10 @@ import threading
 from collections.abc import Iterator
 
 import pytest
+from playwright.sync_api import Page
+
 from browser import LF
 from guarded import ALL, SEEN, guarded
-from playwright.sync_api import Page
 
 pytestmark = pytest.mark.processes
 

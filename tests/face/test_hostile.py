@@ -5,13 +5,13 @@ from collections.abc import Iterator
 
 import pytest
 import zenoh
+from playwright.sync_api import ConsoleMessage, Page, expect
+
 from actor import KEYS, Actor, joint, link, robot, stage
 from browser import Browser
-from playwright.sync_api import ConsoleMessage, Page, expect
+from linked_fleet_agent.wire.codec import encode, layout
+from linked_fleet_agent.wire.messages import WIRE_VERSION, Description, Mesh
 from small_fleet import Place, live
-
-from agents.wire.codec import encode, layout
-from agents.wire.messages import WIRE_VERSION, Description, Mesh
 
 pytestmark = pytest.mark.processes
 COLLADA = (

@@ -5,8 +5,9 @@ import signal
 from pathlib import Path
 
 import pytest
-from browser import DCTERMS, LF, VOM
 from playwright.sync_api import Locator, Page, expect
+
+from browser import DCTERMS, LF, VOM
 from running import eventually
 from several import Gateway, Hub, gateway, hub
 from small_fleet import Place, live, offline

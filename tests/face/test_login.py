@@ -4,10 +4,11 @@ import re
 from collections.abc import Iterator
 
 import pytest
+from playwright.sync_api import Browser, Page, expect
+
 from browser import LF
 from guarded import ALL, HIDDEN, SEEN, Guarded, guarded
 from issuer import Issuer, issuing
-from playwright.sync_api import Browser, Page, expect
 from running import eventually
 from subscribers import members
 

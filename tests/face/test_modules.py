@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from playwright.sync_api import Page, Route
 
-from gateway.extensions.pages import labels
+from linked_fleet_gateway.extensions.pages import labels
 
 SOURCES = Path(__file__).parents[2] / "face" / "src"
 HOME = "http://face.test/"

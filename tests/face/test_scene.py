@@ -8,15 +8,15 @@ from typing import TypedDict
 from urllib.parse import urlsplit
 
 import pytest
+from playwright.sync_api import Page, expect
+
 from actor import Actor, joint, link, robot, stage
 from browser import LF, MATHS, Browser
 from commands import PREFIXES
-from playwright.sync_api import Page, expect
+from linked_fleet_gateway.fleet.kinematics import ORIGIN, LinkPoses
+from linked_fleet_gateway.fleet.model import RobotModel
 from running import Process, eventually, process
 from small_fleet import Place, live
-
-from gateway.fleet.kinematics import ORIGIN, LinkPoses
-from gateway.fleet.model import RobotModel
 
 pytestmark = pytest.mark.processes
 TOLERANCE_M = 0.001
@@ -137,7 +137,7 @@ def test_links_are_drawn_where_the_gateway_says_while_they_move_and_after(
 def test_a_robot_that_walks_is_drawn_where_it_stands(page: Page, watched: object, place: tuple[Place, Browser]) -> None:
     there, browser = place
     links = ["base", "FL_foot", "RR_calf"]
-    with process("-m", "agents", "--robot=go2", "--connect", there.zenoh):
+    with process("-m", "linked_fleet_agent", "--robot=go2", "--connect", there.zenoh):
         _show(page, live(browser, "go2").url)
         eventually(lambda: _agree(_drawn(page, links)["links"], _places(browser, "go2", links)), "it stands")
         assert _drawn(page, links)["links"]["base"][2] > 0.2

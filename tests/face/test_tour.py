@@ -7,11 +7,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from playwright.sync_api import Page, expect
+
 from browser import Browser as Client
 from browser import all_live
 from commanding import angle
 from conftest import ROBOTS
-from playwright.sync_api import Page, expect
 from running import Process, eventually, process
 from small_fleet import Place
 
@@ -24,7 +25,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Client, Pro
     """The robots of the demo; one of them, the UR5, can be taken away."""
     place = Place(tmp_path_factory.mktemp("state"))
     others = (f"--robot={name}" for name in ROBOTS if name != "ur5")
-    agents = process("-m", "agents", *others, "--connect", place.zenoh)
+    agents = process("-m", "linked_fleet_agent", *others, "--connect", place.zenoh)
     with place.gateway() as (_, client), place.ur5() as ur5, agents:
         eventually(lambda: all_live(client, len(ROBOTS)), "five live robots")
         yield client, ur5

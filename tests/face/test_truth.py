@@ -5,8 +5,9 @@ import signal
 from pathlib import Path
 
 import pytest
-from browser import VOM
 from playwright.sync_api import Page, expect
+
+from browser import VOM
 from running import eventually
 from several import Gateway, Hub
 from small_fleet import Place, live

@@ -3,9 +3,10 @@
 from collections.abc import Iterator
 
 import pytest
+from playwright.sync_api import Page, expect
+
 from browser import LF, Browser
 from commanding import PREFIXES, TURTLE
-from playwright.sync_api import Page, expect
 from running import eventually
 from small_fleet import Place, live
 

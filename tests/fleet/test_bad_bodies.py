@@ -10,11 +10,12 @@ from types import MappingProxyType
 
 import httpx
 import pytest
-from browser import DCTERMS, HYBRIT, LF, Browser
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pyoxigraph import RdfFormat, parse, serialize
 from rdflib import RDF
+
+from browser import DCTERMS, HYBRIT, LF, Browser
 from running import Process
 from small_fleet import Place, live
 

@@ -17,10 +17,8 @@ from pathlib import Path
 
 import httpx
 import pytest
-from actor import Actor, stage
-from running import eventually, free_port
 
-from agents.wire.codec import encode
+from actor import Actor, stage
 from fuzz.good import able_arm
 from fuzz.hostile import (
     ACCEPTED,
@@ -37,9 +35,11 @@ from fuzz.hostile import (
 from fuzz.living import obey
 from fuzz.watched import MOST_S as FUZZ_MOST_S
 from fuzz.watched import timed_callbacks
-from gateway.app.application import create_app
-from gateway.app.settings import GatewaySettings
-from gateway.http.offload import SHORT_BYTES
+from linked_fleet_agent.wire.codec import encode
+from linked_fleet_gateway.app.application import create_app
+from linked_fleet_gateway.app.settings import GatewaySettings
+from linked_fleet_gateway.http.offload import SHORT_BYTES
+from running import eventually, free_port
 
 pytestmark = pytest.mark.processes
 

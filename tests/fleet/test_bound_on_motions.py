@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+
 from browser import HYBRIT, LF
 from commanding import (
     LIFT,

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+
 from browser import HYBRIT, LF
 from receivers import receiving
 from redis_servers import Server, Servers, single

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import httpx
 import pytest
+
 from browser import HYBRIT, LF
 from receivers import Answer, CallbackReceiver, receiving
 from redis_servers import Servers, single

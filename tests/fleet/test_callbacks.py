@@ -5,8 +5,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from browser import DCTERMS, HYBRIT, LF, Page
 from rdflib import URIRef
+
+from browser import DCTERMS, HYBRIT, LF, Page
 from receivers import Answer, CallbackReceiver, receiving, redirect, retry_after
 from redis_servers import Servers, single
 from running import eventually

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import httpx
 import pytest
+
 from browser import DCTERMS, HYBRIT, LF, VOM, Browser, Page
 from commanding import (
     LIFT,

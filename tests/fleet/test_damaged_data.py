@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
+
 from browser import LF, Browser
 from commanding import ENDED, WRIST, angle, arm, begun, ended, of_joint, of_robot, post, problem, put, slowly
 from damaged import DAMAGES, cut_tail, garble
+from linked_fleet_gateway.runtime.damaged_data import DATA
 from running import eventually
 from small_fleet import Place, live
-
-from gateway.runtime.damaged_data import DATA
 
 pytestmark = pytest.mark.processes
 _TURN = 3.0  # rad, slowly: it is under way when the stop comes

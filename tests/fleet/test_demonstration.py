@@ -4,6 +4,7 @@ import signal
 from pathlib import Path
 
 import pytest
+
 from browser import LF
 from commanding import PAN, moving, post
 from small_fleet import Place, live

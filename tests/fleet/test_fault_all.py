@@ -3,9 +3,9 @@
 from collections.abc import Iterator
 
 import pytest
+
 from redis_servers import single
 from running import free_port
-
 from tests.fleet.test_fault_pairs import Fleet, Part, Scene, come_back, started
 
 pytestmark = pytest.mark.processes
@@ -20,8 +20,10 @@ def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
         shared = ("--zenoh-connect", endpoint, "--redis-url", memory.url, "--callback-allow", "127.0.0.0/8")
         parts = {
             "router": Part("routing", "tests/zenoh_router.py", endpoint),
-            "gateway": Part("serving", "-m", "gateway", "--port", str(port), "--public-url", root, *shared),
-            "agent": Part("", "-m", "agents", "--robot=ur5", "--connect", endpoint),
+            "gateway": Part(
+                "serving", "-m", "linked_fleet_gateway", "--port", str(port), "--public-url", root, *shared
+            ),
+            "agent": Part("", "-m", "linked_fleet_agent", "--robot=ur5", "--connect", endpoint),
             "front": Part("forwarding", "tests/forwarder.py", str(front), str(port)),
         }
         with started(Fleet(memory, root + "/", parts)) as scene:

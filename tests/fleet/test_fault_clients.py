@@ -6,6 +6,7 @@ from pathlib import Path
 
 import httpx
 import pytest
+
 from browser import LF, Browser
 from commanding import PAN, begun, moving, of_joint, of_robot, post, problem, put, slowly
 from running import Process, eventually, process

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import pytest
+
 from browser import LF
 from commanding import PAN, TURTLE, WRIST, angle, begun, control, ended, moving, of_joint, problem, put, radian, slowly
 from receivers import CallbackReceiver, receiving
@@ -35,7 +36,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
         hub() as stage,
         single(tmp_path_factory.mktemp("clock")) as memory,
         receiving() as receiver,
-        process("-m", "agents", "--robot=ur5", "--connect", stage.endpoint),
+        process("-m", "linked_fleet_agent", "--robot=ur5", "--connect", stage.endpoint),
         gateway(stage, "--redis-url", memory.url) as other,
         gateway(stage, "--redis-url", memory.url) as at,
     ):
@@ -103,7 +104,7 @@ def test_the_clock_of_a_gateway_jumps(scene: Scene, jump_s: float) -> None:
 def test_the_clock_of_a_robot_jumps(scene: Scene, jump_s: float) -> None:
     """It moves on, takes commands, and is found again although its next run seems to be before the last one."""
     browser = scene.other.browser
-    command = ("-m", "agents", "--robot=second=ur5", "--connect", scene.stage.endpoint)
+    command = ("-m", "linked_fleet_agent", "--robot=second=ur5", "--connect", scene.stage.endpoint)
     with process(*command) as agent:
         live(browser, "second")
         motion = begun(put(browser, of_joint(browser, PAN, robot="second"), slowly(0.5, speed=0.2)))

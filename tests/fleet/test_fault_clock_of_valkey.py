@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from redis_servers import Server
 
+from redis_servers import Server
 from tests.fleet.test_fault_clock_of_redis import HOUR_S, all_goes_on
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]

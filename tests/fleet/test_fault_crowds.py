@@ -5,8 +5,8 @@ import socket
 from pathlib import Path
 
 import pytest
-from running import eventually
 
+from running import eventually
 from tests.fleet.test_fault_clients import narrow
 
 pytestmark = pytest.mark.processes

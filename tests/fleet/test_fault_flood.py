@@ -7,16 +7,16 @@ from pathlib import Path
 
 import pytest
 import zenoh
+
 from actor import Actor
 from actor import stage as session_at
 from browser import LF, ROS, Browser
 from commanding import WRIST, angle, begun, of_joint, of_robot, post, put, radian
+from linked_fleet_agent.wire.codec import encode
+from linked_fleet_agent.wire.messages import WIRE_VERSION, Progress
 from running import eventually
 from small_fleet import Place, live
 from subscribers import Socket
-
-from agents.wire.codec import encode
-from agents.wire.messages import WIRE_VERSION, Progress
 
 pytestmark = pytest.mark.processes
 

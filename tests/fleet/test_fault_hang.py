@@ -5,6 +5,7 @@ import signal
 from pathlib import Path
 
 import pytest
+
 from browser import LF, Browser
 from commanding import PAN, angle, begun, ended, moving, of_joint, put, radian, reason, slowly
 from hanging_gateway import GOES_ON, HANGS

@@ -7,17 +7,17 @@ import random
 from collections.abc import Iterator
 
 import pytest
+
 from actor import KEYS
+from linked_fleet_agent.pace import every
+from linked_fleet_agent.wire import codec
+from linked_fleet_agent.wire.messages import Accepted, Refused, Reply, Stop
+from linked_fleet_agent.wire.transport import HEARTBEAT_S
+from linked_fleet_gateway.fleet.inbox import Payload
+from linked_fleet_gateway.link.transport import Answer, Question
 from running import eventually, free_port
 from simulated import RESTING_RAD_S, Simulated, simulated
 from virtual.processes import gateway_session
-
-from agents.pace import every
-from agents.wire import codec
-from agents.wire.messages import Accepted, Refused, Reply, Stop
-from agents.wire.transport import HEARTBEAT_S
-from gateway.fleet.inbox import Payload
-from gateway.link.transport import Answer, Question
 
 pytestmark = pytest.mark.virtual
 ROBOT = "ur5"

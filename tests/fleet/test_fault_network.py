@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+
 from browser import LF, Browser
 from commanding import (
     PAN,
@@ -75,7 +76,7 @@ def network() -> Iterator[Network]:
 def test_a_robot_whose_network_fails_holds_and_comes_back(tmp_path: Path, network: Network) -> None:
     """By itself: it says so afterwards. Nothing that was asked meanwhile runs when the network is back."""
     place = Place(tmp_path, zenoh=f"tcp/{network.address}:{free_port()}")
-    agent = ("-m", "agents", "--robot=ur5", "--connect", place.zenoh)
+    agent = ("-m", "linked_fleet_agent", "--robot=ur5", "--connect", place.zenoh)
     with (
         process(*place.command(), "--allow", "plain-zenoh") as gateway,
         process("tests/in_namespace.py", network.name, *agent),

@@ -8,9 +8,10 @@ from collections.abc import Callable, Iterator
 
 import httpx
 import pytest
+from rdflib import URIRef
+
 from browser import HYBRIT, LF, ROS, Browser
 from commanding import PAN, WRIST, angle, begun, ended, moving, of_joint, put, radian, slowly
-from rdflib import URIRef
 from receivers import CallbackReceiver, receiving
 from redis_servers import Servers, single
 from running import Process, eventually, process
@@ -81,7 +82,7 @@ def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
     with single(tmp_path_factory.mktemp("redis")) as memory:
         parts = {
             "gateway": Part("serving", *place.command(), "--redis-url", memory.url),
-            "agent": Part("", "-m", "agents", "--robot=ur5", "--connect", place.zenoh),
+            "agent": Part("", "-m", "linked_fleet_agent", "--robot=ur5", "--connect", place.zenoh),
         }
         with started(Fleet(memory, place.root, parts)) as scene:
             yield scene

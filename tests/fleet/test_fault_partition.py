@@ -11,6 +11,7 @@ from pathlib import Path
 
 import httpx
 import pytest
+
 from browser import LF, Browser
 from commanding import PAN, WRIST, begun, ended, moving, of_joint, of_robot, post, put, radian, slowly
 from parallel import pool

@@ -5,6 +5,7 @@ import time
 from pathlib import Path
 
 import pytest
+
 from browser import LF
 from commanding import PAN, begun, ended, moving, of_joint, put, slowly
 from small_fleet import Place, live

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import pytest
 import zenoh
+
 from forwarder import Way, way
 from link.scene import Gateway, Robot, gateway, serves, until
+from linked_fleet_agent.zenoh_session import open_session as open_agent
+from linked_fleet_gateway.link.zenoh_session import open_session as open_gateway
 from running import free_port
-
-from agents.zenoh_session import open_session as open_agent
-from gateway.link.zenoh_session import open_session as open_gateway
 
 pytestmark = pytest.mark.processes
 ROUTER = Path(__file__).resolve().parents[2] / "deploy" / "zenoh" / "router.json5"

@@ -12,14 +12,14 @@ import pyshacl
 import pytest
 import rdflib
 import zenoh
+from rdflib import RDF, URIRef
+
 from actor import KEYS, Actor, link, stage
 from browser import DCTERMS, HYBRIT, LF, Browser, Page, links
-from rdflib import RDF, URIRef
+from linked_fleet_agent.wire.codec import decode, encode
+from linked_fleet_agent.wire.messages import Description, Mesh
 from running import Process, eventually
 from small_fleet import Place, faulty, live, offline
-
-from agents.wire.codec import decode, encode
-from agents.wire.messages import Description, Mesh
 
 pytestmark = pytest.mark.virtual
 XML = {"accept": "application/xml"}

@@ -10,6 +10,9 @@ from pathlib import Path
 import httpx
 import pytest
 import rdflib
+from rdflib import URIRef
+from rdflib.compare import isomorphic
+
 from browser import DCTERMS, HYBRIT, LF, PROV, VOM, Browser, Page
 from commanding import (
     ENDED,
@@ -37,8 +40,6 @@ from commanding import (
     state_at,
 )
 from parallel import at_once, pool
-from rdflib import URIRef
-from rdflib.compare import isomorphic
 from redis_servers import Servers, single
 from running import eventually, process
 from several import Gateway, Hub, gateway, gateways, hub

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import httpx
 import pytest
+from rdflib import URIRef
+
 from browser import HYBRIT, LF, Browser
 from commanding import (
     PAN,
@@ -30,7 +32,6 @@ from commanding import (
     state_at,
 )
 from parallel import at_once
-from rdflib import URIRef
 from redis_servers import Servers, single
 from running import eventually
 from several import Gateway, gateway, gateways, hub

@@ -5,15 +5,15 @@ import signal
 from pathlib import Path
 
 import pytest
+
 from actor import KEYS
 from browser import LF, ROS, SPATIAL
+from linked_fleet_agent.wire.codec import decode
+from linked_fleet_agent.wire.messages import Progress
+from linked_fleet_gateway.fleet.inbox import Payload
 from running import eventually
 from small_fleet import Place, live, move, number, offline, property_page
 from virtual.processes import gateway_session
-
-from agents.wire.codec import decode
-from agents.wire.messages import Progress
-from gateway.fleet.inbox import Payload
 
 pytestmark = pytest.mark.virtual
 _JOINT = "wrist_3_joint"

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 import rdflib
+
 from browser import LDP, LF, Browser, Page
 from commanding import PREFIXES, TURTLE, at_all
 from parallel import at_once

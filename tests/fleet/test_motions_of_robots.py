@@ -8,9 +8,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from rdflib import URIRef
+
 from browser import DCTERMS, LF, PROV, Browser
 from commands import Commanded, pose_body
-from rdflib import URIRef
 from running import eventually
 from simulated import RESTING_RAD_S, Simulated, angle_between, simulated
 from small_fleet import Place, live, number

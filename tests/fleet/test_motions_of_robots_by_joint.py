@@ -5,9 +5,10 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from rdflib import URIRef
+
 from browser import LF
 from commands import Commanded, scalar
-from rdflib import URIRef
 from running import eventually
 from simulated import RESTING_RAD_S, Simulated, simulated
 from small_fleet import Place, live

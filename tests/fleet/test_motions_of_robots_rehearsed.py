@@ -6,9 +6,10 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 import rdflib
+from rdflib import URIRef
+
 from browser import LF, VOM
 from commands import Commanded, pose_body, scalar
-from rdflib import URIRef
 from running import eventually
 from simulated import Simulated, simulated
 from small_fleet import Place, live

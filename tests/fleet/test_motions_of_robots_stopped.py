@@ -4,9 +4,10 @@ from collections.abc import Iterator
 
 import pytest
 import rdflib
+from rdflib import URIRef
+
 from browser import LF, Browser
 from commands import Commanded
-from rdflib import URIRef
 from running import eventually
 from simulated import RESTING_RAD_S, Simulated, simulated
 from small_fleet import Place, live

@@ -9,12 +9,13 @@ from pathlib import Path
 
 import pytest
 import zenoh
+from rdflib import RDF, URIRef
+from walk import Visited
+
 from actor import Actor, joint, link, robot, stage
 from browser import DCTERMS, HYBRIT, LDP, LF, ROS, SPATIAL, Browser
-from rdflib import RDF, URIRef
 from running import Process, eventually
 from small_fleet import Place, faulty, live, move, number, presence, property_page, whole
-from walk import Visited
 
 pytestmark = pytest.mark.virtual
 

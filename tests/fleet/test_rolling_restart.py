@@ -7,6 +7,7 @@ from pathlib import Path
 
 import httpx
 import pytest
+
 from browser import DCTERMS, LF
 from commanding import (
     ENDED,

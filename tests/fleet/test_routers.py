@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
 from browser import Browser
 from commanding import PAN, STILL_RAD, WRIST, angle, begun, moving, of_joint, put, radian, slowly
 from running import Process, free_port, process
@@ -55,7 +56,7 @@ def test_a_robot_over_quic(tmp_path: Path) -> None:
 
     def agent(name: str, trusted: Path) -> contextlib.AbstractContextManager[Process]:
         connect = f"quic/{where}#root_ca_certificate_file={trusted}"
-        return process("-m", "agents", f"--robot={name}=ur5", "--connect", connect)
+        return process("-m", "linked_fleet_agent", f"--robot={name}=ur5", "--connect", connect)
 
     with place.gateway() as (_, browser), agent("ur5", ours), agent("stranger", theirs) as stranger:
         live(browser, "ur5")
@@ -103,8 +104,8 @@ def test_a_robot_behind_two_routers(tmp_path: Path, chain: tuple[Router, Router]
     port = free_port()
     command = ("--port", str(port), "--zenoh-connect", near.endpoint, "--state-dir", str(tmp_path))
     with (
-        process("-m", "agents", "--robot=ur5", "--connect", far.endpoint),
-        process("-m", "gateway", *command) as gateway,
+        process("-m", "linked_fleet_agent", "--robot=ur5", "--connect", far.endpoint),
+        process("-m", "linked_fleet_gateway", *command) as gateway,
         contextlib.closing(Browser(f"http://127.0.0.1:{port}/")) as browser,
     ):
         gateway.said("serving")

@@ -10,13 +10,13 @@ from typing import Self
 
 import pytest
 import zenoh
+
 from actor import Actor, joint, link, robot, stage
 from browser import HYBRIT, LF, ROS, SPATIAL, Browser
+from linked_fleet_gateway.http.backpressure import HIGH_WATER_BYTES
 from receivers import Answer, receiving
 from running import PATIENCE_S, Process, eventually
 from small_fleet import Place, live, number, property_page
-
-from gateway.http.backpressure import HIGH_WATER_BYTES
 
 pytestmark = pytest.mark.processes
 

@@ -10,15 +10,15 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from browser import HYBRIT, LF
 from rdflib import URIRef
+
+from browser import HYBRIT, LF
+from linked_fleet_gateway.subscriptions.service import RECONCILE_S
 from receivers import Answer, CallbackReceiver, receiving
 from redis_servers import Servers, single
 from running import Process, eventually
 from several import Gateway, Hub, angle, arrived, complete, deliveries, gateway, gateways, hub, number
 from subscribers import EVENTS, Events, Socket, events
-
-from gateway.subscriptions.service import RECONCILE_S
 
 pytestmark = pytest.mark.virtual
 LIMIT = 20

@@ -4,16 +4,16 @@ from collections.abc import Iterator
 
 import httpx
 import pytest
+from rdflib import Literal, URIRef
+
 from browser import HYBRIT, LDP, LF, Page
 from commanding import problem
-from rdflib import Literal, URIRef
+from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES
 from receivers import Answer, CallbackReceiver, receiving
 from redis_servers import single
 from running import eventually
 from several import Gateway, Hub, deliveries, gateways, hub, number
 from subscribers import Socket, events
-
-from gateway.rdf.sparql_syntax import MAX_QUERY_BYTES
 
 pytestmark = pytest.mark.virtual
 _UPDATE = {"content-type": "application/sparql-update"}

@@ -10,13 +10,13 @@ from urllib.parse import urlsplit
 
 import pytest
 import redis
-from actor import Actor, stage
-from browser import HYBRIT, LDP, ROS, Browser
-from running import eventually
-from small_fleet import Place, live
 from websockets.frames import Frame, Opcode
 
-from gateway.subscriptions.redis_keys import Keys
+from actor import Actor, stage
+from browser import HYBRIT, LDP, ROS, Browser
+from linked_fleet_gateway.subscriptions.redis_keys import Keys
+from running import eventually
+from small_fleet import Place, live
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 

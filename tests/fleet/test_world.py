@@ -13,18 +13,18 @@ import httpx
 import pyshacl
 import pytest
 import rdflib
+from rdflib import RDF, URIRef
+
 from browser import HYBRIT, LDP, LF, MATHS, ROS, SH, Browser, Page
 from commanding import PAN, PREFIXES, TURTLE, of_joint, post, problem
+from linked_fleet_agent.wire.messages import Mesh
+from linked_fleet_gateway.extensions.world.checks import EARLY_S
+from linked_fleet_gateway.extensions.world.scene import MAX_TRIANGLES
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.link.meshes import Meshes
 from meshes import BOX, stl
-from rdflib import RDF, URIRef
 from running import Process, eventually, free_port, process
 from small_fleet import Place, live
-
-from agents.wire.messages import Mesh
-from gateway.extensions.world.checks import EARLY_S
-from gateway.extensions.world.scene import MAX_TRIANGLES
-from gateway.fleet.robot import Robot
-from gateway.link.meshes import Meshes
 
 pytestmark = pytest.mark.virtual
 HYDRA = rdflib.Namespace("http://www.w3.org/ns/hydra/core#")
@@ -38,7 +38,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Place:
 
 @pytest.fixture(scope="module")
 def robots(place: Place) -> Iterator[Process]:
-    with process("-m", "agents", "--robot=ur5", "--robot=panda", "--connect", place.zenoh) as agents:
+    with process("-m", "linked_fleet_agent", "--robot=ur5", "--robot=panda", "--connect", place.zenoh) as agents:
         yield agents
 
 
@@ -283,7 +283,7 @@ def test_the_process_that_checks_may_die(here: tuple[Process, Browser], browser:
     put_robot(browser, "ur5", 0, 0, 0)
     there = put_object(browser, crate("crate", 0.5, 0.4, 0.3))
     assert met(turn(browser, 90, **DRY))[1] == there
-    here[0].kill_child("gateway.extensions.world.worker")
+    here[0].kill_child("linked_fleet_gateway.extensions.world.worker")
     assert met(turn(browser, 90, **DRY))[1] == there
 
 
@@ -293,7 +293,7 @@ def test_the_world_is_the_same_at_every_gateway_and_outlives_them(place: Place, 
     flags = ("--state-dir", str(place.state), "--zenoh-connect", place.zenoh)
     port = free_port()
     with (
-        process("-m", "gateway", "--port", str(port), *flags) as other,
+        process("-m", "linked_fleet_gateway", "--port", str(port), *flags) as other,
         contextlib.closing(Browser(f"http://127.0.0.1:{port}/")) as second,
     ):
         other.said("serving")

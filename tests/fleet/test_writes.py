@@ -6,13 +6,13 @@ from collections.abc import Iterator
 import httpx
 import pytest
 import rdflib
-from browser import DCTERMS, HYBRIT, LDP, LF, MATHS, Browser, Page
-from commanding import PREFIXES, problem, put
 from rdflib import Literal, URIRef
 from rdflib.term import Node
-from small_fleet import Place, live
 
-from gateway.extensions.world.http import MAX_BODY_BYTES as MAX_OBJECT_BYTES
+from browser import DCTERMS, HYBRIT, LDP, LF, MATHS, Browser, Page
+from commanding import PREFIXES, problem, put
+from linked_fleet_gateway.extensions.world.http import MAX_BODY_BYTES as MAX_OBJECT_BYTES
+from small_fleet import Place, live
 
 pytestmark = pytest.mark.virtual
 _SYNTAXES = ("text/turtle", "application/ld+json", "application/n-triples", "application/rdf+xml")

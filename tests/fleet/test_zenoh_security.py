@@ -8,18 +8,18 @@ from pathlib import Path
 
 import pytest
 import zenoh
+
 from actor import Actor
 from browser import Browser
 from certificates import made
 from commanding import PAN, STILL_RAD, WRIST, angle, begun, moving, of_joint, put, radian, slowly
+from linked_fleet_agent.wire.codec import encode
+from linked_fleet_agent.wire.keys import Keys
+from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Stop
+from linked_fleet_agent.wire.trust import mutual_tls
+from linked_fleet_gateway.fleet.answers import read_reply
 from running import Process, eventually, free_port, process
 from small_fleet import live, presence
-
-from agents.wire.codec import encode
-from agents.wire.keys import Keys
-from agents.wire.messages import WIRE_VERSION, Accepted, Stop
-from agents.wire.trust import mutual_tls
-from gateway.fleet.answers import read_reply
 
 pytestmark = pytest.mark.processes
 KEYS = Keys()
@@ -69,7 +69,7 @@ class Scene:
         return linked(self.endpoint, tls_of(self.folder, who))
 
     def agent(self, *more: str) -> contextlib.AbstractContextManager[Process]:
-        return process("-m", "agents", "--connect", self.endpoint, *more)
+        return process("-m", "linked_fleet_agent", "--connect", self.endpoint, *more)
 
 
 @contextlib.contextmanager
@@ -92,7 +92,7 @@ def scene(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     with hub(folder, request.param) as (endpoint, told):
         command = ("--port", str(port), "--state-dir", str(folder / "state"), *told)
         with (
-            process("-m", "gateway", *command, *words(folder, "gateway", "--zenoh-")) as gateway,
+            process("-m", "linked_fleet_gateway", *command, *words(folder, "gateway", "--zenoh-")) as gateway,
             contextlib.closing(Browser(f"http://127.0.0.1:{port}/")) as browser,
         ):
             gateway.said("serving")
@@ -286,7 +286,9 @@ def test_a_robot_takes_no_other_for_its_router(tmp_path: Path) -> None:
     (folder / "trap.json5").write_text(json.dumps(trap))
     with process("tests/zenoh_router.py", str(folder / "trap.json5")) as router:
         router.said("routing")
-        with process("-m", "agents", "--robot=a=ur5", "--connect", endpoint, *words(folder, "agents/a")) as agent:
+        with process(
+            "-m", "linked_fleet_agent", "--robot=a=ur5", "--connect", endpoint, *words(folder, "agents/a")
+        ) as agent:
             agent.said("nothing answers")
             with pytest.raises(zenoh.ZError), linked(endpoint, tls_of(folder, "agents/a")):
                 pass
@@ -296,7 +298,7 @@ def test_a_robot_that_listens_obeys_gateways_alone(tmp_path: Path) -> None:
     folder = made(tmp_path / "wire", "--agent", "a@127.0.0.1,b")
     endpoint = f"tls/127.0.0.1:{free_port()}"
     listening = ("--robot=a=ur5", "--connect", "", "--listen", endpoint)
-    with process("-m", "agents", *listening, *words(folder, "agents/a")) as agent:
+    with process("-m", "linked_fleet_agent", *listening, *words(folder, "agents/a")) as agent:
         agent.said("connected")
         with linked(endpoint, tls_of(folder, "gateway")) as gateway:
             token = gateway.liveliness().declare_token(KEYS.gateway("g"))

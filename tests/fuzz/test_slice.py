@@ -7,8 +7,6 @@ from random import Random
 
 import pytest
 
-from agents.wire.codec import decode, decode_reply
-from agents.wire.messages import Accepted, Command, Description, Progress, Stop
 from fuzz import bodies, good, mutation
 from fuzz.__main__ import SHARES, report, run
 from fuzz.body import BrokenPromiseError, Patient
@@ -16,8 +14,10 @@ from fuzz.findings import EPISODE, Tally, in_process, random_of
 from fuzz.living import in_batches
 from fuzz.stops import LATE_S, Stops
 from fuzz.watched import MOST_S, timed_callbacks
-from gateway.fleet.answers import read_description
-from gateway.http.body import parse_body
+from linked_fleet_agent.wire.codec import decode, decode_reply
+from linked_fleet_agent.wire.messages import Accepted, Command, Description, Progress, Stop
+from linked_fleet_gateway.fleet.answers import read_description
+from linked_fleet_gateway.http.body import parse_body
 
 SEED = 7
 COUNTS = {"wire": 1500, "bodies": 800, "http": 500, "sockets": 250, "robots": 250, "ros2": 1500, "identities": 300}

@@ -4,28 +4,28 @@ import itertools
 from collections.abc import Mapping, Sequence
 
 import pytest
-from actor import link, robot
 
-from agents.wire.codec import encode_state, layout
-from agents.wire.messages import Description, State
-from gateway.actions.action_request import Asked, moment_of
-from gateway.actions.admission import admit
-from gateway.actions.handler_table import HANDLERS
-from gateway.actions.plan import Plan
-from gateway.app.extensions import BUILT_IN, install
-from gateway.extensions.reach.handler import reach
-from gateway.fleet.events import Appeared, Described, Framed
-from gateway.fleet.fleet import Fleet
-from gateway.fleet.invocations import Invocations
-from gateway.fleet.robot import Robot
-from gateway.rdf.graph import Graph
-from gateway.rdf.serialise import parse
-from gateway.rdf.vocabulary import LF, PREFIXES
-from gateway.resources.action_body import Body
-from gateway.resources.action_offer import Offer
-from gateway.resources.affordance import Invoke
-from gateway.resources.resource import Resource
-from gateway.resources.tree import Tree
+from actor import link, robot
+from linked_fleet_agent.wire.codec import encode_state, layout
+from linked_fleet_agent.wire.messages import Description, State
+from linked_fleet_gateway.actions.action_request import Asked, moment_of
+from linked_fleet_gateway.actions.admission import admit
+from linked_fleet_gateway.actions.handler_table import HANDLERS
+from linked_fleet_gateway.actions.plan import Plan
+from linked_fleet_gateway.app.extensions import BUILT_IN, install
+from linked_fleet_gateway.extensions.reach.handler import reach
+from linked_fleet_gateway.fleet.events import Appeared, Described, Framed
+from linked_fleet_gateway.fleet.fleet import Fleet
+from linked_fleet_gateway.fleet.invocations import Invocations
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.rdf.graph import Graph
+from linked_fleet_gateway.rdf.serialise import parse
+from linked_fleet_gateway.rdf.vocabulary import LF, PREFIXES
+from linked_fleet_gateway.resources.action_body import Body
+from linked_fleet_gateway.resources.action_offer import Offer
+from linked_fleet_gateway.resources.affordance import Invoke
+from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.tree import Tree
 
 install(BUILT_IN)  # cases are made when tests are collected
 

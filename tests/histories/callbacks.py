@@ -8,8 +8,7 @@ import uuid
 
 from histories.gateways import Deliveries, Gateway, Watched
 from histories.history import History, Operation
-
-from gateway.resources.subscription import Kind, Subscription
+from linked_fleet_gateway.resources.subscription import Kind, Subscription
 
 _MODEL = "subscription"
 _OWNERS = 3

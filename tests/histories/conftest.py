@@ -3,6 +3,7 @@
 import random
 
 import pytest
+
 from histories.checking import Checker, build
 
 

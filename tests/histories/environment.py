@@ -97,7 +97,7 @@ class Replicated(OneServer):
     """Besides, the server has a replica, which takes its place again and again.
 
     It does so when it has all that was written: of a master that dies with more than its replica has, some is lost
-    (``gateway/subscriptions/PROTOCOL.md``).
+    (``gateway/linked_fleet_gateway/subscriptions/PROTOCOL.md``).
     """
 
     def __init__(

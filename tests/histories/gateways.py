@@ -12,26 +12,25 @@ from weakref import WeakSet
 
 from histories.history import History
 from histories.robots import LossyLink, Toy
+from linked_fleet_gateway.actions import service as actions_module
+from linked_fleet_gateway.actions.service import Actions
+from linked_fleet_gateway.actions.store import ActionStore
+from linked_fleet_gateway.app.application import new_live
+from linked_fleet_gateway.app.settings import GatewaySettings
+from linked_fleet_gateway.extensions.rules.store import RuleStore
+from linked_fleet_gateway.extensions.world.store import ObjectStore
+from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.versioning import Source
+from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.subscriptions import callbacks as callbacks_module
+from linked_fleet_gateway.subscriptions import courier as courier_module
+from linked_fleet_gateway.subscriptions import service as subscriptions_module
+from linked_fleet_gateway.subscriptions.fan_out import FanOut
+from linked_fleet_gateway.subscriptions.network import Network
+from linked_fleet_gateway.subscriptions.receiver import Outcome, Verdict
+from linked_fleet_gateway.subscriptions.service import Subscriptions, new_run
+from linked_fleet_gateway.subscriptions.store import Store
 from virtual.zenoh_network import ZenohNetwork
-
-from gateway.actions import service as actions_module
-from gateway.actions.service import Actions
-from gateway.actions.store import ActionStore
-from gateway.app.application import new_live
-from gateway.app.settings import GatewaySettings
-from gateway.extensions.rules.store import RuleStore
-from gateway.extensions.world.store import ObjectStore
-from gateway.resources.resource import Resource
-from gateway.resources.versioning import Source
-from gateway.runtime.cancellation import end
-from gateway.subscriptions import callbacks as callbacks_module
-from gateway.subscriptions import courier as courier_module
-from gateway.subscriptions import service as subscriptions_module
-from gateway.subscriptions.fan_out import FanOut
-from gateway.subscriptions.network import Network
-from gateway.subscriptions.receiver import Outcome, Verdict
-from gateway.subscriptions.service import Subscriptions, new_run
-from gateway.subscriptions.store import Store
 
 NAMESPACE = "histories"
 LEASE_S = 0.8

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from histories.gateways import Gateway
 from histories.history import History
 from histories.keys import Keys
-
-from gateway.actions.store import LeaseHeld, LeaseOver
+from linked_fleet_gateway.actions.store import LeaseHeld, LeaseOver
 
 _MODEL = "lease"
 _DURATIONS_S = (0.03, 0.1, 0.4)

@@ -17,14 +17,13 @@ from histories.web import HttpGateway, last_segment
 from histories.web_callbacks import HttpReceiver, Subscribers
 from histories.web_clients import ConditionalWriters, Controllers, Movers, SceneObject, Title
 from histories.workload import Clients, another
+from linked_fleet_agent.link import RobotLink
+from linked_fleet_agent.wire.keys import Keys as ZenohKeys
+from linked_fleet_agent.zenoh_session import open_session
+from linked_fleet_gateway.runtime.cancellation import end
 from running import eventually, free_port
 from several import Gateway as Seen
 from several import Hub, hub
-
-from agents.link import RobotLink
-from agents.wire.keys import Keys as ZenohKeys
-from agents.zenoh_session import open_session
-from gateway.runtime.cancellation import end
 
 GATEWAYS = 2
 _TITLED, _LEASED, _OBJECTS = 60, 60, 60
@@ -83,7 +82,7 @@ class Processes:
 
     async def _started(self, number: int, port: int | None = None) -> HttpGateway:
         shared = ("--zenoh-connect", self._hub.endpoint, "--redis-url", self._environment.url(number))
-        gateway = HttpGateway(port or free_port(), ("-m", "gateway", *shared, *_FLAGS))
+        gateway = HttpGateway(port or free_port(), ("-m", "linked_fleet_gateway", *shared, *_FLAGS))
         await gateway.serving()
         return gateway
 

@@ -6,13 +6,12 @@ from typing import Protocol
 from histories.gateways import Gateway
 from histories.history import History
 from histories.keys import Keys
-
-from gateway.extensions.rules.rule import Rule
-from gateway.extensions.rules.store import Changed as RuleChanged
-from gateway.extensions.world.scene import SceneObject, Sphere, decode, encode
-from gateway.extensions.world.store import Changed as ObjectChanged
-from gateway.extensions.world.store import digest
-from gateway.fleet.model import Pose
+from linked_fleet_gateway.extensions.rules.rule import Rule
+from linked_fleet_gateway.extensions.rules.store import Changed as RuleChanged
+from linked_fleet_gateway.extensions.world.scene import SceneObject, Sphere, decode, encode
+from linked_fleet_gateway.extensions.world.store import Changed as ObjectChanged
+from linked_fleet_gateway.extensions.world.store import digest
+from linked_fleet_gateway.fleet.model import Pose
 
 _READS, _REMOVES = 0.25, 0.1
 _ROBOT = "arm"

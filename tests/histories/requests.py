@@ -6,12 +6,11 @@ from histories.gateways import Gateway
 from histories.history import History
 from histories.keys import Keys
 from histories.robots import JOINT
-
-from agents.wire.messages import Move
-from gateway.actions.action_request import moment_of
-from gateway.actions.caller import Caller
-from gateway.actions.plan import Motion
-from gateway.base.errors import AgentSilent, Busy, KeyReused, RefusedByAgent
+from linked_fleet_agent.wire.messages import Move
+from linked_fleet_gateway.actions.action_request import moment_of
+from linked_fleet_gateway.actions.caller import Caller
+from linked_fleet_gateway.actions.plan import Motion
+from linked_fleet_gateway.base.errors import AgentSilent, Busy, KeyReused, RefusedByAgent
 
 _MODEL = "key"
 _OTHER = 0.1  # share of requests that are not what the key was used for first

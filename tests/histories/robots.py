@@ -8,14 +8,13 @@ from contextvars import Context
 
 from actor import SIMPLE
 from histories.history import History
-
-from agents.agent import Agent
-from agents.robot import Facts, JointFacts, Limits, Reading
-from agents.wire.codec import decode, decode_reply, encode
-from agents.wire.messages import Accepted, Command, Description, Move, Progress, Refused, Reply, Stop
-from gateway.fleet.events import Appeared, Described, Framed
-from gateway.link.fleet_link import NoAnswer
-from gateway.subscriptions.live import Live
+from linked_fleet_agent.agent import Agent
+from linked_fleet_agent.robot import Facts, JointFacts, Limits, Reading
+from linked_fleet_agent.wire.codec import decode, decode_reply, encode
+from linked_fleet_agent.wire.messages import Accepted, Command, Description, Move, Progress, Refused, Reply, Stop
+from linked_fleet_gateway.fleet.events import Appeared, Described, Framed
+from linked_fleet_gateway.link.fleet_link import NoAnswer
+from linked_fleet_gateway.subscriptions.live import Live
 
 JOINT = "elbow"
 _TICK_S = 0.02

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import uvloop
+
 from histories.environment import Environment, one_server, replicated
 from histories.gateways import hurried, receivers
 from histories.history import History

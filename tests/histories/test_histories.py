@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
 from histories.checking import Checker
 from histories.history import History
 from histories.runs import of_processes, on_one_server, on_promoted_servers

@@ -4,10 +4,10 @@ from pathlib import Path
 from unittest.mock import patch
 
 import pytest
+
 from histories.checking import Checker
 from histories.runs import on_one_server
-
-from gateway.actions import redis_scripts as scripts
+from linked_fleet_gateway.actions import redis_scripts as scripts
 
 OPERATIONS = 1_500
 

@@ -8,9 +8,8 @@ from typing import Any, Protocol, TypeVar
 
 from histories.environment import Environment
 from histories.history import History
-
-from gateway.base.errors import StoreAway
-from gateway.runtime.redis import StoreUnavailable
+from linked_fleet_gateway.base.errors import StoreAway
+from linked_fleet_gateway.runtime.redis import StoreUnavailable
 
 CLIENTS = 24
 _CANCELLED = 0.02

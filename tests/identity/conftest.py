@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 import pytest
+
 from guarded import ALL, SEEN, Guarded, guarded
 from issuer import Issuer, issuing
 

@@ -6,9 +6,10 @@ from pathlib import Path
 import httpx
 import pytest
 import rdflib
+from rdflib import DCTERMS, PROV, URIRef
+
 from browser import LDP, LF, Browser
 from guarded import SEEN, Guarded, Listening, guarded
-from rdflib import DCTERMS, PROV, URIRef
 from redis_servers import single
 from running import eventually
 

@@ -4,12 +4,12 @@ import json
 from pathlib import Path
 
 import pytest
-from guarded import Guarded
-from receivers import Answer, receiving
 
-from client.cli.main import REFUSED, main
-from client.conform import command
-from client.fleet import Fleet
+from guarded import Guarded
+from linked_fleet_client.cli.main import REFUSED, main
+from linked_fleet_client.conform import command
+from linked_fleet_client.fleet import Fleet
+from receivers import Answer, receiving
 
 pytestmark = pytest.mark.virtual
 

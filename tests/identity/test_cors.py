@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import httpx
 import pytest
+
 from browser import LF
 from guarded import ALL, Guarded, guarded
 

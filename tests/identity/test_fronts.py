@@ -4,10 +4,10 @@ from collections.abc import Iterator
 
 import httpx
 import pytest
+
 from guarded import Guarded, guarded
 from issuer import Issuer
-
-from gateway.extensions.sessions.login import FAILURES
+from linked_fleet_gateway.extensions.sessions.login import FAILURES
 
 pytestmark = pytest.mark.virtual
 

@@ -5,12 +5,13 @@ from collections.abc import Iterator
 
 import httpx
 import pytest
+from rdflib import URIRef
+from walk import walk
+
 from browser import HYBRIT, LDP, LF, MATHS, VOM, Browser, links
 from guarded import HIDDEN, SEEN, Guarded, Listening, refusal
-from rdflib import URIRef
 from running import eventually, process
 from small_fleet import live, offline
-from walk import walk
 
 pytestmark = pytest.mark.virtual
 _TURTLE = {"content-type": "text/turtle"}
@@ -104,7 +105,7 @@ def test_a_subtree_shows_what_is_seen_and_also_what_comes(here: Guarded, root: B
         Listening(url, Authorization=f"Bearer {here.tokens['lab-subscriber']}") as narrow,
         Listening(url, Authorization=f"Bearer {here.tokens['subscriber']}") as wide,
         process(
-            "-m", "agents", "--robot=hall-2=ur5", "--robot=lab-2=ur5", "--connect", here.place.zenoh
+            "-m", "linked_fleet_agent", "--robot=hall-2=ur5", "--robot=lab-2=ur5", "--connect", here.place.zenoh
         ),
     ):  # fmt: skip
         live(root, "hall-2")
@@ -203,7 +204,7 @@ def test_the_version_of_the_fleet_is_of_what_one_sees(here: Guarded, lab: Browse
         return str(browser.http.get(browser.root).headers["etag"])
 
     assert etag(lab) != etag(root)
-    with process("-m", "agents", "--robot=hall-3=ur5", "--connect", here.place.zenoh):
+    with process("-m", "linked_fleet_agent", "--robot=hall-3=ur5", "--connect", here.place.zenoh):
         before = etag(lab)
         live(root, "hall-3")
         assert etag(lab) == before

@@ -11,13 +11,13 @@ from typing import Any
 import jwt
 import pytest
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
-from issuer import AUDIENCE, Issuer, Key, issuing
 
-import gateway.identity.keys as identity_keys
-from gateway.identity.jwts import BadToken, expiry_ns, issuer_named, verified
-from gateway.identity.keys import IssuerKeys
-from gateway.identity.roster import parse_roster
-from gateway.identity.web import IssuerSilent, Web
+import linked_fleet_gateway.identity.keys as identity_keys
+from issuer import AUDIENCE, Issuer, Key, issuing
+from linked_fleet_gateway.identity.jwts import BadToken, expiry_ns, issuer_named, verified
+from linked_fleet_gateway.identity.keys import IssuerKeys
+from linked_fleet_gateway.identity.roster import parse_roster
+from linked_fleet_gateway.identity.web import IssuerSilent, Web
 
 pytestmark = pytest.mark.virtual
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import httpx
 import pytest
+
 from browser import HYBRIT, LF, Browser
 from guarded import ALL, SEEN, Guarded, Listening, guarded
 from issuer import Issuer, issuing
@@ -109,7 +110,7 @@ def test_a_stream_that_is_still_allowed_goes_on(own: Guarded, root: Browser) -> 
                 .replace(own.tables["lasting"].split('sha256 = "')[1][:64], "0" * 64)
             )
             own.write()
-            with process("-m", "agents", "--robot=lab-9=ur5", "--connect", own.place.zenoh):
+            with process("-m", "linked_fleet_agent", "--robot=lab-9=ur5", "--connect", own.place.zenoh):
                 while "lab-9" not in lasting.next():
                     pass
 

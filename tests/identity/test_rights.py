@@ -2,7 +2,7 @@
 
 import pytest
 
-from gateway.identity.rights import ALL, EVERYBODY, NOBODY, Grant, Identity, Right, view
+from linked_fleet_gateway.identity.rights import ALL, EVERYBODY, NOBODY, Grant, Identity, Right, view
 
 
 def identity(*grants: tuple[str, tuple[str, ...]]) -> Identity:

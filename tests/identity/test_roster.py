@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from gateway.identity.__main__ import new_token
-from gateway.identity.rights import Claims, Right, TokenHash
-from gateway.identity.roster import BadRoster, Issuer, Roster, parse_roster, read_roster
+from linked_fleet_gateway.identity.__main__ import new_token
+from linked_fleet_gateway.identity.rights import Claims, Right, TokenHash
+from linked_fleet_gateway.identity.roster import BadRoster, Issuer, Roster, parse_roster, read_roster
 
 _DIGEST = sha256(b"x").hexdigest()
 _TOKEN = f'[[token]]\nname = "a"\nsha256 = "{_DIGEST}"\nscopes = ["read"]\n'

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 import httpx
 import pytest
 import rdflib
+from rdflib import URIRef
+
 from browser import HYBRIT, LDP, LF, Browser, links
 from guarded import SEEN, Guarded, Listening, refusal
-from rdflib import URIRef
 from running import eventually
 from small_fleet import live
 from subscribers import PATIENCE_S

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.extensions.sessions.sealed_cookie import (
+from linked_fleet_gateway.extensions.sessions.sealed_cookie import (
     Underway,
     new_session,
     open_login,
@@ -14,9 +14,9 @@ from gateway.extensions.sessions.sealed_cookie import (
     seal_login,
     seal_session,
 )
-from gateway.extensions.sessions.session_key import read_key
-from gateway.identity.rights import Claims, TokenHash
-from gateway.identity.roster import BadRoster
+from linked_fleet_gateway.extensions.sessions.session_key import read_key
+from linked_fleet_gateway.identity.rights import Claims, TokenHash
+from linked_fleet_gateway.identity.roster import BadRoster
 
 _KEY, _OTHER = b"k" * 32, b"o" * 32
 _LOGIN = Underway("https://id.example", "state", "nonce", "verifier", "/ur5/")

@@ -5,6 +5,7 @@ from urllib.parse import urlsplit
 
 import httpx
 import pytest
+
 from browser import LF
 from guarded import SEEN, Guarded, Listening, refusal
 from running import eventually

@@ -6,16 +6,15 @@ from contextlib import AsyncExitStack
 from functools import wraps
 from typing import Any, Protocol
 
+import linked_fleet_agent.transport
+import linked_fleet_agent.zenoh_session
+import linked_fleet_gateway.link.transport
+import linked_fleet_gateway.link.zenoh_session
 from forwarder import Way, way
 from running import free_port
 from virtual.loop import on_virtual_time
 from virtual.zenoh_agent import AgentSession
 from virtual.zenoh_network import ZenohNetwork
-
-import agents.transport
-import agents.zenoh_session
-import gateway.link.transport
-import gateway.link.zenoh_session
 
 LEASE_S = 0.5
 """The lease of agents; the protocol fixes that of gateways."""
@@ -25,9 +24,9 @@ _PATIENCE_S = 30.0
 class Network(Protocol):
     """One gateway and the agents that are to reach it, each by its name."""
 
-    async def gateway(self) -> gateway.link.transport.Session: ...
+    async def gateway(self) -> linked_fleet_gateway.link.transport.Session: ...
 
-    async def agent(self, name: str) -> agents.transport.Session: ...
+    async def agent(self, name: str) -> linked_fleet_agent.transport.Session: ...
 
     def cut(self, name: str) -> None:
         """Let nothing pass between the gateway and an agent; nobody is told."""
@@ -53,7 +52,7 @@ class _Kept:
 
 
 class Memory(_Kept):
-    """``gateway.link.transport`` and ``agents.transport`` in memory."""
+    """``linked_fleet_gateway.link.transport`` and ``linked_fleet_agent.transport`` in memory."""
 
     def __init__(self, seed: int = 0) -> None:
         super().__init__()
@@ -67,10 +66,10 @@ class Memory(_Kept):
 
         on_virtual_time(main)
 
-    async def gateway(self) -> gateway.link.transport.Session:
+    async def gateway(self) -> linked_fleet_gateway.link.transport.Session:
         return await self.network.gateway("the gateway")((), (), {})
 
-    async def agent(self, name: str) -> agents.transport.Session:
+    async def agent(self, name: str) -> linked_fleet_agent.transport.Session:
         self._agents[name] = session = self.network.agent(name, LEASE_S)
         await session.met.wait()
         return session
@@ -105,15 +104,17 @@ class Zenoh(_Kept):
 
         asyncio.run(main())
 
-    async def gateway(self) -> gateway.link.transport.Session:
-        session = await gateway.link.zenoh_session.open_session((f"tcp/127.0.0.1:{self._port}",), (), {})
+    async def gateway(self) -> linked_fleet_gateway.link.transport.Session:
+        session = await linked_fleet_gateway.link.zenoh_session.open_session((f"tcp/127.0.0.1:{self._port}",), (), {})
         self._stack.push_async_callback(session.close)
         return session
 
-    async def agent(self, name: str) -> agents.transport.Session:
+    async def agent(self, name: str) -> linked_fleet_agent.transport.Session:
         self._ways[name] = self._stack.enter_context(way(self._port))
         self._sessions[name] = await self._stack.enter_async_context(AsyncExitStack())
-        opening = agents.zenoh_session.open_session((self._ways[name].endpoint,), lease_ms=round(LEASE_S * 1000))
+        opening = linked_fleet_agent.zenoh_session.open_session(
+            (self._ways[name].endpoint,), lease_ms=round(LEASE_S * 1000)
+        )
         return await self._sessions[name].enter_async_context(opening)
 
     def cut(self, name: str) -> None:

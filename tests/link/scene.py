@@ -5,16 +5,16 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
 from typing import Self
 
-from agents.agent import Agent
-from agents.link import RobotLink
-from agents.transport import Session
-from agents.wire.keys import Keys
-from agents.wire.messages import WIRE_VERSION, Accepted, Command, Move
 from bench.still_agent import Still
-from gateway.app.application import new_live
-from gateway.app.settings import GatewaySettings
-from gateway.link.transport import Opener
-from gateway.subscriptions.live import Live
+from linked_fleet_agent.agent import Agent
+from linked_fleet_agent.link import RobotLink
+from linked_fleet_agent.transport import Session
+from linked_fleet_agent.wire.keys import Keys
+from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Command, Move
+from linked_fleet_gateway.app.application import new_live
+from linked_fleet_gateway.app.settings import GatewaySettings
+from linked_fleet_gateway.link.transport import Opener
+from linked_fleet_gateway.subscriptions.live import Live
 
 _RATE_HZ = 20.0
 

@@ -1,21 +1,22 @@
 """The contract of the seam between the links and Zenoh, which Zenoh and the network in memory both keep.
 
-Everything is said of what is seen through ``gateway.link.transport.Session`` and ``agents.transport.Session``.
+It is seen through the two classes ``Session`` of ``linked_fleet_gateway.link.transport`` and
+``linked_fleet_agent.transport``.
 """
 
 import asyncio
 from contextlib import AbstractContextManager
 
 import pytest
-from link.parts import Network, contract
-from serving import until
 
-import agents.transport as agent_side
-import gateway.link.transport as gateway_side
-from agents.wire.keys import Keys
-from agents.wire.traceparent import MAX_BYTES
-from gateway.fleet.inbox import Payload
-from gateway.link.transport import Answer, Question
+import linked_fleet_agent.transport as agent_side
+import linked_fleet_gateway.link.transport as gateway_side
+from link.parts import Network, contract
+from linked_fleet_agent.wire.keys import Keys
+from linked_fleet_agent.wire.traceparent import MAX_BYTES
+from linked_fleet_gateway.fleet.inbox import Payload
+from linked_fleet_gateway.link.transport import Answer, Question
+from serving import until
 
 KEYS = Keys("site/hall-2")
 STATE, PROGRESS = KEYS.robot("r", "state"), KEYS.robot("r", "progress")

@@ -5,13 +5,12 @@ import contextlib
 from collections.abc import AsyncIterator, Callable
 
 import pytest
-from link.parts import Memory, Network, contract
-from serving import until
 
-from agents.transport import Query, Session
-from agents.wire.codec import encode, encode_state, layout
-from agents.wire.keys import Keys
-from agents.wire.messages import (
+from link.parts import Memory, Network, contract
+from linked_fleet_agent.transport import Query, Session
+from linked_fleet_agent.wire.codec import encode, encode_state, layout
+from linked_fleet_agent.wire.keys import Keys
+from linked_fleet_agent.wire.messages import (
     WIRE_VERSION,
     Accepted,
     Command,
@@ -23,8 +22,9 @@ from agents.wire.messages import (
     State,
     Stop,
 )
-from gateway.fleet.events import Appeared, Described, Event, Framed, Undescribed, Vanished
-from gateway.link.fleet_link import ASK_AGAIN_S, FleetLink, NoAnswer
+from linked_fleet_gateway.fleet.events import Appeared, Described, Event, Framed, Undescribed, Vanished
+from linked_fleet_gateway.link.fleet_link import ASK_AGAIN_S, FleetLink, NoAnswer
+from serving import until
 
 KEYS = Keys("site/hall-2")
 URDF = "<robot name='r'><link name='base'/></robot>"

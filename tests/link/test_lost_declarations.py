@@ -8,20 +8,20 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Container
 from contextlib import AsyncExitStack, asynccontextmanager
 
 import pytest
+
+from bench.still_agent import Still
 from link.scene import Gateway, Robot, gateway, serves, until
+from linked_fleet_agent.agent import Agent
+from linked_fleet_agent.renewal import LONGEST_S, RENEW_S
+from linked_fleet_agent.transport import Query
+from linked_fleet_agent.wire.codec import encode_state
+from linked_fleet_agent.wire.keys import Keys
+from linked_fleet_agent.wire.messages import State
+from linked_fleet_gateway.fleet.silences import SILENT_S
+from linked_fleet_gateway.link.fleet_link import DESCRIPTION_TIMEOUT_S
 from virtual.loop import on_virtual_time
 from virtual.zenoh_agent import AgentSession
 from virtual.zenoh_network import ZenohNetwork
-
-from agents.agent import Agent
-from agents.renewal import LONGEST_S, RENEW_S
-from agents.transport import Query
-from agents.wire.codec import encode_state
-from agents.wire.keys import Keys
-from agents.wire.messages import State
-from bench.still_agent import Still
-from gateway.fleet.silences import SILENT_S
-from gateway.link.fleet_link import DESCRIPTION_TIMEOUT_S
 
 KEYS = Keys()
 HEALED_S = RENEW_S + SILENT_S + 2.0

@@ -6,18 +6,18 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+
 from link.parts import LEASE_S, Memory, Network, contract
 from link.test_contract import asked, question
+from linked_fleet_agent.link import DuplicateNameError, RobotLink
+from linked_fleet_agent.meshes import MeshError
+from linked_fleet_agent.transport import Session
+from linked_fleet_agent.wire.keys import Keys
+from linked_fleet_agent.wire.transport import GATEWAY_LEASE_MS, HEARTBEAT_S
+from linked_fleet_gateway.link.heartbeat import Heartbeat
+from linked_fleet_gateway.link.transport import Answer
 from serving import until
 from virtual.zenoh_agent import AgentSession
-
-from agents.link import DuplicateNameError, RobotLink
-from agents.meshes import MeshError
-from agents.transport import Session
-from agents.wire.keys import Keys
-from agents.wire.transport import GATEWAY_LEASE_MS, HEARTBEAT_S
-from gateway.link.heartbeat import Heartbeat
-from gateway.link.transport import Answer
 
 KEYS = Keys("site/hall-2")
 TICK_S = 0.01
@@ -221,7 +221,7 @@ async def test_publications_that_nobody_takes_are_dropped_and_said_once(
     await part.gateway()
     robot = await link(await part.agent("r")).__aenter__()
     await part.leave("r")
-    with caplog.at_level(logging.WARNING, "agents.link"):
+    with caplog.at_level(logging.WARNING, "linked_fleet_agent.link"):
         for _ in range(3):
             robot.publish_state(b"")
             robot.publish_progress(b"", final=True)

@@ -7,15 +7,15 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 import pytest
+
 from link.parts import Zenoh
+from linked_fleet_agent.wire.keys import Keys
+from linked_fleet_agent.wire.transport import HEARTBEAT_S
+from linked_fleet_gateway.link.fleet_link import FleetLink
+from linked_fleet_gateway.link.transport import LinkError
+from linked_fleet_gateway.link.zenoh_session import ZenohSession, open_session
 from running import free_port
 from serving import until
-
-from agents.wire.keys import Keys
-from agents.wire.transport import HEARTBEAT_S
-from gateway.link.fleet_link import FleetLink
-from gateway.link.transport import LinkError
-from gateway.link.zenoh_session import ZenohSession, open_session
 
 pytestmark = pytest.mark.processes
 KEYS = Keys()

@@ -23,6 +23,7 @@ from typing import Any, NoReturn
 
 import hypothesis
 import pytest
+
 from mutation.mutants import Mutant
 
 _MOST_MEMORY = 4 * 1024**3

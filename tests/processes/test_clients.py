@@ -11,13 +11,13 @@ from pathlib import Path
 
 import pytest
 import rdflib
-from browser import HYBRIT, LDP, LF, Browser
 from rdflib import RDF
+
+from browser import HYBRIT, LDP, LF, Browser
+from linked_fleet_client.conform import command
 from running import ROOT, process
 from small_fleet import Place, live
 from subscribers import Theatre
-
-from client.conform import command
 
 PAGE = ROOT / "docs" / "BINARY.md"
 pytestmark = pytest.mark.processes
@@ -56,7 +56,7 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_command_line_looks_and_moves(fleet: Place) -> None:
     def said(*arguments: str) -> str:
-        command = [sys.executable, "-m", "client.cli.main", "--url", fleet.root, *arguments]
+        command = [sys.executable, "-m", "linked_fleet_client.cli.main", "--url", fleet.root, *arguments]
         return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=True).stdout
 
     assert ["baxter", "Robot", "online"] in [line.split() for line in said("ls").splitlines()]

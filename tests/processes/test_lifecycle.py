@@ -5,6 +5,7 @@ import socket
 from pathlib import Path
 
 import pytest
+
 from actor import stage
 from running import eventually, process
 from small_fleet import Place, live, offline

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 
 import httpx
 import pytest
+
 from browser import Browser
 from running import process
 from small_fleet import Place, live
@@ -15,7 +16,7 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     place = Place(tmp_path_factory.mktemp("state"))
     with (
         place.gateway() as (_, browser),
-        process("-m", "agents", "--robot=ur5", "--robot=panda", "--connect", place.zenoh),
+        process("-m", "linked_fleet_agent", "--robot=ur5", "--robot=panda", "--connect", place.zenoh),
     ):
         live(browser, "ur5"), live(browser, "panda")
         yield place.root

@@ -5,13 +5,14 @@ import subprocess
 import sys
 
 import pytest
+
 from running import ROOT
 
 pytestmark = pytest.mark.processes
 _PROGRAM = """
 import sys
 from pyoxigraph import Store
-from gateway.extensions.query.worker import limit
+from linked_fleet_gateway.extensions.query.worker import limit
 store = Store()
 limit(5.0)
 for silent in ("", "SILENT"):

@@ -4,12 +4,12 @@ from collections.abc import Iterator
 
 import httpx
 import pytest
+
 from browser import LF, SH, Browser
 from commanding import begun, of_joint, post, radian, slowly
+from linked_fleet_gateway.extensions.query.examples import EXAMPLES, MOVING, NEAR_LIMITS, REACH, Example
 from running import eventually, process
 from small_fleet import Place, live
-
-from gateway.extensions.query.examples import EXAMPLES, MOVING, NEAR_LIMITS, REACH, Example
 
 pytestmark = pytest.mark.virtual
 ROBOTS = ("baxter", "ur5", "panda", "tiago", "go2")
@@ -19,7 +19,7 @@ ROBOTS = ("baxter", "ur5", "panda", "tiago", "go2")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     place = Place(tmp_path_factory.mktemp("state"))
     robots = [f"--robot={name}" for name in ROBOTS]
-    with place.gateway() as (_, browser), process("-m", "agents", *robots, "--connect", place.zenoh):
+    with place.gateway() as (_, browser), process("-m", "linked_fleet_agent", *robots, "--connect", place.zenoh):
         for name in ROBOTS:
             live(browser, name)
         yield browser

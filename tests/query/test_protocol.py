@@ -13,8 +13,9 @@ from xml.etree import ElementTree
 import httpx
 import pytest
 import rdflib
-from browser import Browser
 from rdflib import RDF
+
+from browser import Browser
 from small_fleet import Place
 
 pytestmark = pytest.mark.virtual

@@ -10,23 +10,24 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from pictured import Pictured
 from pyoxigraph import Literal, NamedNode, Triple
+
+from linked_fleet_gateway.app.application import new_live
+from linked_fleet_gateway.app.extensions import BUILT_IN, install
+from linked_fleet_gateway.app.settings import GatewaySettings
+from linked_fleet_gateway.base.errors import BadRequest, FleetError
+from linked_fleet_gateway.extensions.query.errors import QueryTooCostly, ResultTooLarge
+from linked_fleet_gateway.extensions.query.messages import Instead, Placed
+from linked_fleet_gateway.extensions.query.service import Queries, Term
+from linked_fleet_gateway.fleet.invocation import Invocation
+from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_gateway.identity.rights import ALL, View, view
+from linked_fleet_gateway.resources.branches import FleetBranch, RequestView
+from linked_fleet_gateway.subscriptions.live import Live
+from pictured import Pictured
 from running import eventually
 from virtual.loop import VirtualLoop, current
 from virtual.zenoh_network import ZenohNetwork
-
-from gateway.app.application import new_live
-from gateway.app.settings import GatewaySettings
-from gateway.base.errors import BadRequest, FleetError
-from gateway.extensions.query.errors import QueryTooCostly, ResultTooLarge
-from gateway.extensions.query.messages import Instead, Placed
-from gateway.extensions.query.service import Queries, Term
-from gateway.fleet.invocation import Invocation
-from gateway.fleet.model import Pose
-from gateway.identity.rights import ALL, View, view
-from gateway.resources.branches import FleetBranch, RequestView
-from gateway.subscriptions.live import Live
 
 pytestmark = pytest.mark.virtual
 BASE = "http://fleet.example"
@@ -63,6 +64,7 @@ class Asking:
 def asking() -> Iterator[Asking]:
     loop = current()
     assert loop is not None
+    install(BUILT_IN)
 
     async def enter() -> tuple[Live, Queries]:
         live = await new_live(GatewaySettings(), ZenohNetwork().gateway("queries")).__aenter__()
@@ -232,7 +234,7 @@ def test_a_lost_process_is_replaced(asking: Asking) -> None:
     def children() -> list[int]:
         said = Path(f"/proc/self/task/{os.getpid()}/children").read_text()
         lines = {int(each): Path(f"/proc/{each}/cmdline").read_bytes() for each in said.split()}
-        return [child for child, line in lines.items() if b"gateway.extensions.query.worker" in line]
+        return [child for child, line in lines.items() if b"linked_fleet_gateway.extensions.query.worker" in line]
 
     asking.run(POSITIONS)
     (before,) = children()

@@ -7,7 +7,7 @@ import sys
 import msgspec
 import pytest
 
-from gateway.extensions.query.messages import Ask, News, encode
+from linked_fleet_gateway.extensions.query.messages import Ask, News, encode
 
 pytestmark = pytest.mark.processes
 ASK = Ask(
@@ -20,7 +20,7 @@ ASK = Ask(
 @pytest.mark.parametrize("ask", [ASK, msgspec.structs.replace(ASK, query="this is no query")])
 def test_it_ends_without_a_word_when_nobody_waits_for_an_answer_any_more(ask: Ask) -> None:
     ours, theirs = socket.socketpair()
-    arguments = [sys.executable, "-m", "gateway.extensions.query.worker", str(theirs.fileno())]
+    arguments = [sys.executable, "-m", "linked_fleet_gateway.extensions.query.worker", str(theirs.fileno())]
     with subprocess.Popen(arguments, pass_fds=[theirs.fileno()], stderr=subprocess.PIPE) as worker:
         theirs.close()
         waiting, answer = socket.socketpair()
@@ -35,7 +35,7 @@ def test_it_ends_without_a_word_when_nobody_waits_for_an_answer_any_more(ask: As
 
 def test_it_ends_without_a_word_in_the_middle_of_a_question() -> None:
     ours, theirs = socket.socketpair()
-    arguments = [sys.executable, "-m", "gateway.extensions.query.worker", str(theirs.fileno())]
+    arguments = [sys.executable, "-m", "linked_fleet_gateway.extensions.query.worker", str(theirs.fileno())]
     with subprocess.Popen(arguments, pass_fds=[theirs.fileno()], stderr=subprocess.PIPE) as worker:
         theirs.close()
         with ours:

@@ -2,8 +2,9 @@
 
 import httpx
 import pytest
-from browser import Browser
 from walk import Walk, walk
+
+from browser import Browser
 
 
 @pytest.fixture(scope="module")

@@ -5,8 +5,9 @@ import math
 import httpx
 import pytest
 import rdflib
-from browser import HYBRIT, LF, MATHS, PROV, SPATIAL, VOM, Browser, Page
 from rdflib import URIRef
+
+from browser import HYBRIT, LF, MATHS, PROV, SPATIAL, VOM, Browser, Page
 from running import eventually
 
 pytestmark = pytest.mark.virtual

@@ -4,9 +4,10 @@ import math
 
 import pytest
 import rdflib
+from rdflib import RDF, URIRef
+
 from browser import HYBRIT, LF, MATHS, ROS, Browser, Page
 from commands import PREFIXES, Commanded, pose_body, scalar
-from rdflib import RDF, URIRef
 from running import eventually
 from small_fleet import number, property_page
 

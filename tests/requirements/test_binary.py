@@ -8,10 +8,11 @@ import httpx
 import pyshacl
 import pytest
 import rdflib
-from actor import Actor, stage
-from browser import HYBRIT, LF, ROS, SOSA, Browser, Page, links
 from rdflib import Namespace
 from rdflib.collection import Collection
+
+from actor import Actor, stage
+from browser import HYBRIT, LF, ROS, SOSA, Browser, Page, links
 from running import eventually
 from small_fleet import Place
 from subscribers import Socket, Theatre, theatre

@@ -6,13 +6,14 @@ from pathlib import Path
 import pyshacl
 import pytest
 import rdflib
+from walk import WALKED, Visited, Walk, walk
+
 from browser import HYBRIT, LF, SH, VOM, Browser
 from commanding import begun, control, post, put, slowly
-from walk import WALKED, Visited, Walk, walk
 
 pytestmark = pytest.mark.virtual
 ROBOTS = WALKED
-_SHAPES = Path(__file__).parents[2] / "shapes"
+_SHAPES = Path(__file__).parents[2] / "shapes" / "linked_fleet_shapes"
 
 
 def _blueprint(tree: Walk, page: Visited) -> rdflib.Graph:

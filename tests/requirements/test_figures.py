@@ -4,10 +4,11 @@ from pathlib import Path
 
 import pytest
 import rdflib
-from browser import DCTERMS, HYBRIT, LF, RDFS, SH, VOM, Browser
 from rdflib import BNode, Literal, URIRef
 from rdflib.collection import Collection
 from rdflib.compare import graph_diff, isomorphic, to_isomorphic
+
+from browser import DCTERMS, HYBRIT, LF, RDFS, SH, VOM, Browser
 
 pytestmark = pytest.mark.virtual
 _GOLDEN = Path(__file__).parents[1] / "golden"

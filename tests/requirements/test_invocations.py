@@ -5,11 +5,12 @@ from collections.abc import Callable
 
 import pytest
 import rdflib
-from browser import HYBRIT, LF, MATHS, SH, VOM, Browser
-from commanding import PREFIXES, TURTLE, ended
 from rdflib import URIRef
 from rdflib.collection import Collection
 from walk import WALKED, Visited, Walk
+
+from browser import HYBRIT, LF, MATHS, SH, VOM, Browser
+from commanding import PREFIXES, TURTLE, ended
 
 pytestmark = pytest.mark.virtual
 ROBOTS = WALKED

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 import httpx
 import pytest
 import rdflib
-from browser import DCTERMS, HYBRIT, LF, RDFS, SOSA, VOM
 from pyoxigraph import BlankNode, CanonicalizationAlgorithm, Dataset, RdfFormat, Triple, parse
 from rdflib import RDF, URIRef
 from walk import WALKED, Walk
+
+from browser import DCTERMS, HYBRIT, LF, RDFS, SOSA, VOM
 
 pytestmark = pytest.mark.virtual
 ROBOTS = WALKED
@@ -77,7 +78,7 @@ def test_r1_5_terms_are_standard_or_described(tree: Walk) -> None:
     The input of an invocation is the client's: terms of other vocabularies stay in it.
     """
     described = rdflib.Graph().parse(
-        data=(importlib.resources.files("shapes") / "vocabulary.ttl").read_text(), format="turtle"
+        data=(importlib.resources.files("linked_fleet_shapes") / "vocabulary.ttl").read_text(), format="turtle"
     )
     known = {str(subject) for subject in described.subjects()}
     for page in tree:

@@ -6,9 +6,10 @@ from urllib.parse import urlsplit
 
 import httpx
 import pytest
-from browser import HTTP, HYBRIT, LDP, LF, RDFS, links
 from rdflib import RDF, URIRef
 from walk import WALKED, Visited, Walk
+
+from browser import HTTP, HYBRIT, LDP, LF, RDFS, links
 
 pytestmark = pytest.mark.virtual
 ROBOTS = WALKED

@@ -7,6 +7,8 @@ from pathlib import Path
 import httpx
 import pytest
 import rdflib
+from rdflib import URIRef
+
 from browser import DCTERMS, HYBRIT, LDP, LF, RDFS, VOM, Browser, Page
 from commanding import (
     PAN,
@@ -25,7 +27,6 @@ from commanding import (
     problem,
     put,
 )
-from rdflib import URIRef
 from redis_servers import single
 from running import eventually
 from several import Gateway, gateway, gateways, hub

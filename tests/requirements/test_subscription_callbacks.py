@@ -9,9 +9,10 @@ from urllib.parse import urlsplit
 
 import httpx
 import pytest
-from browser import HYBRIT, LF, links
 from rdflib import RDF, XSD, Literal, URIRef
 from rdflib.compare import isomorphic
+
+from browser import HYBRIT, LF, links
 from receivers import CallbackReceiver, Seen, receiving
 from running import eventually
 from small_fleet import Place

@@ -7,8 +7,9 @@ from pathlib import Path
 import httpx
 import pytest
 import rdflib
-from browser import DCTERMS, HYBRIT, LDP, LF, ROS, SH, Browser, links
 from rdflib import RDF, XSD, Literal, URIRef
+
+from browser import DCTERMS, HYBRIT, LDP, LF, ROS, SH, Browser, links
 from receivers import receiving
 from running import eventually
 from small_fleet import Place

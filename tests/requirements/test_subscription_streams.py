@@ -8,10 +8,12 @@ from urllib.parse import urlsplit
 
 import pytest
 import rdflib
-from browser import DCTERMS, HYBRIT, LF, ROS, Browser
-from conftest import RunningFleet
 from rdflib import URIRef
 from rdflib.compare import isomorphic
+
+from browser import DCTERMS, HYBRIT, LF, ROS, Browser
+from conftest import RunningFleet
+from linked_fleet_agent.wire.codec import decode_state
 from running import eventually
 from small_fleet import Place, move
 from subscribers import (
@@ -29,8 +31,6 @@ from subscribers import (
     refused,
     theatre,
 )
-
-from agents.wire.codec import decode_state
 
 pytestmark = pytest.mark.virtual
 

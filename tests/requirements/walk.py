@@ -10,9 +10,10 @@ from functools import cached_property
 import httpx
 import pyoxigraph
 import rdflib
+from rdflib import RDF, URIRef
+
 from browser import HYBRIT, LDP, LF, ROS, TURTLE, links
 from graphs import graph_of, triples_of
-from rdflib import RDF, URIRef
 
 WALKED = ("panda", "ur5")
 """Revolute and prismatic joints, a gripper, a mimic joint; all five robots have 6,000 resources."""

@@ -2,12 +2,11 @@
 
 import itertools
 
+from linked_fleet_gateway.extensions.query.messages import Instead
+from linked_fleet_gateway.extensions.rules.causes import KEPT_S, SETTLING_S, Causes, Look, Question, state_of
+from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Known, Rule
+from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
 from pictured import Pictured
-
-from gateway.extensions.query.messages import Instead
-from gateway.extensions.rules.causes import KEPT_S, SETTLING_S, Causes, Look, Question, state_of
-from gateway.extensions.rules.rule import Firing, FiringState, Known, Rule
-from gateway.fleet.invocation import Invocation, InvocationState
 
 IDS = map(str, itertools.count())
 

@@ -3,7 +3,7 @@
 import pytest
 from pyoxigraph import BlankNode, Literal, NamedNode
 
-from gateway.extensions.rules.edges import MOST_ROWS, Unusable, edge, holding
+from linked_fleet_gateway.extensions.rules.edges import MOST_ROWS, Unusable, edge, holding
 
 ONE = {"arm": NamedNode("http://fleet/one"), "angle": Literal(1.0)}
 OTHER = {"arm": NamedNode("http://fleet/other"), "angle": Literal(1.0)}

@@ -5,16 +5,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import pytest
+
 from browser import LDP, LF, Browser
 from commanding import angle, begun, of_joint, post, radian
+from linked_fleet_gateway.extensions.rules.loops import FIRINGS, WITHIN_S, reason_to_disable, self_caused
+from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Known, Rule
 from redis_servers import single
 from ruling import BY_SIDE, TO_TARGET, a_rule, container, fired, posted, put, sides
 from running import eventually, process
 from several import Gateway, Hub, gateways, hub
 from small_fleet import live
-
-from gateway.extensions.rules.loops import FIRINGS, WITHIN_S, reason_to_disable, self_caused
-from gateway.extensions.rules.rule import Firing, FiringState, Known, Rule
 
 pytestmark = pytest.mark.virtual
 SECOND = 10**9
@@ -104,7 +104,7 @@ class Scene:
 @pytest.fixture(scope="module")
 def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
     with single(tmp_path_factory.mktemp("redis")) as memory, hub() as centre, contextlib.ExitStack() as stack:
-        stack.enter_context(process("-m", "agents", "--robot=ur5", "--connect", centre.endpoint))
+        stack.enter_context(process("-m", "linked_fleet_agent", "--robot=ur5", "--connect", centre.endpoint))
         one, other = stack.enter_context(gateways(centre, memory.url))
         for each in (one, other):
             live(each.browser, "ur5")

@@ -3,9 +3,10 @@
 from collections.abc import Iterator
 
 import pytest
+from rdflib import URIRef
+
 from browser import LDP, LF, Browser
 from guarded import ALL, HIDDEN, SEEN, Guarded, guarded
-from rdflib import URIRef
 from ruling import a_rule, container, fired, firings, post, posted, put, sides
 from running import eventually
 from small_fleet import move

@@ -9,18 +9,18 @@ import httpx
 import pyshacl
 import pytest
 import rdflib
-from browser import HYBRIT, LDP, LF, SH, Browser, Page
 from rdflib import URIRef
+
+from browser import HYBRIT, LDP, LF, SH, Browser, Page
+from linked_fleet_gateway.extensions.rules.rule import Known, Rule
+from linked_fleet_gateway.extensions.rules.service import Rules
+from linked_fleet_gateway.extensions.rules.store import Changed
 from receivers import receiving
 from redis_servers import Servers, single
 from ruling import BEGIN, BY_SIDE, TO_TARGET, TURTLE, a_rule, container, fired, firings, post, posted, put, sides
 from running import eventually, process
 from several import Gateway, Hub, gateway, gateways, hub
 from small_fleet import live
-
-from gateway.extensions.rules.rule import Known, Rule
-from gateway.extensions.rules.service import Rules
-from gateway.extensions.rules.store import Changed
 
 pytestmark = pytest.mark.virtual
 
@@ -55,7 +55,7 @@ class Scene:
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
     with single(tmp_path_factory.mktemp("redis")) as memory, hub() as centre, contextlib.ExitStack() as stack:
-        stack.enter_context(process("-m", "agents", "--robot=ur5", "--connect", centre.endpoint))
+        stack.enter_context(process("-m", "linked_fleet_agent", "--robot=ur5", "--connect", centre.endpoint))
         one, other = stack.enter_context(gateways(centre, memory.url))
         for each in (one, other):
             live(each.browser, "ur5")
@@ -242,7 +242,7 @@ def test_rules_go_on_whichever_gateway_dies(tmp_path_factory: pytest.TempPathFac
     with single(tmp_path_factory.mktemp("redis")) as memory, hub() as centre:
         flags = ("--redis-url", memory.url)
         with (
-            process("-m", "agents", "--robot=ur5", "--connect", centre.endpoint),
+            process("-m", "linked_fleet_agent", "--robot=ur5", "--connect", centre.endpoint),
             gateway(centre, *flags) as one,
             gateway(centre, *flags) as other,
         ):

@@ -6,14 +6,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
-from shacl_findings import EX, compiled_finds, pyshacl_finds, pyshacl_reports, reported, to_rdflib, turtle
 
-from gateway.rdf.graph import Graph, integer
-from gateway.rdf.shapes import load
-from gateway.rdf.vocabulary import HYBRIT, LF, VOM, XSD
-from gateway.shacl import compile_graph
-from gateway.shacl.check import MOST
-from gateway.shacl.terms import RDF, RDFS, SHACL, Node, Term
+from linked_fleet_gateway.rdf.graph import Graph, integer
+from linked_fleet_gateway.rdf.shapes import load
+from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF, VOM, XSD
+from linked_fleet_gateway.shacl import compile_graph
+from linked_fleet_gateway.shacl.check import MOST
+from linked_fleet_gateway.shacl.terms import RDF, RDFS, SHACL, Node, Term
+from shacl_findings import EX, compiled_finds, pyshacl_finds, pyshacl_reports, reported, to_rdflib, turtle
 
 
 def _literal(text: str, datatype: NamedNode) -> Literal:

@@ -6,11 +6,11 @@ import sys
 import pytest
 import rdflib
 from pyoxigraph import Literal, NamedNode, Triple
-from shacl_findings import EX, compiled_finds, turtle, unrepaired_pyshacl_finds
 
-from gateway.rdf.graph import Graph, integer
-from gateway.shacl import Unsupported, compile_graph, compile_shape
-from gateway.shacl.terms import SHACL, XSD, Term
+from linked_fleet_gateway.rdf.graph import Graph, integer
+from linked_fleet_gateway.shacl import Unsupported, compile_graph, compile_shape
+from linked_fleet_gateway.shacl.terms import SHACL, XSD, Term
+from shacl_findings import EX, compiled_finds, turtle, unrepaired_pyshacl_finds
 
 
 def _literal(text: str, datatype: NamedNode) -> Literal:
@@ -189,7 +189,11 @@ def test_what_constrains_nothing_is_passed_over() -> None:
 
 def test_the_package_stands_alone() -> None:
     """It loads nothing of the gateway beside itself, and no validator."""
-    said = "import sys, gateway.shacl; print(*sys.modules)"
+    said = "import sys, linked_fleet_gateway.shacl; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, check=True).stdout.split()
-    assert {name for name in loaded if name.startswith("gateway.") and not name.startswith("gateway.shacl")} == set()
-    assert not {"agents", "rdflib", "pyshacl", "asyncio"}.intersection(loaded)
+    assert {
+        name
+        for name in loaded
+        if name.startswith("linked_fleet_gateway.") and not name.startswith("linked_fleet_gateway.shacl")
+    } == set()
+    assert not {"linked_fleet_agent", "rdflib", "pyshacl", "asyncio"}.intersection(loaded)

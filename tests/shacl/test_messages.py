@@ -2,13 +2,13 @@
 
 import pytest
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
-from shacl_findings import EX, turtle
 
-from gateway.rdf.graph import integer
-from gateway.rdf.vocabulary import PREFIXES, VOM
-from gateway.shacl import Data, Violation, compile_shape, report
-from gateway.shacl.report import Words, brief
-from gateway.shacl.terms import SHACL, XSD
+from linked_fleet_gateway.rdf.graph import integer
+from linked_fleet_gateway.rdf.vocabulary import PREFIXES, VOM
+from linked_fleet_gateway.shacl import Data, Violation, compile_shape, report
+from linked_fleet_gateway.shacl.report import Words, brief
+from linked_fleet_gateway.shacl.terms import SHACL, XSD
+from shacl_findings import EX, turtle
 
 _WORDS = Words(PREFIXES)
 

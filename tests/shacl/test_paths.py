@@ -1,6 +1,7 @@
 """The values that paths of compiled shapes lead to; pySHACL is asked as well."""
 
 import pytest
+
 from shacl_findings import EX, compiled_finds, pyshacl_finds, turtle
 
 _BODY = """ex:body ex:p ex:a , ex:b ; ex:q ex:c .

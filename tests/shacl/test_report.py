@@ -6,15 +6,15 @@ from itertools import pairwise
 import pyshacl
 import pytest
 import rdflib
-from graphs import graph_of
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
-from shacl_findings import EX, turtle
 
-from gateway.rdf.graph import integer
-from gateway.rdf.vocabulary import LF, PREFIXES, VOM
-from gateway.shacl import CompiledShape, Data, Violation, compile_shape, report
-from gateway.shacl.check import MOST
-from gateway.shacl.terms import SHACL, XSD, Term
+from graphs import graph_of
+from linked_fleet_gateway.rdf.graph import integer
+from linked_fleet_gateway.rdf.vocabulary import LF, PREFIXES, VOM
+from linked_fleet_gateway.shacl import CompiledShape, Data, Violation, compile_shape, report
+from linked_fleet_gateway.shacl.check import MOST
+from linked_fleet_gateway.shacl.terms import SHACL, XSD, Term
+from shacl_findings import EX, turtle
 
 _BODY, _SHAPE = EX.body, EX.Shape
 _TARGETS = """ex:Shape sh:property [ sh:path lf:target ; sh:minCount 1 ; sh:or (

@@ -11,10 +11,10 @@ from urllib.parse import unquote
 
 import pytest
 from pyoxigraph import NamedNode, RdfFormat, Triple, parse
-from shacl_findings import pyshacl_reports, reported, results
 
-from gateway.shacl import Data, Unsupported, compile_graph
-from gateway.shacl.terms import RDF, Namespace, Node, Term
+from linked_fleet_gateway.shacl import Data, Unsupported, compile_graph
+from linked_fleet_gateway.shacl.terms import RDF, Namespace, Node, Term
+from shacl_findings import pyshacl_reports, reported, results
 
 _ROOT = Path(__file__).parents[2]
 _SUITE = _ROOT / "build/shacl-suite/core"
@@ -81,5 +81,5 @@ def test_the_page_tells_what_is_passed_and_what_is_refused() -> None:
         refused = list(filter(None, found))
         why = ", ".join(dict.fromkeys(refused))
         rows.append(f"| {component} | {len(found) - len(refused)} | {len(refused) or ''} | {why} |\n")
-    page = (_ROOT / "gateway/shacl/CONFORMANCE.md").read_text()
+    page = (_ROOT / "gateway/linked_fleet_gateway/shacl/CONFORMANCE.md").read_text()
     assert "".join(rows) in page, "".join(rows)

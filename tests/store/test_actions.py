@@ -5,12 +5,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import pytest
+
+from linked_fleet_gateway.actions.redis_keys import Keys
+from linked_fleet_gateway.actions.store import KEPT_S, ActionStore
+from linked_fleet_gateway.fleet.invocations import InvocationState
 from redis_backends import Backend, opened
 from stored import an_invocation, ended, until
-
-from gateway.actions.redis_keys import Keys
-from gateway.actions.store import KEPT_S, ActionStore
-from gateway.fleet.invocations import InvocationState
 
 KEYS = Keys()
 

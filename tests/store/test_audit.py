@@ -5,12 +5,12 @@ import logging
 from collections.abc import Iterator
 
 import pytest
+
+from linked_fleet_gateway.runtime import audit_log as audit_module
+from linked_fleet_gateway.runtime.audit_log import PAGE, Audit, Entry
+from linked_fleet_gateway.runtime.redis import StoreUnavailable
 from redis_backends import Backend, opened
 from stored import served, until
-
-from gateway.runtime import audit_log as audit_module
-from gateway.runtime.audit_log import PAGE, Audit, Entry
-from gateway.runtime.redis import StoreUnavailable
 
 
 @pytest.fixture

@@ -6,11 +6,19 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+
+from linked_fleet_gateway.resources.subscription import (
+    Changeable,
+    Delivery,
+    DeliveryState,
+    Depth,
+    Kind,
+    Record,
+    Subscription,
+)
+from linked_fleet_gateway.subscriptions.store import Backlog, News, Store
 from redis_backends import Backend, opened
 from stored import LIMIT, OUTGOING, a_subscription, adopted, held
-
-from gateway.resources.subscription import Changeable, Delivery, DeliveryState, Depth, Kind, Record, Subscription
-from gateway.subscriptions.store import Backlog, News, Store
 
 
 @pytest.fixture

@@ -5,10 +5,10 @@ import logging
 from collections.abc import Iterator
 
 import pytest
+
+from linked_fleet_gateway.runtime.redis import BadUrl, Connection, StoreUnavailable
 from redis_backends import Backend, opened
 from stored import closing, served
-
-from gateway.runtime.redis import BadUrl, Connection, StoreUnavailable
 
 _ROUNDS, _AT_ONCE = 50, 12
 

@@ -10,14 +10,14 @@ from urllib.parse import unquote
 
 import pytest
 import redis
-from damaged import DAMAGES, cut_tail, write_data
 from redis.backoff import NoBackoff
 from redis.retry import Retry
-from running import PATIENCE_S
 
-from gateway.runtime import damaged_data as damage
-from gateway.runtime import embedded_redis as embedded
-from gateway.runtime.embedded_redis import Embedded
+from damaged import DAMAGES, cut_tail, write_data
+from linked_fleet_gateway.runtime import damaged_data as damage
+from linked_fleet_gateway.runtime import embedded_redis as embedded
+from linked_fleet_gateway.runtime.embedded_redis import Embedded
+from running import PATIENCE_S
 
 pytestmark = [pytest.mark.processes, pytest.mark.usefixtures("patient")]
 

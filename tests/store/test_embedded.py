@@ -19,17 +19,17 @@ import pytest
 import redis
 from redis.backoff import NoBackoff
 from redis.retry import Retry
-from running import PATIENCE_S, process
 
-from gateway.runtime import embedded_redis as embedded
-from gateway.runtime.embedded_redis import Embedded
-from gateway.subscriptions.store import Store
+from linked_fleet_gateway.runtime import embedded_redis as embedded
+from linked_fleet_gateway.runtime.embedded_redis import Embedded
+from linked_fleet_gateway.subscriptions.store import Store
+from running import PATIENCE_S, process
 
 pytestmark = [pytest.mark.processes, pytest.mark.usefixtures("patient")]
 GATEWAY = textwrap.dedent("""
     import asyncio, sys
     from pathlib import Path
-    from gateway.runtime.embedded_redis import Embedded
+    from linked_fleet_gateway.runtime.embedded_redis import Embedded
 
     async def main():
         async with Embedded(Path(sys.argv[1])):

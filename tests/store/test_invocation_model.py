@@ -11,13 +11,21 @@ from typing import Any
 import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, invariant, precondition, rule
+
+from linked_fleet_gateway.actions import store as store_module
+from linked_fleet_gateway.actions.redis_keys import Keys
+from linked_fleet_gateway.actions.store import (
+    ActionStore,
+    Full,
+    KeyReused,
+    Lease,
+    LeaseHeld,
+    LeaseOver,
+    StoreUnavailable,
+)
+from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, InvocationState
 from redis_backends import Backend, Memory, hold_to
 from stored import an_invocation, served
-
-from gateway.actions import store as store_module
-from gateway.actions.redis_keys import Keys
-from gateway.actions.store import ActionStore, Full, KeyReused, Lease, LeaseHeld, LeaseOver, StoreUnavailable
-from gateway.fleet.invocations import FLEET, Invocation, InvocationState
 
 KEPT = 3
 _S, _LOOK_S, _COUNTED_S = 10**9, 2.0, 2.5

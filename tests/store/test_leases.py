@@ -7,13 +7,13 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+
+from linked_fleet_gateway.actions.redis_keys import Keys
+from linked_fleet_gateway.actions.store import ActionStore, LeaseHeld, News, StoreUnavailable
+from linked_fleet_gateway.fleet.invocations import FLEET
 from redis_backends import Backend, opened
 from running import PATIENCE_S
 from stored import an_invocation, ended, served, until
-
-from gateway.actions.redis_keys import Keys
-from gateway.actions.store import ActionStore, LeaseHeld, News, StoreUnavailable
-from gateway.fleet.invocations import FLEET
 
 HOSTILE = ["arm 2/left", "@fleet", "{@fleet}", "}{", "..", "später", "x\r\nFLUSHALL\r\n", "\0", "*", "a" * 128]
 

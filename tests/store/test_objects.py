@@ -6,17 +6,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import pytest
+
+from linked_fleet_gateway.app.application import new_live
+from linked_fleet_gateway.app.settings import GatewaySettings
+from linked_fleet_gateway.extensions.world import store as store_module
+from linked_fleet_gateway.extensions.world.replicated_objects import Objects
+from linked_fleet_gateway.extensions.world.scene import SceneObject, Sphere
+from linked_fleet_gateway.extensions.world.store import Changed, Full, ObjectStore, digest
+from linked_fleet_gateway.fleet.model import Pose
 from redis_backends import Backend
 from stored import until
 from virtual.zenoh_network import ZenohNetwork
-
-from gateway.app.application import new_live
-from gateway.app.settings import GatewaySettings
-from gateway.extensions.world import store as store_module
-from gateway.extensions.world.replicated_objects import Objects
-from gateway.extensions.world.scene import SceneObject, Sphere
-from gateway.extensions.world.store import Changed, Full, ObjectStore, digest
-from gateway.fleet.model import Pose
 
 NOWHERE = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 

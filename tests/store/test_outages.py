@@ -8,18 +8,18 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+
+from linked_fleet_gateway.actions.store import ActionStore
+from linked_fleet_gateway.extensions.rules.rule import Known
+from linked_fleet_gateway.extensions.rules.store import RuleStore
+from linked_fleet_gateway.extensions.sessions.ended_sessions import EndedSessions
+from linked_fleet_gateway.extensions.sessions.session_key import SessionKey
+from linked_fleet_gateway.extensions.world.store import ObjectStore
+from linked_fleet_gateway.resources.subscription import Delivery
+from linked_fleet_gateway.runtime.redis import StoreUnavailable
+from linked_fleet_gateway.subscriptions.store import LEASE_S, Store
 from redis_backends import Backend, Memory
 from stored import LIMIT, OUTGOING, a_rule, a_subscription, an_invocation, ended, held, listed, served
-
-from gateway.actions.store import ActionStore
-from gateway.extensions.rules.rule import Known
-from gateway.extensions.rules.store import RuleStore
-from gateway.extensions.sessions.ended_sessions import EndedSessions
-from gateway.extensions.sessions.session_key import SessionKey
-from gateway.extensions.world.store import ObjectStore
-from gateway.resources.subscription import Delivery
-from gateway.runtime.redis import StoreUnavailable
-from gateway.subscriptions.store import LEASE_S, Store
 
 Call = Callable[[], Awaitable[object]]
 

@@ -12,13 +12,13 @@ from typing import Any
 import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, initialize, invariant, precondition, rule
+
+from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Kind, Subscription
+from linked_fleet_gateway.subscriptions.records import read_entry
+from linked_fleet_gateway.subscriptions.redis_keys import Keys
+from linked_fleet_gateway.subscriptions.store import LEASE_S, Backlog, Entry, Lost, Outgoing, Store, StoreUnavailable
 from redis_backends import Backend, Memory, hold_to
 from stored import LIMIT, CrashedError, a_subscription, adopted, crash_after, held, listed
-
-from gateway.resources.subscription import Delivery, DeliveryState, Kind, Subscription
-from gateway.subscriptions.records import read_entry
-from gateway.subscriptions.redis_keys import Keys
-from gateway.subscriptions.store import LEASE_S, Backlog, Entry, Lost, Outgoing, Store, StoreUnavailable
 
 OWNER = "/baxter/right_s1"
 WAITING = Delivery(DeliveryState.WAITING)

@@ -5,15 +5,15 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+
+from linked_fleet_gateway.resources.subscription import Delivery, Kind
+from linked_fleet_gateway.subscriptions.redis_keys import Keys
+from linked_fleet_gateway.subscriptions.store import Store, StoreUnavailable
 from redis_backends import Memory, Real, opened
 from redis_servers import Server, Servers, cluster_replicated, single_replicated
 from running import eventually
 from stored import LIMIT, a_subscription, held, listed
 from virtual.loop import virtual_time
-
-from gateway.resources.subscription import Delivery, Kind
-from gateway.subscriptions.redis_keys import Keys
-from gateway.subscriptions.store import Store, StoreUnavailable
 
 KEYS = Keys()
 OWNER = "/baxter/right_s1"

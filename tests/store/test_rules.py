@@ -6,12 +6,12 @@ from itertools import count
 from typing import Any
 
 import pytest
+
+from linked_fleet_gateway.extensions.rules import store as store_module
+from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Known, Rule
+from linked_fleet_gateway.extensions.rules.store import Changed, Crowded, Full, Lost, RuleStore
 from redis_backends import Backend, opened
 from stored import HOSTILE, a_rule, closing
-
-from gateway.extensions.rules import store as store_module
-from gateway.extensions.rules.rule import Firing, FiringState, Known, Rule
-from gateway.extensions.rules.store import Changed, Crowded, Full, Lost, RuleStore
 
 
 @pytest.fixture

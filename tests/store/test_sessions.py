@@ -6,14 +6,14 @@ from collections.abc import Iterator
 from contextlib import aclosing
 
 import pytest
+
+from linked_fleet_gateway.extensions.sessions.ended_sessions import EndedSessions
+from linked_fleet_gateway.extensions.sessions.sealed_cookie import Session, new_session
+from linked_fleet_gateway.extensions.sessions.session_key import SessionKey
+from linked_fleet_gateway.identity.rights import TokenHash
+from linked_fleet_gateway.runtime.redis import StoreUnavailable
 from redis_backends import Backend, opened
 from stored import served
-
-from gateway.extensions.sessions.ended_sessions import EndedSessions
-from gateway.extensions.sessions.sealed_cookie import Session, new_session
-from gateway.extensions.sessions.session_key import SessionKey
-from gateway.identity.rights import TokenHash
-from gateway.runtime.redis import StoreUnavailable
 
 
 @pytest.fixture

@@ -5,6 +5,10 @@ from collections.abc import AsyncIterator, Iterator
 from contextlib import aclosing
 
 import pytest
+
+from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Depth, Kind
+from linked_fleet_gateway.subscriptions.redis_keys import Keys
+from linked_fleet_gateway.subscriptions.store import Backlog, Lost, News, Store, TooMany
 from redis_backends import Backend, opened
 from stored import (
     LIMIT,
@@ -19,10 +23,6 @@ from stored import (
     listed,
     served,
 )
-
-from gateway.resources.subscription import Delivery, DeliveryState, Depth, Kind
-from gateway.subscriptions.redis_keys import Keys
-from gateway.subscriptions.store import Backlog, Lost, News, Store, TooMany
 
 NEWS = Keys().news
 

@@ -7,6 +7,10 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+
+from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Kind, Record, Subscription
+from linked_fleet_gateway.subscriptions.redis_keys import Keys
+from linked_fleet_gateway.subscriptions.store import LEASE_S, Lost, News, Store, TooMany
 from redis_backends import Backend, opened
 from stored import (
     LIMIT,
@@ -20,10 +24,6 @@ from stored import (
     listed,
     until,
 )
-
-from gateway.resources.subscription import Delivery, DeliveryState, Kind, Record, Subscription
-from gateway.subscriptions.redis_keys import Keys
-from gateway.subscriptions.store import LEASE_S, Lost, News, Store, TooMany
 
 NEWS = Keys().news
 

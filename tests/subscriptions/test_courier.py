@@ -14,22 +14,22 @@ from ipaddress import IPv4Network
 from typing import Any
 
 import pytest
+
+from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Kind, Record, Subscription
+from linked_fleet_gateway.resources.versioning import Source
+from linked_fleet_gateway.subscriptions import courier as courier_module
+from linked_fleet_gateway.subscriptions import redis_scripts as scripts
+from linked_fleet_gateway.subscriptions.courier import Courier
+from linked_fleet_gateway.subscriptions.fan_out import FanOut
+from linked_fleet_gateway.subscriptions.network import Address, Network
+from linked_fleet_gateway.subscriptions.receiver import Receiver
+from linked_fleet_gateway.subscriptions.retry import SUSPEND_AFTER
+from linked_fleet_gateway.subscriptions.store import Outgoing, Store, StoreUnavailable
 from receivers import Answer, Seen, consents, receiving, retry_after
 from receivers import Receiver as CallbackReceiver
 from redis_servers import single
 from running import PATIENCE_S
-
-from gateway.resources.resource import Resource
-from gateway.resources.subscription import Delivery, DeliveryState, Kind, Record, Subscription
-from gateway.resources.versioning import Source
-from gateway.subscriptions import courier as courier_module
-from gateway.subscriptions import redis_scripts as scripts
-from gateway.subscriptions.courier import Courier
-from gateway.subscriptions.fan_out import FanOut
-from gateway.subscriptions.network import Address, Network
-from gateway.subscriptions.receiver import Receiver
-from gateway.subscriptions.retry import SUSPEND_AFTER
-from gateway.subscriptions.store import Outgoing, Store, StoreUnavailable
 
 pytestmark = pytest.mark.virtual
 PATH = "/toy/elbow/rotation"

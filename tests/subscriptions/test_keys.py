@@ -5,8 +5,8 @@ import uuid
 
 import pytest
 
-from gateway.actions.redis_keys import Keys as ActionKeys
-from gateway.subscriptions.redis_keys import Key, Keys
+from linked_fleet_gateway.actions.redis_keys import Keys as ActionKeys
+from linked_fleet_gateway.subscriptions.redis_keys import Key, Keys
 
 
 def test_every_key_is_parsed_as_it_was_built() -> None:

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.subscriptions.network import (
+from linked_fleet_gateway.subscriptions.network import (
     Address,
     Forbidden,
     Lookup,

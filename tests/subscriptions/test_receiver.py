@@ -8,13 +8,13 @@ from ipaddress import IPv4Network, IPv6Network
 from typing import TypeVar
 
 import pytest
+
+from linked_fleet_gateway.subscriptions.network import Forbidden, Lookup, Network, system_lookup
+from linked_fleet_gateway.subscriptions.receiver import Consent, NoConsent, Outcome, Receiver, Verdict
 from receivers import Answer, consents, receiving, redirect, retry_after
 from receivers import Receiver as CallbackReceiver
 from running import free_port
 from virtual.loop import current
-
-from gateway.subscriptions.network import Forbidden, Lookup, Network, system_lookup
-from gateway.subscriptions.receiver import Consent, NoConsent, Outcome, Receiver, Verdict
 
 pytestmark = pytest.mark.virtual
 T = TypeVar("T")

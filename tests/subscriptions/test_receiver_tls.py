@@ -8,10 +8,10 @@ from ipaddress import IPv4Network
 from pathlib import Path
 
 import pytest
-from receivers import receiving
 
-from gateway.subscriptions.network import Network
-from gateway.subscriptions.receiver import Outcome, Receiver, Verdict
+from linked_fleet_gateway.subscriptions.network import Network
+from linked_fleet_gateway.subscriptions.receiver import Outcome, Receiver, Verdict
+from receivers import receiving
 
 pytestmark = pytest.mark.processes
 

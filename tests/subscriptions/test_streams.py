@@ -10,26 +10,26 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+
 from actor import joint, link, robot
+from linked_fleet_agent.wire.codec import encode_state, layout
+from linked_fleet_agent.wire.messages import WIRE_VERSION, Description, State
+from linked_fleet_gateway.fleet.events import Appeared, Described, Framed
+from linked_fleet_gateway.fleet.fleet import Fleet
+from linked_fleet_gateway.fleet.invocations import Invocations
+from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Kind, Subscription
+from linked_fleet_gateway.resources.tree import Tree
+from linked_fleet_gateway.subscriptions import service as service_module
+from linked_fleet_gateway.subscriptions import streams as streams_module
+from linked_fleet_gateway.subscriptions.fan_out import FanOut
+from linked_fleet_gateway.subscriptions.message import Ending, Message
+from linked_fleet_gateway.subscriptions.network import Network
+from linked_fleet_gateway.subscriptions.service import Subscriptions
+from linked_fleet_gateway.subscriptions.store import News, Store, StoreUnavailable, TooMany
+from linked_fleet_gateway.subscriptions.streams import Streams
+from linked_fleet_gateway.subscriptions.watcher import Watcher
 from redis_servers import Servers, single
 from running import PATIENCE_S
-
-from agents.wire.codec import encode_state, layout
-from agents.wire.messages import WIRE_VERSION, Description, State
-from gateway.fleet.events import Appeared, Described, Framed
-from gateway.fleet.fleet import Fleet
-from gateway.fleet.invocations import Invocations
-from gateway.resources.subscription import Delivery, DeliveryState, Kind, Subscription
-from gateway.resources.tree import Tree
-from gateway.subscriptions import service as service_module
-from gateway.subscriptions import streams as streams_module
-from gateway.subscriptions.fan_out import FanOut
-from gateway.subscriptions.message import Ending, Message
-from gateway.subscriptions.network import Network
-from gateway.subscriptions.service import Subscriptions
-from gateway.subscriptions.store import News, Store, StoreUnavailable, TooMany
-from gateway.subscriptions.streams import Streams
-from gateway.subscriptions.watcher import Watcher
 
 pytestmark = pytest.mark.virtual
 OWNER, PATH = "/r/elbow", "/r/elbow/rotation"

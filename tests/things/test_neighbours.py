@@ -6,6 +6,7 @@ from urllib.parse import quote
 
 import httpx
 import pytest
+
 from connections import websocket
 from running import PATIENCE_S, eventually
 from small_fleet import Place, live

@@ -6,6 +6,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+
 from running import PATIENCE_S
 from small_fleet import Place, live
 from wot import HERE, node

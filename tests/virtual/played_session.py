@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from agents.transport import Query
+from linked_fleet_agent.transport import Query
 from virtual.loop import VirtualLoop
 from virtual.zenoh_agent import AgentSession
 from virtual.zenoh_sessions import Declaration

@@ -12,16 +12,16 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-import agents.transport
-from agents.serving import make_agent, serve
-from agents.settings import SettingsError, read_settings
-from gateway.app.application import create_app, sockets_of
-from gateway.app.settings import GatewaySettings
-from gateway.http.server import Server
-from gateway.identity.roster import BadRoster
-from gateway.link.transport import LinkError, Session
-from gateway.runtime.log import formatter
-from gateway.runtime.redis import BadUrl
+import linked_fleet_agent.transport
+from linked_fleet_agent.serving import make_agent, serve
+from linked_fleet_agent.settings import SettingsError, read_settings
+from linked_fleet_gateway.app.application import create_app, sockets_of
+from linked_fleet_gateway.app.settings import GatewaySettings
+from linked_fleet_gateway.http.server import Server
+from linked_fleet_gateway.identity.roster import BadRoster
+from linked_fleet_gateway.link.transport import LinkError, Session
+from linked_fleet_gateway.runtime.log import formatter
+from linked_fleet_gateway.runtime.redis import BadUrl
 from virtual.confined import Confined, confined
 from virtual.loop import VirtualLoop, current
 from virtual.played_session import PlayedSession
@@ -83,14 +83,17 @@ def gateway_session(endpoint: str) -> Awaitable[Session]:
 
 
 class VirtualProcess:
-    """``-m gateway …`` or ``-m agents …`` in the loop; has the interface of ``running.Process``."""
+    """``-m linked_fleet_gateway`` or ``-m linked_fleet_agent`` in the loop; the interface is ``running.Process``."""
 
     def __init__(self, loop: VirtualLoop, arguments: Sequence[str]) -> None:
         self.lines: list[str] = []
         self._loop, self._world = loop, world(loop)
         _, module, *words = arguments
         self.name = f"{module} {next(_numbers)}"
-        start: dict[str, Callable[[list[str]], Awaitable[int]]] = {"gateway": self._gateway, "agents": self._agents}
+        start: dict[str, Callable[[list[str]], Awaitable[int]]] = {
+            "linked_fleet_gateway": self._gateway,
+            "linked_fleet_agent": self._agents,
+        }
         self._process = loop.confine(self.name)
         self._code: int | None = None
         self._logging = _Logging(self._process, self.lines)
@@ -179,7 +182,7 @@ class VirtualProcess:
             settings = read_settings(words, {}, "virtual")
             agents = [make_agent(settings, index) for index in range(len(settings.robots))]
         except SettingsError as error:
-            self.lines.append(f"agents: {error}\n")
+            self.lines.append(f"linked-fleet-agent: {error}\n")
             return 2
         serving = asyncio.create_task(serve(settings, agents, None, self._open_session))
         self._ending = serving.cancel
@@ -190,7 +193,7 @@ class VirtualProcess:
     @contextlib.asynccontextmanager
     async def _open_session(
         self, connect: tuple[str, ...], listen: tuple[str, ...] = (), lease_ms: int = 2_000, *_: object
-    ) -> AsyncIterator[agents.transport.Session]:
+    ) -> AsyncIterator[linked_fleet_agent.transport.Session]:
         session: AgentSession = self._world.network(connect or listen).agent(self.name, lease_ms / 1000)
         try:
             if not listen:  # a client is open when somebody answers

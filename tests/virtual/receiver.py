@@ -4,8 +4,8 @@ import asyncio
 import contextlib
 
 import h11
-from receiver_behaviour import Answer, Behaviour, Seen
 
+from receiver_behaviour import Answer, Behaviour, Seen
 from virtual.loop import PATIENCE_S, VirtualLoop
 from virtual.tcp import Listener
 

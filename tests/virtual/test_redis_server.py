@@ -6,7 +6,7 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from gateway.runtime.redis import Connection, StoreUnavailable
+from linked_fleet_gateway.runtime.redis import Connection, StoreUnavailable
 from virtual.loop import VirtualLoop, virtual_time
 from virtual.redis_server import RedisServer
 

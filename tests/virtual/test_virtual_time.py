@@ -9,7 +9,6 @@ from datetime import UTC
 import httpx
 import pytest
 import uvicorn
-from parallel import pool
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response, StreamingResponse
@@ -17,6 +16,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket as Accepted
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
+from parallel import pool
 from virtual.client import Connection, WebSocket, clients_in_memory
 from virtual.clock import Datetime
 from virtual.loop import NothingHappens, VirtualLoop, on_virtual_time, virtual_time

@@ -8,8 +8,8 @@ from collections.abc import Callable
 
 import pytest
 
-from agents.wire.keys import Keys
-from gateway.link.transport import Answer, Question
+from linked_fleet_agent.wire.keys import Keys
+from linked_fleet_gateway.link.transport import Answer, Question
 from virtual.confined import confined
 from virtual.loop import VirtualLoop, on_virtual_time
 from virtual.zenoh_agent import AgentSession

@@ -5,15 +5,15 @@ from collections.abc import Callable
 from functools import partial
 from typing import Self
 
-from agents.transport import Query, TransportError
-from agents.wire.traceparent import MAX_BYTES
-from gateway.link.transport import Answer, Question
+from linked_fleet_agent.transport import Query, TransportError
+from linked_fleet_agent.wire.traceparent import MAX_BYTES
+from linked_fleet_gateway.link.transport import Answer, Question
 from virtual.zenoh_connection import Connection
 from virtual.zenoh_sessions import Declaration, Session, bounded, intersects, peer_of
 
 
 class _Query:
-    """Implements ``agents.transport.Query``. ``tell`` sends answers, and None at the end."""
+    """Implements ``linked_fleet_agent.transport.Query``. ``tell`` sends answers, and None at the end."""
 
     def __init__(self, session: "AgentSession", question: Question, tell: Callable[[Answer | None], None]) -> None:
         self._session, self._loop, self._question = session, asyncio.get_running_loop(), question
@@ -49,7 +49,7 @@ class _Query:
 
 
 class _Publisher:
-    """Implements ``agents.transport.Publisher``."""
+    """Implements ``linked_fleet_agent.transport.Publisher``."""
 
     def __init__(self, session: "AgentSession", key: str, reliable: bool) -> None:
         self._session, self._key, self._reliable = session, key, reliable
@@ -68,7 +68,7 @@ class _Publisher:
 
 
 class AgentSession(Session):
-    """Implements ``agents.transport.Session``. ``met`` is set once it has been connected to a gateway."""
+    """Implements ``linked_fleet_agent.transport.Session``. ``met`` is set once it has been connected to a gateway."""
 
     error = TransportError
 

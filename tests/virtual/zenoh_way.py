@@ -7,7 +7,6 @@ from typing import Protocol
 from forwarder import way
 from running import Process
 from simulated import SIMULATED
-
 from virtual.loop import VirtualLoop, current
 
 

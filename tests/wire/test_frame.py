@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.wire import codec
-from agents.wire.codec import MAX_JOINTS, VersionError, WireError
-from agents.wire.messages import WIRE_VERSION, Base, State
+from linked_fleet_agent.wire import codec
+from linked_fleet_agent.wire.codec import MAX_JOINTS, VersionError, WireError
+from linked_fleet_agent.wire.messages import WIRE_VERSION, Base, State
 
 measured = st.floats(allow_infinity=False)
 three, four = st.tuples(*[measured] * 3), st.tuples(*[measured] * 4)

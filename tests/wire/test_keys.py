@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.wire.keys import Keys, RobotKey
+from linked_fleet_agent.wire.keys import Keys, RobotKey
 
 names = st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=32)
 namespaces = st.from_regex(r"[A-Za-z0-9_.-]{1,8}(/[A-Za-z0-9_.-]{1,8}){0,3}", fullmatch=True)

@@ -9,9 +9,9 @@ from typing import Any, get_args, get_type_hints
 
 import pytest
 
-from agents.wire import codec, keys, messages, pictures
-from agents.wire.keys import Keys, RobotKey
-from agents.wire.names import escape, unescape
+from linked_fleet_agent.wire import codec, keys, messages, pictures
+from linked_fleet_agent.wire.keys import Keys, RobotKey
+from linked_fleet_agent.wire.names import escape, unescape
 
 PAGE = (Path(codec.__file__).parent / "PROTOCOL.md").read_text()
 KINDS: dict[str, Any] = {

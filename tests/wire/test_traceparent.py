@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.wire import traceparent
-from agents.wire.traceparent import TraceParent
+from linked_fleet_agent.wire import traceparent
+from linked_fleet_agent.wire.traceparent import TraceParent
 
 TRACE, SPAN = "0af7651916cd43dd8448eb211c80319c", "b7ad6b7169203331"
 

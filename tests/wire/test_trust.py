@@ -3,11 +3,11 @@
 from pathlib import Path
 
 import pytest
-from certificates import made
 
-from agents.wire.access import common_name, of_agent, of_router
-from agents.wire.keys import Keys
-from agents.wire.trust import Credentials, open_to_all
+from certificates import made
+from linked_fleet_agent.wire.access import common_name, of_agent, of_router
+from linked_fleet_agent.wire.keys import Keys
+from linked_fleet_agent.wire.trust import Credentials, open_to_all
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,7 @@
 
 import pytest
 
-from agents.robots.ros2.address import Address, AddressError, Commanded, parse_address
+from linked_fleet_agent.robots.ros2.address import Address, AddressError, Commanded, parse_address
 
 AT = "ros2:tcp/192.0.2.1:7447"
 

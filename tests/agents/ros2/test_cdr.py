@@ -6,10 +6,10 @@ from contextlib import suppress
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from ros2_robot import STORE, joint_state, text
 
-from agents.robots.ros2 import cdr
-from agents.robots.ros2.cdr import CdrError, JointState
+from linked_fleet_agent.robots.ros2 import cdr
+from linked_fleet_agent.robots.ros2.cdr import CdrError, JointState
+from ros2_robot import STORE, joint_state, text
 
 # A JointState by hand, from the rules of plain CDR (OMG DDS-XTypes 1.3, 7.4.3.2; version 1): after four bytes of
 # encapsulation everything is aligned to its own size, and a string has its length with the NUL that ends it.

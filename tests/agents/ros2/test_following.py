@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from agents.robots.ros2.following import Follower, reached_in_s
+from linked_fleet_agent.robots.ros2.following import Follower, reached_in_s
 
 
 @pytest.fixture

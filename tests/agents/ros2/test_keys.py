@@ -2,8 +2,8 @@
 
 from zenoh import ext
 
-from agents.robots.ros2 import keys
-from agents.robots.ros2.keys import Node, Topic
+from linked_fleet_agent.robots.ros2 import keys
+from linked_fleet_agent.robots.ros2.keys import Node, Topic
 
 HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 

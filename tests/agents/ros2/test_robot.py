@@ -8,15 +8,15 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
+
 from certificates import made
 from driver_contract import check_driver
+from linked_fleet_agent.robot import RobotFaultError
+from linked_fleet_agent.robots.catalogue import UnavailableError, load
+from linked_fleet_agent.robots.ros2.address import AddressError, parse_address
+from linked_fleet_agent.robots.ros2.robot import Ros2Robot
 from ros2_robot import URDF, RosRobot, joint_state, text
 from running import eventually, free_port
-
-from agents.robot import RobotFaultError
-from agents.robots.catalogue import UnavailableError, load
-from agents.robots.ros2.address import AddressError, parse_address
-from agents.robots.ros2.robot import Ros2Robot
 
 pytestmark = pytest.mark.processes
 

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 
 import pytest
+
 from browser import LF, ROS, SPATIAL, Browser
 from ros2_robot import RosRobot
 from running import Process, eventually, free_port, process
@@ -21,7 +22,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
         robot = stack.enter_context(RosRobot(f"tcp/127.0.0.1:{free_port()}"))
         _, browser = stack.enter_context(place.gateway())
         source = f"--robot=arm=ros2:{robot.endpoint}?stale=3"
-        agent = stack.enter_context(process("-m", "agents", source, "--connect", place.zenoh))
+        agent = stack.enter_context(process("-m", "linked_fleet_agent", source, "--connect", place.zenoh))
         live(browser, "arm")
         yield browser, robot, agent
 

@@ -5,9 +5,9 @@ import math
 
 import pytest
 
-from agents.robot import RobotFaultError
-from agents.robots.ros2.cdr import JointState
-from agents.robots.ros2.states import JointStates
+from linked_fleet_agent.robot import RobotFaultError
+from linked_fleet_agent.robots.ros2.cdr import JointState
+from linked_fleet_agent.robots.ros2.states import JointStates
 
 UNKNOWN = math.nan
 

@@ -4,15 +4,15 @@ from typing import Any
 
 import pytest
 from pyoxigraph import NamedNode
-from shacl_findings import pyshacl_finds
 
-from gateway.actions.admission import admit
-from gateway.base.errors import UnprocessableContent
-from gateway.rdf.serialise import parse
-from gateway.rdf.shacl_validator import ShaclValidator
-from gateway.rdf.vocabulary import HYBRIT, SH, VOM
-from gateway.resources.action_body import written
-from gateway.shacl import Data, compile_shape
+from linked_fleet_gateway.actions.admission import admit
+from linked_fleet_gateway.base.errors import UnprocessableContent
+from linked_fleet_gateway.rdf.serialise import parse
+from linked_fleet_gateway.rdf.shacl_validator import ShaclValidator
+from linked_fleet_gateway.rdf.vocabulary import HYBRIT, SH, VOM
+from linked_fleet_gateway.resources.action_body import written
+from linked_fleet_gateway.shacl import Data, compile_shape
+from shacl_findings import pyshacl_finds
 
 _RANGE = '<limit lower="{}" upper="{}" velocity="1" effort="1"/>'
 _ROTATE = "/r/elbow/actions/rotate"

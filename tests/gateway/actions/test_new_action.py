@@ -10,14 +10,14 @@ from typing import Any
 import pytest
 from pyoxigraph import NamedNode, Triple
 
-from agents.wire.messages import Move
-from gateway.actions import handler_table as handlers
-from gateway.base.errors import UnprocessableContent
-from gateway.rdf import shapes
-from gateway.rdf.shacl_validator import ShaclValidator
-from gateway.rdf.vocabulary import HYBRIT, LF
-from gateway.resources.action_definition import definitions
-from gateway.resources.shape_parameters import COMPLETIONS
+from linked_fleet_agent.wire.messages import Move
+from linked_fleet_gateway.actions import handler_table as handlers
+from linked_fleet_gateway.base.errors import UnprocessableContent
+from linked_fleet_gateway.rdf import shapes
+from linked_fleet_gateway.rdf.shacl_validator import ShaclValidator
+from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF
+from linked_fleet_gateway.resources.action_definition import definitions
+from linked_fleet_gateway.resources.shape_parameters import COMPLETIONS
 
 _ROOT = Path(__file__).parents[3]
 _README = (_ROOT / "shapes" / "README.md").read_text(encoding="utf-8")
@@ -44,8 +44,8 @@ def _forget() -> None:
 @pytest.fixture
 def extended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """A copy of shapes/ with the file of step 1, the module of step 2 and the line of step 3."""
-    folder = tmp_path / "shapes"
-    shutil.copytree(_ROOT / "shapes", folder)
+    folder = tmp_path / "linked_fleet_shapes"
+    shutil.copytree(_ROOT / "shapes" / "linked_fleet_shapes", folder)
     (turtle,) = _blocks("turtle")
     (folder / "actions" / "centre.ttl").write_text(turtle, encoding="utf-8")
     module, line = _blocks("python")
@@ -125,6 +125,9 @@ def test_the_page_names_all_completions_and_files_that_there_are() -> None:
     assert {LF.terms[each] for each in re.findall(r"^\| `lf:(\w+)` \|", table, re.MULTILINE)} == set(COMPLETIONS)
     named = set(re.findall(r"`((?:gateway|shapes|tests)/[\w/.]+)`", _README))
     missing = {each for each in named if not (_ROOT / each).exists()}
-    assert missing == {"shapes/actions/centre.ttl", "gateway/actions/centre.py"}
+    assert missing == {
+        "shapes/linked_fleet_shapes/actions/centre.ttl",
+        "gateway/linked_fleet_gateway/actions/centre.py",
+    }
     files = re.findall(r"^\| `([\w/]+\.ttl)`", _README, re.MULTILINE)
-    assert all((_ROOT / "shapes" / each).exists() for each in files)
+    assert all((_ROOT / "shapes" / "linked_fleet_shapes" / each).exists() for each in files)

@@ -1,8 +1,8 @@
 """Open motions counted by client, those that are being begun as well."""
 
-from agents.wire.messages import WIRE_VERSION, Progress
-from gateway.actions.quota import Quota
-from gateway.fleet.invocations import Invocation, Invocations, InvocationState
+from linked_fleet_agent.wire.messages import WIRE_VERSION, Progress
+from linked_fleet_gateway.actions.quota import Quota
+from linked_fleet_gateway.fleet.invocations import Invocation, Invocations, InvocationState
 
 
 def _one(id: str, client: str = "ada", stops: tuple[str, ...] | None = None) -> Invocation:

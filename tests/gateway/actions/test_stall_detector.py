@@ -2,8 +2,8 @@
 
 import pytest
 
-from gateway.actions import stall_detector as alertness
-from gateway.actions.stall_detector import CATCH_UP_S, HELD_S, Alertness
+from linked_fleet_gateway.actions import stall_detector as alertness
+from linked_fleet_gateway.actions.stall_detector import CATCH_UP_S, HELD_S, Alertness
 
 
 def test_who_was_held_up_is_for_a_while(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,13 +9,13 @@ from signal import SIGHUP
 
 import httpx
 import pytest
-from certificates import made
-from running import free_port, process
 from websockets.sync.client import connect
 
-import gateway.__main__ as gateway
-from agents.settings import SettingsError, read_settings
-from gateway.app.exposure import complaints
+import linked_fleet_gateway.__main__ as gateway
+from certificates import made
+from linked_fleet_agent.settings import SettingsError, read_settings
+from linked_fleet_gateway.app.exposure import complaints
+from running import free_port, process
 
 
 @pytest.fixture(scope="module")
@@ -107,7 +107,7 @@ def test_the_fleet_is_served_over_tls(folder: Path, tmp_path: Path) -> None:
     root, trusted = f"https://127.0.0.1:{port}/", ssl.create_default_context(cafile=folder / "ca.pem")
     words = ("--port", str(port), "--zenoh-listen", zenoh, "--state-dir", str(tmp_path / "state"))
     files = [word for flag, path in pair.items() for word in (f"--tls-{flag}", str(path))]
-    with process("-m", "gateway", *words, *files) as served:
+    with process("-m", "linked_fleet_gateway", *words, *files) as served:
         served.said(f"serving {root}")
         with httpx.Client(verify=trusted) as http:
             answer = http.get(root, headers={"accept": "text/turtle"})

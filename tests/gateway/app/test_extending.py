@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from rdflib import URIRef
+
 from actor import Actor, stage
 from browser import HYBRIT, VOM, Browser, Page
-from rdflib import URIRef
 from running import eventually, process
 from small_fleet import Place
 

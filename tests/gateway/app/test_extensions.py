@@ -7,14 +7,14 @@ from pathlib import Path
 
 import httpx
 import pytest
+
+import linked_fleet_gateway.extensions
+from linked_fleet_gateway.app.extensions import BUILT_IN, ExtensionSettings, chosen
+from linked_fleet_gateway.app.settings import GatewaySettings
+from linked_fleet_gateway.extensions.history.settings import HistorySettings
+from linked_fleet_gateway.extensions.rules.settings import RuleSettings
 from running import process
 from small_fleet import Place
-
-import gateway.extensions
-from gateway.app.extensions import BUILT_IN, ExtensionSettings, chosen
-from gateway.app.settings import GatewaySettings
-from gateway.extensions.history.settings import HistorySettings
-from gateway.extensions.rules.settings import RuleSettings
 
 pytestmark = pytest.mark.virtual
 
@@ -25,8 +25,8 @@ _GRIPPER = """
     from contextlib import asynccontextmanager
     from dataclasses import dataclass
     from typing import ClassVar
-    from gateway.base.settings import Section, setting, whole_number
-    from gateway.http.extension import Extension, Mount
+    from linked_fleet_gateway.base.settings import Section, setting, whole_number
+    from linked_fleet_gateway.http.extension import Extension, Mount
 
     @dataclass(frozen=True)
     class GripperSettings(Section):
@@ -66,7 +66,7 @@ def names(*flags: str) -> list[str]:
 
 
 def test_every_folder_is_an_extension_of_its_name_and_each_comes_after_those_that_it_needs() -> None:
-    (path,) = gateway.extensions.__path__
+    (path,) = linked_fleet_gateway.extensions.__path__
     assert sorted(each.name for each in Path(path).iterdir() if (each / "__init__.py").exists()) == BUILT_NAMES
     assert [type(each).__module__.split(".")[2] for each in BUILT_IN] == BUILT_NAMES
     order = names()

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import httpx
 import pytest
-from actor import Actor, stage
-from browser import Browser
-from running import eventually, process
-from small_fleet import Place
 from walk import Walk, walk
 
-from client.conform.verdict import Outcome
-from gateway.app.extensions import BUILT_IN
+from actor import Actor, stage
+from browser import Browser
+from linked_fleet_client.conform.verdict import Outcome
+from linked_fleet_gateway.app.extensions import BUILT_IN
+from running import eventually, process
+from small_fleet import Place
 from tests.client.test_conform_server import check, outcomes
 
 pytestmark = pytest.mark.virtual

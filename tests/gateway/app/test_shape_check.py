@@ -8,21 +8,21 @@ from types import SimpleNamespace
 
 import pytest
 
-from gateway.app.application import create_app
-from gateway.app.settings import GatewaySettings
-from gateway.app.shape_check import check_shapes
-from gateway.rdf import shapes
-from gateway.resources.action_definition import definitions
-from gateway.shacl import Unsupported
+from linked_fleet_gateway.app.application import create_app
+from linked_fleet_gateway.app.settings import GatewaySettings
+from linked_fleet_gateway.app.shape_check import check_shapes
+from linked_fleet_gateway.rdf import shapes
+from linked_fleet_gateway.resources.action_definition import definitions
+from linked_fleet_gateway.shacl import Unsupported
 
-_SHAPES = Path(__file__).parents[3] / "shapes"
+_SHAPES = Path(__file__).parents[3] / "shapes" / "linked_fleet_shapes"
 Change = Callable[[str, str, str], None]
 
 
 @pytest.fixture
 def change(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Change]:
     """Changes a file of a copy of shapes/, which is read instead."""
-    folder = Path(shutil.copytree(_SHAPES, tmp_path / "shapes"))
+    folder = Path(shutil.copytree(_SHAPES, tmp_path / "linked_fleet_shapes"))
 
     def forget() -> None:
         for each in (shapes.load, shapes.load_folder, definitions, check_shapes):
@@ -47,13 +47,13 @@ def change(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Change]:
         ("blueprints.ttl", "lf:TextInput a sh:NodeShape ;", "lf:TextInput a sh:NodeShape ; sh:lessThan lf:value ;",
          "shapes/blueprints.ttl: <https://w3id.org/linked-fleet#TextPropertyShape> cannot be compiled: sh:lessThan"),
         ("rules.ttl", "sh:targetClass lf:Rule ;", "sh:targetClass lf:Rule ; sh:sparql [ ] ;",
-         "shapes/rules.ttl: <https://w3id.org/linked-fleet#RuleShape> cannot be compiled: sh:sparql"),
+         "linked_fleet_shapes/rules.ttl: <https://w3id.org/linked-fleet#RuleShape> cannot be compiled: sh:sparql"),
         ("subscriptions.ttl", "sh:targetClass hybrit:WebCallback ;", "sh:node lf:WebCallbackShape ;",
          "WebCallbackShape> cannot be compiled: <https://w3id.org/linked-fleet#WebCallbackShape> refers to itself"),
         ("actions/rotate.ttl", "sh:NodeShape", "sh:NodeShape ; sh:minInclusive 'low'",
          "shapes/actions/rotate: <https://w3id.org/linked-fleet#RotateInput> cannot be compiled: sh:minInclusive"),
         ("actions/rotate.ttl", "lf:completedBy lf:jointPosition", "lf:completedBy lf:jointPositon",
-         "lf:completedBy <https://w3id.org/linked-fleet#jointPositon>: it is not one of those that there are"),
+         "lf:completedBy <https://w3id.org/linked-fleet#jointPositon> is not known"),
     ],
 )  # fmt: skip
 def test_a_shape_that_cannot_be_compiled_is_refused_at_the_start(

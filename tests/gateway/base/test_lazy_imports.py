@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from gateway.base.lazy_imports import Lazily
+from linked_fleet_gateway.base.lazy_imports import Lazily
 
 LARGE = (
     "pinocchio",
@@ -15,12 +15,12 @@ LARGE = (
     "httpx",
     "jwt",
     "jinja2",
-    "gateway.extensions.reach.inverse_kinematics",
+    "linked_fleet_gateway.extensions.reach.inverse_kinematics",
 )
 
 
 def test_a_gateway_starts_without_what_most_never_need() -> None:
-    said = f"import sys, gateway.__main__; print(*sorted(set({LARGE!r}) & set(sys.modules)))"
+    said = f"import sys, linked_fleet_gateway.__main__; print(*sorted(set({LARGE!r}) & set(sys.modules)))"
     found = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, check=True)
     assert found.stdout.split() == []
 

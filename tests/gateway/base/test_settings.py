@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import pytest
 
-from gateway.base.settings import (
+from linked_fleet_gateway.base.settings import (
     FILE,
     NETWORKS,
     ON_OFF,

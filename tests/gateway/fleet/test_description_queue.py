@@ -4,7 +4,7 @@ from collections import Counter
 
 import pytest
 
-from gateway.fleet.description_queue import BACKOFF_S, Bounds, DescriptionQueue
+from linked_fleet_gateway.fleet.description_queue import BACKOFF_S, Bounds, DescriptionQueue
 
 BOUNDS = Bounds(open=8, repeated=2, repeats_hz=10)
 

@@ -7,9 +7,9 @@ import weakref
 import msgspec
 import pytest
 
-from agents.wire.codec import encode_state, layout
-from agents.wire.messages import WIRE_VERSION, Base, Description, State
-from gateway.fleet.fleet import (
+from linked_fleet_agent.wire.codec import encode_state, layout
+from linked_fleet_agent.wire.messages import WIRE_VERSION, Base, Description, State
+from linked_fleet_gateway.fleet.fleet import (
     MAX_UNDESCRIBED,
     Appeared,
     Change,
@@ -21,7 +21,7 @@ from gateway.fleet.fleet import (
     Undescribed,
     Vanished,
 )
-from gateway.fleet.observation import Observation, rounded
+from linked_fleet_gateway.fleet.observation import Observation, rounded
 
 URDF = """<robot name='r'><link name='a'/><link name='b'/><link name='c'/>
 <joint name='turn' type='continuous'><parent link='a'/><child link='b'/><origin xyz='0 0 1'/><axis xyz='0 0 1'/></joint>
@@ -340,7 +340,7 @@ def test_a_robot_that_described_itself_once_stays_readable() -> None:
 
 
 def test_in_a_full_fleet_the_robot_that_has_been_offline_longest_makes_room(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gateway.fleet.fleet.MAX_ROBOTS", 3)
+    monkeypatch.setattr("linked_fleet_gateway.fleet.fleet.MAX_ROBOTS", 3)
     fleet = Fleet()
     for now, name in enumerate(("a", "b", "c")):
         fleet.apply(Appeared(name, 5), now)

@@ -4,9 +4,9 @@ from xml.etree import ElementTree
 
 import pytest
 
-from agents.robots.catalogue import MODELS, data_folder
-from gateway.fleet.geometry import drawable
-from gateway.fleet.model import ModelError, RobotModel
+from linked_fleet_agent.robots.catalogue import MODELS, data_folder
+from linked_fleet_gateway.fleet.geometry import drawable
+from linked_fleet_gateway.fleet.model import ModelError, RobotModel
 
 ADDRESSES = {"package://p/a.stl": "/r/meshes/aa.stl", "b.dae": "/r/meshes/bb.dae"}
 

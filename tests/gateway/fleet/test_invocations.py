@@ -5,8 +5,8 @@ from typing import Any, Literal
 import msgspec
 import pytest
 
-from agents.wire.messages import WIRE_VERSION, Progress
-from gateway.fleet.invocations import FLEET, MAX_TERMINAL, Invocation, Invocations, InvocationState
+from linked_fleet_agent.wire.messages import WIRE_VERSION, Progress
+from linked_fleet_gateway.fleet.invocations import FLEET, MAX_TERMINAL, Invocation, Invocations, InvocationState
 
 ACTION = "/r/elbow/actions/rotate"
 

@@ -4,21 +4,21 @@ import json
 import math
 
 import pytest
-from pictured import JOINTS, Pictured
 from pyoxigraph import Literal, NamedNode
 
-from gateway.actions.action_request import Asked, moment_of
-from gateway.actions.plan import Moment
-from gateway.base.errors import Faulty
-from gateway.fleet.fleet import Change, Fleet
-from gateway.fleet.invocations import Invocations
-from gateway.fleet.limits import TOLERANCE_RAD, joints_outside
-from gateway.fleet.robot import Robot
-from gateway.rdf.graph import Graph
-from gateway.rdf.vocabulary import LF, XSD
-from gateway.resources.action_body import Body
-from gateway.resources.resource import Resource
-from gateway.resources.tree import Tree
+from linked_fleet_gateway.actions.action_request import Asked, moment_of
+from linked_fleet_gateway.actions.plan import Moment
+from linked_fleet_gateway.base.errors import Faulty
+from linked_fleet_gateway.fleet.fleet import Change, Fleet
+from linked_fleet_gateway.fleet.invocations import Invocations
+from linked_fleet_gateway.fleet.limits import TOLERANCE_RAD, joints_outside
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.rdf.graph import Graph
+from linked_fleet_gateway.rdf.vocabulary import LF, XSD
+from linked_fleet_gateway.resources.action_body import Body
+from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.tree import Tree
+from pictured import JOINTS, Pictured
 
 SECOND_NS = 1_000_000_000
 BASE = "http://example.org"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.fleet.model import JointKind, Limits, Mimic, ModelError, RobotModel
+from linked_fleet_gateway.fleet.model import JointKind, Limits, Mimic, ModelError, RobotModel
 
 ROBOTS = Path(site.getsitepackages()[0]) / "cmeel.prefix/share/example-robot-data/robots"
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from gateway.fleet.presence import MAX_RUNS, MAX_UNDESCRIBED, Presence
+from linked_fleet_gateway.fleet.presence import MAX_RUNS, MAX_UNDESCRIBED, Presence
 
 
 def test_of_many_runs_of_one_robot_the_highest_are_kept() -> None:

@@ -3,9 +3,9 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.fleet.invocation import FLEET, Invocation, InvocationState, word
-from gateway.fleet.invocations import Invocations
-from gateway.fleet.target_index import joints_of
+from linked_fleet_gateway.fleet.invocation import FLEET, Invocation, InvocationState, word
+from linked_fleet_gateway.fleet.invocations import Invocations
+from linked_fleet_gateway.fleet.target_index import joints_of
 
 _TOOK = ("accepted", "running", "succeeded", "failed", "cancelled", "preempted")
 _JOINTS = ("elbow", "wrist")

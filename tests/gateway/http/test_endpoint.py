@@ -12,21 +12,21 @@ import httpx
 import numpy as np
 import pytest
 import rdflib
-from browser import HYBRIT, LF, Browser
-from conftest import RunningFleet
 from pyoxigraph import NamedNode
 from rdflib import RDF, URIRef
 
-from gateway.app.application import create_app
-from gateway.app.settings import GatewaySettings
-from gateway.base.errors import NotAcceptable
-from gateway.http.endpoint import Endpoint
-from gateway.http.representation import Representations
-from gateway.http.request import Services
-from gateway.http.stop_priority import Turns
-from gateway.rdf.graph import Graph
-from gateway.rdf.serialise import RDF_TYPES
-from gateway.resources.resource import Resource
+from browser import HYBRIT, LF, Browser
+from conftest import RunningFleet
+from linked_fleet_gateway.app.application import create_app
+from linked_fleet_gateway.app.settings import GatewaySettings
+from linked_fleet_gateway.base.errors import NotAcceptable
+from linked_fleet_gateway.http.endpoint import Endpoint
+from linked_fleet_gateway.http.representation import Representations
+from linked_fleet_gateway.http.request import Services
+from linked_fleet_gateway.http.stop_priority import Turns
+from linked_fleet_gateway.rdf.graph import Graph
+from linked_fleet_gateway.rdf.serialise import RDF_TYPES
+from linked_fleet_gateway.resources.resource import Resource
 
 pytestmark = pytest.mark.virtual
 

@@ -8,13 +8,13 @@ from collections.abc import AsyncIterator
 import h11
 import httpx
 import pytest
-from serving import Channel, connect, fill, run, serving, until
 from starlette.types import Receive, Scope, Send
 
-from gateway.http.backpressure import HIGH_WATER_BYTES
-from gateway.http.event_stream import chunk, framed, serve_event_stream
-from gateway.http.protocol import HTTP, HttpProtocol
-from gateway.subscriptions.message import Ending, Message
+from linked_fleet_gateway.http.backpressure import HIGH_WATER_BYTES
+from linked_fleet_gateway.http.event_stream import chunk, framed, serve_event_stream
+from linked_fleet_gateway.http.protocol import HTTP, HttpProtocol
+from linked_fleet_gateway.subscriptions.message import Ending, Message
+from serving import Channel, connect, fill, run, serving, until
 
 TURTLE = Message("/a", "7-1", "text/turtle", '<> <urn:p> "ü" .\n\n<> <urn:q> 1 .\n'.encode())
 GET = b"GET /a HTTP/1.1\r\nHost: x\r\n\r\n"

@@ -7,9 +7,9 @@ import pytest
 from starlette.datastructures import Headers
 from starlette.types import Message, Receive, Scope, Send
 
-from gateway.app.settings import GatewaySettings
-from gateway.http.forwarded import Forwarded, client_behind
-from gateway.http.rates import by_caller
+from linked_fleet_gateway.app.settings import GatewaySettings
+from linked_fleet_gateway.http.forwarded import Forwarded, client_behind
+from linked_fleet_gateway.http.rates import by_caller
 
 _FRONTS = (ip_network("10.0.0.0/24"), ip_network("2001:db8:f::/48"))
 _FRONT = "10.0.0.1"

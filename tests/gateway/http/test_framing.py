@@ -1,8 +1,9 @@
 """Requests whose version or framing is refused (RFC 9110, 15.6.6; RFC 9112, 6.1)."""
 
 import pytest
-from serving import connect, run, serving
 from starlette.responses import Response
+
+from serving import connect, run, serving
 
 _BOTH = "POST / HTTP/1.1\r\nHost: test\r\nContent-Length: 5\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n"
 _REORDERED = "POST / HTTP/1.1\r\nHost: test\r\ntransfer-encoding: Chunked\r\nContent-Length: 0\r\n\r\n0\r\n\r\n"

@@ -9,7 +9,7 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse
 from starlette.routing import Route
 
-from gateway.http.host import Authorities, Message, Scope
+from linked_fleet_gateway.http.host import Authorities, Message, Scope
 
 URLS = ("http://127.0.0.1:8000", "https://Fleet.example/", "http://[::1]:8000")
 

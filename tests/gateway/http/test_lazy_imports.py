@@ -7,10 +7,10 @@ from typing import cast
 
 from starlette.types import Receive, Scope, Send
 
-from gateway.extensions.pages.extension import Pages
-from gateway.http.lazy_imports import SUBSCRIPTIONS, Loading
-from gateway.http.representation import Representations
-from gateway.http.request import Gateway, Services
+from linked_fleet_gateway.extensions.pages.extension import Pages
+from linked_fleet_gateway.http.lazy_imports import SUBSCRIPTIONS, Loading
+from linked_fleet_gateway.http.representation import Representations
+from linked_fleet_gateway.http.request import Gateway, Services
 
 
 def asked(*requests: tuple[str, str, str]) -> list[str]:

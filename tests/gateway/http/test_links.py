@@ -5,7 +5,7 @@ import json
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.http.links import Link, link_header, linkset_json, linkset_text
+from linked_fleet_gateway.http.links import Link, link_header, linkset_json, linkset_text
 
 LINKS = st.lists(
     st.builds(Link, st.text(max_size=80), st.text(max_size=20), st.none() | st.text(max_size=20)), max_size=40

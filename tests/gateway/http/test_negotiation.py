@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.base.errors import BadRequest, UnsupportedMediaType
-from gateway.http.negotiation import choose, parse_accept, parse_content_type
+from linked_fleet_gateway.base.errors import BadRequest, UnsupportedMediaType
+from linked_fleet_gateway.http.negotiation import choose, parse_accept, parse_content_type
 
 OFFERED = ("text/turtle", "application/ld+json", "application/n-triples", "application/rdf+xml", "text/html")
 BROWSER = "text/html,application/xhtml+xml,application/xml;q=0.9,*/*;q=0.8"

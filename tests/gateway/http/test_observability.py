@@ -13,20 +13,20 @@ from typing import Any
 import httpx
 import pytest
 import yaml
+from prometheus_client.parser import text_string_to_metric_families
+from prometheus_client.samples import Sample
+from starlette.requests import Request
+
 from actor import Actor, stage
 from browser import HYBRIT, ROS, Browser, Page
 from connections import websocket
-from prometheus_client.parser import text_string_to_metric_families
-from prometheus_client.samples import Sample
+from linked_fleet_gateway.app.settings import GatewaySettings
+from linked_fleet_gateway.extensions.world.extension import PREPARING
+from linked_fleet_gateway.http.health import ready
 from receivers import Answer, receiving
 from redis_servers import single
 from running import ROOT, Process, eventually, free_port, process
 from small_fleet import Place, live, move, presence
-from starlette.requests import Request
-
-from gateway.app.settings import GatewaySettings
-from gateway.extensions.world.extension import PREPARING
-from gateway.http.health import ready
 
 pytestmark = pytest.mark.virtual
 
@@ -349,7 +349,7 @@ def test_lines_about_a_request_bear_its_id_and_its_robot(tmp_path: Path) -> None
             lines = [each for each in log(child) if each.get("request") == "from-the-front.1"]
             return [each for each in lines if each["logger"] == logger]
 
-        (line,) = eventually(lambda: said("gateway.runtime.counters"), "a line about it")
+        (line,) = eventually(lambda: said("linked_fleet_gateway.runtime.counters"), "a line about it")
         assert (line["robot"], line["level"]) == (robot.name, "info")
         (noted,) = eventually(lambda: said("gateway.audit"), "a line of the audit")
         assert (noted["what"], noted["target"], noted["outcome"]) == ("POST", "/actions/stopAll", "204")

@@ -5,8 +5,8 @@ import threading
 
 import pytest
 
-from gateway.base.errors import Busy
-from gateway.http.offload import MOST_WAITING, SHORT_BYTES, Offload
+from linked_fleet_gateway.base.errors import Busy
+from linked_fleet_gateway.http.offload import MOST_WAITING, SHORT_BYTES, Offload
 
 
 def test_short_work_is_done_at_once_and_long_work_in_a_thread() -> None:

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.http.prefer import Prefer, parse_prefer, preference_applied
+from linked_fleet_gateway.http.prefer import Prefer, parse_prefer, preference_applied
 
 
 @pytest.mark.parametrize(

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 from starlette.responses import Response
 
-from gateway.http.authentication import Authenticated
-from gateway.http.rates import BURST_S, MAX_CLIENTS, Pace, Rates, by_caller
-from gateway.identity.rights import NOBODY, Identity
+from linked_fleet_gateway.http.authentication import Authenticated
+from linked_fleet_gateway.http.rates import BURST_S, MAX_CLIENTS, Pace, Rates, by_caller
+from linked_fleet_gateway.identity.rights import NOBODY, Identity
 
 
 class Clock:

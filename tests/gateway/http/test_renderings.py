@@ -6,18 +6,18 @@ from collections.abc import Iterator
 
 import httpx
 import pytest
+
 from actor import Actor, stage
 from browser import LF, Browser
+from linked_fleet_gateway.fleet.observation import Observation
+from linked_fleet_gateway.rdf.graph import Graph
+from linked_fleet_gateway.rdf.vocabulary import LF as TERMS
+from linked_fleet_gateway.resources.property import Seen
+from linked_fleet_gateway.resources.renderings import Renderings
+from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.versioning import Source
 from running import eventually
 from small_fleet import Place
-
-from gateway.fleet.observation import Observation
-from gateway.rdf.graph import Graph
-from gateway.rdf.vocabulary import LF as TERMS
-from gateway.resources.property import Seen
-from gateway.resources.renderings import Renderings
-from gateway.resources.resource import Resource
-from gateway.resources.versioning import Source
 
 pytestmark = pytest.mark.virtual
 

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from gateway.http.stop_priority import URGENT, Turns
+from linked_fleet_gateway.http.stop_priority import URGENT, Turns
 
 
 def _scope(path: str, method: str = "POST") -> dict[str, str]:

@@ -5,14 +5,14 @@ from collections.abc import Awaitable, Callable
 from functools import partial
 
 import pytest
-from serving import connect, run, serving, until
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from gateway.http.protocol import HttpProtocol
-from gateway.http.sockets import Sockets
-from gateway.http.timeouts import MAX_HEAD_BYTES
+from linked_fleet_gateway.http.protocol import HttpProtocol
+from linked_fleet_gateway.http.sockets import Sockets
+from linked_fleet_gateway.http.timeouts import MAX_HEAD_BYTES
+from serving import connect, run, serving, until
 
 _GET = b"GET / HTTP/1.1\r\nHost: test\r\n\r\n"
 _POST = b"POST / HTTP/1.1\r\nHost: test\r\nContent-Length: 1000\r\n\r\n"

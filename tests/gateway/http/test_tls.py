@@ -6,19 +6,19 @@ import ssl
 from pathlib import Path
 
 import pytest
-from certificates import made
-from serving import Channel, fill, run_on_sockets, serving, until
 from starlette.types import Receive, Scope, Send
 from starlette.websockets import WebSocket
 from websockets.asyncio.client import connect as client
 
-from gateway.http.backpressure import HIGH_WATER_BYTES
-from gateway.http.event_stream import serve_event_stream
-from gateway.http.protocol import HTTP, HttpProtocol
-from gateway.http.tls import Certificate, secured, unsent
-from gateway.http.websocket import serve_websocket
-from gateway.http.websocket_protocol import WEBSOCKET, WebSocketProtocol
-from gateway.subscriptions.message import Message
+from certificates import made
+from linked_fleet_gateway.http.backpressure import HIGH_WATER_BYTES
+from linked_fleet_gateway.http.event_stream import serve_event_stream
+from linked_fleet_gateway.http.protocol import HTTP, HttpProtocol
+from linked_fleet_gateway.http.tls import Certificate, secured, unsent
+from linked_fleet_gateway.http.websocket import serve_websocket
+from linked_fleet_gateway.http.websocket_protocol import WEBSOCKET, WebSocketProtocol
+from linked_fleet_gateway.subscriptions.message import Message
+from serving import Channel, fill, run_on_sockets, serving, until
 
 LARGE = 20_000
 pytestmark = pytest.mark.processes
@@ -214,7 +214,7 @@ def test_files_that_change_are_noticed(folder: Path, tmp_path: Path, caplog: pyt
             put("router", ending)
         used = Certificate(str(pair["pem"]), str(pair["key"]))
         following = used.follow(0.01)
-        with caplog.at_level("INFO", "gateway.http.tls"):
+        with caplog.at_level("INFO", "linked_fleet_gateway.http.tls"):
             put("gateway", "pem")
             await until(lambda: "the certificate in use stays" in caplog.text)
             assert "new connections" not in caplog.text

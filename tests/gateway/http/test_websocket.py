@@ -11,7 +11,6 @@ from contextlib import asynccontextmanager
 from typing import NoReturn
 
 import pytest
-from serving import Channel, connect, fill, run, serving, until
 from starlette.types import Receive, Scope, Send
 from starlette.websockets import WebSocket
 from websockets.asyncio.client import ClientConnection
@@ -19,10 +18,11 @@ from websockets.asyncio.client import connect as client
 from websockets.exceptions import ConnectionClosed
 from websockets.frames import Frame, Opcode
 
-from gateway.http.backpressure import HIGH_WATER_BYTES, Reader
-from gateway.http.websocket import framed, serve_websocket
-from gateway.http.websocket_protocol import WEBSOCKET, WebSocketProtocol
-from gateway.subscriptions.message import Ending, Message, Outlet
+from linked_fleet_gateway.http.backpressure import HIGH_WATER_BYTES, Reader
+from linked_fleet_gateway.http.websocket import framed, serve_websocket
+from linked_fleet_gateway.http.websocket_protocol import WEBSOCKET, WebSocketProtocol
+from linked_fleet_gateway.subscriptions.message import Ending, Message, Outlet
+from serving import Channel, connect, fill, run, serving, until
 
 TURTLE = Message("/a", "1", "text/turtle", '<> <urn:p> "ü" .\n'.encode())
 LARGE = 20_000

@@ -6,18 +6,18 @@ from collections.abc import AsyncIterator, Callable, Iterator
 
 import pytest
 import zenoh
+
 from actor import KEYS, Actor, stage
+from linked_fleet_agent.wire.codec import encode
+from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Command, Move
+from linked_fleet_gateway.fleet.events import Appeared, Event, Vanished
+from linked_fleet_gateway.fleet.fleet import MAX_UNDESCRIBED, Fleet
+from linked_fleet_gateway.fleet.presence import MAX_RUNS
+from linked_fleet_gateway.link import discovery
+from linked_fleet_gateway.link.fleet_link import FleetLink
 from running import free_port
 from serving import until
 from virtual.processes import gateway_session
-
-from agents.wire.codec import encode
-from agents.wire.messages import WIRE_VERSION, Accepted, Command, Move
-from gateway.fleet.events import Appeared, Event, Vanished
-from gateway.fleet.fleet import MAX_UNDESCRIBED, Fleet
-from gateway.fleet.presence import MAX_RUNS
-from gateway.link import discovery
-from gateway.link.fleet_link import FleetLink
 
 pytestmark = pytest.mark.virtual
 NAMES = 500
@@ -136,7 +136,7 @@ async def test_one_question_asks_for_all_runs_of_a_robot() -> None:
 
 
 async def test_a_silent_robot_makes_room_for_one_that_comes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gateway.fleet.presence.MAX_UNDESCRIBED", 20)
+    monkeypatch.setattr("linked_fleet_gateway.fleet.presence.MAX_UNDESCRIBED", 20)
     monkeypatch.setattr(discovery, "_RELIST_S", 0.1)
     async with opened() as (gateway, endpoint):
         silent = [KEYS.presence(f"silent{number}", 1) for number in range(20)]

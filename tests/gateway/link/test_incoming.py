@@ -3,14 +3,14 @@
 import asyncio
 
 import pytest
+
 from actor import KEYS, Actor, stage
+from linked_fleet_gateway.fleet.fleet import Described, Event, Fleet, Framed, Moved
+from linked_fleet_gateway.fleet.frames import Frames
+from linked_fleet_gateway.link.fleet_link import FleetLink
 from running import free_port
 from serving import until
 from virtual.processes import gateway_session
-
-from gateway.fleet.fleet import Described, Event, Fleet, Framed, Moved
-from gateway.fleet.frames import Frames
-from gateway.link.fleet_link import FleetLink
 
 pytestmark = pytest.mark.virtual
 

@@ -5,14 +5,24 @@ import signal
 from collections.abc import Awaitable, Callable
 
 import pytest
+
+from linked_fleet_agent.wire import codec
+from linked_fleet_agent.wire.keys import Keys
+from linked_fleet_agent.wire.messages import (
+    WIRE_VERSION,
+    Accepted,
+    Command,
+    Description,
+    Move,
+    Progress,
+    Refused,
+    State,
+    Stop,
+)
+from linked_fleet_gateway.fleet.events import Described, Event, Framed
+from linked_fleet_gateway.link.fleet_link import FleetLink, NoAnswer
 from running import Process, free_port, process
 from virtual.processes import gateway_session
-
-from agents.wire import codec
-from agents.wire.keys import Keys
-from agents.wire.messages import WIRE_VERSION, Accepted, Command, Description, Move, Progress, Refused, State, Stop
-from gateway.fleet.events import Described, Event, Framed
-from gateway.link.fleet_link import FleetLink, NoAnswer
 
 pytestmark = pytest.mark.virtual
 KEYS = Keys("site/hall-3")
@@ -97,8 +107,8 @@ def run(scenario: Callable[[Gateway, Process], Awaitable[None]]) -> None:
             await scenario(gateway, other)
 
     with (
-        process("-m", "agents", "--robot=a=ur5", "--robot=b=ur5", *where),
-        process("-m", "agents", "--robot=c=ur5", *where) as other,
+        process("-m", "linked_fleet_agent", "--robot=a=ur5", "--robot=b=ur5", *where),
+        process("-m", "linked_fleet_agent", "--robot=c=ur5", *where) as other,
     ):
         asyncio.run(joined(other))
 

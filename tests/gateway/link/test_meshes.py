@@ -6,13 +6,13 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from agents.wire.messages import Mesh
-from gateway.base.errors import AgentSilent, Busy, Offline
-from gateway.fleet.frames import Frames
-from gateway.fleet.robot import Robot
-from gateway.link import meshes
-from gateway.link.fleet_link import NoAnswer
-from gateway.link.meshes import Meshes
+from linked_fleet_agent.wire.messages import Mesh
+from linked_fleet_gateway.base.errors import AgentSilent, Busy, Offline
+from linked_fleet_gateway.fleet.frames import Frames
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.link import meshes
+from linked_fleet_gateway.link.fleet_link import NoAnswer
+from linked_fleet_gateway.link.meshes import Meshes
 
 
 def _mesh(content: bytes) -> Mesh:

@@ -15,7 +15,7 @@ from pyjelly.integrations.generic.parse import parse_jelly_flat
 from pyoxigraph import BlankNode, CanonicalizationAlgorithm, Dataset, Literal, NamedNode, Quad, Triple
 from rdflib.compare import isomorphic
 
-from gateway.rdf.serialise import JELLY, RDF_TYPES, ParseError, parse, render
+from linked_fleet_gateway.rdf.serialise import JELLY, RDF_TYPES, ParseError, parse, render
 
 BASE = "http://127.0.0.1:8000/baxter/right_s1"
 RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"

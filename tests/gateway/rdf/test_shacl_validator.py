@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import pytest
 from pyoxigraph import BlankNode, NamedNode, RdfFormat, Triple, parse
 
-from gateway.rdf.graph import Node
-from gateway.rdf.shacl_validator import ShaclValidator
-from gateway.rdf.unused import reachable
-from gateway.rdf.vocabulary import PREFIXES, SH
+from linked_fleet_gateway.rdf.graph import Node
+from linked_fleet_gateway.rdf.shacl_validator import ShaclValidator
+from linked_fleet_gateway.rdf.unused import reachable
+from linked_fleet_gateway.rdf.vocabulary import PREFIXES, SH
 
 _PREFIXES = "".join(f"@prefix {prefix}: <{iri}> .\n" for prefix, iri in PREFIXES.items())
 _REQUEST = "http://example.org/r/elbow/actions/rotate"

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.base.errors import BadRequest, FleetError, PayloadTooLarge
-from gateway.rdf.sparql_syntax import MAX_DEPTH, MAX_QUERY_BYTES, Dataset, check_select, read
+from linked_fleet_gateway.base.errors import BadRequest, FleetError, PayloadTooLarge
+from linked_fleet_gateway.rdf.sparql_syntax import MAX_DEPTH, MAX_QUERY_BYTES, Dataset, check_select, read
 
 BASE = "http://fleet.example/query"
 

@@ -3,8 +3,8 @@
 import pytest
 from pyoxigraph import CanonicalizationAlgorithm, Dataset, Quad, RdfFormat, Store, Triple, parse
 
-from gateway.base.errors import BadRequest, FleetError, PayloadTooLarge, UnprocessableContent
-from gateway.rdf.sparql_update import MAX_OPERATIONS, MAX_STEPS, read_update, updated
+from linked_fleet_gateway.base.errors import BadRequest, FleetError, PayloadTooLarge, UnprocessableContent
+from linked_fleet_gateway.rdf.sparql_update import MAX_OPERATIONS, MAX_STEPS, read_update, updated
 
 _BASE = "http://fleet.example/r/title"
 _PREFIXES = "PREFIX ex: <http://example.org/> PREFIX xsd: <http://www.w3.org/2001/XMLSchema#> "

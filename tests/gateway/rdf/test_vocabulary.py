@@ -6,14 +6,14 @@ from itertools import chain, combinations
 import pyshacl
 import pytest
 import rdflib
-from every_kind import BASE, described, described_paths, tree
-from graphs import read
 from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple
 
-from gateway.rdf.serialise import JELLY, RDF_TYPES, render
-from gateway.rdf.shapes import load, load_folder
-from gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, PREFIXES, RDF, RDFS, SH
-from gateway.resources.resource import Resource
+from every_kind import BASE, described, described_paths, tree
+from graphs import read
+from linked_fleet_gateway.rdf.serialise import JELLY, RDF_TYPES, render
+from linked_fleet_gateway.rdf.shapes import load, load_folder
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, PREFIXES, RDF, RDFS, SH
+from linked_fleet_gateway.resources.resource import Resource
 
 _IRI = NamedNode(BASE + "/vocabulary")
 _ONTOLOGY = NamedNode("http://www.w3.org/2002/07/owl#Ontology")

@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-from gateway.base.errors import UnprocessableContent
-from gateway.rdf.units import UNITS
-from gateway.rdf.vocabulary import LF, UNIT, VOM, XSD
-from gateway.resources.action_body import Body
+from linked_fleet_gateway.base.errors import UnprocessableContent
+from linked_fleet_gateway.rdf.units import UNITS
+from linked_fleet_gateway.rdf.vocabulary import LF, UNIT, VOM, XSD
+from linked_fleet_gateway.resources.action_body import Body
 
 _ROOT = NamedNode("http://example.org/r/elbow/actions/rotate")
 

@@ -5,11 +5,11 @@ from typing import Any
 import pytest
 from pyoxigraph import Literal, NamedNode
 
-from gateway.actions.handler_table import HANDLERS
-from gateway.rdf.turtle import write
-from gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LF, METHODS, PREFIXES, RDF
-from gateway.resources.action_definition import definitions
-from gateway.resources.action_offer import fleet_offers, joint_offers, robot_offers
+from linked_fleet_gateway.actions.handler_table import HANDLERS
+from linked_fleet_gateway.rdf.turtle import write
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LF, METHODS, PREFIXES, RDF
+from linked_fleet_gateway.resources.action_definition import definitions
+from linked_fleet_gateway.resources.action_offer import fleet_offers, joint_offers, robot_offers
 
 _LIMIT = '<limit lower="-1" upper="1" velocity="1" effort="1"/>'
 _JOINTS = {

@@ -7,12 +7,12 @@ from functools import cache
 import pyshacl
 import pytest
 import rdflib
-from every_kind import BASE, blueprint_path, described, described_paths, tree
-from graphs import graph_of
 from pyoxigraph import NamedNode, Triple
 
-from gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, PROV, RDF, ROS, SH, SOSA, XHV, Namespace
-from gateway.shacl import CompiledShape, Data, compile_shape
+from every_kind import BASE, blueprint_path, described, described_paths, tree
+from graphs import graph_of
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, PROV, RDF, ROS, SH, SOSA, XHV, Namespace
+from linked_fleet_gateway.shacl import CompiledShape, Data, compile_shape
 
 _SH = rdflib.SH
 # A resource may lack these: they depend on how many parts, actions and options it has, and on what has happened.

@@ -3,11 +3,11 @@
 import pyshacl
 import pytest
 import rdflib
-from every_kind import BASE, described, described_paths, tree
-from graphs import graph_of
 from pyoxigraph import Literal, NamedNode
 
-from gateway.rdf.vocabulary import HYBRIT, SH, XSD
+from every_kind import BASE, described, described_paths, tree
+from graphs import graph_of
+from linked_fleet_gateway.rdf.vocabulary import HYBRIT, SH, XSD
 
 _LIMITS = (SH.minInclusive, SH.maxInclusive, SH.minExclusive, SH.maxExclusive)
 _PREFIXES = """@prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> . @prefix unit: <http://qudt.org/vocab/unit/> .

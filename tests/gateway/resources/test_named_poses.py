@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from gateway.resources.named_poses import poses
+from linked_fleet_gateway.resources.named_poses import poses
 
 _JOINTS = {
     "elbow": ("revolute", '<limit lower="-1" upper="2" velocity="1" effort="1"/>'),

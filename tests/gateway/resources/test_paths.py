@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.fleet.model import RobotModel
-from gateway.resources.paths import (
+from linked_fleet_gateway.fleet.model import RobotModel
+from linked_fleet_gateway.resources.paths import (
     joint_path,
     link_path,
     part_of,

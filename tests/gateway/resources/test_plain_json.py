@@ -2,10 +2,10 @@
 
 import pytest
 
-from gateway.base.errors import BadRequest
-from gateway.rdf.vocabulary import LF
-from gateway.resources.json_form import form_of
-from gateway.resources.plain_json import triples_of
+from linked_fleet_gateway.base.errors import BadRequest
+from linked_fleet_gateway.rdf.vocabulary import LF
+from linked_fleet_gateway.resources.json_form import form_of
+from linked_fleet_gateway.resources.plain_json import triples_of
 
 IRI = "http://127.0.0.1:8000/arm/title"
 

@@ -9,26 +9,26 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyoxigraph import NamedNode
 
-from agents.wire.codec import layout
-from agents.wire.messages import Description
-from gateway.base.errors import UnprocessableContent
-from gateway.extensions.world.placement_property import placement
-from gateway.fleet.events import Appeared, Described
-from gateway.fleet.fleet import Fleet
-from gateway.fleet.robot import Robot
-from gateway.http.body import BODY_TYPES
-from gateway.rdf.graph import Graph
-from gateway.rdf.serialise import parse, render
-from gateway.rdf.turtle import write
-from gateway.rdf.unused import shown
-from gateway.rdf.vocabulary import PREFIXES
-from gateway.resources.annotation_body import MAX_ANNOTATIONS
-from gateway.resources.annotations import annotate
-from gateway.resources.describe import Describer
-from gateway.resources.property import Property, Seen
-from gateway.resources.settable import settable
-from gateway.resources.setting import Setting
-from gateway.resources.setting import settings as settings_of
+from linked_fleet_agent.wire.codec import layout
+from linked_fleet_agent.wire.messages import Description
+from linked_fleet_gateway.base.errors import UnprocessableContent
+from linked_fleet_gateway.extensions.world.placement_property import placement
+from linked_fleet_gateway.fleet.events import Appeared, Described
+from linked_fleet_gateway.fleet.fleet import Fleet
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.http.body import BODY_TYPES
+from linked_fleet_gateway.rdf.graph import Graph
+from linked_fleet_gateway.rdf.serialise import parse, render
+from linked_fleet_gateway.rdf.turtle import write
+from linked_fleet_gateway.rdf.unused import shown
+from linked_fleet_gateway.rdf.vocabulary import PREFIXES
+from linked_fleet_gateway.resources.annotation_body import MAX_ANNOTATIONS
+from linked_fleet_gateway.resources.annotations import annotate
+from linked_fleet_gateway.resources.describe import Describer
+from linked_fleet_gateway.resources.property import Property, Seen
+from linked_fleet_gateway.resources.settable import settable
+from linked_fleet_gateway.resources.setting import Setting
+from linked_fleet_gateway.resources.setting import settings as settings_of
 
 _BASE, _OTHER = "http://fleet.example:8000", "https://robots.example.org"
 _PREFIXES = "".join(f"@prefix {prefix}: <{iri}> .\n" for prefix, iri in PREFIXES.items())

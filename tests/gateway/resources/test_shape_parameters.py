@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.base.errors import UnprocessableContent
-from gateway.fleet.model import RobotModel
-from gateway.rdf.shapes import load_folder
-from gateway.rdf.units import DEGREE, METRE, MILLIMETRE, RADIAN, UNITS
-from gateway.rdf.vocabulary import LF, XSD
-from gateway.resources.shape_parameters import (
+from linked_fleet_gateway.base.errors import UnprocessableContent
+from linked_fleet_gateway.fleet.model import RobotModel
+from linked_fleet_gateway.rdf.shapes import load_folder
+from linked_fleet_gateway.rdf.units import DEGREE, METRE, MILLIMETRE, RADIAN, UNITS
+from linked_fleet_gateway.rdf.vocabulary import LF, XSD
+from linked_fleet_gateway.resources.shape_parameters import (
     COMPLETIONS,
     MOST_TURNS,
     at_least,

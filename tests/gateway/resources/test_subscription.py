@@ -12,14 +12,14 @@ from hypothesis import strategies as st
 from pyoxigraph import Literal, NamedNode, Triple
 from rdflib.compare import isomorphic
 
-from gateway.base.errors import UnprocessableContent
-from gateway.rdf.graph import Graph
-from gateway.rdf.serialise import parse
-from gateway.rdf.shapes import load
-from gateway.rdf.turtle import write
-from gateway.rdf.vocabulary import HTTP, HYBRIT, LDP, LF, METHODS, PREFIXES, RDF
-from gateway.resources.subscription import Delivery, DeliveryState, Depth, Kind, Record, Subscription
-from gateway.resources.subscription_resource import (
+from linked_fleet_gateway.base.errors import UnprocessableContent
+from linked_fleet_gateway.rdf.graph import Graph
+from linked_fleet_gateway.rdf.serialise import parse
+from linked_fleet_gateway.rdf.shapes import load
+from linked_fleet_gateway.rdf.turtle import write
+from linked_fleet_gateway.rdf.vocabulary import HTTP, HYBRIT, LDP, LF, METHODS, PREFIXES, RDF
+from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Depth, Kind, Record, Subscription
+from linked_fleet_gateway.resources.subscription_resource import (
     Request,
     describe_request_shape,
     describe_resume,

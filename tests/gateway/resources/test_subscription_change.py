@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import pytest
 
-from gateway.base.errors import UnprocessableContent
-from gateway.rdf.graph import Graph
-from gateway.rdf.sparql_update import read_update, updated
-from gateway.rdf.vocabulary import PREFIXES
-from gateway.resources.subscription import Changeable, Delivery, Depth, Kind, Record, Subscription
-from gateway.resources.subscription_change import changed, managed
-from gateway.resources.subscription_resource import describe_subscription, subscription_path
+from linked_fleet_gateway.base.errors import UnprocessableContent
+from linked_fleet_gateway.rdf.graph import Graph
+from linked_fleet_gateway.rdf.sparql_update import read_update, updated
+from linked_fleet_gateway.rdf.vocabulary import PREFIXES
+from linked_fleet_gateway.resources.subscription import Changeable, Delivery, Depth, Kind, Record, Subscription
+from linked_fleet_gateway.resources.subscription_change import changed, managed
+from linked_fleet_gateway.resources.subscription_resource import describe_subscription, subscription_path
 
 _BASE = "http://example.org"
 _SECRET, _OTHER = (f"whsec_{'MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLa'}{each}" for each in ("Sw", "SQ"))

@@ -8,19 +8,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyoxigraph import NamedNode
 
-from agents.wire.codec import layout
-from agents.wire.messages import WIRE_VERSION, Description
-from gateway.fleet.events import Appeared, Described
-from gateway.fleet.fleet import Fleet
-from gateway.fleet.invocations import Invocations
-from gateway.rdf.graph import Graph
-from gateway.rdf.serialise import TEXT_TYPES, render
-from gateway.rdf.vocabulary import PREFIXES
-from gateway.resources.property import Seen
-from gateway.resources.resource import Resource
-from gateway.resources.subscription_resource import describe_version
-from gateway.resources.template import Rendering, Versions, compiles
-from gateway.resources.tree import Tree
+from linked_fleet_agent.wire.codec import layout
+from linked_fleet_agent.wire.messages import WIRE_VERSION, Description
+from linked_fleet_gateway.fleet.events import Appeared, Described
+from linked_fleet_gateway.fleet.fleet import Fleet
+from linked_fleet_gateway.fleet.invocations import Invocations
+from linked_fleet_gateway.rdf.graph import Graph
+from linked_fleet_gateway.rdf.serialise import TEXT_TYPES, render
+from linked_fleet_gateway.rdf.vocabulary import PREFIXES
+from linked_fleet_gateway.resources.property import Seen
+from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.subscription_resource import describe_version
+from linked_fleet_gateway.resources.template import Rendering, Versions, compiles
+from linked_fleet_gateway.resources.tree import Tree
 
 _BASE = "http://example.org"
 _URDF = """

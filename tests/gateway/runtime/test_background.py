@@ -7,11 +7,11 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 import pytest
-from virtual.loop import on_virtual_time
 
-from gateway.runtime.background import FINISH_S, MOST_S, RETRY_S, finish, supervised
-from gateway.runtime.cancellation import end
-from gateway.runtime.redis import BACKOFF_S, StoreUnavailable
+from linked_fleet_gateway.runtime.background import FINISH_S, MOST_S, RETRY_S, finish, supervised
+from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.runtime.redis import BACKOFF_S, StoreUnavailable
+from virtual.loop import on_virtual_time
 
 log = logging.getLogger("tests.background")
 

@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from gateway.app.settings import GatewaySettings
-from gateway.runtime.log import JsonFormatter, TextFormatter
+from linked_fleet_gateway.app.settings import GatewaySettings
+from linked_fleet_gateway.runtime.log import JsonFormatter, TextFormatter
 
 
 def test_only_known_forms_of_log_are_taken() -> None:

@@ -6,11 +6,11 @@ from collections.abc import AsyncGenerator, Callable, Coroutine
 from typing import Any
 
 import pytest
-from virtual.loop import on_virtual_time
 
-from gateway.runtime.cancellation import end
-from gateway.runtime.redis import StoreUnavailable
-from gateway.runtime.replica import Replica, follow
+from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.runtime.redis import StoreUnavailable
+from linked_fleet_gateway.runtime.replica import Replica, follow
+from virtual.loop import on_virtual_time
 
 log = logging.getLogger("tests.replica")
 

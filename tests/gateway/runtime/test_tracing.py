@@ -10,16 +10,16 @@ from pathlib import Path
 import httpx
 import pytest
 import zenoh
+
 from actor import KEYS, Actor, stage
 from browser import LF, Browser
 from collector import Collector, collecting
 from commanding import TURTLE, expecting, of_joint, of_robot, radian
+from linked_fleet_agent.wire.codec import decode, decode_reply, encode
+from linked_fleet_agent.wire.messages import Accepted, Command, Refused
 from receivers import Answer
 from running import Process, eventually, process
 from small_fleet import Place, live
-
-from agents.wire.codec import decode, decode_reply, encode
-from agents.wire.messages import Accepted, Command, Refused
 
 pytestmark = pytest.mark.processes
 ELBOW = "elbow_joint"
@@ -100,7 +100,7 @@ def test_a_refused_command_is_marked_and_its_line_in_the_log_names_the_trace(tra
 
     def lines() -> list[dict[str, str]]:
         said = [json.loads(line) for line in traced.gateway.output.splitlines() if line.startswith("{")]
-        commands = [line for line in said if line["logger"] == "gateway.runtime.counters"]
+        commands = [line for line in said if line["logger"] == "linked_fleet_gateway.runtime.counters"]
         return [line for line in commands if line.get("trace_id") == trace]
 
     (line,) = eventually(lines, "a line about it")
@@ -179,19 +179,23 @@ def test_without_a_collector_nothing_is_attached(tmp_path: Path) -> None:
     assert attached == [None]
 
 
-@pytest.mark.parametrize("module", ["gateway", "agents"])
-def test_without_its_packages_a_process_that_is_to_trace_says_so_and_ends(module: str, tmp_path: Path) -> None:
-    flags = ["--robot=ur5"] if module == "agents" else list(Place(tmp_path).command()[2:])
+@pytest.mark.parametrize(
+    ("module", "program"), [("linked_fleet_gateway", "gateway"), ("linked_fleet_agent", "linked-fleet-agent")]
+)
+def test_without_its_packages_a_process_that_is_to_trace_says_so_and_ends(
+    module: str, program: str, tmp_path: Path
+) -> None:
+    flags = ["--robot=ur5"] if module == "linked_fleet_agent" else list(Place(tmp_path).command()[2:])
     code = f"import sys; sys.modules['opentelemetry'] = None; sys.argv[1:] = {flags}; "
     run = f"{code}from {module}.__main__ import main; sys.exit(main())"
     with collecting() as collector, collector.named(), process("-c", run) as child:
         assert child.ended() == 2
-    assert child.output.startswith(f"{module}: OTEL_EXPORTER_OTLP_ENDPOINT is set, but what traces is not installed")
-    assert child.output.endswith("pip install 'linked-fleet[tracing]'\n")
+    assert child.output.startswith(f"{program}: OTEL_EXPORTER_OTLP_ENDPOINT is set, but what traces is not installed")
+    assert child.output.endswith("pip install 'linked-fleet-agent[tracing]'\n")
     assert child.output.count("\n") == 1
 
 
-@pytest.mark.parametrize("module", ["gateway", "agents"])
+@pytest.mark.parametrize("module", ["linked_fleet_gateway", "linked_fleet_agent"])
 def test_where_tracing_is_not_asked_for_its_packages_are_not_imported(module: str) -> None:
     """Of a gateway those that send: its Redis client imports the others by itself."""
     code = f"import sys, {module}.__main__; sys.exit('opentelemetry.exporter' in sys.modules)"

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.runtime.worker import Worker
+from linked_fleet_gateway.runtime.worker import Worker
 
 CHILD = """
 import os, sys

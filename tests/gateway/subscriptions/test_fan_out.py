@@ -10,19 +10,19 @@ from collections.abc import Callable
 
 import msgspec
 import pytest
-from actor import joint, link, robot
 
-from agents.wire.codec import encode_state, layout
-from agents.wire.messages import WIRE_VERSION, Description, State
-from gateway.fleet.events import Appeared, Described, Event, Framed, Undescribed, Vanished
-from gateway.fleet.fleet import Fleet
-from gateway.fleet.invocations import Invocation, Invocations, InvocationState
-from gateway.resources.subscription import Depth, Kind, Subscription
-from gateway.resources.tree import Tree
-from gateway.subscriptions import fan_out
-from gateway.subscriptions.fan_out import FanOut
-from gateway.subscriptions.message import Ending, Message
-from gateway.subscriptions.watcher import Timer
+from actor import joint, link, robot
+from linked_fleet_agent.wire.codec import encode_state, layout
+from linked_fleet_agent.wire.messages import WIRE_VERSION, Description, State
+from linked_fleet_gateway.fleet.events import Appeared, Described, Event, Framed, Undescribed, Vanished
+from linked_fleet_gateway.fleet.fleet import Fleet
+from linked_fleet_gateway.fleet.invocations import Invocation, Invocations, InvocationState
+from linked_fleet_gateway.resources.subscription import Depth, Kind, Subscription
+from linked_fleet_gateway.resources.tree import Tree
+from linked_fleet_gateway.subscriptions import fan_out
+from linked_fleet_gateway.subscriptions.fan_out import FanOut
+from linked_fleet_gateway.subscriptions.message import Ending, Message
+from linked_fleet_gateway.subscriptions.watcher import Timer
 
 _BASE = "http://fleet.example"
 _URDF = robot(link("base"), link("tip"), joint("elbow", "revolute", "base", "tip"))

@@ -13,18 +13,18 @@ import pyshacl
 import pytest
 import rdflib
 import zenoh
+from msgspec.structs import replace
+from rdflib import URIRef
+from websockets.exceptions import InvalidStatus
+
 from actor import Actor, stage
 from browser import DCTERMS, HYBRIT, LDP, LF, SH, Browser, Page
 from connections import websocket
-from msgspec.structs import replace
-from rdflib import URIRef
+from linked_fleet_agent.wire.messages import Camera
+from linked_fleet_agent.wire.pictures import HEADER, Moment, encode_picture
 from running import eventually
 from seer import BLIND, DEPTH, EYE, JPEG, PNG, Seer
 from small_fleet import Place
-from websockets.exceptions import InvalidStatus
-
-from agents.wire.messages import Camera
-from agents.wire.pictures import HEADER, Moment, encode_picture
 
 pytestmark = pytest.mark.virtual
 SOSA = rdflib.Namespace("http://www.w3.org/ns/sosa/")

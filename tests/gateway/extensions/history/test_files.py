@@ -7,13 +7,13 @@ import math
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from agents.wire.codec import encode_state
-from agents.wire.messages import Base, State
-from gateway.extensions.history.files import recording, table
-from gateway.extensions.history.series import all_columns, samples
-from gateway.extensions.history.track import Excerpt, Joints
-from gateway.fleet.model import RobotModel
-from gateway.rdf.units import NEWTON_METRE, RADIAN
+from linked_fleet_agent.wire.codec import encode_state
+from linked_fleet_agent.wire.messages import Base, State
+from linked_fleet_gateway.extensions.history.files import recording, table
+from linked_fleet_gateway.extensions.history.series import all_columns, samples
+from linked_fleet_gateway.extensions.history.track import Excerpt, Joints
+from linked_fleet_gateway.fleet.model import RobotModel
+from linked_fleet_gateway.rdf.units import NEWTON_METRE, RADIAN
 
 S = 1_000_000_000
 ODD = 'arm 2/"left",é'

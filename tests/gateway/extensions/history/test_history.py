@@ -10,19 +10,19 @@ import httpx
 import pyshacl
 import pytest
 import rdflib
-from actor import KEYS, Actor, stage
-from browser import HYBRIT, LF, ROS, SOSA, Browser, Page, links
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rdflib import Literal, URIRef
+
+from actor import KEYS, Actor, stage
+from browser import HYBRIT, LF, ROS, SOSA, Browser, Page, links
+from linked_fleet_agent.wire.codec import decode_state
+from linked_fleet_agent.wire.messages import State
+from linked_fleet_gateway.extensions.history.span import moment
+from linked_fleet_gateway.fleet.inbox import Payload
 from running import eventually
 from small_fleet import Place, live, presence
 from virtual.processes import gateway_session
-
-from agents.wire.codec import decode_state
-from agents.wire.messages import State
-from gateway.extensions.history.span import moment
-from gateway.fleet.inbox import Payload
 
 pytestmark = pytest.mark.virtual
 HYDRA = rdflib.Namespace("http://www.w3.org/ns/hydra/core#")

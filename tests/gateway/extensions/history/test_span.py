@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.base.errors import BadRequest
-from gateway.extensions.history.span import MOST, Span, moment, parse_span, query
+from linked_fleet_gateway.base.errors import BadRequest
+from linked_fleet_gateway.extensions.history.span import MOST, Span, moment, parse_span, query
 
 S = 1_000_000_000
 

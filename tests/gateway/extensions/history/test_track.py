@@ -5,11 +5,11 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.wire.codec import encode_state
-from agents.wire.messages import State
-from gateway.extensions.history.track import Joints, Track, wall_ns
-from gateway.fleet.frames import Latest
-from gateway.fleet.model import RobotModel
+from linked_fleet_agent.wire.codec import encode_state
+from linked_fleet_agent.wire.messages import State
+from linked_fleet_gateway.extensions.history.track import Joints, Track, wall_ns
+from linked_fleet_gateway.fleet.frames import Latest
+from linked_fleet_gateway.fleet.model import RobotModel
 
 S = 1_000_000_000
 URDF = """<robot name='r'><link name='a'/><link name='b'/>

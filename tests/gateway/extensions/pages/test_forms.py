@@ -6,9 +6,10 @@ from urllib.parse import urljoin
 import pyshacl
 import pytest
 import rdflib
+from rdflib import RDF, URIRef
+
 from browser import DCTERMS, HTTP, HYBRIT, LDP, LF, SH, Browser, Page
 from dom import Element, filled, limits_of, parsed
-from rdflib import RDF, URIRef
 
 pytestmark = pytest.mark.virtual
 

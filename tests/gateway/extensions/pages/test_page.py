@@ -1,17 +1,17 @@
 """Pages of hostile and odd graphs, without any gateway."""
 
 import pytest
-from dom import parsed
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-from gateway.base import errors
-from gateway.extensions.pages import labels
-from gateway.extensions.pages.extension import Pages
-from gateway.extensions.pages.page import write
-from gateway.http.problem import problem
-from gateway.rdf.serialise import parse
-from gateway.rdf.vocabulary import DCTERMS, HYBRIT, LF, MATHS, QUDT, RDF, RDFS, UNIT, VOM, XSD
-from gateway.resources.resource import Resource
+from dom import parsed
+from linked_fleet_gateway.base import errors
+from linked_fleet_gateway.extensions.pages import labels
+from linked_fleet_gateway.extensions.pages.extension import Pages
+from linked_fleet_gateway.extensions.pages.page import write
+from linked_fleet_gateway.http.problem import problem
+from linked_fleet_gateway.rdf.serialise import parse
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LF, MATHS, QUDT, RDF, RDFS, UNIT, VOM, XSD
+from linked_fleet_gateway.resources.resource import Resource
 
 BASE = "http://example.org"
 HERE = NamedNode(BASE + "/r/")

@@ -5,13 +5,13 @@ from urllib.parse import urlsplit
 
 import pytest
 import rdflib
-from browser import DCTERMS, HYBRIT, LDP, LF, ROS, Browser
-from dom import Element, parsed
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-from gateway.extensions.things.td import TD
-from gateway.rdf.serialise import JELLY, parse
-from gateway.rdf.vocabulary import LF as OUR_TERMS
+from browser import DCTERMS, HYBRIT, LDP, LF, ROS, Browser
+from dom import Element, parsed
+from linked_fleet_gateway.extensions.things.td import TD
+from linked_fleet_gateway.rdf.serialise import JELLY, parse
+from linked_fleet_gateway.rdf.vocabulary import LF as OUR_TERMS
 
 pytestmark = pytest.mark.virtual
 

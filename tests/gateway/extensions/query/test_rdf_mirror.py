@@ -3,18 +3,18 @@
 from collections.abc import Iterator
 
 import pytest
-from pictured import Pictured
 from pyoxigraph import BlankNode, CanonicalizationAlgorithm, Dataset, NamedNode, Quad, Store, Triple
 
-from agents.wire.messages import Base
-from gateway.extensions.query.rdf_mirror import Twin
-from gateway.fleet.invocations import Invocation, InvocationState
-from gateway.fleet.lease import Lease
-from gateway.rdf.graph import Graph
-from gateway.resources.invocation import invocation_path
-from gateway.resources.paths import lease_path, robot_path
-from gateway.resources.resource import Resource
-from gateway.resources.tree import Tree
+from linked_fleet_agent.wire.messages import Base
+from linked_fleet_gateway.extensions.query.rdf_mirror import Twin
+from linked_fleet_gateway.fleet.invocations import Invocation, InvocationState
+from linked_fleet_gateway.fleet.lease import Lease
+from linked_fleet_gateway.rdf.graph import Graph
+from linked_fleet_gateway.resources.invocation import invocation_path
+from linked_fleet_gateway.resources.paths import lease_path, robot_path
+from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.tree import Tree
+from pictured import Pictured
 
 BASE = "http://fleet.example"
 

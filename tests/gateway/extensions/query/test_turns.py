@@ -4,9 +4,9 @@ import asyncio
 
 import pytest
 
-from gateway.base.errors import Busy, FleetError
-from gateway.extensions.query.errors import TooManyQueries
-from gateway.extensions.query.turns import AT_ONCE, MAX_OF_CLIENT, MAX_WAITING, FairTurns
+from linked_fleet_gateway.base.errors import Busy, FleetError
+from linked_fleet_gateway.extensions.query.errors import TooManyQueries
+from linked_fleet_gateway.extensions.query.turns import AT_ONCE, MAX_OF_CLIENT, MAX_WAITING, FairTurns
 
 
 class Asked:

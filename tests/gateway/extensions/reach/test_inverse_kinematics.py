@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.robots.catalogue import MODELS, data_folder
-from agents.wire.messages import Base
-from gateway.extensions.reach.inverse_kinematics import (
+from linked_fleet_agent.robots.catalogue import MODELS, data_folder
+from linked_fleet_agent.wire.messages import Base
+from linked_fleet_gateway.extensions.reach.inverse_kinematics import (
     MAX_ITERATIONS,
     TOLERANCE_M,
     TOLERANCE_RAD,
@@ -19,8 +19,8 @@ from gateway.extensions.reach.inverse_kinematics import (
     Unreachable,
     reach,
 )
-from gateway.fleet.kinematics import ORIGIN, LinkPoses, placed
-from gateway.fleet.model import ModelError, Pose, RobotModel
+from linked_fleet_gateway.fleet.kinematics import ORIGIN, LinkPoses, placed
+from linked_fleet_gateway.fleet.model import ModelError, Pose, RobotModel
 
 CASES = [
     ("baxter", "left_gripper", True),

@@ -5,25 +5,25 @@ from itertools import chain
 
 import pytest
 from pyoxigraph import NamedNode, Triple
-from wot import conforms, fits
 
-from agents.wire.codec import layout
-from agents.wire.messages import WIRE_VERSION, Description
-from gateway.actions.admission import admit
-from gateway.base.errors import BadRequest, UnprocessableContent
-from gateway.extensions.things.directory import BRANCHES, Listing
-from gateway.fleet.events import Appeared, Described
-from gateway.fleet.fleet import Fleet
-from gateway.fleet.invocations import Invocations
-from gateway.identity.rights import ALL, View, view
-from gateway.rdf.vocabulary import LF, ROS, UNIT, VOM
-from gateway.resources.action_offer import Offer
-from gateway.resources.affordance import Invoke, PutTarget
-from gateway.resources.branches import NONE
-from gateway.resources.json_form import form_of_input
-from gateway.resources.plain_json import triples_of
-from gateway.resources.resource import Resource
-from gateway.resources.tree import Tree
+from linked_fleet_agent.wire.codec import layout
+from linked_fleet_agent.wire.messages import WIRE_VERSION, Description
+from linked_fleet_gateway.actions.admission import admit
+from linked_fleet_gateway.base.errors import BadRequest, UnprocessableContent
+from linked_fleet_gateway.extensions.things.directory import BRANCHES, Listing
+from linked_fleet_gateway.fleet.events import Appeared, Described
+from linked_fleet_gateway.fleet.fleet import Fleet
+from linked_fleet_gateway.fleet.invocations import Invocations
+from linked_fleet_gateway.identity.rights import ALL, View, view
+from linked_fleet_gateway.rdf.vocabulary import LF, ROS, UNIT, VOM
+from linked_fleet_gateway.resources.action_offer import Offer
+from linked_fleet_gateway.resources.affordance import Invoke, PutTarget
+from linked_fleet_gateway.resources.branches import NONE
+from linked_fleet_gateway.resources.json_form import form_of_input
+from linked_fleet_gateway.resources.plain_json import triples_of
+from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.tree import Tree
+from wot import conforms, fits
 
 BASE = "http://example.org"
 TD, JSON = "application/td+json", "application/json"

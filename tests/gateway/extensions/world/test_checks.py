@@ -8,26 +8,26 @@ from pathlib import Path
 
 import msgspec
 import pytest
+
+from linked_fleet_agent.wire.codec import encode_state, layout
+from linked_fleet_agent.wire.messages import Description, Mesh, Move, State
+from linked_fleet_gateway.actions.commands import TIME_TO_LIVE_NS, command_of
+from linked_fleet_gateway.actions.plan import Moment, Motion
+from linked_fleet_gateway.app.application import new_live
+from linked_fleet_gateway.app.settings import GatewaySettings
+from linked_fleet_gateway.extensions.world import checks
+from linked_fleet_gateway.extensions.world.checks import Checks
+from linked_fleet_gateway.extensions.world.errors import Unchecked
+from linked_fleet_gateway.extensions.world.scene import SceneObject
+from linked_fleet_gateway.fleet.events import Appeared, Described, Framed
+from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.identity.rights import ALL
+from linked_fleet_gateway.link.fleet_link import NoAnswer
+from linked_fleet_gateway.link.meshes import Meshes
+from linked_fleet_gateway.resources.placement import PLACEMENT
 from meshes import channel, stl
 from virtual.zenoh_network import ZenohNetwork
-
-from agents.wire.codec import encode_state, layout
-from agents.wire.messages import Description, Mesh, Move, State
-from gateway.actions.commands import TIME_TO_LIVE_NS, command_of
-from gateway.actions.plan import Moment, Motion
-from gateway.app.application import new_live
-from gateway.app.settings import GatewaySettings
-from gateway.extensions.world import checks
-from gateway.extensions.world.checks import Checks
-from gateway.extensions.world.errors import Unchecked
-from gateway.extensions.world.scene import SceneObject
-from gateway.fleet.events import Appeared, Described, Framed
-from gateway.fleet.model import Pose
-from gateway.fleet.robot import Robot
-from gateway.identity.rights import ALL
-from gateway.link.fleet_link import NoAnswer
-from gateway.link.meshes import Meshes
-from gateway.resources.placement import PLACEMENT
 
 PATIENCE_S = 30.0
 

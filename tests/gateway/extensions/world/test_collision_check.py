@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from gateway.extensions.world.collision_check import MARGIN_M, check
-from gateway.extensions.world.messages import Check, Free, Leg, Meets, Stood, Unable, Way
-from gateway.extensions.world.scene import Box, Geometry, Sphere, TriangleMesh, read_stl
-from gateway.extensions.world.shapes import object_of, robot_of
-from gateway.extensions.world.surfaces import Array, Surface
-from gateway.fleet.model import Pose
+from linked_fleet_gateway.extensions.world.collision_check import MARGIN_M, check
+from linked_fleet_gateway.extensions.world.messages import Check, Free, Leg, Meets, Stood, Unable, Way
+from linked_fleet_gateway.extensions.world.scene import Box, Geometry, Sphere, TriangleMesh, read_stl
+from linked_fleet_gateway.extensions.world.shapes import object_of, robot_of
+from linked_fleet_gateway.extensions.world.surfaces import Array, Surface
+from linked_fleet_gateway.fleet.model import Pose
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from meshes import BOX, channel, read
 
-from gateway.extensions.world.mesh_cache import MeshCache
-from gateway.extensions.world.surfaces import Surface
+from linked_fleet_gateway.extensions.world.mesh_cache import MeshCache
+from linked_fleet_gateway.extensions.world.surfaces import Surface
+from meshes import BOX, channel, read
 
 NAMES = [f"{number:064x}.stl" for number in range(8)]
 SURFACE = read(channel())

@@ -1,6 +1,6 @@
 """Which parts of a robot are held against each other."""
 
-from gateway.extensions.world.shapes import robot_of
+from linked_fleet_gateway.extensions.world.shapes import robot_of
 
 
 def _link(name: str, size: str = ".2 .02 .02", x: float = 0.125) -> str:

@@ -5,15 +5,15 @@ import struct
 
 import numpy as np
 import pytest
-from meshes import BOX, channel, plate, read, stl
 
-from gateway.extensions.world import surfaces
-from gateway.extensions.world.collision_check import check
-from gateway.extensions.world.messages import Answer, Check, Free, Leg, Meets, Stood, Way
-from gateway.extensions.world.shapes import robot_of
-from gateway.extensions.world.surfaces import read_mesh, winding
-from gateway.fleet.model import Pose
-from gateway.fleet.xml import ModelError
+from linked_fleet_gateway.extensions.world import surfaces
+from linked_fleet_gateway.extensions.world.collision_check import check
+from linked_fleet_gateway.extensions.world.messages import Answer, Check, Free, Leg, Meets, Stood, Way
+from linked_fleet_gateway.extensions.world.shapes import robot_of
+from linked_fleet_gateway.extensions.world.surfaces import read_mesh, winding
+from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_gateway.fleet.xml import ModelError
+from meshes import BOX, channel, plate, read, stl
 
 HERE = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 

@@ -3,18 +3,18 @@
 from pathlib import Path
 
 from pyoxigraph import Literal, NamedNode
-from virtual.zenoh_network import ZenohNetwork
 
-from gateway.app.application import new_live
-from gateway.app.settings import GatewaySettings
-from gateway.extensions.world.scene import SceneObject, Sphere, encode
-from gateway.extensions.world.service import World
-from gateway.fleet.invocations import Invocations
-from gateway.fleet.model import Pose
-from gateway.identity.rights import ALL
-from gateway.rdf.vocabulary import DCTERMS, LDP, LF, RDF
-from gateway.resources.access_filter import InvocationsInView
-from gateway.resources.branches import RequestView
+from linked_fleet_gateway.app.application import new_live
+from linked_fleet_gateway.app.settings import GatewaySettings
+from linked_fleet_gateway.extensions.world.scene import SceneObject, Sphere, encode
+from linked_fleet_gateway.extensions.world.service import World
+from linked_fleet_gateway.fleet.invocations import Invocations
+from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_gateway.identity.rights import ALL
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, LF, RDF
+from linked_fleet_gateway.resources.access_filter import InvocationsInView
+from linked_fleet_gateway.resources.branches import RequestView
+from virtual.zenoh_network import ZenohNetwork
 
 BASE = "http://fleet.test"
 

@@ -3,10 +3,8 @@
 import hashlib
 from pathlib import Path
 
-from meshes import BOX, channel, stl
-
-from gateway.extensions.world.mesh_cache import MeshCache
-from gateway.extensions.world.messages import (
+from linked_fleet_gateway.extensions.world.mesh_cache import MeshCache
+from linked_fleet_gateway.extensions.world.messages import (
     Check,
     Lacks,
     Leg,
@@ -18,8 +16,9 @@ from gateway.extensions.world.messages import (
     Unable,
     Way,
 )
-from gateway.extensions.world.worker import Worker
-from gateway.fleet.model import Pose
+from linked_fleet_gateway.extensions.world.worker import Worker
+from linked_fleet_gateway.fleet.model import Pose
+from meshes import BOX, channel, stl
 
 URIS = {"package://r/u.stl": stl(channel()), "package://r/box.stl": stl(BOX)}
 MESHES = {f"{hashlib.sha256(content).hexdigest()}.stl": content for content in URIS.values()}

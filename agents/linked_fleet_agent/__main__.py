@@ -1,0 +1,71 @@
+"""``python -m linked_fleet_agent --robot NAME``: settings → robots → session → links → agents; nothing else."""
+
+import asyncio
+import logging
+import os
+import signal
+import socket
+import sys
+
+from linked_fleet_agent.agent import Agent
+from linked_fleet_agent.link import DuplicateNameError
+from linked_fleet_agent.robots.catalogue import UnavailableError
+from linked_fleet_agent.serving import make_agent, serve
+from linked_fleet_agent.settings import AgentSettings, SettingsError, read_settings
+from linked_fleet_agent.spans import TracingUnavailable
+from linked_fleet_agent.tracing import Tracing, open_tracing
+
+_log = logging.getLogger("linked_fleet_agent")
+
+
+def main() -> int:
+    """Exit code 0 after SIGINT or SIGTERM; 2 for settings or robots that cannot be used, 3 for a name that is taken."""
+    try:
+        settings = read_settings(sys.argv[1:], os.environ, socket.gethostname())
+        logging.basicConfig(level=settings.log_level, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
+        tracing = open_tracing(os.environ)
+        agents = [make_agent(settings, index) for index in range(len(settings.robots))]
+    except (SettingsError, UnavailableError, TracingUnavailable) as error:
+        print(f"linked-fleet-agent: {error}", file=sys.stderr)
+        return 2
+    try:
+        asyncio.run(_run(settings, agents, tracing))
+    except DuplicateNameError as error:
+        print(f"linked-fleet-agent: {error}", file=sys.stderr)
+        return 3
+    finally:
+        if tracing is not None:
+            tracing.close()
+    return 0
+
+
+async def _run(settings: AgentSettings, agents: list[Agent], tracing: Tracing | None) -> None:
+    """Serve all robots until a signal comes or one of them fails. SIGUSR1 begins demonstrations anew."""
+    stop = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, stop.set)
+    loop.add_signal_handler(signal.SIGUSR1, _begin_demonstrations_anew, agents)
+    serving = asyncio.create_task(serve(settings, agents, tracing))
+    stopping = asyncio.create_task(stop.wait())
+    await asyncio.wait({serving, stopping}, return_when=asyncio.FIRST_COMPLETED)
+    stopping.cancel()
+    serving.cancel()
+    try:
+        await serving
+    except asyncio.CancelledError:
+        _log.info("stopped")
+    except BaseExceptionGroup as group:
+        taken, others = group.split(DuplicateNameError)
+        if others is not None or taken is None:
+            raise
+        raise next(error for error in taken.exceptions) from None
+
+
+def _begin_demonstrations_anew(agents: list[Agent]) -> None:
+    for agent in agents:
+        agent.demonstration.begin_anew()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

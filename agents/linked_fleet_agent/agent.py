@@ -1,0 +1,355 @@
+"""The loop of one robot: read → publish; command → judge → move; stop. Knows only Robot and Link."""
+
+import logging
+import math
+import secrets
+import time
+from collections.abc import Callable, Iterable
+from functools import partial
+from typing import Protocol, TypeVar
+
+from linked_fleet_agent import safety
+from linked_fleet_agent.cameras import Cameras
+from linked_fleet_agent.demonstration import Demonstration
+from linked_fleet_agent.meshes import MeshFiles
+from linked_fleet_agent.motion import Measured, Motions, Outcome, Sway
+from linked_fleet_agent.pace import every
+from linked_fleet_agent.plan import ImpossibleError, Plan, joints_of, plan
+from linked_fleet_agent.report import Report
+from linked_fleet_agent.robot import Reading, Robot
+from linked_fleet_agent.wire import codec
+from linked_fleet_agent.wire.codec import VersionError, WireError
+from linked_fleet_agent.wire.messages import (
+    WIRE_VERSION,
+    Accepted,
+    Base,
+    Command,
+    Description,
+    Refused,
+    Reply,
+    State,
+    Stop,
+)
+
+_log = logging.getLogger(__name__)
+_M = TypeVar("_M", Command, Stop)
+
+
+class Link(Protocol):
+    """The way to the gateways. Neither publication ever blocks or raises: a lost link drops, and says so in the log."""
+
+    @property
+    def gateway_present(self) -> bool:
+        """Return True if a gateway was known to be alive when ``watch_gateways`` was called last."""
+
+    def watch_gateways(self, period_s: float) -> None:
+        """Judge which gateways are alive; to be called in each tick, one every ``period_s`` seconds."""
+
+    @property
+    def arrivals(self) -> int:
+        """How many gateways have appeared so far, those that came back included."""
+
+    def publish_state(self, payload: bytes) -> None: ...
+
+    def publish_progress(self, payload: bytes, final: bool) -> None:
+        """``final`` says how a motion ended, and must arrive; other progress may be dropped."""
+
+
+def new_incarnation() -> int:
+    """A number for this run of an agent: it grows with wall time, differs between simultaneous starts, fits 63 bits."""
+    return (time.time_ns() // 1_000_000) * 4096 + secrets.randbelow(4096)
+
+
+class Agent:
+    """One robot. ``description`` and ``incarnation`` never change; everything runs on one event loop.
+
+    Raises ValueError when a demonstration names a joint that takes no command.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        robot: Robot,
+        *,
+        rate_hz: float = 100.0,
+        sways: Iterable[Sway] = (),
+        monotonic_ns: Callable[[], int] = lambda: time.monotonic_ns(),
+        wall_ns: Callable[[], int] = lambda: time.time_ns(),
+    ) -> None:
+        self.name, self.rate_hz = name, rate_hz
+        self.incarnation = new_incarnation()
+        self._robot, self._facts = robot, robot.describe()
+        self._joints = {joint.name: joint for joint in self._facts.joints}
+        self._names = tuple(self._joints)
+        self._counts = (len(self._names),) * 3
+        sways = tuple(sways)
+        for sway in sways:
+            joint = self._joints.get(sway.joint)
+            if joint is None or joint.mimics is not None or joint.passive:
+                raise ValueError(f"{name} has no joint {sway.joint!r} that takes commands")
+        self._motions = Motions(self._joints, sways)
+        self.demonstration = Demonstration(name, self._motions)
+        self._monotonic_ns, self._wall_ns = monotonic_ns, wall_ns
+        self._seen, self._stops = safety.Remembered(), safety.Stops()
+        self._reading: Reading | None = None
+        self._sequence = 0
+        self._stepped_ns: int | None = None
+        self._gateway_present = False
+        self._lost_ns: int | None = None
+        self._fault: str | None = None
+        self._outcomes: list[Outcome] = []
+        self._report = Report(self.incarnation)
+        self._meshes = MeshFiles(name, self._facts.meshes)
+        self._cameras = Cameras(robot, self._facts.cameras)
+        self._shown: State | None = None
+        self.description = codec.encode(self._describe())
+
+    async def run(self, link: Link) -> None:
+        """Tick at ``rate_hz`` until cancelled, then hold and close the robot. Missed ticks are skipped, not made up."""
+        try:
+            await every(1.0 / self.rate_hz, partial(self.tick, link))
+        finally:
+            self._outcomes += self._motions.forget("the agent ends")
+            self._tell(link, self._monotonic_ns())
+            self._stop_robot()
+            self._robot.close()
+
+    def tick(self, link: Link) -> None:
+        """Read, publish, hold if nobody is there any more, and move on."""
+        now_ns = self._monotonic_ns()
+        self._reading = self._read(now_ns)
+        self._publish_state(link, now_ns)
+        self._watch_gateways(link, now_ns)
+        if self._reading is not None:
+            self._move(now_ns)
+        self._tell(link, now_ns)
+
+    def handle(self, payload: bytes) -> bytes:
+        """Judge one command; the reply says accepted or why not. Never raises."""
+        command = _decoded(payload, Command)
+        if isinstance(command, Refused):
+            return codec.encode(command)
+        reply = self._judge(command)
+        if isinstance(reply, Refused):
+            _log.info("%s: command %s refused (%s): %s", self.name, reply.id, reply.code, reply.reason)
+        return codec.encode(reply)
+
+    def handle_stop(self, payload: bytes) -> bytes:
+        """Stop what it names, whenever that is; refused only for what the robot has not. Never raises."""
+        stop = _decoded(payload, Stop)
+        reply = stop if isinstance(stop, Refused) else safety.judge_stop(stop, self._joints) or self._stop(stop)
+        if isinstance(reply, Refused):
+            _log.warning("%s: stop %s refused (%s): %s", self.name, reply.id, reply.code, reply.reason)
+        return codec.encode(reply)
+
+    def mesh(self, question: bytes) -> bytes:
+        """The mesh of a digest, read from disk: to be called in a thread of its own. MeshError."""
+        return self._meshes.read(question)
+
+    def picture(self, question: bytes) -> bytes:
+        """What a camera sees in the frame that was published last: to be called in a thread. PictureError."""
+        return self._cameras.take(question, self._shown)
+
+    @property
+    def has_cameras(self) -> bool:
+        return bool(self._cameras.offers)
+
+    def _judge(self, command: Command) -> Reply:
+        verdict = safety.judge(
+            command,
+            now_ns=self._monotonic_ns(),
+            incarnation=self.incarnation,
+            joints=self._joints,
+            seen=self._seen,
+            stops=self._stops,
+        )
+        return (
+            verdict if isinstance(verdict, Refused) else self._hindrance(command) or self._start(command, verdict.at_ns)
+        )
+
+    def _hindrance(self, command: Command) -> Refused | None:
+        """Why a command that is right in itself cannot run now."""
+        if self._fault is not None:
+            return Refused(command.id, "fault", f"the robot has a fault: {self._fault}"[:1024])
+        if not self._gateway_present:
+            return Refused(command.id, "fault", "no gateway is present, and without one the robot holds")
+        concerned = dict.fromkeys((*joints_of(command.motion), *command.expects))
+        unknown = [name for name in concerned if not math.isfinite(self._measured.positions[name])]
+        if unknown:
+            return Refused(command.id, "fault", f"the position of {', '.join(unknown)} is unknown"[:1024])
+        surprise = safety.unexpected(command.expects, self._measured.positions, self._joints)
+        return Refused(command.id, "expectation", surprise[:1024]) if surprise else None
+
+    def _start(self, command: Command, at_ns: int) -> Reply:
+        motion, measured = safety.clamp(command.motion, self._joints), self._measured.positions
+        try:
+            made: Plan = plan(motion, command.scale, self._motions.starts(joints_of(motion), measured))
+        except ImpossibleError as error:
+            return Refused(command.id, "limits", str(error)[:1024])
+        preempted = self._motions.running_on(made.trajectories.keys())
+        if not command.rehearsal:
+            self._seen.add(command.id)
+            self._outcomes += self._motions.start(command.id, made, measured)
+            self.demonstration.note()
+        return Accepted(command.id, made.duration_s, preempted[:1024], at_ns)
+
+    def _stop(self, stop: Stop) -> Accepted:
+        now_ns = self._monotonic_ns()
+        named = [self._leader(name) for name in stop.joints or self._names]
+        joints = [name for name in dict.fromkeys(named) if name is not None]
+        cancelled = self._motions.stoppable(joints, stop.command)[:1024]
+        if stop.rehearsal:
+            return Accepted(stop.id, self._motions.braking_s(joints, stop.command), cancelled, now_ns)
+        if stop.command:
+            self._stops.cancel(stop.command)
+        else:
+            self._stops.note(joints, now_ns)
+        reason = stop.reason or "stopped"
+        duration_s, outcomes = self._motions.stop(stop.id, joints, stop.command, reason, self._measured.positions)
+        self._outcomes += outcomes
+        if self._fault is not None:
+            # Nothing can be measured, so whether it stands is what the driver says.
+            problem = self._stop_robot()
+            said = f"the driver holds the robot, which cannot be measured: {self._fault}"
+            self._outcomes += self._motions.conclude(stop.id, "failed" if problem else "succeeded", problem or said)
+        _log.warning("%s: stop %s: %s", self.name, stop.id, reason)
+        self.demonstration.note()
+        return Accepted(stop.id, duration_s, cancelled, now_ns)
+
+    def _leader(self, name: str) -> str | None:
+        """The joint that takes the commands for ``name``; None when the robot has none such."""
+        for _ in self._names:
+            joint = self._joints.get(name)
+            if joint is None or joint.mimics is None:
+                return None if joint is None else name
+            name = joint.mimics
+        return None
+
+    def _read(self, now_ns: int) -> Reading | None:
+        try:
+            reading = self._robot.read(now_ns / 1e9)
+            counts = (len(reading.positions), len(reading.velocities), len(reading.efforts))
+            if counts != self._counts:
+                raise ValueError(f"{counts} positions, velocities and efforts of {len(self._names)} joints")
+        except Exception as error:  # noqa: BLE001 - a driver may raise whatever its hardware library does
+            self._fail(error, "read")
+            return None
+        if self._fault is not None:
+            _log.warning("%s: the robot can be read again", self.name)
+            self._fault = None
+        return reading
+
+    @property
+    def _measured(self) -> Measured:
+        """The last reading by joint. Made for who asks: in most ticks nothing moves, and nobody does."""
+        reading = self._reading
+        if reading is None:
+            return Measured(dict.fromkeys(self._names, math.nan))
+        rows = (reading.positions, reading.velocities, reading.efforts)
+        return Measured(*(dict(zip(self._names, row, strict=True)) for row in rows))
+
+    def _fail(self, error: Exception, doing: str) -> None:
+        reason = f"{doing} failed: {error or type(error).__name__}"
+        if self._fault is None:
+            _log.exception("%s: %s; the robot holds", self.name, reason)
+            self._stop_robot()
+        self._fault = reason
+        self._reading = None
+        self._outcomes += self._motions.forget(f"driver fault: {reason}"[:1024])
+
+    def _stop_robot(self) -> str:
+        """Have the driver hold; why it could not, or nothing."""
+        try:
+            self._robot.stop()
+        except Exception as error:  # noqa: BLE001 - as in _read
+            _log.exception("%s: the robot could not be stopped", self.name)
+            return f"the robot could not be stopped: {error or type(error).__name__}"
+        return ""
+
+    def _publish_state(self, link: Link, now_ns: int) -> None:
+        reading = self._reading
+        if reading is None:
+            unknown = (math.nan,) * len(self._names)
+            nans: tuple[float, float, float] = (math.nan, math.nan, math.nan)
+            base = Base(nans, (*nans, math.nan), nans, nans) if self._facts.floating else None
+            reading = Reading(unknown, unknown, unknown, base)
+        state = State(
+            incarnation=self.incarnation,
+            sequence=self._sequence,
+            monotonic_ns=now_ns,
+            wall_ns=self._wall_ns(),
+            base=reading.base,
+            positions=reading.positions,
+            velocities=reading.velocities,
+            efforts=reading.efforts,
+        )
+        self._shown = None if self._reading is None else state
+        self._sequence += 1
+        link.publish_state(codec.encode_state(state))
+
+    def _watch_gateways(self, link: Link, now_ns: int) -> None:
+        link.watch_gateways(1.0 / self.rate_hz)
+        present = link.gateway_present
+        if self._gateway_present and not present:
+            _log.warning("%s: the last gateway is gone; the robot holds", self.name)
+            self._outcomes += self._motions.halt("gateway lost")
+            self._stops.note(self._names, self._monotonic_ns())
+            self._lost_ns = now_ns
+        elif present and not self._gateway_present and self._lost_ns is None:
+            _log.info("%s: a gateway is present", self.name)
+        elif present and not self._gateway_present:
+            away_s = (now_ns - (self._lost_ns or now_ns)) / 1e9
+            _log.warning("%s: a gateway is back after %.1f s; the robot takes commands again", self.name, away_s)
+        self._gateway_present = present
+
+    def _move(self, now_ns: int) -> None:
+        elapsed_s = 0.0 if self._stepped_ns is None else (now_ns - self._stepped_ns) / 1e9
+        self._stepped_ns = now_ns
+        if self._motions.idle:
+            return
+        setpoints, outcomes = self._motions.step(elapsed_s, self._measured, held=not self._gateway_present)
+        self._outcomes += outcomes
+        if setpoints:
+            try:
+                self._motions.correct(self._robot.apply(setpoints))
+            except Exception as error:  # noqa: BLE001 - as in _read
+                self._fail(error, "apply")
+
+    def _tell(self, link: Link, now_ns: int) -> None:
+        for payload in self._report.repeat(link.arrivals, now_ns):
+            link.publish_progress(payload, final=True)
+        outcomes = [*self._outcomes, *(self._motions.underway() if self._report.due(now_ns) else ())]
+        if not outcomes:
+            return
+        wall_ns, positions = self._wall_ns(), self._measured.positions
+        for outcome in outcomes:
+            payload = self._report.write(outcome, positions, now_ns, wall_ns)
+            link.publish_progress(payload, final=outcome.state != "running")
+        self._outcomes.clear()
+
+    def _describe(self) -> Description:
+        floating = self._facts.floating
+        return Description(
+            version=WIRE_VERSION,
+            robot=self.name,
+            incarnation=self.incarnation,
+            title=self._facts.title,
+            urdf=self._facts.urdf,
+            base="floating" if floating else "fixed",
+            joints=self._names,
+            rate_hz=self.rate_hz,
+            capabilities=("move", "follow", "stop"),
+            annotations=self._facts.annotations,
+            meshes=self._meshes.offers,
+            cameras=self._cameras.offers,
+            layout=codec.layout(len(self._names), floating),
+        )
+
+
+def _decoded(payload: bytes, kind: type[_M]) -> _M | Refused:
+    try:
+        return codec.decode(payload, kind)
+    except VersionError as error:
+        return Refused("", "version", str(error)[:1024])
+    except WireError as error:
+        return Refused("", "malformed", str(error)[:1024])

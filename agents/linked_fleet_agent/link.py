@@ -1,0 +1,235 @@
+"""One robot on a session: its presence, answers and publications, and the gateways that it sees."""
+
+import asyncio
+import logging
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack
+from dataclasses import dataclass, field
+from functools import partial
+from types import TracebackType
+from typing import Literal, NamedTuple, Self
+
+from linked_fleet_agent.gateway_watch import GatewayWatch
+from linked_fleet_agent.meshes import MeshError
+from linked_fleet_agent.robot import PictureError
+from linked_fleet_agent.tracing import Tracing
+from linked_fleet_agent.transport import Publisher, Query, Session, TransportError
+from linked_fleet_agent.wire.keys import Keys
+
+_log = logging.getLogger(__name__)
+
+_LOOK_TIMEOUT_S = 1.0
+_MOST_WAITING = {"mesh": 32, "picture": 8}
+
+
+_Slow = Literal["mesh", "picture"]
+
+
+class DuplicateNameError(Exception):
+    """Another agent with the same robot name is alive; the message says which run of it."""
+
+
+class RobotLink:
+    """One robot on a shared session: ``async with RobotLink(...) as link`` declares it, leaving undeclares it.
+
+    ``on_command`` and ``on_stop`` are called on the event loop with the payload and return the payload of the reply,
+    ``on_mesh`` and ``on_picture`` in a thread, each one call after another; they may raise MeshError and PictureError.
+    Entering raises DuplicateNameError when the name is taken for longer than ``lease_ms``: a token that outlives its
+    killed agent is gone by then.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        keys: Keys,
+        *,
+        robot: str,
+        incarnation: int,
+        description: bytes,
+        on_command: Callable[[bytes], bytes],
+        on_stop: Callable[[bytes], bytes],
+        on_mesh: Callable[[bytes], bytes] | None = None,
+        on_picture: Callable[[bytes], bytes] | None = None,
+        lease_ms: int = 2_000,
+        tracing: Tracing | None = None,
+    ) -> None:
+        self._session, self._keys = session, keys
+        self._robot, self._incarnation, self._lease_ms = robot, incarnation, lease_ms
+        self._description = description
+        self._answers = {"command": on_command, "stop": on_stop}
+        self._tracing = tracing
+        slow: dict[_Slow, Callable[[bytes], bytes] | None] = {"mesh": on_mesh, "picture": on_picture}
+        self._slow = {kind: _Slowly(read) for kind, read in slow.items() if read is not None}
+        self._gateways = GatewayWatch(session, keys, robot, self._declare_visible)
+        self._dropping = False
+        self._declared = ExitStack()
+        self._visible: dict[int, ExitStack] = {}
+
+    @property
+    def gateway_present(self) -> bool:
+        return self._gateways.present
+
+    @property
+    def arrivals(self) -> int:
+        return self._gateways.arrivals
+
+    def watch_gateways(self, period_s: float) -> None:
+        self._gateways.check(period_s)
+
+    async def __aenter__(self) -> Self:
+        await self._wait_for_name()
+        try:
+            self._declare()
+            # Two that started in the same instant saw nobody: the elder run keeps the name.
+            elder = [other for other in await self._others() if other < self._incarnation]
+            if elder:
+                raise self._duplicate(elder[0])
+        except BaseException:
+            self._undeclare()
+            raise
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._undeclare()
+
+    def publish_state(self, payload: bytes) -> None:
+        self._put(self._states, payload)
+
+    def publish_progress(self, payload: bytes, final: bool) -> None:
+        self._put(self._ends if final else self._progress, payload)
+
+    def _put(self, publisher: Publisher, payload: bytes) -> None:
+        try:
+            publisher.put(payload)
+            self._dropping = False
+        except TransportError as error:
+            if not self._dropping:
+                _log.warning("%s: publications are dropped: %s", self._robot, error)
+            self._dropping = True
+
+    def _declare(self) -> None:
+        declare, session, keys, robot = self._declared.enter_context, self._session, self._keys, self._robot
+        # A frame is worth nothing once the next one is there: drop rather than wait. How a motion ended must arrive.
+        state, progress = keys.robot(robot, "state"), keys.robot(robot, "progress")
+        self._states = declare(session.declare_publisher(state, reliable=False, express=False))
+        self._progress = declare(session.declare_publisher(progress, reliable=False, express=True))
+        self._ends = declare(session.declare_publisher(progress, reliable=True, express=True))
+        self._gateways.declare()
+        self._declare_visible()
+
+    def _declare_visible(self) -> None:
+        """Declare what gateways see of the robot, or declare it anew.
+
+        One declaration after another, so that a stop finds nobody for less than a millisecond.
+        """
+        for place, declare in enumerate(self._declarations()):
+            kept = self._visible.setdefault(place, ExitStack())
+            kept.close()
+            kept.enter_context(declare())
+
+    def _declarations(self) -> Iterator[Callable[[], AbstractContextManager[object]]]:
+        declare, keys, robot = self._session.declare_queryable, self._keys, self._robot
+        yield partial(declare, keys.robot(robot, "description"), self._answer_description)
+        kinds: tuple[Literal["command"], Literal["stop"]] = ("command", "stop")
+        for kind in kinds:
+            yield partial(declare, keys.robot(robot, kind), partial(self._answer, kind))
+        for slow in self._slow:
+            yield partial(declare, keys.robot(robot, slow), partial(self._answer_slowly, slow))
+        # Last: whoever sees the robot can ask it.
+        yield partial(self._session.declare_token, keys.presence(robot, self._incarnation))
+
+    def _undeclare(self) -> None:
+        for declared in reversed(self._visible.values()):
+            declared.close()
+        self._gateways.close()
+        self._declared.close()
+
+    def _answer_description(self, query: Query) -> None:
+        self._reply(query, self._keys.robot(self._robot, "description"), self._description)
+
+    def _answer(self, kind: Literal["command", "stop"], query: Query) -> None:
+        payload, answer = query.payload, self._answers[kind]
+        if self._tracing is None:
+            reply = answer(payload)
+        else:
+            reply = self._tracing.take(kind, self._robot, query.traceparent, payload, answer)
+        self._reply(query, self._keys.robot(self._robot, kind), reply)
+
+    def _answer_slowly(self, kind: _Slow, query: Query) -> None:
+        """Off the event loop: a slow disk, a slow renderer or a slow gateway must not hold up the robot."""
+        slowly = self._slow[kind]
+        if len(slowly.waiting) >= _MOST_WAITING[kind]:
+            self._reply(query, self._keys.robot(self._robot, kind), _Refusal(f"too much is asked for: {kind}"))
+            return
+        task = asyncio.get_running_loop().create_task(self._send_slowly(kind, slowly, query))
+        slowly.waiting.add(task)
+        task.add_done_callback(slowly.waiting.discard)
+
+    async def _send_slowly(self, kind: _Slow, slowly: "_Slowly", query: Query) -> None:
+        async with slowly.one:
+            await asyncio.to_thread(self._read_and_reply, kind, slowly.read, query)
+
+    def _read_and_reply(self, kind: _Slow, read: Callable[[bytes], bytes], query: Query) -> None:
+        try:
+            content: bytes | _Refusal = read(query.payload)
+        except (MeshError, PictureError) as error:
+            _log.info("%s: no %s: %s", self._robot, kind, error)
+            content = _Refusal(str(error))
+        self._reply(query, self._keys.robot(self._robot, kind), content)
+
+    def _reply(self, query: Query, key: str, payload: "bytes | _Refusal") -> None:
+        try:
+            if isinstance(payload, _Refusal):
+                query.refuse(payload.reason.encode())
+            else:
+                query.reply(key, payload)
+        except TransportError as error:
+            _log.warning("%s: a reply on %s could not be sent: %s", self._robot, key, error)
+
+    async def _wait_for_name(self) -> None:
+        if not await self._others():
+            return
+        _log.warning(
+            "%s: an agent of this name is known; waiting %d ms whether it is alive", self._robot, self._lease_ms
+        )
+        await asyncio.sleep(1.2 * self._lease_ms / 1000.0)
+        others = await self._others()
+        if others:
+            raise self._duplicate(others[0])
+
+    async def _others(self) -> list[int]:
+        """The other incarnations of this robot that are alive now, the eldest first."""
+        keys = await self._session.list_tokens(self._keys.presence_of(self._robot), _LOOK_TIMEOUT_S)
+        found = [_incarnation(self._keys, key) for key in keys]
+        return sorted(incarnation for incarnation in found if incarnation not in (None, self._incarnation))
+
+    def _duplicate(self, incarnation: int) -> DuplicateNameError:
+        return DuplicateNameError(
+            f"the robot name {self._robot!r} is taken: another agent (run {incarnation}) is alive; "
+            "stop it or choose another name"
+        )
+
+
+class _Refusal(NamedTuple):
+    """Why a question has no answer."""
+
+    reason: str
+
+
+@dataclass
+class _Slowly:
+    """Questions that are answered in threads, one at a time."""
+
+    read: Callable[[bytes], bytes]
+    one: asyncio.Lock = field(default_factory=asyncio.Lock)
+    waiting: set[asyncio.Task[None]] = field(default_factory=set)
+
+
+def _incarnation(keys: Keys, key: str) -> int | None:
+    """The run whose token this is; None for a token that is none of the protocol, which is nobody's."""
+    try:
+        return keys.parse(key).incarnation
+    except ValueError:
+        return None

@@ -1,0 +1,323 @@
+"""Which motions run, where each setpoint goes next, and what became of every command.
+
+Pure: time and measurements are passed in.
+"""
+
+import math
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+from linked_fleet_agent.plan import Plan, Start
+from linked_fleet_agent.profile import RAMP_S, brake, cruise_of, reach_in
+from linked_fleet_agent.robot import JointFacts
+from linked_fleet_agent.trajectory import Trajectory, hold
+
+# Seven joints that are all this far off, the same way, put the tip of an arm of 1.2 m less than 1 mm off.
+TOLERANCE_RAD, TOLERANCE_M = 2e-4, 2e-4
+# A joint that moves less than this stands.
+STANDING_RAD_S, STANDING_M_S = 0.01, 0.002
+# How far a joint may trail its setpoint, and how long it may settle after the end of its trajectory.
+MAX_LAG_RAD, MAX_LAG_M = 0.4, 0.1
+SETTLE_S = 2.0
+# A step longer than this (a stalled host) is taken as this long, so that no setpoint leaps.
+MAX_STEP_S = 0.05
+
+State = Literal["running", "succeeded", "failed", "cancelled", "preempted"]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a command; the agent publishes it as progress with the measured positions of ``joints``."""
+
+    command_id: str
+    state: State
+    joints: tuple[str, ...]
+    reason: str = ""
+    progress: float = 0.0
+    successor: str = ""
+
+
+@dataclass(frozen=True)
+class Sway:
+    """A demonstration: the joint goes to and fro around where it is, until a stop or a command takes it over."""
+
+    joint: str
+    amplitude: float = 0.4
+    period_s: float = 10.0
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Positions, velocities and efforts by joint; NaN is unknown."""
+
+    positions: Mapping[str, float]
+    velocities: Mapping[str, float] = field(default_factory=dict)
+    efforts: Mapping[str, float] = field(default_factory=dict)
+
+
+class Axis:
+    """One joint: the trajectory that it follows, and where its setpoint is and how fast it moves (rad/s or m/s)."""
+
+    def __init__(self, joint: JointFacts, measured: float) -> None:
+        self.joint = joint
+        self.position, self.velocity = joint.limits.clamp(measured), 0.0
+        self.trajectory, self._time_s = hold(self.position), 0.0
+        self.at_rest = True
+        self.tolerance = TOLERANCE_M if joint.linear else TOLERANCE_RAD
+        self.max_lag = MAX_LAG_M if joint.linear else MAX_LAG_RAD
+        self.standing = STANDING_M_S if joint.linear else STANDING_RAD_S
+
+    @property
+    def start(self) -> Start:
+        return Start(self.joint, self.position, self.velocity)
+
+    @property
+    def braking(self) -> Trajectory:
+        """How it comes to rest from here."""
+        return brake(self.position, self.velocity, cruise_of(self.joint) / RAMP_S, self.joint.limits)
+
+    def follow(self, trajectory: Trajectory) -> None:
+        """Go on along ``trajectory`` from now on; its last setpoint is applied even if it is the only one."""
+        self.trajectory, self._time_s, self.at_rest = trajectory, 0.0, False
+
+    def step(self, dt_s: float) -> float:
+        """Advance by ``dt_s`` and return the setpoint."""
+        self._time_s += dt_s
+        position, self.velocity = self.trajectory.at(self._time_s)
+        self.position = self.joint.limits.clamp(position)
+        self.at_rest = self._time_s >= self.trajectory.duration_s
+        return self.position
+
+    def off(self, measured: Measured) -> float:
+        """How far the joint is from where its trajectory ends."""
+        return abs(self.trajectory.end - measured.positions[self.joint.name])
+
+    def lag(self, measured: Measured) -> float:
+        """How far the joint trails its setpoint."""
+        return abs(self.position - measured.positions[self.joint.name])
+
+    def stands(self, measured: Measured) -> bool:
+        """Whether it has come to rest; where no velocity is measured, by its position."""
+        velocity = measured.velocities.get(self.joint.name, math.nan)
+        slow = self.off(measured) <= self.tolerance if math.isnan(velocity) else abs(velocity) <= self.standing
+        return self.at_rest and slow
+
+
+@dataclass
+class _Motion:
+    command_id: str
+    joints: tuple[str, ...]
+    duration_s: float
+    stopping: bool = False
+    elapsed_s: float = 0.0
+
+    @property
+    def progress(self) -> float:
+        return min(1.0, self.elapsed_s / self.duration_s) if self.duration_s > 0.0 else 0.0
+
+    def outcome(self, state: State, reason: str = "", successor: str = "") -> Outcome:
+        progress = 1.0 if state == "succeeded" else self.progress
+        return Outcome(self.command_id, state, self.joints, reason, progress, successor)
+
+
+@dataclass
+class _Swaying:
+    sway: Sway
+    centre: float = math.nan
+    side: float = 1.0
+
+
+@dataclass
+class Motions:
+    """All motions of one robot."""
+
+    joints: Mapping[str, JointFacts]
+    sways: Sequence[Sway] = ()
+    _axes: dict[str, Axis] = field(default_factory=dict, init=False)
+    _running: list[_Motion] = field(default_factory=list, init=False)
+
+    def __post_init__(self) -> None:
+        self._swaying = {sway.joint: _Swaying(sway) for sway in self.sways}
+
+    @property
+    def idle(self) -> bool:
+        """Whether a step would do nothing: no motion, no demonstration, and every joint at rest."""
+        if self._running or self._swaying:
+            return False
+        for axis in self._axes.values():  # noqa: SIM110 - asked in every tick, and a generator costs more than the rest
+            if not axis.at_rest:
+                return False
+        return True
+
+    @property
+    def swaying(self) -> frozenset[str]:
+        """The joints of the demonstrations that have not ended."""
+        return frozenset(self._swaying)
+
+    def sway_anew(self) -> list[str]:
+        """Begin the demonstrations that have ended, of joints that no motion moves; the joints."""
+        moved = {name for motion in self._running for name in motion.joints}
+        begun = [sway for sway in self.sways if sway.joint not in moved | self._swaying.keys()]
+        self._swaying |= {sway.joint: _Swaying(sway) for sway in begun}
+        return [sway.joint for sway in begun]
+
+    def starts(self, joints: Iterable[str], measured: Mapping[str, float]) -> list[Start]:
+        """Where the setpoints of ``joints`` are; of one that never moved, where it is measured."""
+        axes = (self._axes.get(name) or Axis(self.joints[name], measured[name]) for name in joints)
+        return [axis.start for axis in axes]
+
+    def running_on(self, joints: Collection[str]) -> tuple[str, ...]:
+        """The ids of the motions that a new one on ``joints`` would preempt."""
+        return tuple(motion.command_id for motion in self._on(joints))
+
+    def start(self, command_id: str, plan: Plan, measured: Mapping[str, float]) -> list[Outcome]:
+        """Begin a motion; any older one on one of its joints is preempted as a whole and its other joints brake."""
+        older, reason = self._on(plan.trajectories), f"replaced by command {command_id}"
+        outcomes = self._end(older, "preempted", reason, command_id)
+        for name, trajectory in plan.trajectories.items():
+            self._swaying.pop(name, None)
+            self._axis(name, measured[name]).follow(trajectory)
+        return [*outcomes, *self._begin(_Motion(command_id, tuple(plan.trajectories), plan.duration_s))]
+
+    def stoppable(self, joints: Collection[str], command_id: str = "") -> tuple[str, ...]:
+        """The ids of the motions that a stop of ``joints``, or of the one command, would cancel."""
+        return tuple(motion.command_id for motion in self._stoppable(joints, command_id))
+
+    def stop(
+        self, stop_id: str, joints: Collection[str], command_id: str, reason: str, measured: Mapping[str, float]
+    ) -> tuple[float, list[Outcome]]:
+        """Brake: only the motion ``command_id`` if there is one named, else all on ``joints``; how long that takes.
+
+        The stop is a motion itself, which succeeds when its joints stand.
+        """
+        ended = self._stoppable(joints, command_id)
+        outcomes = self._end(ended, "cancelled", reason, stop_id)
+        concerned = dict.fromkeys(name for motion in ended for name in motion.joints)
+        if not command_id:  # a joint that never moved and is nowhere known is none that could be braked
+            concerned |= dict.fromkeys(n for n in joints if n in self._axes or math.isfinite(measured[n]))
+        for name in concerned:
+            self._swaying.pop(name, None)
+            self._axis(name, measured[name])
+        duration_s = self._brake(concerned)
+        # The same stop once more takes the place of the first.
+        self._running = [motion for motion in self._running if not (motion.stopping and motion.command_id == stop_id)]
+        return duration_s, [*outcomes, *self._begin(_Motion(stop_id, tuple(concerned), duration_s, stopping=True))]
+
+    def braking_s(self, joints: Collection[str], command_id: str = "") -> float:
+        """How long a stop of ``joints``, or of the one command, would take."""
+        ended = self._stoppable(joints, command_id)
+        concerned = {*(name for motion in ended for name in motion.joints), *(() if command_id else joints)}
+        return max((self._axes[name].braking.duration_s for name in concerned & self._axes.keys()), default=0.0)
+
+    def conclude(self, stop_id: str, state: Literal["succeeded", "failed"], reason: str) -> list[Outcome]:
+        """End a stop of which nothing can be measured."""
+        return self._end([m for m in self._running if m.stopping and m.command_id == stop_id], state, reason)
+
+    def step(self, dt_s: float, measured: Measured, held: bool = False) -> tuple[dict[str, float], list[Outcome]]:
+        """Advance by ``dt_s``: the setpoints to apply now and what ended. While ``held``, demonstrations pause."""
+        dt_s = min(max(dt_s, 0.0), MAX_STEP_S)
+        if not held:
+            self._sway(measured.positions)
+        setpoints = {name: axis.step(dt_s) for name, axis in self._axes.items() if not axis.at_rest}
+        for motion in self._running:
+            motion.elapsed_s += dt_s
+        return setpoints, [outcome for motion in list(self._running) for outcome in self._judge(motion, measured)]
+
+    def underway(self) -> list[Outcome]:
+        """How far every running motion is."""
+        return [motion.outcome("running") for motion in self._running]
+
+    def halt(self, reason: str) -> list[Outcome]:
+        """Brake every joint; all motions fail with ``reason``, but for stops, which are about that."""
+        outcomes = self._end([motion for motion in self._running if not motion.stopping], "failed", reason)
+        self._brake(self._axes)
+        return outcomes
+
+    def forget(self, reason: str) -> list[Outcome]:
+        """The robot no longer is where the trajectories believe (a fault): fail all motions and measure afresh."""
+        outcomes = [motion.outcome("failed", reason) for motion in self._running]
+        self._running.clear()
+        self._axes.clear()
+        return outcomes
+
+    def correct(self, applied: Mapping[str, float]) -> None:
+        """Take over setpoints that the robot really applied, where its own limits are narrower than ours."""
+        for name, position in applied.items():
+            if name in self._axes:
+                self._axes[name].position = position
+
+    def _axis(self, name: str, measured: float) -> Axis:
+        if name not in self._axes:
+            self._axes[name] = Axis(self.joints[name], measured)
+        return self._axes[name]
+
+    def _on(self, joints: Collection[str]) -> list[_Motion]:
+        wanted = set(joints)
+        return [motion for motion in self._running if not wanted.isdisjoint(motion.joints)]
+
+    def _stoppable(self, joints: Collection[str], command_id: str) -> list[_Motion]:
+        found = [m for m in self._running if m.command_id == command_id] if command_id else self._on(joints)
+        return [motion for motion in found if not motion.stopping]
+
+    def _begin(self, motion: _Motion) -> list[Outcome]:
+        self._running.append(motion)
+        return [motion.outcome("running")]
+
+    def _brake(self, joints: Iterable[str]) -> float:
+        duration_s = 0.0
+        for axis in (self._axes[name] for name in joints if not self._axes[name].at_rest):
+            axis.follow(axis.braking)
+            duration_s = max(duration_s, axis.trajectory.duration_s)
+        return duration_s
+
+    def _end(self, motions: list[_Motion], state: State, reason: str, successor: str = "") -> list[Outcome]:
+        for motion in motions:
+            self._running.remove(motion)
+            self._brake(motion.joints)
+        return [motion.outcome(state, reason, successor) for motion in motions]
+
+    def _judge(self, motion: _Motion, measured: Measured) -> Iterable[Outcome]:
+        axes = [self._axes[name] for name in motion.joints]
+        late = motion.elapsed_s > motion.duration_s + SETTLE_S
+        if motion.stopping:
+            moving = [axis.joint.name for axis in axes if not axis.stands(measured)]
+            if moving and late:
+                return self._end([motion], "failed", f"not come to rest: {', '.join(moving)}"[:1024])
+            return [] if moving else self._succeed(motion)
+        astray = [axis for axis in axes if not (axis.at_rest and axis.off(measured) <= axis.tolerance)]
+        if not astray:
+            return self._succeed(motion)
+        lost = [axis for axis in axes if not axis.lag(measured) <= axis.max_lag]
+        lost += [axis for axis in astray if late and axis.at_rest]
+        return [self._give_up(motion, lost[0], measured)] if lost else []
+
+    def _succeed(self, motion: _Motion) -> list[Outcome]:
+        self._running.remove(motion)
+        return [motion.outcome("succeeded")]
+
+    def _give_up(self, motion: _Motion, axis: Axis, measured: Measured) -> Outcome:
+        name, unit = axis.joint.name, "m" if axis.joint.linear else "rad"
+        effort, limit = measured.efforts.get(name, math.nan), axis.joint.limits.effort
+        why = "at its effort limit" if limit is not None and abs(effort) >= 0.95 * limit else "stuck"
+        reason = (
+            f"{name} is {why} at {measured.positions[name]:.6g} {unit}, its target is {axis.trajectory.end:.6g} {unit}"
+        )
+        [outcome] = self._end([motion], "failed", reason)
+        for joint in motion.joints:  # stay where the robot is: it must neither push on nor leap once it is free
+            if math.isfinite(measured.positions[joint]):
+                self._axes[joint].follow(hold(self.joints[joint].limits.clamp(measured.positions[joint])))
+        return outcome
+
+    def _sway(self, positions: Mapping[str, float]) -> None:
+        for name, swaying in self._swaying.items():
+            if not math.isfinite(positions[name]):
+                continue
+            if math.isnan(swaying.centre):
+                swaying.centre = positions[name]
+            axis, limits = self._axis(name, positions[name]), self.joints[name].limits
+            if axis.at_rest:
+                cruise, way = cruise_of(axis.joint), swaying.side * swaying.sway.amplitude
+                target, swaying.side = limits.clamp(swaying.centre + way), -swaying.side
+                leg_s = swaying.sway.period_s / 2.0
+                axis.follow(reach_in(leg_s, axis.position, 0.0, target, cruise, cruise / RAMP_S, limits))

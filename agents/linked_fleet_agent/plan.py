@@ -1,0 +1,133 @@
+"""What a command means for its joints, before anything moves. Pure; rad, rad/s or m, m/s, and seconds."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from linked_fleet_agent.profile import RAMP_S, brake, cruise_of, reach, reach_in
+from linked_fleet_agent.robot import JointFacts
+from linked_fleet_agent.trajectory import Trajectory, through
+from linked_fleet_agent.wire.messages import Follow, Move
+
+SPEED_SHARE = 0.9  # of the speed that a command allows, for a real joint ripples about its setpoint
+MAX_DURATION_S = 86_400.0
+# Slower than this nothing moves that one could see.
+_SLOWEST = 1e-6
+_ROUNDING = 1e-6
+# A cubic that begins at v and lasts T swings at most 4/27 v T beyond its ends; a ramp of t takes v t / 2 to brake.
+_SWING = 27.0 / 8.0
+
+
+class ImpossibleError(ValueError):
+    """The joints cannot move as asked from where they are; the message says what is allowed."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """A joint and where its setpoint is now, with its velocity."""
+
+    joint: JointFacts
+    position: float
+    velocity: float = 0.0
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Where each joint goes, all of them done after ``duration_s``."""
+
+    trajectories: Mapping[str, Trajectory]
+    duration_s: float
+
+
+def joints_of(motion: Move | Follow) -> tuple[str, ...]:
+    """The joints that ``motion`` moves."""
+    return tuple(motion.targets) if isinstance(motion, Move) else motion.joints
+
+
+def plan(motion: Move | Follow, scale: float, starts: Iterable[Start]) -> Plan:
+    """Plan from the ``starts`` of its joints, in their order; ImpossibleError when that is too fast or too slow."""
+    made = _move(motion, scale, starts) if isinstance(motion, Move) else _follow(motion, scale, starts)
+    if not made.duration_s <= MAX_DURATION_S:
+        raise ImpossibleError(f"the motion would take {made.duration_s:.3g} s; {MAX_DURATION_S:g} s are the most")
+    return made
+
+
+def _move(move: Move, scale: float, starts: Iterable[Start]) -> Plan:
+    """The slowest joint sets the time, and the others take as long."""
+    cruises, found = {}, {}
+    starts = tuple(starts)
+    for start in starts:
+        name, full = start.joint.name, cruise_of(start.joint)
+        cruise = cruises[name] = _visible(start.joint, min(full, SPEED_SHARE * move.speeds.get(name, math.inf)) * scale)
+        ramp = (full if start.velocity else cruise) / RAMP_S
+        limits, target = start.joint.limits, move.targets[name]
+        found[name] = reach(start.position, start.velocity, target, cruise, ramp, limits)
+    duration_s = max(trajectory.duration_s for trajectory in found.values())
+    for start in starts:
+        name, limits, target = start.joint.name, start.joint.limits, move.targets[start.joint.name]
+        if found[name].duration_s < duration_s <= MAX_DURATION_S:
+            ramp = cruise_of(start.joint) / RAMP_S
+            found[name] = reach_in(duration_s, start.position, start.velocity, target, cruises[name], ramp, limits)
+    return Plan(found, duration_s)
+
+
+def _follow(follow: Follow, scale: float, starts: Iterable[Start]) -> Plan:
+    found, stretch, slowest = {}, 1.0, ""
+    for column, start in enumerate(starts):
+        positions = [row[column] for row in follow.positions]
+        allowed = _visible(start.joint, cruise_of(start.joint) * scale)
+        _check_speed(start, allowed)
+        trajectory = _path(start, follow.times_s, positions)
+        needed = trajectory.fastest
+        if not needed <= allowed * (1.0 + _ROUNDING) and needed / allowed > stretch:
+            stretch, unit = needed / allowed, _unit(start.joint)
+            slowest = f"{start.joint.name} would need {needed:.4g} {unit}/s, and {allowed:.4g} {unit}/s are allowed"
+        _check_extremes(start, trajectory)
+        found[start.joint.name] = trajectory
+    if slowest:
+        factor = math.ceil(stretch * 1000.0) / 1000.0
+        raise ImpossibleError(f"{slowest}; stretch all times by a factor of {factor:.3f}")
+    return Plan(found, follow.times_s[-1])
+
+
+def _path(start: Start, times_s: Sequence[float], positions: Sequence[float]) -> Trajectory:
+    """Through ``positions``; a joint that moves already goes no further beyond them than it takes to brake.
+
+    Where its velocity would carry it further in the time up to the first of them, it brakes before it goes there.
+    """
+    velocity, slope = start.velocity, (positions[0] - start.position) / times_s[0]
+    monotone = velocity * slope >= 0.0 and abs(velocity) <= 3.0 * abs(slope)  # by Fritsch and Carlson
+    braking = brake(start.position, velocity, cruise_of(start.joint) / RAMP_S, start.joint.limits)
+    if monotone or times_s[0] <= _SWING * braking.duration_s:
+        return through(start.position, velocity, times_s, positions)
+    rest_s = [time_s - braking.duration_s for time_s in times_s]
+    return braking.then(through(braking.end, 0.0, rest_s, positions))
+
+
+def _check_speed(start: Start, allowed: float) -> None:
+    speed, unit = abs(start.velocity), _unit(start.joint)
+    if speed > allowed * (1.0 + _ROUNDING):
+        raise ImpossibleError(
+            f"{start.joint.name} is still moving at {speed:.4g} {unit}/s, and {allowed:.4g} {unit}/s are allowed; "
+            "stop it first"
+        )
+
+
+def _check_extremes(start: Start, trajectory: Trajectory) -> None:
+    limits = start.joint.limits
+    for position in trajectory.extremes:
+        if abs(limits.clamp(position) - position) > _ROUNDING:
+            raise ImpossibleError(
+                f"{start.joint.name} is still moving at {start.velocity:.4g} {_unit(start.joint)}/s and would pass "
+                f"{position:.4g} {_unit(start.joint)}, beyond its limit; stop it first, or give it more time"
+            )
+
+
+def _visible(joint: JointFacts, speed: float) -> float:
+    if speed < _SLOWEST:
+        raise ImpossibleError(f"{joint.name} would move at {speed:.3g} {_unit(joint)}/s, which is too slow")
+    return speed
+
+
+def _unit(joint: JointFacts) -> str:
+    return "m" if joint.linear else "rad"

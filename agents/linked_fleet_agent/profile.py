@@ -1,0 +1,86 @@
+"""How one joint starts, cruises and brakes: trapezoids of velocity. Pure; rad, rad/s or m, m/s, and seconds.
+
+A joint cruises at no more than CRUISE_SHARE of its URDF velocity limit, so that the real joint with its lag and ripple
+stays below the limit itself, and never above the cruise of a machine among people.
+"""
+
+import math
+
+from linked_fleet_agent.robot import JointFacts, Limits
+from linked_fleet_agent.trajectory import Trajectory, accelerating, hold
+
+CRUISE_SHARE = 0.8
+MAX_CRUISE_RAD_S, MAX_CRUISE_M_S = 1.5, 0.25
+# For joints whose URDF states no velocity limit.
+UNKNOWN_CRUISE_RAD_S, UNKNOWN_CRUISE_M_S = 0.5, 0.05
+RAMP_S = 0.4
+# Ways below this are rounding.
+_NO_WAY = 1e-12
+
+
+def cruise_of(joint: JointFacts) -> float:
+    """The fastest that the setpoint of ``joint`` ever moves, in rad/s or m/s."""
+    limit = joint.limits.velocity
+    if limit is None:
+        return UNKNOWN_CRUISE_M_S if joint.linear else UNKNOWN_CRUISE_RAD_S
+    return min(CRUISE_SHARE * limit, MAX_CRUISE_M_S if joint.linear else MAX_CRUISE_RAD_S)
+
+
+def brake(position: float, velocity: float, acceleration: float, limits: Limits) -> Trajectory:
+    """Come to rest as ``acceleration`` does it, or faster where a limit is nearer."""
+    if velocity == 0.0:
+        return hold(position)
+    end = limits.clamp(position + velocity * abs(velocity) / (2.0 * acceleration))
+    if abs(end - position) <= _NO_WAY:
+        return hold(position)
+    slowing = velocity * abs(velocity) / (2.0 * (end - position))
+    return accelerating(position, velocity, [(abs(velocity) / slowing, -math.copysign(slowing, velocity))], end)
+
+
+def reach(
+    position: float, velocity: float, target: float, cruise: float, acceleration: float, limits: Limits
+) -> Trajectory:
+    """From ``position`` at ``velocity`` to rest at ``target``, as fast as ``cruise`` and ``acceleration`` allow.
+
+    A joint that moves the other way, or too fast to stop at the target, brakes first; one above ``cruise`` slows down.
+    """
+    way, stopping = target - position, velocity * velocity / (2.0 * acceleration)
+    if velocity != 0.0 and stopping > math.copysign(1.0, velocity) * way + _NO_WAY:
+        braking = brake(position, velocity, acceleration, limits)
+        return braking.then(reach(braking.end, 0.0, target, cruise, acceleration, limits))
+    if abs(way) <= _NO_WAY:
+        return hold(target)
+    sign, speed = math.copysign(1.0, way), abs(velocity)
+    if speed > cruise:
+        cruising_s = max(0.0, abs(way) - stopping) / cruise
+        phases = [((speed - cruise) / acceleration, -1.0), (cruising_s, 0.0), (cruise / acceleration, -1.0)]
+    else:
+        peak = min(cruise, math.sqrt(acceleration * abs(way) + speed * speed / 2.0))
+        cruising_s = max(0.0, abs(way) - peak * peak / acceleration + stopping) / peak
+        phases = [((peak - speed) / acceleration, 1.0), (cruising_s, 0.0), (peak / acceleration, -1.0)]
+    signed = [(duration_s, direction * sign * acceleration) for duration_s, direction in phases]
+    return accelerating(position, velocity, signed, target)
+
+
+def reach_in(
+    duration_s: float, position: float, velocity: float, target: float, cruise: float, ramp: float, limits: Limits
+) -> Trajectory:
+    """As ``reach``, but slower, to take ``duration_s``; ``ramp`` is the acceleration of a joint that moves already.
+
+    A joint at rest ramps as long as every other joint does, so that those together go straight in joint space.
+    """
+    way = abs(target - position)
+    if velocity == 0.0:
+        if way <= _NO_WAY:
+            return hold(target)
+        trapezoid = duration_s >= 2.0 * RAMP_S
+        slow = way / (duration_s - RAMP_S) if trapezoid else 4.0 * way * RAMP_S / (duration_s * duration_s)
+        return reach(position, 0.0, target, min(slow, cruise), min(slow, cruise) / RAMP_S, limits)
+    low, high = 0.0, cruise
+    for _ in range(40):  # the slower the cruise, the longer it takes
+        middle = (low + high) / 2.0
+        if reach(position, velocity, target, middle, ramp, limits).duration_s > duration_s:
+            low = middle
+        else:
+            high = middle
+    return reach(position, velocity, target, high, ramp, limits)

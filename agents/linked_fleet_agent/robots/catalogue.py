@@ -1,0 +1,270 @@
+"""The robots that can be had by name, any URDF file by its path, and any of ROS 2 by where it is.
+
+Does not import MuJoCo or what ROS 2 needs before it is asked to.
+"""
+
+import sysconfig
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from linked_fleet_agent.meshes import named
+from linked_fleet_agent.robot import Facts, JointFacts, Robot
+from linked_fleet_agent.robots.eyes import as_available, probe
+from linked_fleet_agent.robots.ros2.address import SCHEME, AddressError, parse_address
+from linked_fleet_agent.urdf import UrdfError, joints_of
+from linked_fleet_agent.wire.messages import Camera
+from linked_fleet_agent.wire.names import escape
+
+_ROBOTS = Path("cmeel.prefix", "share", "example-robot-data", "robots")
+
+
+class UnavailableError(Exception):
+    """A robot that cannot be loaded here; the message says what is missing and how to get it."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """A demonstration robot: its file in example-robot-data, its title, its pose at the start (rad or m; others 0).
+
+    ``poses`` are further ones that have a name; they may leave joints out.
+    """
+
+    file: str
+    title: str
+    comment: str
+    home: Mapping[str, float] = field(default_factory=dict)
+    poses: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    floating: bool = False
+    home_height_m: float = 0.0
+    cameras: tuple[Camera, ...] = ()
+
+
+def _legs(hip_rad: float, thigh_rad: float, calf_rad: float) -> dict[str, float]:
+    pose: dict[str, float] = {}
+    for leg, side in (("FL", 1), ("FR", -1), ("RL", 1), ("RR", -1)):
+        pose |= {f"{leg}_hip_joint": side * hip_rad, f"{leg}_thigh_joint": thigh_rad, f"{leg}_calf_joint": calf_rad}
+    return pose
+
+
+def _baxter_arms(*values_rad: float) -> dict[str, float]:
+    """One pose for both arms, s0 to w2 of the left one; the right one is its mirror image."""
+    pose: dict[str, float] = {}
+    for joint, mirrored, value in zip(("s0", "s1", "e0", "e1", "w0", "w1", "w2"), (1, 0) * 4, values_rad, strict=False):
+        pose |= {f"left_{joint}": value, f"right_{joint}": -value if mirrored else value}
+    return pose
+
+
+def _camera(name: str, link: str, orientation_xyzw: tuple[float, float, float, float] = (0, 0, 0, 1)) -> Camera:
+    """A small colour camera with depth, as its maker would describe it: 60° high, from 5 cm to 20 m."""
+    return Camera(
+        name=name,
+        link=link,
+        orientation_xyzw=orientation_xyzw,
+        width=320,
+        height=240,
+        vertical_fov_rad=1.0472,
+        near_m=0.05,
+        far_m=20.0,
+    )
+
+
+MODELS: Mapping[str, Model] = {
+    "baxter": Model(
+        "baxter_description/urdf/baxter.urdf",
+        "Baxter, a two-armed robot",
+        "Two arms of seven joints with parallel grippers, and a head that pans.",
+        {
+            f"{arm}_{joint}": value
+            for arm in ("left", "right")
+            for joint, value in (("s1", -0.55), ("e1", 0.75), ("w1", 1.26))
+        },
+        {"untucked": _baxter_arms(-0.08, -1.0, -1.19, 1.94, 0.67, 1.03, -0.5)},
+        cameras=(
+            _camera("head", "head_camera_link", (0, 0, 1, 0)),  # which is mounted upside down
+            _camera("left_hand", "left_hand_camera_axis_link"),
+            _camera("right_hand", "right_hand_camera_axis_link"),
+        ),
+    ),
+    "ur5": Model(
+        "ur_description/urdf/ur5_robot.urdf",
+        "UR5, a six-axis arm",
+        "A light industrial arm of six revolute joints.",
+        {"shoulder_lift_joint": -1.5708, "elbow_joint": 1.5708, "wrist_1_joint": -1.5708, "wrist_2_joint": -1.5708},
+        {
+            "upright": {
+                "shoulder_pan_joint": 0.0,
+                "shoulder_lift_joint": -1.5708,
+                "elbow_joint": 0.0,
+                "wrist_1_joint": -1.5708,
+                "wrist_2_joint": 0.0,
+                "wrist_3_joint": 0.0,
+            }
+        },
+    ),
+    "panda": Model(
+        "panda_description/urdf/panda.urdf",
+        "Panda, a seven-axis arm with a gripper",
+        "A seven-axis arm; the second finger of its gripper mimics the first.",
+        {
+            "panda_joint2": -0.785398,
+            "panda_joint4": -2.35619,
+            "panda_joint6": 1.5707,
+            "panda_joint7": 0.785398,
+            "panda_finger_joint1": 0.001,
+            "panda_finger_joint2": 0.001,
+        },
+        {
+            "upright": {
+                "panda_joint1": 0.0,
+                "panda_joint2": 0.0,
+                "panda_joint3": 0.0,
+                "panda_joint4": -0.1,
+                "panda_joint5": 0.0,
+                "panda_joint6": 1.5707,
+                "panda_joint7": 0.785398,
+            },
+            "open": {"panda_finger_joint1": 0.04},
+        },
+        cameras=(_camera("hand", "panda_hand"),),
+    ),
+    "tiago": Model(
+        "tiago_description/robots/tiago.urdf",
+        "TIAGo, a mobile manipulator",
+        "A wheeled base, a torso that lifts, one arm and a five-fingered hand.",
+        {"torso_lift_joint": 0.15, "arm_1_joint": 0.5, "arm_2_joint": -0.5, "arm_4_joint": 1.2},
+        {
+            "folded": {
+                "torso_lift_joint": 0.15,
+                "arm_1_joint": 0.2,
+                "arm_2_joint": -1.34,
+                "arm_3_joint": -0.2,
+                "arm_4_joint": 1.94,
+                "arm_5_joint": -1.57,
+                "arm_6_joint": 1.37,
+                "arm_7_joint": 0.0,
+            }
+        },
+        cameras=(_camera("head", "xtion_rgb_optical_frame"),),
+    ),
+    "go2": Model(
+        "go2_description/urdf/go2.urdf",
+        "Go2, a walking robot with four legs",
+        "A quadruped of twelve joints that stands on the ground.",
+        _legs(0.068, 0.785, -1.44),
+        {"crouched": _legs(0.068, 1.1, -2.1)},
+        floating=True,
+        home_height_m=0.335,
+    ),
+}
+
+
+def load(name: str, source: str, floating: bool = False) -> Robot:
+    """Make the robot ``name`` from ``source``: a catalogue name, the path of a URDF file, or ``ros2:`` and where it is.
+
+    ``floating`` frees the base of a file. Raises UnavailableError when the file, the package or MuJoCo is missing, the
+    file cannot be simulated, or the robot does not answer.
+    """
+    if source.startswith(SCHEME):
+        return _find(name, source, floating)
+    model = MODELS.get(source)
+    if model is not None:
+        return _simulate(name, model, data_folder() / model.file)
+    path = Path(source)
+    if path.suffix != ".urdf" and not path.exists():
+        raise UnavailableError(f"{source!r} is neither one of {', '.join(MODELS)} nor a .urdf file")
+    return _simulate(
+        name, Model(source, name, f"Described by {path.name}.", floating=floating, home_height_m=0.5), path
+    )
+
+
+def data_folder() -> Path:
+    """Where the package example-robot-data keeps its robots; UnavailableError when it is not installed."""
+    for scheme in ("purelib", "platlib"):
+        folder = Path(sysconfig.get_path(scheme)) / _ROBOTS
+        if folder.is_dir():
+            return folder
+    raise UnavailableError("the package example-robot-data is missing: pip install 'linked-fleet-agent[sim]'")
+
+
+def facts_of(model: Model, urdf: str) -> Facts:
+    """The facts of a model with the text of its file; UrdfError when that is no URDF."""
+    joints = joints_of(urdf)
+    return Facts(model.title, urdf, joints, model.floating, _annotations(model, joints))
+
+
+def poses_of(model: Model, joints: Sequence[JointFacts]) -> dict[str, dict[str, float]]:
+    """The named poses, in rad or m and within the limits: "home", as at the start, and the others of the model.
+
+    Joints that turn endlessly are left out of home: wheels have none. A file of somebody's own has no poses.
+    """
+    commanded = {joint.name: joint.limits for joint in joints if joint.mimics is None and not joint.continuous}
+    home = {"home": {name: model.home.get(name, 0.0) for name in commanded}} if model.home else {}
+    poses = {**home, **model.poses}
+    return {title: {name: commanded[name].clamp(at) for name, at in pose.items()} for title, pose in poses.items()}
+
+
+def _find(name: str, source: str, floating: bool) -> Robot:
+    if floating:
+        raise UnavailableError(f"{name}: joint states say nothing of a floating base; leave it out")
+    try:
+        address = parse_address(source)
+        from linked_fleet_agent.robots.ros2.robot import Ros2Robot
+    except ImportError as error:
+        raise UnavailableError(
+            f"robots of ROS 2 need rosbags ({error}): pip install 'linked-fleet-agent[ros]'"
+        ) from error
+    except AddressError as error:
+        raise UnavailableError(f"{name}: {error}") from error
+    try:
+        return Ros2Robot.find(name, address)
+    except (AddressError, ConnectionError, TimeoutError) as error:
+        raise UnavailableError(f"{name}: {error}") from error
+
+
+def _simulate(name: str, model: Model, path: Path) -> Robot:
+    sight = probe() if model.cameras else None  # beside the import, which takes as long
+    try:
+        from linked_fleet_agent.robots.mujoco_robot import MujocoRobot
+    except ImportError as error:
+        raise UnavailableError(
+            f"simulated robots need MuJoCo ({error}): pip install 'linked-fleet-agent[sim]'"
+        ) from error
+    try:
+        facts = facts_of(model, path.read_text(encoding="utf-8"))
+        facts = replace(facts, meshes=named(facts.urdf, path))
+        way, reason = ("", "") if sight is None else sight.result
+        facts = replace(facts, cameras=as_available(model.cameras, reason))
+        return MujocoRobot(name, facts, model.home, model.home_height_m, path, way)
+    except OSError as error:
+        raise UnavailableError(f"{name}: {path} cannot be read: {error.strerror}") from error
+    except (UrdfError, UnicodeDecodeError) as error:
+        raise UnavailableError(f"{name}: {path} is no URDF: {error}") from error
+    except ValueError as error:
+        raise UnavailableError(str(error)) from error
+
+
+def _annotations(model: Model, joints: Sequence[JointFacts]) -> str:
+    """Turtle whose relative IRI <> is the robot (R1.12), and <name> its joint."""
+    lines = [
+        "@prefix dcterms: <http://purl.org/dc/terms/> .",
+        "@prefix lf: <https://w3id.org/linked-fleet#> .",
+        "@prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> .",
+        "@prefix unit: <http://qudt.org/vocab/unit/> .",
+        "@prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> .",
+        f"<> rdfs:comment {_literal(model.comment)}@en ;\n   dcterms:source {_literal(Path(model.file).name)} .",
+    ]
+    units = {joint.name: "M" if joint.linear else "RAD" for joint in joints}
+    for title, pose in poses_of(model, joints).items():
+        targets = ",\n     ".join(
+            f"[ lf:ofJoint <{escape(name)}> ; vom:numericalValue {position!r} ; vom:unit unit:{units[name]} ]"
+            for name, position in pose.items()
+        )
+        if targets:
+            lines.append(f"<> lf:namedPose [ dcterms:title {_literal(title)} ; lf:target\n     {targets} ] .")
+    return "\n".join(lines) + "\n"
+
+
+def _literal(text: str) -> str:
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n").replace("\r", "\\r")
+    return f'"{escaped}"'

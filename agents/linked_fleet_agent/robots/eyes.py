@@ -1,0 +1,206 @@
+"""The cameras of a simulated robot: a process of its own renders, so that nothing there touches the robot.
+
+It is there from the first picture that somebody wants until nobody has wanted one for a while. It is told how to reach
+OpenGL before it imports MuJoCo, which reads that only once.
+"""
+
+import logging
+import os
+import struct
+import subprocess
+import sys
+import threading
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from functools import cache, cached_property
+from pathlib import Path
+from typing import IO, Literal
+
+import msgspec
+
+import linked_fleet_agent
+from linked_fleet_agent.robot import PictureError, Reading
+from linked_fleet_agent.wire.messages import Camera, PictureFormat
+
+_log = logging.getLogger(__name__)
+
+FORMATS: tuple[PictureFormat, ...] = ("jpeg", "png", "depth")
+_OFF = ("disable", "disabled", "off", "false", "0")
+_PATIENCE_S = 20.0  # also for the first picture on a busy machine, for which meshes are read
+_SIZE = struct.Struct("<I")
+OK, NOT = b"\0", b"\1"
+
+
+class Scene(msgspec.Struct, frozen=True, kw_only=True):
+    """What there is to be seen: the robot of a URDF that lies at ``file``; ``home`` is by joint, in rad or m."""
+
+    robot: str
+    urdf: str
+    file: str
+    floating: bool
+    home: Mapping[str, float]
+    cameras: Sequence[Camera]
+
+
+class Exposure(msgspec.Struct, frozen=True, kw_only=True):
+    """One picture: positions by joint, and of a floating base its position and quaternion x y z w in the world."""
+
+    camera: str
+    format: PictureFormat
+    positions: Mapping[str, float]
+    base: tuple[float, ...] | None
+
+
+def write_frame(to: IO[bytes], content: bytes) -> None:
+    """OSError (BrokenPipeError) when nobody reads."""
+    to.write(_SIZE.pack(len(content)))
+    to.write(content)
+    to.flush()
+
+
+def read_frame(source: IO[bytes]) -> bytes:
+    """EOFError when nobody writes any more."""
+    head = source.read(_SIZE.size)
+    content = source.read(_SIZE.unpack(head)[0]) if len(head) == _SIZE.size else b""
+    if not content:
+        raise EOFError("the other end is closed")
+    return content
+
+
+class Probe:
+    """Whether pictures can be rendered here, and by which way to OpenGL; found out beside whatever else is done."""
+
+    def __init__(self, asked: str | None) -> None:
+        self._ways = ("egl", "osmesa") if not asked else (asked,)
+        self._off = asked is not None and asked.lower() in _OFF
+        self._first = None if self._off else _Renderer(self._ways[0], "probe")
+
+    @cached_property
+    def result(self) -> tuple[str, str]:
+        """The way, and why there is none: one of both is empty."""
+        if self._first is None:
+            return "", "rendering is switched off here (MUJOCO_GL)"
+        reasons = []
+        for way in self._ways:
+            renderer = self._first if way == self._ways[0] else _Renderer(way, "probe")
+            try:
+                renderer.ready()
+                return way, ""
+            except PictureError as error:
+                reasons.append(f"{way}: {error}")
+            finally:
+                renderer.close()
+        return "", f"nothing renders here: {'; '.join(reasons)}"[:512]
+
+
+@cache
+def probe() -> Probe:
+    """The one probe of this process, begun with the first call."""
+    return Probe(os.environ.get("MUJOCO_GL"))
+
+
+def as_available(cameras: Sequence[Camera], reason: str) -> tuple[Camera, ...]:
+    """The cameras with what can be had of them, or with the ``reason`` why nothing can."""
+    formats = () if reason else FORMATS
+    return tuple(msgspec.structs.replace(camera, formats=formats, unavailable=reason) for camera in cameras)
+
+
+class Eyes:
+    """Renders what the cameras of one robot see, in one thread at a time; ``close`` may be called from any."""
+
+    def __init__(self, scene: Scene, way: str) -> None:
+        self._scene, self._way = scene, way
+        self._renderer: _Renderer | None = None
+
+    def take(self, camera: str, format: PictureFormat, reading: Reading, joints: Sequence[str]) -> bytes:
+        """PictureError when the renderer fails or does not answer in time."""
+        base = None if reading.base is None else (*reading.base.position_m, *reading.base.orientation_xyzw)
+        positions = dict(zip(joints, reading.positions, strict=True))
+        order = msgspec.msgpack.encode(Exposure(camera=camera, format=format, positions=positions, base=base))
+        for _ in range(2):
+            try:
+                return self._ready().ask(order)
+            except EOFError:  # it ended for want of work just now
+                self.close()
+        raise PictureError("the process that renders ends again and again")
+
+    def _ready(self) -> "_Renderer":
+        if self._renderer is None or self._renderer.ended:
+            self.close()
+            renderer = self._renderer = _Renderer(self._way, "serve")
+            try:
+                renderer.ask(msgspec.msgpack.encode(self._scene))
+            except PictureError:
+                self.close()
+                raise
+        return self._renderer
+
+    def close(self) -> None:
+        if (renderer := self._renderer) is not None:
+            self._renderer = None
+            renderer.close()
+
+
+class _Renderer:
+    """A process of ``darkroom.py``."""
+
+    def __init__(self, way: str, task: Literal["probe", "serve"]) -> None:
+        path = os.pathsep.join([str(Path(linked_fleet_agent.__file__).parent.parent), os.environ.get("PYTHONPATH", "")])
+        # One thread: what renders is to leave the other processors to what moves.
+        environment = {**os.environ, "MUJOCO_GL": way, "PYTHONPATH": path, "LP_NUM_THREADS": "1"}
+        self._process = subprocess.Popen(  # noqa: S603 - ourselves
+            [sys.executable, "-m", "linked_fleet_agent.robots.darkroom", task],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env=environment,
+            start_new_session=True,  # a Ctrl-C is for the agent, whose end is its end
+        )
+
+    @property
+    def ended(self) -> bool:
+        return self._process.poll() is not None
+
+    def ready(self) -> None:
+        """Wait until it can render. PictureError."""
+        try:
+            self._exchange(None)
+        except EOFError:
+            raise PictureError(f"the process that renders ended with {self._process.wait()}") from None
+
+    def ask(self, question: bytes) -> bytes:
+        """The answer. PictureError with what it says; EOFError when it is over."""
+        return self._exchange(question)
+
+    def close(self) -> None:
+        self._process.kill()
+        self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout):
+            assert pipe is not None
+            with suppress(BrokenPipeError):
+                pipe.close()
+
+    def _exchange(self, question: bytes | None) -> bytes:
+        to, source = self._process.stdin, self._process.stdout
+        assert to is not None and source is not None
+        late = threading.Event()
+
+        def give_up() -> None:
+            late.set()
+            self._process.kill()
+
+        watchdog = threading.Timer(_PATIENCE_S, give_up)
+        watchdog.start()
+        try:
+            if question is not None:
+                write_frame(to, question)
+            answer = read_frame(source)
+        except (EOFError, BrokenPipeError) as error:
+            if late.is_set():
+                raise PictureError(f"nothing was rendered within {_PATIENCE_S:g} s") from error
+            raise EOFError from error
+        finally:
+            watchdog.cancel()
+        if answer[:1] != OK:
+            raise PictureError(answer[1:].decode("utf-8", "replace")[:512])
+        return answer[1:]

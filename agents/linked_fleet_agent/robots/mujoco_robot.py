@@ -1,0 +1,132 @@
+"""A simulated robot from any URDF that MuJoCo can load (extra: sim). Stepped by the caller, no wall clock in here."""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from linked_fleet_agent.robot import Facts, PictureError, Reading, RobotFaultError
+from linked_fleet_agent.robots.eyes import Eyes, Scene
+from linked_fleet_agent.robots.mujoco_model import build
+from linked_fleet_agent.wire.messages import Base, Camera, PictureFormat
+
+# After a stall the simulation catches up by this much and forgives the rest, so that a slow host does not spiral.
+MAX_CATCH_UP_S = 0.1
+# A servo within this of its setpoint counts as holding it; taking its sag as the new setpoint would sag once more.
+_HOLDING_RAD = 0.01
+
+
+class MujocoRobot:
+    """Driver over MjModel and MjData.
+
+    ``home`` maps joints to their first positions (others: 0), clamped to the limits; ``home_height_m`` is that of a
+    floating base. ``file`` is where the URDF came from, to find its meshes, ``renders_by`` a way to OpenGL for its
+    cameras (``eyes.py``). Raises ValueError (UrdfError) when no model can be made.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        facts: Facts,
+        home: Mapping[str, float] | None = None,
+        home_height_m: float = 0.0,
+        file: Path | None = None,
+        renders_by: str = "",
+    ) -> None:
+        self._facts = facts
+        self._limits = {joint.name: joint.limits for joint in facts.joints}
+        wanted = {joint.name: (home or {}).get(joint.name, 0.0) for joint in facts.joints}
+        pose = {joint: self._limits[joint].clamp(position) for joint, position in wanted.items()}
+        self._model = build(facts.urdf, name, facts.joints, pose, facts.floating, file)
+        self._data = mujoco.MjData(self._model)
+        scene = Scene(
+            robot=name, urdf=facts.urdf, file=str(file or ""), floating=facts.floating, home=pose, cameras=facts.cameras
+        )
+        self._eyes = Eyes(scene, renders_by) if renders_by else None
+        self._names = tuple(joint.name for joint in facts.joints)
+        joints = [self._model.joint(joint.name) for joint in facts.joints]
+        self._qpos = np.array([joint.qposadr[0] for joint in joints], dtype=int)
+        self._dof = np.array([joint.dofadr[0] for joint in joints], dtype=int)
+        commanded = [index for index, joint in enumerate(facts.joints) if joint.mimics is None]
+        self._servo = {facts.joints[index].name: servo for servo, index in enumerate(commanded)}
+        self._servo_qpos = self._qpos[commanded]
+        # A drive limits its own speed: this far ahead of the joint, all that damps it balances it at the limit.
+        speeds = np.array([facts.joints[index].limits.velocity or np.inf for index in commanded])
+        damping = self._model.dof_damping[self._dof[commanded]] - self._model.actuator_biasprm[:, 2]
+        self._reach = speeds * damping / self._model.actuator_gainprm[:, 0]
+        self._setpoints = np.zeros(len(commanded))
+        self._start_s: float | None = None
+        self._place(pose, home_height_m)
+
+    def describe(self) -> Facts:
+        return self._facts
+
+    def read(self, now_s: float) -> Reading:
+        """Advance to ``now_s`` and measure. Raises RobotFaultError when the simulation has diverged."""
+        self._advance(now_s)
+        data = self._data
+        if not (np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all()):
+            raise RobotFaultError("the simulation has diverged")
+        return Reading(
+            positions=tuple(data.qpos[self._qpos].tolist()),
+            velocities=tuple(data.qvel[self._dof].tolist()),
+            efforts=tuple(data.qfrc_actuator[self._dof].tolist()),
+            base=self._base() if self._facts.floating else None,
+        )
+
+    def apply(self, setpoints: Mapping[str, float]) -> dict[str, float]:
+        """Set servos; KeyError for a joint that takes no command, ValueError for a setpoint that is not finite."""
+        applied = {name: self._limits[name].clamp(setpoint) for name, setpoint in setpoints.items()}
+        for name, setpoint in applied.items():
+            if not math.isfinite(setpoint):
+                raise ValueError(f"setpoint {setpoint} of joint {name!r} is not finite")
+            self._setpoints[self._servo[name]] = setpoint
+        return applied
+
+    def stop(self) -> None:
+        measured, held = self._data.qpos[self._servo_qpos], self._setpoints
+        self._setpoints[:] = np.where(np.abs(measured - held) > _HOLDING_RAD, measured, held)
+
+    def close(self) -> None:
+        """End what renders; the rest is memory only."""
+        if self._eyes is not None:
+            self._eyes.close()
+
+    def picture(self, camera: Camera, format: PictureFormat, reading: Reading) -> bytes:
+        if self._eyes is None:
+            raise PictureError("nothing renders here")
+        return self._eyes.take(camera.name, format, reading, self._names)
+
+    def _place(self, pose: Mapping[str, float], height_m: float) -> None:
+        for joint, address in zip(self._facts.joints, self._qpos, strict=True):
+            self._data.qpos[address] = pose[joint.name]
+        if self._facts.floating:
+            self._data.qpos[:7] = (0, 0, height_m, 1, 0, 0, 0)
+        self._setpoints[:] = self._data.ctrl[:] = self._data.qpos[self._servo_qpos]
+        mujoco.mj_forward(self._model, self._data)
+
+    def _advance(self, now_s: float) -> None:
+        if self._start_s is None:
+            self._start_s = now_s
+        step_s = self._model.opt.timestep
+        behind_s = now_s - self._start_s - self._data.time
+        if behind_s > MAX_CATCH_UP_S:
+            self._start_s += behind_s - MAX_CATCH_UP_S
+            behind_s = MAX_CATCH_UP_S
+        steps = int(behind_s / step_s + 1e-6)
+        if steps > 0:
+            measured = self._data.qpos[self._servo_qpos]
+            self._data.ctrl[:] = measured + np.clip(self._setpoints - measured, -self._reach, self._reach)
+            mujoco.mj_step(self._model, self._data, steps)
+
+    def _base(self) -> Base:
+        """Pose and twist in the world frame: MuJoCo's free joint has its angular velocity in the body frame."""
+        data = self._data
+        angular = np.zeros(3)
+        mujoco.mju_rotVecQuat(angular, data.qvel[3:6], data.qpos[3:7])
+        x, y, z, qw, qx, qy, qz = data.qpos[:7].tolist()
+        vx, vy, vz = data.qvel[:3].tolist()
+        wx, wy, wz = angular.tolist()
+        return Base((x, y, z), (qx, qy, qz, qw), (vx, vy, vz), (wx, wy, wz))

@@ -1,0 +1,157 @@
+"""URDF as found → URDF that MuJoCo can simulate. The published description stays the original text.
+
+Every repair is logged with the names of the robot and the link or joint.
+"""
+
+import logging
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from linked_fleet_agent.meshes import locate
+from linked_fleet_agent.urdf import parse
+
+_log = logging.getLogger(__name__)
+
+TINY_MASS_KG = 1e-3
+TINY_INERTIA_KG_M2 = 1e-6
+_AXES = (("ixx", "ixy", "ixz"), ("ixy", "iyy", "iyz"), ("ixz", "iyz", "izz"))
+_CONSTANT_INERTIA = 1e-12
+
+
+def simulable(urdf: str, robot: str, meshes_from: Path | None = None) -> str:
+    """Return the text to simulate; UrdfError when ``urdf`` is none.
+
+    Meshes are dropped, unless ``meshes_from`` says where the file lies that the mesh paths are relative to.
+    """
+    root = parse(urdf)
+    _drop_pictures(root)
+    for mesh, link in _collision_meshes(root):
+        _resolve_or_drop(mesh, link, meshes_from, robot)
+    return mended(root, robot)
+
+
+def mended(root: ElementTree.Element, robot: str) -> str:
+    """The text for MuJoCo, of an element whose meshes are those that are to be loaded. UrdfError."""
+    _weld_many_dof_joints(root, robot)
+    _rename_world(root)
+    _repair_inertias(root, robot)
+    for old in root.findall("mujoco"):
+        root.remove(old)
+    extension = ElementTree.SubElement(root, "mujoco")
+    ElementTree.SubElement(extension, "compiler", fusestatic="false", discardvisual="false", strippath="false")
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _drop_pictures(root: ElementTree.Element) -> None:
+    for link in root.findall("link"):
+        for visual in link.findall("visual"):
+            link.remove(visual)
+
+
+def _collision_meshes(root: ElementTree.Element) -> Iterator[tuple[ElementTree.Element, ElementTree.Element]]:
+    for link in root.findall("link"):
+        for collision in link.findall("collision"):
+            if collision.find("geometry/mesh") is not None:
+                yield collision, link
+
+
+def _resolve_or_drop(collision: ElementTree.Element, link: ElementTree.Element, near: Path | None, robot: str) -> None:
+    mesh = collision.find("geometry/mesh")
+    assert mesh is not None
+    uri = mesh.get("filename", "")
+    path = None if near is None else find_mesh(uri, near)
+    if path is not None:
+        mesh.set("filename", str(path))
+        return
+    link.remove(collision)
+    if near is not None:
+        _log.warning(
+            "%s: link %s: collision mesh %r is not here or not STL or OBJ; left out", robot, link.get("name"), uri
+        )
+
+
+def find_mesh(uri: str, near: Path) -> Path | None:
+    """The file of a mesh URI (package, file or relative) as seen from the URDF ``near``, if MuJoCo can read it."""
+    return locate(uri, near) if Path(uri).suffix.lower() in (".stl", ".obj") else None
+
+
+def _weld_many_dof_joints(root: ElementTree.Element, robot: str) -> None:
+    for joint in root.findall("joint"):
+        if joint.get("type") in ("floating", "planar"):
+            _log.warning("%s: %s joint %s is held still in the simulation", robot, joint.get("type"), joint.get("name"))
+            joint.set("type", "fixed")
+
+
+def _rename_world(root: ElementTree.Element) -> None:
+    """A link called world would be merged into MuJoCo's own world and leave no root body to hold or to free."""
+    names = {link.get("name") for link in root.findall("link")}
+    fresh = "world_link"
+    while fresh in names:
+        fresh += "_"
+    for element in root.iter():
+        for attribute, tags in (("name", ("link",)), ("link", ("parent", "child"))):
+            if element.tag in tags and element.get(attribute) == "world":
+                element.set(attribute, fresh)
+
+
+def _repair_inertias(root: ElementTree.Element, robot: str) -> None:
+    moving = _moving_links(root)
+    for link in root.findall("link"):
+        name, inertial = link.get("name", ""), link.find("inertial")
+        if inertial is not None and _mass(inertial) <= 0.0:
+            link.remove(inertial)
+            inertial = None
+            _log.info("%s: link %s has an inertial without mass; left out", robot, name)
+        if inertial is not None:
+            _repair_tensor(inertial, robot, name)
+        elif name in moving:
+            _log.warning("%s: moving link %s has no inertial; it gets %g kg", robot, name, TINY_MASS_KG)
+            link.append(_tiny_inertial())
+
+
+def _moving_links(root: ElementTree.Element) -> set[str]:
+    """The links that a movable joint carries directly: MuJoCo asks a mass of each of them."""
+    movable = (joint for joint in root.findall("joint") if joint.get("type") != "fixed")
+    return {child.get("link", "") for joint in movable if (child := joint.find("child")) is not None}
+
+
+def _mass(inertial: ElementTree.Element) -> float:
+    mass = inertial.find("mass")
+    return 0.0 if mass is None else float(mass.get("value", "0"))
+
+
+def _repair_tensor(inertial: ElementTree.Element, robot: str, link: str) -> None:
+    tensor = inertial.find("inertia")
+    if tensor is None:
+        tensor = ElementTree.SubElement(inertial, "inertia")
+    given = np.array([[float(tensor.get(key, "0")) for key in row] for row in _AXES])
+    sound = physical(given)
+    if np.allclose(given, sound, rtol=1e-9, atol=_CONSTANT_INERTIA):
+        return
+    _log.info("%s: link %s: the inertia is not physical; repaired from %s", robot, link, given.tolist())
+    for row, keys in enumerate(_AXES):
+        for column, key in enumerate(keys):
+            tensor.set(key, repr(float(sound[row, column])))
+
+
+def physical(inertia: np.ndarray) -> np.ndarray:
+    """The nearest inertia in kg·m² of the same principal axes that a body can have: all positive, A + B ≥ C."""
+    principal, axes = np.linalg.eigh((inertia + inertia.T) / 2.0)
+    floor = max(TINY_INERTIA_KG_M2 * 1e-3, 1e-6 * float(np.abs(principal).max()))
+    sound = np.sort(np.maximum(principal, floor)) if principal.min() <= 0.0 else principal
+    missing = sound[2] - sound[0] - sound[1]
+    if missing > 0.0:
+        # A hair more than half each, so that rounding on the way through text does not undo it.
+        sound = sound + np.array([missing / 2.0, missing / 2.0, 0.0]) * (1.0 + 1e-6)
+    return np.asarray(axes @ np.diag(sound) @ axes.T)
+
+
+def _tiny_inertial() -> ElementTree.Element:
+    inertial = ElementTree.Element("inertial")
+    ElementTree.SubElement(inertial, "mass", value=repr(TINY_MASS_KG))
+    value = repr(TINY_INERTIA_KG_M2)
+    ElementTree.SubElement(inertial, "inertia", ixx=value, iyy=value, izz=value, ixy="0", ixz="0", iyz="0")
+    return inertial

@@ -1,0 +1,98 @@
+"""ROS 2 messages ↔ their bytes (CDR as ROS 2 writes it, XTypes 1.3 7.4.3) and their hashes, by rosbags. Pure."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.stores.ros2_jazzy import builtin_interfaces__msg__Duration as Duration
+from rosbags.typesys.stores.ros2_jazzy import builtin_interfaces__msg__Time as Time
+from rosbags.typesys.stores.ros2_jazzy import sensor_msgs__msg__JointState as SaidJointState
+from rosbags.typesys.stores.ros2_jazzy import std_msgs__msg__Header as Header
+from rosbags.typesys.stores.ros2_jazzy import std_msgs__msg__String as SaidString
+from rosbags.typesys.stores.ros2_jazzy import trajectory_msgs__msg__JointTrajectory as Trajectory
+from rosbags.typesys.stores.ros2_jazzy import trajectory_msgs__msg__JointTrajectoryPoint as Point
+
+STRING, JOINT_STATE = "std_msgs/msg/String", "sensor_msgs/msg/JointState"
+JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
+MAX_STATE_BYTES, MAX_TEXT_BYTES = 262_144, 8_000_000
+# No robot here has more joints (wire/codec.py); rosbags refuses longer sequences before it makes them.
+MAX_JOINTS = 1024
+
+# The messages used here are the same in Jazzy, Kilted and Lyrical.
+_STORE = get_typestore(Stores.ROS2_JAZZY)
+_STORE.max_sequence_length = MAX_JOINTS
+
+
+class CdrError(ValueError):
+    """The bytes are not the message that they should be; the message says why."""
+
+
+@dataclass(frozen=True)
+class JointState:
+    """A ``sensor_msgs/JointState``: rows in the order of ``names``, rad or m, NaN for what it does not say.
+
+    ``stamp_ns`` is when it was measured, by the clock of the robot; 0 is not said.
+    """
+
+    stamp_ns: int
+    names: tuple[str, ...]
+    positions: tuple[float, ...]
+    velocities: tuple[float, ...]
+    efforts: tuple[float, ...]
+
+
+def type_hash(message: str) -> str:
+    """The RIHS01 hash (REP 2016) of a type such as ``std_msgs/msg/String``."""
+    return _STORE.hash_rihs01(message)
+
+
+def read_string(payload: bytes) -> str:
+    """The text of a ``std_msgs/String``; CdrError."""
+    said = _read(payload, STRING, MAX_TEXT_BYTES)
+    assert isinstance(said, SaidString)
+    return said.data
+
+
+def read_joint_state(payload: bytes) -> JointState:
+    """CdrError where it is none: also if a row is neither empty nor as long as the names, or a joint is there twice."""
+    said = _read(payload, JOINT_STATE, MAX_STATE_BYTES)
+    assert isinstance(said, SaidJointState)
+    names = tuple(said.name)
+    if len(set(names)) < len(names):
+        raise CdrError("a joint is named twice")
+    rows = (_row(row, len(names)) for row in (said.position, said.velocity, said.effort))
+    stamp = said.header.stamp
+    return JointState(stamp.sec * 1_000_000_000 + stamp.nanosec, names, *rows)
+
+
+def write_trajectory(joints: Sequence[str], positions: Sequence[float], reached_in_s: float) -> bytes:
+    """A ``trajectory_msgs/JointTrajectory`` that begins when it arrives and has one point, reached after that time."""
+    nothing = np.zeros(0)
+    seconds, nanoseconds = divmod(round(reached_in_s * 1e9), 1_000_000_000)
+    point = Point(
+        positions=np.array(positions, dtype=np.float64),
+        velocities=nothing,
+        accelerations=nothing,
+        effort=nothing,
+        time_from_start=Duration(sec=seconds, nanosec=nanoseconds),
+    )
+    message = Trajectory(Header(Time(0, 0), ""), list(joints), [point])
+    return bytes(_STORE.serialize_cdr(message, JOINT_TRAJECTORY, little_endian=True))
+
+
+def _read(payload: bytes, message: str, most: int) -> object:
+    if len(payload) > most:
+        raise CdrError(f"{len(payload)} bytes are too many, {most} may be in a {message}")
+    try:
+        return _STORE.deserialize_cdr(payload, message)
+    except SerdeError as error:
+        raise CdrError(str(error)) from error
+
+
+def _row(row: "np.typing.NDArray[np.float64]", count: int) -> tuple[float, ...]:
+    if len(row) not in (0, count):
+        raise CdrError(f"{len(row)} values are neither none nor one for each of {count} joints")
+    return tuple(value if math.isfinite(value) else math.nan for value in row.tolist()) or (math.nan,) * count

@@ -1,0 +1,217 @@
+"""A robot that speaks ROS 2 over Zenoh (rmw_zenoh), without a ROS installation (extra: ros)."""
+
+import logging
+import math
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+
+from linked_fleet_agent.robot import Facts, JointFacts, Reading, RobotFaultError
+from linked_fleet_agent.robots.ros2 import cdr
+from linked_fleet_agent.robots.ros2.address import Address, AddressError, Commanded
+from linked_fleet_agent.robots.ros2.following import Follower, reached_in_s
+from linked_fleet_agent.robots.ros2.keys import Topic
+from linked_fleet_agent.robots.ros2.session import Arrived, Mailbox, Outlet, RosSession
+from linked_fleet_agent.robots.ros2.states import JointStates
+from linked_fleet_agent.urdf import UrdfError, joints_of, parse
+
+_log = logging.getLogger(__name__)
+
+PATIENCE_S = 30.0
+"""How long a robot that is to be described may take to say what it is."""
+_SETTLE_S = 2.0
+_LOOK_S = 0.02
+_LONGEST_TITLE = 256
+_NODE = "linked_fleet_agent"
+
+
+class Ros2Robot:
+    """Driver over three topics: ``/robot_description`` and ``/joint_states`` in, ``JointTrajectory`` out."""
+
+    def __init__(self, name: str, address: Address, facts: Facts, session: RosSession) -> None:
+        self._name, self._facts, self._session = name, facts, session
+        self._limits = {joint.name: joint.limits for joint in facts.joints}
+        self._states = JointStates(name, self._limits, address.states, address.stale_s)
+        self._inbox = session.listen(_topic(address, address.states, cdr.JOINT_STATE), cdr.MAX_STATE_BYTES)
+        self._ways = [
+            (Follower(one.topic, _joints_of(one, facts.joints)), _outlet(session, address, one))
+            for one in address.controllers
+        ]
+        self.bad_messages = 0
+        self._read_s = self._cycle_s = 0.0
+
+    @classmethod
+    def find(cls, name: str, address: Address, patience_s: float = PATIENCE_S) -> "Ros2Robot":
+        """The robot at ``address``, waiting for its description and a little for joint states and controllers.
+
+        ConnectionError when nobody answers at the endpoint within ``patience_s``, TimeoutError when no description
+        comes, AddressError when a controller is to have joints that the robot has not.
+        """
+        deadline_s = time.monotonic() + patience_s
+        session = _opened(name, address, deadline_s)
+        try:
+            facts = _described(name, address, session, deadline_s)
+            robot = cls(name, address, facts, session)
+            robot.settle()
+        except BaseException:
+            session.close()
+            raise
+        return robot
+
+    def settle(self) -> None:
+        """Until a first joint state came and the controllers are known to listen; not for long, and it says if not."""
+        deadline_s = time.monotonic() + _SETTLE_S
+        while missing := self._missing():
+            if time.monotonic() > deadline_s:
+                _log.warning("%s: not there yet: %s", self._name, ", ".join(missing))
+                return
+            time.sleep(_LOOK_S)
+
+    def describe(self) -> Facts:
+        return self._facts
+
+    def read(self, now_s: float) -> Reading:
+        """What joint states said last, by the time at which they arrived; RobotFaultError when none came lately."""
+        here_s = time.monotonic()
+        self._cycle_s, self._read_s = here_s - self._read_s, here_s
+        for arrived in self._inbox.fetch():
+            self._take(arrived)
+        return self._states.reading(here_s)
+
+    def apply(self, setpoints: Mapping[str, float]) -> dict[str, float]:
+        """Send each controller concerned its next point.
+
+        KeyError for a joint that no controller has, ValueError for a setpoint that is not finite, RobotFaultError when
+        a controller does not listen.
+        """
+        applied = {name: self._limits[name].clamp(setpoint) for name, setpoint in setpoints.items()}
+        for name, setpoint in applied.items():
+            if not math.isfinite(setpoint):
+                raise ValueError(f"setpoint {setpoint} of joint {name!r} is not finite")
+        stray = applied.keys() - {name for follower, _ in self._ways for name in follower.joints}
+        if stray:
+            raise KeyError(f"no controller has {', '.join(sorted(stray))}")
+        now_s, measured = time.monotonic(), self._measured()
+        for follower, outlet in self._ways:
+            own = {name: applied[name] for name in follower.joints if name in applied}
+            if own:
+                self._send(follower, outlet, follower.next(own, measured, now_s))
+        return applied
+
+    def stop(self) -> None:
+        """Send every controller the present positions of its joints. RobotFaultError when one cannot be told."""
+        now_s, measured = time.monotonic(), self._measured()
+        problems = []
+        for follower, outlet in self._ways:
+            try:
+                self._send(follower, outlet, follower.hold(measured, now_s))
+            except RobotFaultError as error:
+                problems.append(str(error))
+        if problems:
+            raise RobotFaultError("; ".join(problems))
+
+    def close(self) -> None:
+        self._session.close()
+
+    def _missing(self) -> list[str]:
+        try:
+            self.read(0.0)
+            missing = []
+        except RobotFaultError as error:
+            missing = [str(error)]
+        return missing + [f"no controller listens to {follower.topic}" for follower, out in self._ways if not out.heard]
+
+    def _send(self, follower: Follower, outlet: Outlet, positions: Mapping[str, float]) -> None:
+        if not outlet.heard:
+            raise RobotFaultError(f"no controller listens to {follower.topic}")
+        if not positions:
+            raise RobotFaultError(
+                f"no position of a joint of {follower.topic} is known; its controller holds where it was sent last"
+            )
+        outlet.put(cdr.write_trajectory(list(positions), list(positions.values()), reached_in_s(self._cycle_s)))
+
+    def _measured(self) -> dict[str, float]:
+        now_s = time.monotonic()
+        return {name: self._states.position(name, now_s) for name in self._limits}
+
+    def _take(self, arrived: Arrived) -> None:
+        try:
+            if arrived.payload is None:
+                raise cdr.CdrError("it is too long")
+            self._states.take(cdr.read_joint_state(arrived.payload), arrived.at_s)
+        except cdr.CdrError as error:
+            self.bad_messages += 1
+            if self.bad_messages.bit_count() == 1:  # the 1st, 2nd, 4th …: a flood does not fill the log
+                _log.warning("%s: bad joint state (%d so far): %.200s", self._name, self.bad_messages, error)
+
+
+def _topic(address: Address, name: str, message: str) -> Topic:
+    return Topic(address.domain, name, message, cdr.type_hash(message))
+
+
+def _outlet(session: RosSession, address: Address, controller: Commanded) -> Outlet:
+    return session.outlet(_topic(address, controller.topic, cdr.JOINT_TRAJECTORY))
+
+
+def _joints_of(controller: Commanded, joints: Iterable[JointFacts]) -> Sequence[str]:
+    return controller.joints or [joint.name for joint in joints if joint.mimics is None]
+
+
+def _opened(name: str, address: Address, deadline_s: float) -> RosSession:
+    _log.info("%s: waiting for %s in domain %d at %s", name, address.description, address.domain, address.endpoint)
+    while True:
+        try:
+            return RosSession(address.endpoint, address.domain, _NODE)
+        except ConnectionError:
+            if time.monotonic() > deadline_s:
+                raise
+            time.sleep(_LOOK_S)
+
+
+def _described(name: str, address: Address, session: RosSession, deadline_s: float) -> Facts:
+    topic = _topic(address, address.description, cdr.STRING)
+    box, end = session.listen_latched(topic, cdr.MAX_TEXT_BYTES)
+    try:
+        return _with_controllers(_first(name, box, deadline_s), address.controllers)
+    except TimeoutError as error:
+        raise TimeoutError(f"nobody says on {topic.name} in domain {address.domain} what the robot is") from error
+    finally:
+        end()
+
+
+def _first(name: str, box: Mailbox, deadline_s: float) -> Facts:
+    """The first description that is one."""
+    while time.monotonic() < deadline_s:
+        for arrived in box.fetch():
+            try:
+                return facts_of(name, arrived)
+            except (cdr.CdrError, UrdfError) as error:
+                _log.warning("%s: bad description: %.200s", name, error)
+        time.sleep(_LOOK_S)
+    raise TimeoutError
+
+
+def facts_of(name: str, arrived: Arrived) -> Facts:
+    """What a description says; CdrError or UrdfError where it is none of a robot with joints."""
+    if arrived.payload is None:
+        raise cdr.CdrError("it is too long")
+    urdf = cdr.read_string(arrived.payload)
+    joints = joints_of(urdf)
+    names = {joint.name for joint in joints}
+    if not 0 < len(names) == len(joints) <= cdr.MAX_JOINTS:
+        raise UrdfError(f"{len(joints)} joints of {len(names)} names are no joints of a robot")
+    return Facts((parse(urdf).get("name") or name)[:_LONGEST_TITLE], urdf, joints)
+
+
+def _with_controllers(facts: Facts, controllers: Sequence[Commanded]) -> Facts:
+    """Which joints take commands is what the controllers have."""
+    free = {joint.name for joint in facts.joints if joint.mimics is None}
+    for controller in controllers:
+        missing = [joint for joint in controller.joints if joint not in free]
+        if missing:
+            raise AddressError(f"{controller.topic} is to have {', '.join(missing)}: no joint that takes commands")
+    if not any(controller.joints for controller in controllers):
+        return facts
+    led = {joint for controller in controllers for joint in controller.joints}
+    joints = (joint if joint.name in led or joint.mimics else replace(joint, passive=True) for joint in facts.joints)
+    return replace(facts, joints=tuple(joints))

@@ -1,0 +1,125 @@
+"""Zenoh ↔ the ROS 2 driver; beside zenoh_session.py the only module of the agent that imports zenoh.
+
+Its callbacks only put bytes into bounded queues; the driver takes them out in its own thread.
+"""
+
+import secrets
+import time
+from collections import deque
+from collections.abc import Callable
+from contextlib import ExitStack
+from typing import Any, NamedTuple
+
+import zenoh
+from zenoh import ext
+
+from linked_fleet_agent.robots.ros2 import keys
+from linked_fleet_agent.robots.ros2.keys import Node, Topic
+from linked_fleet_agent.zenoh_session import configuration
+
+_LEASE_MS = 2_000
+_MOST_STATES, _MOST_DESCRIPTIONS = 32, 2
+
+
+class Arrived(NamedTuple):
+    """A message and when it came, in monotonic seconds; too long a message is None."""
+
+    payload: bytes | None
+    at_s: float
+
+
+class Mailbox:
+    """The last ``most`` messages of one topic: where nobody fetches them the oldest are lost."""
+
+    def __init__(self, longest: int, most: int) -> None:
+        self._longest = longest
+        self._waiting: deque[Arrived] = deque(maxlen=most)
+
+    def put(self, sample: zenoh.Sample) -> None:
+        fits = len(sample.payload) <= self._longest
+        self._waiting.append(Arrived(sample.payload.to_bytes() if fits else None, time.monotonic()))
+
+    def fetch(self) -> list[Arrived]:
+        """What has come since the last time, the eldest first."""
+        return [self._waiting.popleft() for _ in range(len(self._waiting))]
+
+
+class Outlet:
+    """A publisher of one topic."""
+
+    def __init__(self, publisher: Any) -> None:
+        self._publisher = publisher
+        self._gid, self._sequence = secrets.token_bytes(keys.GID_BYTES), 0
+
+    @property
+    def heard(self) -> bool:
+        """Whether somebody listens, as far as the router has said."""
+        return bool(self._publisher.matching_status.matching)
+
+    def put(self, payload: bytes) -> None:
+        """Publish, never waiting; zenoh.ZError when the session is closed."""
+        self._sequence += 1
+        self._publisher.put(payload, attachment=keys.attachment(self._sequence, time.time_ns(), self._gid))
+
+
+class RosSession:
+    """One ROS node, of its own Zenoh session: a client of ``endpoint``, a router of ROS or a node that listens.
+
+    Zenoh itself connects again and declares everything again. ConnectionError when nothing answers there.
+    """
+
+    def __init__(self, endpoint: str, domain: int, node: str) -> None:
+        config = configuration((endpoint,), (), _LEASE_MS)
+        config.insert_json5("timestamping/enabled", "true")  # by which late joiners are told from what is newer
+        try:
+            self._session: Any = zenoh.open(config)
+        except zenoh.ZError as error:
+            raise ConnectionError(str(error).partition(" at /")[0]) from error
+        self._declared = ExitStack()
+        self._node = Node(domain, str(self._session.info.zid()), node)
+        self._number = 0
+        self._keep(self._session.liveliness().declare_token(self._node.token))
+
+    def listen(self, topic: Topic, longest: int) -> Mailbox:
+        """Messages of up to ``longest`` bytes from now on."""
+        box = Mailbox(longest, _MOST_STATES)
+        self._keep(self._session.declare_subscriber(topic.key, box.put))
+        self._show("MS", topic, keys.KEEP_LAST_ONE)
+        return box
+
+    def listen_latched(self, topic: Topic, longest: int) -> tuple[Mailbox, Callable[[], None]]:
+        """Also what was said last before (transient local). The second ends it."""
+        box = Mailbox(longest, _MOST_DESCRIPTIONS)
+        history = ext.HistoryConfig(detect_late_publishers=True, max_samples=1)
+        subscriber: Any = ext.declare_advanced_subscriber(self._session, topic.key, box.put, history=history)
+        token = self._session.liveliness().declare_token(self._next_token("MS", topic, keys.LATCHED))
+
+        def end() -> None:
+            token.undeclare()
+            subscriber.undeclare()
+
+        return box, end
+
+    def outlet(self, topic: Topic) -> Outlet:
+        """To publish with; late messages are dropped rather than waited for."""
+        publisher = self._session.declare_publisher(
+            topic.key, congestion_control=zenoh.CongestionControl.DROP, express=True
+        )
+        self._keep(publisher)
+        self._show("MP", topic, keys.KEEP_LAST_ONE)
+        return Outlet(publisher)
+
+    def close(self) -> None:
+        """Leave the ROS graph; may be called again."""
+        self._declared.close()
+        self._session.close()
+
+    def _show(self, kind: keys.Kind, topic: Topic, quality: str) -> None:
+        self._keep(self._session.liveliness().declare_token(self._next_token(kind, topic, quality)))
+
+    def _next_token(self, kind: keys.Kind, topic: Topic, quality: str) -> str:
+        self._number += 1
+        return self._node.token_of(self._number, kind, topic, quality)
+
+    def _keep(self, declared: Any) -> None:
+        self._declared.callback(declared.undeclare)

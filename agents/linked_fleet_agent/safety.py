@@ -1,0 +1,210 @@
+"""Whether a command may move this robot now. Pure: clocks and facts are passed in; kept are ids and when it stopped."""
+
+import math
+from collections import OrderedDict
+from collections.abc import Container, Iterable, Iterator, Mapping
+from itertools import pairwise
+
+import msgspec
+
+from linked_fleet_agent.plan import joints_of
+from linked_fleet_agent.robot import JointFacts
+from linked_fleet_agent.wire.messages import Accepted, Command, Expectation, Follow, Move, RefusalCode, Refused, Stop
+
+# A target computed in degrees or by inverse kinematics may miss its limit by rounding; that much is clamped silently.
+ROUNDING = 1e-6
+MAX_REMEMBERED = 4096
+# What one follow may have of positions, so that judging it does not keep the robot waiting.
+MAX_POSITIONS = 16_384
+MIN_STEP_S = 1e-3
+# Further from zero (rad or m) a position is no place but a mistake.
+FARTHEST = 1e6
+
+
+class Remembered:
+    """The ids of the last accepted commands, so that none runs twice.
+
+    Memory is bounded: the oldest of ``capacity`` ids is forgotten. The same bytes sent again after that are stale
+    unless more than ``capacity`` commands were accepted within their time to live (60 s at most).
+    """
+
+    def __init__(self, capacity: int = MAX_REMEMBERED) -> None:
+        self._capacity = capacity
+        self._ids: OrderedDict[str, None] = OrderedDict()
+
+    def __contains__(self, command_id: object) -> bool:
+        return command_id in self._ids
+
+    def __len__(self) -> int:
+        return len(self._ids)
+
+    def add(self, command_id: str) -> None:
+        self._ids[command_id] = None
+        while len(self._ids) > self._capacity:
+            self._ids.popitem(last=False)
+
+
+class Stops:
+    """What was stopped when, so that no motion that was asked for before runs after; monotonic times of the agent.
+
+    Of the commands that were cancelled by their id, the last ``MAX_REMEMBERED`` are known.
+    """
+
+    def __init__(self) -> None:
+        self._stopped_ns: dict[str, int] = {}
+        self._cancelled = Remembered()
+
+    def note(self, joints: Iterable[str], now_ns: int) -> None:
+        self._stopped_ns.update(dict.fromkeys(joints, now_ns))
+
+    def cancel(self, command_id: str) -> None:
+        self._cancelled.add(command_id)
+
+    def overtook(self, command: Command) -> str:
+        """Which stop was executed since ``command`` was asked for, as a sentence; empty when none was."""
+        if command.id in self._cancelled:
+            return f"the command {command.id!r} was cancelled before it came"
+        for name in joints_of(command.motion):
+            if command.seen_ns <= self._stopped_ns.get(name, -1):
+                return f"the robot was stopped after the command was asked for ({name!r}); ask again if it is to move"
+        return ""
+
+
+def judge(
+    command: Command,
+    *,
+    now_ns: int,
+    incarnation: int,
+    joints: Mapping[str, JointFacts],
+    seen: Container[str],
+    stops: Stops,
+) -> Accepted | Refused:
+    """Accept, or refuse with the first thing that is wrong. ``now_ns`` is the agent's own monotonic clock."""
+    targets = list(_targets(command.motion))
+    problem = (
+        _contradiction(command.motion)
+        or _wrong_run(command, incarnation, seen)
+        or _late(command, now_ns, stops)
+        or next(filter(None, (_wrong_joint(name, joints) for name in dict(targets))), None)
+        or next(filter(None, (_unknown(name, joints) for name in command.expects)), None)
+        or next(filter(None, (_beyond(joints[name], target) for name, target in targets)), None)
+    )
+    return Accepted(command.id, at_ns=now_ns) if problem is None else Refused(command.id, problem[0], problem[1][:1024])
+
+
+def unexpected(
+    expects: Mapping[str, Expectation], measured: Mapping[str, float], joints: Mapping[str, JointFacts]
+) -> str:
+    """What is not as expected, as a sentence; empty when all is. NaN is unknown and never as expected."""
+    for name, expected in expects.items():
+        off = measured[name] - expected.position
+        if joints[name].continuous and math.isfinite(off):
+            off = math.remainder(off, 2.0 * math.pi)
+        if not abs(off) <= expected.tolerance:
+            unit = _unit(joints[name])
+            return (
+                f"{name!r} was expected at {expected.position:.6g} {unit}, give or take {expected.tolerance:.6g} "
+                f"{unit}, but is at {measured[name]:.6g} {unit}"
+            )
+    return ""
+
+
+def judge_stop(stop: Stop, joints: Mapping[str, JointFacts]) -> Refused | None:
+    """Why a stop cannot be: only for a joint that is none of the robot."""
+    problem = next(filter(None, (_unknown(name, joints) for name in stop.joints)), None)
+    return None if problem is None else Refused(stop.id, problem[0], problem[1][:1024])
+
+
+def clamp(motion: Move | Follow, joints: Mapping[str, JointFacts]) -> Move | Follow:
+    """An accepted motion with no target outside the limits of its joint."""
+    if isinstance(motion, Move):
+        targets = {name: joints[name].limits.clamp(target) for name, target in motion.targets.items()}
+        return msgspec.structs.replace(motion, targets=targets)
+    limits = [joints[name].limits for name in motion.joints]
+    rows = (tuple(limit.clamp(p) for limit, p in zip(limits, row, strict=True)) for row in motion.positions)
+    return msgspec.structs.replace(motion, positions=tuple(rows))
+
+
+_Problem = tuple[RefusalCode, str] | None
+
+
+def _targets(motion: Move | Follow) -> Iterator[tuple[str, float]]:
+    if isinstance(motion, Move):
+        yield from motion.targets.items()
+        return
+    for name, column in zip(motion.joints, zip(*motion.positions, strict=False), strict=False):
+        yield from ((name, position) for position in column if not math.isfinite(position))
+        yield from ((name, min(column)), (name, max(column)))  # which speak for all the others
+
+
+def _contradiction(motion: Move | Follow) -> _Problem:
+    if isinstance(motion, Move):
+        loose = [name for name in motion.speeds if name not in motion.targets]
+        return ("malformed", f"{loose[0]!r} has a speed, but no target") if loose else None
+    width, rows = len(motion.joints), len(motion.positions)
+    if len(set(motion.joints)) < width:
+        return "malformed", "a joint is named twice"
+    if rows != len(motion.times_s):
+        return "malformed", f"there are {rows} rows of positions, but {len(motion.times_s)} times"
+    if any(len(row) != width for row in motion.positions):
+        return "malformed", f"each row of positions must have one for each of the {width} joints"
+    if width * rows > MAX_POSITIONS:
+        return "malformed", f"{width * rows} positions are too many; {MAX_POSITIONS} may be in one motion"
+    if any(later - earlier < MIN_STEP_S for earlier, later in pairwise((0.0, *motion.times_s))):
+        return "malformed", f"times_s must begin at {MIN_STEP_S:g} s or later and increase by at least as much"
+    return None
+
+
+def _wrong_run(command: Command, incarnation: int, seen: Container[str]) -> _Problem:
+    if command.incarnation != incarnation:
+        return "incarnation", f"the command is for run {command.incarnation}, but this is run {incarnation}"
+    if command.id in seen:
+        return "repeated", f"a command with the id {command.id!r} was accepted before; every command needs its own id"
+    return None
+
+
+def _late(command: Command, now_ns: int, stops: Stops) -> _Problem:
+    age_ns = now_ns - command.seen_ns
+    if age_ns < 0:
+        return "stale", f"seen_ns is {-age_ns} ns ahead of this agent's monotonic clock; take it from a state frame"
+    if age_ns > command.time_to_live_ns:
+        return (
+            "stale",
+            f"the command is {age_ns / 1e6:.0f} ms old, its time to live {command.time_to_live_ns / 1e6:g} ms",
+        )
+    overtaken = stops.overtook(command)
+    return ("stale", overtaken) if overtaken else None
+
+
+def _unknown(name: str, joints: Mapping[str, JointFacts]) -> _Problem:
+    if name in joints:
+        return None
+    return "unknown-joint", f"{name!r} is no movable joint of this robot; its joints are {', '.join(joints)}"
+
+
+def _wrong_joint(name: str, joints: Mapping[str, JointFacts]) -> _Problem:
+    joint = joints.get(name)
+    if joint is None:
+        return _unknown(name, joints)
+    if joint.mimics is not None:
+        return "unknown-joint", f"{name!r} follows {joint.mimics!r} and takes no command; move that joint"
+    if joint.passive:
+        return "unknown-joint", f"{name!r} takes no command: it has no drive that could be told to"
+    return None
+
+
+def _beyond(joint: JointFacts, target: float) -> _Problem:
+    unit, limits = _unit(joint), joint.limits
+    if not math.isfinite(target):
+        return "limits", f"the target {target} of {joint.name!r} is not a finite number"
+    if abs(target) > FARTHEST:
+        return "limits", f"{target:g} {unit} is further than {FARTHEST:g} {unit} from zero"
+    if limits.lower is not None and target < limits.lower - ROUNDING:
+        return "limits", f"{target:g} {unit} is below the lower limit {limits.lower:g} {unit} of {joint.name!r}"
+    if limits.upper is not None and target > limits.upper + ROUNDING:
+        return "limits", f"{target:g} {unit} is above the upper limit {limits.upper:g} {unit} of {joint.name!r}"
+    return None
+
+
+def _unit(joint: JointFacts) -> str:
+    return "m" if joint.linear else "rad"

@@ -1,0 +1,67 @@
+"""The little that an agent itself has to know of a URDF: its movable joints and their limits. Standard library only."""
+
+import math
+import xml.etree.ElementTree as ElementTree
+
+from linked_fleet_agent.robot import JointFacts, Limits
+
+_MOVABLE = ("revolute", "continuous", "prismatic")
+
+
+class UrdfError(ValueError):
+    """The text is no URDF; the message says what is wrong."""
+
+
+def parse(urdf: str) -> ElementTree.Element:
+    """Return the ``robot`` element; UrdfError for everything that has none."""
+    try:
+        root = ElementTree.fromstring(urdf)  # noqa: S314 - the robot's own file, and expat bounds entity expansion
+    except ElementTree.ParseError as error:
+        raise UrdfError(f"not well-formed XML: {error}") from error
+    if root.tag != "robot":
+        raise UrdfError(f"the root element is <{root.tag}>, not <robot>")
+    return root
+
+
+def joints_of(urdf: str) -> tuple[JointFacts, ...]:
+    """All joints of one degree of freedom in document order, mimic joints included; UrdfError when one is malformed."""
+    root = parse(urdf)
+    return tuple(_joint(element) for element in root.findall("joint") if element.get("type") in _MOVABLE)
+
+
+def _joint(element: ElementTree.Element) -> JointFacts:
+    name, mimic = element.get("name"), element.find("mimic")
+    if not name:
+        raise UrdfError("a <joint> has no name")
+    return JointFacts(
+        name=name,
+        linear=element.get("type") == "prismatic",
+        limits=_limits(element, name),
+        mimics=None if mimic is None else mimic.get("joint"),
+        continuous=element.get("type") == "continuous",
+    )
+
+
+def _limits(element: ElementTree.Element, name: str) -> Limits:
+    limit = element.find("limit")
+    if limit is None:
+        return Limits()
+    bounded = element.get("type") != "continuous"
+    return Limits(
+        lower=_number(limit, "lower", name) if bounded else None,
+        upper=_number(limit, "upper", name) if bounded else None,
+        # A joint that may neither move nor push is no joint: many files write 0 for "not known".
+        velocity=_number(limit, "velocity", name) or None,
+        effort=_number(limit, "effort", name) or None,
+    )
+
+
+def _number(element: ElementTree.Element, attribute: str, joint: str) -> float:
+    text = element.get(attribute, "0")
+    try:
+        value = float(text)
+    except ValueError as error:
+        raise UrdfError(f"joint {joint!r}: {attribute}={text!r} is not a number") from error
+    if math.isnan(value):
+        raise UrdfError(f"joint {joint!r}: {attribute} is NaN")
+    return value

@@ -1,0 +1,78 @@
+"""Who may say what on the wire: Zenoh's access control from one list of robots (PROTOCOL.md, "Trust"). Pure.
+
+A neighbour is known by the common name of its certificate, and what comes in from it is judged. What was let in may
+go out to everybody who has a name.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from linked_fleet_agent.wire.keys import Keys
+from linked_fleet_agent.wire.names import escape
+
+GATEWAY, ROUTER = "gateway", "router"
+"""Common names of gateways and of routers; any number of either share it, each with a key of its own."""
+
+_PUBLISHING = ("put", "reply", "declare_queryable", "liveliness_token")
+_WATCHING = ("liveliness_query", "declare_liveliness_subscriber")
+_EVERYTHING = (*_PUBLISHING, *_WATCHING, "delete", "query", "declare_subscriber")
+_ASKED = ("description", "command", "stop", "mesh", "picture")
+
+
+def common_name(agent: str) -> str:
+    """That of an agent's certificate. ValueError for a name that means a gateway or a router."""
+    if agent in (GATEWAY, ROUTER):
+        raise ValueError(f"an agent's certificate cannot be called {agent!r}: whoever has that is taken for one")
+    return escape(agent)
+
+
+def of_router(keys: Keys, agents: Mapping[str, Iterable[str] | None]) -> dict[str, object]:
+    """``access_control`` of a router, or of a gateway that agents connect to.
+
+    ``agents`` says for each certificate of an agent which robots it is; None for all, as simulations of robots whose
+    names nobody knows before may be.
+    """
+    names = [common_name(agent) for agent in agents]
+    access = _Access()
+    access.grant("out", [GATEWAY, ROUTER, *names], "egress", _EVERYTHING, [keys.everything])
+    access.grant("routers", [ROUTER], "ingress", _EVERYTHING, [keys.everything])
+    access.grant("gateways hear", [GATEWAY], "ingress", ["declare_subscriber"], [keys.all_states, keys.all_progress])
+    access.grant("gateways ask", [GATEWAY], "ingress", ["query"], [keys.of_all_robots(kind) for kind in _ASKED])
+    access.grant("gateways see", [GATEWAY], "ingress", _WATCHING, [keys.all_presence])
+    access.grant("gateways are", [GATEWAY], "ingress", ["liveliness_token"], [keys.all_gateways])
+    access.grant("gateways beat", [GATEWAY], "ingress", ["put"], [keys.all_heartbeats])
+    access.grant("agents see", names, "ingress", _WATCHING, [keys.all_gateways])
+    access.grant("agents hear", names, "ingress", ["declare_subscriber"], [keys.all_heartbeats])
+    for agent, robots in agents.items():
+        own = [keys.everything_of(robot) for robot in robots] if robots is not None else [keys.everything_of_robots]
+        name = common_name(agent)
+        access.grant(f"agent {name}", [name], "ingress", (*_PUBLISHING, "liveliness_query"), own)
+    return access.value
+
+
+def of_agent(keys: Keys) -> dict[str, object]:
+    """``access_control`` of an agent that others connect to: gateways and routers may speak to it, no other robot."""
+    access = _Access()
+    for flow in ("egress", "ingress"):
+        access.grant(f"fleet {flow}", [GATEWAY, ROUTER], flow, _EVERYTHING, [keys.everything])
+    return access.value
+
+
+class _Access:
+    """Nothing but what is granted."""
+
+    def __init__(self) -> None:
+        self._rules: list[object] = []
+        self._subjects: list[object] = []
+        self._policies: list[object] = []
+
+    def grant(self, grant: str, to: Sequence[str], flow: str, messages: Sequence[str], keys: Sequence[str]) -> None:
+        if to:  # a subject without any name would be everybody
+            rule = {"permission": "allow", "flows": [flow], "messages": list(messages), "key_exprs": list(keys)}
+            self._rules.append({"id": grant, **rule})
+            self._subjects.append({"id": grant, "cert_common_names": list(to)})
+            self._policies.append({"rules": [grant], "subjects": [grant]})
+
+    @property
+    def value(self) -> dict[str, object]:
+        lists = {"rules": self._rules, "subjects": self._subjects, "policies": self._policies}
+        return {"enabled": True, "default_permission": "deny", **lists}

@@ -1,3 +1,0 @@
-from client.conform.main import command
-
-__all__ = ["command"]

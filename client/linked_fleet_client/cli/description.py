@@ -1,0 +1,196 @@
+"""Commands ``ls`` and ``get``: the resources of a fleet and their descriptions."""
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import click
+from rdflib.term import URIRef
+
+from linked_fleet_client.action import Action
+from linked_fleet_client.cli import output
+from linked_fleet_client.cli.completion import all_paths
+from linked_fleet_client.cli.options import Session, common, units
+from linked_fleet_client.cli.output import clean
+from linked_fleet_client.fleet import Fleet
+from linked_fleet_client.invocation import Invocation
+from linked_fleet_client.naming import step
+from linked_fleet_client.reading import Reading
+from linked_fleet_client.thing import Property, Thing, kind_of
+from linked_fleet_client.vocabulary import is_web
+
+Found = Thing | Property | Action | Invocation
+_AT_ONCE = 8
+
+
+def found_at(fleet: Fleet, path: str) -> Found:
+    """By names from the root, or by an IRI that somebody copied."""
+    return fleet.get(path) if is_web(URIRef(path)) else fleet.at(path)
+
+
+@click.command()
+@click.argument("path", default="", shell_complete=all_paths)
+@click.option("--values", is_flag=True, help="Read each part for its measured values.")
+@units
+@common
+@click.pass_obj
+def ls(session: Session, path: str, values: bool, units: tuple[str, ...]) -> None:
+    """List parts, properties and actions. PATH is titles with slashes between, such as baxter/right_s1."""
+    with session.fleet() as fleet:
+        here = found_at(fleet, path)
+        rows = list(_rows(here, values, units)) if isinstance(here, Thing) else [_row(here, units)]
+    if session.json:
+        print(output.as_json(rows))
+    elif rows:
+        print(output.table([[step(row["name"]), row["kind"], row["state"]] for row in rows], ("NAME", "KIND", "VALUE")))
+
+
+def _rows(thing: Thing, live: bool, units: Sequence[str]) -> Iterator[dict[str, Any]]:
+    document = thing.read()
+    parts = list(thing.parts.introduced())
+    if live:
+        with ThreadPoolExecutor(_AT_ONCE) as pool:
+            list(pool.map(Thing.learn, parts))
+    for part in parts:
+        state = _presence(part, thing) or (_live(part, units) if live else "")
+        yield {"name": part.name, "kind": part.kind, "state": state, "iri": part.iri}
+    for prop in thing.properties_in(document).introduced():
+        value = prop.within(document)
+        value = value if value.values else prop.reading
+        row = {"name": prop.name, "kind": kind_of(prop) or "property", "state": output.brief(value, units)}
+        yield row | {"iri": prop.iri, "values": output.reading(value, units)}
+    for action in thing.actions.introduced():
+        yield _row(action, units)
+
+
+def _row(here: Found, units: Sequence[str]) -> dict[str, Any]:
+    if isinstance(here, Property):
+        value = here.reading
+        row = {"name": here.name, "kind": kind_of(here), "state": output.brief(value, units), "iri": here.iri}
+        return row | {"values": output.reading(value, units)}
+    here.learn()
+    kind = "action" if isinstance(here, Action) else kind_of(here)
+    return {"name": here.name, "kind": kind, "state": here.title, "iri": here.iri}
+
+
+def _presence(part: Thing, above: Thing) -> str:
+    return part.presence_in(above.learn()) or part.presence_in(part.learn() if part.known else above.learn()) or ""
+
+
+def _live(part: Thing, units: Sequence[str]) -> str:
+    """Those values of a thing that have a time: they are measured, not made."""
+    document = part.learn()
+    found = [(prop.name, prop.within(document).main) for prop in part.properties_in(document)]
+    return ", ".join(f"{name}={output.said(value, units)}" for name, value in found if value and value.time)
+
+
+@click.command()
+@click.argument("path", default="", shell_complete=all_paths)
+@units
+@common
+@click.pass_obj
+def get(session: Session, path: str, units: tuple[str, ...]) -> None:
+    """Show values with their units, and the input of actions."""
+    with session.fleet() as fleet:
+        here = found_at(fleet, path)
+        said = _described(here, units)
+        print(output.as_json(said) if session.json else "\n".join(_text(here, said, units)))
+
+
+def _described(here: Found, units: Sequence[str]) -> dict[str, Any]:
+    document = here.read()
+    said: dict[str, Any] = {"iri": here.iri, "title": here.title, "types": sorted(map(str, here.types))}
+    if isinstance(here, Thing):
+        said["presence"] = here.presence_in(document)
+        said["parts"] = [part.name for part in here.parts.introduced()]
+        properties = here.properties_in(document).introduced()
+        said["properties"] = {prop.name: output.reading(_value(prop, here), units) for prop in properties}
+        said["actions"] = {action.name: _action(action) for action in here.actions.introduced()}
+    elif isinstance(here, Action):
+        said |= _action(here)
+    elif isinstance(here, Invocation):
+        said |= invocation(here)
+    else:
+        said["values"] = output.reading(here.reading, units)
+        if not said["values"]:
+            said["statements"] = output.statements(here.triples)
+    return said
+
+
+def _value(prop: Property, thing: Thing) -> Reading:
+    """The value in the description of the thing or, where that only links it, in its own."""
+    shown = prop.within(thing.learn())
+    return shown if shown.values else prop.reading
+
+
+def _action(action: Action) -> dict[str, Any]:
+    action.learn()
+    return {"title": action.title, "dryRun": action.can_rehearse, "input": output.asked_json(action.fields)}
+
+
+def invocation(run: Invocation) -> dict[str, Any]:
+    """State and result of an invocation, for scripts."""
+    if not run.traced:
+        return {"iri": None, "state": None}
+    state = run.state
+    return {
+        "iri": run.iri,
+        "state": state,
+        "progress": run.progress,
+        "reason": run.reason,
+        "result": run.result,
+    }
+
+
+def _text(here: Found, said: dict[str, Any], units: Sequence[str]) -> Iterator[str]:
+    yield clean(f"{said['title']}  ({kind_of(here)})")
+    yield clean(str(here.iri))
+    if said.get("presence"):
+        yield clean(said["presence"])
+    if isinstance(here, Thing):
+        yield from _thing_text(here, units)
+    elif isinstance(here, Action):
+        yield from _action_text(here)
+    elif isinstance(here, Property):
+        yield from _property_text(here, units)
+    else:
+        yield output.table([[key, str(value)] for key, value in invocation(here).items() if value is not None])
+
+
+def _thing_text(thing: Thing, units: Sequence[str]) -> Iterator[str]:
+    rows = [[step(prop.name), output.brief(_value(prop, thing), units)] for prop in thing.properties.introduced()]
+    if rows:
+        yield "\nProperties\n" + output.table([["  " + name, value] for name, value in rows])
+    actions = list(thing.actions.introduced())
+    if actions:
+        yield "\nActions"
+    for action in actions:
+        action.learn()
+        yield from ("  " + line for line in [clean(f"{step(action.name)}: {action.title}"), *_input(action)])
+    if parts := [step(part.name) for part in thing.parts.introduced()]:
+        yield "\nParts\n  " + clean(" ".join(parts))
+
+
+def _action_text(action: Action) -> Iterator[str]:
+    if action.comment:
+        yield clean(action.comment)
+    yield from _input(action)
+
+
+def _input(action: Action) -> list[str]:
+    action.learn()
+    return output.input_in_words(action.fields, "    ") or ["    takes nothing"]
+
+
+def _property_text(prop: Property, units: Sequence[str]) -> Iterator[str]:
+    reading = prop.reading
+    rows = [[key, output.said(value, units)] for key, value in reading.values.items()]
+    if rows:
+        yield output.table(rows)
+    else:
+        yield output.table(
+            [[name, value] for name, values in output.statements(prop.triples).items() for value in values]
+        )
+    times = {value.time for value in reading.values.values() if not isinstance(value, str) and value.time}
+    for time in sorted(times):
+        yield f"at {time.isoformat()}"

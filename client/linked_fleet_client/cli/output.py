@@ -1,0 +1,154 @@
+"""Text for people and JSON for scripts. Text from the network loses its control characters first."""
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from datetime import datetime
+from typing import Any
+
+from rdflib.term import Literal, Node, URIRef
+
+from linked_fleet_client.errors import InvalidInput
+from linked_fleet_client.form import Asked, Limits, said_choices, said_range
+from linked_fleet_client.naming import step
+from linked_fleet_client.quantity import Quantity, number
+from linked_fleet_client.reading import Reading, Value
+from linked_fleet_client.vocabulary import local_name
+
+_WIDEST = 72
+
+
+def clean(text: str) -> str:
+    """Without the characters that would steer the terminal."""
+    return "".join(each if each.isprintable() else " " for each in text)
+
+
+def table(rows: Sequence[Sequence[str]], header: Sequence[str] = ()) -> str:
+    """Columns of one width each, two blanks apart."""
+    cells = [[clean(cell) for cell in row] for row in ([header] if header else []) + list(rows)]
+    widths = [max((len(row[column]) for row in cells), default=0) for column in range(len(cells[0]) if cells else 0)]
+    return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in cells)
+
+
+def converted(value: Quantity, units: Sequence[str]) -> Quantity:
+    """In the first of ``units`` that it can be given in."""
+    for unit in units:
+        try:
+            return value.to(unit)
+        except InvalidInput:
+            continue  # a unit of another dimension is meant for other values
+    return value
+
+
+def said(value: Value, units: Sequence[str] = ()) -> str:
+    if isinstance(value, Quantity):
+        return str(converted(value, units))
+    return local_name(value) if isinstance(value, URIRef) else value
+
+
+def brief(reading: Reading, units: Sequence[str] = ()) -> str:
+    """The values on one line: the one that it is about, or all as far as they fit."""
+    if reading.main is not None:
+        return said(reading.main, units)
+    text = ", ".join(f"{key}={said(value, units)}" for key, value in reading.values.items())
+    return text if len(text) <= _WIDEST else text[: _WIDEST - 4] + " ..."
+
+
+def input_in_words(fields: Sequence[Asked], indent: str = "") -> list[str]:
+    """A line for each field, those of nested nodes below it."""
+    lines = []
+    for each in fields:
+        if each.fixed and not each.fields:
+            continue  # it is filled in by itself
+        parts = [f"{indent}{each.name}", _kind(each), _counts(each), each.description]
+        lines.append(clean("  ".join(part for part in parts if part)))
+        lines += [clean(f"{indent}    {_limits(limits)}") for limits in each.limits[:_MOST]]
+        more = len(each.limits) - _MOST
+        lines += [f"{indent}    and {more} more ranges"] if more > 0 else []
+        lines += input_in_words(each.fields, indent + "    ")
+    return lines
+
+
+_MOST = 40
+
+
+def _kind(each: Asked) -> str:
+    if each.choices is not None:
+        return f"one of {said_choices(each.choices)}"
+    if each.fields:
+        return "made of"
+    names = list(dict.fromkeys("number" if _numeric(datatype) else local_name(datatype) for datatype in each.datatypes))
+    return " or ".join(names) or ("number" if each.limits else "")
+
+
+def _counts(each: Asked) -> str:
+    if each.max_count == 1:
+        return "" if each.min_count else "(optional)"
+    most = "any number of times" if each.max_count is None else f"up to {each.max_count} times"
+    return f"({'at least once, ' if each.min_count else ''}{most})"
+
+
+def _limits(limits: Limits) -> str:
+    when = ", ".join(f"{name} {said_choices(choices)}" for name, choices in limits.when.items())
+    return said_range(limits.lower, limits.upper) + (f" for {when}" if when else "")
+
+
+def _numeric(datatype: URIRef) -> bool:
+    return number(Literal("1", datatype=datatype)) == 1.0
+
+
+def as_json(value: Any) -> str:
+    return json.dumps(value, ensure_ascii=True, default=_plain)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Quantity):
+        return quantity(value)
+    return value.isoformat() if isinstance(value, datetime) else str(value)
+
+
+def quantity(value: Quantity) -> dict[str, Any]:
+    """``number`` is null where it is not known."""
+    time = {"time": value.time.isoformat()} if value.time else {}
+    return {"number": value.number, "unit": value.unit_label, "unitIRI": value.unit, **time}
+
+
+def reading(found: Reading, units: Sequence[str] = ()) -> dict[str, Any]:
+    return {
+        key: quantity(converted(value, units)) if isinstance(value, Quantity) else str(value)
+        for key, value in found.values.items()
+    }
+
+
+def asked_json(fields: Iterable[Asked]) -> list[dict[str, Any]]:
+    return [
+        {
+            "name": each.name,
+            "path": str(each.path),
+            "description": each.description,
+            "datatypes": [str(datatype) for datatype in each.datatypes],
+            "choices": None if each.choices is None else [str(choice) for choice in each.choices],
+            "minCount": each.min_count,
+            "maxCount": each.max_count,
+            "limits": [_limits_json(limits) for limits in each.limits],
+            "fields": asked_json(each.fields),
+        }
+        for each in fields
+    ]
+
+
+def _limits_json(limits: Limits) -> dict[str, Any]:
+    bounds = {"lower": limits.lower, "upper": limits.upper}
+    known = {name: {"value": bound.value, "inclusive": bound.inclusive} for name, bound in bounds.items() if bound}
+    return {**known, "when": {name: [str(choice) for choice in choices] for name, choices in limits.when.items()}}
+
+
+def path_of(above: str, name: str) -> str:
+    return f"{above.rstrip('/')}/{step(name)}".lstrip("/")
+
+
+def statements(pairs: Iterable[tuple[Node, Node]]) -> Mapping[str, list[str]]:
+    """Predicates in one word each, with what they lead to."""
+    found: dict[str, list[str]] = {}
+    for predicate, value in pairs:
+        found.setdefault(local_name(str(predicate)), []).append(str(value))
+    return found

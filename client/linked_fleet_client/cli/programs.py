@@ -1,0 +1,44 @@
+"""Commands of ``linked-fleet`` that are programs of other packages: the gateway, the demo, the agent.
+
+Packages name them as entry points. The client imports none of them: the process becomes the program.
+"""
+
+import os
+import sys
+from collections.abc import Sequence
+from importlib.metadata import EntryPoint, entry_points
+
+import click
+
+GROUP = "linked_fleet.commands"
+"""Entry points of programs: each names the function ``main`` of a module that ``python -m`` runs."""
+
+
+def names() -> list[str]:
+    """Return the names of the installed programs."""
+    return sorted(entry_points(group=GROUP).names)
+
+
+def program(name: str) -> click.Command | None:
+    """Return the command that runs the program of this name with all further arguments; None if none is installed."""
+    found = next(iter(entry_points(group=GROUP, name=name)), None)
+    if found is None:
+        return None
+
+    @click.command(
+        name,
+        help=f"Run the {name}; 'linked-fleet {name} --help' lists its options.",
+        add_help_option=False,
+        context_settings={"ignore_unknown_options": True},
+    )
+    @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
+    def run(arguments: Sequence[str]) -> None:
+        _become(found, arguments)
+
+    return run
+
+
+def _become(entry_point: EntryPoint, arguments: Sequence[str]) -> None:
+    module = entry_point.module.removesuffix(".__main__")
+    # -P: a folder of the user's that is named as a module of ours is not imported.
+    os.execv(sys.executable, [sys.executable, "-P", "-m", module, *arguments])  # noqa: S606 (no shell is wanted)

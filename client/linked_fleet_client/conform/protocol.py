@@ -1,0 +1,212 @@
+"""R0.1 to R0.8: what every Robotic Thing server does with HTTP."""
+
+import ipaddress
+import socket
+from urllib.parse import urlsplit
+
+from rdflib import BNode, Literal
+
+from linked_fleet_client.conform.raw import exchange, status
+from linked_fleet_client.conform.rdf import SH, TURTLE
+from linked_fleet_client.conform.subject import Subject
+from linked_fleet_client.conform.verdict import Level, Outcome, Verdict, cant_tell, failed, inapplicable, judged, passed
+from linked_fleet_client.conform.walk import Page
+from linked_fleet_client.conform.web import Answer
+
+_CLOSE = b"Connection: close\r\n\r\n"
+_NO_HOST = b"GET {path} HTTP/1.1\r\n" + _CLOSE
+_HEAD = b"HEAD {path} HTTP/1.1\r\nHost: {host}\r\n" + _CLOSE
+_UNKNOWN_METHOD = b"CONFORM {path} HTTP/1.1\r\nHost: {host}\r\n" + _CLOSE
+_BROKEN_TURTLE = b"<> <"
+_NO_ETAG = '"none-that-any-resource-has"'
+_GONE = (404, 410)
+_PRIVATE = (401, 403)
+
+
+async def r0_1(subject: Subject) -> Verdict:
+    """A RT server must at least be HTTP/1.1 conformant server."""
+    root = subject.walk.root
+    if root.answer.version != "HTTP/1.1":
+        return failed(f"{root.answer}: the answer is {root.answer.version or 'no HTTP'}, not HTTP/1.1")
+    patience = subject.web.patience_s
+    problems = []
+    answer, _ = await exchange(root.url, _NO_HOST, patience)
+    if status(answer) != 400:
+        problems.append(f"GET {root.url} without Host: {status(answer) or 'no answer'}, not 400")
+    answer, fault = await exchange(root.url, _HEAD, patience)
+    _, blank, body = answer.partition(b"\r\n\r\n")
+    if not status(answer) or not blank or fault:
+        problems.append(f"HEAD {root.url}: {fault or 'no complete answer'}")
+    elif body:
+        problems.append(f"HEAD {root.url}: {len(body)} bytes of a body that must not be there")
+    answer, _ = await exchange(root.url, _UNKNOWN_METHOD, patience)
+    if status(answer) < 400:
+        problems.append(f"unknown method at {root.url}: {status(answer) or 'no answer'}, not an error")
+    return judged(
+        problems, f"{root.answer} over HTTP/1.1; no Host is a 400, HEAD has no body, unknown methods are refused"
+    )
+
+
+async def r0_2(subject: Subject) -> Verdict:
+    """A RT server should support secure connections with HTTP over TLS. RT servers that are exposed on the Internet
+    must always implement HTTPS or other security mechanisms in addition or in place of HTTPS.
+    """
+    return security(subject.walk.root.url)
+
+
+def security(url: str) -> Verdict:
+    """By the URL and the addresses of its host alone."""
+    parts = urlsplit(url)
+    if parts.scheme == "https":
+        return passed(f"{url}: TLS with a certificate that is trusted here")
+    addresses = _addresses(parts.hostname or "")
+    if not addresses:
+        return cant_tell(f"{url}: no address of {parts.hostname} is known here")
+    if all(address.is_loopback for address in addresses):
+        return inapplicable(f"{url}: plain HTTP that never leaves the machine")
+    if any(address.is_global for address in addresses):
+        return Verdict(Outcome.FAILED, f"{url}: plain HTTP at an address of the Internet", Level.MUST)
+    return failed(f"{url}: plain HTTP in a private network")
+
+
+def _addresses(host: str) -> list[ipaddress.IPv4Address | ipaddress.IPv6Address]:
+    try:
+        found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
+        return [ipaddress.ip_address(str(entry[4][0]).partition("%")[0]) for entry in found]
+    except (OSError, ValueError):
+        return []
+
+
+async def r0_3(subject: Subject) -> Verdict:
+    """A Robotic Thing must have a URI endpoint for itself and all of its sub-resources."""
+    problems = [
+        f"GET {page.url}: the description does not speak of {page.url}"
+        for page in subject.walk.things()
+        if len(page.graph) and (page.node, None, None) not in page.graph
+    ]
+    if any(isinstance(node, BNode) for node in subject.walk.declared()):
+        problems.append(f"{subject.extent()}: a Robotic Thing without URI")
+    for page in subject.walk:
+        for role, node in subject.walk.sub_resources(page):
+            problems += [f"GET {page.url}: names a {role} without URI"] if isinstance(node, BNode | Literal) else []
+    problems += [f"{page.answer}, linked from {page.found_on}" for page in subject.walk.claimed() if _missing(page)]
+    named = {node for page in subject.walk for _, node in subject.walk.sub_resources(page)}
+    if not problems and not named:
+        return cant_tell(f"{subject.extent()} name no sub-resources")
+    return judged(
+        problems, f"{subject.extent()} name {len(named)} sub-resources by URI; all that were visited are there"
+    )
+
+
+def _missing(page: Page) -> bool:
+    return page.answer.status in _GONE
+
+
+async def r0_4(subject: Subject) -> Verdict:
+    """A RT server must support GET on its root resource."""
+    answer = subject.walk.root.answer
+    return passed(str(answer)) if answer.successful else failed(str(answer))
+
+
+async def r0_5(subject: Subject) -> Verdict:
+    """A RT server must support GET for retrieving resource representations, POST for resource creation, PUT for
+    resource updates or state changes, and DELETE for resource removal.
+    """
+    problems = [
+        str(page.answer)
+        for page in subject.walk.claimed()
+        if not page.answer.successful and not _missing(page) and page.answer.status not in _PRIVATE
+    ]
+    allowed = {method: page.url for page in subject.answering() for method in (await subject.options(page.url)).allow}
+    telling = bool(allowed)
+    for made in subject.trials.made():
+        allowed |= dict.fromkeys(made.allow, made.url) | ({"DELETE": made.url} if _gone(made.deleted) else {})
+        if made.left:
+            problems.append(f"{made.left} could not be deleted again")
+    missing = [method for method in ("POST", "PUT", "DELETE") if method not in allowed]
+    if missing and not problems:
+        found = f"{', '.join(missing)} in no Allow field of {subject.extent()}"
+        nothing_deleted = missing == ["DELETE"] and not any(made.url for made in subject.trials.made())
+        return cant_tell(found) if subject.walk.cut or nothing_deleted or not telling else failed(found)
+    seen = ", ".join(f"{method} {allowed[method]}" for method in ("POST", "PUT", "DELETE") if method in allowed)
+    return judged(problems, f"GET answers on {subject.extent()}; allowed are {seen}")
+
+
+def _gone(deleted: Answer | None) -> bool:
+    return deleted is not None and deleted.successful
+
+
+async def r0_6(subject: Subject) -> Verdict:
+    """A RT server must implement HTTP status codes 200, 400 and 500 providing at least generic indications for
+    successful actions, client-side errors or server-side errors.
+    """
+    problems = []
+    if subject.walk.root.answer.status != 200:
+        problems.append(f"{subject.walk.root.answer}, not 200")
+    problems += [str(page.answer) for page in subject.walk if page.answer.status >= 500]
+    answers = [await subject.web.request("GET", subject.trials.resource, {"accept": "application/x-none;q=banana"})]
+    answers += await _broken_bodies(subject) if subject.writes else []
+    bare = subject.trials.without_callback
+    answers += [bare.answer] if bare else []
+    problems += [f"{answer}: a server error for what the client did" for answer in answers if answer.status >= 500]
+    refusals = [answer for answer in answers[1:] if answer.status]
+    problems += [f"{answer}: accepts a body that is no Turtle" for answer in refusals if _accepts_nonsense(answer)]
+    if not problems and not any(400 <= answer.status < 500 for answer in refusals):
+        return cant_tell("200 was seen; nothing harmless was found that a client could do wrong")
+    seen = ", ".join(sorted({str(answer.status) for answer in refusals}))
+    return judged(problems, f"200 for what is there, {seen} for what is wrong; a 500 cannot be provoked from outside")
+
+
+def _accepts_nonsense(answer: Answer) -> bool:
+    return answer.method != "GET" and answer.successful
+
+
+async def _broken_bodies(subject: Subject) -> list[Answer]:
+    """What no server can carry out: it is no Turtle, an action also names an entity tag that is nobody's, and
+    that action demands values. Of each only one, for servers are not trusted to look at the body.
+    """
+    answers = []
+    containers: list[tuple[str, dict[str, str]]] = [(page.url, {}) for page in subject.walk.of("subscriptions")[:1]]
+    actions = [(page.url, {"if-match": _NO_ETAG}) for page in subject.walk.of("action") if _demands(subject, page)][:1]
+    for url, guard in [*containers, *actions]:
+        allow = (await subject.options(url)).allow
+        for method in [name for name in ("POST", "PUT") if name in allow]:
+            headers = {"content-type": TURTLE, **guard}
+            answers.append(await subject.web.request(method, url, headers, _BROKEN_TURTLE))
+    return answers
+
+
+def _demands(subject: Subject, page: Page) -> bool:
+    """Whether an action consumes something of which at least one has to be there."""
+    shapes = list(page.graph.objects(page.node, subject.walk.model.consumes))
+    counts = [count for shape in shapes for count in page.graph.objects(shape, SH.property / SH.minCount)]
+    return any(isinstance(count, Literal) and isinstance(count.value, int) and count.value > 0 for count in counts)
+
+
+async def r0_7(subject: Subject) -> Verdict:
+    """A RT server should return a HTTP status code 204 for all successful PUT, POST, and DELETE requests."""
+    answers = [made.deleted for made in subject.trials.made() if made.deleted is not None]
+    answers += [made.answer for made in subject.trials.made() if made.answer.method == "POST"]
+    successful = [answer for answer in answers if answer.successful]
+    if not successful:
+        return cant_tell(subject.trials.excuse or "no harmless PUT, POST or DELETE succeeded")
+    other = sorted({f"{answer}, not 204" for answer in successful if answer.status != 204})
+    note = " (LDP asks for 201 where a container makes a member)" if any(a.status == 201 for a in successful) else ""
+    verdict = judged(other, f"204 to {len(successful)} requests, the last {successful[-1].method} {successful[-1].url}")
+    return Verdict(verdict.outcome, verdict.evidence + note)
+
+
+async def r0_8(subject: Subject) -> Verdict:
+    """A RT server must use the response Location header field to provide information about the location of a newly
+    created resource for all successful POST requests.
+    """
+    made = subject.trials.posted
+    if made is None or not made.answer.successful:
+        reason = subject.trials.excuse or "no container takes a POST that could be taken back"
+        return cant_tell(f"{made.answer}: a harmless POST was refused" if made else reason)
+    location = made.answer.header("location")
+    if not location:
+        return failed(f"{made.answer}: no Location field")
+    if not made.url:
+        return failed(f"{made.answer}: Location {location} leads to nothing that was created")
+    return passed(f"{made.answer}: Location {location}")

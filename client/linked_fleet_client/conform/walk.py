@@ -1,0 +1,170 @@
+"""The resources of a server, found by links only: breadth first, evenly over kinds, a bounded number of them."""
+
+from collections import defaultdict, deque
+from collections.abc import Hashable, Iterator
+from dataclasses import dataclass, field
+from urllib.parse import urldefrag
+
+import rdflib
+from rdflib import RDF, URIRef
+from rdflib.term import Node
+
+from linked_fleet_client.conform.rdf import TURTLE, hybrit, linkset, named, related, turtle, types
+from linked_fleet_client.conform.web import Answer, Web
+
+_PART_OF_TIME = 0.5
+_MOST_BYTES = 64 * 2**20
+_GONE = (404, 410)
+# To recognise a resource by; that of a blueprint is met on resources that are no things, too.
+_ROLES = ("subscriptions", "property", "action", "blueprint")
+
+
+@dataclass(frozen=True)
+class Page:
+    """A resource as it answered a plain GET, and its graph: that of the answer, or that it gives when asked for Turtle.
+
+    ``fault`` says why there is no graph.
+    """
+
+    answer: Answer
+    graph: rdflib.Graph
+    fault: str
+    turtle: Answer
+    """The answer that has the graph."""
+    asked: str
+    """The URL that was asked for, perhaps redirected."""
+    found_on: str = ""
+
+    @property
+    def url(self) -> str:
+        return self.answer.url
+
+    @property
+    def node(self) -> URIRef:
+        """The subject of the page: its own URL, or the first fragment of it that it describes."""
+        own = URIRef(self.url)
+        if (own, None, None) in self.graph:
+            return own
+        fragments = [str(s) for s in self.graph.subjects() if str(s).startswith(f"{self.url}#")]
+        return URIRef(min(fragments, default=self.url))
+
+
+@dataclass
+class Walk:
+    """``cut`` says why there may be more resources than these."""
+
+    root: Page
+    model: rdflib.Namespace
+    pages: dict[str, Page] = field(default_factory=dict)
+    cut: str = ""
+
+    def __iter__(self) -> Iterator[Page]:
+        return iter(self.pages.values())
+
+    def __len__(self) -> int:
+        return len(self.pages)
+
+    def things(self) -> list[Page]:
+        """The Linked Robotic Things, by their type or their sub-resources; the root when nothing claims to be one."""
+        return [page for page in self if self._claims(page)] or [self.root]
+
+    def _claims(self, page: Page) -> bool:
+        if self.model.RoboticThing in types(page.graph, page.node):
+            return True
+        return any((page.node, self.model[role], None) in page.graph for role in _ROLES[:3])
+
+    def named(self, page: Page, role: str) -> list[Node]:
+        """The nodes that a page names as its property, action, subscriptions or blueprint."""
+        return sorted(page.graph.objects(page.node, self.model[role]), key=str)
+
+    def of(self, role: str) -> list[Page]:
+        """Pages that others name in this role."""
+        urls = {plain(node) for page in self for node in self.named(page, role)}
+        return [page for page in self if page.url in urls]
+
+    def sub_resources(self, page: Page) -> list[tuple[str, Node]]:
+        return [(role, node) for role in _ROLES for node in self.named(page, role)]
+
+    def declared(self) -> set[Node]:
+        """The nodes that any page calls a Robotic Thing."""
+        return {node for page in self for node in page.graph.subjects(RDF.type, self.model.RoboticThing)}
+
+    def claimed(self) -> list[Page]:
+        """The root, things and what pages name as their sub-resources: these answer, whatever else a graph mentions."""
+        urls = {plain(node) for page in self for _, node in self.sub_resources(page)} | {self.root.url}
+        urls.update(plain(node) for node in self.declared())
+        urls.update(url for page in self for url in related(page.answer, "related"))
+        return [page for page in self if page.asked in urls or page.url in urls]
+
+
+async def read(web: Web, url: str, found_on: str = "", in_any_case: bool = False) -> Page:
+    """One page, read twice if it is Turtle only on demand."""
+    answer = await web.request("GET", url, in_any_case=in_any_case)
+    graph, fault = turtle(answer)
+    if fault and answer.successful and answer.media_type != TURTLE:
+        on_demand = await web.request("GET", url, {"accept": TURTLE}, in_any_case=in_any_case)
+        graph, asked_fault = turtle(on_demand)
+        return Page(answer, graph, fault if asked_fault else "", on_demand, url, found_on)
+    return Page(answer, graph, fault, answer, url, found_on)
+
+
+async def walk(web: Web, root: Page, most: int) -> Walk:
+    """At most ``most`` resources, in at most half of the total time: the other half is for what is to be tried."""
+    found = Walk(root, hybrit(root.graph), {root.url: root})
+    queues: defaultdict[Hashable, deque[tuple[str, str]]] = defaultdict(deque)
+    seen = {root.url, web.root}
+    _enqueue(web, queues, root, seen)
+    while turn := [queue for queue in queues.values() if queue]:
+        for queue in turn:
+            url, found_on = queue.popleft()
+            if found.cut:
+                return found
+            page = await read(web, url, found_on)
+            if page.url in found.pages or await _has_gone(web, page):
+                continue
+            found.pages[page.url] = page
+            _enqueue(web, queues, page, seen)
+            found.cut = _limit(web, len(found), most) if any(queues.values()) else ""
+    return found
+
+
+def _limit(web: Web, size: int, most: int) -> str:
+    if size >= most:
+        return f"only {most} resources are visited"
+    if web.received > _MOST_BYTES:
+        return f"only {size} resources were visited, which have {web.received} bytes"
+    return f"only {size} resources were visited in time" if web.used > _PART_OF_TIME else ""
+
+
+async def _has_gone(web: Web, page: Page) -> bool:
+    """True if a resource ended, and with it the link to it, between the reading of both: that is no fault."""
+    if page.answer.status not in _GONE or not page.found_on:
+        return False
+    origin = await read(web, page.found_on)
+    return page.asked not in {url for url, _ in _links(origin)}
+
+
+def _enqueue(web: Web, queues: defaultdict[Hashable, deque[tuple[str, str]]], page: Page, seen: set[str]) -> None:
+    for url, kind in sorted(_links(page), key=lambda link: link[0]):
+        if url not in seen and web.ours(url):
+            seen.add(url)
+            queues[kind].append((url, page.url))
+
+
+def _links(page: Page) -> list[tuple[str, Hashable]]:
+    """URLs that a page leads to, each with its kind: the types that the page gives it, otherwise the relation.
+
+    A resource whose kind the graph knows comes before the bare Link field that names it, too.
+    """
+    links: dict[str, Hashable] = {}
+    for node, predicate in named(page.graph):
+        kind = types(page.graph, node) or predicate
+        links.setdefault(plain(node), kind)
+    for relation in ("related", "linkset"):
+        for url in (*related(page.answer, relation), *linkset(page.answer, relation)):
+            links.setdefault(url, relation)
+    return list(links.items())
+
+
+def plain(node: Node) -> str:
+    return urldefrag(str(node)).url

@@ -1,0 +1,150 @@
+"""One execution of an action, from its acceptance to its end."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from datetime import datetime
+from typing import Protocol
+
+from rdflib import Graph
+from rdflib.term import Literal, Node, URIRef
+
+from linked_fleet_client.errors import StillRunning, Unsupported
+from linked_fleet_client.live import Change, Feed
+from linked_fleet_client.quantity import Quantity
+from linked_fleet_client.reading import Value, moment, read
+from linked_fleet_client.resource import Resource
+from linked_fleet_client.vocabulary import HYBRIT, LF, PROV, document_of, local_name
+from linked_fleet_client.web import Document, Web
+
+ENDED = frozenset({LF.succeeded, LF.failed, LF.cancelled, LF.preempted})
+_SLICE_S = 5.0
+
+
+class Doable(Protocol):
+    """An action, as an invocation needs it."""
+
+    @property
+    def names(self) -> Sequence[str]: ...
+
+    def __call__(self) -> object: ...
+
+
+MakeAction = Callable[[Web, str, Resource, Document | None], Doable]
+
+
+class Invocation(Resource):
+    """Reads its state when asked; ``wait`` is told of changes.
+
+    A server may do what was asked for without saying where to look: then ``traced`` is False and there is no state.
+    """
+
+    def __init__(self, web: Web, iri: str, action: MakeAction) -> None:
+        """``action`` makes the actions that the description links, such as one that cancels."""
+        super().__init__(web, iri)
+        self._action = action
+
+    @property
+    def traced(self) -> bool:
+        return bool(self.iri)
+
+    @property
+    def state(self) -> str | None:
+        """``accepted``, ``running``, ``succeeded``, ``failed``, ``cancelled``, ``preempted``, ``unknown``, or None."""
+        if not self.traced:
+            return None
+        return _word(self.read().graph.value(self.node, LF.state))
+
+    @property
+    def ended(self) -> bool:
+        return has_ended(self.read().graph, self.node)
+
+    @property
+    def progress(self) -> float | None:
+        """From 0 to 1; None where the server does not say."""
+        return progress_in(self.read().graph, self.node)
+
+    @property
+    def reason(self) -> str | None:
+        """Why it ended as it did; None if nothing is said."""
+        return _text(self.learn().graph.value(self.node, LF.reason))
+
+    @property
+    def result(self) -> dict[str, Value]:
+        """What was reached, by the names in the description; empty before."""
+        return _below(self.learn().graph, self.node, LF.result)
+
+    @property
+    def target(self) -> dict[str, Value]:
+        """What is to be reached."""
+        return _below(self.learn().graph, self.node, LF.target)
+
+    @property
+    def ended_at(self) -> datetime | None:
+        return moment(self.learn().graph.value(self.node, PROV.endedAtTime))
+
+    def changes(self, timeout_s: float = math.inf) -> Iterator[Change]:
+        """Its states until it has ended, the present one first, or until ``timeout_s`` are over."""
+        deadline = None if timeout_s == math.inf else time.monotonic() + timeout_s
+        for change in Feed(self.web, self.iri, deadline, _SLICE_S):
+            self._document = change.document
+            yield change
+            if has_ended(change.document.graph, change.resource):
+                return
+
+    def wait(self, timeout_s: float = math.inf, on_change: Callable[[Change], object] = lambda _: None) -> str | None:
+        """The state in which it ended; StillRunning if it has not within ``timeout_s``, and then it goes on."""
+        if not self.traced:
+            return None
+        for change in self.changes(timeout_s):
+            on_change(change)
+        if not self.ended:
+            within = f" within {timeout_s:g} s" if math.isfinite(timeout_s) else ", as far as the server says"
+            raise StillRunning(f"{self.iri} has not ended{within}: it is {self.state}")
+        return _word(self.learn().graph.value(self.node, LF.state))
+
+    def cancel(self) -> None:
+        """Have it stopped: by the action that its description links or, where there is none, by DELETE."""
+        if not self.traced:
+            raise Unsupported("the server does not say where what it was asked to do can be stopped")
+        self.read()
+        actions = [self._action(self.web, iri, self, self._document) for iri in self.linked(HYBRIT.action)]
+        if len(actions) > 1:
+            actions = [action for action in actions if any("cancel" in name.casefold() for name in action.names)]
+        if actions:
+            actions[0]()
+        elif self.ended:
+            raise Unsupported(f"{self.iri} has ended already: it is {self.state}")
+        else:
+            self.web.send("DELETE", document_of(self.iri), None, {})
+
+
+def has_ended(graph: Graph, node: Node) -> bool:
+    """By its state or, where that is a foreign one, because the time of its end is stated."""
+    return graph.value(node, LF.state) in ENDED or moment(graph.value(node, PROV.endedAtTime)) is not None
+
+
+def progress_in(graph: Graph, node: Node) -> float | None:
+    """The share of the way or of the time, whether as a bare number or with its unit."""
+    stated = read(graph, node).values.get(local_name(LF.progress))
+    value = stated.number if isinstance(stated, Quantity) else None
+    return None if value is None else min(max(value, 0.0), 1.0)
+
+
+def _below(graph: Graph, node: Node, predicate: URIRef) -> dict[str, Value]:
+    found: dict[str, Value] = {}
+    name = local_name(predicate)
+    for key, value in read(graph, node).values.items():
+        if key.startswith((f"{name}.", f"{name}[")) or key == name:
+            found[key.removeprefix(name).lstrip(".")] = value
+    return found
+
+
+def _word(term: Node | None) -> str | None:
+    return None if term is None else local_name(str(term))
+
+
+def _text(term: Node | None) -> str | None:
+    return str(term) if isinstance(term, Literal) else None

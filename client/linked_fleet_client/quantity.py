@@ -1,0 +1,149 @@
+"""Numbers with units: a small table of units known by IRI, and conversion within a dimension."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from datetime import datetime
+
+from rdflib.term import Literal, URIRef
+
+from linked_fleet_client.errors import InvalidInput
+from linked_fleet_client.vocabulary import MATHS, QUDT, UNIT, VOM, XSD, local_name
+
+
+@dataclass(frozen=True)
+class Unit:
+    """``label`` as it is written, ``dimension`` within which it converts, ``si`` the size of one in the SI unit."""
+
+    label: str
+    dimension: str
+    si: float = 1.0
+
+
+def _qudt(*names: str) -> tuple[str, ...]:
+    return tuple(str(UNIT[name]) for name in names)
+
+
+# Each IRI that is understood; the SI unit of a dimension is the one of size 1.
+_TABLE: tuple[tuple[Unit, tuple[str, ...]], ...] = (
+    (Unit("rad", "angle"), (*_qudt("RAD"), str(MATHS.Radian), str(VOM.Radian))),
+    (Unit("deg", "angle", math.pi / 180), (*_qudt("DEG"), str(MATHS.Degree), str(VOM.Degree))),
+    (Unit("turn", "angle", math.tau), _qudt("REV")),
+    (Unit("m", "length"), (*_qudt("M"), str(MATHS.Meter), str(VOM.Meter), str(VOM.Metre))),
+    (Unit("mm", "length", 1e-3), (*_qudt("MilliM"), str(VOM.Millimeter), str(VOM.Millimetre))),
+    (Unit("cm", "length", 1e-2), (*_qudt("CentiM"), str(VOM.Centimeter), str(VOM.Centimetre))),
+    (Unit("km", "length", 1e3), _qudt("KiloM")),
+    (Unit("kg", "mass"), _qudt("KiloGM")),
+    (Unit("g", "mass", 1e-3), _qudt("GM")),
+    (Unit("N", "force"), _qudt("N")),
+    (Unit("N m", "torque"), _qudt("N-M")),
+    (Unit("rad/s", "angular velocity"), _qudt("RAD-PER-SEC")),
+    (Unit("deg/s", "angular velocity", math.pi / 180), _qudt("DEG-PER-SEC")),
+    (Unit("m/s", "velocity"), _qudt("M-PER-SEC")),
+    (Unit("mm/s", "velocity", 1e-3), _qudt("MilliM-PER-SEC")),
+    (Unit("kg m2", "moment of inertia"), _qudt("KiloGM-M2")),
+    (Unit("N m s/rad", "rotary damping"), _qudt("N-M-SEC-PER-RAD")),
+    (Unit("N s/m", "damping"), _qudt("N-SEC-PER-M")),
+    (Unit("s", "time"), _qudt("SEC")),
+    (Unit("ms", "time", 1e-3), _qudt("MilliSEC")),
+    (Unit("", "number"), _qudt("UNITLESS")),
+    (Unit("%", "number", 1e-2), _qudt("PERCENT")),
+)
+NUMBERS = frozenset({VOM.numericalValue, QUDT.numericValue, QUDT.value})
+UNIT_PATHS = frozenset({VOM.unit, QUDT.unit, QUDT.hasUnit})
+UNITS: dict[str, Unit] = {iri: unit for unit, iris in _TABLE for iri in iris}
+_SPELLINGS = {unit.label: unit for unit, _ in _TABLE} | {
+    unit.label: unit
+    for unit in (
+        Unit("°", "angle", math.pi / 180),
+        Unit("degree", "angle", math.pi / 180),
+        Unit("degrees", "angle", math.pi / 180),
+        Unit("radian", "angle"),
+        Unit("radians", "angle"),
+        Unit("Nm", "torque"),
+        Unit("unitless", "number"),
+    )
+}
+
+
+def unit_label(iri: str) -> str:
+    """The unit in a few letters; of an unknown one the local name."""
+    return UNITS[iri].label if iri in UNITS else local_name(iri)
+
+
+def known_unit(text: str) -> Unit | None:
+    """The unit that somebody calls ``text``: by label, in words, or by IRI."""
+    return UNITS.get(text) or _SPELLINGS.get(text)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number as it was served. ``number`` is None where the server says that it is not known: never zero instead.
+
+    ``time`` is when it was measured, aware of its zone; None where nobody says so.
+    """
+
+    number: float | None
+    unit: str | None = None
+    time: datetime | None = None
+
+    @property
+    def unit_label(self) -> str:
+        return unit_label(self.unit) if self.unit else ""
+
+    def to(self, unit: str) -> "Quantity":
+        """The same in another unit, given as ``"deg"`` or by IRI; InvalidInput where that makes no sense."""
+        here, there = known_unit(self.unit or ""), known_unit(unit)
+        if here is None or there is None or here.dimension != there.dimension:
+            raise InvalidInput([f"{self.unit_label or 'a number without unit'} cannot be given in {unit_label(unit)}"])
+        iri = unit if unit in UNITS else next(iri for known, iris in _TABLE for iri in iris if _same(known, there))
+        number = None if self.number is None else self.number * here.si / there.si
+        return replace(self, number=number, unit=iri)
+
+    def __str__(self) -> str:
+        number = "unknown" if self.number is None else f"{self.number:.6g}"
+        return f"{number} {self.unit_label}".rstrip()
+
+
+def matching(unit: str, choices: Iterable[URIRef]) -> tuple[URIRef, float] | None:
+    """The first of ``choices`` that means ``unit``, and by what a number in ``unit`` is multiplied to be in it.
+
+    The very unit comes before one that it converts to; None if it is neither.
+    """
+    offered = list(choices)
+    for choice in offered:
+        if unit in (str(choice), local_name(str(choice))):
+            return choice, 1.0
+    wanted = known_unit(unit)
+    if wanted is None:
+        return None
+    alike = [(choice, UNITS[str(choice)]) for choice in offered if str(choice) in UNITS]
+    alike = [(choice, known) for choice, known in alike if known.dimension == wanted.dimension]
+    exact = [(choice, 1.0) for choice, known in alike if _same(known, wanted)]
+    return next(iter(exact + [(choice, wanted.si / known.si) for choice, known in alike]), None)
+
+
+def number(literal: Literal) -> float | None:
+    """The number that a literal of a numeric XSD type says; None if it says none."""
+    text = str(literal).strip()
+    if literal.datatype not in _NUMERIC or "_" in text:
+        return None
+    try:
+        found = float(text)
+    except ValueError:
+        return None
+    return None if math.isnan(found) else found
+
+
+def _same(one: Unit, other: Unit) -> bool:
+    return one.dimension == other.dimension and one.si == other.si
+
+
+INTEGERS = frozenset(
+    XSD[name]
+    for name in (
+        "integer", "int", "long", "short", "byte", "nonNegativeInteger", "positiveInteger", "nonPositiveInteger",
+        "negativeInteger", "unsignedLong", "unsignedInt", "unsignedShort", "unsignedByte",
+    )
+)  # fmt: skip
+_NUMERIC = INTEGERS | {XSD.float, XSD.double, XSD.decimal}

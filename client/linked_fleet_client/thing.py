@@ -1,0 +1,206 @@
+"""Things of the Web of robots: found by links, read when asked, by whatever names they give themselves."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator
+from functools import cached_property
+from typing import TypeVar
+
+from rdflib.term import Node, URIRef
+
+from linked_fleet_client.action import Action
+from linked_fleet_client.errors import NoSuchThing, Problem, Unsupported
+from linked_fleet_client.live import Feed, posted
+from linked_fleet_client.naming import Members, no_such, steps
+from linked_fleet_client.quantity import Quantity
+from linked_fleet_client.reading import Reading, read
+from linked_fleet_client.resource import Resource
+from linked_fleet_client.vocabulary import DCTERMS, HYBRIT, LDP, LF, RDF, RDFS, document_of, is_web, local_name
+from linked_fleet_client.web import Document
+
+_PARTS = (LDP.contains, DCTERMS.hasPart)
+# Types that say no more than that something is one of the kinds which are told apart anyway.
+_PLAIN = frozenset(
+    {HYBRIT.RoboticThing, HYBRIT.Property, HYBRIT.Action, LDP.Container, LDP.BasicContainer, LDP.Resource}
+)
+_MOST_LINKS = 500
+T = TypeVar("T", bound="Resource")
+
+
+class Observable(Resource):
+    """What can be read and watched."""
+
+    def subscribe(
+        self, *, depth: URIRef | None = None, interval_s: float | None = None, timeout_s: float | None = None
+    ) -> Feed:
+        """Changes as they come, the present state first: by server-sent events, or by polling where there are none.
+
+        ``depth`` is one of the individuals of lf:Depth, ``interval_s`` the least time between two messages; with either
+        a subscription is made in the container that the description links. Ends after ``timeout_s`` if given.
+        """
+        deadline = None if timeout_s is None else time.monotonic() + timeout_s
+        silence = {} if timeout_s is None else {"silence_s": 5.0}
+        stream = None
+        if depth is not None or interval_s is not None:
+            stream = posted(self.web, self._container(), str(self.node), depth, interval_s)
+        return Feed(self.web, self.iri, deadline, stream=stream, **silence)
+
+    def _container(self) -> str:
+        """Of the thing itself or, for a property, of a thing that it belongs to."""
+        for iri in (self.iri, *self.linked(DCTERMS.isPartOf, RDFS.seeAlso)):
+            document = self.web.get(iri)
+            for found in document.graph.objects(document.iri(iri), HYBRIT.subscriptions):
+                return str(found)
+        raise Unsupported(f"{self.iri} links no container of subscriptions")
+
+
+class Property(Observable):
+    """A parameter or variable of a thing. Every reading asks the server, which mostly answers "not modified"."""
+
+    @property
+    def reading(self) -> Reading:
+        return read(self.read().graph, self.node)
+
+    def within(self, document: Document) -> Reading:
+        """Its values as another description shows them, such as that of the thing that it belongs to."""
+        return read(document.graph, self.iri)
+
+    @property
+    def value(self) -> Quantity:
+        """The one quantity that this is about; Unsupported, with what there is, if it is not about just one."""
+        reading = self.reading
+        if reading.main is None:
+            raise Unsupported(f"{self.name} has no single value but {', '.join(reading.values) or 'statements only'}")
+        return reading.main
+
+    @property
+    def triples(self) -> list[tuple[Node, Node]]:
+        """Predicates and objects, for what has no form that is known."""
+        return sorted(self.read().graph.predicate_objects(self.node), key=str)
+
+
+class Thing(Observable):
+    """Anything with parts, properties and actions: a fleet, a robot, a joint, or what nobody has thought of."""
+
+    @property
+    def presence(self) -> str | None:
+        """``online``, ``offline`` or as the vocabulary says; None where nothing is said. Asks the server."""
+        graph = self.read().graph
+        return _presence(graph.value(self.node, LF.presence))
+
+    def presence_in(self, document: Document) -> str | None:
+        """As another description has it, such as that of the fleet that it belongs to."""
+        return _presence(document.graph.value(self.iri, LF.presence))
+
+    @property
+    def parts(self) -> Members[Thing]:
+        """What it contains or is made of."""
+        document = self.read()
+        found = self.linked(*_PARTS)
+        found += [URIRef(str(each)) for each in document.graph.subjects(DCTERMS.isPartOf, self.node) if is_web(each)]
+        return Members(self._members(Thing, found or self._related(document), document), "part")
+
+    @property
+    def properties(self) -> Members[Property]:
+        return self.properties_in(self.read())
+
+    def properties_in(self, document: Document) -> Members[Property]:
+        """As a description of it has them that was received, such as in a message."""
+        found = self._typed(document, HYBRIT.property, HYBRIT.Property)
+        return Members(self._members(Property, found, document), "property")
+
+    @property
+    def actions(self) -> Members[Action]:
+        document = self.read()
+        return Members(self._members(Action, self._typed(document, HYBRIT.action, HYBRIT.Action), document), "action")
+
+    def __getitem__(self, name: str) -> Thing:
+        return self.parts[name]
+
+    def __iter__(self) -> Iterator[Thing]:
+        return iter(self.parts)
+
+    def at(self, path: str) -> Thing | Property | Action:
+        """What the names in ``path`` lead to, slashes between them; the last one may be of a property or an action."""
+        here: Thing | Property | Action = self
+        for name in steps(path):
+            if not isinstance(here, Thing):
+                raise NoSuchThing(f"{here.name} has no parts, so no {name!r}")
+            here = here.member(name)
+        return here
+
+    def member(self, name: str) -> Thing | Property | Action:
+        """A part, property or action of that name, in this order; those whose names must be asked for come last."""
+        groups = (self.parts, self.properties, self.actions)
+        for group in groups:
+            if found := group.known(name):
+                return found
+        known: list[str] = []
+        for group in groups:
+            try:
+                return group[name]
+            except NoSuchThing as error:
+                known += error.known
+        raise no_such("part, property or action", name, known)
+
+    def walk(self, limit: int = 10_000) -> Iterator[Thing]:
+        """Itself and everything that it is made of, nearest first; each once, at most ``limit``."""
+        pending, seen = [self], {self.iri}
+        while pending:
+            thing = pending.pop(0)
+            yield thing
+            for part in thing.parts:
+                if part.iri not in seen and len(seen) < limit:
+                    seen.add(part.iri)
+                    pending.append(part)
+
+    def _typed(self, document: Document, predicate: URIRef, type_: URIRef) -> list[URIRef]:
+        """What the predicate links, and what is linked otherwise and says of itself that it is of that type."""
+        graph, node = document.graph, document.iri(self.iri)
+        found = [*graph.objects(node, predicate)]
+        found += [each for each in graph.objects(node) if (each, RDF.type, type_) in graph]
+        return [URIRef(str(each)) for each in found if is_web(each)]
+
+    def _members(self, kind: type[T], iris: Iterable[URIRef], document: Document) -> list[T]:
+        wanted = [iri for iri in dict.fromkeys(iris) if iri not in (document.iri(self.iri), self.iri)]
+        return [kind(self.web, iri, self, document) for iri in wanted]
+
+    def _related(self, document: Document) -> list[URIRef]:
+        """Where the description names no parts: what the Link field relates it to, as far as those are things."""
+        graph = document.graph
+        named = {document_of(str(each)) for each in graph.objects(self.node)} | self._above()
+        found = []
+        for target, relation in document.links[:_MOST_LINKS]:
+            if relation in ("related", "item") and target not in named and is_web(URIRef(target)):
+                found += [URIRef(target)] if self._is_thing(target) else []
+        return found
+
+    def _is_thing(self, iri: str) -> bool:
+        try:
+            document = self.web.get(iri)
+        except Problem:
+            return False  # a link to what is not there, or not for us, is no part
+        return (document.iri(iri), RDF.type, HYBRIT.RoboticThing) in document.graph
+
+    def _above(self) -> set[str]:
+        here: Resource | None = self
+        found = set()
+        while here is not None:
+            found.add(document_of(here.iri))
+            here = here.owner
+        return found
+
+    @cached_property
+    def kind(self) -> str:
+        return kind_of(self)
+
+
+def _presence(term: Node | None) -> str | None:
+    return None if term is None else local_name(str(term))
+
+
+def kind_of(resource: Resource) -> str:
+    """Its types in a few words; of a thing that says no more than that, ``RoboticThing``."""
+    words = sorted({local_name(str(each)) for each in resource.types - _PLAIN})
+    return ", ".join(words or sorted({local_name(str(each)) for each in resource.types}))

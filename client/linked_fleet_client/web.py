@@ -1,0 +1,255 @@
+"""HTTP and RDF: bounded, timed, revalidated by ETag; safe methods alone are tried again."""
+
+import logging
+import re
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Generator, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import httpx
+import rdflib
+from rdflib.term import Node, URIRef
+
+from linked_fleet_client.errors import BadAnswer, Unreachable, problem
+from linked_fleet_client.graphs import load
+from linked_fleet_client.vocabulary import document_of, is_web
+
+ACCEPT = "text/turtle, application/n-triples;q=0.5, application/problem+json"
+_FORMATS = {"text/turtle": "turtle", "application/x-turtle": "turtle", "application/n-triples": "nt"}
+MAX_BODY_BYTES = 8 * 1024 * 1024
+MAX_REDIRECTS = 5
+_KEPT = 512
+_ATTEMPTS = 3
+_PASSING = frozenset({502, 503, 504})
+# rdflib would write such a number out in all its digits: a few bytes on the wire, gigabytes in memory.
+_HUGE_NUMBER = re.compile(r"""["'][\s+-]*[\d._]+[eE][+-]?[\d_]{7,}\s*["']""")
+# It logs the conversion of every ill-typed literal with its traceback; such a literal is simply no number here.
+logging.getLogger("rdflib.term").setLevel(logging.ERROR)
+
+
+@dataclass(frozen=True)
+class Document:
+    """The answer for ``url``, which is where redirects ended. The graph is shared: read it only."""
+
+    url: str
+    graph: rdflib.Graph
+    etag: str | None = None
+    links: tuple[tuple[str, str], ...] = ()
+    """(target, relation) of each member of the Link field."""
+    digest: int = 0
+    """Equal for equal bytes; for servers without ETag."""
+
+    def iri(self, asked: str) -> URIRef:
+        """The subject that the document describes for one who asked for ``asked``: as asked for, or as redirected."""
+        found = URIRef(asked)
+        redirected = URIRef(self.url)
+        return found if (found, None, None) in self.graph or (redirected, None, None) not in self.graph else redirected
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A complete answer to a request that is not a reading."""
+
+    url: str
+    status: int
+    headers: httpx.Headers
+    body: bytes
+
+    def location(self) -> str:
+        """The target of the Location field; BadAnswer if there is none."""
+        target = self.headers.get("location")
+        if not target:
+            raise BadAnswer(f"{self.url} answers {self.status} without saying where to look")
+        try:
+            return str(httpx.URL(self.url).join(target))
+        except httpx.InvalidURL as error:
+            raise BadAnswer(f"{self.url} leads to what is no URL: {target[:200]!r}") from error
+
+
+class Bearer(httpx.Auth):
+    """A token (RFC 6750) for the server at ``url`` and for no other, wherever links lead."""
+
+    def __init__(self, token: str, url: str) -> None:
+        self._token, self._home = token, _origin(httpx.URL(url))
+
+    def auth_flow(self, request: httpx.Request) -> Generator[httpx.Request, httpx.Response, None]:
+        if _origin(request.url) == self._home:
+            request.headers["authorization"] = f"Bearer {self._token}"
+        yield request
+
+
+def _origin(url: httpx.URL) -> tuple[str, str, int]:
+    return url.scheme, url.host, url.port or (443 if url.scheme == "https" else 80)
+
+
+@dataclass
+class Web:
+    """The connections of one client, and the documents that it has seen. Threads may share it.
+
+    ``timeout_s`` bounds each connecting, each silence and, times three, a whole answer.
+    """
+
+    timeout_s: float = 10.0
+    headers: Mapping[str, str] = field(default_factory=dict)
+    auth: httpx.Auth | None = None
+
+    def __post_init__(self) -> None:
+        headers = {"user-agent": "linked-fleet", **self.headers}
+        self.http = httpx.Client(timeout=self.timeout_s, headers=headers, auth=self.auth)
+        self._seen: OrderedDict[str, Document] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def close(self) -> None:
+        self.http.close()
+
+    def get(self, iri: str) -> Document:
+        """The present description; raises Unreachable, Problem or BadAnswer."""
+        url = document_of(iri)
+        seen = self._recall(url)
+        headers = {"accept": ACCEPT} | ({"if-none-match": seen.etag} if seen and seen.etag else {})
+        answer = self._safely("GET", url, headers)
+        if answer.status == 304 and seen:
+            return seen
+        return self._keep(url, _document(answer))
+
+    def allowed(self, iri: str) -> set[str]:
+        """The methods that OPTIONS advertises."""
+        answer = self._safely("OPTIONS", document_of(iri), {})
+        return {method.strip().upper() for method in answer.headers.get("allow", "").split(",") if method.strip()}
+
+    def send(self, method: str, url: str, body: bytes | None, headers: Mapping[str, str]) -> Answer:
+        """An unsafe request, made once. Only 307 and 308 are followed: the others mean another request than this."""
+        for _ in range(MAX_REDIRECTS):
+            answer = self._once(method, url, {"accept": ACCEPT, **headers}, body)
+            if answer.status not in (307, 308):
+                return _accepted(answer)
+            url = answer.location()
+        raise BadAnswer(f"{url} redirects too often")
+
+    @contextmanager
+    def stream(self, url: str, headers: Mapping[str, str], silence_s: float) -> Iterator[httpx.Response]:
+        """An answer that goes on; more than ``silence_s`` without a byte of it is Unreachable."""
+        timeout = httpx.Timeout(self.timeout_s, read=silence_s)
+        self._check(url)
+        with (
+            _translated(url),
+            self.http.stream("GET", url, headers=headers, timeout=timeout, follow_redirects=True) as response,
+        ):
+            yield response
+
+    def bounded(self, response: httpx.Response) -> bytes:
+        """The body of a streamed answer, no more than is good for us."""
+        deadline = time.monotonic() + 3 * self.timeout_s
+        parts, size = [], 0
+        for part in response.iter_bytes():
+            parts.append(part)
+            size += len(part)
+            if size > MAX_BODY_BYTES:
+                raise BadAnswer(f"{response.url} answers with more than {MAX_BODY_BYTES} bytes")
+            if time.monotonic() > deadline:
+                raise Unreachable(f"{response.url} takes too long to answer")
+        return b"".join(parts)
+
+    def _safely(self, method: str, url: str, headers: Mapping[str, str]) -> Answer:
+        for attempt in range(1, _ATTEMPTS + 1):
+            last = attempt == _ATTEMPTS
+            try:
+                answer = self._redirected(method, url, headers)
+            except Unreachable:
+                if last:
+                    raise
+            else:
+                if answer.status not in _PASSING or last:
+                    return _accepted(answer)
+            time.sleep(0.1 * 4 ** (attempt - 1))
+        raise AssertionError("unreachable")
+
+    def _redirected(self, method: str, url: str, headers: Mapping[str, str]) -> Answer:
+        for _ in range(MAX_REDIRECTS):
+            answer = self._once(method, url, headers, None)
+            if answer.status not in (301, 302, 303, 307, 308):
+                return answer
+            url = document_of(answer.location())
+        raise BadAnswer(f"{url} redirects too often")
+
+    def _once(self, method: str, url: str, headers: Mapping[str, str], body: bytes | None) -> Answer:
+        self._check(url)
+        with _translated(url), self.http.stream(method, url, headers=headers, content=body) as response:
+            return Answer(str(response.url), response.status_code, response.headers, self.bounded(response))
+
+    def _check(self, url: str) -> None:
+        node: Node = URIRef(url)
+        if not is_web(node):
+            raise BadAnswer(f"{url[:200]!r} is not on the Web")
+        if self.http.is_closed:
+            raise Unreachable(f"{url} is not asked: the client is closed")
+
+    def _recall(self, url: str) -> Document | None:
+        with self._lock:
+            if url in self._seen:
+                self._seen.move_to_end(url)
+            return self._seen.get(url)
+
+    def _keep(self, url: str, document: Document) -> Document:
+        with self._lock:
+            self._seen[url] = document
+            self._seen.move_to_end(url)
+            while len(self._seen) > _KEPT:
+                self._seen.popitem(last=False)
+        return document
+
+
+def parsed(text: str, media_type: str, url: str) -> rdflib.Graph:
+    """RDF that was received from ``url``; BadAnswer if it is none."""
+    known = _FORMATS.get(media_type.partition(";")[0].strip().lower())
+    if known is None:
+        raise BadAnswer(f"{url} answers with {media_type or 'no media type'}, which is no RDF that is understood here")
+    if _HUGE_NUMBER.search(text):
+        raise BadAnswer(f"{url} has a number that is too large")
+    try:
+        return load(text, known, url)
+    except (SyntaxError, ValueError) as error:
+        raise BadAnswer(f"{url} is not valid {known}: {_first_line(error)}") from error
+
+
+def _document(answer: Answer) -> Document:
+    text = answer.body.decode("utf-8", errors="replace")
+    graph = parsed(text, answer.headers.get("content-type", ""), answer.url)
+    return Document(answer.url, graph, answer.headers.get("etag"), _links(answer), hash(answer.body))
+
+
+def _links(answer: Answer) -> tuple[tuple[str, str], ...]:
+    found = []
+    for target, parameters in re.findall(r"<([^>]*)>([^<]*)", answer.headers.get("link", "")):
+        said = re.search(r';\s*rel\s*=\s*(?:"([^"]*)"|([^\s;,]+))', parameters)
+        try:
+            absolute = str(httpx.URL(answer.url).join(target))
+        except httpx.InvalidURL:
+            continue  # a link to nowhere; the others may be sound
+        found += [(absolute, relation) for relation in (said.group(1) or said.group(2) or "").split()] if said else []
+    return tuple(found)
+
+
+def _accepted(answer: Answer) -> Answer:
+    if answer.status >= 400:
+        raise problem(answer.url, answer.status, answer.headers, answer.body)
+    return answer
+
+
+@contextmanager
+def _translated(url: str) -> Iterator[None]:
+    try:
+        yield
+    except httpx.TimeoutException as error:
+        raise Unreachable(f"{url} does not answer in time") from error
+    except (httpx.InvalidURL, httpx.TooManyRedirects, httpx.DecodingError, UnicodeError) as error:
+        raise BadAnswer(f"{url[:200]!r}: {_first_line(error)}") from error
+    except httpx.HTTPError as error:
+        raise Unreachable(f"{url} cannot be reached: {_first_line(error)}") from error
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).strip().splitlines() or [type(error).__name__])[0][:200]

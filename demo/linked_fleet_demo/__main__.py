@@ -1,0 +1,16 @@
+"""``python -m linked_fleet_demo``: five simulated robots and a gateway as one process tree, until Ctrl-C."""
+
+import signal
+import sys
+
+
+def main() -> int:
+    # Ctrl-C while the rest is being imported ends the demo as silently as later.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    from linked_fleet_demo.tree import main as run
+
+    return run()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,298 @@
+"""The process tree of the demo: starting it, telling when it is ready, ending it whole.
+
+The demo is a fleet of its own: settings of a real one in the environment do not reach it.
+"""
+
+import argparse
+import ctypes
+import http.client
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+import urllib.request
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import IO
+
+ROBOTS = ("baxter", "ur5", "panda", "tiago", "go2")
+SWAYING = "ur5:shoulder_pan_joint"
+# Side by side, all looking along x: where the frame of the root link is, in metre; of the go2 that of its odometry.
+PLACES = {
+    "tiago": (0.0, -2.4, 0.0), "baxter": (0.0, 0.0, 0.93), "ur5": (0.0, 2.4, 0.0), "panda": (0.0, 4.0, 0.0),
+    "go2": (0.0, -4.0, 0.0),
+}  # fmt: skip
+HOST = "127.0.0.1"
+PATIENCE_S = 30.0  # then the address is printed with what is missing; before, all that is printed works
+GRACE_S = 5.0  # a good second is what a whole fleet takes when nothing else keeps the machine busy
+POLL_S = 0.1
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_ONLINE = re.compile(
+    r"^<([^>]+)> <https://w3id\.org/linked-fleet#presence> <https://w3id\.org/linked-fleet#online> \.$", re.M
+)
+_PLACEMENT = re.compile(r"<https://w3id\.org/linked-fleet#placement> <([^>]+)> \.$", re.M)
+_UNKNOWN = "<https://w3id.org/linked-fleet#unknown>"
+# Log lines that a demonstration can do without; the agents knock before the gateway, started with them, opens.
+_CHATTER = re.compile(r"\S+ \S+ (DEBUG |INFO |WARNING agents\.link: nothing answers )")
+_PDEATHSIG = 1  # PR_SET_PDEATHSIG of Linux's prctl
+
+
+class Stopped(BaseException):
+    """The user has asked for the end; raised out of whatever the demo was waiting for."""
+
+
+class Child:
+    """A process of the tree, whose output, from warnings upward, is passed on line by line under its name."""
+
+    def __init__(self, name: str, arguments: list[str]) -> None:
+        self.name = name
+        self.told_to_end = False  # from then on its exit code alone is worth a line
+        self.process = subprocess.Popen(  # noqa: S603 (our own modules, no shell)
+            [sys.executable, "-m", *arguments],
+            env={key: value for key, value in os.environ.items() if not key.startswith(("LINKED_FLEET_", "REDIS_"))},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+            preexec_fn=_preparation(),
+        )
+        assert self.process.stdout is not None
+        self._reader = threading.Thread(target=self._pass_on, args=(self.process.stdout,), daemon=True)
+        self._reader.start()
+
+    def _pass_on(self, lines: IO[str]) -> None:
+        with lines:
+            for line in lines:
+                if not (self.told_to_end or _CHATTER.match(line)):
+                    say(f"{self.name:>7} | {line.rstrip()}")
+
+    def end(self) -> None:
+        self.told_to_end = True
+        self.process.terminate()
+
+    def wait(self, deadline: float) -> bool:
+        """Whether the process has ended, and all that it said is passed on, before ``deadline``."""
+        try:
+            self.process.wait(max(0.0, deadline - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            return False
+        self._reader.join(0.2)
+        return True
+
+
+def _preparation() -> Callable[[], None]:
+    """What a child runs before its program. The functions are looked up here, where it is safe to do so."""
+    prctl = ctypes.CDLL(None).prctl if sys.platform == "linux" else None
+    parent = os.getpid()
+
+    def prepare() -> None:
+        # Ctrl-C reaches the whole process group; while a child still loads it would end in a traceback.
+        # The demo hears it and passes it on as SIGTERM.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        for number in (signal.SIGTERM, signal.SIGHUP):  # a handler of ours would run here, before the program
+            signal.signal(number, signal.SIG_DFL)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)  # held back by the demo around this
+        if prctl is not None:  # a child must not outlive a demo that was killed
+            prctl(_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
+            if os.getppid() != parent:
+                os.kill(os.getpid(), signal.SIGTERM)
+
+    return prepare
+
+
+def say(text: str) -> None:
+    try:
+        print(text, flush=True)
+    except OSError:  # nobody listens any more, the terminal is gone; the fleet goes on until it is told to stop
+        sys.stdout = Path(os.devnull).open("w")  # noqa: SIM115
+
+
+def complaint_about(port: int) -> str | None:
+    """Why the demo cannot serve on ``port``, in one line, or None."""
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((HOST, port))
+            probe.listen()
+        except OSError as error:
+            return f"cannot serve on {HOST}:{port}: {error.strerror}; take another with make demo PORT=8123"
+    return None
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind((HOST, 0))
+        return int(probe.getsockname()[1])
+
+
+def robots_online(root: str) -> set[str]:
+    """IRIs of the robots that the fleet's root says are online; OSError while it does not answer."""
+    return set(_ONLINE.findall(_get(root)))
+
+
+def place(robot: str, where: tuple[float, float, float]) -> None:
+    """Have the robot at an IRI stand somewhere, unless somebody has placed it in an earlier demo; OSError."""
+    x, y, z = where
+    body = f"""@prefix lf: <https://w3id.org/linked-fleet#> . @prefix unit: <http://qudt.org/vocab/unit/> .
+@prefix maths: <http://vocab.arvida.de/2015/06/maths/vocab#> .
+@prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> .
+<> lf:position [ maths:x {x} ; maths:y {y} ; maths:z {z} ; vom:unit unit:M ] ."""
+    for placement in _PLACEMENT.findall(_get(robot)):
+        if _UNKNOWN in _get(placement):
+            headers = {"Content-Type": "text/turtle"}
+            request = urllib.request.Request(placement, body.encode(), headers, method="PUT")  # noqa: S310
+            _OPENER.open(request, timeout=2).close()
+
+
+def is_ready(root: str) -> bool:
+    """Return True if the gateway is ready, with the check of the motions of all robots prepared."""
+    try:
+        answer = json.loads(_get(root + "health/ready"))
+    except (OSError, http.client.HTTPException, ValueError):
+        return False
+    return not any("prepared" in warning for warning in answer.get("warnings", ()))
+
+
+def _get(iri: str) -> str:
+    request = urllib.request.Request(iri, headers={"Accept": "application/n-triples"})  # noqa: S310 (http alone)
+    with _OPENER.open(request, timeout=2) as answer:
+        text: str = answer.read().decode()
+        return text
+
+
+_OPENER = urllib.request.build_opener(urllib.request.ProxyHandler({}))  # loopback is reached without any proxy
+
+
+def run(root: str, children: list[Child], zenoh: str) -> int:
+    """Start the tree and watch it until a child ends by itself; its exit code is the demo's."""
+    say(f"Starting the gateway and {len(ROBOTS)} simulated robots: {', '.join(ROBOTS)}. Loading their models ...")
+    port = root.rstrip("/").rpartition(":")[2]
+    names = [word for robot in ROBOTS for word in ("--robot", robot)]
+    namespace = f"demo-{port}"
+    # Two demos on one machine are two fleets, and a receiver on this machine is what a first callback goes to.
+    of_gateway = ["--host", HOST, "--port", port, "--zenoh-listen", zenoh]
+    of_gateway += ["--namespace", namespace, "--callback-allow", "127.0.0.0/8,::1/128"]
+    of_agents = [*names, "--connect", zenoh, "--namespace", namespace, "--sway", SWAYING]
+    for name, module, arguments in (
+        ("gateway", "linked_fleet_gateway", of_gateway),
+        ("agents", "linked_fleet_agent", of_agents),
+    ):
+        with _signals_held_back():  # none may come between a child's start and our knowing of it
+            children.append(Child(name, [module, *arguments]))
+    deadline: float | None = time.monotonic() + PATIENCE_S
+    seen: set[str] = set()
+    while True:
+        for child in children:
+            code = child.process.poll()
+            if code is not None:
+                child.wait(time.monotonic())
+                say(f"The {child.name} process has ended by itself (exit code {code}); so does the demo.")
+                return code if code >= 0 else 128 - code
+        if deadline is not None:
+            seen = _greet(root, seen)
+            ready = len(seen) == len(ROBOTS) and is_ready(root)
+            if ready or time.monotonic() > deadline:
+                deadline = None
+                say(_welcome(root, seen, ready))
+        time.sleep(POLL_S)
+
+
+def _greet(root: str, seen: set[str]) -> set[str]:
+    try:
+        online = robots_online(root)
+        for iri in sorted(online - seen):
+            place(iri, PLACES[iri.rstrip("/").rpartition("/")[2]])
+    except (OSError, http.client.HTTPException, ValueError):
+        return seen
+    for iri in sorted(online - seen):
+        say(f"{iri} is online")
+    return seen | online
+
+
+def _welcome(root: str, seen: set[str], ready: bool) -> str:
+    missing = len(ROBOTS) - len(seen)
+    late = f"{missing} of {len(ROBOTS)} robots are not online yet" if missing else "motions are still being prepared"
+    return f"""
+The fleet is at {root}{"" if ready else f"  ({late})"}
+
+Look at it, or open the address in a browser:
+  curl {root}
+Watch a joint that moves:
+  curl {root}ur5/shoulder_pan_joint/rotation
+Be told of every change (Ctrl-C ends it):
+  curl -N -H 'Accept: text/event-stream' {root}ur5/shoulder_pan_joint/rotation
+Turn another to 20 degrees, and follow the Location of the answer:
+  curl -i -H 'Content-Type: text/turtle' {root}baxter/right_s1/actions/rotate --data '
+    @prefix maths: <http://vocab.arvida.de/2015/06/maths/vocab#> .
+    @prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> .
+    [] a maths:Scalar ; vom:numericalValue 20 ; vom:unit maths:Degree .'
+
+Ctrl-C ends the demo.
+"""
+
+
+def end(children: list[Child]) -> None:
+    _ignore_signals()
+    running = [child for child in children if child.process.poll() is None]
+    for child in running:
+        child.end()
+    deadline = time.monotonic() + GRACE_S
+    for child in running:
+        if child.wait(deadline):
+            if child.process.returncode not in (0, -signal.SIGTERM):
+                say(f"The {child.name} process ended with exit code {child.process.returncode}.")
+        else:
+            say(f"The {child.name} process did not end in time and is killed.")
+            child.process.kill()
+            child.process.wait()
+
+
+def _stop(_signal: int, _frame: FrameType | None) -> None:
+    _ignore_signals()
+    raise Stopped
+
+
+@contextmanager
+def _signals_held_back() -> Iterator[None]:
+    signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
+
+
+def _ignore_signals() -> None:
+    for number in _SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        prog="python -m linked_fleet_demo", description="Five simulated robots and their gateway."
+    )
+    parser.add_argument("--port", type=int, default=8000, help="port of the gateway on loopback")
+    port = parser.parse_args().port
+    if not 0 < port < 65536:
+        parser.error(f"a port is a number from 1 to 65535, not {port}")
+    complaint = complaint_about(port)
+    if complaint is not None:
+        print(f"demo: {complaint}", file=sys.stderr)
+        return 1
+    children: list[Child] = []
+    for number in _SIGNALS:
+        signal.signal(number, _stop)
+    try:
+        return run(f"http://{HOST}:{port}/", children, f"tcp/{HOST}:{free_port()}")
+    except Stopped:
+        say("\nEnding the demo.")
+        return 0
+    finally:
+        end(children)

@@ -1,6 +1,0 @@
-"""Identity: callers, rights and tokens.
-
-``rights``: who may do what, and to which robots; pure. ``roster``: the file of identities. ``jwts``, ``keys``, ``web``:
-tokens of issuers and the keys that verify them. ``service``: the file as it is now, and what ends when a right ends.
-``python -m gateway.identity`` makes a token. Sessions of browsers are the extension ``sessions``.
-"""

@@ -1,0 +1,96 @@
+"""Admission of a body by the very shape that its action's description links, compiled once (paper 5.4)."""
+
+import re
+from collections.abc import Sequence
+from functools import lru_cache
+
+from pyoxigraph import NamedNode, Triple
+
+from linked_fleet_gateway.base.errors import UnprocessableContent
+from linked_fleet_gateway.fleet.model import Joint, RobotModel
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.rdf.graph import Graph, Node
+from linked_fleet_gateway.rdf.shacl_validator import ShaclValidator
+from linked_fleet_gateway.rdf.unused import Terms, refuse, subjects, unused
+from linked_fleet_gateway.rdf.validation import check_writable, root
+from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF, MATHS, QUDT, RDF, ROS, SPATIAL, VOM
+from linked_fleet_gateway.resources.action_body import Body, own_part
+from linked_fleet_gateway.resources.action_definition import Definition
+from linked_fleet_gateway.resources.action_offer import Offer
+from linked_fleet_gateway.resources.named_poses import poses
+
+_OWN = (HYBRIT, LF, MATHS, QUDT, ROS, SPATIAL, VOM)
+"""The vocabularies that actions speak in."""
+_KNOWN = frozenset(term for each in _OWN for term in each.terms.values())
+
+
+def admit(offer: Offer, triples: Sequence[Triple], base: str) -> Body:
+    """The body as its handler reads it; UnprocessableContent with the validation report when the shape refuses it, or
+    naming what it says in our own vocabularies, or of other resources, that nothing would use.
+
+    Statements in other vocabularies are no business of the shape (paper 5.4): they are kept with the invocation.
+    """
+    iri = base + offer.path
+    focus = root(triples, NamedNode(iri))
+    robot = offer.robot
+    model = robot.model if robot is not None else None
+    named = tuple(poses(robot)) if robot is not None and offer.definition.iri == LF.AssumePose else ()
+    joints = robot.description.joints if robot is not None and robot.description is not None else ()
+    validator, terms = _validator(offer.definition, base, offer.thing, robot, offer.joint, model, joints, named)
+    report = validator.report(triples, focus)
+    if report is not None:
+        detail, about = report
+        raise UnprocessableContent(
+            f"The body does not conform to the shape of the action: {detail}", report=about, constraint=iri
+        )
+    left = unused(triples, focus, terms)
+    refuse(_not_kept(left, triples, focus, terms), iri)
+    check_writable(left, iri)
+    return Body(triples, focus)
+
+
+def _not_kept(left: list[Triple], triples: Sequence[Triple], focus: Node, terms: Terms) -> list[Triple]:
+    """Refuse terms that are neither used nor kept: a misspelt speed must not mean full speed."""
+    if not left:
+        return left
+    kept, ours = set(own_part(triples, focus)), _namespaces(terms)
+    return [each for each in left if each not in kept or _is_ours(each, ours)]
+
+
+def _is_ours(triple: Triple, ours: tuple[str, ...]) -> bool:
+    """A predicate of our vocabularies, whichever scheme it was written with, or a type that they do not have."""
+    if triple.predicate != RDF.type:
+        return _bare(triple.predicate.value).startswith(ours)
+    value = triple.object
+    return isinstance(value, NamedNode) and _bare(value.value).startswith(ours) and value not in _KNOWN
+
+
+def _namespaces(terms: Terms) -> tuple[str, ...]:
+    """Return the namespaces of the gateway's actions and of the predicates that the shape knows."""
+    pending, found = [terms], {_bare(each.iri) for each in _OWN}
+    while pending:
+        inner = pending.pop().inner
+        pending += inner.values()
+        found |= {_bare(re.sub(r"[^#/]*$", "", predicate.value)) for predicate in inner}
+    return tuple(found)
+
+
+def _bare(iri: str) -> str:
+    return iri.partition("://")[2]
+
+
+@lru_cache(maxsize=1024)  # five robots have some three hundred actions
+def _validator(
+    definition: Definition,
+    base: str,
+    thing: str,
+    robot: Robot | None,
+    joint: Joint | None,
+    model: RobotModel | None,
+    joints: tuple[str, ...],
+    named: tuple[str, ...],
+) -> tuple[ShaclValidator, Terms]:
+    """What the shape speaks of is in the key: a description may list other joints of the same model, or other poses."""
+    graph = Graph()
+    shape = Offer(definition, thing, robot, joint).consumes(graph, base)
+    return ShaclValidator(graph.triples, shape), Terms.of(subjects(graph.triples), shape)

@@ -1,0 +1,25 @@
+"""The handler of each kind of action. A handler makes a plan of an admitted body and does nothing else."""
+
+from collections.abc import Callable
+
+from pyoxigraph import NamedNode
+
+from linked_fleet_gateway.actions import action_handlers as handlers
+from linked_fleet_gateway.actions.action_request import Asked
+from linked_fleet_gateway.actions.plan import Plan
+from linked_fleet_gateway.rdf.vocabulary import LF
+
+Handler = Callable[[Asked], Plan]
+
+HANDLERS: dict[NamedNode, Handler] = {
+    LF.Rotate: handlers.to_position,
+    LF.Translate: handlers.to_position,
+    LF.RotateBy: handlers.by_distance,
+    LF.TranslateBy: handlers.by_distance,
+    LF.Hold: handlers.hold,
+    LF.MoveJoints: handlers.move_joints,
+    LF.FollowTrajectory: handlers.follow,
+    LF.AssumePose: handlers.assume_pose,
+    LF.StopRobot: handlers.stop,
+    LF.StopAll: handlers.stop_all,
+}

@@ -1,0 +1,313 @@
+"""What the gateways remember together, and this one's copy: invocations, leases, settings. Outages are waited out."""
+
+import asyncio
+import logging
+import time
+from collections.abc import Awaitable, Callable, Coroutine, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from itertools import islice
+from types import TracebackType
+from typing import Self
+
+from linked_fleet_agent.wire.messages import Progress
+from linked_fleet_gateway.actions.refusals import refusals
+from linked_fleet_gateway.actions.store import ActionStore, News, StoreUnavailable
+from linked_fleet_gateway.fleet.invocations import Invocation
+from linked_fleet_gateway.fleet.lease import Lease
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.resources.invocation import invocation_path
+from linked_fleet_gateway.resources.paths import lease_path
+from linked_fleet_gateway.runtime.background import finish, supervised
+from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.runtime.redis import GATHER_S
+from linked_fleet_gateway.runtime.replica import Replica, follow
+from linked_fleet_gateway.subscriptions.live import Live
+
+log = logging.getLogger(__name__)
+
+_WATCH_S = 0.25  # between two looks at leases; a motion that is tied to one stops that much later at most
+_FIRST_WORD_S = 1.0
+_AT_ONCE = 64  # are saved together
+_MAX_FETCHES = 100
+_MAX_UNSAVED = 10_000
+_MAX_FORGOTTEN = 1000  # deletions that a copy which was read before may still be on its way from
+
+StopOne = Callable[[Invocation, str], Awaitable[object]]
+
+
+class Memory:
+    """The copy that everything is read from; an async context manager."""
+
+    def __init__(self, live: Live, store: ActionStore, stop: StopOne, changed: Callable[[Invocation], None]) -> None:
+        self._live, self._store, self._stop, self._changed = live, store, stop, changed
+        self._unsaved: dict[str, Invocation] = {}
+        self._unasked: set[str] = set()  # nobody was asked for leave, and the store does not know of them yet
+        self._to_save = asyncio.Event()
+        self._own: set[str] = set()
+        self._asked: set[str] = set()
+        self._forgotten: dict[str, None] = {}  # oldest first
+        self._dropped = False
+        self._settings = Replica(store.all_settings, store.settings, self._configure)
+        self._ends_s: dict[str, float] = {}  # of leases by robot, monotonic, as far as was last heard
+        self._fetching: set[asyncio.Task[None]] = set()
+        self._stopping: dict[str, asyncio.Task[None]] = {}
+        self._looked_at: set[str] = set()
+        self._tasks: list[asyncio.Task[None]] = []
+
+    async def __aenter__(self) -> Self:
+        self._tasks = [
+            await follow("invocations, leases and settings", log, self._load, self._hear, self._store.news),
+            supervised(self._save, "save invocations", log, "invocations are not saved", GATHER_S),
+            supervised(self._look, "look at leases", log, "leases are not up to date", 0.0),
+            supervised(self._watch, "watch leases", log, "motions may outlive their leases", 0.0),
+        ]
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await end([*self._tasks, *self._fetching, *self._stopping.values()])
+        if self._unsaved:
+            await finish(self._save(), log, "the last invocations could not be saved")
+        for id in self._unsaved:
+            log.warning("what became of invocation %s could not be remembered", id)
+
+    # -- invocations ------------------------------------------------------------------------------------------------
+
+    def begun(self, invocation: Invocation) -> None:
+        """It is this gateway's own until it has ended."""
+        self._own.add(invocation.id)
+
+    @contextmanager
+    def asking(self, invocation: Invocation) -> Iterator[None]:
+        """The agent is asked to begin it meanwhile. An end that overtakes the answer waits for it: what is over is
+        written once, and would be without what only the answer says."""
+        self._asked.add(invocation.id)
+        try:
+            yield
+        finally:
+            self._asked.discard(invocation.id)
+            if invocation.state.terminal:
+                self.save(invocation)
+
+    def settle(self, invocation: Invocation) -> None:
+        """Remember how it ended. The gateway that began it knows more of it than the others: it has the first word."""
+        if invocation.id in self._own:
+            self._own.discard(invocation.id)
+            if invocation.id not in self._asked:
+                self.save(invocation)
+        else:
+            self._soon(self._settle_for_another(invocation), f"settle {invocation.id}")
+
+    async def _settle_for_another(self, invocation: Invocation) -> None:
+        while True:
+            await asyncio.sleep(_FIRST_WORD_S)
+            with suppress(StoreUnavailable):
+                found = await self._store.read(invocation.robot, invocation.id)
+                break
+        if found is not None and not found.over:
+            if self._live.invocations.get(invocation.id) is invocation:
+                self._put(found)
+            self.save(invocation)
+
+    def owns(self, invocation: Invocation) -> bool:
+        """Whether this gateway began it, and has not seen it end."""
+        return invocation.id in self._own
+
+    async def is_late(self, invocation: Invocation) -> bool:
+        """Whether an open one is past its deadline by all that the gateways know; StoreUnavailable."""
+        if not self.owns(invocation):
+            await self.fetch(invocation.robot, invocation.id)
+        return not invocation.state.terminal and time.time_ns() > invocation.deadline_ns
+
+    def save(self, invocation: Invocation) -> None:
+        """Remember what became of an invocation that was opened, as soon as may be.
+
+        Of very many that cannot be remembered because Redis is away the oldest is given up that has ended.
+        """
+        self._unsaved.setdefault(invocation.id, invocation)
+        self._to_save.set()
+        if len(self._unsaved) > _MAX_UNSAVED:
+            self._drop()
+
+    def _drop(self) -> None:
+        ended = (id for id, one in self._unsaved.items() if one.state.terminal)
+        id = next(ended, next(iter(self._unsaved)))
+        del self._unsaved[id]
+        self._unasked.discard(id)
+        if not self._dropped:
+            log.warning("more than %d invocations could not be remembered; the oldest are given up", _MAX_UNSAVED)
+        self._dropped = True
+
+    def record(self, invocation: Invocation) -> None:
+        """Remember an invocation that needed no leave: stopping."""
+        self._unasked.add(invocation.id)
+        self.save(invocation)
+
+    def forget(self, id: str) -> None:
+        """It was deleted: what was read of it before comes too late, whenever it comes."""
+        self._forgotten[id] = None
+        if len(self._forgotten) > _MAX_FORGOTTEN:
+            del self._forgotten[next(iter(self._forgotten))]
+        self._own.discard(id)
+        self._unsaved.pop(id, None)
+        self._unasked.discard(id)
+        invocation = self._live.invocations.remove(id)
+        if invocation is not None:
+            self._live.tell(invocation)
+            self._changed(invocation)
+
+    async def fetch(self, robot: str, id: str) -> Invocation | None:
+        """An invocation that another gateway began; StoreUnavailable."""
+        found = await self._store.read(robot, id)
+        if found is not None:
+            self._put(found)
+        return self._live.invocations.get(id)
+
+    def fetch_soon(self, robot: str, progress: Progress) -> None:
+        """A robot speaks of an invocation that is not known here yet: learn what it is, then take the news."""
+        if len(self._fetching) < _MAX_FETCHES:  # beyond that, the end is heard of through the store
+            self._soon(self._fetch_and_apply(robot, progress), f"fetch {progress.id}")
+
+    def _soon(self, doing: Coroutine[None, None, None], name: str) -> None:
+        task = asyncio.create_task(doing, name=name)
+        self._fetching.add(task)
+        task.add_done_callback(self._fetching.discard)
+
+    async def _fetch_and_apply(self, robot: str, progress: Progress) -> None:
+        try:
+            if await self.fetch(robot, progress.id) is not None:
+                self._live.on_progress(robot, progress)
+        except StoreUnavailable as error:
+            log.debug("invocation %s is not known here: %s", progress.id, error)
+
+    def _put(self, found: Invocation) -> None:
+        if found.id in self._forgotten:
+            return
+        new = self._live.invocations.get(found.id) is None
+        invocation = self._live.invocations.put(found)
+        if invocation is None:
+            return
+        if new:
+            self._live.fan_out.appeared(invocation_path(invocation))
+        self._live.tell(invocation)
+        if invocation.state.terminal:
+            self._own.discard(invocation.id)
+        self._changed(invocation)
+
+    # -- leases and settings ----------------------------------------------------------------------------------------
+
+    async def take(self, robot: Robot, holder: str, duration_s: float, token: str) -> tuple[Lease, str]:
+        """Take or renew control of a robot; the lease and the token that proves it. Controlled, StoreAway."""
+        asked_s = time.monotonic()
+        async with refusals():
+            lease, proof = await self._store.take(robot.name, holder, duration_s, token)
+        self.control(robot.name, lease, asked_s)
+        return lease, proof
+
+    async def release(self, robot: Robot, token: str) -> bool:
+        """Give control up; False when nobody has it. Controlled, StoreAway."""
+        async with refusals():
+            released = await self._store.release(robot.name, token)
+        self.control(robot.name, None)
+        return released
+
+    async def configure(self, robot: Robot, name: str, value: str | None, token: str) -> bool:
+        """Set something of a robot in place of what is known, for all gateways and for good, or take it back;
+        Controlled, StoreAway. False, and nothing is set, when another gateway was faster: what it did is known now."""
+        present = self._live.fleet.settings.get(robot.name, {}).get(name)
+        async with refusals():
+            await self._store.check(robot.name, token)
+            step = self._store.set_setting(robot.name, name, present, value)
+            return await self._settings.write(robot.name, step)
+
+    def control(self, robot: str, lease: Lease | None, asked_s: float = 0.0) -> None:
+        """Note who has control, as the store said that was asked at ``asked_s``, monotonic."""
+        if lease is None:
+            self._ends_s.pop(robot, None)
+        else:
+            self._ends_s[robot] = asked_s + lease.left_s
+        if self._live.fleet.control(robot, lease):
+            self._live.fan_out.touched(lease_path(robot))
+
+    def _configure(self, robot: str, settings: Mapping[str, str] | None) -> None:
+        if self._live.fleet.configure(robot, settings or {}):
+            self._live.fan_out.changed(robot)
+
+    # -- tasks ------------------------------------------------------------------------------------------------------
+
+    async def _load(self) -> None:
+        for invocation in await self._store.load():
+            self._put(invocation)
+        await self._settings.load()
+        for robot in {*self._live.fleet.robots, *self._live.fleet.leases}:
+            await self._look_at(robot)
+
+    async def _hear(self, news: News) -> None:
+        if news.what == "invocation":
+            await self.fetch(news.robot, news.id)
+        elif news.what == "deleted":
+            self.forget(news.id)
+        elif news.what == "lease":
+            await self._look_at(news.robot)
+        else:
+            await self._settings.refresh(news.robot)
+
+    async def _save(self) -> None:
+        await self._to_save.wait()
+        while self._unsaved:
+            await self._save_oldest()
+        self._to_save.clear()
+        self._dropped = False
+
+    async def _save_oldest(self) -> None:
+        # Taken out first: what becomes of it meanwhile is to be saved again.
+        taken = dict(islice(self._unsaved.items(), _AT_ONCE))
+        for id in taken:
+            del self._unsaved[id]
+        try:
+            for id in [id for id in taken if id in self._unasked]:
+                await self._store.open(taken[id], unasked=True)
+                self._unasked.discard(id)
+            await self._store.save_all(list(taken.values()))
+        except BaseException:  # cancelled as well
+            self._unsaved = {**taken, **self._unsaved}  # still the oldest
+            raise
+
+    async def _look(self) -> None:
+        """Notice leases that end, and those of robots that appear."""
+        await asyncio.sleep(_WATCH_S)
+        robots = set(self._live.fleet.robots)
+        for robot in {*(robots - self._looked_at), *self._live.fleet.leases}:
+            with suppress(StoreUnavailable):
+                await self._look_at(robot)
+        self._looked_at = robots
+
+    async def _look_at(self, robot: str) -> None:
+        """Again if somebody took or released the lease meanwhile: the answer may be older than that."""
+        while True:
+            asked_s, before = time.monotonic(), self._live.fleet.leases.get(robot)
+            lease = await self._store.lease(robot)
+            if self._live.fleet.leases.get(robot) is before:
+                break
+        self.control(robot, lease, asked_s)
+
+    async def _watch(self) -> None:
+        """Stop what is tied to a lease that is over, whether or not Redis answers: without it nobody can renew."""
+        await asyncio.sleep(_WATCH_S)
+        now_s = time.monotonic()
+        for robot in [robot for robot, ends_s in self._ends_s.items() if now_s > ends_s + _WATCH_S]:
+            self.control(robot, None)
+        robots = list(self._live.fleet.robots)
+        for invocation in [one for robot in robots for one in self._live.invocations.open_of(robot) if one.lease]:
+            lease = self._live.fleet.leases.get(invocation.robot)
+            if (lease is None or lease.id != invocation.lease) and invocation.id not in self._stopping:
+                stopping = asyncio.create_task(self._stop_tied(invocation), name=f"stop {invocation.id}")
+                self._stopping[invocation.id] = stopping
+
+    async def _stop_tied(self, invocation: Invocation) -> None:
+        """Apart from the others: a robot that does not answer holds nobody up."""
+        try:
+            await self._stop(invocation, "the control lease that it was tied to has ended")
+        finally:
+            del self._stopping[invocation.id]

@@ -1,0 +1,118 @@
+"""The composition root: routes, middleware and lifespan of the gateway on one screen."""
+
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager, closing
+
+from starlette.applications import Starlette
+from starlette.middleware import Middleware
+
+from linked_fleet_gateway.actions.service import Actions
+from linked_fleet_gateway.actions.store import ActionStore
+from linked_fleet_gateway.app.extensions import ExtensionSettings, chosen, install, mount, representations
+from linked_fleet_gateway.app.metrics import Numbers, registry
+from linked_fleet_gateway.app.sampler import Sampler
+from linked_fleet_gateway.app.settings import GatewaySettings
+from linked_fleet_gateway.app.shape_check import check_shapes
+from linked_fleet_gateway.http.callers import Callers
+from linked_fleet_gateway.http.cors import pages_elsewhere
+from linked_fleet_gateway.http.endpoint import Endpoint
+from linked_fleet_gateway.http.extension import Core
+from linked_fleet_gateway.http.forwarded import Forwarded
+from linked_fleet_gateway.http.host import Authorities
+from linked_fleet_gateway.http.lazy_imports import Loading
+from linked_fleet_gateway.http.operator_endpoints import Front
+from linked_fleet_gateway.http.rates import Pace, Rates
+from linked_fleet_gateway.http.request import Gateway, Services
+from linked_fleet_gateway.http.sockets import Sockets, within_files
+from linked_fleet_gateway.identity.service import Identities
+from linked_fleet_gateway.link.transport import Opener
+from linked_fleet_gateway.link.zenoh_session import open_session as open_zenoh
+from linked_fleet_gateway.runtime.audit_log import Audit
+from linked_fleet_gateway.runtime.counters import Requests
+from linked_fleet_gateway.runtime.embedded_redis import Embedded
+from linked_fleet_gateway.runtime.tracing import Tracing
+from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_gateway.subscriptions.network import Network
+from linked_fleet_gateway.subscriptions.service import Subscriptions, new_run
+from linked_fleet_gateway.subscriptions.store import Store
+
+
+def new_live(settings: GatewaySettings, open_session: Opener) -> Live:
+    """The live fleet of a gateway with these settings, not yet joined."""
+    return Live(
+        settings.namespace,
+        settings.gateway_name,
+        lambda: open_session(settings.listen_endpoints, settings.zenoh_connect, settings.trust),
+        secured=bool(settings.identities),
+    )
+
+
+def sockets_of(settings: GatewaySettings) -> Sockets:
+    """The bounds of connections, at most as many as the process may have files."""
+    return Sockets(within_files(settings.sockets), settings.sockets_per_client)
+
+
+def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_session: Opener = open_zenoh) -> Gateway:
+    """The ASGI application; entering its lifespan joins the fleet, through the session that ``open_session`` opens.
+
+    Unsupported for shapes that cannot be compiled.
+    """
+    extensions = chosen(settings.section(ExtensionSettings))
+    install(extensions)
+    check_shapes()
+
+    @asynccontextmanager
+    async def lifespan(_: Starlette) -> AsyncIterator[None]:
+        async with AsyncExitStack() as stack:
+            live = await stack.enter_async_context(new_live(settings, open_session))
+            embedded = None if settings.redis_url else Embedded(settings.state_path)
+            url = settings.redis_url if embedded is None else (await stack.enter_async_context(embedded)).url
+            run = new_run()
+            audit = await stack.enter_async_context(Audit(url, settings.namespace))
+            identities = None
+            if settings.identities:
+                identities = await stack.enter_async_context(Identities(settings.identities))
+            action_store = await stack.enter_async_context(ActionStore(url, settings.namespace, run))
+            actions = await stack.enter_async_context(Actions(live, action_store, settings.invocations_per_client))
+            core = Core(
+                live, actions, audit, identities, url, settings.namespace, run,
+                settings.public_urls, settings.state_path,
+                sections=[settings.section(each.settings) for each in extensions if each.settings],
+            )  # fmt: skip
+            mounts = await mount(extensions, core, stack)
+            await live.join()
+            store = await stack.enter_async_context(Store(url, settings.namespace, run))
+            network = stack.enter_context(closing(Network(settings.callback_allow, ports=settings.callback_ports)))
+            subscriptions = Subscriptions(
+                store, run, live.fan_out, network,
+                consent=settings.callback_consent, limit=settings.subscriptions_per_client,
+                vouches=identities.vouches if identities else lambda *_: True,
+            )  # fmt: skip
+            await stack.enter_async_context(subscriptions)
+            sampler = await stack.enter_async_context(Sampler(live.fleet))
+            numbers = Numbers(
+                live, subscriptions, actions, requests, sampler, embedded, [each.metrics for each in mounts]
+            )
+            app.services = Services(
+                live, actions, subscriptions, audit, identities, embedded,
+                representations=representations(mounts), registry=registry(numbers),
+                schemes=[each.scheme for each in mounts if each.scheme is not None],
+                not_ready=[each.not_ready for each in mounts],
+            )  # fmt: skip
+            app.router.default = Endpoint(mounts)  # no route of its own has ever to know the tree, nor `OPTIONS *`
+            yield
+
+    requests, rates = Requests(), Rates(settings.requests_per_client)
+    app = Gateway(
+        middleware=[
+            Middleware(Forwarded, fronts=settings.fronts),
+            Middleware(Front, requests=requests, tracing=tracing),
+            *pages_elsewhere(settings.cors_origins),
+            Middleware(Authorities, public_urls=settings.public_urls, pages=settings.cors_origins),
+            Middleware(Callers),
+            Middleware(Pace, rates=rates),
+            Middleware(Loading),
+        ],
+        lifespan=lifespan,
+    )
+    return app

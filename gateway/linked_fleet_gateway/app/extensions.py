@@ -1,0 +1,156 @@
+"""Extensions found, put in order, and mounted.
+
+The folders of ``extensions`` are the built-in ones, each with a class in ``extension.py``. They are known
+without the metadata of an installation, which may be older. Foreign ones are found by their entry points.
+"""
+
+import logging
+import pkgutil
+from collections.abc import Iterator, Sequence
+from contextlib import AsyncExitStack
+from dataclasses import dataclass, replace
+from importlib import import_module
+from importlib.metadata import entry_points
+from importlib.util import find_spec
+from typing import TypeGuard
+
+import linked_fleet_gateway.extensions
+from linked_fleet_gateway.base.settings import TEXTS, Section, setting
+from linked_fleet_gateway.http.extension import Core, Extension, Mount
+from linked_fleet_gateway.http.representation import Representations
+from linked_fleet_gateway.resources.action_definition import add_kinds
+from linked_fleet_gateway.resources.fleet_functions import FUNCTIONS
+from linked_fleet_gateway.resources.link_statements import LINK_STATEMENTS
+from linked_fleet_gateway.resources.paths import reserve
+from linked_fleet_gateway.resources.property import ROBOT_PROPERTIES
+
+log = logging.getLogger(__name__)
+GROUP = "linked_fleet.extensions"
+"""Entry points of extensions in other packages: each names a subclass of ``Extension``, and has its name."""
+
+
+@dataclass(frozen=True)
+class ExtensionSettings(Section):
+    """The extensions that a gateway has."""
+
+    extensions: tuple[str, ...] = setting(
+        TEXTS, "", "extensions of other packages that are loaded, by their names; comma-separated"
+    )
+    extensions_off: tuple[str, ...] = setting(
+        TEXTS,
+        "",
+        "built-in extensions that are switched off, by their names (docs/SETTINGS.md#extensions); comma-separated",
+    )
+
+
+def _built_in() -> Iterator[Extension]:
+    for folder in pkgutil.iter_modules(linked_fleet_gateway.extensions.__path__):
+        module = f"{linked_fleet_gateway.extensions.__name__}.{folder.name}.extension"
+        if find_spec(module):
+            (kind,) = (each for each in vars(import_module(module)).values() if _is_extension(each))
+            yield kind()
+
+
+def _is_extension(value: object) -> TypeGuard[type[Extension]]:
+    return isinstance(value, type) and issubclass(value, Extension) and value is not Extension
+
+
+BUILT_IN: Sequence[Extension] = tuple(_built_in())
+
+
+def chosen(settings: ExtensionSettings) -> list[Extension]:
+    """The extensions of a gateway with these settings, in order.
+
+    ValueError for a name that none has, and for an extension that needs one that is off.
+    """
+    names, off = [each.name for each in BUILT_IN], settings.extensions_off
+    if unknown := [name for name in off if name not in names]:
+        raise ValueError(f"LINKED_FLEET_EXTENSIONS_OFF is of {', '.join(names)}, not {', '.join(unknown)}")
+    found = [*(each for each in BUILT_IN if each.name not in off and not lacking(each)), *foreign(settings)]
+    for each in found:
+        if missing := [name for name in each.needs if name in off]:
+            raise ValueError(
+                f"LINKED_FLEET_EXTENSIONS_OFF names {missing[0]}, which {each.name} needs: "
+                f"switch {each.name} off as well, or neither"
+            )
+    return in_order(found)
+
+
+def lacking(extension: Extension) -> list[str]:
+    """The optional packages that the extension needs and that are not installed."""
+    return [name for name in extension.modules if find_spec(name) is None]
+
+
+def foreign(settings: ExtensionSettings) -> list[Extension]:
+    """The extensions of other packages that the settings name. ValueError for a name that is not one's."""
+    if taken := [each.name for each in BUILT_IN if each.name in settings.extensions]:
+        raise ValueError(f"LINKED_FLEET_EXTENSIONS is of extensions of other packages; {taken[0]} is built in")
+    return [_foreign(name) for name in dict.fromkeys(settings.extensions)]
+
+
+def _foreign(name: str) -> Extension:
+    found = entry_points(group=GROUP, name=name)
+    if len(found) != 1:
+        there = ", ".join(sorted(entry_points(group=GROUP).names)) or "none"
+        raise ValueError(
+            f"LINKED_FLEET_EXTENSIONS names {name!r}, which {'several' if found else 'no'} installed packages have; "
+            f"entry points in the group {GROUP}: {there}"
+        )
+    (entry_point,) = found
+    try:
+        kind = entry_point.load()
+    except (ImportError, AttributeError) as error:
+        raise ValueError(f"LINKED_FLEET_EXTENSIONS names {name!r}, which cannot be imported: {error}") from error
+    if not _is_extension(kind) or kind.name != name:
+        raise ValueError(
+            f"the entry point {name!r} in the group {GROUP} is no extension of that name: {entry_point.value}"
+        )
+    return kind()
+
+
+def install(extensions: Sequence[Extension]) -> None:
+    """Have this process know the segments, the kinds of actions, the properties and the functions of the extensions."""
+    for extension in (*BUILT_IN, *extensions):
+        reserve(extension.at_root, extension.in_robot, extension.public)
+    add_kinds(kind for extension in extensions for kind in extension.kinds)
+    ROBOT_PROPERTIES.replace(name for extension in extensions for name in extension.robot_properties)
+    LINK_STATEMENTS.replace(name for extension in extensions for name in extension.link_statements)
+    FUNCTIONS.replace(function for extension in extensions for function in extension.functions)
+
+
+def in_order(extensions: Sequence[Extension]) -> list[Extension]:
+    """The extensions, each after those that it needs. ValueError for one whose needs cannot be met."""
+    found: dict[str, Extension] = {}
+    waiting = list(extensions)
+    while waiting:
+        able = [each for each in waiting if all(name in found for name in each.needs)]
+        if not able:
+            needs = ", ".join(f"{each.name} needs {' and '.join(each.needs)}" for each in waiting)
+            raise ValueError(f"extensions lack others, or need each other: {needs}")
+        found |= {each.name: each for each in able}
+        waiting = [each for each in waiting if each not in able]
+    return list(found.values())
+
+
+async def mount(extensions: Sequence[Extension], core: Core, stack: AsyncExitStack) -> list[Mount]:
+    """Start the extensions one after the other and add them to the tree and to the guards; ``stack`` ends them."""
+    for extension in BUILT_IN:
+        if names := lacking(extension):
+            log.warning("The extension %s is off: %s is not installed.", extension.name, " and ".join(names))
+    mounts: list[Mount] = []
+    views = [view for each in extensions for view in each.views]
+    for extension in extensions:
+        services = [service for each in mounts for service in each.services]
+        found = await stack.enter_async_context(extension.start(replace(core, services=services, views=views)))
+        core.live.add(*found.branches)
+        core.actions.handlers.update(found.handlers)
+        if found.guard is not None:
+            core.actions.add_guard(found.guard)
+        mounts.append(found)
+    return mounts
+
+
+def representations(mounts: Sequence[Mount]) -> Representations:
+    """All that the core and its extensions can write."""
+    html = next((each.html for each in mounts if each.html is not None), None)
+    return Representations(html, {name: value for each in mounts for name, value in each.formats.items()})

@@ -1,0 +1,124 @@
+"""The numbers of one gateway as Prometheus reads them, collected when it asks."""
+
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from prometheus_client import CollectorRegistry, ProcessCollector
+from prometheus_client.metrics_core import CounterMetricFamily, HistogramMetricFamily, Metric
+from prometheus_client.registry import Collector
+
+from linked_fleet_gateway.actions.service import Actions
+from linked_fleet_gateway.app.sampler import Sampler
+from linked_fleet_gateway.runtime.counters import Requests
+from linked_fleet_gateway.runtime.embedded_redis import Embedded
+from linked_fleet_gateway.runtime.metrics import PREFIX, counter, gauge, gauges, histogram
+from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_gateway.subscriptions.service import Subscriptions
+
+
+def registry(numbers: "Numbers") -> CollectorRegistry:
+    """A registry with the numbers of one gateway, and with memory, time and files of its process."""
+    made = CollectorRegistry()
+    made.register(numbers)
+    ProcessCollector(registry=made)
+    return made
+
+
+@dataclass(frozen=True, eq=False)
+class Numbers(Collector):
+    """Reads, in a thread beside the event loop, what is counted in it: each number and each copy is taken at once."""
+
+    live: Live
+    subscriptions: Subscriptions
+    actions: Actions
+    requests: Requests
+    sampler: Sampler
+    embedded: Embedded | None
+    extensions: Sequence[Callable[[], Iterable[Metric]]] = ()
+
+    def collect(self) -> Iterator[Metric]:
+        yield from self._of_robots()
+        yield from self._of_requests()
+        yield from self._of_subscriptions()
+        yield from self._of_commands()
+        yield histogram("event_loop_lag_seconds", "How late timers of the event loop were.", self.sampler.loop_lag)
+        yield gauge("redis_up", "Whether Redis answers.", self.subscriptions.store_answers)
+        set_aside = len(self.embedded.set_aside) if self.embedded else 0
+        yield gauge("redis_data_set_aside", "Folders of data that the embedded server could not load.", set_aside)
+        for collect in self.extensions:
+            yield from collect()
+        yield gauge("zenoh_up", "Whether robots can be heard.", self.live.link.joined)
+
+    def _of_robots(self) -> Iterator[Metric]:
+        fleet, now_ns = self.live.fleet, time.time_ns()
+        robots = [robot for name in fleet.robots if (robot := fleet.robots.get(name)) is not None]
+        presence = Counter({"online": 0, "offline": 0, "faulty": 0})
+        presence.update(robot.presence for robot in robots)
+        yield gauges("robots", "Robots by presence.", "presence", presence.items())
+        yield gauge(
+            "robots_undescribed", "Robots with a presence token and no description.", self.live.link.undescribed
+        )
+        yield gauges(
+            "robot_frame_age_seconds", "Time since the latest frame of a robot came.", "robot",
+            [
+                (robot.name, (now_ns - robot.last_seen_ns) / 1e9)
+                for robot in robots
+                if robot.header is not None and robot.last_seen_ns is not None
+            ],
+        )  # fmt: skip
+        malformed = _sum(fleet.malformed) + _sum(self.live.link.malformed)
+        yield counter("frames_taken", "State frames taken.", self.live.frames)
+        yield counter("frames_dropped", "State frames that were late, or of no present run.", _sum(fleet.dropped))
+        yield counter("messages_malformed", "Messages of robots, of any kind, refused as ill-formed.", malformed)
+        yield histogram(
+            "frame_lag_seconds", "From the clock of the agent to that of the gateway; one frame a second and robot.",
+            self.sampler.frame_lag,
+        )  # fmt: skip
+
+    def _of_requests(self) -> Iterator[Metric]:
+        family = CounterMetricFamily(
+            PREFIX + "http_requests", "Answers by method and class of status.", labels=("method", "status")
+        )
+        for (method, status), count in dict(self.requests.answered).items():
+            family.add_metric((method, status), count)
+        yield family
+        latency = HistogramMetricFamily(
+            PREFIX + "http_request_seconds", "From a request to the beginning of its answer.", labels=("method",)
+        )
+        for method, measured in self.requests.latency.copy().items():
+            latency.add_metric((method,), measured.buckets(), measured.sum_s)
+        yield latency
+
+    def _of_subscriptions(self) -> Iterator[Metric]:
+        fan_out, callbacks = self.live.fan_out, self.subscriptions.callbacks
+        kinds = {"callback": callbacks.served, "websocket": 0, "event-stream": 0, "stream": 0}
+        kinds |= self.subscriptions.streams.kinds()
+        yield gauges("subscribers", "Subscribers served here, by kind.", "kind", kinds.items())
+        yield counter("messages_rendered", "Messages rendered, each for all who take it.", fan_out.renders)
+        yield counter("messages_sent", "Messages handed to a subscriber.", fan_out.messages)
+        yield counter(
+            "messages_conflated", "Changes that a newer one replaced before they were sent.", fan_out.conflated
+        )
+        yield counter("deliveries", "Callbacks that receivers took.", callbacks.deliveries.taken)
+        yield counter("delivery_failures", "Attempts at which a receiver took nothing.", callbacks.deliveries.failed)
+        yield gauge("callbacks_suspended", "Callbacks that wait for somebody to resume them.", callbacks.suspended)
+
+    def _of_commands(self) -> Iterator[Metric]:
+        family = CounterMetricFamily(
+            PREFIX + "commands", "Commands and stops by what the agent said.", labels=("outcome", "code")
+        )
+        none = {("accepted", ""): 0, ("silent", ""): 0}  # a rate needs a number to begin with
+        for labels, count in (none | dict(self.actions.commands.outcomes)).items():
+            family.add_metric(labels, count)
+        yield family
+        yield histogram(
+            "command_acceptance_seconds", "From a request to the acceptance by the agent.",
+            self.actions.commands.acceptance,
+        )  # fmt: skip
+        yield gauge("invocations_open", "Invocations known here that have not ended.", self.live.invocations.open)
+
+
+def _sum(counts: Mapping[str, int]) -> int:
+    return sum(list(counts.values()))

@@ -1,0 +1,63 @@
+"""What is measured at intervals, so that it costs nothing per frame: late timers, and how old frames come."""
+
+import asyncio
+import logging
+import time
+from types import TracebackType
+from typing import Self
+
+from linked_fleet_gateway.fleet.fleet import Fleet
+from linked_fleet_gateway.runtime.background import supervised
+from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.runtime.counters import Histogram
+from linked_fleet_gateway.runtime.time_slices import sliced
+
+log = logging.getLogger(__name__)
+
+_PERIOD_S = 0.25
+_ROUND = 4  # periods between two looks at the frames
+
+
+class Sampler:
+    """An async context manager. ``loop_lag``: how late a timer of the event loop was.
+
+    ``frame_lag``: from the wall clock of the agent when it read its robot to that of the gateway when it took the
+    frame, of the latest frame of each robot, once a second; the difference of the two clocks is in it.
+    """
+
+    def __init__(self, fleet: Fleet) -> None:
+        self.loop_lag, self.frame_lag = Histogram(), Histogram()
+        self._fleet = fleet
+        self._seen: dict[str, tuple[int, int]] = {}
+        self._tasks: list[asyncio.Task[None]] = []
+
+    async def __aenter__(self) -> Self:
+        self._tasks = [supervised(self._sample, "sample", log, "delays are not measured", 0.0)]
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await end(self._tasks)
+
+    async def _sample(self) -> None:
+        for _ in range(_ROUND):
+            due_s = time.monotonic() + _PERIOD_S
+            await asyncio.sleep(_PERIOD_S)
+            self.loop_lag.add(time.monotonic() - due_s)
+        await self._look_at_frames()
+
+    async def _look_at_frames(self) -> None:
+        names = list(self._fleet.robots)
+        for name in self._seen.keys() - set(names):
+            del self._seen[name]
+        async for name in sliced(names):
+            robot = self._fleet.robots.get(name)
+            if robot is None:
+                continue  # forgotten meanwhile
+            header, taken_ns = robot.header, robot.last_seen_ns
+            if header is not None and taken_ns is not None:
+                frame = (header.incarnation, header.sequence)
+                if self._seen.get(robot.name) != frame:
+                    self._seen[robot.name] = frame
+                    self.frame_lag.add((taken_ns - header.wall_ns) / 1e9)

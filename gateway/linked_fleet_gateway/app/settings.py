@@ -1,0 +1,219 @@
+"""Settings of the gateway and of its extensions, read once (docs/SETTINGS.md)."""
+
+import socket
+from argparse import ArgumentParser
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from linked_fleet_agent.wire.keys import Keys as ZenohKeys
+from linked_fleet_agent.wire.trust import Credentials
+from linked_fleet_gateway.app.exposure import EXPOSURES
+from linked_fleet_gateway.app.extensions import BUILT_IN, ExtensionSettings, chosen, foreign
+from linked_fleet_gateway.base.settings import (
+    FILE,
+    NETWORKS,
+    ON_OFF,
+    PORT,
+    PORTS,
+    TEXT,
+    TEXTS,
+    Kind,
+    Network,
+    Section,
+    SectionT,
+    choice,
+    matching,
+    read,
+    section,
+    setting,
+    several,
+    whole_number,
+)
+from linked_fleet_gateway.link.session_settings import trust
+from linked_fleet_gateway.runtime.log import FORMS
+from linked_fleet_gateway.subscriptions.redis_keys import Keys
+
+_PROGRAM = "python -m linked_fleet_gateway"
+
+
+def _namespace(text: str) -> str:
+    try:
+        return ZenohKeys(text).namespace and Keys(text).namespace
+    except ValueError:
+        raise ValueError(f"not {text!r}") from None
+
+
+_NAMESPACE = Kind(_namespace, "a plain key such as 'fleet' or 'site/hall-2'")
+_ALLOW = several(choice(*EXPOSURES), f"of {', '.join(EXPOSURES)}")
+_ORIGINS = several(  # as browsers write them: lower case, no path
+    matching(r"https?://[a-z0-9.\[\]:-]+", "an origin"), "of origins such as https://twin.example:8443"
+)
+
+
+@dataclass(frozen=True)
+class GatewaySettings(Section):
+    """The section of the core."""
+
+    host: str = setting(TEXT, "127.0.0.1", "address on which it listens")
+    port: int = setting(PORT, "8000", "port on which it listens")
+    public_url: tuple[str, ...] = setting(
+        TEXTS,
+        "",
+        "base URLs under which the fleet is known, comma-separated; empty: the address, on loopback by its usual names",
+    )
+    tls_cert: Path | None = setting(
+        FILE, "", "certificate chain (PEM) for HTTPS and WSS; read again when it changes and on SIGHUP"
+    )
+    tls_key: Path | None = setting(FILE, "", "its private key (PEM)")
+    identities: Path | None = setting(
+        FILE, "", "file of who may do what (docs/IDENTITIES.md); empty: everybody everything"
+    )
+    allow: tuple[str, ...] = setting(
+        _ALLOW,
+        "",
+        "what is refused beyond loopback unless it is named here: `plain-http`, `anonymous`, `plain-zenoh`; "
+        "comma-separated",
+    )
+    namespace: str = setting(_NAMESPACE, "fleet", "prefix of every Zenoh and Redis key")
+    zenoh_listen: tuple[str, ...] = setting(
+        TEXTS, "", "Zenoh endpoints to listen on, comma-separated; empty: tcp/127.0.0.1:7447 if it connects nowhere"
+    )
+    zenoh_connect: tuple[str, ...] = setting(TEXTS, "", "Zenoh endpoints of routers, comma-separated")
+    zenoh_ca: Path | None = setting(FILE, "", "certificate of the authority whose word counts on tls and quic links")
+    zenoh_cert: Path | None = setting(
+        FILE, "", "certificate by which robots and routers know the gateway; these three together"
+    )
+    zenoh_key: Path | None = setting(FILE, "", "its private key")
+    zenoh_access: Path | None = setting(
+        FILE,
+        "",
+        "who may say what to a gateway that listens: `access.json` of deploy/certificates "
+        "(deploy/README.md#who-is-who-on-the-wire)",
+    )
+    redis_url: str = setting(
+        TEXT,
+        "",
+        "`redis://`, `rediss://`, `unix://`, or `redis+cluster://host:port,…`; empty: an embedded server",
+        "REDIS_URL",
+    )
+    state_dir: Path | None = setting(
+        FILE,
+        "",
+        "data of the embedded server, and meshes that were read; empty: `$XDG_STATE_HOME/linked-fleet`. "
+        "Gateways with the same folder share both",
+    )
+    callback_allow: tuple[Network, ...] = setting(
+        NETWORKS,
+        "",
+        "networks (CIDR) that callbacks may reach although private, and without consent; comma-separated",
+    )
+    callback_ports: tuple[range, ...] = setting(
+        PORTS,
+        "80,443,8080,8443",
+        "ports of public addresses that callbacks may reach, such as `443` or `8000-8999`; in allowed networks every "
+        "port may be reached; comma-separated",
+    )
+    callback_consent: bool = setting(
+        ON_OFF, "on", "whether other receivers are asked before the first delivery: on or off"
+    )
+    subscriptions_per_client: int = setting(
+        whole_number(), "1000", "subscriptions that one client (an identity, else an address) may have at once"
+    )
+    invocations_per_client: int = setting(
+        whole_number(),
+        "100",
+        "motions of one client that have not ended; the next one gets 429. What stops robots is neither counted nor "
+        "refused",
+    )
+    requests_per_client: int = setting(
+        whole_number(),
+        "1000",
+        "requests a second that one client (an identity, else an address) may make on average, of ten seconds at "
+        "once; 0: any number. What stops robots does not count",
+    )
+    sockets: int = setting(
+        whole_number(),
+        "16000",
+        "connections that there may be at once; fewer where the process may not open as many files",
+    )
+    sockets_per_client: int = setting(whole_number(), "12000", "connections that one client address may have at once")
+    fronts: tuple[Network, ...] = setting(
+        NETWORKS,
+        "",
+        "addresses or networks (CIDR) of fronts, comma-separated: a request of theirs is that of the rightmost address "
+        "in `X-Forwarded-For` or `Forwarded` that is no front's. Others are believed nothing. Name no address from "
+        "which clients come directly",
+    )
+    cors_origins: tuple[str, ...] = setting(
+        _ORIGINS,
+        "",
+        "origins of other sites' pages that may use the fleet, comma-separated; with tokens, never with sessions",
+    )
+    log_format: str = setting(choice(*FORMS), "text", "form of the log: text, or json, a line each")
+    sections: tuple[Section, ...] = ()
+    """The other sections that were read."""
+
+    def __post_init__(self) -> None:
+        if bool(self.tls_cert) != bool(self.tls_key):
+            raise ValueError("LINKED_FLEET_TLS_CERT and LINKED_FLEET_TLS_KEY are given together, or neither")
+
+    @property
+    def public_urls(self) -> tuple[str, ...]:
+        """Base URLs without a slash at the end; on loopback its usual names as well."""
+        if self.public_url:
+            return tuple(url.rstrip("/") for url in self.public_url)
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        scheme = "https" if self.tls_cert else "http"
+        urls = [f"{scheme}://{host}:{self.port}"]
+        if self.host in ("127.0.0.1", "::1", "localhost"):
+            urls += [f"{scheme}://{name}:{self.port}" for name in ("127.0.0.1", "localhost", "[::1]")]
+        return tuple(dict.fromkeys(urls))
+
+    @property
+    def listen_endpoints(self) -> tuple[str, ...]:
+        """Zenoh endpoints; one on loopback if none is named to listen on or to connect to."""
+        return self.zenoh_listen if self.zenoh_listen or self.zenoh_connect else ("tcp/127.0.0.1:7447",)
+
+    @property
+    def credentials(self) -> Credentials | None:
+        """By which Zenoh's neighbours know the gateway, and it them; ValueError for files that are none."""
+        return Credentials.given(*(str(each or "") for each in (self.zenoh_ca, self.zenoh_cert, self.zenoh_key)))
+
+    @property
+    def trust(self) -> dict[str, object]:
+        """Zenoh's configuration of who proves what to whom; ValueError for files that are none."""
+        return trust(self.credentials, str(self.zenoh_access or ""))
+
+    @property
+    def state_path(self) -> Path:
+        """Folder of the data of the embedded server and of the cache of meshes."""
+        return (self.state_dir or Path.home() / ".local" / "state" / "linked-fleet").absolute()
+
+    @property
+    def gateway_name(self) -> str:
+        """Replicas of a container differ in the host name, gateways on one host in the port."""
+        return f"{socket.gethostname()}-{self.port}"
+
+    def section(self, kind: type[SectionT]) -> SectionT:
+        """The section of this type; with its defaults if it was not read."""
+        try:
+            return section(self.sections, kind)
+        except LookupError:
+            return kind()
+
+    @classmethod
+    def read(cls, environment: Mapping[str, str], arguments: Sequence[str]) -> "GatewaySettings":
+        """Flags win over the environment; ValueError for an unusable value, SystemExit for an unknown flag."""
+        state_home = Path(environment.get("XDG_STATE_HOME", ""))  # XDG Base Directory Specification
+        if state_home.is_absolute() and not environment.get("LINKED_FLEET_STATE_DIR"):
+            environment = {**environment, "LINKED_FLEET_STATE_DIR": str(state_home / "linked-fleet")}
+        # Which flags there are depends on the extensions of other packages.
+        parser = ArgumentParser(_PROGRAM, add_help=False)
+        names = read([ExtensionSettings], environment, arguments, parser, others=True)
+        extensions = [*BUILT_IN, *foreign(section(names, ExtensionSettings))]
+        parser = ArgumentParser(_PROGRAM, description="Serve the fleet as Linked Data.")
+        kinds = [cls, ExtensionSettings, *(each.settings for each in extensions if each.settings)]
+        found = read(kinds, environment, arguments, parser)
+        chosen(section(found, ExtensionSettings))
+        return replace(section(found, cls), sections=tuple(each for each in found if not isinstance(each, cls)))

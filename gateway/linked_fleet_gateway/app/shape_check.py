@@ -1,0 +1,45 @@
+"""Shapes are compiled before a gateway serves: one that cannot be is a reason not to start."""
+
+from collections.abc import Mapping, Sequence
+from functools import cache
+
+from pyoxigraph import Triple
+
+from linked_fleet_gateway.rdf.graph import Node
+from linked_fleet_gateway.rdf.shapes import load, load_folder
+from linked_fleet_gateway.rdf.vocabulary import LF, RDF, SH
+from linked_fleet_gateway.resources.action_conditions import CONDITIONS
+from linked_fleet_gateway.resources.action_definition import FOLDER, definitions
+from linked_fleet_gateway.resources.shape_parameters import COMPLETIONS
+from linked_fleet_gateway.shacl import Unsupported, compile_shape
+
+FILES = ("blueprints.ttl", "rules.ttl", "subscriptions.ttl")
+
+
+@cache
+def check_shapes() -> None:
+    """Unsupported, with the shape and the reason, for one in shapes/ that cannot be compiled.
+
+    Those of actions are checked as their files have them. What a robot adds, by COMPLETIONS, is not Turtle but code.
+    """
+    for name in FILES:
+        for node, about in load(name).items():
+            if any(t.predicate == RDF.type and t.object == SH.NodeShape for t in about):
+                _check(name, load(name), node)
+    shapes = load_folder(FOLDER)
+    for kind in definitions():
+        if kind.consumes is not None:
+            _check(f"{FOLDER}/{kind.segment}", shapes, kind.consumes)
+    completions = {t.object for about in shapes.values() for t in about if t.predicate == LF.completedBy}
+    for unknown in completions.difference(COMPLETIONS):
+        raise Unsupported(f"linked_fleet_shapes/{FOLDER}: lf:completedBy {unknown} is not known")
+    for kind in definitions():
+        for unknown in set(kind.offered_if).difference(CONDITIONS):
+            raise Unsupported(f"linked_fleet_shapes/{FOLDER}: lf:offeredIf {unknown} is not known")
+
+
+def _check(name: str, shapes: Mapping[Node, Sequence[Triple]], shape: Node) -> None:
+    try:
+        compile_shape(shapes, shape)
+    except Unsupported as error:
+        raise Unsupported(f"linked_fleet_shapes/{name}: {shape} cannot be compiled: {error}") from error

@@ -1,0 +1,351 @@
+"""The errors of the core as one tree; each knows how it looks from outside. Those of extensions are with them.
+
+    FleetError                      status  code
+    ├── BadRequest                  400     bad-request
+    ├── Unauthenticated             401     unauthenticated
+    ├── InsufficientScope           403     insufficient-scope
+    ├── NotFound                    404     not-found
+    ├── MethodNotAllowed            405     method-not-allowed
+    ├── NotAcceptable               406     not-acceptable
+    ├── Conflict                    409     conflict
+    │   ├── RefusedByAgent          409     refused
+    │   ├── Changed                 409     changed
+    │   ├── Controlled              409     controlled
+    │   └── NoRoom                  409     conflict
+    ├── MotionRefused               409     motion-refused
+    ├── PreconditionFailed          412     precondition-failed
+    ├── PayloadTooLarge             413     payload-too-large
+    ├── UnsupportedMediaType        415     unsupported-media-type
+    ├── ForeignOrigin               403     foreign-origin
+    ├── MisdirectedRequest          421     misdirected-request
+    ├── UnprocessableContent        422     unprocessable-content
+    │   └── KeyReused               422     key-reused
+    ├── TooManySubscriptions        429     too-many-subscriptions
+    ├── TooManyInvocations          429     too-many-invocations
+    ├── TooManyRequests             429     too-many-requests
+    ├── Unimplemented               501     not-implemented
+    ├── Offline                     503     offline
+    ├── Faulty                      503     faulty
+    ├── Busy                        503     busy
+    ├── StoreAway                   503     store-away
+    ├── IssuerAway                  503     issuer-away
+    └── AgentSilent                 504     agent-silent
+
+The problem type (RFC 9457, 3.1.1) of each is ``PROBLEMS`` followed by its code; ``http.problem`` renders them.
+"""
+
+# ruff: noqa: N818  (the names are those of the status codes, RFC 9110, 15)
+
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
+
+from pyoxigraph import Triple
+
+Members = dict[str, str | int | float | list[str]]
+PROBLEMS = "https://w3id.org/linked-fleet/problems#"
+REALM = "linked-fleet"
+_CONSTRAINED_BY = "http://www.w3.org/ns/ldp#constrainedBy"  # LDP 4.2.1.6
+
+
+class FleetError(Exception):
+    """A request cannot be served; ``detail`` says what was wrong and what would have been right."""
+
+    status: ClassVar[int] = 500
+    code: ClassVar[str] = "internal"
+    title: ClassVar[str] = "The gateway failed"
+
+    def __init__(
+        self, detail: str, *, headers: Mapping[str, str] | None = None, report: Sequence[Triple] | None = None
+    ) -> None:
+        super().__init__(detail)
+        self.detail = detail
+        self.headers: dict[str, str] = dict(headers or {})
+        self.report = report
+        self.constraint: str | None = None
+
+    def constrain(self, constraint: str) -> None:
+        """Link what describes the constraints that a write broke, unless that is linked (LDP 4.2.1.6)."""
+        if self.constraint is None:
+            self.constraint = constraint
+            self.headers["Link"] = f'<{constraint}>; rel="{_CONSTRAINED_BY}"'
+
+    @property
+    def type(self) -> str:
+        return PROBLEMS + self.code
+
+    @property
+    def members(self) -> Members:
+        """Extension members (RFC 9457, 3.2): only those that are known."""
+        return {"constraint": self.constraint} if self.constraint else {}
+
+    def __str__(self) -> str:
+        return f"{self.status} {self.title}: {self.detail}"
+
+
+class BadRequest(FleetError):
+    """The request is malformed; ``line`` and ``column`` count from 1 when a body is to blame."""
+
+    status, code, title = 400, "bad-request", "The request is malformed"
+
+    def __init__(
+        self,
+        detail: str,
+        *,
+        line: int | None = None,
+        column: int | None = None,
+        headers: Mapping[str, str] | None = None,
+    ) -> None:
+        super().__init__(detail, headers=headers)
+        self.line, self.column = line, column
+
+    @property
+    def members(self) -> Members:
+        known = {"line": self.line, "column": self.column}
+        return {name: value for name, value in known.items() if value is not None}
+
+
+class Unauthenticated(FleetError):
+    """RFC 6750, 3: ``wrong`` says that credentials came, and were none or hold no longer."""
+
+    status, code, title = 401, "unauthenticated", "Say who you are"
+
+    def __init__(self, detail: str, *, wrong: bool = False) -> None:
+        error = ', error="invalid_token"' if wrong else ""
+        super().__init__(detail, headers={"WWW-Authenticate": f'Bearer realm="{REALM}"{error}'})
+        self.wrong = wrong
+
+
+class InsufficientScope(FleetError):
+    """``scope`` is the right that is missing (RFC 6750, 3.1)."""
+
+    status, code, title = 403, "insufficient-scope", "You have no right to this"
+
+    def __init__(self, detail: str, *, scope: str) -> None:
+        challenge = f'Bearer realm="{REALM}", error="insufficient_scope", scope="{scope}"'
+        super().__init__(detail, headers={"WWW-Authenticate": challenge})
+        self.scope = scope
+
+    @property
+    def members(self) -> Members:
+        return {"scope": self.scope}
+
+
+class NotFound(FleetError):
+    status, code, title = 404, "not-found", "There is no such resource"
+
+
+class MethodNotAllowed(FleetError):
+    """The resource has other methods: RFC 9110, 15.5.6 demands that ``Allow`` lists them."""
+
+    status, code, title = 405, "method-not-allowed", "The resource does not have this method"
+
+    def __init__(self, detail: str, *, allow: Sequence[str], headers: Mapping[str, str] | None = None) -> None:
+        super().__init__(detail, headers={**(headers or {}), "Allow": ", ".join(allow)})
+        self.allow = tuple(allow)
+
+    @property
+    def members(self) -> Members:
+        return {"allow": list(self.allow)}
+
+
+class NotAcceptable(FleetError):
+    """No representation suits ``Accept``; ``offered`` are the media types that there are."""
+
+    status, code, title = 406, "not-acceptable", "No acceptable representation"
+
+    def __init__(self, detail: str, *, offered: Sequence[str], headers: Mapping[str, str] | None = None) -> None:
+        super().__init__(detail, headers={"Vary": "Accept", **(headers or {})})
+        self.offered = tuple(offered)
+
+    @property
+    def members(self) -> Members:
+        return {"offered": list(self.offered)}
+
+
+class Conflict(FleetError):
+    status, code, title = 409, "conflict", "The state of the resource forbids it"
+
+
+class RefusedByAgent(Conflict):
+    """The robot's own agent said no: stale, out of limits, busy, held."""
+
+    code, title = "refused", "The robot refused the command"
+
+
+class Changed(Conflict):
+    """The body named where joints must be (``lf:precondition``), and they are elsewhere."""
+
+    code, title = "changed", "The robot is not where the motion was planned for"
+
+
+class MotionRefused(FleetError):
+    """A guard of motions refuses one, or cannot tell; ``reason`` is remembered with the invocation.
+
+    Guards raise subclasses. The first answer to a request is given again by its code.
+    """
+
+    status, code, title = 409, "motion-refused", "A guard refuses the motion"
+
+    def __init__(self, detail: str, *, reason: str = "") -> None:
+        super().__init__(detail)
+        self.reason = reason
+
+    def locate(self, base: str) -> None:
+        """Turn paths that the error names into IRIs below ``base``."""
+
+    @classmethod
+    def coded(cls, code: str) -> "type[MotionRefused] | None":
+        """The error of a guard that has this code."""
+        return next((each for each in (cls, *cls.__subclasses__()) if each.code == code), None)
+
+
+class Controlled(Conflict):
+    """Somebody else has the control lease of the robot; ``holder`` and ``expires`` say who and until when."""
+
+    code, title = "controlled", "Somebody else controls the robot"
+
+    def __init__(self, detail: str, *, holder: str, expires: str) -> None:
+        super().__init__(detail)
+        self.holder, self.expires = holder, expires
+
+    @property
+    def members(self) -> Members:
+        return {"holder": self.holder, "expires": self.expires}
+
+
+class NoRoom(Conflict):
+    """The container holds as much as it may."""
+
+
+class PreconditionFailed(FleetError):
+    status, code, title = 412, "precondition-failed", "The resource has changed"
+
+
+class PayloadTooLarge(FleetError):
+    status, code, title = 413, "payload-too-large", "The body is too large"
+
+
+class UnsupportedMediaType(FleetError):
+    """The body is of a type that is not taken here; ``offered`` are those that are."""
+
+    status, code, title = 415, "unsupported-media-type", "The media type is not supported"
+
+    def __init__(self, detail: str, *, offered: Sequence[str] = (), headers: Mapping[str, str] | None = None) -> None:
+        # RFC 9110, 12.5.1: Accept in a 415 response says what request content would have been taken
+        taken = {"Accept": ", ".join(offered)} if offered else {}
+        super().__init__(detail, headers={**taken, **(headers or {})})
+        self.offered = tuple(offered)
+
+    @property
+    def members(self) -> Members:
+        return super().members | ({"offered": list(self.offered)} if self.offered else {})
+
+
+class ForeignOrigin(FleetError):
+    status, code, title = 403, "foreign-origin", "A page of another site may not do this"
+
+
+class MisdirectedRequest(FleetError):
+    status, code, title = 421, "misdirected-request", "The fleet is not known under this authority"
+
+
+class UnprocessableContent(FleetError):
+    """The body is well-formed but breaks a shape: ``report`` is the SHACL report, ``constraint`` where the shape is,
+    ``unused`` the statements of the body that nothing would have used."""
+
+    status, code, title = 422, "unprocessable-content", "The content breaks a constraint"
+
+    def __init__(
+        self,
+        detail: str,
+        *,
+        report: Sequence[Triple] | None = None,
+        constraint: str | None = None,
+        unused: Sequence[str] = (),
+        headers: Mapping[str, str] | None = None,
+    ) -> None:
+        super().__init__(detail, headers=headers, report=report)
+        self.unused = list(unused)
+        if constraint is not None:
+            self.constrain(constraint)
+
+    @property
+    def members(self) -> Members:
+        return super().members | ({"unused": self.unused} if self.unused else {})
+
+
+class KeyReused(UnprocessableContent):
+    """The Idempotency-Key belongs to another request, of the last day."""
+
+    code, title = "key-reused", "The idempotency key was used for another request"
+
+
+class TooManySubscriptions(FleetError):
+    """RFC 6585, 4; delete some, or wait until streams have ended."""
+
+    status, code, title = 429, "too-many-subscriptions", "The client has too many subscriptions"
+
+
+class TooManyInvocations(FleetError):
+    """RFC 6585, 4; what stops robots is never refused for it."""
+
+    status, code, title = 429, "too-many-invocations", "The client has too many motions that have not ended"
+
+    def __init__(self, detail: str) -> None:
+        super().__init__(detail, headers={"Retry-After": "1"})
+
+
+class TooManyRequests(FleetError):
+    """RFC 6585, 4; what stops robots is never refused for it. ``wait_s`` (s) is when to ask again."""
+
+    status, code, title = 429, "too-many-requests", "The client asks too often"
+
+    def __init__(self, wait_s: int) -> None:
+        super().__init__(f"Ask again in {wait_s} s, and less often.", headers={"Retry-After": str(wait_s)})
+
+
+class Unimplemented(FleetError):
+    """An optional feature of a standard that is not offered here."""
+
+    status, code, title = 501, "not-implemented", "The gateway does not offer this"
+
+
+class Offline(FleetError):
+    status, code, title = 503, "offline", "The robot is offline"
+
+
+class Faulty(FleetError):
+    """The agent is there, and the positions that it reports cannot be true."""
+
+    status, code, title = 503, "faulty", "The robot is faulty"
+
+
+class Busy(FleetError):
+    """Too many ask for what takes long, or it was held up itself; ask again."""
+
+    status, code, title = 503, "busy", "The gateway is too busy"
+
+    def __init__(self, detail: str) -> None:
+        super().__init__(detail, headers={"Retry-After": "1"})
+
+
+class StoreAway(FleetError):
+    """The server that remembers subscriptions cannot be reached; what is not in it is not accepted."""
+
+    status, code, title = 503, "store-away", "Subscriptions cannot be read or kept at present"
+
+    def __init__(self, detail: str) -> None:
+        super().__init__(detail, headers={"Retry-After": "2"})
+
+
+class IssuerAway(FleetError):
+    """Who signed the token cannot be asked for its keys."""
+
+    status, code, title = 503, "issuer-away", "The issuer of the token cannot be reached"
+
+    def __init__(self, detail: str) -> None:
+        super().__init__(detail, headers={"Retry-After": "5"})
+
+
+class AgentSilent(FleetError):
+    status, code, title = 504, "agent-silent", "The robot's agent did not answer in time"

@@ -1,0 +1,61 @@
+"""GET of a camera in a media type of pictures: the robot is asked, and the answer is of one moment."""
+
+from email.utils import formatdate
+
+from starlette.responses import Response
+
+from linked_fleet_gateway.base.errors import NotAcceptable
+from linked_fleet_gateway.extensions.cameras.pictures import Pictures
+from linked_fleet_gateway.extensions.cameras.resources import Eye
+from linked_fleet_gateway.fleet.cameras import FORMATS
+from linked_fleet_gateway.http.conditional import not_modified
+from linked_fleet_gateway.http.fields import field
+from linked_fleet_gateway.http.negotiation import choose
+from linked_fleet_gateway.http.preconditions import await_preconditions
+from linked_fleet_gateway.http.read import READ, method_headers, read, resource_headers
+from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.resources.resource import Resource
+
+# A file from elsewhere: should a browser take it for a document, it is one that can do nothing.
+_HEADERS = {"cache-control": "no-store", "content-security-policy": "sandbox; default-src 'none'"}
+
+
+def _picture_type(request: Request, resource: Resource) -> str | None:
+    """The media type of pictures that is asked for, None for RDF. NotAcceptable with why there are no pictures."""
+    if "as" in request.query_params:
+        return None
+    accept, eye = field(request, "accept"), resource.remote
+    offered = (*request.services.representations.media_types, *resource.documents)
+    chosen = choose(accept, offered)
+    if chosen is None and isinstance(eye, Eye) and eye.camera.unavailable and choose(accept, tuple(FORMATS)):
+        raise NotAcceptable(f"No picture can be had here: {eye.camera.unavailable}.", offered=offered)
+    return chosen if chosen in FORMATS else None
+
+
+async def read_camera(pictures: Pictures, request: Request, resource: Resource, eye: Eye) -> Response:
+    """RDF as of any resource, or what the camera sees. Raises NotAcceptable, Offline, AgentSilent and Busy."""
+    media_type = _picture_type(request, resource)
+    if media_type is not None:
+        return await _picture(pictures, request, resource, eye, media_type)
+    await await_preconditions(request, resource)
+    return read(request, resource)
+
+
+async def _picture(pictures: Pictures, request: Request, resource: Resource, eye: Eye, media_type: str) -> Response:
+    """The robot is asked only for a client that gets the bytes."""
+    headers = resource_headers(resource, request.base, "") | method_headers(resource, READ)
+    headers |= _HEADERS | {"content-type": media_type}
+    if request.method == "HEAD":
+        answer = Response(headers={name: value for name, value in headers.items() if name != "etag"})
+        del answer.headers["content-length"]  # nobody knows yet
+        return answer
+    format = FORMATS[media_type]
+    found = await pictures.get(eye, format)
+    at = found.moment
+    headers |= {
+        "etag": f'"{at.incarnation}-{at.sequence + 1}-{format}"',
+        "last-modified": formatdate(at.wall_ns // 1_000_000_000, usegmt=True),
+    }
+    if not_modified(field(request, "if-none-match"), headers["etag"]):
+        return Response(status_code=304, headers=headers)
+    return Response(found.content, headers=headers)

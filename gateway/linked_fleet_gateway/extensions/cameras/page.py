@@ -1,0 +1,26 @@
+"""The page of a camera."""
+
+from pathlib import Path
+
+from pyoxigraph import NamedNode
+
+from linked_fleet_gateway.extensions.pages.thing_views import AROUND, PRESENCE, presence
+from linked_fleet_gateway.extensions.pages.values import Facts
+from linked_fleet_gateway.extensions.pages.views import PageView, Part
+from linked_fleet_gateway.rdf.vocabulary import LF
+
+
+def camera(facts: Facts, iri: NamedNode) -> Part:
+    """The picture, which is at the address of the camera, or why there is none."""
+    there = facts.one(iri, LF.picture) == iri
+    more = {
+        "presence": presence(facts, iri),
+        "picture": iri.value if there else "",
+        "width": facts.text(iri, LF.imageWidth),
+        "height": facts.text(iri, LF.imageHeight),
+        "reason": facts.text(iri, LF.reason),
+    }
+    return Part(more, {*PRESENCE, *AROUND, *((LF.picture,) if there else ())})
+
+
+VIEW = PageView(LF.Camera, Path(__file__).parent / "templates" / "camera.html", camera)

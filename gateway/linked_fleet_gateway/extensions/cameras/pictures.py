@@ -1,0 +1,163 @@
+"""Pictures of cameras: asked for once for all who want one, and again and again while somebody follows it."""
+
+import asyncio
+import logging
+from collections import defaultdict
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import partial
+from types import TracebackType
+from typing import Self
+
+from linked_fleet_agent.wire.messages import PictureFormat
+from linked_fleet_gateway.base.errors import AgentSilent, Busy, Offline
+from linked_fleet_gateway.extensions.cameras.resources import MAX_RATE_HZ, Eye
+from linked_fleet_gateway.fleet.cameras import FORMATS, Picture
+from linked_fleet_gateway.link.fleet_link import NoAnswer
+from linked_fleet_gateway.resources.paths import camera_path, is_in_cameras
+from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.runtime.background import supervised
+from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_gateway.subscriptions.watcher import Watcher
+
+log = logging.getLogger(__name__)
+
+# A robot that does not answer must not keep others from being asked.
+MAX_UNDER_WAY, MAX_UNDER_WAY_OF_A_ROBOT = 256, 16
+_PERIOD_S = 1 / MAX_RATE_HZ
+_AT_ONCE, _AT_ONCE_OF_A_ROBOT = 32, 2
+_TIMEOUT_S = 20.0  # the first picture of a robot has its renderer started
+_AGAIN_S = 1.0
+
+_Key = tuple[str, str, PictureFormat]
+
+
+@dataclass
+class _Followed:
+    """A camera that somebody watches: by whom, what it saw last, and what keeps that fresh."""
+
+    watchers: dict[Watcher, PictureFormat] = field(default_factory=dict)
+    pictures: dict[str, Picture] = field(default_factory=dict)
+    joined: asyncio.Event = field(default_factory=asyncio.Event)
+    task: asyncio.Task[None] | None = None
+
+    @property
+    def period_s(self) -> float:
+        return max(_PERIOD_S, min((each.subscription.interval_s for each in self.watchers), default=0.0))
+
+
+class Pictures:
+    """An async context manager; it asks robots for pictures while somebody follows them."""
+
+    def __init__(self, live: Live) -> None:
+        self._live = live
+        self._followed: dict[str, _Followed] = {}
+        self._fresh: dict[_Key, Picture] = {}
+        self._under_way: dict[_Key, asyncio.Task[Picture]] = {}
+        self._room = asyncio.Semaphore(_AT_ONCE)
+        self._room_of = defaultdict[str, asyncio.Semaphore](lambda: asyncio.Semaphore(_AT_ONCE_OF_A_ROBOT))
+
+    async def __aenter__(self) -> Self:
+        self._live.fan_out.on_watch, self._live.fan_out.on_forget = self.follow, self.leave
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await end([each.task for each in self._followed.values() if each.task is not None])
+        for asking in self._under_way.values():
+            asking.cancel()
+
+    def held(self, robot: str, camera: str) -> dict[str, Picture]:
+        """What those who follow a camera are to see, by format; nothing where nobody does."""
+        followed = self._followed.get(camera_path(robot, camera))
+        return followed.pictures if followed is not None else {}
+
+    async def get(self, eye: Eye, format: PictureFormat, *, anew: bool = False) -> Picture:
+        """A picture at most a moment old, or a new one. Raises Offline, AgentSilent or Busy."""
+        key = (eye.robot.name, eye.camera.name, format)
+        if not eye.robot.online:
+            raise Offline(f"Robot {eye.robot.name!r} is offline: nobody knows what its cameras see.")
+        fresh = self._fresh.get(key)
+        if fresh is not None and fresh.moment.incarnation == eye.robot.incarnation and not anew:
+            return fresh
+        task = self._under_way.get(key)
+        if task is None:
+            of_robot = sum(name == eye.robot.name for name, *_ in self._under_way)
+            if len(self._under_way) >= MAX_UNDER_WAY or of_robot >= MAX_UNDER_WAY_OF_A_ROBOT:
+                raise Busy("Too many pictures are being asked for; ask again in a moment.")
+            task = self._under_way[key] = asyncio.create_task(self._fetch(key, eye))
+            task.add_done_callback(lambda done: self._ended(key, done))
+        return await asyncio.shield(task)  # who goes away leaves it to those who also wait for it
+
+    def follow(self, watcher: Watcher) -> None:
+        """Keep the pictures fresh that a subscription is about, if it is about any."""
+        path, format = watcher.subscription.resource, FORMATS.get(watcher.subscription.media_type)
+        if format is None or not is_in_cameras(path):
+            return
+        followed = self._followed.setdefault(path, _Followed())
+        followed.watchers[watcher] = format
+        followed.joined.set()
+        if followed.task is None:
+            failed = f"what is seen at {path} could not be had"
+            followed.task = supervised(partial(self._keep, path, followed), f"watch {path}", log, failed, _AGAIN_S)
+
+    def leave(self, watcher: Watcher) -> None:
+        """The opposite; harmless when it is done already."""
+        path = watcher.subscription.resource
+        followed = self._followed.get(path)
+        if followed is None or followed.watchers.pop(watcher, None) is None or followed.watchers:
+            return
+        del self._followed[path]
+        if followed.task is not None:
+            followed.task.cancel()
+
+    async def _keep(self, path: str, followed: _Followed) -> None:
+        """Ask for all formats that are followed, tell, and wait; who joins does not wait for the interval of others."""
+        loop = asyncio.get_running_loop()
+        while True:
+            due_s, wanted = loop.time() + _PERIOD_S, set(followed.watchers.values())
+            followed.joined.clear()
+            seen = await self._see(path, wanted)
+            followed.pictures = {format: picture for format, picture in followed.pictures.items() if format in wanted}
+            followed.pictures |= seen
+            if seen:
+                self._live.fan_out.touched(path)
+            await asyncio.sleep(max(0.0, due_s - loop.time()))
+            rest_s = followed.period_s - _PERIOD_S if seen else _AGAIN_S
+            with suppress(TimeoutError):
+                async with asyncio.timeout(rest_s):
+                    await followed.joined.wait()
+
+    def _find(self, path: str) -> Eye | None:
+        found = self._live.tree("").resolve(path)
+        return found.remote if isinstance(found, Resource) and isinstance(found.remote, Eye) else None
+
+    async def _see(self, path: str, wanted: set[PictureFormat]) -> dict[str, Picture]:
+        """What can be had of it now, which the camera may refuse, and the robot be away."""
+        eye, seen = self._find(path), dict[str, Picture]()
+        for format in sorted(wanted) if eye is not None else ():
+            assert eye is not None
+            with suppress(Offline, AgentSilent, Busy):
+                seen[format] = await self.get(eye, format, anew=True)
+        return seen
+
+    def _ended(self, key: _Key, task: asyncio.Task[Picture]) -> None:
+        del self._under_way[key]
+        if not task.cancelled():
+            task.exception()  # those who wait get it; perhaps nobody does any more
+
+    async def _fetch(self, key: _Key, eye: Eye) -> Picture:
+        async with self._room_of[key[0]], self._room:
+            try:
+                picture = await self._live.link.picture(eye.robot, eye.camera, key[2], _TIMEOUT_S)
+            except NoAnswer as silence:
+                raise AgentSilent(f"The picture could not be had: {silence.reason}.") from silence
+        self._fresh[key] = picture
+        asyncio.get_running_loop().call_later(_PERIOD_S, self._forget, key, picture)
+        return picture
+
+    def _forget(self, key: _Key, picture: Picture) -> None:
+        if self._fresh.get(key) is picture:
+            del self._fresh[key]

@@ -1,0 +1,201 @@
+"""Cameras as properties of their robot (desideratum D5): what they are in RDF, and what they see.
+
+The RDF of a camera says nothing of its pictures, so it changes only when its robot does. A picture is known here only
+while somebody follows it; else whoever answers a GET has to ask for it.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+from pyoxigraph import Literal, NamedNode
+
+from linked_fleet_agent.wire.messages import Camera
+from linked_fleet_gateway.fleet.cameras import FORMATS, Picture, cameras_of, types_of
+from linked_fleet_gateway.fleet.model import Link
+from linked_fleet_gateway.fleet.observation import Observation
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.rdf.graph import Graph, integer
+from linked_fleet_gateway.rdf.serialise import NothingYet
+from linked_fleet_gateway.rdf.units import HERTZ, METRE, RADIAN
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, QUDT, RDFS, SOSA
+from linked_fleet_gateway.resources.binary_frames import FRAME_TYPES, Field, add_field, begin_layout, layout_path
+from linked_fleet_gateway.resources.branches import RequestView, RobotBranch
+from linked_fleet_gateway.resources.describe import Describer
+from linked_fleet_gateway.resources.paths import camera_path, cameras_path, link_path, robot_path
+from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
+from linked_fleet_gateway.resources.versioning import Source, presence
+
+MAX_RATE_HZ = 10.0
+"""How often a camera is asked at most, however many want its pictures."""
+_SEGMENT = "cameras"
+_DEPTH_HEADER = (
+    Field("magic", "char2", 0, "The letters LD."),
+    Field("version", "uint16", 2, "Of this form of frames: 1."),
+    Field("rows", "uint16", 4, "How many rows of depths there are."),
+    Field("columns", "uint16", 6, "How many depths a row has."),
+    Field("incarnation", "uint64", 8, "The run of the agent, as in lf:version."),
+    Field("sequence", "uint64", 16, "The frame of state that is seen, counted from 0: one less than in lf:version."),
+    Field("monotonic_ns", "int64", 24, "When the robot was so, by the agent's monotonic clock."),
+    Field("wall_ns", "int64", 32, "When the robot was so, by the agent's clock: since 1970 (UTC)."),
+    Field("near_m", "float64", 40, "No depth is less."),
+    Field("far_m", "float64", 48, "No depth is more."),
+)
+_DEPTHS = Field(
+    "depth", "float32", 56,
+    "Row by row, the uppermost first: how far away along the optical axis; NaN where nothing is in range.",
+)  # fmt: skip
+
+Held = Callable[[str, str], dict[str, Picture]]
+"""The pictures of a camera that are followed, by format; of a robot and a camera by their names."""
+
+
+@dataclass(frozen=True)
+class Eye:
+    """A camera of ``robot`` that has to be asked for its pictures."""
+
+    robot: Robot
+    camera: Camera
+
+
+def hosted(robot: Robot, link: Link) -> list[tuple[NamedNode, str]]:
+    """The cameras that are mounted on a link."""
+    mounted = [each.name for each in cameras_of(robot).values() if each.link == link.name]
+    return [(SOSA.hosts, camera_path(robot.name, name)) for name in mounted]
+
+
+def cameras_branch(held: Held) -> RobotBranch:
+    """``/{robot}/cameras``, and below it each camera."""
+
+    def resolve(sight: RequestView, robot: Robot, rest: list[str]) -> Resource | None:
+        return _resolve(held, sight, robot, rest)
+
+    return RobotBranch(_SEGMENT, LF.cameras, resolve, lambda robot: bool(cameras_of(robot)))
+
+
+def _resolve(held: Held, sight: RequestView, robot: Robot, rest: list[str]) -> Resource | None:
+    cameras = cameras_of(robot)
+    if not rest:
+        return _container(sight, robot, cameras)
+    if rest == ["blueprint"]:
+        return blueprint_of(_container(sight, robot, cameras), sight.base, (LF.CamerasShape,), _said(robot))
+    path = f"{cameras_path(robot.name)}/{rest[0]}"
+    camera = next((each for each in cameras.values() if camera_path(robot.name, each.name) == path), None)
+    if camera is None:
+        return None
+    eye = _camera(held, sight, robot, camera)
+    if not rest[1:]:
+        return eye
+    if rest[1:] == ["blueprint"]:
+        return blueprint_of(eye, sight.base, (LF.CameraShape,), _said(robot))
+    return _in_layout(sight, robot, camera, rest[2:]) if eye.layout and rest[1] == "layout" else None
+
+
+def _container(sight: RequestView, robot: Robot, cameras: dict[str, Camera]) -> Resource:
+    path = cameras_path(robot.name)
+    members = tuple(camera_path(robot.name, name) for name in cameras)
+    return Resource(
+        path,
+        f"Cameras of {robot.name}",
+        lambda graph: _describe_all(graph, sight, robot, cameras.values()),
+        CONTAINER,
+        source=_said(robot),
+        own=(path + "/blueprint",),
+        parts=members,
+    )
+
+
+def _camera(held: Held, sight: RequestView, robot: Robot, camera: Camera) -> Resource:
+    path = camera_path(robot.name, camera.name)
+    types = types_of(camera)
+
+    def seen() -> dict[str, Picture]:
+        found = held(robot.name, camera.name)
+        return {format: each for format, each in found.items() if each.moment.incarnation == robot.incarnation}
+
+    def look() -> tuple[Observation, ...]:
+        moments = [(format, picture.moment) for format, picture in sorted(seen().items())]
+        return tuple(Observation((float(at.sequence),), at.wall_ns, at.sequence) for _, at in moments)
+
+    return Resource(
+        path,
+        f"Camera {camera.name} of {robot.name}",
+        partial(_describe, sight=sight, robot=robot, camera=camera),
+        source=Source(lambda: (presence(robot), robot.description), look, robot),
+        own=(path + "/blueprint",),
+        documents={each: partial(_content, seen, path, FORMATS[each]) for each in types},
+        remote=Eye(robot, camera),
+        news_in_documents=True,
+        layout=layout_path(path) if FRAME_TYPES[0] in types else None,
+    )
+
+
+def _content(seen: Callable[[], dict[str, Picture]], path: str, format: str) -> bytes:
+    picture = seen().get(format)
+    if picture is None:
+        raise NothingYet(f"nothing has been seen at {path} yet")
+    return picture.content
+
+
+def _said(robot: Robot) -> Source:
+    return Source(lambda: robot.description, robot=robot)
+
+
+def _describe_all(graph: Graph, sight: RequestView, robot: Robot, cameras: Iterable[Camera]) -> None:
+    iri = sight.iri(cameras_path(robot.name))
+    graph.a(iri, LF.Cameras, LDP.BasicContainer, LDP.Container)
+    graph.add(iri, DCTERMS.title, Literal(f"Cameras of {robot.name}"))
+    graph.add(iri, RDFS.seeAlso, sight.iri(robot_path(robot.name)))
+    graph.add(iri, HYBRIT.blueprint, LF.CamerasShape, NamedNode(iri.value + "/blueprint"))
+    for camera in cameras:
+        member = sight.iri(camera_path(robot.name, camera.name))
+        graph.add(iri, LDP.contains, member)
+        graph.a(member, LF.Camera)
+        graph.add(member, DCTERMS.title, Literal(camera.name))
+
+
+def _describe(graph: Graph, sight: RequestView, robot: Robot, camera: Camera) -> None:
+    assert robot.model is not None
+    iri, types = sight.iri(camera_path(robot.name, camera.name)), types_of(camera)
+    graph.a(iri, LF.Camera, SOSA.Sensor, HYBRIT.Property)
+    graph.add(iri, DCTERMS.title, Literal(f"camera {camera.name} of {robot.name}"))
+    graph.add(iri, RDFS.seeAlso, sight.iri(robot_path(robot.name)))
+    graph.add(iri, HYBRIT.blueprint, LF.CameraShape, NamedNode(iri.value + "/blueprint"))
+    graph.add(iri, SOSA.isHostedBy, sight.iri(link_path(robot.name, robot.model, camera.link)))
+    graph.vector(iri, LF.position, camera.position_m, METRE)
+    graph.quaternion(iri, LF.orientation, camera.orientation_xyzw)
+    graph.add(iri, LF.imageWidth, integer(camera.width))
+    graph.add(iri, LF.imageHeight, integer(camera.height))
+    graph.scalar(iri, LF.verticalFieldOfView, camera.vertical_fov_rad, RADIAN)
+    graph.scalar(iri, LF.nearest, camera.near_m, METRE)
+    graph.scalar(iri, LF.farthest, camera.far_m, METRE)
+    graph.scalar(iri, LF.maximumRate, MAX_RATE_HZ if types else None, HERTZ)
+    graph.add(iri, LF.picture, iri if types else LF.unknown)
+    graph.add(iri, DCTERMS.format, *map(Literal, types))
+    if not types:
+        graph.add(iri, LF.reason, Literal(camera.unavailable or "The robot says of no kind of picture that we know."))
+    if not robot.online:
+        Describer(sight.base).presence(graph, iri, robot)
+
+
+def _in_layout(sight: RequestView, robot: Robot, camera: Camera, rest: Sequence[str]) -> Resource | None:
+    about = sight.iri(camera_path(robot.name, camera.name))
+    path = layout_path(camera_path(robot.name, camera.name))
+    layout = Resource(
+        path,
+        f"Layout of the depths that {camera.name} sees",
+        lambda graph: _describe_layout(graph, about, camera),
+        source=_said(robot),
+        own=(path + "/blueprint",),
+    )
+    if rest == ["blueprint"]:
+        return blueprint_of(layout, sight.base, (LF.FrameLayoutShape,), _said(robot))
+    return None if rest else layout
+
+
+def _describe_layout(graph: Graph, about: NamedNode, camera: Camera) -> None:
+    count = camera.width * camera.height
+    iri = begin_layout(graph, about, f"the depths that {camera.name} sees", _DEPTHS.offset + 4 * count)
+    for each in _DEPTH_HEADER:
+        add_field(graph, iri, each)
+    graph.add(add_field(graph, iri, _DEPTHS, count), QUDT.unit, METRE.qudt)

@@ -1,0 +1,163 @@
+"""Histories as Linked Data: what there is of a robot, and observations (SOSA) of one of its properties.
+
+Clients build no addresses: each description has those of the last seconds and of the next page, and says by a template
+(Hydra) how any other part is asked for.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from pyoxigraph import BlankNode, Literal, NamedNode
+
+from linked_fleet_gateway.extensions.history.files import CSV, MCAP
+from linked_fleet_gateway.extensions.history.recorder import History
+from linked_fleet_gateway.extensions.history.series import Numbers, Series
+from linked_fleet_gateway.extensions.history.span import Span, moment, query
+from linked_fleet_gateway.extensions.history.track import Excerpt, Track
+from linked_fleet_gateway.rdf.graph import Graph, integer, number, timestamp
+from linked_fleet_gateway.rdf.units import METRE, METRE_PER_SECOND, RADIAN_PER_SECOND, SECOND
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, HYDRA, LF, QUDT, RDFS, SOSA
+from linked_fleet_gateway.resources.property import Property
+
+_READY = {"the last 10 s": "PT10S", "the last minute": "PT1M"}
+_VARIABLES = {
+    "from": (LF.from_, "xsd:dateTime; samples from then on"),
+    "to": (LF.to, "xsd:dateTime; samples before then"),
+    "last": (LF.last, "xsd:duration; so long before the newest sample"),
+    "limit": (LF.limit, "how many samples at most: the first ones of a span, the newest if it has no beginning"),
+}
+
+
+@dataclass(frozen=True)
+class Page:
+    """What one answer shows of a history, and the queries that lead on; ``ends`` and ``count`` are of all there is."""
+
+    span: Span
+    excerpt: Excerpt | None = None
+    ends: tuple[int, int] | None = None
+    count: int = 0
+
+    @property
+    def next(self) -> str:
+        """Of what comes after it in a span that has a beginning; empty if nothing does."""
+        after = None if self.excerpt is None else self.excerpt.after
+        if after is None or not self.span.forward:
+            return ""
+        end = {} if self.span.end_ns is None else {"to": moment(self.span.end_ns)}
+        return query(from_=moment(after), **end, **self._limit)
+
+    @property
+    def previous(self) -> str:
+        """Of what came before it where the newest were asked for."""
+        excerpt = self.excerpt
+        if excerpt is None or excerpt.before is None or self.span.forward:
+            return ""
+        return query(to=moment(excerpt.before + 1), **self._limit)
+
+    @property
+    def _limit(self) -> dict[str, int]:
+        return {} if self.span.limit is None else {"limit": self.span.limit}
+
+
+def page_of(track: Track | None, span: Span, most: int) -> Page:
+    """The part of a track that is asked for, ``most`` samples of it."""
+    if track is None or track.ends is None:
+        return Page(span)
+    excerpt = track.between(span.begin(track.ends[1]), span.end_ns, most)
+    return Page(span, excerpt, track.ends, len(track))
+
+
+def describe_robot(
+    graph: Graph, iri: NamedNode, robot: NamedNode, title: str, history: History, page: Page,
+    parts: Sequence[tuple[NamedNode, NamedNode]],
+) -> None:  # fmt: skip
+    """How far back the memory of a robot goes, what files there are, and where its properties' are (``parts``: each
+    property and its history)."""
+    graph.a(iri, LF.History)
+    graph.add(iri, DCTERMS.title, Literal(f"History of {title}"))
+    graph.add(iri, RDFS.seeAlso, robot)
+    graph.add(iri, LF.ofRobot, robot)
+    graph.add(iri, HYBRIT.blueprint, LF.HistoryShape, NamedNode(iri.value + "/blueprint"))
+    graph.scalar(iri, LF.historySpan, history.span_s, SECOND)
+    graph.scalar(iri, LF.samplingPeriod, 1 / history.rate_hz, SECOND)
+    _extent(graph, iri, page)
+    for title, span in _READY.items():
+        _view(graph, iri, f"?last={span}&as=csv", f"{title}, joint states", CSV)
+    _view(graph, iri, "?as=csv", "all joint states", CSV)
+    _view(graph, iri, "?as=mcap", "all joint states and the model", MCAP)
+    _search(graph, iri)
+    for of, part in parts:
+        graph.add(iri, DCTERMS.hasPart, part)
+        graph.add(of, LF.history, part)
+
+
+def describe_property(
+    graph: Graph, iri: NamedNode, of: NamedNode, thing: NamedNode, whole: NamedNode, item: Property,
+    series: Series | None, page: Page,
+) -> None:  # fmt: skip
+    """Observations of the property ``of`` as ``page`` shows them; ``whole`` is the history of the robot."""
+    graph.a(iri, LF.History, SOSA.ObservationCollection)
+    graph.add(iri, DCTERMS.title, Literal(f"History of {item.title}"))
+    graph.add(iri, RDFS.seeAlso, of, whole)
+    graph.add(iri, SOSA.observedProperty, of)
+    graph.add(iri, SOSA.hasFeatureOfInterest, thing)
+    graph.add(iri, HYBRIT.blueprint, LF.HistoryShape, NamedNode(iri.value + "/blueprint"))
+    _extent(graph, iri, page)
+    for title, span in _READY.items():
+        _view(graph, iri, f"?last={span}", title)
+    _search(graph, iri)
+    for relation, part in ((HYDRA.next, page.next), (HYDRA.previous, page.previous)):
+        if part:
+            graph.add(iri, relation, NamedNode(f"{iri.value}?{part}"))
+    if series is None or page.excerpt is None:
+        return
+    if len(series.columns) == 1:
+        graph.add(iri, QUDT.unit, series.columns[0][1].qudt)
+    for stamp_ns, values in series.samples(page.excerpt):
+        one = graph.blank(SOSA.Observation)
+        graph.add(iri, SOSA.hasMember, one)
+        graph.add(one, SOSA.resultTime, timestamp(stamp_ns))
+        _result(graph, one, item, values)
+
+
+def _result(graph: Graph, one: BlankNode, item: Property, values: Numbers) -> None:
+    """A number is the whole result; what has more of them is said as the property says it."""
+    if len(values) == 1:
+        graph.add(one, SOSA.hasSimpleResult, number(values[0]))
+        return
+    result = graph.blank()
+    graph.add(one, SOSA.hasResult, result)
+    if item.shape == LF.PoseShape:
+        graph.vector(result, LF.position, values[:3], METRE)
+        graph.quaternion(result, LF.orientation, values[3:])
+    else:
+        graph.vector(result, LF.linear, values[:3], METRE_PER_SECOND)
+        graph.vector(result, LF.angular, values[3:], RADIAN_PER_SECOND)
+
+
+def _extent(graph: Graph, iri: NamedNode, page: Page) -> None:
+    """From when to when there are samples, and how many."""
+    for term, end in ((LF.oldestSample, 0), (LF.newestSample, 1)):
+        graph.add(iri, term, LF.unknown if page.ends is None else timestamp(page.ends[end]))
+    graph.add(iri, LF.sampleCount, integer(page.count))
+
+
+def _view(graph: Graph, iri: NamedNode, query: str, title: str, media_type: str = "") -> None:
+    part = NamedNode(iri.value + query)
+    graph.add(iri, HYDRA.view, part)
+    graph.add(part, DCTERMS.title, Literal(title))
+    if media_type:
+        graph.add(part, DCTERMS.format, Literal(media_type))
+
+
+def _search(graph: Graph, iri: NamedNode) -> None:
+    """RFC 6570, in the words of Hydra."""
+    template = graph.blank(HYDRA.IriTemplate)
+    graph.add(iri, HYDRA.search, template)
+    graph.add(template, HYDRA.template, Literal(f"{iri.value}{{?{','.join(_VARIABLES)}}}"))
+    for name, (predicate, meaning) in _VARIABLES.items():
+        mapping = graph.blank(HYDRA.IriTemplateMapping)
+        graph.add(template, HYDRA.mapping, mapping)
+        graph.add(mapping, HYDRA.variable, Literal(name))
+        graph.add(mapping, HYDRA.property, predicate)
+        graph.add(mapping, DCTERMS.description, Literal(meaning))

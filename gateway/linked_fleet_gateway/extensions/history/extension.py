@@ -1,0 +1,35 @@
+"""The extension ``history``: the last minutes of each robot, and of each property that is measured."""
+
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager
+
+from prometheus_client.metrics_core import Metric
+
+from linked_fleet_gateway.extensions.history.http import read_past
+from linked_fleet_gateway.extensions.history.recorder import History
+from linked_fleet_gateway.extensions.history.resources import Past, history_branches
+from linked_fleet_gateway.extensions.history.settings import HistorySettings
+from linked_fleet_gateway.http.extension import Core, Extension, Mount
+from linked_fleet_gateway.runtime.metrics import gauge
+
+
+class HistoryExtension(Extension):
+    name = "history"
+    in_robot = ("history",)
+    settings = HistorySettings
+
+    @asynccontextmanager
+    async def start(self, core: Core) -> AsyncIterator[Mount]:
+        settings = core.section(HistorySettings)
+        async with History(core.live.fleet, float(settings.s), float(settings.hz), settings.mb * 10**6) as history:
+            yield Mount(
+                branches=history_branches(history) if settings.s else (),
+                readers={Past: read_past},
+                formats={"csv": ("CSV", "text/csv"), "mcap": ("MCAP", "application/vnd.mcap")},
+                metrics=lambda: _metrics(history),
+            )
+
+
+def _metrics(history: History) -> Iterator[Metric]:
+    yield gauge("history_bytes", "Memory of the histories of all robots.", history.bytes)
+    yield gauge("history_samples", "Samples in the histories of all robots.", history.samples)

@@ -1,0 +1,147 @@
+"""Histories as files: values separated by commas (RFC 4180), and MCAP with the messages of ROS 2.
+
+What stands in MCAP is what ``ros2 bag record /joint_states /robot_description /tf`` would have written, so that
+Foxglove, PlotJuggler and the tools of ROS 2 open it.
+"""
+
+import csv
+import io
+import struct
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
+
+from linked_fleet_gateway.base.lazy_imports import Lazily
+from linked_fleet_gateway.extensions.history.series import Numbers, samples
+from linked_fleet_gateway.extensions.history.span import moment
+from linked_fleet_gateway.extensions.history.track import Excerpt
+from linked_fleet_gateway.rdf.units import Unit
+
+if TYPE_CHECKING:
+    from mcap import writer as mcap
+else:
+    mcap = Lazily("mcap.writer")
+
+CSV, MCAP = "text/csv", "application/vnd.mcap"
+"""RFC 7111; registered with IANA in October 2026."""
+
+# UCUM (the units of the columns), by the local names of QUDT.
+_UCUM = {"RAD": "rad", "M": "m", "RAD-PER-SEC": "rad/s", "M-PER-SEC": "m/s", "N-M": "N.m", "N": "N", "UNITLESS": "1"}
+
+_RULE = "=" * 80
+_HEADER = f"""{_RULE}
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+{_RULE}
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+_SCHEMAS = {
+    "sensor_msgs/msg/JointState": f"""std_msgs/Header header
+string[] name
+float64[] position
+float64[] velocity
+float64[] effort
+{_HEADER}""",
+    "std_msgs/msg/String": "string data\n",
+    "tf2_msgs/msg/TFMessage": f"""geometry_msgs/TransformStamped[] transforms
+{_RULE}
+MSG: geometry_msgs/TransformStamped
+std_msgs/Header header
+string child_frame_id
+geometry_msgs/Transform transform
+{_RULE}
+MSG: geometry_msgs/Transform
+geometry_msgs/Vector3 translation
+geometry_msgs/Quaternion rotation
+{_RULE}
+MSG: geometry_msgs/Vector3
+float64 x
+float64 y
+float64 z
+{_RULE}
+MSG: geometry_msgs/Quaternion
+float64 x
+float64 y
+float64 z
+float64 w
+{_HEADER}""",
+}
+
+
+def table(columns: Sequence[tuple[str, Unit]], rows: Iterable[tuple[int, Numbers]]) -> bytes:
+    """A column for the time and one for each number, with its unit; what is unknown is an empty field."""
+    text = io.StringIO(newline="")
+    write = csv.writer(text, lineterminator="\r\n")
+    write.writerow(["time", *(f"{name} ({_UCUM[unit.qudt.value.rpartition('/')[2]]})" for name, unit in columns)])
+    for stamp_ns, numbers in rows:
+        write.writerow([moment(stamp_ns), *(value if value == value else "" for value in numbers)])
+    return text.getvalue().encode()
+
+
+def recording(excerpt: Excerpt, urdf: bytes) -> bytes:
+    """``/joint_states``, ``/robot_description`` (the ``urdf``, at the time of the first sample), and of a floating base
+    its place in the world as ``/tf``; the times are those of the frames."""
+    out, joints = io.BytesIO(), excerpt.joints
+    file = mcap.Writer(out)
+    file.start(profile="ros2", library="linked-fleet")
+    states, description = _channel(file, "/joint_states", "JointState"), _channel(file, "/robot_description", "String")
+    transforms = _channel(file, "/tf", "TFMessage") if joints.floating else 0
+    names, count = joints.names, len(joints.names)
+    for number, (stamp_ns, values) in enumerate(samples(excerpt)):
+        if number == 0:
+            file.add_message(description, stamp_ns, Cdr().string(urdf).message, stamp_ns)
+        if transforms:
+            body = Cdr().count(1).stamp(stamp_ns).string(b"world").string(joints.model.root.encode())
+            file.add_message(transforms, stamp_ns, body.doubles(values[:7]).message, stamp_ns)
+            values = values[13:]
+        state = Cdr().stamp(stamp_ns).string(b"").count(count)
+        for name in names:
+            state.string(name.encode())
+        for row in range(3):
+            state.count(count).doubles(values[row * count : (row + 1) * count])
+        file.add_message(states, stamp_ns, state.message, stamp_ns)
+    file.finish()  # type: ignore[no-untyped-call]
+    return out.getvalue()
+
+
+def _channel(file: "mcap.Writer", topic: str, kind: str) -> int:
+    name, definition = next(each for each in _SCHEMAS.items() if each[0].endswith(f"/{kind}"))
+    return file.register_channel(topic, "cdr", file.register_schema(name, "ros2msg", definition.encode()))
+
+
+class Cdr:
+    """A message in the plain CDR of OMG, little-endian (DDS-XTypes 1.3, 7.4.1): numbers at multiples of their size."""
+
+    _BEGIN = b"\x00\x01\x00\x00"
+
+    def __init__(self) -> None:
+        self._body = bytearray()
+
+    @property
+    def message(self) -> bytes:
+        return self._BEGIN + self._body
+
+    def _align(self, size: int) -> None:
+        self._body.extend(bytes(-len(self._body) % size))
+
+    def count(self, value: int) -> "Cdr":
+        self._align(4)
+        self._body += struct.pack("<I", value)
+        return self
+
+    def stamp(self, stamp_ns: int) -> "Cdr":
+        seconds, rest = divmod(stamp_ns, 1_000_000_000)
+        return self.count(seconds & 0xFFFF_FFFF).count(rest)  # ROS 2 has 32 bits for seconds, until 2038
+
+    def string(self, text: bytes) -> "Cdr":
+        self.count(len(text) + 1)
+        self._body += text + b"\0"
+        return self
+
+    def doubles(self, values: Sequence[float]) -> "Cdr":
+        if values:
+            self._align(8)
+            self._body += struct.pack(f"<{len(values)}d", *values)
+        return self

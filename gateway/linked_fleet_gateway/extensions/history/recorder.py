@@ -1,0 +1,112 @@
+"""Which frames are kept, for how long, and in how much memory (docs/HISTORY.md).
+
+Nothing is done when a frame comes: a timer looks at the latest frame of each robot, as often as is asked for, and keeps
+the bytes that are there. They are decoded when somebody wants to know.
+"""
+
+import asyncio
+import logging
+import time
+from types import TracebackType
+from typing import Self
+
+from linked_fleet_gateway.extensions.history.track import Track, joints_of
+from linked_fleet_gateway.fleet.fleet import Fleet
+from linked_fleet_gateway.fleet.frames import Latest
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.runtime.background import supervised
+from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.runtime.time_slices import sliced
+
+log = logging.getLogger(__name__)
+
+_ROOM = 0.75
+"""Of its share of the memory what is left of a track that has outgrown it: or it would do so with each frame."""
+FILES = 16
+"""Of files that are being sent at once; the next one has to wait (503)."""
+_WORKERS = 2
+
+
+class History:
+    """An async context manager that records. ``span_s``: how far back; ``rate_hz``: samples a second and robot at most;
+    ``most_bytes``: of all robots together, each of which may have its equal share when there is not enough."""
+
+    def __init__(self, fleet: Fleet, span_s: float, rate_hz: float, most_bytes: int) -> None:
+        self.span_s, self.rate_hz, self.most_bytes = span_s, rate_hz, most_bytes
+        self.bytes = 0
+        self.files = asyncio.Semaphore(FILES)
+        self.workers = asyncio.Semaphore(_WORKERS)
+        self._fleet = fleet
+        self._tracks: dict[str, Track] = {}
+        self._tasks: list[asyncio.Task[None]] = []
+
+    async def __aenter__(self) -> Self:
+        if self.span_s > 0:
+            self._tasks = [supervised(self._run, "history", log, "frames are not recorded")]
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await end(self._tasks)
+
+    @property
+    def samples(self) -> int:
+        return sum(map(len, list(self._tracks.values())))
+
+    def track(self, robot: Robot) -> Track | None:
+        """What is kept of a robot, if that is still of the joints it has."""
+        track = self._tracks.get(robot.name)
+        return track if track is not None and robot.model is track.joints.model else None
+
+    async def _run(self) -> None:
+        period_s = 1 / self.rate_hz
+        due_s = time.monotonic()
+        while True:
+            await self._sample_all()
+            if self.bytes > self.most_bytes:
+                await self._thin_all()
+            due_s = max(due_s + period_s, time.monotonic())
+            await asyncio.sleep(due_s - time.monotonic())
+
+    async def _sample_all(self) -> None:
+        for name in self._tracks.keys() - set(self._fleet.robots):
+            self._forget(name)
+        async for latest in sliced(self._fleet.frames.all()):
+            self.sample(latest)
+
+    async def _thin_all(self) -> None:
+        share = self.most_bytes / len(self._tracks)
+        async for track in sliced(list(self._tracks.values())):
+            if track.bytes > share:
+                self.bytes -= track.bytes
+                track.thin(_ROOM * share)
+                self.bytes += track.bytes
+
+    def sample(self, latest: Latest) -> None:
+        """Keep the frame that is the latest now, unless it is kept already, or nobody knows yet what it is of."""
+        track = self._tracks.get(latest.robot)
+        if track is None or track.run is not latest:
+            track = self._begin(latest, track)
+        frame = latest.frame[0]
+        if track is not None and frame is not track.newest:
+            self.bytes -= track.bytes
+            track.take(frame, int(self.span_s * 1e9))
+            self.bytes += track.bytes
+
+    def _begin(self, latest: Latest, before: Track | None) -> Track | None:
+        """Another run of an agent, or another description: other joints are another history."""
+        robot = self._fleet.robots.get(latest.robot)
+        joints = None if robot is None else joints_of(robot)
+        if robot is None or joints is None:
+            return None
+        if before is not None and before.joints.is_of(joints):
+            before.run = latest
+            return before
+        self._forget(robot.name)
+        track = self._tracks[robot.name] = Track(latest, joints)
+        return track
+
+    def _forget(self, name: str) -> None:
+        track = self._tracks.pop(name, None)
+        self.bytes -= 0 if track is None else track.bytes

@@ -1,0 +1,105 @@
+"""Which part of a history is asked for: the query of its address, parsed and written."""
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from urllib.parse import quote
+
+from linked_fleet_gateway.base.errors import BadRequest
+
+MOST = 1000
+"""Of observations in one answer; a file has more."""
+_NEWEST = 10
+"""Of observations where nothing is said of the time."""
+_SECOND_NS = 1_000_000_000
+_LATEST_NS = 2**63 - 1  # no frame has a later stamp, nor one before 1970
+_VARIABLES = ("from", "to", "last", "limit")
+_TIME = re.compile(r"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d)(?:\.(\d{1,9}))?(Z|[+ -]\d\d:\d\d)", re.ASCII)
+_DURATION = re.compile(
+    r"P(?=[\dT])(?:(\d{1,6})D)?(?:T(?=\d)(?:(\d{1,6})H)?(?:(\d{1,6})M)?(?:(\d{1,6})(?:\.(\d{1,9}))?S)?)?", re.ASCII
+)
+
+
+@dataclass(frozen=True)
+class Span:
+    """From ``begin_ns`` on and before ``end_ns`` (since 1970); ``last_ns``: this long before the newest sample."""
+
+    begin_ns: int | None = None
+    end_ns: int | None = None
+    last_ns: int | None = None
+    limit: int | None = None
+
+    @property
+    def forward(self) -> bool:
+        """Whether it has a beginning: then the oldest come first, and otherwise the newest are meant."""
+        return self.begin_ns is not None or self.last_ns is not None
+
+    @property
+    def observations(self) -> int:
+        """How many are shown at once."""
+        whole = self.forward or self.end_ns is not None
+        return min(self.limit or (MOST if whole else _NEWEST), MOST)
+
+    def begin(self, newest_ns: int) -> int | None:
+        return self.begin_ns if self.last_ns is None else newest_ns - self.last_ns
+
+
+def parse_span(query: Iterable[tuple[str, str]]) -> Span:
+    """BadRequest for what is no time, no duration, or said twice. ``as`` is none of its business."""
+    given = [(name, value) for name, value in query if name != "as"]
+    said = dict(given)
+    if len(said) < len(given) or said.keys() - set(_VARIABLES):
+        raise BadRequest(f"A history is asked by {', '.join(_VARIABLES)} and as, each once.")
+    if "last" in said and said.keys() & {"from", "to"}:
+        raise BadRequest("Either last, or from and to.")
+    span = Span(
+        _time("from", said["from"]) if "from" in said else None,
+        _time("to", said["to"]) if "to" in said else None,
+        _duration(said["last"]) if "last" in said else None,
+        _limit(said["limit"]) if "limit" in said else None,
+    )
+    if span.begin_ns is not None and span.end_ns is not None and span.begin_ns > span.end_ns:
+        raise BadRequest("from is later than to.")
+    return span
+
+
+def moment(stamp_ns: int) -> str:
+    """An xsd:dateTime in UTC with all of its digits, so that what is read from it is the same time."""
+    seconds = datetime.fromtimestamp(stamp_ns // _SECOND_NS, UTC).strftime("%Y-%m-%dT%H:%M:%S")
+    return f"{seconds}.{stamp_ns % _SECOND_NS:09}Z"
+
+
+def query(**said: str | int) -> str:
+    """As it stands in an address, without colons, which in a relative one some take for the end of a scheme;
+    ``from_`` is from, for Python has a meaning of its own for that."""
+    return "&".join(f"{name.rstrip('_')}={quote(str(value), safe='')}" for name, value in said.items())
+
+
+def _time(name: str, text: str) -> int:
+    found = _TIME.fullmatch(text)
+    try:
+        if found is None:
+            raise ValueError
+        # a plus sign that nobody escaped is a space by the time that it comes here
+        whole = datetime.fromisoformat(found[1] + found[3].replace(" ", "+"))
+        stamp_ns = int(whole.timestamp()) * _SECOND_NS + int((found[2] or "0").ljust(9, "0"))
+        return min(max(stamp_ns, 0), _LATEST_NS)
+    except (ValueError, OverflowError):
+        example = "2026-11-22T10:00:00.5Z"
+        raise BadRequest(f"{name} is a time with its zone such as {example}, not {text[:40]!r}.") from None
+
+
+def _duration(text: str) -> int:
+    found = _DURATION.fullmatch(text)
+    if found is None:
+        raise BadRequest(f"last is a duration such as PT10S or PT1M, not {text[:40]!r}.")
+    days, hours, minutes, seconds = (int(each or 0) for each in found.groups()[:4])
+    fraction = int((found[5] or "0").ljust(9, "0"))
+    return (((days * 24 + hours) * 60 + minutes) * 60 + seconds) * _SECOND_NS + fraction
+
+
+def _limit(text: str) -> int:
+    if not re.fullmatch(r"[1-9]\d{0,8}", text, re.ASCII):
+        raise BadRequest(f"limit is a number of samples above 0, not {text[:40]!r}.")
+    return int(text)

@@ -1,0 +1,134 @@
+"""What is kept of one robot: its frames as they came over the wire, the oldest first. Pure; times in nanoseconds."""
+
+import struct
+import sys
+from bisect import bisect_left
+from dataclasses import dataclass
+
+from linked_fleet_agent.wire.codec import layout
+from linked_fleet_gateway.fleet.frames import Latest
+from linked_fleet_gateway.fleet.model import RobotModel
+from linked_fleet_gateway.fleet.robot import Robot
+
+_WALL = struct.Struct("<q")
+_WALL_AT = next(field.offset for field in layout(1, False) if field.name == "wall_ns")
+_SLOT_BYTES = 8  # in the list
+_FINEST = 1 / 2048
+"""Of an age: apart from each other samples are left out that are this near, if any have to be."""
+
+
+def wall_ns(frame: bytes) -> int:
+    """When the agent read its robot, by its own clock, since 1970."""
+    stamp: int = _WALL.unpack_from(frame, _WALL_AT)[0]
+    return stamp
+
+
+@dataclass(frozen=True)
+class Joints:
+    """What the numbers of frames are of: ``names`` in the order of their rows."""
+
+    model: RobotModel
+    names: tuple[str, ...]
+    floating: bool
+
+    def is_of(self, other: "Joints") -> bool:
+        """Whether frames of both mean the same; a model is compared by identity, for it is read once."""
+        return self.model is other.model and self.names == other.names and self.floating == other.floating
+
+
+def joints_of(robot: Robot) -> Joints | None:
+    """What its frames are of; None before it has said so."""
+    if not robot.described or robot.model is None or robot.description is None:
+        return None
+    return Joints(robot.model, robot.description.joints, robot.description.base == "floating")
+
+
+@dataclass(frozen=True)
+class Excerpt:
+    """Frames in the order of their times, all different; another thread may read it while the track goes on.
+
+    ``before`` and ``after``: the stamps of the nearest frames beyond its ends that were asked for and had no place.
+    """
+
+    joints: Joints
+    frames: tuple[bytes, ...] = ()
+    before: int | None = None
+    after: int | None = None
+
+
+class Track:
+    """The frames of one robot, all of the same joints. ``run``: whose frames are taken at present."""
+
+    def __init__(self, run: Latest, joints: Joints) -> None:
+        self.run = run
+        self.joints = joints
+        self.bytes = 0
+        self._frames: list[bytes] = []
+        self._share = _FINEST
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    @property
+    def newest(self) -> bytes | None:
+        return self._frames[-1] if self._frames else None
+
+    @property
+    def ends(self) -> tuple[int, int] | None:
+        """The stamps of the oldest and the newest frame."""
+        return (wall_ns(self._frames[0]), wall_ns(self._frames[-1])) if self._frames else None
+
+    def take(self, frame: bytes, keep_ns: int) -> None:
+        """Add the newest frame, and let go of those that are older than it by more than ``keep_ns``.
+
+        Where the agent's clock was set back, what it had called later is let go as well: no two times are told as one.
+        """
+        frames, now_ns = self._frames, wall_ns(frame)
+        while frames and wall_ns(frames[-1]) >= now_ns:
+            self.bytes -= _size(frames.pop())
+        frames.append(frame)
+        self.bytes += _size(frame)
+        old = bisect_left(frames, now_ns - keep_ns, key=wall_ns) if wall_ns(frames[0]) < now_ns - keep_ns else 0
+        self.bytes -= sum(map(_size, frames[:old]))
+        del frames[:old]
+
+    def thin(self, most_bytes: float) -> None:
+        """Leave out samples until the rest takes at most ``most_bytes``, but for the newest: the older they are, the
+        farther apart they stay, by the same share of their age all along."""
+        self._share = max(_FINEST, self._share / 4)
+        while self.bytes > most_bytes and len(self._frames) > 1:
+            self._frames = _spaced(self._frames, self._share) if len(self._frames) > 2 else self._frames[-1:]
+            self.bytes = sum(map(_size, self._frames))
+            self._share *= 2
+
+    def between(self, begin_ns: int | None, end_ns: int | None, most: int) -> Excerpt:
+        """At most ``most`` frames from ``begin_ns`` on and before ``end_ns``: the first ones of these, or without a
+        beginning the last ones."""
+        frames = self._frames
+        low = 0 if begin_ns is None else bisect_left(frames, begin_ns, key=wall_ns)
+        high = len(frames) if end_ns is None else max(low, bisect_left(frames, end_ns, key=wall_ns))
+        first = max(low, high - most) if begin_ns is None else low
+        last = min(high, first + most)
+        return Excerpt(
+            self.joints,
+            tuple(frames[first:last]),
+            wall_ns(frames[first - 1]) if first > low else None,
+            wall_ns(frames[last]) if last < high else None,
+        )
+
+
+def _size(frame: bytes) -> int:
+    return sys.getsizeof(frame) + _SLOT_BYTES
+
+
+def _spaced(frames: list[bytes], share: float) -> list[bytes]:
+    """The oldest, and from it on each that is apart from the one kept before by ``share`` of its own age or more: the
+    newest is always among them."""
+    newest_ns, last_ns = wall_ns(frames[-1]), wall_ns(frames[0])
+    kept = [frames[0]]
+    for frame in frames[1:]:
+        stamp_ns = wall_ns(frame)
+        if stamp_ns - last_ns >= share * (newest_ns - stamp_ns):
+            kept.append(frame)
+            last_ns = stamp_ns
+    return kept

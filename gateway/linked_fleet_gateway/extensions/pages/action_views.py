@@ -1,0 +1,124 @@
+"""What pages of actions, invocations, subscriptions and leases show besides the facts that every page has."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from pyoxigraph import BlankNode, NamedNode
+
+from linked_fleet_gateway.base.lazy_imports import Lazily
+from linked_fleet_gateway.extensions.pages.thing_views import actions
+from linked_fleet_gateway.extensions.pages.values import Facts, Link, Number, Value
+from linked_fleet_gateway.extensions.pages.views import Part
+from linked_fleet_gateway.rdf.turtle_layout import Term
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LDP, LF, RDFS
+
+if TYPE_CHECKING:
+    from linked_fleet_gateway.extensions.pages import form
+else:
+    form = Lazily("linked_fleet_gateway.extensions.pages.form")
+
+_PREDICATES_OF_SUBSCRIPTION = (HYBRIT.onResource, LF.deliveryState, LF.lastDelivery, LF.failures, LF.reason)
+
+
+def action(facts: Facts, iri: NamedNode) -> Part:
+    more = {
+        "comment": facts.text(iri, RDFS.comment),
+        "form": form.form_of_action(facts, iri),
+        "invocations": getattr(facts.one(iri, LF.invocations), "value", ""),
+    }
+    # Both requests of a binding refer to one body, which has nothing to say.
+    bodies = {each for each in facts.all(iri, HYBRIT.binding, HTTP.body) if isinstance(each, BlankNode)}
+    return Part(more, {RDFS.comment, HYBRIT.consumes, HYBRIT.binding, LF.invocations}, bodies)
+
+
+# -- invocation -----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Targeted:
+    """A joint, where it was to be, and where it came to."""
+
+    joint: Link
+    target: Number | None
+    result: Number | None
+
+
+def invocation(facts: Facts, iri: NamedNode) -> Part:
+    said = {
+        name: _only(facts, iri, predicate)
+        for name, predicate in (("state", LF.state), ("progress", LF.progress), ("reason", LF.reason))
+    }
+    targets, results = (_positions(facts, iri, predicate) for predicate in (LF.target, LF.result))
+    joints = dict.fromkeys((*targets, *results))
+    more = {
+        **said,
+        "input": facts.values(iri, LF.input),
+        "joints": [Targeted(facts.link(each), targets.get(each), results.get(each)) for each in joints],
+        "actions": actions(facts, iri),
+        "open": facts.one(iri, HYBRIT.action) is not None,
+    }
+    shown = {LF.state, LF.progress, LF.reason, LF.input, LF.target, LF.result, HYBRIT.action}
+    return Part(more, shown)
+
+
+def _positions(facts: Facts, iri: NamedNode, predicate: NamedNode) -> dict[NamedNode, Number]:
+    return {
+        joint: facts.scalar(value, None)
+        for node in facts.all(iri, predicate)
+        if isinstance(joint := facts.one(node, LF.ofJoint), NamedNode)
+        and (value := facts.one(node, LF.value)) is not None
+    }
+
+
+def _only(facts: Facts, iri: Term, predicate: NamedNode) -> Value | None:
+    found = facts.values(iri, predicate) if isinstance(iri, NamedNode) else []
+    return found[0] if found else None
+
+
+# -- subscriptions --------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Watch:
+    """Who watches what, and how it goes."""
+
+    link: Link
+    type: str
+    receiver: str
+    resource: Value | None
+    state: Value | None
+    delivery: Value | None
+    failures: Value | None
+    reason: Value | None
+
+
+def is_subscriptions(facts: Facts, iri: NamedNode) -> bool:
+    return LF.SubscriptionShape in facts.all(iri, LDP.constrainedBy)
+
+
+def subscriptions(facts: Facts, iri: NamedNode) -> Part:
+    members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
+    owner = facts.one(iri, RDFS.seeAlso)
+    more = {
+        "watches": [_watch(facts, each) for each in members if each in facts.of],
+        "unlisted": [facts.link(each) for each in members if each not in facts.of],
+        "form": form.form_of_subscription(iri.value, owner.value if isinstance(owner, NamedNode) else ""),
+    }
+    return Part(more, {LDP.contains, LDP.constrainedBy, LF.vocabulary}, set(members))
+
+
+def _watch(facts: Facts, iri: NamedNode) -> Watch:
+    types = [each for each in facts.types(iri) if each.iri not in (HYBRIT.Subscription.value, LF.Stream.value)]
+    link = Link(facts.text(iri, DCTERMS.identifier)[:8], iri.value, iri.value)
+    resource, state, delivery, failures, reason = (_only(facts, iri, each) for each in _PREDICATES_OF_SUBSCRIPTION)
+    receiver = facts.text(iri, HYBRIT.callbackURL)
+    return Watch(link, types[0].text if types else "stream", receiver, resource, state, delivery, failures, reason)
+
+
+def subscription(facts: Facts, iri: NamedNode) -> Part:
+    more = {"state": _only(facts, iri, LF.deliveryState), "actions": actions(facts, iri)}
+    return Part(more, {HYBRIT.action, LF.deliveryState})
+
+
+def lease(facts: Facts, iri: NamedNode) -> Part:
+    return Part({"state": _only(facts, iri, LF.state)}, {LF.state, HYBRIT.consumes})

@@ -1,0 +1,44 @@
+"""The extension ``pages``: resources and problems as HTML, with forms that are made from their shapes."""
+
+from collections.abc import AsyncIterator, Mapping, Sequence
+from contextlib import asynccontextmanager
+from pkgutil import resolve_name
+
+from pyoxigraph import Triple
+
+from linked_fleet_gateway.base.errors import FleetError
+from linked_fleet_gateway.extensions.pages import page
+from linked_fleet_gateway.extensions.pages.policy import FORMS, POLICY
+from linked_fleet_gateway.extensions.pages.resources import BRANCH
+from linked_fleet_gateway.extensions.pages.views import add_view
+from linked_fleet_gateway.http.extension import Core, Extension, Mount
+from linked_fleet_gateway.http.html import Formats
+from linked_fleet_gateway.resources.resource import Resource
+
+
+class Pages:
+    """Implements ``linked_fleet_gateway.http.html.HtmlWriter``."""
+
+    modules: Sequence[str] = ("jinja2", "linked_fleet_client.quantity", "linked_fleet_gateway.extensions.pages.form")
+
+    def write_resource(self, resource: Resource, triples: Sequence[Triple], base: str, formats: Formats) -> bytes:
+        return page.write(resource, triples, base, formats)
+
+    def write_problem(self, error: FleetError, instance: str | None, report: Sequence[Mapping[str, str]]) -> bytes:
+        members = {name: value for name, value in error.members.items() if value}
+        return page.render("problem.html", error=error, instance=instance, members=members, report=report)
+
+    def policy(self, forms: bool) -> str:
+        return FORMS if forms else POLICY
+
+
+class PagesExtension(Extension):
+    name = "pages"
+    at_root = ("assets",)
+    public = ("assets",)
+
+    @asynccontextmanager
+    async def start(self, core: Core) -> AsyncIterator[Mount]:
+        for name in core.views:
+            add_view(resolve_name(name))
+        yield Mount(branches=(BRANCH,), html=Pages())

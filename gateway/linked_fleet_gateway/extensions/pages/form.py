@@ -1,0 +1,295 @@
+"""Forms that are generated from SHACL shapes: what `face/src/form.js` reads a body out of."""
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import ClassVar
+
+import rdflib
+from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, parse, serialize
+from rdflib.term import Node, URIRef
+
+from linked_fleet_client.form import choices, every_field
+from linked_fleet_client.quantity import INTEGERS, UNIT_PATHS, UNITS
+from linked_fleet_client.shape import Bound, Field, Shape, merged, read_shape
+from linked_fleet_gateway.extensions.pages import labels
+from linked_fleet_gateway.extensions.pages.values import Facts
+from linked_fleet_gateway.rdf.graph import Graph
+from linked_fleet_gateway.rdf.shapes import closure, load
+from linked_fleet_gateway.rdf.turtle_layout import Term
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LF, NUMERIC, VOM, XSD
+from linked_fleet_gateway.resources.subscription_resource import describe_request_shape
+
+_NUMBERS = frozenset(URIRef(each.value) for each in NUMERIC)
+_EXACT = frozenset({URIRef(XSD.decimal.value), URIRef(XSD.double.value)})
+_TEXT, _ADDRESS, _BOOLEAN = (URIRef(each.value) for each in (XSD.string, XSD.anyURI, XSD.boolean))
+_MANY = 256
+_RDF_TYPE = rdflib.RDF.type
+
+
+@dataclass(frozen=True)
+class Leaf:
+    """One value. ``input`` is the type of its element; ``limits`` is JSON for `face/src/limits.js`, or empty."""
+
+    path: str
+    label: str
+    hint: str
+    required: bool
+    input: str
+    iri: bool
+    datatype: str
+    value: str = ""
+    options: Sequence[tuple[str, str]] = ()
+    limits: str = ""
+    step: str = ""
+    most: int = 1
+    kind: ClassVar[str] = "leaf"
+
+
+@dataclass(frozen=True)
+class Group:
+    """A node of its own, with its classes; ``least`` and ``most`` say how often it may be there."""
+
+    path: str
+    label: str
+    hint: str
+    classes: str
+    least: int
+    most: int
+    fields: Sequence["Leaf | Group"]
+    kind: ClassVar[str] = "group"
+
+    @property
+    def required(self) -> bool:
+        return self.least > 0
+
+
+@dataclass(frozen=True)
+class Form:
+    """``mark`` makes ids of the page; ``needed`` comes first, ``further`` need not be filled in."""
+
+    action: str
+    mark: str
+    methods: str
+    classes: str
+    name: str
+    needed: Sequence[Leaf | Group]
+    further: Sequence[Leaf | Group]
+    rehearses: bool = False
+
+
+# -- which forms there are ------------------------------------------------------------------------------------------
+
+
+def form_of_action(facts: Facts, iri: NamedNode) -> Form:
+    """With no fields where the action consumes nothing."""
+    methods = {each.value.rpartition("#")[2] for each in facts.all(iri, HYBRIT.binding, HTTP.mthd)}
+    name = facts.text(iri, DCTERMS.identifier) or labels.place(iri.value, facts.root)
+    rehearses = facts.one(iri, LF.dryRun) == Literal("true", datatype=XSD.boolean)
+    consumed = facts.one(iri, HYBRIT.consumes)
+    classes, fields = ("", ()) if consumed is None else _fields(_written(facts), str(consumed))
+    # PUT first: it can be repeated.
+    return _form(iri.value, sorted(methods, reverse=True) or ["POST"], labels.words(name), classes, fields, rehearses)
+
+
+def form_of_setting(facts: Facts, iri: NamedNode) -> Form | None:
+    """None where what may be put is described elsewhere."""
+    consumed = facts.one(iri, HYBRIT.consumes)
+    if not isinstance(consumed, NamedNode) or consumed not in load("blueprints.ttl"):
+        return None
+    classes, fields = _fields(_blueprint(consumed), str(consumed))
+    value = facts.one(iri, LF.value)
+    number = value if isinstance(value, Literal) or value is None else facts.one(value, VOM.numericalValue)
+    present = {each: number.value for each in (LF.value.value, VOM.numericalValue.value) if isinstance(number, Literal)}
+    return _form(iri.value, ["PUT"], "set", classes, _prefilled(fields, present))
+
+
+def form_of_subscription(container: str, owner: str) -> Form:
+    """``owner``: the IRI of the thing that the container belongs to."""
+    classes, fields = _fields(_request_shape(), str(LF.SubscriptionShape))
+    shown = _prefilled(fields, {HYBRIT.onResource.value: owner})
+    return Form(container, labels.mark(container), "POST", classes, "subscribe", shown, ())
+
+
+def _form(
+    action: str,
+    methods: Sequence[str],
+    name: str,
+    classes: str,
+    fields: Iterable[Leaf | Group],
+    rehearses: bool = False,
+) -> Form:
+    fields = list(fields)
+    needed = [each for each in fields if each.required or (isinstance(each, Leaf) and each.input == "hidden")]
+    further = [each for each in fields if each not in needed]
+    return Form(action, labels.mark(action), " ".join(methods), classes, name, needed, further, rehearses)
+
+
+def _prefilled(fields: Iterable[Leaf | Group], values: Mapping[str, str]) -> list[Leaf | Group]:
+    return [_with_value(each, values) if isinstance(each, Leaf) else _with_values(each, values) for each in fields]
+
+
+def _with_value(leaf: Leaf, values: Mapping[str, str]) -> Leaf:
+    return leaf if leaf.input == "hidden" or leaf.path not in values else replace(leaf, value=values[leaf.path])
+
+
+def _with_values(group: Group, values: Mapping[str, str]) -> Group:
+    return replace(group, fields=_prefilled(group.fields, values))
+
+
+# -- shapes ---------------------------------------------------------------------------------------------------------
+
+
+def _written(facts: Facts) -> bytes:
+    return serialize(facts.triples, format=RdfFormat.N_TRIPLES) or b""
+
+
+@lru_cache(maxsize=16)
+def _blueprint(shape: NamedNode) -> bytes:
+    graph = Graph()
+    closure(graph, shape)
+    return serialize(graph.triples, format=RdfFormat.N_TRIPLES) or b""
+
+
+@lru_cache(maxsize=1)
+def _request_shape() -> bytes:
+    graph = Graph()
+    describe_request_shape(graph)
+    return serialize(graph.triples, format=RdfFormat.N_TRIPLES) or b""
+
+
+@lru_cache(maxsize=64)
+def _fields(described: bytes, node: str) -> tuple[str, tuple[Leaf | Group, ...]]:
+    """Classes and fields of a shape in N-Triples. A shape takes long to read and hardly ever changes."""
+    graph = rdflib.Graph()
+    found: Node = rdflib.BNode()
+    for triple in parse(described, format=RdfFormat.N_TRIPLES):
+        terms = [_term(each) for each in (triple.subject, triple.predicate, triple.object)]
+        graph.add((terms[0], terms[1], terms[2]))
+        found = terms[2] if str(triple.object) == node else terms[0] if str(triple.subject) == node else found
+    shape = read_shape(graph, found)
+    return _classes(shape), tuple(_field(each, shape) for each in _asked(shape))
+
+
+def _term(term: Term) -> Node:
+    """The same with rdflib; labels of blank nodes stay, so that whatever is in their order is so for ever."""
+    if isinstance(term, NamedNode):
+        return URIRef(term.value)
+    if isinstance(term, BlankNode):
+        return rdflib.BNode(term.value)
+    if term.language:
+        return rdflib.Literal(term.value, lang=term.language)
+    return rdflib.Literal(term.value, datatype=URIRef(term.datatype.value), normalize=False)
+
+
+def _classes(shape: Shape) -> str:
+    return " ".join(shape.classes)
+
+
+def _asked(shape: Shape) -> list[Field]:
+    """Without the type, which the classes say."""
+    return [each for each in every_field(shape) if each.path != _RDF_TYPE]
+
+
+def _branches(shape: Shape) -> list[Shape]:
+    return [branch for group in shape.alternatives for branch in group]
+
+
+def _field(own: Field, shape: Shape) -> Leaf | Group:
+    branches = _branches(shape)
+    there = [found.shape for branch in branches if (found := branch.field(own.path)) and found.shape.fields]
+    nested = merged([own.shape, *there])
+    most = _MANY if own.max_count is None else own.max_count
+    name, hint = labels.words(own.name), labels.clean(own.description)
+    inner = _asked(nested)
+    if inner:
+        fields = [_field(each, nested) for each in inner]
+        return Group(str(own.path), name, hint, _classes(nested), own.min_count, most, fields)
+    return _leaf(own, branches, name, hint, most)
+
+
+def _leaf(own: Field, branches: Sequence[Shape], name: str, hint: str, most: int) -> Leaf:
+    path, required, value = str(own.path), own.min_count > 0, "" if own.default is None else str(own.default)
+    offered = choices(own, branches)
+    if offered is not None:
+        return _choice(own, list(offered), name, hint, value, most)
+    kinds = [own.shape, *_branches(own.shape)]
+    datatypes = next((each.datatypes for each in kinds if each.datatypes), ())
+    limits = _limits(own, branches)
+    if limits or not _NUMBERS.isdisjoint(datatypes):
+        # The scripts choose between decimal and double by what was typed.
+        datatype = "" if not datatypes or _EXACT.issubset(datatypes) else str(datatypes[0])
+        step = "1" if datatypes and INTEGERS.issuperset(datatypes) else "any"
+        return Leaf(path, name, hint, required, "number", False, datatype, value, (), limits, step, most)
+    if any(each.node_kind or each.classes for each in kinds) and not datatypes:
+        return Leaf(path, name, hint, required, "url", True, "", value, most=most)
+    if _BOOLEAN in datatypes:
+        options = [("true", "yes"), ("false", "no")]
+        return Leaf(path, name, hint, required, "select", False, str(_BOOLEAN), value, options, most=most)
+    datatype = str(datatypes[0]) if datatypes and datatypes[0] != _TEXT else ""
+    kind = "url" if _ADDRESS in datatypes else "text"
+    return Leaf(path, name, hint, required, kind, False, datatype, value, most=most)
+
+
+def _choice(own: Field, offered: list[Node], name: str, hint: str, value: str, most: int) -> Leaf:
+    offered = _each_unit_once(offered)
+    iri = all(isinstance(each, URIRef) for each in offered)
+    datatype = getattr(offered[0], "datatype", None) if offered else None
+    options = [(str(each), _option(each)) for each in offered]
+    fixed = own.fixed or (len(offered) == 1 and (own.min_count > 0 or own.path in UNIT_PATHS))
+    return Leaf(
+        path=str(own.path),
+        label=name,
+        hint=hint,
+        required=own.min_count > 0,
+        input="hidden" if fixed else "select",
+        iri=iri,
+        datatype="" if datatype in (None, _TEXT) else str(datatype),
+        value=options[0][0] if fixed else value,
+        options=options,
+        most=1 if fixed else most,
+    )
+
+
+def _each_unit_once(offered: Sequence[Node]) -> list[Node]:
+    """Of the IRIs that mean the same unit the first; degree comes first, since people think in degrees."""
+    once: dict[object, Node] = {}
+    for each in offered:
+        once.setdefault(UNITS.get(str(each), each), each)
+    return sorted(once.values(), key=lambda each: not (_is_unit(each) and labels.unit(str(each)).startswith("°")))
+
+
+def _is_unit(term: Node) -> bool:
+    return str(term) in UNITS
+
+
+def _option(term: Node) -> str:
+    if not isinstance(term, URIRef):
+        return labels.clean(str(term))
+    return labels.unit(str(term)) or "no unit" if _is_unit(term) else labels.named(str(term))
+
+
+def _limits(own: Field, branches: Sequence[Shape]) -> str:
+    """Ranges of a number, each with what other fields of its node must be: the narrow ones first."""
+    ranges = [_range(own, branch) for branch in (*(each for each in branches if each.field(own.path)), Shape())]
+    bounded = [each for each in ranges if "min" in each or "max" in each]
+    return json.dumps(bounded, separators=(",", ":")) if bounded else ""
+
+
+def _range(own: Field, branch: Shape) -> dict[str, object]:
+    """The range in one branch of the alternatives; in no branch, the one that always holds."""
+    there = branch.field(own.path)
+    both = merged([own.shape, there.shape]) if there else own.shape
+    others = {
+        str(each.path): [str(term) for term in each.allowed]
+        for each in branch.fields
+        if each.path != own.path and each.allowed
+    }
+    ends: dict[str, Bound | None] = {"min": both.lower, "max": both.upper}
+    open_ends = [name for name, bound in ends.items() if bound and not bound.inclusive]
+    return {
+        **({"when": others} if others else {}),
+        **{name: bound.value for name, bound in ends.items() if bound},
+        **({"exclusive": open_ends} if open_ends else {}),
+    }

@@ -1,0 +1,61 @@
+"""Resources as HTML: the triples of their description, made readable; scripts only make it live."""
+
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from markupsafe import Markup
+from pyoxigraph import Triple
+
+from linked_fleet_gateway.base.lazy_imports import Lazily
+from linked_fleet_gateway.extensions.pages.assets import assets
+from linked_fleet_gateway.extensions.pages.labels import clean
+from linked_fleet_gateway.extensions.pages.view import view_of
+from linked_fleet_gateway.extensions.pages.views import added_views
+from linked_fleet_gateway.http.html import Formats
+from linked_fleet_gateway.http.representation import FORMATS
+from linked_fleet_gateway.rdf import jsonld
+from linked_fleet_gateway.rdf.vocabulary import PREFIXES
+from linked_fleet_gateway.resources.resource import Resource
+
+if TYPE_CHECKING:
+    import jinja2
+else:
+    jinja2 = Lazily("jinja2")
+
+_TEMPLATES = Path(__file__).parent / "templates"
+
+
+def write(resource: Resource, triples: Sequence[Triple], base: str, formats: Formats = FORMATS) -> bytes:
+    """The page of a resource; ``base`` is scheme and authority. The same triples give the same bytes."""
+    view = view_of(resource, triples, base, formats)
+    data = embedded(jsonld.write(triples, PREFIXES))
+    return render(f"{view.kind}.html", view=view, data=data)
+
+
+def render(template: str, **variables: object) -> bytes:
+    """A template with what all pages need."""
+    folders = tuple(dict.fromkeys(each.template.parent for each in added_views()))
+    return _templates(folders).get_template(template).render(entries=assets().entries, **variables).encode()
+
+
+def embedded(json: str) -> Markup:
+    """JSON inside of a script element, which ends at the first ``</script`` whatever is around it."""
+    escaped = json.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+    return Markup(escaped)  # noqa: S704 - nothing is left of it that HTML could take for markup
+
+
+@cache
+def _templates(folders: tuple[Path, ...]) -> "jinja2.Environment":
+    """``folders``: those of other extensions."""
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader([_TEMPLATES, *folders]),
+        autoescape=True,
+        auto_reload=False,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    environment.filters["clean"] = clean
+    return environment

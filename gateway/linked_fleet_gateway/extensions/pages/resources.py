@@ -1,0 +1,18 @@
+"""The scripts and styles of pages as resources below ``/assets``."""
+
+from linked_fleet_gateway.extensions.pages.assets import assets
+from linked_fleet_gateway.rdf.vocabulary import LDP
+from linked_fleet_gateway.resources.branches import FleetBranch, RequestView
+from linked_fleet_gateway.resources.resource import Resource
+
+
+def _asset(sight: RequestView, rest: list[str]) -> Resource | None:
+    found = assets().files.get("/".join(rest))
+    if found is None:
+        return None
+    media_type, content = found
+    path = "/assets/" + "/".join(rest)
+    return Resource(path, rest[-1], None, (LDP.Resource,), documents={media_type: lambda: content}, immutable=True)
+
+
+BRANCH = FleetBranch("assets", None, _asset)

@@ -1,0 +1,305 @@
+"""What pages of the fleet, of robots, joints, links and properties show besides the facts that every page has."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from pyoxigraph import BlankNode, NamedNode
+
+from linked_fleet_gateway.base.lazy_imports import Lazily
+from linked_fleet_gateway.extensions.pages import labels
+from linked_fleet_gateway.extensions.pages.values import Address, Facts, Link, Number, Row, State, Time, Value, Vector
+from linked_fleet_gateway.extensions.pages.views import Part, constant
+from linked_fleet_gateway.rdf.turtle_layout import Subject, Term
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, RDF, RDFS, ROS, SOSA
+
+if TYPE_CHECKING:
+    from linked_fleet_gateway.extensions.pages import form
+else:
+    form = Lazily("linked_fleet_gateway.extensions.pages.form")
+
+AROUND = frozenset({DCTERMS.title, RDFS.seeAlso, HYBRIT.blueprint, HYBRIT.consumes, SOSA.resultTime})
+
+
+@dataclass(frozen=True)
+class Described:
+    """A subject with all that is said of it; ``anchor`` is its id on the page."""
+
+    anchor: str
+    title: Link
+    types: Sequence[Link]
+    rows: Sequence[Row]
+
+
+@dataclass(frozen=True)
+class Plot:
+    title: str
+    number: Number
+
+
+@dataclass(frozen=True)
+class Card:
+    """A property: ``number`` is what it comes to, if it comes to one; ``time`` when it was measured."""
+
+    name: str
+    link: Link
+    number: Number | None
+    rows: Sequence[Row]
+    time: Time | None
+    plots: Sequence[Plot]
+    settable: bool
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Ends of the range of a joint, both known, and where it is."""
+
+    lower: Number
+    upper: Number
+    value: Number
+
+
+def described(facts: Facts, subject: Subject) -> Described:
+    if isinstance(subject, BlankNode):
+        label = facts.outline.label(subject)
+        return Described(label, Link(f"node {label}", "", ""), facts.types(subject), facts.rows(subject))
+    anchor = subject.value.removeprefix(LF.iri) if subject.value.startswith(LF.iri) else ""
+    return Described(anchor, facts.link(subject), facts.types(subject), facts.rows(subject))
+
+
+def card(facts: Facts, iri: NamedNode, name: str) -> Card:
+    rows = facts.rows(iri, without=AROUND)
+    numbers = [value for row in rows for value in row.values if isinstance(value, Number)]
+    number = numbers[0] if len(numbers) == 1 and rows[0].values == numbers else None
+    times = facts.values(iri, SOSA.resultTime)
+    measured = isinstance(times[0], Time) if times else False
+    return Card(
+        name,
+        Link(name, iri.value, iri.value),
+        number,
+        rows if number is None else rows[1:],
+        times[0] if times and isinstance(times[0], Time) else None,
+        list(_plots(name, rows)) if measured else [],
+        form.form_of_setting(facts, iri) is not None,
+    )
+
+
+def _plots(name: str, rows: Iterable[Row]) -> Iterator[Plot]:
+    """Scalars, and vectors with a unit: those without are directions, which hardly ever turn."""
+    for row in rows:
+        for value in row.values:
+            if isinstance(value, Number) and value.at:
+                yield Plot(name, value)
+            elif isinstance(value, Vector) and value.unit:
+                yield from (Plot(f"{row.label.text} {axis}", each) for axis, each in value.parts if each.at)
+
+
+def cards(facts: Facts, iri: NamedNode) -> list[tuple[NamedNode, Card]]:
+    """The properties of a thing in the order of the description, named by their predicates, else by their IRIs."""
+    listed = [each for each in facts.all(iri, HYBRIT.property) if isinstance(each, NamedNode) and each in facts.of]
+    names: dict[Term, NamedNode] = {}
+    for predicate, values in facts.of.get(iri, {}).items():
+        if predicate != HYBRIT.property:
+            names.update((value, predicate) for value in values)
+    return [(each, card(facts, each, labels.words(names.get(each, each).value))) for each in listed]
+
+
+def _leading(facts: Facts, iri: NamedNode) -> set[NamedNode]:
+    """The predicates that lead to properties which are described here."""
+    listed = set(facts.all(iri, HYBRIT.property)) & facts.of.keys()
+    return {p for p, values in facts.of.get(iri, {}).items() if values and listed.issuperset(values)}
+
+
+def _state(facts: Facts, iri: NamedNode, predicate: NamedNode) -> State | None:
+    found = facts.values(iri, predicate)
+    return found[0] if found and isinstance(found[0], State) else None
+
+
+@dataclass(frozen=True)
+class Presence:
+    """Whether a robot is there, since when it is not, and what is wrong with it."""
+
+    state: State | None
+    seen: Value | None
+    fault: str
+
+
+def presence(facts: Facts, iri: NamedNode) -> Presence:
+    seen = facts.values(iri, LF.lastSeen)
+    return Presence(_state(facts, iri, LF.presence), seen[0] if seen else None, facts.text(iri, LF.fault))
+
+
+PRESENCE = frozenset({LF.presence, LF.lastSeen, LF.fault})
+
+
+def actions(facts: Facts, iri: NamedNode) -> list[Link]:
+    """Named by the last segment, in words."""
+    found = [each.value for each in facts.all(iri, HYBRIT.action) if isinstance(each, NamedNode)]
+    return [Link(labels.words(each), each, each) for each in found]
+
+
+# -- fleet ----------------------------------------------------------------------------------------------------------
+
+
+def fleet(facts: Facts, iri: NamedNode) -> Part:
+    members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
+    robots = [(facts.link(each), labels.place(each.value, facts.root), presence(facts, each)) for each in members]
+    more = {"robots": robots, "actions": actions(facts, iri)}
+    return Part(more, {LDP.contains, HYBRIT.action}, set(members))
+
+
+# -- robot ----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class JointRow:
+    """A joint as its robot lists it; ``values`` are position, velocity and effort, empty for one that does not move."""
+
+    link: Link
+    kind: str
+    values: Sequence[Number]
+
+
+@dataclass(frozen=True)
+class NamedPose:
+    name: str
+    targets: Sequence[tuple[Link, Number]]
+
+
+def robot(facts: Facts, iri: NamedNode) -> Part:
+    joints, links = _parts(facts, iri)
+    samples = _samples(facts, iri)
+    listed = [JointRow(facts.link(each), _kind_of_joint(facts, each), samples.get(each, ())) for each in joints]
+    state = facts.one(iri, LF.jointState)
+    settings = [(each, of) for each, of in cards(facts, iri) if each != state]
+    more = {
+        "presence": presence(facts, iri),
+        "moving": [each for each in listed if each.values],
+        "fixed": [each for each in listed if not each.values],
+        "links": [facts.link(each) for each in links],
+        "state": getattr(state, "value", ""),
+        "state_time": _first(facts, state, SOSA.resultTime),
+        "pose": getattr(facts.one(iri, LF.pose), "value", ""),
+        "placement": getattr(facts.one(iri, LF.placement), "value", ""),
+        "objects": constant("objects"),
+        "model": path_below(getattr(facts.one(iri, LF.model), "value", f"{iri.value}model"), facts.root),
+        "tasks": [facts.link(each) for each in facts.all(iri, LF.currentTask) if isinstance(each, NamedNode)],
+        "actions": actions(facts, iri),
+        "poses": [_pose(facts, each) for each in facts.all(iri, LF.namedPose)],
+        "cards": [of for _, of in settings],
+        "comment": facts.text(iri, RDFS.comment),
+    }
+    shown = PRESENCE | {DCTERMS.hasPart, HYBRIT.property, HYBRIT.action, LF.currentTask, LF.namedPose, RDFS.comment}
+    properties = {each for each in facts.all(iri, HYBRIT.property) if isinstance(each, NamedNode)}
+    return Part(more, shown | _leading(facts, iri), {*joints, *links, *properties})
+
+
+def _parts(facts: Facts, iri: NamedNode) -> tuple[list[NamedNode], list[NamedNode]]:
+    parts = [each for each in facts.all(iri, DCTERMS.hasPart) if isinstance(each, NamedNode)]
+    links = [each for each in parts if facts.is_a(each, ROS.Link)]
+    known = set(links)
+    return [each for each in parts if each not in known], links
+
+
+def _kind_of_joint(facts: Facts, iri: NamedNode) -> str:
+    types = [each for each in facts.all(iri, RDF.type) if each not in (HYBRIT.RoboticThing, LF.Joint)]
+    return labels.words(types[0].value).removesuffix(" joint") if types else ""
+
+
+def _samples(facts: Facts, iri: NamedNode) -> dict[Term, list[Number]]:
+    """Position, velocity and effort by joint; each is found backwards, from the joint to what is a sample of it."""
+    found: dict[Term, list[Number]] = {}
+    for sample in facts.all(iri, LF.jointState, LF.sample):
+        joint = facts.one(sample, LF.ofJoint)
+        if isinstance(joint, NamedNode):
+            at = Address(joint.value, f"^{LF.ofJoint.value}")
+            found[joint] = [_sampled(facts, sample, at, *terms) for terms in _SAMPLED]
+    return found
+
+
+_SAMPLED = (
+    (LF.position, LF.positionUnit),
+    (LF.velocity, LF.velocityUnit),
+    (LF.effort, LF.effortUnit),
+)
+
+
+def _sampled(facts: Facts, sample: Term, at: Address, predicate: NamedNode, unit: NamedNode) -> Number:
+    said = facts.one(sample, unit)
+    iri = said.value if isinstance(said, NamedNode) else ""
+    return facts.number(facts.one(sample, predicate) or LF.unknown, at.below(predicate), iri)
+
+
+def _pose(facts: Facts, node: Term) -> NamedPose:
+    targets = [
+        (facts.link(joint), facts.scalar(each, None))
+        for each in facts.all(node, LF.target)
+        if isinstance(joint := facts.one(each, LF.ofJoint), NamedNode)
+    ]
+    return NamedPose(facts.text(node, DCTERMS.title) if isinstance(node, BlankNode) else "", targets)
+
+
+def _first(facts: Facts, subject: Term | None, predicate: NamedNode) -> Value | None:
+    found = facts.values(subject, predicate) if isinstance(subject, NamedNode) else []
+    return found[0] if found else None
+
+
+def path_below(iri: str, root: str) -> str:
+    return "/" + iri.removeprefix(root)
+
+
+# -- joint, link, property ------------------------------------------------------------------------------------------
+
+
+def joint(facts: Facts, iri: NamedNode) -> Part:
+    found = cards(facts, iri)
+    measured = [(each, of) for each, of in found if of.time is not None]
+    more = {
+        "presence": presence(facts, iri),
+        "lead": measured[0][1] if measured else None,
+        "measured": [of for _, of in measured[1:]],
+        "cards": [of for _, of in found if of.time is None],
+        "limits": _limits(facts, iri, measured[0][1].number if measured else None),
+        "actions": actions(facts, iri),
+    }
+    return Part(more, _of_part(facts, iri), {each for each, _ in found} | _neighbours(facts, iri))
+
+
+def link(facts: Facts, iri: NamedNode) -> Part:
+    found = cards(facts, iri)
+    more = {
+        "presence": presence(facts, iri),
+        "measured": [of for _, of in found if of.time is not None],
+        "cards": [of for _, of in found if of.time is None],
+    }
+    return Part(more, _of_part(facts, iri), {each for each, _ in found} | _neighbours(facts, iri))
+
+
+def _of_part(facts: Facts, iri: NamedNode) -> set[NamedNode]:
+    return {*PRESENCE, HYBRIT.property, HYBRIT.action, *_leading(facts, iri)}
+
+
+def _neighbours(facts: Facts, iri: NamedNode) -> set[Subject]:
+    """Things that are introduced by type and title only, so that links to them have a text."""
+    return {
+        each
+        for each, said in facts.of.items()
+        if each != iri and isinstance(each, NamedNode) and said.keys() == {RDF.type, DCTERMS.title}
+    }
+
+
+def _limits(facts: Facts, iri: NamedNode, value: Number | None) -> Limits | None:
+    ends = [
+        facts.scalar(node, None) for term in (LF.lowerLimit, LF.upperLimit) for node in facts.all(iri, LF.limits, term)
+    ]
+    if value is None or len(ends) != 2 or not all(each.value for each in ends):
+        return None
+    return Limits(ends[0], ends[1], value)
+
+
+def property_(facts: Facts, iri: NamedNode) -> Part:
+    own = card(facts, iri, facts.text(iri, DCTERMS.title))
+    shown: set[NamedNode] = {*PRESENCE, *AROUND}
+    if own.number is not None or own.time is not None:
+        shown = set(facts.of.get(iri, {})) - {RDFS.seeAlso, HYBRIT.consumes}
+    return Part({"presence": presence(facts, iri), "card": own, "form": form.form_of_setting(facts, iri)}, shown)

@@ -1,0 +1,261 @@
+"""Terms of a graph as what a page shows: numbers with units, times, states, links, nests of facts."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, ClassVar
+
+from pyoxigraph import BlankNode, Literal, NamedNode, Triple
+
+from linked_fleet_gateway.base.lazy_imports import Lazily
+from linked_fleet_gateway.extensions.pages import labels
+from linked_fleet_gateway.rdf.turtle_layout import Outline, Subject, Term
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, MATHS, NUMERIC, PREFIXES, QUDT, RDF, SOSA, VOM, XSD
+
+if TYPE_CHECKING:
+    from linked_fleet_client import quantity
+else:
+    quantity = Lazily("linked_fleet_client.quantity")
+
+_NUMERIC = frozenset(NUMERIC)
+_AXES = (MATHS.x, MATHS.y, MATHS.z, LF.w)
+_VOCABULARIES = tuple(PREFIXES.values())
+_STATES = frozenset({LF.presence, LF.state, LF.deliveryState})
+_TIMES = frozenset({LF.lastSeen, LF.lastFrame, LF.lastDelivery, SOSA.resultTime})
+# The other times come once, and something else of the page with them.
+_LIVE_TIMES = _TIMES - {LF.lastSeen}
+
+
+@dataclass(frozen=True)
+class Address:
+    """Where a value is: a subject with an IRI, and the predicates that lead from it; ``^`` is a hop backwards."""
+
+    subject: str
+    path: str
+
+    def below(self, predicate: NamedNode) -> "Address":
+        return Address(self.subject, f"{self.path} {predicate.value}")
+
+
+@dataclass(frozen=True)
+class Number:
+    """``value`` is as it was said, empty if it is unknown; ``name`` as data, ``unit`` as people write it."""
+
+    text: str
+    value: str
+    at: Address | None = None
+    unit: str = ""
+    name: str = ""
+    converted: str = ""
+    kind: ClassVar[str] = "number"
+
+
+@dataclass(frozen=True)
+class Time:
+    text: str
+    datetime: str
+    at: Address | None = None
+    kind: ClassVar[str] = "time"
+
+
+@dataclass(frozen=True)
+class State:
+    name: str
+    at: Address | None = None
+    kind: ClassVar[str] = "state"
+
+
+@dataclass(frozen=True)
+class Text:
+    text: str
+    language: str = ""
+    kind: ClassVar[str] = "text"
+
+
+@dataclass(frozen=True)
+class Link:
+    """``href`` is empty for an IRI that a browser cannot follow."""
+
+    text: str
+    href: str
+    iri: str
+    kind: ClassVar[str] = "link"
+
+
+@dataclass(frozen=True)
+class Vector:
+    parts: Sequence[tuple[str, Number]]
+    unit: str
+    kind: ClassVar[str] = "vector"
+
+
+@dataclass(frozen=True)
+class Items:
+    values: Sequence["Value"]
+    kind: ClassVar[str] = "items"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One predicate with its values."""
+
+    label: Link
+    values: Sequence["Value"]
+
+
+@dataclass(frozen=True)
+class Nest:
+    rows: Sequence[Row]
+    types: Sequence[Link] = field(default=())
+    kind: ClassVar[str] = "nest"
+
+
+Value = Number | Time | State | Text | Link | Vector | Items | Nest
+
+
+class Facts:
+    """The triples of a resource, and how their terms are shown. ``root`` is the fleet's IRI, with its slash."""
+
+    def __init__(self, triples: Sequence[Triple], root: str) -> None:
+        self.triples = triples
+        self.outline = Outline(triples)
+        self.of = self.outline.properties
+        self.root = root
+
+    def all(self, subject: Term, *predicates: NamedNode) -> list[Term]:
+        """What is reached from a subject by one predicate after the other."""
+        found: list[Term] = [subject]
+        for predicate in predicates:
+            found = [each for term in found if isinstance(term, Subject) for each in self._said(term, predicate)]
+        return found
+
+    def _said(self, subject: Subject, predicate: NamedNode) -> list[Term]:
+        return self.of.get(subject, {}).get(predicate, [])
+
+    def one(self, subject: Term, *predicates: NamedNode) -> Term | None:
+        """The first that is reached."""
+        return next(iter(self.all(subject, *predicates)), None)
+
+    def text(self, subject: Term, predicate: NamedNode) -> str:
+        found = self.one(subject, predicate)
+        return labels.clean(found.value) if isinstance(found, Literal) else ""
+
+    def is_a(self, subject: Term, *types: NamedNode) -> bool:
+        return not set(types).isdisjoint(self.all(subject, RDF.type))
+
+    # -- values -----------------------------------------------------------------------------------------------------
+
+    def rows(self, subject: Subject, at: Address | None = None, without: Iterable[NamedNode] = ()) -> list[Row]:
+        """Every fact about ``subject`` but its types, and those ``without``; ``at``: where a blank node is."""
+        hidden = {RDF.type, *without}
+        return [
+            Row(self.term(predicate), self.values(subject, predicate, at))
+            for predicate in self.of.get(subject, {})
+            if predicate not in hidden
+        ]
+
+    def values(self, subject: Subject, predicate: NamedNode, at: Address | None = None) -> list[Value]:
+        found = self._said(subject, predicate)
+        if len(found) != 1:
+            return [self.value(each, predicate, None) for each in found]
+        return [self.value(found[0], predicate, self.address(subject, predicate, at))]
+
+    @staticmethod
+    def address(subject: Subject, predicate: NamedNode, at: Address | None = None) -> Address | None:
+        if isinstance(subject, NamedNode):
+            return Address(subject.value, predicate.value)
+        return at and at.below(predicate)
+
+    def value(self, term: Term, predicate: NamedNode, at: Address | None) -> Value:
+        """``at`` is None for one of several, whose place in the graph nobody can name."""
+        if isinstance(term, Literal):
+            return self._literal(term, predicate, at)
+        if (items := self.outline.list_items(term)) is not None:
+            return Items([self.value(each, predicate, None) for each in items])
+        if isinstance(term, BlankNode):
+            return self._node(term, at)
+        if predicate in _STATES:
+            return State(labels.local_name(term.value), at)
+        if term == LF.unknown:
+            return Time("unknown", "", at) if predicate in _TIMES else Number("unknown", "", at)
+        return self.link(term)
+
+    def _literal(self, literal: Literal, predicate: NamedNode, at: Address | None) -> Value:
+        if literal.datatype in _NUMERIC:
+            return self.number(literal, at)
+        if literal.datatype == XSD.dateTime:
+            text = labels.clean(literal.value)
+            return Time(labels.moment(text), text, at if predicate in _LIVE_TIMES else None)
+        return Text(labels.clean(literal.value), literal.language or "")
+
+    def _node(self, node: BlankNode, at: Address | None) -> Value:
+        if not self.outline.is_nested(node):
+            return Link(f"node {self.outline.label(node)}", f"#{self.outline.label(node)}", "")
+        said = self.of.get(node, {})
+        others = said.keys() - {RDF.type, VOM.unit, QUDT.unit}
+        if others == {VOM.numericalValue} and len(said[VOM.numericalValue]) == 1:
+            return self.scalar(node, at)
+        if others in ({*_AXES[:3]}, {*_AXES}) and all(len(said[axis]) == 1 for axis in others):
+            return self._vector(node, at)
+        return Nest(self.rows(node, at), self.types(node))
+
+    def scalar(self, node: Term, at: Address | None, predicate: NamedNode = VOM.numericalValue) -> Number:
+        """A node with a number and a unit."""
+        value = self.one(node, predicate) or LF.unknown
+        return self.number(value, at and at.below(predicate), self.unit_of(node))
+
+    def unit_of(self, node: Term) -> str:
+        """IRI of the unit of a node, QUDT's if it has one; empty without any."""
+        unit = self.one(node, QUDT.unit) or self.one(node, VOM.unit)
+        return unit.value if isinstance(unit, NamedNode) else ""
+
+    def _vector(self, node: BlankNode, at: Address | None) -> Vector:
+        said, unit = self.of[node], self.unit_of(node)
+        parts = [
+            (labels.local_name(axis.value), self.number(said[axis][0], at and at.below(axis)))
+            for axis in _AXES
+            if axis in said
+        ]
+        return Vector(parts, labels.unit(unit) if unit else "")
+
+    def number(self, term: Term, at: Address | None, unit: str = "") -> Number:
+        """``unit`` is its IRI, if it has any."""
+        shown, name = (labels.unit(unit), quantity.unit_label(unit)) if unit else ("", "")
+        if not isinstance(term, Literal):
+            return Number("unknown", "", at, shown, name)
+        value = _float(term.value)
+        if value is None:
+            return Number(labels.clean(term.value), labels.clean(term.value), at, shown, name)
+        return Number(labels.number(value), term.value, at, shown, name, labels.converted(value, name))
+
+    # -- names and links --------------------------------------------------------------------------------------------
+
+    def types(self, subject: Term) -> list[Link]:
+        return [self.term(each) for each in self.all(subject, RDF.type) if isinstance(each, NamedNode)]
+
+    def term(self, iri: NamedNode) -> Link:
+        """A term of a vocabulary; our own terms are described here."""
+        href = f"{self.root}vocabulary#{iri.value.removeprefix(LF.iri)}" if iri.value.startswith(LF.iri) else iri.value
+        return Link(labels.words(iri.value), href if _is_web(href) else "", iri.value)
+
+    def link(self, iri: NamedNode) -> Link:
+        """A link with the title of what it leads to, as far as the triples know it."""
+        title = self.text(iri, DCTERMS.title) if iri in self.of else ""
+        if iri.value.startswith(self.root):
+            return Link(title or labels.place(iri.value, self.root), iri.value, iri.value)
+        if title:
+            return Link(title, iri.value if _is_web(iri.value) else "", iri.value)
+        if iri.value.startswith(_VOCABULARIES):
+            return self.term(iri)
+        return Link(labels.clean(iri.value), iri.value if _is_web(iri.value) else "", iri.value)
+
+
+def _is_web(iri: str) -> bool:
+    return iri.lower().startswith(("http://", "https://"))
+
+
+def _float(text: str) -> float | None:
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if abs(value) < float("inf") else None

@@ -1,0 +1,164 @@
+"""What a page shows, read from the triples of its resource: the frame that all pages share, and its kind's own."""
+
+import shlex
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from pyoxigraph import NamedNode, Triple
+
+from linked_fleet_gateway.extensions.pages import action_views as doings
+from linked_fleet_gateway.extensions.pages import labels
+from linked_fleet_gateway.extensions.pages import thing_views as things
+from linked_fleet_gateway.extensions.pages.thing_views import Described, described
+from linked_fleet_gateway.extensions.pages.values import Facts, Link, Row
+from linked_fleet_gateway.extensions.pages.views import Part, added_views
+from linked_fleet_gateway.http.html import Formats
+from linked_fleet_gateway.rdf.serialise import RDF_TYPES
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, PROV, RDF, ROS, XHV
+from linked_fleet_gateway.resources.action_offer import robot_offers
+from linked_fleet_gateway.resources.paths import AUDIT, reserved_at_root
+from linked_fleet_gateway.resources.resource import Resource
+
+# In this order: what is first found among the types of a resource is its kind.
+_KINDS: Mapping[NamedNode, tuple[str, Callable[[Facts, NamedNode], Part]]] = {
+    LF.Fleet: ("fleet", things.fleet),
+    LF.Robot: ("robot", things.robot),
+    LF.Joint: ("joint", things.joint),
+    ROS.Link: ("link", things.link),
+    LF.Invocation: ("invocation", doings.invocation),
+    HYBRIT.Action: ("action", doings.action),
+    HYBRIT.Property: ("property", things.property_),
+    HYBRIT.Subscription: ("subscription", doings.subscription),
+    LF.ControlLease: ("lease", doings.lease),
+}
+# These say what everything of a kind is; they help nobody at the head of a page.
+_PLAIN_TYPES = frozenset(
+    {HYBRIT.RoboticThing, HYBRIT.Property, HYBRIT.Action, HYBRIT.AsynchronousAction, LF.Joint, PROV.Activity}
+    | {LDP.Container, LDP.BasicContainer, LDP.RDFSource}
+)
+# What the frame of the page shows already.
+_FRAME = frozenset({DCTERMS.title, HYBRIT.blueprint, HYBRIT.subscriptions, XHV.prev, XHV.next})
+_NOT_SERVED = frozenset({"actions"})
+
+
+@dataclass(frozen=True)
+class View:
+    """``crumbs`` are names with IRIs, the last without; ``stop`` is whom the Stop button stops, and by which action;
+    ``reader`` is who has logged in, ``audit`` where one who may reads what was done;
+    ``warning`` is about the gateway."""
+
+    iri: str
+    query: str
+    documents: Sequence[str]
+    offered: Formats
+    root: str
+    kind: str
+    title: str
+    types: Sequence[Link]
+    crumbs: Sequence[tuple[str, str]]
+    stop: tuple[str, str]
+    observable: bool
+    blueprint: str
+    subscriptions: str
+    previous: Sequence[Link]
+    following: Sequence[Link]
+    more: Mapping[str, Any]
+    rows: Sequence[Row]
+    others: Sequence[Described]
+    reader: str
+    audit: str
+    warning: str
+
+    @property
+    def formats(self) -> list[tuple[str, str, str]]:
+        """Name, media type and address of every other representation."""
+        rest = f"&{self.query}" if self.query else ""
+        offered = {*RDF_TYPES, *self.documents}
+        return [
+            (name, media_type, f"{self.iri}?as={key}{rest}")
+            for key, (name, media_type) in self.offered.items()
+            if media_type in offered
+        ]
+
+    @property
+    def curl(self) -> str:
+        return f"curl -H 'Accept: text/turtle' {shlex.quote(self.iri + (f'?{self.query}' if self.query else ''))}"
+
+
+def view_of(resource: Resource, triples: Sequence[Triple], base: str, formats: Formats) -> View:
+    """``base`` is scheme and authority, without a slash at its end."""
+    iri, facts = NamedNode(base + resource.path), Facts(triples, base + "/")
+    kind, part = _kind(facts, iri)
+    subscriptions = facts.one(iri, HYBRIT.subscriptions) if resource.links_subscriptions else None
+    return View(
+        iri=iri.value,
+        query=resource.query,
+        documents=tuple(resource.documents),
+        offered=formats,
+        root=facts.root,
+        kind=kind,
+        title=facts.text(iri, DCTERMS.title) or labels.clean(resource.title),
+        types=[
+            facts.term(each)
+            for each in facts.all(iri, RDF.type)
+            if isinstance(each, NamedNode) and each not in _PLAIN_TYPES
+        ],
+        crumbs=_crumbs(resource.path, facts.root),
+        stop=_stop(resource, facts.root),
+        observable=resource.observable,
+        blueprint=_blueprint(facts, iri),
+        subscriptions=subscriptions.value if isinstance(subscriptions, NamedNode) else "",
+        previous=_links(facts, iri, XHV.prev),
+        following=_links(facts, iri, XHV.next),
+        more=part.more,
+        rows=facts.rows(iri, without=_FRAME | part.shown),
+        others=[described(facts, each) for each in facts.outline.headings if each != iri and each not in part.done],
+        reader=resource.reader,
+        audit=facts.root + AUDIT[1:] if AUDIT in resource.own else "",
+        warning=resource.warning,
+    )
+
+
+def _kind(facts: Facts, iri: NamedNode) -> tuple[str, Part]:
+    if doings.is_subscriptions(facts, iri):
+        return "subscriptions", doings.subscriptions(facts, iri)
+    types = facts.all(iri, RDF.type)
+    for view in added_views():
+        if view.type in types:
+            return view.kind, view.read(facts, iri)
+    for type_, (kind, read) in _KINDS.items():
+        if type_ in types:
+            return kind, read(facts, iri)
+    return "document", Part()
+
+
+def _links(facts: Facts, iri: NamedNode, predicate: NamedNode) -> list[Link]:
+    return [facts.link(each) for each in facts.all(iri, predicate) if isinstance(each, NamedNode)]
+
+
+def _blueprint(facts: Facts, iri: NamedNode) -> str:
+    """The document, not the shape that it is about."""
+    own = [each.value for each in facts.all(iri, HYBRIT.blueprint) if isinstance(each, NamedNode)]
+    return next((each for each in own if each.startswith(facts.root)), "")
+
+
+def _crumbs(path: str, root: str) -> list[tuple[str, str]]:
+    """From the fleet to this resource; what is on the way without being a resource is left out."""
+    segments = [each for each in path.split("/") if each]
+    crumbs = [("Fleet", root)]
+    for depth, segment in enumerate(segments):
+        address = root + "/".join(segments[: depth + 1])
+        robot = depth == 0 and segment not in reserved_at_root()
+        if segment not in _NOT_SERVED:
+            crumbs.append((labels.segment_name(segment, depth), address + ("/" if robot else "")))
+    return [*crumbs[:-1], (crumbs[-1][0], "")]
+
+
+def _stop(resource: Resource, root: str) -> tuple[str, str]:
+    """A robot's own if it has any, on the pages below it; else that of the whole fleet."""
+    head, robot = resource.path[1:].partition("/")[0], resource.source.robot
+    able = robot is None or any(each.definition.iri == LF.StopRobot for each in robot_offers(robot))
+    if head and head not in reserved_at_root() and able:
+        return labels.segment_name(head, 0), f"{root}{head}/actions/stop"
+    return "all", f"{root}actions/stopAll"

@@ -1,0 +1,54 @@
+"""Page views: a template and a function for each kind of resource. Other extensions bring theirs."""
+
+from collections.abc import Callable, Mapping, Set
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pyoxigraph import NamedNode
+
+from linked_fleet_gateway.extensions.pages.values import Facts
+from linked_fleet_gateway.rdf.turtle_layout import Subject
+
+
+@dataclass(frozen=True)
+class Part:
+    """``more`` is for the template; in it are ``shown``, predicates of the resource, and ``done``, other subjects."""
+
+    more: Mapping[str, Any] = field(default_factory=dict)
+    shown: Set[NamedNode] = frozenset()
+    done: Set[Subject] = frozenset()
+
+
+@dataclass(frozen=True)
+class PageView:
+    """The view of resources of one class; ``template`` is a file whose name says the kind of page.
+
+    ``constants``: values that views of other extensions may use by name, such as the path of a container.
+    """
+
+    type: NamedNode
+    template: Path
+    read: Callable[[Facts, NamedNode], Part]
+    constants: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def kind(self) -> str:
+        return self.template.stem
+
+
+_added: dict[NamedNode, PageView] = {}
+
+
+def add_view(view: PageView) -> None:
+    """Have this process show resources of a class by this view."""
+    _added[view.type] = view
+
+
+def added_views() -> list[PageView]:
+    return list(_added.values())
+
+
+def constant(name: str) -> str:
+    """The value that a view which was added gives this name; empty if there is none."""
+    return next((each.constants[name] for each in _added.values() if name in each.constants), "")

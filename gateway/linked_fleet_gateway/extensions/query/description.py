@@ -1,0 +1,116 @@
+"""The query resource itself: what it is, for machines (SPARQL 1.1 Service Description, VoID) and on its page."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import ClassVar
+
+from pyoxigraph import Literal, NamedNode
+
+from linked_fleet_gateway.extensions.query.examples import EXAMPLES
+from linked_fleet_gateway.extensions.query.functions import FUNCTIONS
+from linked_fleet_gateway.extensions.query.rdf_mirror import SHAPES
+from linked_fleet_gateway.extensions.query.service import Queries
+from linked_fleet_gateway.identity.rights import Right
+from linked_fleet_gateway.rdf.graph import Graph, integer
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, FORMAT, LF, PREFIXES, RDFS, SD, SH, VOID
+from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView
+from linked_fleet_gateway.resources.documents import VOCABULARY
+from linked_fleet_gateway.resources.fleet_functions import FUNCTIONS as FURTHER
+from linked_fleet_gateway.resources.paths import robot_path
+from linked_fleet_gateway.resources.resource import Redirect, Resource
+
+PATH = "/query"
+FORM = "application/x-www-form-urlencoded"
+QUERY_TYPES = ("application/sparql-query", FORM)
+_FORMATS = (
+    FORMAT.SPARQL_Results_JSON, FORMAT.SPARQL_Results_XML, FORMAT.SPARQL_Results_CSV, FORMAT.SPARQL_Results_TSV,
+    FORMAT.Turtle, FORMAT.terms["JSON-LD"], FORMAT.terms["N-Triples"], FORMAT.RDF_XML,
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Endpoint:
+    """Where queries are answered; ``sight`` is that of who asks."""
+
+    queries: Queries
+    sight: RequestView
+
+
+@dataclass(frozen=True)
+class PostQuery:
+    """Ask by POST, which changes nothing."""
+
+    endpoint: Endpoint
+    methods: ClassVar[tuple[str, ...]] = ("POST",)
+    body_types: ClassVar[tuple[str, ...]] = QUERY_TYPES
+    reads: ClassVar[bool] = True
+    needs: ClassVar[tuple[Right, ...]] = (Right.READ,)
+
+
+def branch(queries: Queries) -> FleetBranch:
+    return FleetBranch(PATH[1:], LF.query, partial(_resolve, queries))
+
+
+def _resolve(queries: Queries, sight: RequestView, rest: list[str]) -> Found:
+    if rest:
+        return Redirect(PATH) if rest == [""] else None
+    return described(Endpoint(queries, sight), {})
+
+
+def described(endpoint: Endpoint, counts: Mapping[str, int]) -> Resource:
+    """``counts``: triples by the IRI of the graph, as far as they are known."""
+    return Resource(
+        PATH,
+        "Query",
+        lambda graph: _describe(graph, endpoint.sight, counts),
+        affords=PostQuery(endpoint),
+        remote=endpoint,
+        followed=False,
+        forms=True,
+    )
+
+
+def _describe(graph: Graph, sight: RequestView, counts: Mapping[str, int]) -> None:
+    iri = sight.iri(PATH)
+    graph.a(iri, SD.Service)
+    graph.add(iri, DCTERMS.title, Literal("Query the fleet"))
+    graph.add(iri, RDFS.comment, Literal("SPARQL over the live fleet: every query is answered of one instant."))
+    graph.add(iri, RDFS.seeAlso, sight.iri("/"))
+    graph.add(iri, SD.endpoint, iri)
+    graph.add(iri, SD.supportedLanguage, SD.SPARQL11Query)
+    graph.add(iri, SD.resultFormat, *_FORMATS)
+    graph.add(iri, SD.feature, SD.UnionDefaultGraph)
+    graph.add(iri, SD.extensionFunction, *FUNCTIONS, *(name for make in FURTHER for name in make().names))
+    _dataset(graph, iri, sight, counts)
+    for each in EXAMPLES:
+        example = graph.blank(SH.SPARQLSelectExecutable)
+        graph.add(iri, LF.example, example)
+        graph.add(example, DCTERMS.title, Literal(each.title))
+        graph.add(example, RDFS.comment, Literal(each.comment))
+        graph.add(example, SH.select, Literal(each.text))
+
+
+def _dataset(graph: Graph, iri: NamedNode, sight: RequestView, counts: Mapping[str, int]) -> None:
+    dataset, union = graph.blank(SD.Dataset, VOID.Dataset), graph.blank(SD.Graph, VOID.Dataset)
+    graph.add(iri, SD.defaultDataset, dataset)
+    graph.add(dataset, VOID.sparqlEndpoint, iri)
+    graph.add(dataset, VOID.uriSpace, Literal(sight.base + "/"))
+    graph.add(dataset, VOID.vocabulary, *map(NamedNode, PREFIXES.values()))
+    graph.add(dataset, SD.defaultGraph, union)
+    _count(graph, union, sum(counts.values()) if counts else None)
+    for path in _graphs(sight):
+        named, of = graph.blank(SD.NamedGraph), graph.blank(SD.Graph, VOID.Dataset)
+        graph.add(dataset, SD.namedGraph, named)
+        graph.add(named, SD.name, sight.iri(path))
+        graph.add(named, SD.graph, of)
+        _count(graph, of, counts.get(sight.base + path))
+
+
+def _graphs(sight: RequestView) -> Iterable[str]:
+    return "/", VOCABULARY, SHAPES, *map(robot_path, sight.robots)
+
+
+def _count(graph: Graph, node: NamedNode | object, count: int | None) -> None:
+    if count is not None:
+        graph.add(node, VOID.triples, integer(count))  # type: ignore[arg-type]

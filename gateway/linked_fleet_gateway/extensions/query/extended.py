@@ -1,0 +1,50 @@
+"""The process-wide part of extensions, told to the query process: it resolves the same tree as the gateway."""
+
+from pathlib import Path
+
+import msgspec
+
+from linked_fleet_gateway.rdf.shapes import added_to_folder
+from linked_fleet_gateway.resources.action_definition import FOLDER, add_kinds
+from linked_fleet_gateway.resources.fleet_functions import FUNCTIONS
+from linked_fleet_gateway.resources.link_statements import LINK_STATEMENTS
+from linked_fleet_gateway.resources.paths import reserve, reserved_at_root, reserved_in_robot
+from linked_fleet_gateway.resources.property import ROBOT_PROPERTIES
+
+
+class Extended(msgspec.Struct):
+    """Reserved segments, files of kinds of actions, and ``module:attribute`` of what extensions add besides."""
+
+    at_root: list[str]
+    in_robot: list[str]
+    kinds: list[str]
+    robot_properties: list[str]
+    link_statements: list[str]
+    functions: list[str]
+
+
+def extended() -> str:
+    """The extensions of this process, as an argument of the query process."""
+    kinds = [str(each) for each in added_to_folder(FOLDER)]
+    known = Extended(
+        sorted(reserved_at_root()),
+        sorted(reserved_in_robot()),
+        kinds,
+        list(ROBOT_PROPERTIES.names),
+        list(LINK_STATEMENTS.names),
+        list(FUNCTIONS.names),
+    )
+    return msgspec.json.encode(known).decode()
+
+
+def decode_extended(text: str) -> Extended:
+    return msgspec.json.decode(text, type=Extended)
+
+
+def extend(said: Extended) -> None:
+    """Have this process know the same extensions."""
+    reserve(said.at_root, said.in_robot)
+    add_kinds(map(Path, said.kinds))
+    ROBOT_PROPERTIES.replace(said.robot_properties)
+    LINK_STATEMENTS.replace(said.link_statements)
+    FUNCTIONS.replace(said.functions)

@@ -1,0 +1,95 @@
+"""The fleet as the query process knows it: the same robots, rebuilt from what the gateway told (``messages.News``)."""
+
+import logging
+
+import msgspec
+
+from linked_fleet_agent.wire.codec import encode_state, read_header
+from linked_fleet_gateway.extensions.query.messages import Instead, Member, News, Said
+from linked_fleet_gateway.fleet.frames import Frames
+from linked_fleet_gateway.fleet.invocation import Invocation
+from linked_fleet_gateway.fleet.robot import Robot
+
+log = logging.getLogger(__name__)
+
+
+class Mirrored:
+    """One robot with what is said of it elsewhere. ``said`` counts what no frame brought, ``seen`` its frames."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+        self.branches: list[Member] = []
+        self.invocations: list[Invocation] = []
+        self.said = self.seen = 0
+
+    @property
+    def tasks(self) -> list[Invocation]:
+        """What it is carrying out."""
+        return [each for each in self.invocations if not each.state.terminal]
+
+
+class Mirror:
+    """All robots by name."""
+
+    def __init__(self) -> None:
+        self.robots: dict[str, Mirrored] = {}
+        self._frames = Frames()
+
+    def take(self, news: News) -> None:
+        """Become as the fleet was at the instant of ``news``."""
+        for said in news.robots:
+            held = self.robots.get(said.name)
+            if held is None:
+                held = self.robots[said.name] = Mirrored(Robot(said.name, _complain, self._frames))
+            _tell(held, said)
+        for name in news.forgotten:
+            self.robots.pop(name, None)
+        for name, frame in news.frames.items():
+            _show(self.robots[name], frame)
+
+    def suppose(self, instead: Instead) -> None:
+        """Have a robot be in another state than it is; for a copy that nothing is told afterwards."""
+        held = self.robots.get(instead.robot)
+        if held is None:
+            return
+        robot, state = held.robot, held.robot.frame
+        if state is not None and robot.description is not None:
+            measured = zip(state.positions, state.velocities, state.efforts, strict=True)
+            by_joint = dict(zip(robot.description.joints, measured, strict=True))
+            by_joint |= {name: values for name, values in instead.joints.items() if name in by_joint}
+            positions, velocities, efforts = zip(*by_joint.values(), strict=True) if by_joint else ((), (), ())
+            state = msgspec.structs.replace(state, positions=positions, velocities=velocities, efforts=efforts)
+            _show(held, encode_state(state))
+        targets: dict[str, float | None] = {**robot.targets, **instead.targets}
+        robot.targets = {name: target for name, target in targets.items() if target is not None}
+        supposed = [instead.motions.get(each.id, each) for each in held.invocations]
+        held.invocations = [each for each in supposed if each is not None]
+        held.said += 1
+
+
+def _tell(held: Mirrored, said: Said) -> None:
+    robot = held.robot
+    if said.incarnation is not None and said.incarnation != robot.incarnation:
+        robot.run(said.incarnation)
+    if said.description is None:
+        if said.fault is not None:
+            robot.undescribe(said.fault)
+    elif said.description != robot.description:
+        robot.describe(said.description)
+    robot.online, robot.heard_ns, robot.lease = said.online, said.last_seen_ns, said.lease
+    robot.limit_fault = said.limit_fault
+    robot.settings, robot.targets = said.settings, said.targets
+    held.branches, held.invocations = said.branches, said.invocations
+    held.said += 1
+
+
+def _show(held: Mirrored, frame: bytes | None) -> None:
+    held.seen += 1
+    if frame is None:
+        held.robot.drop_frame()
+    else:
+        held.robot.take(read_header(frame), frame, 0)
+
+
+def _complain(robot: str, what: object) -> None:
+    log.warning("robot %s: %s", robot, what)

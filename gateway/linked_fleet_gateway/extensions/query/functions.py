@@ -1,0 +1,46 @@
+"""Functions that queries can call beside SPARQL's own and those of other extensions: ``lf:poseIn``, ``lf:distance``."""
+
+import math
+from collections.abc import Collection, Mapping
+
+from pyoxigraph import Literal, NamedNode
+
+from linked_fleet_gateway.extensions.query.messages import Placed
+from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.rdf.graph import number
+from linked_fleet_gateway.rdf.vocabulary import LF
+from linked_fleet_gateway.resources.fleet_functions import Function, Term, path_of
+from linked_fleet_gateway.resources.relative_poses import rounded, seen_from
+
+FUNCTIONS = (LF.poseIn, LF.distance)
+COMPONENTS = ("x", "y", "z", "qx", "qy", "qz", "qw")
+"""The parts of a pose: position (m) and unit quaternion."""
+
+
+def functions_of(base: str, robots: Mapping[str, Robot], objects: Mapping[str, Placed]) -> dict[NamedNode, Function]:
+    """The functions, for these robots and objects and no others. None is an error of the expression."""
+
+    def pose_in(*said: Term) -> Term | None:
+        """One component of the pose of a robot's root, a link, an object or the world, seen from another of these."""
+        pose = _seen(base, robots, objects, said[:2]) if len(said) == 3 else None
+        component = said[2].value if len(said) == 3 and isinstance(said[2], Literal) else ""
+        if pose is None or component not in COMPONENTS:
+            return None
+        return number((*pose.position_m, *pose.orientation_xyzw)[COMPONENTS.index(component)])
+
+    def distance(*said: Term) -> Term | None:
+        """Between the origins of two of these (m)."""
+        pose = _seen(base, robots, objects, said) if len(said) == 2 else None
+        return None if pose is None else number(rounded(math.hypot(*pose.position_m)))
+
+    return {LF.poseIn: pose_in, LF.distance: distance}
+
+
+def _seen(base: str, robots: Mapping[str, Robot], objects: Mapping[str, Placed], said: Collection[Term]) -> Pose | None:
+    """The pose of the first as the second sees it; None while it is unknown, and for what has none."""
+    paths = [path_of(base, each) for each in said]
+    try:
+        return seen_from(paths[0], paths[1], robots, objects).pose
+    except LookupError:
+        return None

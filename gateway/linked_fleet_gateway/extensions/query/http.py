@@ -1,0 +1,155 @@
+"""The SPARQL 1.1 Protocol (W3C Recommendation of 21 March 2013), its query operation; there is no update operation."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from urllib.parse import parse_qsl, urljoin
+
+from starlette.responses import Response
+
+from linked_fleet_gateway.base.errors import BadRequest, FleetError, NotAcceptable, UnsupportedMediaType
+from linked_fleet_gateway.extensions.query.description import FORM, PATH, QUERY_TYPES, Endpoint, PostQuery, described
+from linked_fleet_gateway.extensions.query.service import JSON_RESULTS
+from linked_fleet_gateway.http.body import read_body
+from linked_fleet_gateway.http.fields import field
+from linked_fleet_gateway.http.html import HTML
+from linked_fleet_gateway.http.negotiation import choose, parse_content_type
+from linked_fleet_gateway.http.offload import Offload
+from linked_fleet_gateway.http.preconditions import await_preconditions
+from linked_fleet_gateway.http.read import read as read_resource
+from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.rdf.serialise import RDF_TYPES
+from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES, Dataset, Query, read
+from linked_fleet_gateway.resources.resource import Resource
+
+_UPDATE = "application/sparql-update"
+_BOOLEANS = (JSON_RESULTS, "application/sparql-results+xml", "application/json", HTML)
+_SOLUTIONS = (*_BOOLEANS, "text/csv", "text/tab-separated-values")
+_GRAPHS = (*RDF_TYPES, HTML)
+_PICKED = {
+    "json": JSON_RESULTS, "xml": "application/sparql-results+xml", "csv": "text/csv",
+    "tsv": "text/tab-separated-values", "html": HTML, "turtle": "text/turtle", "jsonld": "application/ld+json",
+    "ntriples": "application/n-triples", "rdfxml": "application/rdf+xml", "jelly": "application/x-jelly-rdf",
+}  # fmt: skip
+_MAX_FIELDS = 64
+_SHORT = 1024  # characters of a query that is read on the event loop
+# What is found in a fleet is for who asked, at that instant; and nothing of it is a document that runs something.
+_HEADERS = {"vary": "Accept", "cache-control": "no-store", "x-content-type-options": "nosniff"}
+_INERT = "sandbox; default-src 'none'"
+_COUNTS = "SELECT ?graph (COUNT(*) AS ?triples) { GRAPH ?graph { ?s ?p ?o } } GROUP BY ?graph"
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What a request says: the text, the dataset, and what stands for ``Accept``."""
+
+    query: str
+    dataset: Dataset
+    picked: str | None
+
+
+async def read_query(request: Request, resource: Resource, endpoint: Endpoint) -> Response:
+    """The answer to a query in the address; without one, the resource as it describes itself."""
+    said = _pairs(request.scope["query_string"])
+    if any(name in ("query", "update") for name, _ in said):
+        return await _answer(request, endpoint, _asked(said, request.base))
+    answer = described(endpoint, await _counts(endpoint))
+    answer = replace(answer, reader=resource.reader, warning=resource.warning)
+    await await_preconditions(request, answer)
+    return read_resource(request, answer)
+
+
+async def post_query(request: Request, affords: PostQuery) -> Response:
+    """A query in the body, as it is or as a form (2.1.2, 2.1.3)."""
+    media_type, _ = parse_content_type(field(request, "content-type"))
+    if media_type == _UPDATE:
+        raise UnsupportedMediaType("There are no updates; robots are moved by their actions.", offered=QUERY_TYPES)
+    if media_type not in QUERY_TYPES:
+        raise UnsupportedMediaType(
+            f"{media_type} is not taken here; {', '.join(QUERY_TYPES)} are.", offered=QUERY_TYPES
+        )
+    coding = (field(request, "content-encoding") or "identity").strip().lower()
+    if coding != "identity":
+        raise UnsupportedMediaType(f"Content-Encoding {coding} is not taken.", headers={"Accept-Encoding": "identity"})
+    if media_type == FORM:
+        return await _answer(request, affords.endpoint, _asked(_pairs(await read_body(request, _most())), request.base))
+    body = await read_body(request)
+    said = _pairs(request.scope["query_string"])
+    if any(name in ("query", "update") for name, _ in said):
+        raise BadRequest("The query is the body; the address says only the dataset.")
+    return await _answer(request, affords.endpoint, _asked([("query", _text(body)), *said], request.base))
+
+
+def _most() -> int:
+    return 3 * MAX_QUERY_BYTES  # each byte may be %XX
+
+
+def _pairs(content: bytes) -> list[tuple[str, str]]:
+    try:
+        return parse_qsl(content.decode(), keep_blank_values=True, errors="strict", max_num_fields=_MAX_FIELDS)
+    except ValueError as error:
+        raise BadRequest(f"The parameters are no UTF-8, or more than {_MAX_FIELDS}.") from error
+
+
+def _text(body: bytes) -> str:
+    try:
+        return body.decode()
+    except UnicodeDecodeError as error:
+        raise BadRequest("The query is no UTF-8.") from error
+
+
+def _asked(said: Sequence[tuple[str, str]], base: str) -> _Asked:
+    def all_of(name: str) -> list[str]:
+        return [value for key, value in said if key == name]
+
+    def graphs(name: str) -> tuple[str, ...]:
+        try:
+            return tuple(urljoin(base + PATH, each) for each in all_of(name))
+        except ValueError as error:
+            raise BadRequest(f"{name} is an IRI.") from error
+
+    queries = all_of("query")
+    if all_of("update"):
+        raise BadRequest("There are no updates; robots are moved by their actions.")
+    if len(queries) != 1:
+        raise BadRequest(f"Send one query, not {len(queries)}.")
+    dataset = Dataset.of(graphs("default-graph-uri"), graphs("named-graph-uri"))
+    return _Asked(queries[0], dataset, next(iter(all_of("as")), None))
+
+
+async def _answer(request: Request, endpoint: Endpoint, asked: _Asked) -> Response:
+    offload: Offload = request.services.offload
+    query = await offload.run(partial(read, asked.query, request.base + PATH), len(asked.query), _SHORT)
+    media_type = _chosen(request, query, asked.picked)
+    body = await endpoint.queries.run(
+        query, request.base, endpoint.sight.sees, media_type, dataset=asked.dataset, client=request.caller_name
+    )
+    content_type = media_type + ("; charset=utf-8" if media_type.startswith("text/") else "")
+    html = request.services.representations.html
+    policy = html.policy(forms=True) if html is not None and media_type == HTML else _INERT
+    return Response(body, headers=_HEADERS | {"content-type": content_type, "content-security-policy": policy})
+
+
+def _chosen(request: Request, query: Query, picked: str | None) -> str:
+    offered: tuple[str, ...] = _SOLUTIONS if query.form == "SELECT" else _BOOLEANS if query.form == "ASK" else _GRAPHS
+    if request.services.representations.html is None:
+        offered = tuple(each for each in offered if each != HTML)
+    if picked is not None and picked not in _PICKED:
+        raise NotAcceptable(f"&as= picks one of {', '.join(_PICKED)}.", offered=tuple(_PICKED))
+    accept = field(request, "accept") if picked is None else _PICKED[picked]
+    chosen = choose(accept, offered)
+    if chosen is None:
+        raise NotAcceptable(f"Of {query.form} there are {', '.join(offered)}.", offered=offered)
+    return chosen
+
+
+async def _counts(endpoint: Endpoint) -> dict[str, int]:
+    """Triples by graph; none before anybody has asked anything, or while others keep the process busy."""
+    queries, sight = endpoint.queries, endpoint.sight
+    if not queries.running:
+        return {}
+    try:
+        rows = await queries.select(_COUNTS, sight.base, sight.sees)
+    except FleetError:
+        return {}
+    return {row["graph"].value: int(row["triples"].value) for row in rows}

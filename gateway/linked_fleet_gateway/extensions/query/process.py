@@ -1,0 +1,132 @@
+"""The query process of a gateway: started for the first query, told what is new, asked, replaced when it is gone."""
+
+import asyncio
+import logging
+import socket
+import time
+from asyncio.subprocess import DEVNULL
+from collections.abc import Callable
+
+from linked_fleet_gateway.base.errors import BadRequest, Busy, FleetError
+from linked_fleet_gateway.extensions.query.errors import QueryTooCostly, ResultTooLarge
+from linked_fleet_gateway.extensions.query.extended import extended
+from linked_fleet_gateway.extensions.query.messages import (
+    DONE,
+    FORKED,
+    PATIENCE,
+    REFUSED,
+    Ask,
+    Refusal,
+    decode_refusal,
+    encode,
+)
+from linked_fleet_gateway.extensions.query.snapshot import Feed
+from linked_fleet_gateway.runtime.worker import Worker
+
+log = logging.getLogger(__name__)
+
+_BEGIN_S = 60.0  # to write the whole fleet down for the first time
+_GRACE_S = 1.0
+_CHUNK = 256 * 1024
+# It copies itself, which leaves threads behind; and what one query computes is not worth any.
+_ALONE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+
+
+class QueryProcess:
+    """``feed`` makes one that knows nothing of what a process was told before."""
+
+    def __init__(self, feed: Callable[[], Feed]) -> None:
+        self._new_feed = feed
+        self._feed = feed()
+        self._control: socket.socket | None = None
+        self._worker = Worker("linked_fleet_gateway.extensions.query.worker", _ALONE)
+        self._telling = asyncio.Lock()
+
+    async def ask(self, make: Callable[[Feed], Ask]) -> bytes:
+        """The result of what ``make`` makes in the instant of which it is; FleetError."""
+        ours, theirs = socket.socketpair()
+        with ours, theirs:
+            ours.setblocking(False)
+            limit_s = await self._begin(make, ours, theirs)
+            started = time.monotonic()
+            answer = await _read_all(ours, limit_s * PATIENCE + _GRACE_S)
+        return _result(answer, time.monotonic() - started >= limit_s)
+
+    @property
+    def running(self) -> bool:
+        return self._control is not None
+
+    async def close(self) -> None:
+        if self._control is not None:
+            self._control.close()
+            self._control = None
+        await self._worker.end()
+
+    async def _begin(self, make: Callable[[Feed], Ask], ours: socket.socket, theirs: socket.socket) -> float:
+        """Have the process begin with it; the time that it has."""
+        async with self._telling:
+            try:
+                control = await self._running()
+                ask = make(self._feed)
+                await _send(control, encode(ask), theirs)
+                theirs.close()
+                async with asyncio.timeout(_BEGIN_S):
+                    first = await asyncio.get_running_loop().sock_recv(ours, 1)
+                if first != FORKED:
+                    raise ConnectionError("it ended")
+                return ask.limit_s
+            except (OSError, TimeoutError) as error:
+                log.warning("the query process is started anew: %s", error)
+                await self.close()
+                raise Busy("Queries cannot be answered at this moment; ask again.") from error
+            except BaseException:  # it has been told in part
+                await self.close()
+                raise
+
+    async def _running(self) -> socket.socket:
+        if self._control is not None and self._worker.running:
+            return self._control
+        await self.close()
+        self._feed = self._new_feed()
+        ours, theirs = socket.socketpair()
+        with theirs:
+            await self._worker.start(str(theirs.fileno()), extended(), pass_fds=[theirs.fileno()], stdin=DEVNULL)
+        ours.setblocking(False)
+        self._control = ours
+        return ours
+
+
+async def _send(control: socket.socket, content: bytes, answer: socket.socket) -> None:
+    """The length with the socket of the answer, then the content. What was sent before has been taken."""
+    socket.send_fds(control, [len(content).to_bytes(8)], [answer.fileno()])
+    await asyncio.get_running_loop().sock_sendall(control, content)
+
+
+async def _read_all(ours: socket.socket, patience_s: float) -> bytearray:
+    content = bytearray()
+    try:
+        async with asyncio.timeout(patience_s):
+            while chunk := await asyncio.get_running_loop().sock_recv(ours, _CHUNK):
+                content += chunk
+    except (TimeoutError, ConnectionError):
+        content.clear()
+    return content
+
+
+def _result(answer: bytearray, late: bool) -> bytes:
+    end, content = bytes(answer[-1:]), bytes(answer[:-1])
+    if end == DONE:
+        return content
+    if end == REFUSED:
+        raise _error(decode_refusal(content))
+    if late:
+        raise QueryTooCostly("The query took longer than it may. Ask of fewer robots, or with fewer open paths.")
+    raise QueryTooCostly("The query took more memory than it may, or is too deep. Ask of fewer robots, or in parts.")
+
+
+def _error(refusal: Refusal) -> FleetError:
+    if refusal.reason == "wrong":
+        return BadRequest(refusal.detail, line=refusal.line, column=refusal.column)
+    if refusal.reason == "large":
+        return ResultTooLarge(refusal.detail)
+    return QueryTooCostly("The query takes more memory than it may. Ask of fewer robots, or in parts.")

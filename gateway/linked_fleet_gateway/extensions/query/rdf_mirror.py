@@ -1,0 +1,256 @@
+"""The fleet under one base URL as RDF in a store, kept as it is by replacing what became different.
+
+What is said here is said by ``resources`` to who fetches the resources: each value once, in the graph of its
+robot. What follows from a description alone is written when that comes; measured values when they have moved.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from typing import NamedTuple
+
+from pyoxigraph import BlankNode, NamedNode, Quad, Store, Triple
+
+from linked_fleet_gateway.extensions.query.fleet_mirror import Mirror, Mirrored
+from linked_fleet_gateway.fleet.invocation import Invocation
+from linked_fleet_gateway.fleet.model import Joint, Link
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.rdf.graph import Graph, Node, Term
+from linked_fleet_gateway.rdf.shapes import load
+from linked_fleet_gateway.resources.describe import Describer
+from linked_fleet_gateway.resources.documents import VOCABULARY, describe_terms
+from linked_fleet_gateway.resources.invocation import describe_invocation, invocation_path
+from linked_fleet_gateway.resources.lease import describe_lease
+from linked_fleet_gateway.resources.paths import joint_path, link_path, robot_path
+from linked_fleet_gateway.resources.property import Property, Seen
+
+SHAPES = "/blueprint"
+
+
+class Labelled(Graph):
+    """A description whose blank nodes are nobody else's: ``prefix`` is in all their labels."""
+
+    def __init__(self, prefix: str) -> None:
+        super().__init__()
+        self._prefix = prefix
+
+    def add(self, subject: Node, predicate: NamedNode, *objects: Term) -> None:
+        own = self._own(subject) if isinstance(subject, BlankNode) else subject
+        terms = (self._own(each) if isinstance(each, BlankNode) else each for each in objects)
+        super().add(own, predicate, *terms)
+
+    def _own(self, node: BlankNode) -> BlankNode:
+        return BlankNode(self._prefix + node.value)
+
+
+class Still(Describer):
+    """Describes things without their measured values, and notes which those are."""
+
+    def __init__(self, base: str) -> None:
+        super().__init__(base)
+        self.measured: list[tuple[str, Property]] = []
+
+    def _properties(self, graph: Graph, owner: str, items: Iterable[Property]) -> None:
+        items = list(items)
+        self.measured += [(owner, item) for item in items if item.measured]
+        super()._properties(graph, owner, items)
+
+    def _property(self, graph: Graph, owner: str, item: Property, seen: Seen) -> None:
+        if not item.measured:
+            super()._property(graph, owner, item, seen)
+
+    def _last_frame(self, graph: Graph, iri: NamedNode, robot: Robot) -> None:
+        pass
+
+    def value(self, graph: Graph, owner: str, item: Property, seen: Seen) -> None:
+        """A measured value, which was left out."""
+        super()._property(graph, owner, item, seen)
+
+    def last_frame(self, graph: Graph, iri: NamedNode, robot: Robot) -> None:
+        super()._last_frame(graph, iri, robot)
+
+
+class _Value:
+    """A measured value as it was written last."""
+
+    def __init__(self, owner: str, item: Property, prefix: str) -> None:
+        self.owner, self.item, self.prefix = owner, item, prefix
+        self.seen: Seen | None = None
+        self.triples: list[Triple] = []
+
+
+class _Of(NamedTuple):
+    """What a document says, and what it said it of."""
+
+    key: object
+    prefix: str
+    triples: list[Triple]
+
+
+class _Robot:
+    """What the store has of one robot."""
+
+    def __init__(self, graph: NamedNode, held: Mirrored) -> None:
+        self.graph, self.held = graph, held
+        self.basis: object = None
+        self.said = self.seen = -1
+        self.documents: dict[str, _Of] = {}
+        self.values: dict[str, list[_Value]] = {}
+
+
+class Twin:
+    """The store under one base URL (scheme and authority). ``bring`` makes it what the mirror is."""
+
+    def __init__(self, base: str) -> None:
+        self.base, self.store = base, Store()
+        self._say = Still(base)
+        self._robots: dict[str, _Robot] = {}
+        self._documents = 0
+        graph = Labelled("v")
+        describe_terms(base, graph)
+        self._extend(NamedNode(base + VOCABULARY), graph.triples)
+        shapes = [triple for triples in load("blueprints.ttl").values() for triple in triples]
+        self.add(SHAPES, shapes, "s")
+
+    def graph_of(self, robot: str) -> NamedNode:
+        return NamedNode(self.base + robot_path(robot))
+
+    def add(self, path: str, triples: Sequence[Triple], prefix: str) -> None:
+        """Add what somebody says to a graph, with blank nodes of its own."""
+        graph = Labelled(prefix)
+        for triple in triples:
+            graph.add(triple.subject, triple.predicate, triple.object)  # type: ignore[arg-type]
+        self._extend(NamedNode(self.base + path), graph.triples)
+
+    def bring(self, mirror: Mirror) -> None:
+        for name in [name for name, known in self._robots.items() if known.held is not mirror.robots.get(name)]:
+            self.store.remove_graph(self._robots.pop(name).graph)
+        for name, held in mirror.robots.items():
+            known = self._robots.setdefault(name, _Robot(self.graph_of(name), held))
+            if known.said != held.said:
+                self._tell(known, held)
+            elif known.seen != held.seen:
+                self._measure(known, held)
+            known.said, known.seen = held.said, held.seen
+
+    # -- what is said -------------------------------------------------------------------------------------------------
+
+    def _tell(self, known: _Robot, held: Mirrored) -> None:
+        robot = held.robot
+        # Several documents say the same of parts; so long as there are the same parts none of it is taken back.
+        basis = (robot.description, robot.model is None, robot.title)
+        if basis != known.basis:
+            self.store.remove_graph(known.graph)
+            known.documents, known.values, known.basis = {}, {}, basis
+        self._write_robot(known, held)
+        if robot.model is not None:
+            self._write_parts(known, robot)
+        self._measure(known, held)
+
+    def _write_robot(self, known: _Robot, held: Mirrored) -> None:
+        robot, path = held.robot, robot_path(held.robot.name)
+        branches = [(NamedNode(term), other) for term, other in held.branches]
+        tasks = [invocation_path(each) for each in held.tasks]
+        self._write(known, path, None, lambda say, graph: say.robot(robot, tasks, branches, graph))
+        self._write(known, "lease", None, lambda say, graph: describe_lease(graph, self.base, robot))
+        others = {each.id: each for each in held.invocations}
+        for each in held.invocations:
+            self._write(known, each.id, None, partial(self._invocation, robot, each, others))
+        for gone in [key for key in known.documents if "/" not in key and key not in (*others, "lease")]:
+            self._replace(known, gone, _Of(None, "", []))
+            del known.documents[gone]
+
+    def invocation(self, one: Invocation, others: dict[str, Invocation], sees: Callable[[str], bool]) -> list[Triple]:
+        """An invocation of the whole fleet, to who ``sees`` some robots."""
+        graph = Graph()
+        answers = {name: answer for name, answer in one.robots.items() if sees(name)}
+        describe_invocation(graph, self.base, None, one, others, answers)
+        return graph.triples
+
+    def _invocation(self, robot: Robot, one: Invocation, others: dict[str, Invocation], _: Still, graph: Graph) -> None:
+        describe_invocation(graph, self.base, robot, one, others, {})
+
+    def _write_parts(self, known: _Robot, robot: Robot) -> None:
+        assert robot.model is not None
+        common = (robot.online, None if robot.online else robot.last_seen_ns, robot.fault, robot.annotations)
+        for joint in robot.model.joints.values():
+            path, key = joint_path(robot.name, joint.name), (*common, robot.targets.get(joint.name))
+            self._write(known, path, key, partial(_joint, robot, joint))
+        for link in robot.model.links.values():
+            path = link_path(robot.name, robot.model, link.name)
+            self._write(known, path, common, partial(_link, robot, link))
+
+    def _write(self, known: _Robot, name: str, key: object, describe: Callable[[Still, Graph], None]) -> None:
+        """Write the document ``name``, unless there it is for the same ``key``; None is never the same."""
+        held = known.documents.get(name)
+        if held is not None and key is not None and held.key == key:
+            return
+        prefix = self._fresh() if held is None else held.prefix
+        say, graph = Still(self.base), Labelled(prefix)
+        describe(say, graph)
+        self._replace(known, name, _Of(key, prefix, graph.triples))
+        if say.measured and name not in known.values:
+            known.values[name] = [_Value(owner, item, self._fresh()) for owner, item in say.measured]
+
+    # -- what is measured ---------------------------------------------------------------------------------------------
+
+    def _measure(self, known: _Robot, held: Mirrored) -> None:
+        graph = Graph()
+        self._say.last_frame(graph, known.graph, held.robot)
+        self._replace(known, "/lastFrame", _Of(None, "", graph.triples))
+        old: list[Triple] = []
+        new: list[Triple] = []
+        for values in known.values.values():
+            for value in values:
+                self._look(value, old, new)
+        self._exchange(known.graph, old, new)
+
+    def _look(self, value: _Value, old: list[Triple], new: list[Triple]) -> None:
+        seen = Seen.of(value.item.look())
+        if seen == value.seen:
+            return
+        graph = Labelled(value.prefix)
+        self._say.value(graph, value.owner, value.item, seen)
+        if len(graph.triples) == len(value.triples):
+            for before, after in zip(value.triples, graph.triples, strict=True):
+                if before != after:
+                    old.append(before)
+                    new.append(after)
+        else:
+            old += value.triples
+            new += graph.triples
+        value.seen, value.triples = seen, graph.triples
+
+    def _fresh(self) -> str:
+        self._documents += 1
+        return f"d{self._documents}x"
+
+    # -- the store ----------------------------------------------------------------------------------------------------
+
+    def _replace(self, known: _Robot, name: str, document: _Of) -> None:
+        before = known.documents.get(name)
+        known.documents[name] = document
+        if before is None:
+            self._extend(known.graph, document.triples)
+            return
+        was, is_ = set(before.triples), set(document.triples)
+        self._exchange(known.graph, was - is_, is_ - was)
+
+    def _exchange(self, graph: NamedNode, old: Iterable[Triple], new: Iterable[Triple]) -> None:
+        for triple in old:
+            self.store.remove(_quad(triple, graph))
+        self._extend(graph, new)
+
+    def _extend(self, graph: NamedNode, triples: Iterable[Triple]) -> None:
+        self.store.extend(_quad(triple, graph) for triple in triples)
+
+
+def _quad(triple: Triple, graph: NamedNode) -> Quad:
+    return Quad(triple.subject, triple.predicate, triple.object, graph)
+
+
+def _joint(robot: Robot, joint: Joint, say: Still, graph: Graph) -> None:
+    say.joint(robot, joint, graph)
+
+
+def _link(robot: Robot, link: Link, say: Still, graph: Graph) -> None:
+    say.link(robot, link, graph)

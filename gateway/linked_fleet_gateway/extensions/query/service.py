@@ -1,0 +1,156 @@
+"""Queries over the live fleet: SPARQL 1.1, each of one consistent instant, evaluated beside the gateway."""
+
+from collections.abc import Mapping, Sequence
+from types import TracebackType
+
+from pyoxigraph import (
+    BlankNode,
+    Literal,
+    NamedNode,
+    QueryResultsFormat,
+    QuerySolutions,
+    RdfFormat,
+    parse_query_results,
+    serialize,
+)
+
+from linked_fleet_gateway.extensions.query.messages import Ask, Instead, Placed
+from linked_fleet_gateway.extensions.query.process import QueryProcess
+from linked_fleet_gateway.extensions.query.snapshot import Feed
+from linked_fleet_gateway.extensions.query.turns import FairTurns
+from linked_fleet_gateway.identity.rights import View
+from linked_fleet_gateway.rdf.sparql_syntax import Dataset, Query, check_select, read
+from linked_fleet_gateway.resources.access_filter import InvocationsInView, RobotsInView
+from linked_fleet_gateway.resources.branches import RequestView
+from linked_fleet_gateway.subscriptions.live import Live
+
+LIMIT_S = 5.0
+"""Processor time that the evaluation of one query may take."""
+MAX_RESULT_BYTES = 8 * 2**20
+MAX_SELECTED_BYTES = 2**20
+"""Of results that are asked for here, where they are read in the event loop."""
+JSON_RESULTS = "application/sparql-results+json"
+
+Term = NamedNode | BlankNode | Literal
+
+
+class Queries:
+    """An async context manager."""
+
+    def __init__(self, live: Live, limit_s: float = LIMIT_S) -> None:
+        self._live, self._limit_s = live, limit_s
+        self._turns = FairTurns()
+        self._process = QueryProcess(lambda: Feed(live.fleet, live.invocations, lambda: live.branches))
+
+    async def __aenter__(self) -> "Queries":
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self._process.close()
+
+    @property
+    def running(self) -> bool:
+        """Whether anybody has asked anything yet."""
+        return self._process.running
+
+    async def select(
+        self,
+        query: str,
+        base: str,
+        sees: View,
+        bindings: Mapping[str, Term] = {},
+        *,
+        instead: Sequence[Instead] = (),
+    ) -> list[dict[str, Term]]:
+        """The solutions of a SELECT query, unbound variables left out.
+
+        BadRequest, PayloadTooLarge, ResultTooLarge, QueryTooCostly, TooManyQueries, Busy.
+
+        ``base`` is scheme and authority of all IRIs. ``bindings`` stand for variables without their question marks;
+        the query has to select each of them. Those who see the same robots under one name share their turns.
+        ``instead``: robots that are supposed to be in another state than they are.
+        """
+        check_select(query)
+        body = await self.run(
+            read(query, base + "/query"), base, sees, JSON_RESULTS,
+            bindings=bindings, instead=instead, most=MAX_SELECTED_BYTES,
+        )  # fmt: skip
+        found = parse_query_results(body, format=QueryResultsFormat.JSON)
+        assert isinstance(found, QuerySolutions)
+        names = [each.value for each in found.variables]
+        rows = ({name: row[name] for name in names} for row in found)
+        return [{name: term for name, term in row.items() if isinstance(term, Term)} for row in rows]
+
+    async def check(self, query: str, base: str) -> list[str]:
+        """The variables of a SELECT query that is SPARQL from end to end; FleetError. Nothing is asked of the fleet."""
+        variables = check_select(query)
+        nobody = View((), "")
+        await self.run(read(query, base + "/query"), base, nobody, JSON_RESULTS, only_check=True)
+        return variables
+
+    async def run(
+        self,
+        query: Query,
+        base: str,
+        sees: View,
+        media_type: str,
+        *,
+        dataset: Dataset | None = None,
+        client: str | None = None,
+        bindings: Mapping[str, Term] = {},
+        instead: Sequence[Instead] = (),
+        most: int = MAX_RESULT_BYTES,
+        only_check: bool = False,
+    ) -> bytes:
+        """The result in a media type that suits the query's form. ``dataset`` goes before the query's own.
+
+        BadRequest, ResultTooLarge, QueryTooCostly, TooManyQueries, Busy.
+        """
+        asked = query.dataset if dataset is None or dataset == Dataset() else dataset
+
+        def make(feed: Feed) -> Ask:
+            robots = RobotsInView(self._live.fleet.robots, sees)
+            invocations = InvocationsInView(self._live.invocations, sees)
+            sight = RequestView(base, robots, invocations, sees)
+            return Ask(
+                news=feed.news(),
+                query=query.text,
+                base=base,
+                base_iri=base + "/query",
+                patterns=sees.patterns,
+                caller=sees.name,
+                default=asked.default,
+                named=asked.named,
+                branches=[(term.value, path) for term, path in self._live.branches.linked()],
+                invocations=[each for each in feed.of_fleet() if invocations.get(each.id) is not None],
+                graphs=[(path, _n_triples(said)) for path, said in self._live.branches.graphs(sight)],
+                media_type=media_type,
+                most_bytes=most,
+                limit_s=self._limit_s,
+                bindings={name: _json(term) for name, term in bindings.items()},
+                objects={id: Placed(each.pose) for id, each in self._live.objects().items()},
+                instead=tuple(instead),
+                only_check=only_check,
+            )
+
+        async with self._turns.turn(client if client is not None else "view " + sees.name):
+            return await self._process.ask(make)
+
+
+def _n_triples(triples: Sequence[object]) -> bytes:
+    written = serialize(triples, format=RdfFormat.N_TRIPLES)  # type: ignore[arg-type]
+    assert written is not None  # nothing is written to a file
+    return written
+
+
+def _json(term: Term) -> dict[str, str]:
+    """A term as SPARQL 1.1 Query Results JSON has it."""
+    if isinstance(term, NamedNode):
+        return {"type": "uri", "value": term.value}
+    if isinstance(term, BlankNode):
+        raise TypeError("a blank node of elsewhere stands for nothing here")
+    if term.language is not None:
+        return {"type": "literal", "value": term.value, "xml:lang": term.language}
+    return {"type": "literal", "value": term.value, "datatype": term.datatype.value}

@@ -1,0 +1,83 @@
+"""What the query process has to hear of the fleet before a query: all of one instant, and only what is news to it."""
+
+from collections.abc import Callable, Iterable, Sequence
+from itertools import islice
+
+from pyoxigraph import Triple
+
+from linked_fleet_gateway.extensions.query.messages import Member, News, Said
+from linked_fleet_gateway.fleet.fleet import Fleet
+from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, Invocations
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.resources.branches import Branches, RequestView
+from linked_fleet_gateway.resources.paths import robot_path
+
+MAX_ENDED = 20
+"""How many invocations that are over are told of each robot, and of the fleet: those that were asked for last."""
+
+Contribution = Callable[[RequestView], Iterable[tuple[str, Sequence[Triple]]]]
+"""Triples that a branch adds to the data set for the caller, by the path of the graph that they belong to.
+
+The labels of its blank nodes are its own: no two contributions to one graph may share them."""
+
+
+class Feed:
+    """What one query process has been told so far. To be asked, and its answer encoded, in one turn of the event loop:
+    it refers to what lives."""
+
+    def __init__(self, fleet: Fleet, invocations: Invocations, branches: Callable[[], Branches]) -> None:
+        self._fleet, self._invocations, self._branches = fleet, invocations, branches
+        self._said: dict[str, tuple[object, ...]] = {}
+        self._frames: dict[str, bytes | None] = {}
+
+    def news(self) -> News:
+        """What is different since it was asked last."""
+        robots, frames = [], {}
+        for name, robot in self._fleet.robots.items():
+            invocations = recent(self._invocations, name)
+            branches = self._branches().linked_from(robot, robot_path(name))
+            key = _key(robot, invocations, branches)
+            if key != self._said.get(name):
+                self._said[name] = key
+                robots.append(_said(robot, invocations, [(term.value, path) for term, path in branches]))
+            if (frame := robot.payload) is not self._frames.get(name):
+                frames[name] = self._frames[name] = frame
+        forgotten = list(self._said.keys() - set(self._fleet.robots))
+        for name in forgotten:
+            del self._said[name]
+            self._frames.pop(name, None)
+        return News(robots=robots, frames=frames, forgotten=forgotten)
+
+    def of_fleet(self) -> list[Invocation]:
+        """Invocations of the whole fleet."""
+        return recent(self._invocations, FLEET)
+
+
+def recent(invocations: Invocations, robot: str) -> list[Invocation]:
+    """Those that are not over, and the last of those that are."""
+    ended = (each for each in invocations.of_robot(robot) if each.state.terminal)
+    return [*invocations.open_of(robot), *islice(ended, MAX_ENDED)]
+
+
+def _key(robot: Robot, invocations: list[Invocation], branches: object) -> tuple[object, ...]:
+    """What is another whenever something that no frame brings is."""
+    known = [(one.id, one.state, one.progress, one.reason, one.ended_ns, one.preempted_by) for one in invocations]
+    said = robot.online, robot.incarnation, robot.news, robot.description, robot.fault
+    return *said, robot.lease, robot.settings, dict(robot.targets), known, branches
+
+
+def _said(robot: Robot, invocations: list[Invocation], branches: list[Member]) -> Said:
+    return Said(
+        name=robot.name,
+        online=robot.online,
+        incarnation=robot.incarnation,
+        description=robot.description,
+        fault=robot.fault,
+        limit_fault=robot.limit_fault,
+        last_seen_ns=robot.last_seen_ns,
+        lease=robot.lease,
+        settings=dict(robot.settings),
+        targets=robot.targets,
+        branches=branches,
+        invocations=invocations,
+    )

@@ -1,0 +1,116 @@
+"""The function ``lf:canReach``: whether joints within their limits bring the origin of a link to a place."""
+
+import logging
+import math
+from collections.abc import Collection, Mapping
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from pyoxigraph import Literal, NamedNode
+
+from linked_fleet_gateway.base.lazy_imports import Lazily
+from linked_fleet_gateway.fleet.envelope import envelope
+from linked_fleet_gateway.fleet.kinematics import ORIGIN, compose, inverse, placed
+from linked_fleet_gateway.fleet.model import JointKind, ModelError, Pose
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.fleet.xml import Vector
+from linked_fleet_gateway.rdf.vocabulary import LF
+from linked_fleet_gateway.resources.fleet_functions import Function, Term, path_of
+from linked_fleet_gateway.resources.paths import part_of, robot_name
+from linked_fleet_gateway.resources.shape_parameters import commandable
+
+TOLERANCE_M = 5e-5
+_SOLVER = "linked_fleet_gateway.extensions.reach.inverse_kinematics"
+if TYPE_CHECKING:
+    from linked_fleet_gateway.extensions.reach import inverse_kinematics as solver
+else:
+    solver = Lazily(_SOLVER, "pinocchio", "numpy")
+
+log = logging.getLogger(__name__)
+
+
+class CanReach:
+    """Implements ``linked_fleet_gateway.resources.fleet_functions.FleetFunctions``."""
+
+    names = (LF.canReach,)
+
+    def prepare(self) -> None:
+        import_module(_SOLVER)
+        import_module("numpy.random")  # which numpy imports when it is first used
+
+    def bind(self, base: str, robots: Mapping[str, Robot]) -> dict[NamedNode, Function]:
+        known: dict[tuple[str, Vector], bool] = {}
+
+        def can_reach(*said: Term) -> Literal | None:
+            """In the frame of the robot's root link (m), in the world if its base floats. Obstacles do not count.
+            An error of the expression where the answer is unknown."""
+            found = _link(base, robots, said[0]) if len(said) == 4 else None
+            x, y, z = map(_metres, said[1:]) if len(said) == 4 else (None, None, None)
+            if found is None or x is None or y is None or z is None:
+                return None
+            key = said[0].value, (x, y, z)  # type: ignore[union-attr]  # a link is named by an IRI
+            if key not in known:
+                answer = _reaches(*found, key[1])
+                if answer is None:
+                    return None
+                known[key] = answer
+            return Literal(known[key])
+
+        return {LF.canReach: can_reach}
+
+
+def _link(base: str, robots: Mapping[str, Robot], term: Term) -> tuple[Robot, str] | None:
+    head, _, part = path_of(base, term)[1:].partition("/")
+    try:
+        robot = robots[robot_name(head)]
+        link = None if robot.model is None else part_of(part, robot.model)[1]
+    except (KeyError, ValueError):
+        return None
+    return None if link is None else (robot, link)
+
+
+def _metres(term: Term) -> float | None:
+    try:
+        value = float(term.value) if isinstance(term, Literal) else math.nan
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
+
+
+def _reaches(robot: Robot, link: str, place: Vector) -> bool | None:
+    description, frame, able = robot.description, robot.frame, commandable(robot)
+    if description is None or frame is None:
+        return None
+    movable = [joint.name for joint in able]
+    limits = {
+        joint.name: (joint.limits.lower, joint.limits.upper)
+        for joint in able
+        if joint.kind is not JointKind.CONTINUOUS and joint.limits.lower is not None and joint.limits.upper is not None
+    }
+    if _beyond(robot, link, movable, place):
+        return False
+    floating = description.base == "floating"
+    try:
+        solver.reach(
+            description.urdf, floating, link, place, None, dict(robot.positions), limits, movable, frame.base,
+            "world" if floating else "base",
+        )  # fmt: skip
+    except solver.Unreachable:
+        return False
+    except (ModelError, ValueError):
+        return None
+    except Exception:
+        # Raised again: but the store takes whatever is raised for an error of the expression, and tells nobody.
+        log.exception("lf:canReach failed")
+        raise
+    return True
+
+
+def _beyond(robot: Robot, link: str, movable: Collection[str], place: Vector) -> bool:
+    """Return True if the robot is too short to reach the point, whatever its joints do."""
+    assert robot.model is not None and robot.description is not None and robot.frame is not None
+    root = placed(robot.frame.base) if robot.description.base == "floating" else ORIGIN
+    if root is None:
+        return False
+    at = compose(inverse(root), Pose(place, ORIGIN.orientation_xyzw)).position_m
+    return not envelope(robot.model, link, movable).contains(at, TOLERANCE_M)

@@ -1,0 +1,104 @@
+"""``reach``: joint positions for an admitted body, by inverse kinematics."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Literal
+
+from pyoxigraph import NamedNode
+
+from linked_fleet_agent.wire.messages import Move
+from linked_fleet_gateway.actions.action_handlers import motion_to
+from linked_fleet_gateway.actions.action_request import Asked
+from linked_fleet_gateway.actions.plan import Later, Motion
+from linked_fleet_gateway.base.errors import Conflict, Offline, UnprocessableContent
+from linked_fleet_gateway.base.lazy_imports import Lazily
+from linked_fleet_gateway.extensions.reach.errors import OutOfReach
+from linked_fleet_gateway.fleet.model import JointKind, ModelError
+from linked_fleet_gateway.rdf.graph import Node
+from linked_fleet_gateway.rdf.vocabulary import LF, MATHS
+from linked_fleet_gateway.resources.shape_parameters import commandable
+
+if TYPE_CHECKING:
+    from linked_fleet_gateway.extensions.reach import inverse_kinematics as solver
+else:
+    solver = Lazily("linked_fleet_gateway.extensions.reach.inverse_kinematics", "pinocchio", "numpy")
+
+_UNIT_LENGTH = 1e-3  # how far a quaternion may be from length one
+
+Search = Callable[[], tuple[Mapping[str, float], Mapping[str, float]]]
+
+
+def reach(asked: Asked) -> Later:
+    """Bring a link to a pose: the search runs apart, because it takes milliseconds."""
+    plain, search = motion_to(asked, Move({"": 0.0}), {}), reaching(asked)
+
+    def compute() -> Motion:
+        targets, facts = search()
+        return replace(plain, motion=Move(dict(targets)), targets=targets, facts=facts)
+
+    return Later(compute)
+
+
+def reaching(asked: Asked) -> Search:
+    """Gather what the search needs; the search itself gives targets (rad or m) and residuals (m, rad).
+
+    It raises OutOfReach with the best residual. Raises Offline or Conflict when it is unknown where the robot is.
+    """
+    robot, body, root = asked.of_robot(), asked.body, asked.body.root
+    description, frame = robot.description, robot.frame
+    if description is None or frame is None:
+        raise Offline(f"It is unknown where the joints of robot {robot.name} are; nothing can be planned from there.")
+    link = asked.link_at(body.node(root, LF.ofLink))
+    position = _vector(asked, body.node(root, LF.position))
+    orientation = _quaternion(asked, body.node(root, LF.orientation))
+    floating = description.base == "floating"
+    said = body.text(root, LF.frame)
+    in_frame: Literal["base", "world"] = "world" if said == "world" or (said is None and floating) else "base"
+    able = commandable(robot)
+    limits = {
+        joint.name: (joint.limits.lower, joint.limits.upper)
+        for joint in able
+        if joint.kind is not JointKind.CONTINUOUS and joint.limits.lower is not None and joint.limits.upper is not None
+    }
+    start, urdf, movable, base = dict(robot.positions), description.urdf, [joint.name for joint in able], frame.base
+
+    def search() -> tuple[Mapping[str, float], Mapping[str, float]]:
+        try:
+            found = solver.reach(urdf, floating, link, position, orientation, start, limits, movable, base, in_frame)
+        except solver.Unreachable as error:
+            best = error.best
+            raise OutOfReach(str(error), residual_m=best.residual_m, residual_rad=best.residual_rad) from error
+        except ModelError as error:
+            raise Conflict(f"Robot {robot.name} has no kinematics: {error}") from error
+        except ValueError as error:
+            raise Conflict(f"Nothing can be planned from where the robot is: {error}") from error
+        facts = {"positionResidual": found.residual_m}
+        if orientation is not None:
+            facts["orientationResidual"] = found.residual_rad
+        return found.positions, facts
+
+    return search
+
+
+def _vector(asked: Asked, node: Node | None) -> tuple[float, float, float]:
+    assert node is not None
+    scale = asked.body.unit(node)
+    x, y, z = (_number(asked, node, axis) * scale for axis in (MATHS.x, MATHS.y, MATHS.z))
+    return x, y, z
+
+
+def _quaternion(asked: Asked, node: Node | None) -> tuple[float, float, float, float] | None:
+    if node is None:
+        return None
+    x, y, z, w = (_number(asked, node, axis) for axis in (MATHS.x, MATHS.y, MATHS.z, LF.w))
+    length = math.hypot(x, y, z, w)
+    if abs(length - 1.0) > _UNIT_LENGTH:
+        raise UnprocessableContent(f"The quaternion has length {length:.6g}; an orientation has length 1.")
+    return x / length, y / length, z / length, w / length
+
+
+def _number(asked: Asked, node: Node, axis: NamedNode) -> float:
+    value = asked.body.number(node, axis)
+    assert value is not None
+    return value

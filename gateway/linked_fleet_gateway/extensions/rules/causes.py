@@ -1,0 +1,149 @@
+"""Motions that firings began, and the state of their robots from before them. Pure.
+
+A firing is caused by a rule if its condition would not have started to hold, had the joints and motions that the
+earlier firings of that rule moved stayed as they were when the condition was looked at last. The condition itself is
+asked for that, of a fleet that is so (``Instead``): no guess is made from the words of a query.
+"""
+
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, replace
+
+from linked_fleet_gateway.extensions.query.messages import Instead, Measured
+from linked_fleet_gateway.extensions.rules.rule import FiringState, Known
+from linked_fleet_gateway.fleet.invocation import Invocation
+from linked_fleet_gateway.fleet.invocations import Invocations
+from linked_fleet_gateway.fleet.robot import Robot
+
+SETTLING_S = 1.0
+"""A motion that is over can be the cause of a change for so long: joints settle, and its end is a change itself."""
+KEPT_S = 120.0
+"""Motions that are over are remembered for so long, longer than two looks at a costly condition are apart."""
+MOST_MOTIONS = 1_000
+MOST_QUESTIONS = 8
+"""Times that a condition is asked anew for one instant; rules with the same motions share one."""
+
+Look = Mapping[str, "RobotState"]
+
+
+@dataclass(frozen=True)
+class RobotState:
+    """One robot at one moment: its joints, their targets, and copies of the motions that were asked for, by id."""
+
+    joints: Mapping[str, Measured]
+    targets: Mapping[str, float]
+    motions: Mapping[str, Invocation]
+
+
+@dataclass
+class Caused:
+    """A motion that a firing began; ``rules``: the one that fired, and all without which it would not have."""
+
+    robot: str
+    joints: frozenset[str]
+    rules: frozenset[str]
+    before: RobotState
+    over_s: float | None = None
+
+
+@dataclass(frozen=True)
+class Question:
+    """The fleet as if some motions had done nothing since the last look, and the rules whose motions those are."""
+
+    rules: frozenset[str]
+    instead: tuple[Instead, ...]
+
+
+class Causes:
+    """The motions that may still change something. ``now_s`` is monotonic."""
+
+    def __init__(self) -> None:
+        self._motions: dict[str, Caused] = {}
+
+    def began(self, motion: Invocation, robot: Robot, rules: Collection[str], before: RobotState) -> None:
+        """A firing began a motion of a robot that was ``before``. Stops move nothing and are no causes."""
+        if motion.targets:
+            joints = _moved(robot, motion.targets)
+            self._motions[motion.id] = Caused(motion.robot, joints, frozenset(rules), before)
+        while len(self._motions) > MOST_MOTIONS:
+            del self._motions[next(iter(self._motions))]
+
+    def restore(self, rules: Iterable[Known], robots: Mapping[str, Robot], invocations: Invocations) -> None:
+        """Take over the motions under way that another gateway's firings began."""
+        for known in rules:
+            for firing in known.firings.values():
+                motion = invocations.get(firing.invocation.rpartition("/")[2])
+                if firing.state is FiringState.SUPPRESSED or motion is None or motion.state.terminal:
+                    continue
+                if motion.id not in self._motions and motion.robot in robots:
+                    robot = robots[motion.robot]
+                    self.began(motion, robot, {known.rule.id, *firing.causes}, state_of(robot, invocations))
+
+    def look(self, robots: Mapping[str, Robot], invocations: Invocations, now_s: float) -> Look:
+        """The present state of the robots of all motions that may still change something."""
+        for id, caused in list(self._motions.items()):
+            motion = invocations.get(id)
+            if caused.over_s is None and (motion is None or motion.state.terminal):
+                caused.over_s = now_s
+            elif caused.over_s is not None and now_s - caused.over_s > KEPT_S:
+                del self._motions[id]
+        names = {each.robot for each in self._motions.values() if _lasts(each, now_s)}
+        return {name: state_of(robots[name], invocations) for name in names if name in robots}
+
+    def questions(self, rule: str, since_s: float, look: Look) -> list[Question]:
+        """By which is found what caused a change since ``since_s``, when the fleet was as ``look`` says.
+
+        The motions that ``rule`` itself brought about come first, those that were begun last next.
+        """
+        motions_of: dict[str, list[str]] = {rule: []}
+        for id, caused in reversed(self._motions.items()):
+            if _lasts(caused, since_s):
+                for each in sorted(caused.rules):
+                    motions_of.setdefault(each, []).append(id)
+        rules_of: dict[frozenset[str], set[str]] = {}
+        for each, ids in motions_of.items():
+            if ids:
+                rules_of.setdefault(frozenset(ids), set()).add(each)
+        asked = list(rules_of.items())[:MOST_QUESTIONS]
+        return [Question(frozenset(rules), self._without(ids, look)) for ids, rules in asked]
+
+    def _without(self, ids: Collection[str], look: Look) -> tuple[Instead, ...]:
+        found = []
+        for name in dict.fromkeys(self._motions[id].robot for id in ids):
+            of_robot = {id: each for id, each in self._motions.items() if id in ids and each.robot == name}
+            # A robot that was not looked at then had none of these motions yet: it was as before the first of them.
+            state = look.get(name) or next(iter(of_robot.values())).before
+            joints = frozenset().union(*(each.joints for each in of_robot.values()))
+            found.append(
+                Instead(
+                    robot=name,
+                    joints={joint: state.joints[joint] for joint in joints if joint in state.joints},
+                    targets={joint: state.targets.get(joint) for joint in joints},
+                    motions={id: state.motions.get(id) for id in of_robot},
+                )
+            )
+        return tuple(found)
+
+
+def state_of(robot: Robot, invocations: Invocations) -> RobotState:
+    """Copies, for a robot and its motions change."""
+    frame, description = robot.frame, robot.description
+    joints: dict[str, Measured] = {}
+    if frame is not None and description is not None:
+        rows = zip(frame.positions, frame.velocities, frame.efforts, strict=True)
+        joints = dict(zip(description.joints, rows, strict=True))
+    motions = {each.id: replace(each) for each in invocations.open_of(robot.name)}
+    return RobotState(joints, dict(robot.targets), motions)
+
+
+def _moved(robot: Robot, targets: Collection[str]) -> frozenset[str]:
+    """The joints that are commanded, and those that follow them."""
+    moved = set(targets)
+    if robot.model is not None:
+        following = [each for each in robot.model.joints.values() if each.mimic is not None]
+        for _ in following:  # a joint may follow one that follows another
+            moved |= {each.name for each in following if each.mimic is not None and each.mimic.joint in moved}
+    return frozenset(moved)
+
+
+def _lasts(caused: Caused, since_s: float) -> bool:
+    return caused.over_s is None or caused.over_s + SETTLING_S >= since_s

@@ -1,0 +1,49 @@
+"""The rights that a rule has: those of its creator, as they are when it is asked."""
+
+import time
+
+from linked_fleet_gateway.base.errors import InsufficientScope, UnprocessableContent
+from linked_fleet_gateway.extensions.rules.invoking import offered
+from linked_fleet_gateway.extensions.rules.rule import Rule
+from linked_fleet_gateway.identity.rights import EVERYBODY, Identity, Right
+from linked_fleet_gateway.identity.service import Identities
+from linked_fleet_gateway.resources.tree import Tree
+
+
+class Ended(Exception):  # noqa: N818
+    """The creator may not have the rule any more. A sentence for people."""
+
+
+def creator_of(rule: Rule, identities: Identities | None) -> Identity:
+    """Whom the rule acts for; Ended. Where no identities are configured, everybody may do everything."""
+    if identities is None:
+        return EVERYBODY
+    now_ns = time.time_ns()
+    if rule.claims is not None:
+        now = identities.roster.identity(rule.claims, now_ns)
+    else:
+        now = identities.roster.holder(rule.creator, now_ns)
+    if now is None or not may_have_rules(now):
+        raise Ended("the rights of its creator ended")
+    if now.sees != rule.view:
+        raise Ended("its creator sees other robots now than when it was written; it has to be written again")
+    return now
+
+
+def may_have_rules(identity: Identity) -> bool:
+    """To have what changes evaluated is to be told of it: who may do so may subscribe to all that he reads, and have
+    robots do something, if it is to stop."""
+    reads = identity.may(Right.READ, None) and identity.over(Right.SUBSCRIBE).covers(identity.sees)
+    return reads and identity.may_any((Right.ACT, Right.STOP), None)
+
+
+def check_action(rule: Rule, tree: Tree, creator: Identity) -> None:
+    """Ended, for a rule whose one action its creator may not invoke. What else speaks against it, a firing will say."""
+    if rule.variable is not None:
+        return
+    try:
+        offered(tree, rule.invokes, creator)
+    except InsufficientScope as error:
+        raise Ended(error.detail) from error
+    except UnprocessableContent:
+        return

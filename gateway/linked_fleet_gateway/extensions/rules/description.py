@@ -1,0 +1,265 @@
+"""Rules and their firings as resources; who reads them sees all that their creator sees."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from decimal import Decimal
+from typing import ClassVar
+
+from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, parse
+
+from linked_fleet_gateway.extensions.rules.request import CONTAINER
+from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Known, Rule
+from linked_fleet_gateway.extensions.rules.template import ROOT, triples_of
+from linked_fleet_gateway.identity.rights import Right
+from linked_fleet_gateway.rdf.graph import Graph, Node, integer, timestamp
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, PROV, RDFS, XSD
+from linked_fleet_gateway.resources.affordance import BODY_TYPES
+from linked_fleet_gateway.resources.branches import FleetBranch, RequestView
+from linked_fleet_gateway.resources.resource import CONTAINER as LDP_CONTAINER
+from linked_fleet_gateway.resources.resource import Resource, blueprint_of
+from linked_fleet_gateway.resources.versioning import Source
+
+_STATES = {
+    FiringState.RUNNING: LF.running,
+    FiringState.ACCEPTED: LF.accepted,
+    FiringState.FAILED: LF.failed,
+    FiringState.SUPPRESSED: LF.suppressed,
+    FiringState.UNKNOWN: LF.unknown,
+}
+
+
+@dataclass(frozen=True)
+class MakeRule:
+    """Write a rule."""
+
+    methods: ClassVar[tuple[str, ...]] = ("POST",)
+    body_types: ClassVar[tuple[str, ...]] = BODY_TYPES
+    reads: ClassVar[bool] = False
+    needs: ClassVar[tuple[Right, ...]] = (Right.SUBSCRIBE,)
+
+
+@dataclass(frozen=True)
+class ChangeRule:
+    """Write it anew, or delete it."""
+
+    known: Known
+    methods: ClassVar[tuple[str, ...]] = ("PUT", "DELETE")
+    body_types: ClassVar[tuple[str, ...]] = BODY_TYPES
+    reads: ClassVar[bool] = False
+    needs: ClassVar[tuple[Right, ...]] = (Right.SUBSCRIBE, Right.ADMIN)
+
+
+def rule_path(rule: Rule) -> str:
+    return f"{CONTAINER}/{rule.id}"
+
+
+def firings_path(rule: Rule) -> str:
+    return f"{rule_path(rule)}/firings"
+
+
+def readable(known: Known, sight: RequestView) -> bool:
+    """Whether who asks sees all that the rule's creator sees, or is its creator: nothing of it tells them more."""
+    rule, sees = known.rule, sight.sees
+    return sees.covers(rule.view) or (bool(sees.name) and sees.name == rule.creator)
+
+
+def branch(rules: Mapping[str, Known]) -> FleetBranch:
+    """``rules`` are those that there are, by id, at any moment."""
+
+    def resolve(sight: RequestView, rest: list[str]) -> Resource | None:
+        if not rest:
+            return _container(sight, rules)
+        known = rules.get(rest[0])
+        if known is None or not readable(known, sight):
+            return None
+        return _in_rule(sight, known, rules, rest[1:])
+
+    return FleetBranch(CONTAINER[1:], LF.rules, resolve)
+
+
+def _container(sight: RequestView, rules: Mapping[str, Known]) -> Resource:
+    def shown() -> list[Known]:
+        return sorted((each for each in rules.values() if readable(each, sight)), key=lambda each: each.rule.created_ns)
+
+    return Resource(
+        CONTAINER,
+        "Rules",
+        lambda graph: _describe_container(graph, sight, shown()),
+        LDP_CONTAINER,
+        Source(lambda: [_facts(each) for each in shown()]),
+        own=tuple(rule_path(each.rule) for each in shown()),
+        affords=MakeRule(),
+    )
+
+
+def _facts(known: Known) -> tuple[object, ...]:
+    return known.rule, known.suppressed, known.fault, known.suspended, known.begun, tuple(known.firings)
+
+
+def _in_rule(sight: RequestView, known: Known, rules: Mapping[str, Known], rest: list[str]) -> Resource | None:
+    rule = known.rule
+    path, firings = rule_path(rule), firings_path(rule)
+    if not rest or rest == ["blueprint"]:
+        whole = Resource(
+            path,
+            rule.title,
+            lambda graph: _describe_rule(graph, sight, known),
+            source=Source(lambda: _facts(known)),
+            own=(path + "/blueprint", firings),
+            affords=ChangeRule(known),
+        )
+        return blueprint_of(whole, sight.base, (LF.RuleResourceShape,)) if rest else whole
+    if rest == ["firings"]:
+        return Resource(
+            firings,
+            f"Firings of {rule.title}",
+            lambda graph: _describe_firings(graph, sight, known),
+            LDP_CONTAINER,
+            Source(lambda: tuple(known.firings.items())),
+            own=tuple(f"{firings}/{number}" for number in known.firings),
+        )
+    return _in_firing(sight, known, rules, rest[1:]) if rest[0] == "firings" else None
+
+
+def _in_firing(sight: RequestView, known: Known, rules: Mapping[str, Known], rest: list[str]) -> Resource | None:
+    number = int(rest[0]) if rest[0].isdecimal() and rest[0].isascii() and len(rest[0]) < 16 else 0
+    firing = known.firings.get(number)
+    if firing is None or rest[0] != str(number) or rest[1:] not in ([], ["blueprint"]):
+        return None
+    path = f"{firings_path(known.rule)}/{number}"
+    causes = [rule_path(rules[id].rule) for id in firing.causes if id in rules and readable(rules[id], sight)]
+    whole = Resource(
+        path,
+        f"Firing {number} of {known.rule.title}",
+        lambda graph: _describe_firing(graph, sight, known.rule, number, firing, causes),
+        source=Source(lambda: firing),
+        own=(path + "/blueprint",),
+    )
+    return blueprint_of(whole, sight.base, (LF.FiringShape,)) if rest[1:] else whole
+
+
+def _describe_container(graph: Graph, sight: RequestView, rules: Iterable[Known]) -> None:
+    iri = sight.iri(CONTAINER)
+    graph.a(iri, LDP.BasicContainer, LDP.Container)
+    graph.add(iri, DCTERMS.title, Literal("Rules"))
+    graph.add(iri, RDFS.seeAlso, sight.iri("/"))
+    # The shape's own IRI need not lead to this gateway, so the document that has it is linked as well.
+    graph.add(iri, LDP.constrainedBy, LF.RuleShape)
+    graph.add(iri, LF.vocabulary, sight.iri("/vocabulary"))
+    for known in rules:
+        member = sight.iri(rule_path(known.rule))
+        graph.add(iri, LDP.contains, member)
+        graph.a(member, LF.Rule)
+        graph.add(member, DCTERMS.title, Literal(known.rule.title))
+        graph.add(member, LF.state, rule_state(known))
+
+
+def _describe_rule(graph: Graph, sight: RequestView, known: Known) -> None:
+    rule = known.rule
+    iri = sight.iri(rule_path(rule))
+    graph.a(iri, LF.Rule)
+    graph.add(iri, DCTERMS.title, Literal(rule.title))
+    graph.add(iri, DCTERMS.identifier, Literal(rule.id))
+    graph.add(iri, RDFS.seeAlso, sight.iri(CONTAINER))
+    graph.add(iri, HYBRIT.blueprint, LF.RuleResourceShape, NamedNode(iri.value + "/blueprint"))
+    graph.add(iri, DCTERMS.created, timestamp(rule.created_ns))
+    creator = graph.blank(PROV.Agent)
+    graph.add(iri, PROV.wasAssociatedWith, creator)
+    graph.add(creator, DCTERMS.title, Literal(rule.creator or rule.client))
+    graph.add(iri, LF.condition, Literal(rule.condition))
+    graph.add(iri, LF.invokes, _invoked(graph, rule))
+    if rule.body:
+        graph.add(iri, LF.body, _copied(graph, rule.body))
+    graph.add(iri, LF.toldApartBy, *(Literal(name) for name in rule.told_apart_by))
+    graph.add(iri, LF.minimumInterval, _decimal(rule.interval_s))
+    graph.add(iri, LF.enabled, Literal(rule.enabled))
+    graph.add(iri, LF.state, rule_state(known))
+    for reason in (rule.reason, known.suspended, known.fault):
+        if reason:
+            graph.add(iri, LF.reason, Literal(reason))
+    graph.add(iri, LF.suppressions, integer(known.suppressed))
+    graph.add(iri, LF.firings, sight.iri(firings_path(rule)))
+
+
+def rule_state(known: Known) -> NamedNode:
+    if not known.rule.enabled:
+        return LF.disabled
+    if known.suspended:
+        return LF.suspended
+    if known.fault:
+        return LF.failing
+    return LF.active if known.begun else LF.waiting
+
+
+def _invoked(graph: Graph, rule: Rule) -> Node:
+    if rule.variable is None:
+        return NamedNode(rule.base + rule.invokes)
+    node = graph.blank()
+    graph.add(node, LF.variable, Literal(rule.variable))
+    return node
+
+
+def _copied(graph: Graph, body: str) -> Node:
+    """The template as it was written, with labels of this graph's own."""
+    names: dict[BlankNode, BlankNode] = {}
+
+    def own(term: object) -> object:
+        if not isinstance(term, BlankNode):
+            return term
+        if term not in names:
+            names[term] = graph.blank()
+        return names[term]
+
+    root = names[ROOT] = graph.blank()
+    for triple in triples_of(body):
+        graph.add(own(triple.subject), triple.predicate, own(triple.object))  # type: ignore[arg-type]
+    return root
+
+
+def _describe_firings(graph: Graph, sight: RequestView, known: Known) -> None:
+    iri = sight.iri(firings_path(known.rule))
+    graph.a(iri, LDP.BasicContainer, LDP.Container)
+    graph.add(iri, DCTERMS.title, Literal(f"Firings of {known.rule.title}"))
+    graph.add(iri, RDFS.seeAlso, sight.iri(rule_path(known.rule)))
+    for number, firing in reversed(known.firings.items()):
+        member = NamedNode(f"{iri.value}/{number}")
+        graph.add(iri, LDP.contains, member)
+        graph.a(member, LF.Firing)
+        graph.add(member, DCTERMS.created, timestamp(firing.at_ns))
+        graph.add(member, LF.state, _STATES[firing.state])
+
+
+def _describe_firing(
+    graph: Graph, sight: RequestView, rule: Rule, number: int, firing: Firing, causes: Iterable[str]
+) -> None:
+    iri = sight.iri(f"{firings_path(rule)}/{number}")
+    graph.a(iri, LF.Firing, PROV.Activity)
+    graph.add(iri, DCTERMS.title, Literal(f"Firing {number} of {rule.title}"))
+    graph.add(iri, DCTERMS.identifier, Literal(str(number)))
+    graph.add(iri, RDFS.seeAlso, sight.iri(firings_path(rule)), sight.iri(rule_path(rule)))
+    graph.add(iri, HYBRIT.blueprint, LF.FiringShape, NamedNode(iri.value + "/blueprint"))
+    graph.add(iri, DCTERMS.created, timestamp(firing.at_ns))
+    graph.add(iri, LF.state, _STATES[firing.state])
+    if firing.reason:
+        graph.add(iri, LF.reason, Literal(firing.reason))
+    graph.add(iri, LF.causedBy, *map(sight.iri, causes))
+    for name, term in sorted(firing.bindings.items()):
+        node = graph.blank()
+        graph.add(iri, LF.binding, node)
+        graph.add(node, LF.variable, Literal(name))
+        graph.add(node, LF.value, _term(term))
+    # What an invocation is kept for is shorter than what a firing is.
+    if firing.invocation and sight.invocations.get(firing.invocation.rpartition("/")[2]) is not None:
+        graph.add(iri, LF.invocation, sight.iri(firing.invocation))
+
+
+def _term(text: str) -> Node | Literal:
+    (quad,) = parse(f"<urn:firing> <urn:binds> {text} .", format=RdfFormat.N_TRIPLES)
+    term: Node | Literal | Triple = quad.object
+    assert not isinstance(term, Triple)  # no binding is one
+    return term
+
+
+def _decimal(value: float) -> Literal:
+    text = f"{Decimal(repr(value)):f}"
+    return Literal(text if "." in text else text + ".0", datatype=XSD.decimal)

@@ -1,0 +1,63 @@
+"""When a pattern starts to hold: the rows of its answer before and now. Pure."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from hashlib import blake2b
+
+from pyoxigraph import BlankNode
+
+from linked_fleet_gateway.rdf.graph import Term
+
+Row = Mapping[str, Term]
+
+MOST_ROWS = 256
+MOST_CHARACTERS = 8_192
+"""Of the terms of one row: firings show them."""
+
+
+class Unusable(ValueError):  # noqa: N818 -- it reads as what it is
+    """The answer of a condition cannot be compared with the one before. A sentence for who wrote it."""
+
+
+@dataclass(frozen=True)
+class Edge:
+    """The rows that have started to hold, by key and in an order of their own, and the keys of those that ceased to."""
+
+    began: tuple[tuple[str, Row], ...]
+    ended: tuple[str, ...]
+
+    def __bool__(self) -> bool:
+        return bool(self.began or self.ended)
+
+
+def holding(rows: Sequence[Row], told_apart_by: Collection[str] = ()) -> dict[str, Row]:
+    """The rows by key, in the order of their terms. Of those that agree in ``told_apart_by`` (in all their variables
+    if that is empty) the first counts. Unusable."""
+    if len(rows) > MOST_ROWS:
+        raise Unusable(f"its condition has more than {MOST_ROWS} answers")
+    written = sorted(((_written(row), row) for row in rows), key=lambda pair: pair[0])
+    found: dict[str, Row] = {}
+    for _, row in written:
+        found.setdefault(_key(row, told_apart_by or row), row)
+    return found
+
+
+def edge(before: Collection[str], now: Mapping[str, Row]) -> Edge:
+    """What is different: ``before`` are the keys of the rows that held."""
+    began = tuple((key, row) for key, row in now.items() if key not in before)
+    return Edge(began, tuple(sorted(key for key in before if key not in now)))
+
+
+def _written(row: Row) -> tuple[tuple[str, str], ...]:
+    terms = tuple(sorted((name, str(term)) for name, term in row.items()))
+    for name, term in row.items():
+        if isinstance(term, BlankNode):
+            raise Unusable(f"?{name} is a blank node, which is another one each time: select IRIs and values")
+    if sum(len(term) for _, term in terms) > MOST_CHARACTERS:
+        raise Unusable(f"an answer of its condition has more than {MOST_CHARACTERS} characters")
+    return terms
+
+
+def _key(row: Row, names: Collection[str]) -> str:
+    said = "\n".join(f"{name} {row.get(name, '')}" for name in sorted(names))
+    return blake2b(said.encode(errors="surrogatepass"), digest_size=16).hexdigest()

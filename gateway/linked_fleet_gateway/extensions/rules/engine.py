@@ -1,0 +1,267 @@
+"""Rules evaluated as the fleet changes, by the one gateway that serves them (flow "rules")."""
+
+import asyncio
+import logging
+import time
+from collections.abc import Awaitable, Callable, Collection, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Protocol
+
+from linked_fleet_gateway.actions.action_request import moment_of
+from linked_fleet_gateway.actions.service import Actions
+from linked_fleet_gateway.base.errors import AgentSilent, Busy, FleetError
+from linked_fleet_gateway.extensions.query.messages import Instead
+from linked_fleet_gateway.extensions.rules.causes import Causes, Look, state_of
+from linked_fleet_gateway.extensions.rules.creators import Ended, check_action
+from linked_fleet_gateway.extensions.rules.edges import Edge, Row, Unusable, edge, holding
+from linked_fleet_gateway.extensions.rules.invoking import Moments, action_path, invoked
+from linked_fleet_gateway.extensions.rules.loops import reason_to_disable, self_caused
+from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Known, Rule
+from linked_fleet_gateway.extensions.rules.store import Changed, Lost, RuleStore, StoreUnavailable
+from linked_fleet_gateway.identity.rights import Identity, View
+from linked_fleet_gateway.resources.invocation import invocation_path
+from linked_fleet_gateway.resources.paths import robot_of
+from linked_fleet_gateway.runtime.background import supervised
+from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.subscriptions.live import Live
+
+log = logging.getLogger(__name__)
+
+EVERY_S = 0.1
+"""The least time between two evaluations of a rule."""
+SHARE = 4
+"""A rule that takes long to evaluate is so in at most one of so many parts of the time."""
+_LONGEST = 1_000  # characters of a reason
+
+Note = Callable[[Rule, int, Firing], None]
+
+
+class Select(Protocol):
+    """Answers a query under a base URL for who sees so much, perhaps of robots in another state than they are."""
+
+    def __call__(
+        self, query: str, base: str, sees: View, *, instead: Sequence[Instead] = ()
+    ) -> Awaitable[Sequence[Row]]: ...
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    """Result of a rule's condition at ``at_s`` (monotonic): the keys of the rows that held, and the state then of
+    the robots that firings had moved."""
+
+    revision: int
+    keys: Collection[str]
+    look: Look
+    at_s: float
+
+
+class Engine:
+    """``known`` are the rules by id, at any moment; ``bases`` are the public URLs of the fleet; ``creator_of`` raises
+    Ended; ``refresh`` has a rule read anew, ``note`` is told how each firing ended."""
+
+    def __init__(
+        self,
+        live: Live,
+        actions: Actions,
+        store: RuleStore,
+        known: Mapping[str, Known],
+        select: Select,
+        creator_of: Callable[[Rule], Identity],
+        refresh: Callable[[str], Awaitable[None]],
+        note: Note,
+        bases: Sequence[str] = (),
+    ) -> None:
+        self._live, self._actions, self._store, self._known = live, actions, store, known
+        self._select, self._creator_of, self._refresh, self._note = select, creator_of, refresh, note
+        self._bases = bases
+        self._causes = Causes()
+        self.loops = 0
+        """Rules that were disabled because they fired because of themselves."""
+        self._tasks: dict[str, asyncio.Task[None]] = {}
+        self._due: dict[str, asyncio.Event] = {}
+        self._one = asyncio.Semaphore(1)
+        self._seen: set[str] | None = None
+
+    async def compare(self, ids: set[str]) -> None:
+        """Serve these rules and no others from now on; what is new among them is evaluated at once."""
+        if ids and not self._tasks:
+            self._causes.restore(self._known.values(), self._live.fleet.robots, self._live.invocations)
+        for id in ids - self._tasks.keys():
+            self._due[id] = asyncio.Event()
+            failed = f"rule {id} could not be evaluated"
+            self._tasks[id] = supervised(partial(self._serve, id), f"rule {id}", log, failed)
+        ending = [self._tasks.pop(id) for id in self._tasks.keys() - ids]
+        await end(ending)
+        self._due = {id: event for id, event in self._due.items() if id in ids}
+        if not ids:
+            self._seen = None
+
+    def wake(self) -> None:
+        """Something changed: each rule is evaluated as soon as it may be."""
+        for event in self._due.values():
+            event.set()
+
+    @property
+    def serves(self) -> bool:
+        """Whether there are rules to evaluate here."""
+        return bool(self._tasks)
+
+    def entitled(self, rule: Rule) -> Identity:
+        """Whom the rule acts for now; Ended."""
+        creator = self._creator_of(rule)
+        check_action(rule, self._live.tree(rule.base, creator.sees), creator)
+        return creator
+
+    async def _serve(self, id: str) -> None:
+        """Evaluate a rule whenever something changed. It is read anew first: after an error it may be another one."""
+        await self._refresh(id)
+        self._due[id].set()
+        held: Evaluated | None = None
+        with suppress(Lost, Changed):
+            while True:
+                await self._due[id].wait()
+                self._due[id].clear()
+                known, begun_s = self._known.get(id), time.monotonic()
+                if known is not None and known.rule.enabled:
+                    held = await self._evaluate(known, held)
+                await asyncio.sleep(max(EVERY_S, (time.monotonic() - begun_s) * (SHARE - 1)))
+
+    async def _evaluate(self, known: Known, held: Evaluated | None) -> Evaluated | None:
+        rule, was_suspended = known.rule, bool(known.suspended)
+        if held is not None and held.revision != known.revision:
+            held = None
+        try:
+            creator = self.entitled(rule)
+        except Ended as error:
+            await self._complain(known, suspended=str(error))
+            return None
+        moments, at_s = self._moments(creator.sees), time.monotonic()
+        look = self._causes.look(self._live.fleet.robots, self._live.invocations, at_s)
+        try:
+            now = await self._ask(rule, creator.sees)
+            causes = {} if held is None else await self._causes_of(rule, creator.sees, held, edge(held.keys, now))
+        except Busy:  # others ask as well: at another moment
+            self._due[rule.id].set()
+            return held
+        except (FleetError, Unusable) as error:
+            # That it was suspended counts until it is evaluated: what came to hold meanwhile is nothing new.
+            await self._complain(known, fault=str(error)[:_LONGEST], suspended=known.suspended)
+            return held
+        await self._note_seen()
+        evaluated = Evaluated(known.revision, set(now), look, at_s)
+        before = held.keys if held is not None else None if was_suspended else await self._store.recall(known)
+        if before is None:  # what holds already as it begins has not started to
+            await self._store.begin(known, now)
+            await self._complain(known)
+            await self._refresh(rule.id)
+            return evaluated
+        await self._complain(known)
+        await self._advance(known, creator, edge(before, now), causes, moments)
+        return evaluated
+
+    async def _ask(self, rule: Rule, sees: View, instead: Sequence[Instead] = ()) -> dict[str, Row]:
+        async with self._one:
+            rows = await self._select(rule.condition, rule.base, sees, instead=instead)
+        return holding(rows, rule.told_apart_by)
+
+    async def _causes_of(self, rule: Rule, sees: View, held: Evaluated, change: Edge) -> dict[str, set[str]]:
+        """By the key of each row that began: the rules without whose earlier firings it would not have."""
+        found: dict[str, set[str]] = {key: set() for key, _ in change.began}
+        for question in self._causes.questions(rule.id, held.at_s, held.look) if found else ():
+            then = await self._ask(rule, sees, question.instead)
+            for key in found.keys() - then.keys():
+                found[key] |= question.rules
+        return found
+
+    async def _advance(
+        self, known: Known, creator: Identity, change: Edge, causes: Mapping[str, Collection[str]], moments: Moments
+    ) -> None:
+        """Note what started and ceased to hold, and fire."""
+        if not change:
+            return
+        at_ns, of_all = time.time_ns(), {id for ids in causes.values() for id in ids}
+        times_ns = self_caused(known, of_all, at_ns)
+        if reason := reason_to_disable(known, of_all, times_ns):
+            await self._disable(known, reason)
+            return
+        began = {}
+        for key, row in change.began:
+            bindings = {name: str(term) for name, term in row.items()}
+            because = tuple(sorted(causes.get(key, ())))
+            began[key] = Firing(at_ns, bindings, causes=because, self_caused=times_ns, revision=known.revision)
+        numbers = await self._store.advance(known, began, change.ended)
+        rows = [(row, began[key]) for key, row in change.began]
+        await self._fire_all(known, creator, dict(zip(numbers, rows, strict=False)), moments)
+
+    async def _disable(self, known: Known, reason: str) -> None:
+        """Until somebody enables it again."""
+        log.warning("rule %s (%s) is %s", known.rule.id, known.rule.title, reason)
+        self.loops += 1
+        await self._store.write(replace(known.rule, enabled=False, reason=reason), known.revision, 0)
+        await self._refresh(known.rule.id)
+
+    def _moments(self, sees: View) -> Moments:
+        """Taken before the condition is looked at: a robot that is stopped after that is told nothing by it."""
+        return {name: moment_of(robot) for name, robot in self._live.fleet.robots.items() if sees.sees(name)}
+
+    async def _note_seen(self) -> None:
+        """Whoever takes over waits for the robots that were there: that they are unknown to it is no change."""
+        online = {name for name, robot in self._live.fleet.robots.items() if robot.online}
+        if self._seen is None:
+            self._seen = await self._store.seen()
+        if online != self._seen:
+            await self._store.note_seen(online - self._seen, self._seen - online)
+            self._seen = online
+
+    async def _complain(self, known: Known, fault: str = "", suspended: str = "") -> None:
+        if (known.fault, known.suspended) != (fault, suspended):
+            await self._store.complain(replace(known, fault=fault, suspended=suspended))
+            await self._refresh(known.rule.id)
+
+    # -- firings ------------------------------------------------------------------------------------------------------
+
+    async def _fire_all(
+        self, known: Known, creator: Identity, rows: Mapping[int, tuple[Row, Firing]], moments: Moments
+    ) -> None:
+        firings = [self._fire(known, creator, number, *each, moments) for number, each in rows.items()]
+        await asyncio.gather(*firings)
+        await self._refresh(known.rule.id)
+
+    async def _fire(
+        self, known: Known, creator: Identity, number: int, row: Row, firing: Firing, moments: Moments
+    ) -> None:
+        rule = known.rule
+        firing = await self._invoke(known, creator, number, row, moments, firing)
+        self._note(rule, number, firing)
+        try:
+            await self._store.finish(rule, number, firing)
+        except StoreUnavailable as error:
+            log.warning("what became of firing %d of rule %s could not be remembered: %s", number, rule.id, error)
+
+    async def _invoke(
+        self, known: Known, creator: Identity, number: int, row: Row, moments: Moments, firing: Firing
+    ) -> Firing:
+        rule, present = known.rule, self._known.get(known.rule.id)
+        if present is None or not present.rule.enabled:
+            return replace(firing, state=FiringState.FAILED, reason="the rule was disabled or deleted meanwhile")
+        tree, invocations = self._live.tree(rule.base, creator.sees), self._live.invocations
+        try:
+            path = action_path(rule, row, self._bases)
+            robot = self._live.fleet.robots.get(robot_of(path) or "")
+            before = None if robot is None else state_of(robot, invocations)
+            invocation = await invoked(self._actions, tree, rule, path, creator, number, row, moments)
+        except AgentSilent as error:
+            path = error.headers.get("location", "")
+            return replace(firing, state=FiringState.UNKNOWN, invocation=path, reason=str(error)[:_LONGEST])
+        except FleetError as error:
+            return replace(firing, state=FiringState.FAILED, reason=str(error)[:_LONGEST])
+        if robot is not None and before is not None:
+            self._causes.began(invocation, robot, {rule.id, *firing.causes}, before)
+        return replace(firing, state=FiringState.ACCEPTED, invocation=invocation_path(invocation))
+
+
+def robot_invoked(rule: Rule, firing: Firing) -> str:
+    """The robot that a firing was about, if it was about one."""
+    return robot_of(firing.invocation or rule.invokes) or ""

@@ -1,0 +1,52 @@
+"""The extension ``rules``: an action when a pattern over the live fleet starts to hold."""
+
+from collections import Counter
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager
+from functools import partial
+
+from prometheus_client.metrics_core import Metric
+
+from linked_fleet_gateway.extensions.query.service import Queries
+from linked_fleet_gateway.extensions.rules.creators import creator_of
+from linked_fleet_gateway.extensions.rules.description import ChangeRule, MakeRule, branch, rule_state
+from linked_fleet_gateway.extensions.rules.http import change_rule, post_rule
+from linked_fleet_gateway.extensions.rules.service import Rules
+from linked_fleet_gateway.extensions.rules.settings import RuleSettings
+from linked_fleet_gateway.extensions.rules.store import RuleStore
+from linked_fleet_gateway.http.extension import Core, Extension, Mount
+from linked_fleet_gateway.runtime.metrics import counter, gauges
+
+
+class RulesExtension(Extension):
+    name = "rules"
+    at_root = ("rules",)
+    needs = ("query",)
+    settings = RuleSettings
+
+    @asynccontextmanager
+    async def start(self, core: Core) -> AsyncIterator[Mount]:
+        queries = core.service(Queries)
+        rules = Rules(
+            core.live,
+            core.actions,
+            RuleStore(core.redis_url, core.namespace, core.run),
+            queries.select,
+            queries.check,
+            lambda rule: creator_of(rule, core.identities),
+            core.audit,
+            core.section(RuleSettings).per_client,
+            core.public_urls,
+        )
+        async with rules:
+            yield Mount(
+                branches=(branch(rules.known),),
+                writers={MakeRule: partial(post_rule, rules), ChangeRule: partial(change_rule, rules)},
+                metrics=lambda: _metrics(rules),
+            )
+
+
+def _metrics(rules: Rules) -> Iterator[Metric]:
+    states = Counter(rule_state(known).value.rpartition("#")[2] for known in list(rules.known.values()))
+    yield gauges("rules", "Rules by state.", "state", states.items())
+    yield counter("rule_loops", "Rules disabled here because they fired because of themselves.", rules.loops)

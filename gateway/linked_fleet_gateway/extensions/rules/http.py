@@ -1,0 +1,192 @@
+"""Rules written, enabled, disabled and deleted over HTTP (desideratum D6)."""
+
+import time
+import uuid
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import replace
+
+from starlette.responses import Response
+
+from linked_fleet_gateway.base.errors import (
+    BadRequest,
+    InsufficientScope,
+    NotFound,
+    PayloadTooLarge,
+    PreconditionFailed,
+    StoreAway,
+    UnprocessableContent,
+)
+from linked_fleet_gateway.extensions.rules.creators import may_have_rules
+from linked_fleet_gateway.extensions.rules.description import ChangeRule, MakeRule, rule_path
+from linked_fleet_gateway.extensions.rules.errors import TooManyRules
+from linked_fleet_gateway.extensions.rules.invoking import offered, path_in_fleet
+from linked_fleet_gateway.extensions.rules.request import CONTAINER, Wanted, check_variables, requested
+from linked_fleet_gateway.extensions.rules.rule import Known, Rule
+from linked_fleet_gateway.extensions.rules.service import Rules
+from linked_fleet_gateway.extensions.rules.store import Changed, Crowded, Full, StoreUnavailable
+from linked_fleet_gateway.http.body import body_type, parse_body, read_as
+from linked_fleet_gateway.http.created import check_accepted, created
+from linked_fleet_gateway.http.fields import field
+from linked_fleet_gateway.http.invoke import refuse_rehearsal
+from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.identity.rights import Claims, Identity, Right
+from linked_fleet_gateway.rdf.sparql_syntax import bound_to
+from linked_fleet_gateway.resources.resource import Resource
+
+WORD_S = 86_400
+"""How long the word of an issuer is good for a rule, unless its token is good for longer."""
+
+
+async def post_rule(rules: Rules, request: Request, afforded: MakeRule) -> Response:
+    """201 with Location and description."""
+    refuse_rehearsal(request)
+    _demand_rights(request.caller)
+    media_type = body_type(request)
+    check_accepted(request)
+    wanted = await _wanted(rules, request, media_type, request.base + CONTAINER)
+    rule = _as_wanted(rules, request, wanted, str(uuid.uuid4()), time.time_ns())
+    async with _refusals(rules):
+        await rules.write(rule, 0)
+    path = rule_path(rule)
+    shown = request.tree().resolve(path)
+    if not isinstance(shown, Resource):
+        raise NotFound("The rule was deleted at once.")
+    return created(request, shown)
+
+
+async def change_rule(rules: Rules, request: Request, afforded: ChangeRule) -> Response:
+    """PUT replaces what the rule says, DELETE ends it; who is not its creator may have it disabled or enabled."""
+    refuse_rehearsal(request)
+    caller, known = request.caller, afforded.known
+    own = caller.name == known.rule.creator
+    if not own and not caller.may(Right.ADMIN, None):
+        detail = "Only its creator, and who administers the fleet, may change a rule."
+        raise InsufficientScope(detail, scope=Right.ADMIN)
+    if request.method == "DELETE":
+        async with _refusals(rules):
+            # Without a condition whatever the rule says by now is to end.
+            revision = None if field(request, "if-match") is None else known.revision
+            if not await rules.remove(known.rule, revision):
+                raise NotFound("The rule has been deleted meanwhile.")
+        return Response(status_code=204)
+    wanted = await _wanted(rules, request, body_type(request), request.base + rule_path(known.rule))
+    while True:
+        changed = _changed(rules, request, known, wanted, own)
+        async with _refusals(rules):
+            try:
+                await rules.write(changed, known.revision)
+                return Response(status_code=204)
+            except Changed:
+                if field(request, "if-match") is not None:
+                    raise
+                # The client set no condition, and the rule was written meanwhile, as when somebody stops its robot.
+                latest = await rules.latest(known.rule.id)
+        if latest is None:
+            raise NotFound("The rule has been deleted meanwhile.")
+        known = latest
+
+
+def _changed(rules: Rules, request: Request, known: Known, wanted: Wanted, own: bool) -> Rule:
+    rule = known.rule
+    if own:
+        _demand_rights(request.caller)
+        written = _as_wanted(rules, request, wanted, rule.id, rule.created_ns)
+        return replace(written, client=rule.client)
+    said = (rule.title, rule.condition, _iri(rule), rule.body, rule.told_apart_by, rule.interval_s)
+    if said != (wanted.title, wanted.condition, wanted.invokes, wanted.body, wanted.told_apart_by, wanted.interval_s):
+        raise InsufficientScope("What a rule says is for its creator to change: it has his rights.", scope=Right.ADMIN)
+    return replace(rule, enabled=wanted.enabled, reason="")
+
+
+def _iri(rule: Rule) -> str:
+    return rule.invokes if rule.variable else rule.base + rule.invokes
+
+
+async def _wanted(rules: Rules, request: Request, media_type: str, iri: str) -> Wanted:
+    wanted = await read_as(
+        request, lambda body: requested(parse_body(body, media_type, iri, request.base), iri, request.base)
+    )
+    try:
+        check_variables(wanted, await rules.check(wanted.condition, request.base), request.base)
+        _check_bound(rules, request, wanted)
+    except (BadRequest, PayloadTooLarge) as error:
+        raise UnprocessableContent(f"lf:condition: {error.detail}", constraint=request.base + CONTAINER) from error
+    return wanted
+
+
+def _as_wanted(rules: Rules, request: Request, wanted: Wanted, id: str, created_ns: int) -> Rule:
+    caller = request.caller
+    invokes = wanted.invokes
+    if not invokes.startswith("?"):
+        invokes = _action(rules, request, invokes)
+    return Rule(
+        id=id,
+        title=wanted.title,
+        condition=wanted.condition,
+        invokes=invokes,
+        base=request.base,
+        client=request.caller_name,
+        created_ns=created_ns,
+        body=wanted.body,
+        told_apart_by=wanted.told_apart_by,
+        interval_s=wanted.interval_s,
+        enabled=wanted.enabled,
+        creator=caller.name,
+        claims=_word(caller),
+        sees=caller.sees.patterns,
+    )
+
+
+def _action(rules: Rules, request: Request, iri: str) -> str:
+    """The path of an action that who asks may invoke."""
+    path = path_in_fleet(iri, (request.base, *rules.bases))
+    if path is None:
+        raise _foreign(f"{iri[:200]!r}", request.base)
+    try:
+        return offered(request.tree(), path, request.caller).path
+    except UnprocessableContent as error:
+        raise UnprocessableContent(error.detail, constraint=request.base + CONTAINER) from error
+
+
+def _check_bound(rules: Rules, request: Request, wanted: Wanted) -> None:
+    """UnprocessableContent for a condition that itself names a foreign resource as the action."""
+    if not wanted.invokes.startswith("?"):
+        return
+    for iri in bound_to(wanted.condition, wanted.invokes[1:], request.base + "/query"):
+        if path_in_fleet(iri, (request.base, *rules.bases)) is None:
+            raise _foreign(f"lf:condition binds {wanted.invokes[:50]} to {iri[:200]!r}, which", request.base)
+
+
+def _foreign(what: str, base: str) -> UnprocessableContent:
+    detail = f"{what} is no action of this fleet; here their IRIs begin with {base}/."
+    return UnprocessableContent(detail, constraint=base + CONTAINER)
+
+
+def _word(caller: Identity) -> Claims | None:
+    """Nobody can be asked later what an issuer would say: its word holds for a day, as far as the file still does."""
+    if not isinstance(caller.credential, Claims):
+        return None
+    least_ns = time.time_ns() + WORD_S * 1_000_000_000
+    return replace(caller.credential, expires_ns=max(caller.credential.expires_ns, least_ns))
+
+
+def _demand_rights(caller: Identity) -> None:
+    if not may_have_rules(caller):
+        wanted = "to subscribe to all that you may read, and to act or stop"
+        raise InsufficientScope(f"A rule takes the right {wanted}, which you do not have.", scope=Right.SUBSCRIBE)
+
+
+@asynccontextmanager
+async def _refusals(rules: Rules) -> AsyncIterator[None]:
+    """What the store refuses, as problems."""
+    try:
+        yield
+    except Full as error:
+        raise TooManyRules(f"You have {rules.limit} rules, as many as you may have; delete some of them.") from error
+    except Crowded as error:
+        raise TooManyRules("The fleet has as many rules as it can have; some have to be deleted.") from error
+    except Changed as error:
+        raise PreconditionFailed("The rule has changed or been deleted meanwhile.") from error
+    except StoreUnavailable as error:
+        raise StoreAway("The server that remembers rules is away; try again in a moment.") from error

@@ -1,0 +1,83 @@
+"""An action invoked for a rule: by the way that a client's request takes, with the rights of the rule's creator."""
+
+from collections.abc import Mapping, Sequence
+from hashlib import blake2b
+from urllib.parse import unquote
+
+from pyoxigraph import NamedNode
+
+from linked_fleet_gateway.actions.action_request import Asked
+from linked_fleet_gateway.actions.admission import admit
+from linked_fleet_gateway.actions.caller import Caller
+from linked_fleet_gateway.actions.plan import Halt, Later, Moment, Motion
+from linked_fleet_gateway.actions.service import Actions
+from linked_fleet_gateway.base.errors import InsufficientScope, UnprocessableContent
+from linked_fleet_gateway.extensions.rules.edges import Row
+from linked_fleet_gateway.extensions.rules.rule import Rule
+from linked_fleet_gateway.extensions.rules.template import filled
+from linked_fleet_gateway.fleet.invocations import Invocation
+from linked_fleet_gateway.identity.rights import Identity, Right
+from linked_fleet_gateway.resources.action_body import Body, written
+from linked_fleet_gateway.resources.action_offer import Offer
+from linked_fleet_gateway.resources.affordance import Invoke
+from linked_fleet_gateway.resources.paths import robot_of
+from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.tree import Tree
+
+Moments = Mapping[str, Moment | None]
+
+
+def offered(tree: Tree, path: str, creator: Identity) -> Offer:
+    """The action at ``path``, as far as ``creator`` may invoke it; UnprocessableContent, InsufficientScope."""
+    found = tree.resolve(path)
+    if not isinstance(found, Resource) or not isinstance(found.affords, Invoke):
+        raise UnprocessableContent(f"There is no action at {path[:200]} that could be invoked.")
+    needs = found.affords.needs
+    if not creator.may_any(needs, robot_of(path)):
+        wanted = " or ".join(needs)
+        raise InsufficientScope(f"{path[:200]} takes the right to {wanted}, which is missing.", scope=needs[0])
+    return found.affords.offer
+
+
+async def invoked(
+    actions: Actions, tree: Tree, rule: Rule, path: str, creator: Identity, number: int, row: Row, moments: Moments
+) -> Invocation:
+    """The invocation that the firing ``number`` of ``rule`` began at ``path``, once its robot accepted it; FleetError.
+
+    ``moments``: of each robot when the condition was looked at. What the robot was told since, as to stop, comes first.
+    """
+    offer = offered(tree, path, creator)
+    action = NamedNode(rule.base + offer.path)
+    if not offer.takes_body:
+        halt = actions.plan(Asked(rule.base, Body((), action), offer.robot, offer.joint), offer)
+        assert isinstance(halt, Halt)
+        asking = Caller(rule.client, stops=creator.over(Right.STOP), rule=rule.id)
+        return await actions.halt(offer.path, halt, asking)
+    body = admit(offer, filled(rule.body, row, action), rule.base)
+    moment = None if offer.robot is None else moments.get(offer.robot.name)
+    plan = actions.plan(Asked(rule.base, body, offer.robot, offer.joint, moment), offer)
+    if isinstance(plan, Later):
+        plan = await actions.compute(plan)
+    assert isinstance(plan, Motion)  # what takes a body moves
+    # No client's key: of those every character is visible.
+    key, digest = f"\x1frule {rule.id} {number}", blake2b(repr(row).encode(), digest_size=16).hexdigest()
+    asking = Caller(rule.client, key=key, digest=digest, body=written(body), sees=creator.sees, rule=rule.id)
+    return await actions.start(offer.path, plan, asking)
+
+
+def action_path(rule: Rule, row: Row, bases: Sequence[str]) -> str:
+    """The path of the action; UnprocessableContent for a variable that is bound to nothing of this fleet."""
+    if rule.variable is None:
+        return rule.invokes
+    term = row.get(rule.variable)
+    path = path_in_fleet(term.value, (rule.base, *bases)) if isinstance(term, NamedNode) else None
+    if path is None:
+        detail = f"?{rule.variable} is bound to {str(term)[:200]}, which is no action of this fleet"
+        raise UnprocessableContent(f"{detail}; nothing was requested from anywhere.")
+    return path
+
+
+def path_in_fleet(iri: str, bases: Sequence[str]) -> str | None:
+    """The path of a resource under one of the public URLs of this fleet; None for every other IRI."""
+    base = next((each for each in bases if iri.startswith(each + "/")), None)
+    return None if base is None else unquote(iri[len(base) :])

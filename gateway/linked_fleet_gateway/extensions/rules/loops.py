@@ -1,0 +1,30 @@
+"""Rules that fire because of themselves, found by their latest firings. Pure; times are wall nanoseconds."""
+
+from collections.abc import Collection
+
+from linked_fleet_gateway.extensions.rules.rule import FiringState, Known
+
+FIRINGS, WITHIN_S = 6, 60
+"""A rule that its own earlier firings made start to hold so often, within so many seconds, is disabled."""
+
+
+def self_caused(known: Known, causes: Collection[str], at_ns: int) -> tuple[int, ...]:
+    """The times, of the last ``WITHIN_S``, at which the rule started to hold because of its own earlier firings.
+
+    ``causes`` are the rules without which it would not have started to hold at ``at_ns``. The latest firing has the
+    times before that: those of the same revision, so that who enables a rule again begins to count anew.
+    """
+    claimed = [each for each in known.firings.values() if each.state is not FiringState.SUPPRESSED]
+    before = claimed[-1].self_caused if claimed and claimed[-1].revision == known.revision else ()
+    now = (at_ns,) if known.rule.id in causes else ()
+    recent = [each for each in (*before, *now) if at_ns - each < WITHIN_S * 10**9]
+    return tuple(recent[-FIRINGS:])
+
+
+def reason_to_disable(known: Known, causes: Collection[str], times_ns: Collection[int]) -> str:
+    """A sentence for people; empty while it may go on."""
+    if known.rule.id not in causes or len(times_ns) < FIRINGS:
+        return ""
+    others = sorted(each for each in causes if each != known.rule.id)
+    through = f", through {', '.join(f'/rules/{id}' for id in others[:5])}" if others else ""
+    return f"disabled because its own firings made it start to hold {FIRINGS} times within {WITHIN_S} s{through}"

@@ -1,0 +1,132 @@
+"""The request for a rule, held against the published shape and the fleet as who writes it sees it."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import chain
+
+from pyoxigraph import BlankNode, Literal, NamedNode, Triple
+
+from linked_fleet_gateway.base.errors import UnprocessableContent
+from linked_fleet_gateway.extensions.rules.template import below, template, variables
+from linked_fleet_gateway.rdf.graph import Node
+from linked_fleet_gateway.rdf.shacl_validator import ShaclValidator
+from linked_fleet_gateway.rdf.shapes import load
+from linked_fleet_gateway.rdf.unused import Terms, refuse, unused
+from linked_fleet_gateway.rdf.validation import check_lexical_forms, root
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LF, PROV, RDF, RDFS
+
+CONTAINER = "/rules"
+_SHOWN = (
+    DCTERMS.identifier, DCTERMS.created, RDFS.seeAlso, HYBRIT.blueprint, PROV.wasAssociatedWith,
+    LF.state, LF.reason, LF.firings, LF.suppressions,
+)  # fmt: skip
+"""Terms of a rule's description that say nothing when it is sent back: what they tell is the gateway's."""
+_OF_AUTHOR = (RDF.type, DCTERMS.title)
+INTERVAL_S = 1.0
+"""The least time between two firings of a rule that does not say."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """As ``Rule`` has it; ``invokes`` is an IRI or ``?`` and a variable."""
+
+    title: str
+    condition: str
+    invokes: str
+    body: str
+    told_apart_by: tuple[str, ...]
+    interval_s: float
+    enabled: bool
+
+
+def requested(triples: Sequence[Triple], iri: str, base: str) -> Wanted:
+    """What ``triples``, sent to ``iri``, ask for; UnprocessableContent with the report if the shape refuses it."""
+    container = base + CONTAINER
+    focus = _focus(triples, iri)
+    about = list(dict.fromkeys(each for each in triples if each.subject == focus))
+    # First of all: a misspelt option would be none.
+    refuse(unused(triples, focus, _terms(), _present(triples, focus)), container)
+    check_lexical_forms(about, container)
+    found = _validator().report(about, focus)
+    if found is not None:
+        detail, report = found
+        raise _refusal(f"The body does not conform to the shape of a rule: {detail}", container, report)
+    said: dict[NamedNode, list[Node | Literal]] = {}
+    for each in about:
+        said.setdefault(each.predicate, []).append(each.object)  # type: ignore[arg-type]
+    return Wanted(
+        title=_text(said, DCTERMS.title),
+        condition=_text(said, LF.condition),
+        invokes=_invoked(triples, said[LF.invokes][0], container),
+        body=_body(triples, said.get(LF.body), container),
+        told_apart_by=tuple(sorted({each.value for each in said.get(LF.toldApartBy, ())})),
+        interval_s=float(_text(said, LF.minimumInterval) or INTERVAL_S) + 0.0,
+        enabled=_text(said, LF.enabled) in ("", "true", "1"),
+    )
+
+
+def _focus(triples: Sequence[Triple], iri: str) -> Node:
+    """The one ``lf:Rule``, so that a description can be sent as it is; else the root, as of an action's body."""
+    typed = list(dict.fromkeys(t.subject for t in triples if t.predicate == RDF.type and t.object == LF.Rule))
+    return typed[0] if len(typed) == 1 else root(triples, NamedNode(iri))  # type: ignore[return-value]
+
+
+def _present(triples: Sequence[Triple], focus: Node) -> frozenset[Triple]:
+    """The statements beside the rule that have a place: its body as it is, what names its action, who wrote it."""
+    nodes: dict[NamedNode, set[object]] = {LF.body: set(), LF.invokes: set(), PROV.wasAssociatedWith: set()}
+    for each in triples:
+        if each.subject == focus and each.predicate in nodes and isinstance(each.object, BlankNode):
+            nodes[each.predicate].add(each.object)
+    said = [each for each in triples if each.subject != focus]
+    named = [each for each in said if each.subject in nodes[LF.invokes] and each.predicate == LF.variable]
+    author = [each for each in said if each.subject in nodes[PROV.wasAssociatedWith] and each.predicate in _OF_AUTHOR]
+    return frozenset([*below(said, nodes[LF.body]), *named, *author])
+
+
+@cache
+def _terms() -> Terms:
+    """Return the terms of the shape and of a rule's description, which can be sent back as it is."""
+    return Terms.of(load("rules.ttl"), LF.RuleShape).also(*_SHOWN)
+
+
+def _text(said: dict[NamedNode, list[Node | Literal]], predicate: NamedNode) -> str:
+    return said[predicate][0].value.strip() if predicate in said else ""
+
+
+def _invoked(triples: Sequence[Triple], node: Node | Literal, container: str) -> str:
+    if isinstance(node, NamedNode):
+        return node.value
+    names = [each.object for each in triples if each.subject == node and each.predicate == LF.variable]
+    if len(names) != 1 or not isinstance(names[0], Literal):
+        raise _refusal('lf:invokes is one action of the fleet, or [ lf:variable "name" ].', container)
+    return f"?{names[0].value}"
+
+
+def _body(triples: Sequence[Triple], found: list[Node | Literal] | None, container: str) -> str:
+    if found is None:
+        return ""
+    assert isinstance(found[0], BlankNode)  # the shape has seen to it
+    try:
+        return template(triples, found[0])
+    except UnprocessableContent as error:
+        raise _refusal(error.detail, container) from error
+
+
+def check_variables(wanted: Wanted, selected: Collection[str], base: str) -> None:
+    """UnprocessableContent for a rule that speaks of what its condition does not select."""
+    used = variables(wanted.body) | set(wanted.told_apart_by)
+    if wanted.invokes.startswith("?"):
+        used.add(wanted.invokes[1:])
+    if missing := sorted(used.difference(selected)):
+        names = ", ".join(f"?{name[:50]}" for name in missing[:5])
+        raise _refusal(f"lf:condition does not select {names}, which the rule speaks of.", base + CONTAINER)
+
+
+@cache
+def _validator() -> ShaclValidator:
+    return ShaclValidator(chain.from_iterable(load("rules.ttl").values()), LF.RuleShape)
+
+
+def _refusal(detail: str, container: str, report: list[Triple] | None = None) -> UnprocessableContent:
+    return UnprocessableContent(detail, constraint=container, report=report)

@@ -1,0 +1,228 @@
+"""All rules: a copy of what the gateways share, which is read and shown, and serving them if no other gateway does."""
+
+import asyncio
+import logging
+import time
+from collections.abc import Awaitable, Callable, Collection, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from types import TracebackType
+from typing import Self
+
+from linked_fleet_gateway.actions.service import Actions
+from linked_fleet_gateway.extensions.rules.changes import Changes
+from linked_fleet_gateway.extensions.rules.creators import Ended
+from linked_fleet_gateway.extensions.rules.description import firings_path, rule_path
+from linked_fleet_gateway.extensions.rules.engine import Engine, Select, robot_invoked
+from linked_fleet_gateway.extensions.rules.request import CONTAINER
+from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Known, Rule
+from linked_fleet_gateway.extensions.rules.store import Changed, RuleStore, StoreUnavailable
+from linked_fleet_gateway.identity.rights import Identity
+from linked_fleet_gateway.resources.affordance import Invoke
+from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.runtime.audit_log import Audit
+from linked_fleet_gateway.runtime.background import finish, supervised
+from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.runtime.replica import Replica, follow
+from linked_fleet_gateway.subscriptions.live import Live
+
+log = logging.getLogger(__name__)
+
+Check = Callable[[str, str], Awaitable[Collection[str]]]
+
+KEEP_S = 0.5
+"""Between two renewals of the lease, and two looks at the rights of creators."""
+MEETING_S = 10.0
+"""For the robots that were there when rules were evaluated last; then what holds of them does so no more."""
+_RETRY_S = 0.2
+
+
+class Rules:
+    """An async context manager; ``limit`` is how many one client may have."""
+
+    def __init__(
+        self,
+        live: Live,
+        actions: Actions,
+        store: RuleStore,
+        select: Select,
+        check: Check,
+        creator_of: Callable[[Rule], Identity],
+        audit: Audit,
+        limit: int,
+        bases: Sequence[str] = (),
+    ) -> None:
+        self._live, self._store, self._audit, self.limit = live, store, audit, limit
+        self.bases = bases
+        self.check = check
+        """Tells the variables of a condition; BadRequest, PayloadTooLarge."""
+        """Public URLs of the fleet."""
+        self.known: dict[str, Known] = {}
+        self._replica = Replica(store.load, store.read, self._put)
+        refresh = self._replica.refresh
+        self._engine = Engine(live, actions, store, self.known, select, creator_of, refresh, self._noted, bases)
+        self._changes = Changes(live, self._engine.wake)
+        self._stopping: dict[str, str] = {}
+        """Why rules are disabled here already, of which Redis does not know yet."""
+        self._written = asyncio.Event()
+        self._writing: set[asyncio.Task[None]] = set()
+        self._serving_since_s: float | None = None
+        self._awaited: set[str] | None = None
+        self._tasks: list[asyncio.Task[None]] = []
+        actions.on_stop = self._stopped
+
+    async def __aenter__(self) -> Self:
+        self._tasks = [
+            await follow("rules", log, self._replica.load, self._replica.refresh, self._store.news),
+            supervised(self._keep, "serve rules", log, "rules are not served", 0.0),
+        ]
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await end([*self._tasks, *self._writing])
+        self._changes.shut()
+        await self._engine.compare(set())
+        await finish(self._store.leave(), log, "the store could not be told that this gateway ends")
+        await self._store.close()
+
+    @property
+    def serving(self) -> bool:
+        """Whether it is this gateway that evaluates them."""
+        return self._awaited is not None and not self._awaited
+
+    @property
+    def loops(self) -> int:
+        """How many rules were disabled here because they fired because of themselves."""
+        return self._engine.loops
+
+    # -- what clients do ----------------------------------------------------------------------------------------------
+
+    async def write(self, rule: Rule, revision: int) -> Known:
+        """Add a rule (``revision`` 0), or replace what it said at that revision; Full, Crowded, Changed,
+        StoreUnavailable."""
+        await self._store.write(rule, revision, self.limit)
+        self._stopping.pop(rule.id, None)
+        await self._replica.refresh(rule.id)
+        return self.known.get(rule.id, Known(rule, revision + 1))
+
+    async def latest(self, id: str) -> Known | None:
+        """The rule as Redis has it now; StoreUnavailable."""
+        await self._replica.refresh(id)
+        return self.known.get(id)
+
+    async def remove(self, rule: Rule, revision: int | None) -> bool:
+        """False if there was none; with a revision, Changed unless it says what it said at that; StoreUnavailable."""
+        return await self._replica.write(rule.id, self._store.remove(rule, revision))
+
+    def _stopped(self, robots: Collection[str] | None) -> None:
+        """Somebody stops these robots, all for None. That comes first; what a rule asks of them meanwhile is late."""
+        asyncio.get_running_loop().call_soon(self._disable_movers, robots)
+
+    def _disable_movers(self, robots: Collection[str] | None) -> None:
+        """Rules that could have them move again are disabled, here at once, elsewhere as soon as Redis knows."""
+        whom = "all robots were" if robots is None else f"{', '.join(sorted(robots))[:200]} was"
+        for known in list(self.known.values()):
+            if known.rule.enabled and self._moves(known.rule, robots):
+                self._stopping[known.rule.id] = f"disabled because {whom} stopped"
+                self._put(known.rule.id, known)
+                task = asyncio.create_task(self._disable(known.rule.id), name=f"disable rule {known.rule.id}")
+                self._writing.add(task)
+                task.add_done_callback(self._writing.discard)
+
+    def _moves(self, rule: Rule, robots: Collection[str] | None) -> bool:
+        """Whether the rule could move one of these robots; one that does nothing but stop them does not."""
+        if rule.variable is not None:
+            return robots is None or any(map(rule.view.sees, robots))
+        found = self._live.tree(rule.base).resolve(rule.invokes)
+        if isinstance(found, Resource) and isinstance(found.affords, Invoke) and not found.affords.offer.takes_body:
+            return False
+        return robots is None or rule.robot in robots
+
+    async def _disable(self, id: str) -> None:
+        while (reason := self._stopping.get(id)) is not None:
+            try:
+                known = await self._store.read(id)
+                if known is not None and known.rule.enabled:
+                    stopped = replace(known.rule, enabled=False, reason=reason)
+                    await self._store.write(stopped, known.revision, self.limit)
+                self._stopping.pop(id, None)
+                await self._replica.refresh(id)
+            except Changed:
+                continue
+            except StoreUnavailable:  # nor does anything fire without it
+                await asyncio.sleep(_RETRY_S)
+
+    # -- the copy -----------------------------------------------------------------------------------------------------
+
+    def _put(self, id: str, known: Known | None) -> None:
+        before = self.known.pop(id, None)
+        if known is not None:
+            if known.rule.enabled and id in self._stopping:
+                known = replace(known, rule=replace(known.rule, enabled=False, reason=self._stopping[id]))
+            self.known[id] = known
+        if (known and known.revision) != (before and before.revision):
+            self._written.set()
+        either = known or before
+        if either is None or known == before:
+            return
+        old, new = (each.firings if each else {} for each in (before, known))
+        fired = [number for number in {*old, *new} if old.get(number) != new.get(number)]
+        paths = (CONTAINER, rule_path(either.rule), firings_path(either.rule))
+        for path in (*paths, *(f"{firings_path(either.rule)}/{number}" for number in fired)):
+            self._live.fan_out.touched(path)
+
+    # -- serving ------------------------------------------------------------------------------------------------------
+
+    async def _keep(self) -> None:
+        """Nothing fires during an outage of Redis."""
+        await self._serve() if await self._store.serve() else await self._rest()
+        with suppress(TimeoutError):
+            async with asyncio.timeout(KEEP_S):
+                await self._written.wait()
+        self._written.clear()
+
+    async def _serve(self) -> None:
+        if self._awaited is None:
+            self._awaited, self._serving_since_s = await self._store.seen(), time.monotonic()
+        if self._awaited:
+            self._awaited = self._missing(self._awaited)
+            return
+        enabled = {id for id, known in self.known.items() if known.rule.enabled}
+        if enabled and not self._engine.serves:
+            self._changes.open()
+        elif not enabled and self._engine.serves:
+            self._changes.shut()
+        await self._engine.compare(enabled)
+        if any(self._turned(self.known[id]) for id in enabled):
+            self._engine.wake()
+
+    def _missing(self, awaited: set[str]) -> set[str]:
+        """Robots that were there when rules were evaluated last, and have not been seen here yet."""
+        assert self._serving_since_s is not None
+        if time.monotonic() - self._serving_since_s > MEETING_S:
+            return set()
+        robots = self._live.fleet.robots
+        return {name for name in awaited if name not in robots or robots[name].header is None}
+
+    def _turned(self, known: Known) -> bool:
+        """Whether its creator lost the right to it, or has it again."""
+        try:
+            self._engine.entitled(known.rule)
+        except Ended as error:
+            return known.suspended != str(error)
+        return bool(known.suspended)
+
+    async def _rest(self) -> None:
+        """Another gateway serves them."""
+        if self._engine.serves:
+            self._changes.shut()
+        await self._engine.compare(set())
+        self._awaited = self._serving_since_s = None
+
+    def _noted(self, rule: Rule, number: int, firing: Firing) -> None:
+        target = f"{firings_path(rule)}/{number}"
+        robot = robot_invoked(rule, firing)
+        status = {FiringState.ACCEPTED: "202", FiringState.UNKNOWN: "504"}.get(firing.state, "409")
+        self._audit.note(rule.creator or rule.client, "RULE", target, robot, status, "", firing.invocation)

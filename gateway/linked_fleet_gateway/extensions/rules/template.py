@@ -1,0 +1,89 @@
+"""The body of a rule's action: what the rule says, with terms in the place of variables. Pure.
+
+It is RDF with holes and no text with holes: whatever a robot is called, it cannot say more than one term.
+"""
+
+from collections.abc import Iterable, Sequence
+
+from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, parse, serialize
+
+from linked_fleet_gateway.base.errors import UnprocessableContent
+from linked_fleet_gateway.extensions.rules.edges import Row
+from linked_fleet_gateway.rdf.graph import Node
+from linked_fleet_gateway.rdf.vocabulary import LF
+
+ROOT = BlankNode("body")
+MOST_TRIPLES = 200
+
+
+def template(triples: Sequence[Triple], root: BlankNode) -> str:
+    """What is said of ``root`` and of the blank nodes below it, as N-Triples about ``ROOT``; UnprocessableContent."""
+    body = below(triples, [root])
+    names: dict[object, BlankNode] = {root: ROOT}
+    for each in body:
+        if isinstance(each.object, BlankNode) and each.object not in names:
+            names[each.object] = BlankNode(f"n{len(names)}")
+    found = [Triple(names[each.subject], each.predicate, names.get(each.object, each.object)) for each in body]
+    if len(found) > MOST_TRIPLES:
+        raise UnprocessableContent(f"lf:body has {len(found)} triples; there may be {MOST_TRIPLES}.")
+    for node, said in _holes(found).items():
+        if said != 1 or node == ROOT or sum(each.subject == node for each in found) != 1:
+            raise UnprocessableContent('A node of lf:body with lf:variable says nothing else: [ lf:variable "name" ].')
+    written = serialize(found, format=RdfFormat.N_TRIPLES)
+    assert written is not None  # nothing is written to a file
+    return written.decode()
+
+
+def below(triples: Sequence[Triple], roots: Iterable[object]) -> list[Triple]:
+    """The triples about ``roots`` and about the blank nodes below them."""
+    by_subject: dict[object, list[Triple]] = {}
+    for each in triples:
+        by_subject.setdefault(each.subject, []).append(each)
+    pending = list(dict.fromkeys(roots))
+    known, found = set(pending), []
+    while pending:
+        for each in by_subject.get(pending.pop(), ()):
+            found.append(each)
+            if isinstance(each.object, BlankNode) and each.object not in known:
+                known.add(each.object)
+                pending.append(each.object)
+    return found
+
+
+def triples_of(text: str) -> list[Triple]:
+    return [quad.triple for quad in parse(text, format=RdfFormat.N_TRIPLES)]
+
+
+def variables(text: str) -> set[str]:
+    """The variables that a template has."""
+    return {each.object.value for each in triples_of(text) if each.predicate == LF.variable}  # type: ignore[union-attr]
+
+
+def filled(text: str, row: Row, action: NamedNode) -> list[Triple]:
+    """The body for ``action``; UnprocessableContent for a variable that is bound to nothing."""
+    triples = triples_of(text)
+    values: dict[object, Node | Literal] = {ROOT: action}
+    for each in triples:
+        if each.predicate == LF.variable:
+            values[each.subject] = _bound(row, each.object.value)  # type: ignore[union-attr]
+    return [
+        Triple(values.get(each.subject, each.subject), each.predicate, values.get(each.object, each.object))  # type: ignore[arg-type]
+        for each in triples
+        if each.predicate != LF.variable
+    ]
+
+
+def _bound(row: Row, name: str) -> NamedNode | Literal:
+    term = row.get(name)
+    if term is None or isinstance(term, BlankNode):
+        raise UnprocessableContent(f"?{name} is bound to nothing that a body could say.")
+    return term
+
+
+def _holes(triples: Iterable[Triple]) -> dict[object, int]:
+    """How many names of variables each node has, of those that have any."""
+    found: dict[object, int] = {}
+    for each in triples:
+        if each.predicate == LF.variable:
+            found[each.subject] = found.get(each.subject, 0) + isinstance(each.object, Literal)
+    return found

@@ -1,0 +1,233 @@
+"""The pages where people log in and out: by a token, or at an issuer (OpenID Connect, code flow with PKCE)."""
+
+import logging
+import math
+import secrets
+import time
+from base64 import urlsafe_b64encode
+from hashlib import sha256
+from hmac import compare_digest
+from typing import Any
+from urllib.parse import parse_qs, quote, urlencode
+
+from starlette.responses import RedirectResponse, Response
+
+from linked_fleet_gateway.base.addresses import network_of
+from linked_fleet_gateway.base.errors import (
+    BadRequest,
+    ForeignOrigin,
+    IssuerAway,
+    MethodNotAllowed,
+    NotFound,
+    StoreAway,
+)
+from linked_fleet_gateway.extensions.pages.page import render
+from linked_fleet_gateway.extensions.pages.policy import FORMS
+from linked_fleet_gateway.extensions.sessions.cookies import LOGIN, read_cookie, session_of, set_cookie
+from linked_fleet_gateway.extensions.sessions.errors import TooManyLogins
+from linked_fleet_gateway.extensions.sessions.sealed_cookie import SESSION_S, Underway, open_login, seal_login
+from linked_fleet_gateway.extensions.sessions.service import Sessions
+from linked_fleet_gateway.extensions.sessions.session_key import StoreUnavailable
+from linked_fleet_gateway.http.body import read_body
+from linked_fleet_gateway.http.rates import Rates
+from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.identity.jwts import BadToken, verified
+from linked_fleet_gateway.identity.keys import endpoint
+from linked_fleet_gateway.identity.rights import Claims, Credential, Identity
+from linked_fleet_gateway.identity.roster import Issuer
+from linked_fleet_gateway.identity.web import IssuerSilent
+
+log = logging.getLogger(__name__)
+
+_PAGES = {"/login": ("GET", "POST"), "/login/start": ("GET",), "/login/return": ("GET",), "/logout": ("POST",)}
+MAX_BODY_BYTES = 32 * 1024
+_LONGEST_PATH = 2000
+FAILURES = 10
+"""Failed logins of one address that are answered with the page; then one more every ``REFILL_S``."""
+REFILL_S = 6.0
+_NO_STORE = {"cache-control": "no-store"}
+
+
+class Login:
+    """Answers under these paths, whoever asks; the caller may be nobody."""
+
+    def __init__(self) -> None:
+        self._failures = Rates(1 / REFILL_S, burst=FAILURES)
+
+    def has(self, path: str) -> bool:
+        return path in _PAGES
+
+    async def answer(self, request: Request, sessions: Sessions) -> Response:
+        path: str = request.scope["path"]
+        method = "GET" if request.method == "HEAD" else request.method
+        allow = _PAGES[path]
+        if method not in allow:
+            raise MethodNotAllowed(f"{method} is not possible here; {', '.join(allow)} are.", allow=allow)
+        try:
+            if path == "/logout":
+                return await _log_out(request, sessions)
+            if path == "/login/start":
+                return await self._start(request, sessions)
+            if path == "/login/return":
+                return await self._return(request, sessions)
+            if method == "POST":
+                return await self._with_token(request, sessions)
+            return _page(sessions, _path(request.query_params.get("then")), request.caller)
+        except StoreUnavailable as error:
+            raise StoreAway("Nobody can log in while Redis is away; tokens in Authorization are taken.") from error
+
+    def _failed(self, request: Request, error: BadToken) -> None:
+        """Count a login that failed; TooManyLogins, and no line of the log, for more than an address may have.
+
+        Only failures are refused, and only after the check: an address may be that of many people, and a guesser among
+        them must not keep the others out. The entropy of tokens is the bound on guessing, here as in ``Authorization``.
+        """
+        address = request.client.host if request.client else ""
+        if wait_s := math.ceil(self._failures.take(network_of(address))):
+            raise TooManyLogins(
+                f"The login failed, as others from this address did. Try again in {wait_s} s.", retry_after_s=wait_s
+            ) from error
+        log.info("a login from %s failed: %s", address, error)
+
+    # -- by a token ---------------------------------------------------------------------------------------------------
+
+    async def _with_token(self, request: Request, sessions: Sessions) -> Response:
+        ours = "origin" in request.headers or request.headers.get("sec-fetch-site") == "same-origin"
+        if request.state.elsewhere or not ours:
+            raise ForeignOrigin("people log in here on the page itself; programs send Authorization: Bearer")
+        form = parse_qs((await read_body(request, MAX_BODY_BYTES)).decode("utf-8", "replace"))
+        token, then = _one(form, "token").strip(), _path(_one(form, "then"))
+        try:
+            found = await sessions.identities.bearer(token)
+        except BadToken as error:
+            self._failed(request, error)
+            return _page(sessions, then, None, f"The token is not accepted: {error}.", status=401)
+        except IssuerSilent as error:
+            raise IssuerAway("The issuer of this token cannot be asked for its keys; try again in a moment.") from error
+        assert found.credential is not None
+        return await _logged_in(request, sessions, found.credential, then)
+
+    # -- at an issuer -------------------------------------------------------------------------------------------------
+
+    async def _start(self, request: Request, sessions: Sessions) -> Response:
+        name = request.query_params.get("issuer", "")
+        issuer = next((each for each in sessions.identities.roster.issuers.values() if each.name == name), None)
+        if issuer is None or not issuer.client_id:
+            raise NotFound("There is no such issuer to log in at.")
+        state, nonce, verifier = (secrets.token_urlsafe(32) for _ in range(3))
+        login = Underway(issuer.url, state, nonce, verifier, _path(request.query_params.get("then")))
+        try:
+            there = endpoint(await sessions.identities.keys(issuer).described(), "authorization_endpoint", issuer.url)
+        except IssuerSilent as error:
+            raise IssuerAway(f"{issuer.name} cannot be reached; try again in a moment.") from error
+        challenge = urlsafe_b64encode(sha256(login.verifier.encode()).digest()).rstrip(b"=").decode()
+        query = {
+            "response_type": "code",
+            "client_id": issuer.client_id,
+            "redirect_uri": _return_url(request),
+            "scope": "openid",
+            "state": login.state,
+            "nonce": login.nonce,
+            "code_challenge": challenge,
+            "code_challenge_method": "S256",
+        }
+        response = RedirectResponse(f"{there}{'&' if '?' in there else '?'}{urlencode(query)}", 303, _NO_STORE)
+        set_cookie(request.scope, response, seal_login(login, await sessions.key.get(), time.time_ns()), LOGIN)
+        return response
+
+    async def _return(self, request: Request, sessions: Sessions) -> Response:
+        login = open_login(read_cookie(request.scope, LOGIN), await sessions.key.get())
+        issuer = None if login is None else sessions.identities.roster.issuers.get(login.issuer)
+        try:
+            if login is None or issuer is None:
+                raise BadToken("it took too long, or began in another browser")
+            claims = await _claims(request, sessions, issuer, login)
+        except BadToken as error:
+            self._failed(request, error)
+            return _page(sessions, "/", None, f"You are not logged in: {error}.", status=401)
+        except IssuerSilent as error:
+            log.warning("a login failed: %s", error)
+            raise IssuerAway("The issuer does not answer as it should; try again in a moment.") from error
+        response = await _logged_in(request, sessions, claims, login.then)
+        set_cookie(request.scope, response, "", LOGIN)
+        return response
+
+
+async def _claims(request: Request, sessions: Sessions, issuer: Issuer, login: Underway) -> Claims:
+    """What the issuer says of who comes back from it with a code; BadToken, IssuerSilent."""
+    said = request.query_params
+    if not compare_digest(said.get("state", "").encode(), login.state.encode()):
+        raise BadToken("it began in another browser")
+    if said.get("iss", issuer.url) != issuer.url or "code" not in said:  # RFC 9207; or an error
+        raise BadToken(f"{issuer.name} refused ({said.get('error', 'no code')[:100]})")
+    keys = sessions.identities.keys(issuer)
+    form = {
+        "grant_type": "authorization_code",
+        "code": said["code"],
+        "redirect_uri": _return_url(request),
+        "client_id": issuer.client_id,
+        "code_verifier": login.verifier,
+    }
+    secret = (quote(issuer.client_id, safe=""), quote(issuer.client_secret, safe="")) if issuer.client_secret else None
+    there = endpoint(await keys.described(), "token_endpoint", issuer.url)
+    answer = await sessions.identities.web.post(there, form, secret)
+    token: Any = answer.get("id_token")
+    if not isinstance(token, str):
+        raise IssuerSilent(f"{issuer.url} gave no id_token")
+    found = await verified(token, issuer, keys, issuer.client_id)
+    if not compare_digest(str(found.get("nonce", "")).encode(), login.nonce.encode()):
+        raise BadToken("its answer is to another question")
+    if found.get("azp", issuer.client_id) != issuer.client_id:
+        raise BadToken("its answer is for somebody else")
+    claims = issuer.claims(found, time.time_ns() + SESSION_S * 1_000_000_000)
+    if claims is None:
+        raise BadToken(f"{issuer.name} does not say who you are")
+    return claims
+
+
+def _return_url(request: Request) -> str:
+    return request.base + "/login/return"
+
+
+# -- in and out -----------------------------------------------------------------------------------------------------
+
+
+async def _logged_in(request: Request, sessions: Sessions, credential: Credential, then: str) -> Response:
+    response = RedirectResponse(request.base + then, 303, _NO_STORE)
+    set_cookie(request.scope, response, await sessions.begin(credential))
+    return response
+
+
+async def _log_out(request: Request, sessions: Sessions) -> Response:
+    session = session_of(request.scope)
+    if session is not None:
+        await sessions.end(session)
+    response = RedirectResponse(request.base + "/login", 303, _NO_STORE)
+    set_cookie(request.scope, response, "")
+    return response
+
+
+def _page(sessions: Sessions, then: str, caller: Identity | None, wrong: str = "", status: int = 200) -> Response:
+    issuers = [
+        (each.name, "/login/start?" + urlencode({"issuer": each.name, "then": then}))
+        for each in sessions.identities.roster.issuers.values()
+        if each.client_id
+    ]
+    page = render("login.html", name=caller.name if caller else "", issuers=issuers, then=then, wrong=wrong)
+    headers = _NO_STORE | {"content-security-policy": FORMS, "x-content-type-options": "nosniff", "vary": "Accept"}
+    headers |= {"referrer-policy": "same-origin"}  # with less, browsers say "Origin: null" to us too
+    return Response(page, status, headers, "text/html; charset=utf-8")
+
+
+def _one(form: dict[str, list[str]], name: str) -> str:
+    values = form.get(name, [""])
+    if len(values) != 1:
+        raise BadRequest(f"The form has {name} once.")
+    return values[0]
+
+
+def _path(said: str | None) -> str:
+    """Where to go after the login: a path of ours, whatever a link says."""
+    if not said or not said.startswith("/") or len(said) > _LONGEST_PATH:
+        return "/"
+    return quote(said, safe="/~?&=%.,:;@!$'()*+-_")

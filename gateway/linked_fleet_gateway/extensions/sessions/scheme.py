@@ -1,0 +1,85 @@
+"""The authentication scheme of browsers: a session in a cookie, whose requests must come from our own pages."""
+
+from functools import partial
+from urllib.parse import quote
+
+from starlette.datastructures import Headers
+from starlette.responses import RedirectResponse, Response
+from starlette.types import Receive, Scope
+
+from linked_fleet_gateway.base.errors import ForeignOrigin, StoreAway, Unauthenticated
+from linked_fleet_gateway.extensions.sessions.cookies import note_session, read_cookie
+from linked_fleet_gateway.extensions.sessions.login import Login
+from linked_fleet_gateway.extensions.sessions.service import Sessions
+from linked_fleet_gateway.extensions.sessions.session_key import StoreUnavailable
+from linked_fleet_gateway.http.authentication import Authenticated
+from linked_fleet_gateway.http.html import HTML
+from linked_fleet_gateway.http.negotiation import choose
+from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.rdf.serialise import RDF_TYPES
+
+_READ = ("GET", "HEAD", "OPTIONS")
+
+
+class SessionScheme:
+    """Implements ``linked_fleet_gateway.http.authentication.Scheme``."""
+
+    hint = "Log in at /login."
+
+    def __init__(self, sessions: Sessions) -> None:
+        self._sessions, self._login = sessions, Login()
+
+    async def authenticate(self, scope: Scope) -> Authenticated | None:
+        sealed = read_cookie(scope)
+        if not sealed:
+            return None
+        _check_page(scope, Headers(scope=scope))
+        try:
+            found = await self._sessions.find(sealed)
+        except StoreUnavailable as error:
+            raise StoreAway("Sessions cannot be checked while Redis is away; tokens can.") from error
+        if found is None:
+            raise Unauthenticated(f"The session is over. {self.hint}", wrong=True)
+        caller, session = found
+        note_session(scope, session)
+        return Authenticated(caller, partial(self._sessions.lasts, session), on_page=True)
+
+    def has_page(self, path: str) -> bool:
+        return self._login.has(path)
+
+    async def answer(self, scope: Scope, receive: Receive) -> Response:
+        return await self._login.answer(Request(scope, receive), self._sessions)
+
+    def invitation(self, scope: Scope) -> Response | None:
+        return _to_login(scope) if _would_log_in(scope) else None
+
+
+def _check_page(scope: Scope, headers: Headers) -> None:
+    """ForeignOrigin for a request with a cookie that writes or listens, unless a page of ours sent it.
+
+    ``Authorities`` has refused or marked every foreign ``Origin``; here it is missed where there is none. Pages of
+    other sites that may use the fleet have tokens, or whoever is logged in would act for them. Reading needs none:
+    links of other sites may lead here, and what comes of it is shown to nobody but who followed them.
+    """
+    events = "text/event-stream" in headers.get("accept", "")
+    calls_back = "callback" in headers.get("upgrade", "").lower()
+    reads = scope["type"] == "http" and scope["method"] in _READ and not events and not calls_back
+    elsewhere = scope["state"]["elsewhere"]
+    ours = headers.get("sec-fetch-site") == "same-origin" or ("origin" in headers and not calls_back and not elsewhere)
+    if not reads and not ours:
+        raise ForeignOrigin("with a session this takes the Origin field of one of our pages; or send a bearer token")
+
+
+def _would_log_in(scope: Scope) -> bool:
+    """Return True for a person who waits for a page."""
+    if scope["type"] != "http" or scope["method"] not in ("GET", "HEAD"):
+        return False
+    accept = Headers(scope=scope).get("accept")
+    return accept is not None and "text/event-stream" not in accept and choose(accept, (*RDF_TYPES, HTML)) == HTML
+
+
+def _to_login(scope: Scope) -> RedirectResponse:
+    query = scope.get("query_string", b"").decode("latin-1")
+    then = quote(scope["path"] + (f"?{query}" if query else ""), safe="")
+    headers = {"cache-control": "no-store", "vary": "Accept"}
+    return RedirectResponse(f"{scope['state']['base']}/login?then={then}", 303, headers)

@@ -1,0 +1,91 @@
+"""What a browser keeps for us, sealed: who has logged in, and a login that is under way. Pure."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+from linked_fleet_gateway.base.lazy_imports import Lazily
+from linked_fleet_gateway.identity.rights import Claims, Credential, TokenHash
+
+if TYPE_CHECKING:
+    import jwt
+else:
+    jwt = Lazily("jwt")
+
+KEY_BYTES = 32
+SESSION_S = 8 * 3600
+TOKEN_SESSION_S = 30 * 86_400  # a token says itself when it expires, and can be revoked
+LOGIN_S = 600
+_ALGORITHM = "HS256"
+_SECOND_NS = 1_000_000_000
+_Purpose = Literal["session", "login"]
+
+
+@dataclass(frozen=True)
+class Session:
+    """That somebody has logged in in one browser; ``id`` is of this login alone, ``ends_ns`` is wall time."""
+
+    id: str
+    credential: Credential
+    ends_ns: int
+
+
+@dataclass(frozen=True)
+class Underway:
+    """A login at an issuer that the browser has been sent to (RFC 7636; OpenID Connect Core 1.0, 3.1.2.1)."""
+
+    issuer: str
+    state: str
+    nonce: str
+    verifier: str
+    then: str
+    """Path where the browser goes afterwards."""
+
+
+def new_session(credential: Credential, id: str, now_ns: int) -> Session:
+    if isinstance(credential, TokenHash):
+        return Session(id, credential, (now_ns // _SECOND_NS + TOKEN_SESSION_S) * _SECOND_NS)
+    ends_s = min(now_ns // _SECOND_NS + SESSION_S, credential.expires_ns // _SECOND_NS)
+    return Session(id, credential, ends_s * _SECOND_NS)
+
+
+def seal_session(session: Session, key: bytes) -> str:
+    of = session.credential
+    if isinstance(of, TokenHash):
+        said: dict[str, Any] = {"token": of.sha256}
+    else:
+        said = {"issuer": of.issuer, "subject": of.subject, "facts": sorted(of.facts)}
+    return _seal("session", said | {"jti": session.id}, key, session.ends_ns // _SECOND_NS)
+
+
+def open_session(text: str, key: bytes) -> Session | None:
+    """None for whatever was not sealed with ``key``, or has expired."""
+    said = _opened("session", text, key)
+    if said is None or "jti" not in said:  # older ones had none: nobody could end them
+        return None
+    ends_ns = int(said["exp"]) * _SECOND_NS
+    if "token" in said:
+        return Session(said["jti"], TokenHash(said["token"]), ends_ns)
+    facts = frozenset((claim, value) for claim, value in said["facts"])
+    return Session(said["jti"], Claims(said["issuer"], said["subject"], facts, ends_ns), ends_ns)
+
+
+def seal_login(login: Underway, key: bytes, now_ns: int) -> str:
+    return _seal("login", vars(login), key, now_ns // _SECOND_NS + LOGIN_S)
+
+
+def open_login(text: str, key: bytes) -> Underway | None:
+    said = _opened("login", text, key)
+    names = Underway.__dataclass_fields__
+    return None if said is None else Underway(**{name: said[name] for name in names})
+
+
+def _seal(purpose: _Purpose, said: Mapping[str, Any], key: bytes, ends_s: int) -> str:
+    return jwt.encode({**said, "aud": purpose, "exp": ends_s}, key, _ALGORITHM)
+
+
+def _opened(purpose: _Purpose, text: str, key: bytes) -> dict[str, Any] | None:
+    try:
+        return jwt.decode(text, key, [_ALGORITHM], audience=purpose, options={"require": ["exp", "aud"]})
+    except (jwt.PyJWTError, ValueError):
+        return None

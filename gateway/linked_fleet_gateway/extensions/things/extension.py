@@ -1,0 +1,18 @@
+"""The extension ``things``: Thing Descriptions and their directory (W3C Web of Things)."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+from linked_fleet_gateway.extensions.things.directory import BRANCHES, Listing
+from linked_fleet_gateway.extensions.things.http import read_listing
+from linked_fleet_gateway.extensions.things.td import TD
+from linked_fleet_gateway.http.extension import Core, Extension, Mount
+
+
+class ThingsExtension(Extension):
+    name = "things"
+    at_root = (".well-known", "things")
+
+    @asynccontextmanager
+    async def start(self, core: Core) -> AsyncIterator[Mount]:
+        yield Mount(branches=BRANCHES, readers={Listing: read_listing}, formats={"td": ("Thing Description", TD)})

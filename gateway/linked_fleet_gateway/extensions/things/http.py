@@ -1,0 +1,78 @@
+"""The directory of Thing Descriptions, as a whole or by pages (W3C WoT Discovery, 7.3.2.3)."""
+
+import re
+from collections.abc import AsyncIterator, Iterable, Sequence
+
+from starlette.responses import Response, StreamingResponse
+
+from linked_fleet_gateway.base.errors import BadRequest, NotAcceptable, Unimplemented
+from linked_fleet_gateway.extensions.things.directory import MOST, Listing, Place
+from linked_fleet_gateway.extensions.things.td import DIRECTORY
+from linked_fleet_gateway.http.conditional import etag, not_modified
+from linked_fleet_gateway.http.fields import field
+from linked_fleet_gateway.http.links import Link, link_header
+from linked_fleet_gateway.http.negotiation import choose
+from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.rdf.serialise import JSON
+from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.runtime.time_slices import sliced
+
+TYPES = ("application/ld+json", JSON)
+_SORTING = ("sort_by", "sort_order")
+_COUNT = re.compile(r"[0-9]{1,9}", re.ASCII)
+
+
+async def read_listing(request: Request, resource: Resource, listing: Listing) -> Response:
+    """All descriptions; with ``limit`` a page of them, which links the next page and the whole."""
+    media_type = choose(field(request, "accept"), TYPES)
+    if media_type is None:
+        raise NotAcceptable(f"Available here: {', '.join(TYPES)}.", offered=TYPES)
+    if unsupported := [name for name in _SORTING if name in request.query_params]:
+        raise Unimplemented(f"Descriptions are sorted by id, in ascending order; there is no {unsupported[0]}.")
+    offset, limit = _count(request, "offset", 0) or 0, _count(request, "limit", 1)
+    things = listing.things()
+    links = [Link(iri.value, "type") for iri in resource.interaction]
+    headers = {"vary": "Accept", "cache-control": "no-cache", "x-content-type-options": "nosniff"}
+    content = {"content-type": media_type, "allow": "GET, HEAD, OPTIONS"}
+    if limit is None:
+        headers["link"] = link_header([*links, *_canonical(things, request.base, paged=offset > 0)], [])
+        headers["etag"] = "W/" + etag(b"%d " % offset + listing.version())  # the body is known when it has been sent
+        if not_modified(field(request, "if-none-match"), headers["etag"]):
+            return Response(status_code=304, headers=headers)
+        places = [place for _, place in things[offset:]]
+        return StreamingResponse(_array(listing, places if request.method == "GET" else []), headers=headers | content)
+    end = offset + min(limit, MOST)
+    links += _canonical(things, request.base, paged=True)
+    if end < len(things):
+        links.append(Link(f"{request.base}{DIRECTORY}?offset={end}&limit={limit}", "next"))
+    body = b"".join([part async for part in _array(listing, [place for _, place in things[offset:end]])])
+    headers |= {"link": link_header(links, []), "etag": etag(body)}
+    if not_modified(field(request, "if-none-match"), headers["etag"]):
+        return Response(status_code=304, headers=headers)
+    return Response(body, headers=headers | content)
+
+
+def _canonical(things: Sequence[tuple[str, Place]], base: str, *, paged: bool) -> list[Link]:
+    """The link of a page to the collection. Its etag changes when things come or go, which moves the pages."""
+    if not paged:
+        return []
+    state = etag("\n".join(id for id, _ in things).encode()).strip('"')
+    return [Link(base + DIRECTORY, "canonical", etag=state)]
+
+
+async def _array(listing: Listing, places: Iterable[Place]) -> AsyncIterator[bytes]:
+    """A JSON array of descriptions, each of which takes milliseconds to write."""
+    separator = b"["
+    async for place in sliced(places):
+        yield separator + listing.description(place)
+        separator = b",\n"
+    yield b"]" if separator != b"[" else b"[]"
+
+
+def _count(request: Request, name: str, least: int) -> int | None:
+    text = request.query_params.get(name)
+    if text is None:
+        return None
+    if not _COUNT.fullmatch(text) or int(text) < least:
+        raise BadRequest(f"{name} is a whole number, at least {least}.")
+    return int(text)

@@ -1,0 +1,289 @@
+"""Thing Descriptions (W3C WoT Thing Description 1.1) of the fleet, robots, joints and links.
+
+The same resources as in RDF, told to clients that speak the Web of Things: each form is a request that is answered.
+"""
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from pyoxigraph import NamedNode
+
+from linked_fleet_gateway.fleet.model import Joint, Link
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.rdf.serialise import JSON
+from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF, ROS, SOSA
+from linked_fleet_gateway.resources.action_offer import Offer, fleet_offers, joint_offers, robot_offers
+from linked_fleet_gateway.resources.branches import RequestView
+from linked_fleet_gateway.resources.describe import part_paths
+from linked_fleet_gateway.resources.joint_kinds import kind_of
+from linked_fleet_gateway.resources.json_form import Json, form_of, form_of_input, form_of_target
+from linked_fleet_gateway.resources.paths import joint_path, link_path, robot_path
+from linked_fleet_gateway.resources.plain_json import described
+from linked_fleet_gateway.resources.properties import joint_properties, link_properties, robot_properties
+from linked_fleet_gateway.resources.property import Property, Seen
+
+TD, DIRECTORY = "application/td+json", "/things"
+"""Media type of a Thing Description, and path of their directory."""
+CONTEXT = "https://www.w3.org/2022/wot/td/v1.1"
+DISCOVERY = "https://www.w3.org/2022/wot/discovery"
+_BEYOND = {
+    "minimum": "exclusiveMaximum",
+    "exclusiveMinimum": "maximum",
+    "maximum": "exclusiveMinimum",
+    "exclusiveMaximum": "minimum",
+}
+"""Values beyond a limit."""
+_ID = {"type": "string", "description": "of an invocation: the id that invoking gave"}
+
+
+@dataclass(frozen=True)
+class Thing:
+    """One Linked Robotic Thing: the fleet, a robot, or a joint or link of it."""
+
+    base: str
+    secured: bool
+    """Whether who asks has to say who they are."""
+    robot: Robot | None = None
+    part: Joint | Link | None = None
+
+    @property
+    def path(self) -> str:
+        if self.robot is None:
+            return "/"
+        if self.part is None:
+            return robot_path(self.robot.name)
+        if isinstance(self.part, Joint):
+            return joint_path(self.robot.name, self.part.name)
+        assert self.robot.model is not None
+        return link_path(self.robot.name, self.robot.model, self.part.name)
+
+    @property
+    def id(self) -> str:
+        return self.base + self.path
+
+    def td(self, robots: Iterable[str]) -> Json:
+        """``robots``: by name those that who asks may see, of the fleet alone."""
+        scheme = {"scheme": "bearer", "in": "header"} if self.secured else {"scheme": "nosec"}
+        said: Json = {
+            "@context": [CONTEXT, {"@language": "en"}],
+            "id": self.id,
+            "@type": [each.value for each in (HYBRIT.RoboticThing, *self._types())],
+            "title": self._title(),
+            "securityDefinitions": {"access": scheme},
+            "security": ["access"],
+            "properties": {item.segment: self._property(item) for item in self._properties()},
+            "actions": {offer.definition.segment: self._action(offer) for offer in self._offers()},
+            "links": list(self._links(robots)),
+        }
+        return _directory(self.base, said) if self.robot is None else said
+
+    # -- what it is -------------------------------------------------------------------------------------------------
+
+    def _types(self) -> Sequence[NamedNode]:
+        if self.robot is None:
+            return (LF.Fleet,)
+        if self.part is None:
+            return (LF.Robot,)
+        return (kind_of(self.part).type, LF.Joint) if isinstance(self.part, Joint) else (ROS.Link,)
+
+    def _title(self) -> str:
+        if self.robot is None:
+            return "Linked Fleet"
+        return f"{self.part.name} of {self.robot.title}" if self.part is not None else self.robot.title
+
+    def _properties(self) -> list[Property]:
+        if self.robot is None or self.robot.model is None:
+            return []
+        if self.part is None:
+            return robot_properties(self.robot, lambda path: NamedNode(self.base + path))
+        if isinstance(self.part, Joint):
+            return joint_properties(self.robot, self.part)
+        return link_properties(self.robot, self.part)
+
+    def _offers(self) -> list[Offer]:
+        if self.robot is None:
+            return fleet_offers()
+        if self.part is None:
+            return robot_offers(self.robot)
+        return joint_offers(self.robot, self.part) if isinstance(self.part, Joint) else []
+
+    def _links(self, robots: Iterable[str]) -> Iterable[Json]:
+        yield _turtle("alternate", self.id)
+        yield _turtle("describedby", self.id.rstrip("/") + "/blueprint")
+        if self.robot is None:
+            yield from (_link("item", self.base + robot_path(name)) for name in sorted(robots))
+        elif self.part is None:
+            yield _link("collection", self.base + "/")
+            yield from (_link("item", self.base + path) for path in part_paths(self.robot))
+        else:
+            yield _link("collection", self.base + robot_path(self.robot.name))
+
+    # -- what can be done with it -----------------------------------------------------------------------------------
+
+    def _property(self, item: Property) -> Json:
+        href = f"{self.id.rstrip('/')}/{item.segment}"
+        said: Json = {
+            "@type": [each.value for each in (*item.types, *((SOSA.ObservableProperty,) if item.measured else ()))],
+            "title": item.title,
+            "readOnly": item.put is None,
+            "observable": item.measured or item.put is not None,
+        }
+        if not form_of(item.shape).fields:  # anybody's vocabulary, of which nothing is known
+            return said | {"forms": _forms(href, "text/turtle", item)}
+        if isinstance(item.put, Offer):
+            return said | _target(item.put, self.base) | {"forms": _forms(href, JSON, item)}
+        iri = NamedNode(href)
+        present = described(partial(_describe, item, iri), iri, item.shape)
+        return said | _in_units(form_of(item.shape).schema, present) | {"forms": _forms(href, JSON, item)}
+
+    def _action(self, offer: Offer) -> Json:
+        href, definition = self.base + offer.path, offer.definition
+        one = href + "/invocations/{id}"
+        said: Json = {
+            "@type": definition.iri.value,
+            "title": offer.name,
+            "description": definition.comment,
+            "safe": False,
+            "idempotent": not offer.takes_body or "PUT" in offer.methods,
+            "synchronous": False,
+            "output": form_of(definition.produces).schema,
+            "uriVariables": {"id": _ID},
+            "forms": [
+                {
+                    "href": href,
+                    "op": "invokeaction",
+                    "contentType": JSON,
+                    "htv:methodName": "POST",
+                    "htv:headers": [{"htv:fieldName": "Prefer", "htv:fieldValue": "return=representation"}],
+                    "response": {"contentType": JSON},
+                },
+                {"href": one, "op": "queryaction", "contentType": JSON, "htv:methodName": "GET"},
+                {"href": one + "/actions/cancel", "op": "cancelaction", "contentType": JSON, "htv:methodName": "POST"},
+            ],
+        }
+        return said | ({"input": form_of_input(offer, self.base).schema} if offer.takes_body else {})
+
+
+def write_description(sight: RequestView, robot: Robot | None, part: Joint | Link | None) -> bytes:
+    """The Thing Description of the fleet (no robot), a robot, or a part of it."""
+    return thing_description(Thing(sight.base, sight.secured, robot, part), sight.robots)
+
+
+def thing_description(thing: Thing, robots: Iterable[str] = ()) -> bytes:
+    """The bytes of a Thing Description."""
+    return json.dumps(thing.td(robots), ensure_ascii=False, allow_nan=False).encode()
+
+
+def _describe(item: Property, iri: NamedNode, graph: Any) -> None:
+    item.describe(graph, iri, Seen.of(item.look()))
+
+
+def _link(rel: str, href: str) -> Json:
+    """To the Thing Description of another thing, for those too who say nothing by Accept (as node-wot 0.9)."""
+    return {"rel": rel, "href": href + "?as=td", "type": TD}
+
+
+def _turtle(rel: str, href: str) -> Json:
+    return {"rel": rel, "href": href, "type": "text/turtle"}
+
+
+def _forms(href: str, media_type: str, item: Property) -> list[Json]:
+    """To read; to write where that is possible; to observe what changes, as events of a stream and by WebSocket."""
+    name = "json" if media_type == JSON else "turtle"
+    forms: list[Json] = [{"href": href, "op": "readproperty", "contentType": media_type, "htv:methodName": "GET"}]
+    if item.put is not None:
+        forms.append(forms[0] | {"op": "writeproperty", "htv:methodName": "PUT"})
+    if item.measured or item.put is not None:
+        watched: Json = {"op": ["observeproperty", "unobserveproperty"], "contentType": media_type}
+        forms.append({"href": f"{href}?as={name}", **watched, "subprotocol": "sse"})
+        forms.append({"href": "ws" + href.removeprefix("http"), **watched, "subprotocol": f"lf.{name}"})
+    return forms
+
+
+def _target(offer: Offer, base: str) -> Json:
+    """The schema of the target of a joint: what can be written, or else what can only be read.
+
+    A target is unknown before the first command. It is beyond the written limits by rounding (they have six decimal
+    places), or by turns of a joint without ends.
+    """
+    assert offer.joint is not None
+    dimension = kind_of(offer.joint).dimension
+    assert dimension is not None
+    written, unit = form_of_target(offer, base).schema, dimension.position.qudt.value
+    value = written["properties"]["value"]
+    (limits,) = (each["properties"]["value"] for each in value["oneOf"] if unit in each["properties"]["unit"]["enum"])
+    beyond = [{"type": "number", _BEYOND[name]: limit} for name, limit in limits.items() if name in _BEYOND]
+    read: Json = {
+        "type": "object",
+        "readOnly": True,
+        "properties": {
+            "value": {"oneOf": [{"type": "null"}, *beyond], "unit": unit},
+            "unit": {"type": "string", "const": unit},
+        },
+        "required": ["value", "unit"],
+    }
+    return written | {"properties": written["properties"] | {"value": {"oneOf": [value, read]}}}
+
+
+def _in_units(schema: Json, present: Mapping[str, Any]) -> Json:
+    """The schema of a value as it is now, with the unit in which it always is (5.3.2.1, ``unit``)."""
+    said = schema | {"properties": {**schema["properties"]}}
+    members: dict[str, Json] = said["properties"]
+    for name, member in members.items():
+        value = present.get(name)
+        if isinstance(value, dict) and "properties" in member:
+            members[name] = _in_units(member, value)
+        elif name != "unit" and _is_number(member) and "unit" in present:
+            members[name] = member | {"unit": present["unit"]}
+    if "unit" in members and "unit" in present:
+        members["unit"] = {"type": "string", "const": present["unit"]}
+    return said
+
+
+def _is_number(schema: Json) -> bool:
+    return any(each.get("type") == "number" for each in (schema, *schema.get("oneOf", ())))
+
+
+def _directory(base: str, said: Json) -> Json:
+    """The fleet as a directory of its things (W3C WoT Discovery, 7.3): what is read of one."""
+    index: Json = {"type": "integer", "minimum": 0}
+    things: Json = {
+        "title": "the Thing Descriptions of all things",
+        "readOnly": True,
+        "type": "array",
+        "items": {"type": "object"},
+        "uriVariables": {"offset": index, "limit": index | {"minimum": 1}},
+        "forms": [
+            {
+                "href": base + DIRECTORY + "{?offset,limit}",
+                "op": ["readproperty"],
+                "contentType": "application/ld+json",
+                "htv:methodName": "GET",
+            }
+        ],
+    }
+    one: Json = {
+        "title": "the Thing Description of one thing",
+        "safe": True,
+        "idempotent": True,
+        "uriVariables": {"id": {"@type": "ThingID", "type": "string", "format": "uri"}},
+        "output": {"type": "object"},
+        "forms": [
+            {
+                "href": base + DIRECTORY + "/{id}",
+                "op": "invokeaction",
+                "contentType": TD,
+                "htv:methodName": "GET",
+                "response": {"contentType": TD},
+            }
+        ],
+    }
+    return said | {
+        "@context": [CONTEXT, DISCOVERY, {"@language": "en"}],
+        "@type": ["ThingDirectory", *said["@type"]],
+        "properties": said["properties"] | {"things": things},
+        "actions": said["actions"] | {"retrieveThing": one},
+    }

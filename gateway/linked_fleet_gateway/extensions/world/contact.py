@@ -1,0 +1,62 @@
+"""How far two placed shapes are apart. Metre."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from linked_fleet_gateway.extensions.world.path import STEP_M
+from linked_fleet_gateway.extensions.world.surfaces import Surface, winding
+
+_NEARLY_M = 4 * STEP_M  # from which on the distance of the hulls is as good as that of the surfaces
+_REQUEST = coal.DistanceRequest()
+_REQUEST.gjk_tolerance = 1e-9  # by default, convex shapes within a micrometre are at a distance of zero
+
+
+@dataclass(frozen=True)
+class Shape:
+    """``shape`` is exact; ``hull``, where there is one, is convex and contains it; ``surface`` is known of a mesh."""
+
+    shape: coal.CollisionGeometry
+    hull: coal.CollisionGeometry | None
+    surface: Surface | None
+    at: pin.SE3
+
+    @cached_property
+    def place(self) -> coal.Transform3s:
+        return coal.Transform3s(self.at.rotation, self.at.translation)
+
+
+def distance(one: Shape, other: Shape, least_m: float) -> float:
+    """At least; exact near ``least_m`` and below. Of what touches not above zero."""
+    exact = one.hull is one.shape and other.hull is other.shape
+    if not exact and one.hull is not None and other.hull is not None:
+        apart = depth(one, other)
+        if apart > least_m + _NEARLY_M:
+            return apart
+    return _distance(one.shape, one, other.shape, other)
+
+
+def depth(one: Shape, other: Shape) -> float:
+    """Return the distance of the convex hulls in metre, or, negative, their penetration depth."""
+    assert one.hull is not None and other.hull is not None
+    return _distance(one.hull, one, other.hull, other)
+
+
+def _distance(mine: coal.CollisionGeometry, one: Shape, yours: coal.CollisionGeometry, other: Shape) -> float:
+    return float(coal.distance(mine, one.place, yours, other.place, _REQUEST, coal.DistanceResult()))
+
+
+def is_inside(one: Shape, other: Shape) -> bool:
+    """Return True if one is inside the other. Their surfaces do not touch."""
+    if other.surface is None:
+        return False
+    one.shape.computeLocalAABB()
+    somewhere = one.surface.vertices[0] if one.surface is not None else np.array(one.shape.aabb_center, dtype=float)
+    seen = other.at.actInv(one.at.act(somewhere))
+    low, high = other.surface.vertices.min(axis=0), other.surface.vertices.max(axis=0)
+    if (seen < low).any() or (seen > high).any():
+        return False
+    return abs(winding(other.surface, seen)) > 0.5

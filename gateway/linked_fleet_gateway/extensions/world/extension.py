@@ -1,0 +1,31 @@
+"""The extension ``world``: placements, objects and zones, poses between frames, and the collision check of motions."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from functools import partial
+
+from linked_fleet_gateway.extensions.world.http import post_object, put_object, read_pose
+from linked_fleet_gateway.extensions.world.resources import AskPose, PostObject, PutObject
+from linked_fleet_gateway.extensions.world.service import World
+from linked_fleet_gateway.http.extension import Core, Extension, Mount
+
+PREPARING = "the shapes of robots are being prepared for the check of their motions"
+
+
+class WorldExtension(Extension):
+    name = "world"
+    at_root = ("world",)
+    in_robot = ("placement",)
+    robot_properties = ("linked_fleet_gateway.extensions.world.placement_property:placement",)
+    views = ("linked_fleet_gateway.extensions.world.page:VIEW",)
+
+    @asynccontextmanager
+    async def start(self, core: Core) -> AsyncIterator[Mount]:
+        async with World(core.live, core.redis_url, core.namespace, core.state_path / "meshes") as world:
+            yield Mount(
+                branches=(world.branch,),
+                readers={AskPose: partial(read_pose, world)},
+                writers={PostObject: partial(post_object, world), PutObject: partial(put_object, world)},
+                guard=world.checks,
+                not_ready=lambda: "" if world.checks.prepared else PREPARING,
+            )

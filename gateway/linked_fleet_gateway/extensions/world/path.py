@@ -1,0 +1,123 @@
+"""The places along a way at which a robot is looked at, and how far its joints go between them. Radian, metre.
+
+Between two neighbouring places no two parts that are held against each other come nearer by more than ``STEP_M``; on
+the finer path between two places, by more than ``FINEST_M``.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+import numpy as np
+
+from linked_fleet_gateway.extensions.world.messages import Leg, Positions, Way
+from linked_fleet_gateway.extensions.world.robot import Robot
+from linked_fleet_gateway.extensions.world.surfaces import Array
+
+STEP_M = 0.002
+FINEST_M = 0.0001
+_FINER = round(STEP_M / FINEST_M)
+MOST_STEPS = 200_000
+_EASING = 3.0  # a monotone cubic is at most so much faster than its mean
+
+
+class Unknown(Exception):  # noqa: N818
+    """It cannot be told where something is."""
+
+
+@dataclass(frozen=True)
+class Path:
+    """Positions of ``joints`` at each place (rows). By leg, ``legs`` has the place of its end, its number of steps, and
+    its positions by share of it."""
+
+    joints: tuple[str, ...]
+    positions: Array
+    legs: tuple[tuple[int, int, Callable[[Array], Array]], ...] = ()
+
+    @cached_property
+    def gone(self) -> Array:
+        """By place (rows), the ways that the joints went to it in all."""
+        found = np.zeros_like(self.positions)
+        np.cumsum(np.abs(np.diff(self.positions, axis=0)), axis=0, out=found[1:])
+        return found
+
+    @property
+    def steps(self) -> int:
+        return len(self.positions) - 1
+
+    def between(self, place: int) -> "Path":
+        """The finer path from a place to the next."""
+        ends, count, positions = next(leg for leg in self.legs if place < leg[0])
+        begun = place - (ends - count)
+        return Path(self.joints, positions((begun + np.arange(_FINER + 1) / _FINER) / count))
+
+
+def path_of(robot: Robot, way: Way, joints: Sequence[str], weights: Array) -> Path:
+    """Path of the ``joints`` that move. A row of ``weights`` bounds how much nearer a pair comes per joint motion.
+
+    Unknown when it is too long.
+    """
+    if not joints:
+        return Path((), np.zeros((1, 0)))
+    rows, legs, steps = [np.array([[way.start.get(name, math.nan) for name in joints]])], [], 0
+    for before, after, leg in _between(robot, way):
+        changes = np.array([abs(after.get(name, 0.0) - before.get(name, 0.0)) for name in joints])
+        far = float((weights @ np.nan_to_num(changes)).max(initial=0.0)) * (_EASING if leg.duration_s else 1.0)
+        if not far <= STEP_M * (MOST_STEPS - steps):  # nor what is no number
+            raise Unknown("the way is too long to be checked; go it in parts")
+        count = max(1, math.ceil(far / STEP_M))
+        positions, steps = partial(_positions, robot, joints, before, leg), steps + count
+        rows.append(positions(np.arange(1, count + 1) / count))
+        legs.append((steps, count, positions))
+    return Path(tuple(joints), np.concatenate(rows), tuple(legs))
+
+
+def _positions(robot: Robot, joints: Sequence[str], before: Positions, leg: Leg, shares: Array) -> Array:
+    """Positions of ``joints`` by share of a leg (rows)."""
+    here = follow(robot, before, {name: on_leg(leg, name, before[name], shares) for name in leg.ends})
+    return np.column_stack([np.broadcast_to(here[name], len(shares)) for name in joints])
+
+
+def changed(robot: Robot, way: Way) -> dict[str, float]:
+    """By joint the way that it goes in all; those that do not move are left out."""
+    sums: dict[str, float] = {}
+    for before, after, _ in _between(robot, way):
+        for name, end in after.items():
+            if end != before[name]:
+                sums[name] = sums.get(name, 0.0) + abs(end - before[name])
+    return sums
+
+
+def follow(robot: Robot, start: Positions, moved: Mapping[str, "float | Array"]) -> "dict[str, float | Array]":
+    """All positions when some joints have ``moved`` to others: those that mimic them follow."""
+    found: dict[str, float | Array] = {**start, **moved}
+    for name, joint in robot.tree.joints.items():
+        driver, factor = joint, 1.0
+        for _ in range(len(robot.tree.joints)):
+            if driver.mimic is None:
+                break
+            factor *= driver.mimic.multiplier
+            driver = robot.tree.joints[driver.mimic.joint]
+        if driver is not joint and driver.name in moved:
+            found[name] = start.get(name, math.nan) + factor * (moved[driver.name] - start.get(driver.name, math.nan))
+    return found
+
+
+def on_leg(leg: Leg, name: str, start: float, share: "float | Array") -> "float | Array":
+    """A cubic of Hermite, or a straight way."""
+    end = leg.ends[name]
+    if not leg.duration_s:
+        return start + share * (end - start)
+    enters, leaves = leg.enters.get(name, 0.0) * leg.duration_s, leg.leaves.get(name, 0.0) * leg.duration_s
+    a, b = 2 * (start - end) + enters + leaves, 3 * (end - start) - 2 * enters - leaves
+    return start + share * (enters + share * (b + share * a))
+
+
+def _between(robot: Robot, way: Way) -> Iterator[tuple[Positions, Positions, Leg]]:
+    before, moved = way.start, Positions()
+    for leg in way.legs:
+        moved |= leg.ends
+        after: Positions = follow(robot, way.start, moved)  # type: ignore[assignment]  # of numbers, a number
+        yield before, after, leg
+        before = after

@@ -1,0 +1,132 @@
+"""The resources of the world: what is at ``/world`` and below it. Pure."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+from zlib import crc32
+
+from linked_fleet_gateway.extensions.world.describe import (
+    OBJECTS,
+    POSES,
+    STL,
+    describe_object,
+    describe_objects,
+    describe_template,
+    describe_world,
+    object_path,
+)
+from linked_fleet_gateway.extensions.world.scene import SceneObject, TriangleMesh
+from linked_fleet_gateway.identity.rights import Right
+from linked_fleet_gateway.rdf.vocabulary import LDP, LF
+from linked_fleet_gateway.resources.affordance import BODY_TYPES
+from linked_fleet_gateway.resources.branches import Found, RequestView
+from linked_fleet_gateway.resources.placement import PLACEMENT, WORLD
+from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
+from linked_fleet_gateway.resources.versioning import Source
+
+_BLUEPRINT = "blueprint"
+
+
+@dataclass(frozen=True)
+class PostObject:
+    """Put another object into the world."""
+
+    methods: ClassVar[tuple[str, ...]] = ("POST",)
+    body_types: ClassVar[tuple[str, ...]] = BODY_TYPES
+    reads: ClassVar[bool] = False
+    needs: ClassVar[tuple[Right, ...]] = (Right.ADMIN,)
+
+
+@dataclass(frozen=True)
+class PutObject:
+    """Replace an object, or take it out of the world."""
+
+    id: str
+    methods: ClassVar[tuple[str, ...]] = ("PUT", "PATCH", "DELETE")
+    body_types: ClassVar[tuple[str, ...]] = BODY_TYPES
+    reads: ClassVar[bool] = False
+    needs: ClassVar[tuple[Right, ...]] = (Right.ADMIN,)
+
+
+@dataclass(frozen=True)
+class AskPose:
+    """A pose depends on the query: of what, and in which frame."""
+
+    sight: RequestView
+
+
+def in_world(sight: RequestView, rest: list[str], objects: Mapping[str, SceneObject]) -> Found:
+    """``rest``: the segments below ``/world``."""
+    if not rest:
+        return _world(sight)
+    if rest == [_BLUEPRINT]:
+        return blueprint_of(_world(sight), sight.base, (LF.WorldShape,))
+    if rest == ["pose"]:
+        template = "Poses of things in the frames of others"
+        return Resource(
+            POSES, template, lambda graph: describe_template(graph, sight.base), remote=AskPose(sight), followed=False
+        )
+    return _in_objects(sight, rest[1:], objects) if rest[0] == "objects" else None
+
+
+def _world(sight: RequestView) -> Resource:
+    robots = sight.robots
+    return Resource(
+        WORLD,
+        "World",
+        lambda graph: describe_world(graph, sight.base, robots.values()),
+        source=Source(
+            lambda: [(r.name, r.title, r.description is None, r.settings.get(PLACEMENT)) for r in robots.values()]
+        ),
+        own=(f"{WORLD}/{_BLUEPRINT}", OBJECTS, POSES),
+        followed=False,  # who wants to hear of it follows the placements, and the objects
+    )
+
+
+def _in_objects(sight: RequestView, rest: list[str], objects: Mapping[str, SceneObject]) -> Resource | None:
+    if not rest or rest == [_BLUEPRINT]:
+        container = Resource(
+            OBJECTS,
+            "Objects of the world",
+            lambda graph: describe_objects(graph, sight.base, objects),
+            CONTAINER,
+            Source(lambda: list(objects.items()), digest=lambda: [(id, *_facts(each)) for id, each in objects.items()]),
+            own=(f"{OBJECTS}/{_BLUEPRINT}",),
+            parts=tuple(object_path(id) for id in objects),
+            affords=PostObject(),
+        )
+        return blueprint_of(container, sight.base, (LF.SceneObjectsShape, LF.SceneObjectInput)) if rest else container
+    thing = objects.get(rest[0])
+    return None if thing is None else _of_object(sight, rest[0], thing, rest[1:], objects)
+
+
+def _of_object(
+    sight: RequestView, id: str, thing: SceneObject, rest: list[str], objects: Mapping[str, SceneObject]
+) -> Resource | None:
+    path, geometry = object_path(id), thing.geometry
+    if not rest or rest == [_BLUEPRINT]:
+        mesh = (f"{path}/mesh",) if isinstance(geometry, TriangleMesh) else ()
+        whole = Resource(
+            path,
+            thing.title,
+            lambda graph: describe_object(graph, sight.base, id, thing),
+            source=Source(lambda: objects.get(id), digest=lambda: _facts(objects.get(id))),
+            own=(f"{path}/{_BLUEPRINT}", *mesh),
+            affords=PutObject(id),
+        )
+        return blueprint_of(whole, sight.base, (LF.SceneObjectShape, LF.SceneObjectInput)) if rest else whole
+    if rest == ["mesh"] and isinstance(geometry, TriangleMesh):
+        documents = {STL: lambda: geometry.stl}
+        return Resource(
+            f"{path}/mesh", f"Mesh of {thing.title}", None, (LDP.Resource, LDP.NonRDFSource), documents=documents
+        )
+    return None
+
+
+def _facts(thing: SceneObject | None) -> tuple[object, ...]:
+    """What a version is made of: all of an object, but of a mesh a sum that is made quickly."""
+    if thing is None:
+        return ()
+    geometry = thing.geometry
+    form = crc32(geometry.stl) if isinstance(geometry, TriangleMesh) else geometry
+    return thing.title, thing.kind, thing.pose, form

@@ -1,0 +1,58 @@
+"""The world: its resources in the tree, its objects, and the checks of motions in it."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import AsyncExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from pyoxigraph import Triple
+
+from linked_fleet_gateway.extensions.world.checks import Checks
+from linked_fleet_gateway.extensions.world.describe import OBJECTS, describe_frame, describe_objects
+from linked_fleet_gateway.extensions.world.replicated_objects import Objects
+from linked_fleet_gateway.extensions.world.resources import in_world
+from linked_fleet_gateway.extensions.world.store import ObjectStore
+from linked_fleet_gateway.rdf.graph import Graph
+from linked_fleet_gateway.rdf.vocabulary import LF
+from linked_fleet_gateway.resources.branches import FleetBranch, RequestView
+from linked_fleet_gateway.resources.placement import WORLD
+from linked_fleet_gateway.subscriptions.live import Live
+
+
+class World:
+    """An async context manager. In ``folder`` meshes are kept."""
+
+    def __init__(self, live: Live, url: str, namespace: str, folder: Path) -> None:
+        self._live = live
+        self.objects = Objects(live, ObjectStore(url, namespace))
+        self._described: tuple[tuple[str, int], Sequence[Triple]] = (("", 0), ())
+        self.checks = Checks(live, self.objects.known, folder)
+        self._stack = AsyncExitStack()
+
+    @property
+    def branch(self) -> FleetBranch:
+        known = self.objects.known
+        return FleetBranch(WORLD[1:], LF.world, lambda sight, rest: in_world(sight, rest, known), graphs=self.triples)
+
+    def triples(self, sight: RequestView) -> Iterator[tuple[str, Sequence[Triple]]]:
+        """The whole world, for who asks many things of it at once; where robots stand is said with each of them."""
+        frame, key, known = Graph(), (sight.base, self.objects.changes), self.objects.known
+        describe_frame(frame, sight.base, sight.robots.values())
+        yield WORLD, frame.triples
+        if self._described[0] != key:
+            objects = Graph()
+            describe_objects(objects, sight.base, known, len(known))
+            self._described = key, objects.triples
+        yield OBJECTS, self._described[1]
+
+    async def __aenter__(self) -> Self:
+        await self._stack.enter_async_context(self.objects)
+        await self._stack.enter_async_context(self.checks)
+        self._live.objects = lambda: self.objects.known
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self._stack.aclose()

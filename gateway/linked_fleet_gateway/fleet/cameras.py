@@ -1,0 +1,81 @@
+"""The cameras that a robot says it has, as far as that makes sense, and the pictures that it gives. Pure."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from linked_fleet_agent.wire.codec import WireError
+from linked_fleet_agent.wire.messages import MAX_PIXELS, Camera, PictureFormat
+from linked_fleet_agent.wire.names import MAX_NAME_BYTES
+from linked_fleet_agent.wire.pictures import HEADER, Moment, decode_picture
+from linked_fleet_gateway.fleet.robot import Robot
+
+FRAME_MEDIA_TYPE = "application/vnd.linked-fleet.frame"
+_FARTHEST_M, _AROUND_BYTES = 1e6, 4096
+FORMATS: Mapping[str, PictureFormat] = {
+    "image/jpeg": "jpeg",
+    "image/png": "png",
+    FRAME_MEDIA_TYPE: "depth",
+    "application/octet-stream": "depth",
+}
+"""By media type; a format of any other kind is as if it were not there."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """What a camera saw in one frame of state; ``content`` is a file, or of depth the frame with its header."""
+
+    moment: Moment
+    content: bytes
+
+
+def cameras_of(robot: Robot) -> dict[str, Camera]:
+    """By name; without those that contradict themselves or sit on no link, and the later ones of one name."""
+    said = robot.description.cameras if robot.description is not None else ()
+    found: dict[str, Camera] = {}
+    for camera in said:
+        if robot.model is not None and camera.link in robot.model.links and _sound(camera):
+            found.setdefault(camera.name, camera)
+    return found
+
+
+def types_of(camera: Camera) -> tuple[str, ...]:
+    """The media types in which pictures of it can be had."""
+    return () if camera.unavailable else tuple(each for each, format in FORMATS.items() if format in camera.formats)
+
+
+def size_limit(camera: Camera) -> int:
+    """Bytes of the longest answer: a depth for each pixel, of which no file has more either, and what is around."""
+    return HEADER.size + 4 * camera.width * camera.height + _AROUND_BYTES
+
+
+def read_picture(
+    answer: bytes | str, camera: Camera, format: PictureFormat, incarnation: int | None
+) -> tuple[Picture | None, str]:
+    """What an agent answered, judged: the picture, or a sentence that says why it is none."""
+    if isinstance(answer, str):
+        return None, answer
+    try:
+        moment, content = decode_picture(answer, format)
+    except WireError as error:
+        return None, str(error)
+    if moment.incarnation != incarnation:
+        return None, f"the picture is of run {moment.incarnation}, but {incarnation} is present"
+    if len(answer) > size_limit(camera):
+        return None, f"the picture has {len(answer)} bytes; {size_limit(camera)} are the most of {camera.name!r}"
+    said = (camera.height, camera.width, camera.near_m, camera.far_m)
+    if (moment.rows, moment.columns, moment.near_m, moment.far_m) != said:
+        return None, f"the picture is of another camera than {camera.name!r}: its size or its range differs"
+    return Picture(moment, answer if format == "depth" else content), ""
+
+
+def _sound(camera: Camera) -> bool:
+    """Whether it can be, and can be said."""
+    values = (*camera.position_m, *camera.orientation_xyzw)
+    return (
+        len(camera.name.encode()) <= MAX_NAME_BYTES
+        and all(abs(value) <= _FARTHEST_M for value in values)
+        and abs(math.hypot(*camera.orientation_xyzw) - 1) < 1e-3
+        and camera.width * camera.height <= MAX_PIXELS
+        and camera.near_m < camera.far_m
+    )

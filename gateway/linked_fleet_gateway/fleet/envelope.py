@@ -1,0 +1,90 @@
+"""A ball that contains every place to which joints can bring the origin of a link. Metre and radian.
+
+It takes microseconds, and says of most places that are out of reach that they are. A search for joint positions that do
+not exist takes a tenth of a second.
+"""
+
+import math
+from collections.abc import Collection
+from typing import NamedTuple
+
+from linked_fleet_gateway.fleet.kinematics import compose
+from linked_fleet_gateway.fleet.model import Joint, JointKind, Pose, RobotModel
+from linked_fleet_gateway.fleet.xml import Vector
+
+_UNTURNED = (0.0, 0.0, 0.0, 1.0)
+_ANYWHERE = (-math.inf, math.inf)
+
+
+class Ball(NamedTuple):
+    centre: Vector
+    radius: float
+
+    def contains(self, place: Vector, slack: float) -> bool:
+        return not math.dist(self.centre, place) > self.radius + slack
+
+
+def envelope(model: RobotModel, link: str, movable: Collection[str]) -> Ball:
+    """In the frame of the root link. Joints that are not ``movable`` stand wherever they may; infinite where a joint
+    has more than one degree of freedom, or slides without limits."""
+    ball = Ball((0.0, 0.0, 0.0), 0.0)
+    while (parent := model.links[link].parent_joint) is not None:
+        joint = model.joints[parent]
+        ball = _placed(joint.origin, _moved(ball, joint, _range(model, joint, movable)))
+        link = joint.parent
+    return ball
+
+
+def _moved(ball: Ball, joint: Joint, between: tuple[float, float]) -> Ball:
+    """Around the ball in all positions of the joint."""
+    if joint.kind is JointKind.FIXED:
+        return ball
+    if not joint.movable:
+        return Ball(ball.centre, math.inf)
+    lower, upper = between
+    half = (upper - lower) / 2
+    if joint.kind is JointKind.PRISMATIC:
+        if not math.isfinite(half):
+            return Ball(ball.centre, math.inf)
+        return Ball(_along(ball.centre, joint.axis, (lower + upper) / 2), ball.radius + half)
+    onto = sum(c * a for c, a in zip(ball.centre, joint.axis, strict=True))
+    foot = _along((0.0, 0.0, 0.0), joint.axis, onto)
+    arm = _along(ball.centre, joint.axis, -onto)
+    length = math.hypot(*arm)
+    if not half < math.pi / 2 or not math.isfinite(lower + upper):
+        return Ball(foot, ball.radius + length)
+    middle = _along(foot, _turned(arm, joint.axis, (lower + upper) / 2), math.cos(half))
+    return Ball(middle, ball.radius + length * math.sin(half))
+
+
+def _range(model: RobotModel, joint: Joint, movable: Collection[str]) -> tuple[float, float]:
+    """Positions that the joint can have."""
+    factor, offset = 1.0, 0.0
+    for _ in model.joints:  # a joint may follow one that follows another, and a hostile one itself
+        if joint.mimic is None:
+            break
+        offset += factor * joint.mimic.offset
+        factor *= joint.mimic.multiplier
+        joint = model.joints[joint.mimic.joint]
+    lower, upper = joint.limits.lower, joint.limits.upper
+    bounded = joint.name in movable and joint.kind is not JointKind.CONTINUOUS
+    if not bounded or lower is None or upper is None or joint.mimic is not None:
+        return _ANYWHERE
+    ends = factor * lower + offset, factor * upper + offset
+    return min(ends), max(ends)
+
+
+def _placed(origin: Pose, ball: Ball) -> Ball:
+    return Ball(compose(origin, Pose(ball.centre, _UNTURNED)).position_m, ball.radius)
+
+
+def _turned(arm: Vector, axis: Vector, angle: float) -> Vector:
+    x, y, z = axis
+    sine = math.sin(angle / 2)
+    turn = Pose((0.0, 0.0, 0.0), (sine * x, sine * y, sine * z, math.cos(angle / 2)))
+    return compose(turn, Pose(arm, _UNTURNED)).position_m
+
+
+def _along(start: Vector, direction: Vector, by: float) -> Vector:
+    x, y, z = (s + by * d for s, d in zip(start, direction, strict=True))
+    return x, y, z

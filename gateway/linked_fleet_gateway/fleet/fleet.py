@@ -1,0 +1,350 @@
+"""The live fleet: ``apply(event, now) -> changes``. Pure; the clock is passed in as wall time in nanoseconds.
+
+A run of an agent is an incarnation. While several runs of one robot are present (a restart before the lease of the
+dead one ended), the highest incarnation is the present one.
+
+A robot that has described itself stays, as offline, when its agent has gone. One that never has is forgotten then, and
+only ``MAX_UNDESCRIBED`` of these are shown: of the others only the runs are kept, until they describe themselves.
+"""
+
+import logging
+from bisect import bisect_left, insort
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any, Literal
+
+from linked_fleet_agent.wire.codec import WireError, read_header
+from linked_fleet_agent.wire.messages import Description
+from linked_fleet_gateway.fleet.events import Appeared, Described, Event, Framed, Moved, Undescribed, Vanished
+from linked_fleet_gateway.fleet.frames import Frames
+from linked_fleet_gateway.fleet.lease import Lease
+from linked_fleet_gateway.fleet.limit_watch import LimitWatch
+from linked_fleet_gateway.fleet.observation import Observation
+from linked_fleet_gateway.fleet.presence import MAX_RUNS
+from linked_fleet_gateway.fleet.rejected_messages import Complaints
+from linked_fleet_gateway.fleet.robot import Robot
+
+__all__ = [
+    "Appeared",
+    "Change",
+    "Described",
+    "Event",
+    "Fleet",
+    "Framed",
+    "Moved",
+    "Observation",
+    "Robot",
+    "Undescribed",
+    "Vanished",
+]
+
+MAX_ROBOTS = 10_000
+MAX_UNDESCRIBED = 64
+"""Robots at once that are shown although they have never described themselves."""
+_HIDDEN = "(undescribed)"
+_log = logging.getLogger(__name__)
+
+What = Literal["appeared", "vanished", "described", "faulty", "recovered", "configured", "frame"]
+
+
+@dataclass(frozen=True)
+class Change:
+    """What became different about a robot."""
+
+    robot: str
+    what: What
+
+
+@dataclass
+class _Entry:
+    """A robot, and the runs of its agent that are present, each with what it said (a reason when unusable)."""
+
+    robot: Robot
+    runs: dict[int, Description | str | None] = field(default_factory=dict)
+    described: bool = False
+    """Some run of it has described itself usably."""
+    limits: LimitWatch = field(default_factory=LimitWatch)
+
+
+class _ByName(Mapping[str, Robot]):
+    """In the order of the names. Who goes through it is not disturbed by robots that come meanwhile.
+
+    A robot is given out with its latest frame.
+    """
+
+    def __init__(self) -> None:
+        self._robots: dict[str, Robot] = {}
+        self._names: list[str] = []
+
+    def __getitem__(self, name: str) -> Robot:
+        robot = self._robots[name]
+        robot.look()
+        return robot
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names.copy())
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def add(self, robot: Robot) -> None:
+        self._robots[robot.name] = robot
+        insort(self._names, robot.name)  # to sort all of them for each that comes would cost most of its joining
+
+    def remove(self, name: str) -> None:
+        del self._robots[name], self._names[bisect_left(self._names, name)]
+
+
+class Fleet:
+    """Every robot that has described itself, and some that have not.
+
+    ``malformed`` and ``dropped`` count, by robot, what was not taken: malformed things are faults of the sender,
+    dropped ones (late, of another run) happen in good order.
+
+    ``frames`` is where frames that continue a run may be put without an event.
+    """
+
+    def __init__(self, frames: Frames | None = None) -> None:
+        self.frames = frames or Frames()
+        self._entries: dict[str, _Entry] = {}
+        self._undescribed: set[str] = set()
+        self._hidden: dict[str, set[int]] = {}
+        self._robots = _ByName()
+        self._complaints = Complaints(_log)
+        self._settings: dict[str, Mapping[str, str]] = {}
+        self._leases: dict[str, Lease] = {}
+        self.dropped: Counter[str] = Counter()
+        self._handlers: dict[type, Callable[[Any, int], list[Change]]] = {
+            Appeared: self._appeared,
+            Vanished: self._vanished,
+            Described: self._described,
+            Undescribed: self._not_described,
+            Framed: self._framed,
+            Moved: self._moved,
+        }
+
+    @property
+    def robots(self) -> Mapping[str, Robot]:
+        """By name, in the order of the names; a view that is never to be changed by the reader."""
+        return self._robots
+
+    @property
+    def malformed(self) -> Counter[str]:
+        return self._complaints.counts
+
+    def configure(self, robot: str, settings: Mapping[str, str]) -> list[Change]:
+        """Take over what clients have set, for a robot that may be yet to come; an unknown setting changes nothing."""
+        self._settings[robot] = settings
+        entry = self._entries.get(robot)
+        if entry is None or entry.robot.settings == settings:
+            return []
+        entry.robot.settings = settings
+        entry.robot.tell_news()
+        return [Change(robot, "configured")]
+
+    def control(self, robot: str, lease: Lease | None) -> list[Change]:
+        """Take over who has control of a robot, which may be yet to come."""
+        if lease is None:
+            self._leases.pop(robot, None)
+        else:
+            self._leases[robot] = lease
+        entry = self._entries.get(robot)
+        if entry is None or entry.robot.lease == lease:
+            return []
+        entry.robot.lease = lease
+        entry.robot.tell_news()
+        return [Change(robot, "configured")]
+
+    @property
+    def settings(self) -> Mapping[str, Mapping[str, str]]:
+        """What was set by robot and name, also for robots that are not there."""
+        return MappingProxyType(self._settings)
+
+    @property
+    def leases(self) -> Mapping[str, Lease]:
+        return MappingProxyType(self._leases)
+
+    def apply(self, event: Event, now_ns: int) -> list[Change]:
+        """Take an event at gateway wall time ``now_ns`` and say what changed by it."""
+        return self._handlers[type(event)](event, now_ns)
+
+    def judge_limits(self, now_ns: int) -> list[Change]:
+        """Compare the latest frame of each robot with the limits of its URDF."""
+        complain, entries = self._complaints.add, self._entries.values()
+        judged = [(each.robot.name, each.limits.judge(each.robot, now_ns, complain)) for each in entries]
+        return [Change(name, what) for name, what in judged if what is not None]
+
+    def _appeared(self, event: Appeared, now_ns: int) -> list[Change]:
+        entry, changes = self._entries.get(event.robot), list[Change]()
+        if entry is None and (event.robot in self._hidden or len(self._undescribed) >= MAX_UNDESCRIBED):
+            self._hide(event)
+            return []
+        if entry is None:
+            entry, changes = self._enter(event.robot)
+        if entry is None or (len(entry.runs) >= MAX_RUNS and event.incarnation not in entry.runs):
+            self._complaints.add(event.robot, f"more than {MAX_ROBOTS} robots or {MAX_RUNS} runs of one")
+            return changes
+        entry.runs.setdefault(event.incarnation, None)
+        entry.robot.heard_ns = now_ns
+        return [*changes, *self._elect(entry)]
+
+    def _vanished(self, event: Vanished, now_ns: int) -> list[Change]:
+        entry = self._entries.get(event.robot)
+        if entry is None:
+            self._unhide(event)
+            return []
+        if event.incarnation not in entry.runs:
+            return []
+        del entry.runs[event.incarnation]
+        if entry.runs:
+            return self._elect(entry)
+        entry.robot.appear(False)
+        if not entry.described:
+            self._remove(entry)
+        return [Change(event.robot, "vanished")]
+
+    def _hide(self, event: Appeared) -> None:
+        if event.robot not in self._hidden and len(self._hidden) >= MAX_ROBOTS:
+            return
+        runs = self._hidden.setdefault(event.robot, set())
+        if len(runs) < MAX_RUNS:
+            runs.add(event.incarnation)
+
+    def _unhide(self, event: Vanished) -> None:
+        runs = self._hidden.get(event.robot, set())
+        runs.discard(event.incarnation)
+        if not runs:
+            self._hidden.pop(event.robot, None)
+
+    def _elect(self, entry: _Entry) -> list[Change]:
+        """Make the highest incarnation the present one."""
+        robot, incarnation = entry.robot, max(entry.runs)
+        if robot.online and robot.incarnation == incarnation:
+            return []
+        changes = [Change(robot.name, "appeared")]
+        new = robot.incarnation != incarnation
+        if new:
+            robot.run(incarnation)
+        robot.appear(True)
+        if new:
+            changes += self._tell(entry)
+        return changes
+
+    def _described(self, event: Described, now_ns: int) -> list[Change]:
+        return self._said(event.description.robot, event.description.incarnation, event.description, now_ns)
+
+    def _not_described(self, event: Undescribed, now_ns: int) -> list[Change]:
+        self._complaints.add(event.robot if event.robot in self._entries else _HIDDEN, event.reason)
+        return self._said(event.robot, event.incarnation, event.reason, now_ns)
+
+    def _said(self, robot: str, incarnation: int, said: Description | str, now_ns: int) -> list[Change]:
+        if incarnation in self._hidden.get(robot, ()) and isinstance(said, Description):
+            return self._show(said, now_ns)
+        entry = self._entries.get(robot)
+        if entry is None or incarnation not in entry.runs:
+            return []  # the run ended while it was being asked
+        entry.robot.heard_ns = now_ns
+        entry.runs[incarnation] = said
+        changes = self._tell(entry) if incarnation == entry.robot.incarnation else []
+        if entry.robot.model is not None:
+            entry.described = True
+            self._undescribed.discard(robot)
+        return changes
+
+    def _show(self, said: Description, now_ns: int) -> list[Change]:
+        """Let in a robot that was hidden; it is hidden again if its description cannot be used."""
+        runs = self._hidden.pop(said.robot)
+        entry, changes = self._enter(said.robot)
+        if entry is None:
+            self._hidden[said.robot] = runs
+            return changes
+        entry.runs = dict.fromkeys(runs)
+        told = [*self._elect(entry), *self._said(said.robot, said.incarnation, said, now_ns)]
+        if not entry.described and len(self._undescribed) > MAX_UNDESCRIBED:
+            self._remove(entry)
+            self._hidden[said.robot] = runs
+            return changes
+        return [*changes, *told]
+
+    def _tell(self, entry: _Entry) -> list[Change]:
+        """Bring what the present run said to the robot, if it is news."""
+        robot = entry.robot
+        said = None if robot.incarnation is None else entry.runs.get(robot.incarnation)
+        if said is None or said == robot.description or (robot.description is None and said == robot.fault):
+            return []
+        if isinstance(said, str):
+            robot.undescribe(said)
+            return [Change(robot.name, "faulty")]
+        robot.describe(said)
+        if robot.fault:
+            self._complaints.add(robot.name, robot.fault)
+            return [Change(robot.name, "faulty")]
+        return [Change(robot.name, "described"), *self._early_frame(robot)]
+
+    def _early_frame(self, robot: Robot) -> list[Change]:
+        """A frame may come before the description; only now can the two be compared."""
+        if robot.header is None:
+            return []
+        reason = robot.refusal(robot.header)
+        if reason is None:
+            robot.trust()
+            return [Change(robot.name, "frame")]
+        self._complaints.add(robot.name, reason)
+        robot.drop_frame()
+        return []
+
+    def _framed(self, event: Framed, now_ns: int) -> list[Change]:
+        entry = self._entries.get(event.robot)
+        try:
+            header = read_header(event.payload)
+        except WireError as error:
+            self._complaints.add(event.robot, error)
+            return []
+        if entry is None or entry.robot.incarnation != header.incarnation:
+            self.dropped[event.robot if entry else "(unknown)"] += 1
+            return []
+        robot = entry.robot
+        robot.look()
+        reason = robot.refusal(header)
+        if reason is not None:
+            self._complaints.add(event.robot, reason)
+            return []
+        if header.sequence <= robot.last_sequence():
+            self.dropped[event.robot] += 1
+            return []
+        robot.take(header, event.payload, now_ns)
+        return [Change(event.robot, "frame")] if robot.described else []
+
+    def _moved(self, event: Moved, now_ns: int) -> list[Change]:
+        entry = self._entries.get(event.robot)
+        if entry is None:
+            return []
+        entry.robot.tell()
+        return [Change(event.robot, "frame")] if entry.robot.header is not None else []
+
+    def _enter(self, name: str) -> tuple[_Entry | None, list[Change]]:
+        """A new entry. Among too many robots the one that has been offline longest makes room, or there is none."""
+        changes = list[Change]()
+        if len(self._entries) >= MAX_ROBOTS:
+            offline = [each for each in self._entries.values() if not each.robot.online]
+            if not offline:
+                return None, []
+            oldest = min(offline, key=lambda each: each.robot.last_seen_ns or 0)
+            self._remove(oldest)
+            changes.append(Change(oldest.robot.name, "vanished"))
+        entry = self._entries[name] = _Entry(Robot(name, self._complaints.add, self.frames))
+        entry.robot.settings, entry.robot.lease = self._settings.get(name, {}), self._leases.get(name)
+        self._undescribed.add(name)
+        self._robots.add(entry.robot)
+        return entry, changes
+
+    def _remove(self, entry: _Entry) -> None:
+        name = entry.robot.name
+        entry.robot.drop_frame()
+        del self._entries[name]
+        self._undescribed.discard(name)
+        self._robots.remove(name)
+        self._complaints.forget(name)
+        self.dropped["(unknown)"] += self.dropped.pop(name, 0)

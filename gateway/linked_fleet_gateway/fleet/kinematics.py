@@ -1,0 +1,117 @@
+"""Forward kinematics of one robot. Metre and radian; a pose that cannot be known is None.
+
+Written out rather than left to a library: where one link is watched only the joints above it are computed,
+and a gateway that plans nothing does not have to hold 60 MB of Pinocchio.
+"""
+
+import math
+from collections.abc import Mapping
+
+from linked_fleet_agent.wire.messages import Base
+from linked_fleet_gateway.fleet.model import Joint, JointKind, Pose, RobotModel
+from linked_fleet_gateway.fleet.xml import Quaternion, Vector
+
+ORIGIN = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+
+_HALF_TURN = 0.1  # 168 degrees, at which no link is mounted
+
+
+class LinkPoses:
+    """Where the links of a robot are at given positions (rad or m), each computed when it is first asked for.
+
+    ``root`` is where the root link is: ``ORIGIN``, which makes its frame that of all poses, or ``placed(base)``.
+    A link is unknown behind a joint whose position is missing or NaN, or that has six or three degrees of freedom.
+    """
+
+    def __init__(self, model: RobotModel, positions: Mapping[str, float], root: Pose | None) -> None:
+        self._model = model
+        self._positions = positions
+        self._known: dict[str, Pose | None] = {model.root: root}
+
+    def of(self, link: str) -> Pose | None:
+        """None as well for a link that there is not."""
+        above: list[Joint] = []
+        while link not in self._known:
+            parent = self._model.links[link].parent_joint if link in self._model.links else None
+            if parent is None:
+                return None
+            above.append(self._model.joints[parent])
+            link = above[-1].parent
+        pose = self._known[link]
+        for joint in reversed(above):
+            pose = self._known[joint.child] = None if pose is None else self._behind(joint, pose)
+        return pose
+
+    def _behind(self, joint: Joint, parent: Pose) -> Pose | None:
+        position, orientation = joint.origin.position_m, joint.origin.orientation_xyzw
+        if joint.kind is not JointKind.FIXED:
+            moved = self._positions.get(joint.name, math.nan) if joint.movable else math.nan
+            if not math.isfinite(moved):
+                return None
+            x, y, z = joint.axis
+            if joint.kind is JointKind.PRISMATIC:
+                position = _sum(position, _turned((moved * x, moved * y, moved * z), orientation))
+            else:
+                sine = math.sin(moved / 2)
+                orientation = _product(orientation, (sine * x, sine * y, sine * z, math.cos(moved / 2)))
+        place = _sum(parent.position_m, _turned(position, parent.orientation_xyzw))
+        if not math.isfinite(place[0] + place[1] + place[2]):
+            return None  # finite positions of absurd size overflow on the way
+        return Pose(place, _signed(_product(parent.orientation_xyzw, orientation)))
+
+
+def placed(base: Base | None) -> Pose | None:
+    """Where a floating base is; None while that is unknown, or no orientation."""
+    if base is None:
+        return None
+    x, y, z, w = base.orientation_xyzw
+    length = math.hypot(x, y, z, w)
+    if not all(map(math.isfinite, (*base.position_m, length))) or length < 1e-6:
+        return None
+    return Pose(base.position_m, _signed((x / length, y / length, z / length, w / length)))
+
+
+def compose(outer: Pose, inner: Pose) -> Pose:
+    """Where what is at ``inner`` in a frame is, when that frame is at ``outer``."""
+    position = _sum(outer.position_m, _turned(inner.position_m, outer.orientation_xyzw))
+    return Pose(position, _signed(_product(outer.orientation_xyzw, inner.orientation_xyzw)))
+
+
+def inverse(pose: Pose) -> Pose:
+    """Where the frame in which ``pose`` is given is, seen from what is at ``pose``."""
+    x, y, z, w = pose.orientation_xyzw
+    back = (-x, -y, -z, w)
+    a, b, c = _turned(pose.position_m, back)
+    return Pose((-a, -b, -c), _signed(back))
+
+
+def _sum(a: Vector, b: Vector) -> Vector:
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+def _turned(v: Vector, q: Quaternion) -> Vector:
+    """v + 2 w (q × v) + 2 q × (q × v)."""
+    x, y, z, w = q
+    a, b, c = v
+    i, j, k = 2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)
+    return a + w * i + y * k - z * j, b + w * j + z * i - x * k, c + w * k + x * j - y * i
+
+
+def _product(a: Quaternion, b: Quaternion) -> Quaternion:
+    ax, ay, az, aw = a
+    bx, by, bz, bw = b
+    return (
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+        aw * bw - ax * bx - ay * by - az * bz,
+    )
+
+
+def _signed(q: Quaternion) -> Quaternion:
+    """Of the two quaternions of a rotation always the same one, or a link at rest would seem to turn: that with w
+    positive, and towards half a turn, where w is noise, that with the largest of the others positive.
+    """
+    x, y, z, w = q
+    lead = w if abs(w) > _HALF_TURN else max(x, y, z, key=abs)
+    return (-x, -y, -z, -w) if lead < 0 else q

@@ -1,0 +1,317 @@
+"""One robot as the gateway knows it: who is present, what it said it is, and its latest frame."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from linked_fleet_agent.wire.codec import MAX_JOINTS, Header, WireError, decode_state, layout, read_header
+from linked_fleet_agent.wire.messages import Description, State
+from linked_fleet_gateway.fleet.frames import Frames, Latest
+from linked_fleet_gateway.fleet.kinematics import ORIGIN, LinkPoses, placed
+from linked_fleet_gateway.fleet.lease import Lease
+from linked_fleet_gateway.fleet.limits import Bounds, bounds_of, joints_outside
+from linked_fleet_gateway.fleet.model import ModelError, Pose, RobotModel
+from linked_fleet_gateway.fleet.observation import Observation, Observations
+
+Annotations = tuple[str, str]
+"""Turtle whose base is the IRI of the robot: what its agent says, and what clients say besides."""
+
+
+@dataclass(slots=True)
+class _Derived:
+    """What was worked out of the present frame and description, at first use."""
+
+    header: Header | None = None
+    decoded: bool = False
+    state: State | None = None
+    rows: dict[str, Mapping[str, float]] = field(default_factory=dict)
+    poses: LinkPoses | None = None
+
+
+class Robot:
+    """Read by the gateway, changed by ``Fleet`` alone. Times in nanoseconds, values in SI units, NaN is unknown.
+
+    While a restarted agent has not described itself yet, the description of the run before stays readable and every
+    value is unknown. While the robot is offline, its last frame stays.
+    """
+
+    def __init__(self, name: str, complain: Callable[[str, object], None], frames: Frames) -> None:
+        self.name = name
+        self.online = False
+        self.incarnation: int | None = None
+        self.description: Description | None = None
+        self.model: RobotModel | None = None
+        self.heard_ns: int | None = None
+        """When its agent said anything but a frame, at the gateway's wall time."""
+        self.news = (0, 0)
+        """The last change that no frame brought: how many frames there had been, and which such change after that."""
+        self.lease: Lease | None = None
+        self.settings: Mapping[str, str] = {}
+        """What clients have set, as it is remembered: ``title``, ``annotations`` (Turtle), ``maximumSpeedScale`` …"""
+        self.targets: dict[str, float] = {}
+        """Where joints were last commanded to (rad or m), as far as that still holds."""
+        self._complain = complain
+        self._fault: str | None = None
+        self.limit_fault: str | None = None
+        """That positions have been outside the limits of the URDF for a while, as a sentence."""
+        self._bounds: Mapping[str, Bounds] = {}
+        self._observations = Observations()
+        self._frames = frames
+        self._latest: Latest | None = None
+        self._frame: tuple[bytes, int] | None = None
+        self._derived = _Derived()
+
+    @property
+    def fault(self) -> str | None:
+        """Why this robot cannot be used fully, as a sentence; None when it can."""
+        return self._fault or self.limit_fault
+
+    @property
+    def presence(self) -> Literal["online", "offline", "faulty"]:
+        return "offline" if not self.online else "faulty" if self.fault else "online"
+
+    @property
+    def title(self) -> str:
+        said = self.description.title if self.description is not None else ""
+        return self.settings.get("title") or said or self.name
+
+    @property
+    def annotations(self) -> Annotations:
+        said = self.description.annotations if self.description is not None else ""
+        return said, self.settings.get("annotations", "")
+
+    @property
+    def speed_scale(self) -> float:
+        """The share of its speed that clients allow, above 0, at most 1."""
+        return float(self.settings.get("maximumSpeedScale", 1.0))
+
+    @property
+    def last_seen_ns(self) -> int | None:
+        """When anything of its agent came, at the gateway's wall time; of frames this is so without ``look``."""
+        latest = self._latest
+        frame_ns = None if latest is None else latest.frame[1]
+        return max((each for each in (self.heard_ns, frame_ns) if each is not None), default=None)
+
+    def look(self) -> bool:
+        """Take the latest frame for the present one, and say whether it is another. For the event loop alone: between
+        two looks everything about the robot is of one frame."""
+        latest = self._latest
+        if latest is None or latest.frame is self._frame:
+            return False
+        self._frame = latest.frame
+        self._derived = _Derived()
+        return True
+
+    @property
+    def header(self) -> Header | None:
+        """The header of the present frame; None before the first frame of the present incarnation."""
+        return self._read_header() if self.described else None
+
+    @property
+    def sequence(self) -> int | None:
+        header = self.header
+        return None if header is None else header.sequence
+
+    @property
+    def payload(self) -> bytes | None:
+        """The present frame as it came over the wire."""
+        frame = self._usable_frame()
+        return None if frame is None else frame[0]
+
+    @property
+    def frame(self) -> State | None:
+        """The present frame, unpacked at first use; None before the first and while it is malformed inside."""
+        derived = self._derived
+        if not derived.decoded:
+            derived.decoded = True
+            frame = self._usable_frame()
+            try:
+                derived.state = None if frame is None else decode_state(frame[0])
+            except WireError as error:
+                self._complain(self.name, error)
+        return derived.state
+
+    @property
+    def positions(self) -> Mapping[str, float]:
+        """rad or m by joint, for every movable joint of the model and every joint of the description."""
+        return self._row("positions")
+
+    @property
+    def velocities(self) -> Mapping[str, float]:
+        """rad/s or m/s by joint."""
+        return self._row("velocities")
+
+    @property
+    def efforts(self) -> Mapping[str, float]:
+        """Nm or N by joint."""
+        return self._row("efforts")
+
+    def link_pose(self, link: str) -> Pose | None:
+        """Pose in the world frame (fixed base: the frame of the root link); None when it cannot be known."""
+        derived = self._derived
+        if derived.poses is None:
+            frame = self.frame
+            if frame is None or self.model is None or self.description is None:
+                return None
+            root = placed(frame.base) if self.description.base == "floating" else ORIGIN
+            derived.poses = LinkPoses(self.model, self.positions, root)
+        return derived.poses.of(link)
+
+    def observe(self, key: str, values: tuple[float, ...], resolution: float) -> Observation:
+        """Hold ``values`` under ``key``: the old ones and their stamp come back until one moves by ``resolution``.
+
+        The stamp is the agent's wall time of the frame that moved it. A new incarnation or description starts anew.
+        """
+        header = self.header
+        if header is None:
+            return self._observations.observe(key, values, resolution, None)
+        return self._observations.observe(key, values, resolution, header.wall_ns, header.sequence)
+
+    def observe_position(self, joint: str, resolution: float) -> Observation:
+        """The position (rad or m) of a joint, marked when it is outside its limits."""
+        header, values = self.header, (self.positions.get(joint, math.nan),)
+        wall_ns, sequence = (None, None) if header is None else (header.wall_ns, header.sequence)
+        bounds = self._bounds.get(joint)
+        return self._observations.observe(f"{joint}/position", values, resolution, wall_ns, sequence, bounds)
+
+    def outside(self) -> list[tuple[str, float]]:
+        """Joints whose positions in the present frame are outside their limits."""
+        frame = self._usable_frame()
+        if frame is None or self.description is None:
+            return []
+        return joints_outside(frame[0], self.description.base == "floating", self._bounds)
+
+    # What follows is for Fleet alone.
+
+    def run(self, incarnation: int) -> None:
+        """Begin another run of the agent: nothing measured by the run before is true any more."""
+        self.incarnation = incarnation
+        self.news = (0, 0)
+        self.targets = {}
+        self._fault = self.limit_fault = None
+        self.drop_frame()
+        self._observations.clear()
+
+    def appear(self, online: bool) -> None:
+        self.online = online
+        self.tell_news()
+
+    def describe(self, description: Description) -> None:
+        """Take a description; ``fault`` says afterwards whether it can be used."""
+        self.tell_news()
+        self._close()
+        old = self.description
+        if old is None or old.urdf != description.urdf:
+            self.model = None
+        self.description, self._fault, self.limit_fault = description, None, None
+        try:
+            self.model = self.model or RobotModel.of(description.urdf)
+        except ModelError as error:
+            self._fault = str(error)
+        else:
+            self._fault = _mismatch(description, self.model)
+            self._bounds = {} if self._fault else bounds_of(self.model, description.joints)
+            if self._fault:
+                self.model = None  # the frames cannot be read by this tree, so it is not shown as if they could
+        self._observations.clear()
+        self._derived = _Derived()
+
+    def undescribe(self, reason: str) -> None:
+        """Stay visible, as faulty: what the agent says of its robot cannot be used."""
+        self.tell_news()
+        self._close()
+        self.description = self.model = None
+        self._fault = reason
+        self._observations.clear()
+        self._derived = _Derived()
+
+    def take(self, header: Header, payload: bytes, now_ns: int) -> None:
+        """Store a frame without looking at its values; those that continue it are then put beside, for ``look``."""
+        self._latest = Latest(self.name, header.sequence, payload, now_ns)
+        self._frame = self._latest.frame
+        self._derived = _Derived(header)
+        self._frames.open(self._latest)
+
+    def trust(self) -> None:
+        """The frame that came before the description fits it. Of what came before that nobody knows."""
+        if self._latest is not None:
+            self._latest = Latest(self.name, self._latest.sequence, *self._latest.frame)
+            self._frames.open(self._latest)
+
+    def tell(self) -> None:
+        """Who watches is being told of all frames that have come."""
+        if self._latest is not None:
+            self._latest.rung = self._latest.untold = False
+            self.look()
+
+    def last_sequence(self) -> int:
+        header = self._read_header()
+        return -1 if header is None else header.sequence
+
+    @property
+    def described(self) -> bool:
+        """Whether the present run of the agent has described itself usably."""
+        return self.description is not None and self.description.incarnation == self.incarnation and not self._fault
+
+    def refusal(self, header: Header) -> str | None:
+        """Why a frame does not fit the description; None when it does or while there is no description to fit."""
+        if not self.described or self.description is None:
+            return None
+        joints, floating = len(self.description.joints), self.description.base == "floating"
+        if (header.joint_count, header.floating) == (joints, floating):
+            return None
+        base = {True: "floating", False: "fixed"}
+        return (
+            f"a frame of {header.joint_count} joints and a {base[header.floating]} base, "
+            f"but the description has {joints} and a {base[floating]} one"
+        )
+
+    def drop_frame(self) -> None:
+        self._close()
+        self._latest = self._frame = None
+        self._derived = _Derived()
+
+    def tell_news(self) -> None:
+        """Something is different that no frame brought."""
+        self.look()
+        frames, count = self.last_sequence() + 1, self.news[1]
+        self.news = (frames, count + 1 if frames == self.news[0] else 1)
+
+    def _close(self) -> None:
+        """What comes now has to be judged before it is taken."""
+        self.look()
+        self._frames.close(self.name)
+
+    def _read_header(self) -> Header | None:
+        derived = self._derived
+        if derived.header is None and self._frame is not None:
+            derived.header = read_header(self._frame[0])
+        return derived.header
+
+    def _usable_frame(self) -> tuple[bytes, int] | None:
+        return self._frame if self.described else None
+
+    def _row(self, name: str) -> Mapping[str, float]:
+        row = self._derived.rows.get(name)
+        if row is None:
+            values = {} if self.model is None else {j.name: math.nan for j in self.model.joints.values() if j.movable}
+            frame = self.frame
+            if frame is not None and self.description is not None:
+                values.update(zip(self.description.joints, getattr(frame, name), strict=True))
+            row = self._derived.rows[name] = values
+        return row
+
+
+def _mismatch(description: Description, model: RobotModel) -> str | None:
+    """Why the description contradicts its own URDF or the wire; None when it does not."""
+    joints = description.joints
+    if len(set(joints)) != len(joints) or len(joints) > MAX_JOINTS:
+        return f"the description lists a joint twice, or more than {MAX_JOINTS} joints"
+    for name in joints:
+        joint = model.joints.get(name)
+        if joint is None or not joint.movable:
+            return f"the description lists joint {name!r}, which its URDF does not have as a movable joint"
+    if description.layout != layout(len(joints), description.base == "floating"):
+        return f"the layout in the description is not that of a frame of {len(joints)} joints and its base"
+    return None

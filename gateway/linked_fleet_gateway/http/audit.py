@@ -1,0 +1,96 @@
+"""What is noted of requests, and ``/audit`` and its further pages, where who administers the fleet reads it."""
+
+from dataclasses import replace
+from urllib.parse import urlsplit
+
+from pyoxigraph import Literal, NamedNode
+
+from linked_fleet_gateway.base.errors import NotFound, StoreAway
+from linked_fleet_gateway.http.request import Connection
+from linked_fleet_gateway.identity.rights import Right
+from linked_fleet_gateway.rdf.graph import Graph, integer, timestamp
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, LF, PROV, RDFS, XHV
+from linked_fleet_gateway.resources.paths import AUDIT as PATH
+from linked_fleet_gateway.resources.paths import robot_of, robot_path
+from linked_fleet_gateway.resources.resource import CONTAINER, Resource
+from linked_fleet_gateway.runtime.audit_log import PAGE, Audit, Entry
+from linked_fleet_gateway.runtime.redis import StoreUnavailable
+from linked_fleet_gateway.runtime.request_context import present
+
+NEEDS = (Right.ADMIN,)
+_NOTHING_DONE = (401, 404, 405)
+_LONGEST = 500
+
+
+def note(connection: Connection, what: str, status: int | None, location: str = "") -> None:
+    """Something was asked for: done, or refused to who had found it."""
+    if status in _NOTHING_DONE:
+        return
+    audit: Audit = connection.services.audit
+    asked, path = present(), connection.scope["path"][:_LONGEST]
+    audit.note(
+        connection.caller_name, what, path, robot_of(path) or "", "" if status is None else str(status),
+        "" if asked is None else asked.id, urlsplit(location).path,
+    )  # fmt: skip
+
+
+async def audit_resource(connection: Connection) -> Resource:
+    """A page of entries, the newest first; NotFound, StoreAway."""
+    path: str = connection.scope["path"]
+    audit: Audit = connection.services.audit
+    try:
+        entries = await audit.page(path.removeprefix(PATH).removeprefix("/"))
+    except ValueError as error:
+        raise NotFound(f"There is no such page: {error}.") from error
+    except StoreUnavailable as error:
+        raise StoreAway("The server that keeps the audit is away; the log of each gateway has its own part.") from error
+    return Resource(
+        path, "Audit", lambda graph: _describe(graph, connection.base, path, entries), CONTAINER, followed=False
+    )
+
+
+def is_audit(path: str) -> bool:
+    return path == PATH or path.startswith(PATH + "/")
+
+
+def with_audit(connection: Connection, resource: Resource) -> Resource:
+    """The fleet and its link set link the audit, for who may read it.
+
+    Its triples do not say so: they are the same for all who see the same robots, as messages about it are.
+    """
+    if not connection.caller.may_any(NEEDS, None):
+        return resource
+    if resource.path == "/":
+        return replace(resource, own=(*resource.own, PATH))
+    of = resource.linkset_of
+    return resource if of is None or of.path != "/" else replace(resource, linkset_of=with_audit(connection, of))
+
+
+def _describe(graph: Graph, base: str, path: str, entries: list[tuple[str, Entry]]) -> None:
+    iri = NamedNode(base + path)
+    graph.a(iri, LDP.BasicContainer, LDP.Container)
+    graph.add(iri, DCTERMS.title, Literal("Audit"))
+    graph.add(iri, RDFS.seeAlso, NamedNode(base + "/"))
+    if len(entries) == PAGE:
+        graph.add(iri, XHV.next, NamedNode(f"{base}{PATH}/{entries[-1][0]}"))
+    for id, entry in entries:
+        one = NamedNode(f"{base}{PATH}#{id}")
+        graph.add(iri, LDP.contains, one)
+        _describe_entry(graph, base, one, entry)
+
+
+def _describe_entry(graph: Graph, base: str, iri: NamedNode, entry: Entry) -> None:
+    graph.a(iri, PROV.Activity)
+    graph.add(iri, DCTERMS.title, Literal(f"{entry.what} {entry.target}"))
+    graph.add(iri, DCTERMS.created, timestamp(entry.at_ns))
+    agent = graph.blank(PROV.Agent)
+    graph.add(iri, PROV.wasAssociatedWith, agent)
+    graph.add(agent, DCTERMS.title, Literal(entry.who))
+    if entry.result:  # no link, nor is the target one: what was made may be gone, and a target may be anything
+        graph.add(iri, DCTERMS.description, Literal(entry.result))
+    if entry.robot:
+        graph.add(iri, LF.ofRobot, NamedNode(base + robot_path(entry.robot)))
+    if entry.outcome:
+        graph.add(iri, LF.status, integer(int(entry.outcome)))
+    if entry.request:
+        graph.add(iri, DCTERMS.identifier, Literal(entry.request))

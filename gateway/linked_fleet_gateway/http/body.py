@@ -1,0 +1,90 @@
+"""The RDF in the body of a request: whole, bounded, and parsed with the request's own resource as base."""
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, TypeVar
+
+from pyoxigraph import NamedNode, Triple
+
+from linked_fleet_gateway.base.errors import BadRequest, PayloadTooLarge, UnsupportedMediaType
+from linked_fleet_gateway.http.fields import field
+from linked_fleet_gateway.http.negotiation import parse_content_type
+from linked_fleet_gateway.http.offload import Offload
+from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.rdf.parsing import MAX_TRIPLES, ParseError, parse
+from linked_fleet_gateway.rdf.serialise import JSON
+from linked_fleet_gateway.rdf.vocabulary import PREFIXES
+from linked_fleet_gateway.resources.affordance import BODY_TYPES
+
+if TYPE_CHECKING:
+    from linked_fleet_gateway.resources.json_form import Form
+
+MAX_BODY_BYTES = 64 * 1024
+_CONTEXT = "https://w3id.org/linked-fleet/context"
+T = TypeVar("T")
+
+
+def body_type(request: Request, taken: Sequence[str] = BODY_TYPES) -> str:
+    """The media type of the body, known before the body is read; 415 or 400 for what is not taken."""
+    media_type, _ = parse_content_type(field(request, "content-type"), taken)
+    _check_whole(request)
+    return media_type
+
+
+async def read_as(request: Request, read: Callable[[bytes], T], most: int = MAX_BODY_BYTES) -> T:
+    """``read`` of the whole body, in a thread unless it is short; PayloadTooLarge, Busy and what ``read`` raises."""
+    offload: Offload = request.services.offload
+    content = await read_body(request, most)
+    return await offload.run(partial(read, content), len(content))
+
+
+def parse_body(
+    body: bytes,
+    media_type: str,
+    iri: str,
+    base: str,
+    max_triples: int = MAX_TRIPLES,
+    lengths: Mapping[NamedNode, int] | None = None,
+) -> list[Triple]:
+    """The triples of a body that was read already, relative IRIs resolved against ``iri``; BadRequest."""
+    context = {"@context": PREFIXES}
+    contexts = {_CONTEXT: context, f"{base}/context": context}
+    try:
+        return parse(body, media_type, iri, contexts=contexts, max_triples=max_triples, lengths=lengths)
+    except ParseError as error:
+        raise BadRequest(f"The body is no {media_type}: {error}", line=error.line, column=error.column) from error
+
+
+def parse_form(
+    body: bytes, media_type: str, iri: str, base: str, form: "Callable[[], Form]", max_triples: int = MAX_TRIPLES
+) -> list[Triple]:
+    """As ``parse_body``, of a body that may be plain JSON, of which ``form`` says what its members mean."""
+    if media_type != JSON:
+        return parse_body(body, media_type, iri, base, max_triples)
+    from linked_fleet_gateway.resources.plain_json import triples_of
+
+    return triples_of(body, form(), iri, max_triples)
+
+
+def _check_whole(request: Request) -> None:
+    """The content itself, neither compressed (RFC 9110, 8.4 and 15.5.16) nor a part of it (14.5)."""
+    coding = (field(request, "content-encoding") or "identity").strip().lower()
+    if coding != "identity":
+        raise UnsupportedMediaType(
+            f"Content-Encoding {coding} is not taken; send the body as it is.", headers={"Accept-Encoding": "identity"}
+        )
+    if "content-range" in request.headers:
+        raise BadRequest("Content-Range is not taken; send the whole body.")
+
+
+async def read_body(request: Request, most: int = MAX_BODY_BYTES) -> bytes:
+    """The body, at most ``most`` bytes: PayloadTooLarge as soon as it is known to be more."""
+    length = request.headers.get("content-length", "0")
+    if length.isdecimal() and int(length) > most:
+        raise PayloadTooLarge(f"The body has {length} bytes; at most {most} are read.")
+    body = bytearray()
+    async for chunk in request.stream():
+        body += chunk
+        if len(body) > most:
+            raise PayloadTooLarge(f"The body has more than {most} bytes.")
+    return bytes(body)

@@ -1,0 +1,56 @@
+"""The part of a container that a client prefers (LDP 7.2): itself, what it contains, or both."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from pyoxigraph import NamedNode
+
+from linked_fleet_gateway.http.fields import field
+from linked_fleet_gateway.http.prefer import parse_prefer
+from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.rdf.graph import Graph
+from linked_fleet_gateway.rdf.vocabulary import LDP
+from linked_fleet_gateway.resources.action_body import own_part
+from linked_fleet_gateway.resources.resource import CONTAINER, Resource
+
+_MINIMAL, _CONTAINMENT = LDP.PreferMinimalContainer.value, LDP.PreferContainment.value
+# A basic container has no triples of membership but those of containment: to leave them out changes nothing.
+_PARTS = frozenset({_MINIMAL, _CONTAINMENT, LDP.PreferMembership.value})
+
+
+@dataclass(frozen=True)
+class Part:
+    """Which triples are shown: those about the container itself; ``ldp:contains``, with what is said of members."""
+
+    minimal: bool
+    containment: bool
+
+
+def preferred_part(request: Request, resource: Resource) -> Part | None:
+    """None where all is shown: to anybody without a preference that we know, and with one that contradicts itself."""
+    if resource.interaction != CONTAINER or request.method not in ("GET", "HEAD"):
+        return None
+    prefer = parse_prefer(field(request, "prefer"))
+    include, omit = prefer.include & _PARTS, prefer.omit & _PARTS
+    if prefer.return_ != "representation" or not (include or omit) or include & omit:
+        return None
+    wants = _CONTAINMENT in include or _MINIMAL not in include
+    part = Part(_MINIMAL not in omit, wants and _CONTAINMENT not in omit)
+    return part if part.minimal or part.containment else None
+
+
+def shown_part(resource: Resource, part: Part, base: str) -> Resource:
+    """The container with that part of its description, which has an entity tag of its own."""
+    describe = resource.describe
+    assert describe is not None
+    return replace(resource, describe=lambda graph: _describe(graph, describe, part, NamedNode(base + resource.path)))
+
+
+def _describe(graph: Graph, describe: Callable[[Graph], None], part: Part, iri: NamedNode) -> None:
+    whole = Graph()
+    describe(whole)
+    about = set(own_part(whole.triples, iri))
+    for triple in whole.triples:
+        minimal = triple in about and (triple.subject != iri or triple.predicate != LDP.contains)
+        if part.minimal if minimal else part.containment:
+            graph.add(triple.subject, triple.predicate, triple.object)  # type: ignore[arg-type]

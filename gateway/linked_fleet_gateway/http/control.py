@@ -1,0 +1,107 @@
+"""The control lease and the settings of a robot: what is put there, and taken away (R0.5)."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from pyoxigraph import Triple
+from starlette.responses import Response
+
+from linked_fleet_gateway.actions.replicated_invocations import Memory
+from linked_fleet_gateway.actions.service import Actions
+from linked_fleet_gateway.base.errors import BadRequest, NotFound
+from linked_fleet_gateway.http.body import body_type, parse_body, parse_form, read_as
+from linked_fleet_gateway.http.invoke import lock_token, refuse_rehearsal
+from linked_fleet_gateway.http.patch import patched, read_patch
+from linked_fleet_gateway.http.preconditions import present_under_preconditions
+from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.rdf.unused import shown
+from linked_fleet_gateway.rdf.vocabulary import LF
+from linked_fleet_gateway.resources.action_body import Body
+from linked_fleet_gateway.resources.affordance import FORM_TYPES, Control, PutSetting
+from linked_fleet_gateway.resources.paths import lease_path
+from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.setting import Setting, judged
+
+if TYPE_CHECKING:
+    from linked_fleet_gateway.resources.json_form import Form
+
+# All are in every description and on every page of the robot.
+MAX_ANNOTATION_TRIPLES = 256
+
+
+async def control(request: Request, afforded: Control) -> Response:
+    """PUT takes or renews the lease and answers with its ``Lock-Token``; DELETE releases it with that token."""
+    memory = _memory(request)
+    refuse_rehearsal(request)
+    robot, token = afforded.robot, lock_token(request)
+    if request.method == "DELETE":
+        if not token:
+            raise BadRequest("Releasing control takes the Lock-Token that the lease came with.")
+        if not await memory.release(robot, token):
+            raise NotFound("Nobody has control at present.")
+        return Response(status_code=204)
+    iri = request.base + lease_path(robot.name)
+    media_type = body_type(request)
+    lease = request.tree().resolve(lease_path(robot.name))
+    present = shown(lease.whole(request.base)) if isinstance(lease, Resource) else frozenset()
+
+    def read(content: bytes) -> Body:
+        return judged(parse_body(content, media_type, iri, request.base), LF.ControlLeaseInput, iri, present)
+
+    body = await read_as(request, read)
+    holder, duration_s = body.text(body.root, LF.holder), body.number(body.root, LF.leaseDuration)
+    assert holder is not None and duration_s is not None
+    _, proof = await memory.take(robot, holder, duration_s, token)
+    return Response(status_code=204, headers={"lock-token": f"<{proof}>", "cache-control": "no-store"})
+
+
+def _memory(request: Request) -> Memory:
+    actions: Actions = request.services.actions
+    return actions.memory
+
+
+async def put_setting(request: Request, afforded: PutSetting) -> Response:
+    memory = _memory(request)
+    refuse_rehearsal(request)
+    setting = afforded.setting
+    change = await _change(request, setting)
+    while True:
+        # Each time, because the value may have changed while the body was on its way, or at another gateway.
+        present = await present_under_preconditions(request, lambda: request.tree().resolve(setting.path))
+        assert present is not None  # no robot is forgotten while its settings are written
+        if await memory.configure(setting.robot, setting.name, change(present), lock_token(request)):
+            return Response(status_code=204)
+
+
+async def _change(request: Request, setting: Setting) -> Callable[[Resource], str | None]:
+    """Return the function from the present resource to the value to store; None clears the setting."""
+    if request.method == "DELETE":
+        return lambda present: None
+    if request.method == "PUT":
+        triples = await _read_setting(request, setting)
+        return lambda present: setting.admit(triples, request.base, shown(present.whole(request.base)))
+    iri = request.base + setting.path
+    update = await read_patch(request, iri)
+
+    def patch(present: Resource) -> str:
+        after = patched(update, present, request.base, lambda described: setting.managed(described, request.base))
+        return setting.admit(after, request.base, shown(present.whole(request.base)))
+
+    return patch
+
+
+async def _read_setting(request: Request, setting: Setting) -> list[Triple]:
+    iri, shape = request.base + setting.path, setting.shape
+    if shape is None:
+        media_type = body_type(request)
+        return await read_as(
+            request, lambda body: parse_body(body, media_type, iri, request.base, MAX_ANNOTATION_TRIPLES)
+        )
+
+    def form() -> "Form":
+        from linked_fleet_gateway.resources.json_form import form_of
+
+        return form_of(shape)
+
+    media_type = body_type(request, FORM_TYPES)
+    return await read_as(request, lambda body: parse_form(body, media_type, iri, request.base, form))

@@ -1,0 +1,265 @@
+"""The one place that every resource passes through: methods, negotiation, ETag, Link, errors (DESIGN "HTTP")."""
+
+import logging
+import uuid
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from urllib.parse import quote as percent
+
+from starlette.requests import ClientDisconnect
+from starlette.responses import Response
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from linked_fleet_gateway.base.errors import (
+    BadRequest,
+    FleetError,
+    MethodNotAllowed,
+    NoRoom,
+    NotFound,
+    PayloadTooLarge,
+    UnprocessableContent,
+    UnsupportedMediaType,
+)
+from linked_fleet_gateway.http.audit import NEEDS as AUDIT_NEEDS
+from linked_fleet_gateway.http.audit import audit_resource, is_audit, note, with_audit
+from linked_fleet_gateway.http.containers import preferred_part, shown_part
+from linked_fleet_gateway.http.control import control, put_setting
+from linked_fleet_gateway.http.extension import Mount, Reader, Writer
+from linked_fleet_gateway.http.fields import field
+from linked_fleet_gateway.http.health import store_warning
+from linked_fleet_gateway.http.invoke import end_invocation, invoke, put_target
+from linked_fleet_gateway.http.models import check_model
+from linked_fleet_gateway.http.preconditions import await_preconditions
+from linked_fleet_gateway.http.problem import problem
+from linked_fleet_gateway.http.read import READ, allowed, method_headers, read, read_mesh
+from linked_fleet_gateway.http.request import Connection, Request, WebSocket
+from linked_fleet_gateway.http.rights import SEES_SUBSCRIPTIONS, demand, shown
+from linked_fleet_gateway.http.streams import EventStream, is_over, open_websocket, wants_events
+from linked_fleet_gateway.http.subscribe import (
+    check_handshake,
+    post_subscription,
+    refusals,
+    resume,
+    subscribe_callback,
+    wants_callback,
+)
+from linked_fleet_gateway.http.subscription_change import change_subscription
+from linked_fleet_gateway.identity.rights import Right
+from linked_fleet_gateway.resources.affordance import (
+    ChangeSubscription,
+    Control,
+    EndInvocation,
+    Invoke,
+    PutSetting,
+    PutTarget,
+    ResumeSubscription,
+    Subscribe,
+)
+from linked_fleet_gateway.resources.branches import Found
+from linked_fleet_gateway.resources.paths import owner_path, robot_of
+from linked_fleet_gateway.resources.resource import Redirect, Remote, Resource
+from linked_fleet_gateway.resources.subscription_resource import container_path
+from linked_fleet_gateway.resources.tree import EMPTY, Shelf
+from linked_fleet_gateway.subscriptions.service import Subscriptions
+
+log = logging.getLogger(__name__)
+
+_METHODS = (*READ, "POST", "PUT", "PATCH", "DELETE")
+_LONGEST_NAMED = 200
+
+
+class Endpoint:
+    """The ASGI application for every path and every method (R0.10: a 405 carries the Allow of its own resource)."""
+
+    def __init__(self, mounts: Iterable[Mount] = ()) -> None:
+        self._readers, self._writers = dict(_READERS), dict(_WRITERS)
+        for mount in mounts:
+            self._readers.update(mount.readers)
+            self._writers.update(mount.writers)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "websocket":
+            await _upgrade(WebSocket(scope, receive, send))
+            return
+        request = Request(scope, receive)
+        await request.services.turns.turn(scope)
+        with suppress(ClientDisconnect):  # a client that left in the middle of a body gets no answer
+            response = await self._respond(request)
+            await response(scope, receive, send)
+
+    async def _respond(self, request: Request) -> ASGIApp:
+        answer = await self._answered(request)
+        does = wants_callback(request) or (request.method not in READ and not request.reads)
+        if isinstance(answer, Response) and does:
+            note(request, request.method, answer.status_code, answer.headers.get("location", ""))
+        return answer
+
+    async def _answered(self, request: Request) -> ASGIApp:
+        try:
+            return await self._answer(request)
+        except ClientDisconnect:
+            raise
+        except FleetError as error:
+            return problem_response(request, error)
+        except Exception:
+            # The boundary: what nobody foresaw is logged whole and answered without a trace of the stack.
+            log.exception("unforeseen error at %s %s", request.method, request.url.path)
+            return problem_response(request, FleetError("The gateway failed to answer; its log has the reason."))
+
+    async def _answer(self, request: Request) -> ASGIApp:
+        if request.scope["path"] == "*" and request.method == "OPTIONS":
+            return Response(status_code=204, headers={"allow": ", ".join(_METHODS)})
+        check_handshake(request)
+        if is_over(request):
+            return Response(status_code=204)
+        found = await _find(request)
+        request.reads = isinstance(found, Resource) and found.affords is not None and found.affords.reads
+        if isinstance(found, Redirect):
+            return _moved(request, found)
+        allow = allowed(found)
+        # What must not be done is refused before what cannot be done: a refusal by method would tell what can.
+        demand(request, found.path, _needed(request, found))
+        if request.method not in allow:
+            raise MethodNotAllowed(f"{request.method} is not possible here; {', '.join(allow)} are.", allow=allow)
+        if request.method == "OPTIONS":
+            return Response(status_code=204, headers=method_headers(found, allow))
+        if found.remote is not None and not (found.observable and (wants_events(request) or wants_callback(request))):
+            if request.method in READ:
+                return await self._readers[type(found.remote)](request, found, found.remote)
+            return await self._write(request, found)
+        part = preferred_part(request, found)
+        if part is not None:
+            found = shown_part(found, part, request.base)
+        await await_preconditions(request, found)
+        if request.method not in READ:
+            return await self._write(request, found)
+        if wants_callback(request):
+            demand(request, found.path, (Right.SUBSCRIBE,))
+            return await subscribe_callback(request, found)
+        if (found.observable or found.subscription is not None) and wants_events(request):
+            demand(request, found.path, (Right.SUBSCRIBE,))
+            stream = EventStream(request, found)
+            await stream.register()
+            return stream
+        return read(request, found)
+
+    async def _write(self, request: Request, resource: Resource) -> ASGIApp:
+        """Carry out an allowed write. A refusal by a constraint links the constraints (LDP 4.2.1.6), but not those on
+        queries, which are no representation of anything."""
+        try:
+            check_model(request, resource)
+            return await self._writers[type(resource.affords)](request, resource.affords)
+        except (NoRoom, PayloadTooLarge, UnprocessableContent, UnsupportedMediaType) as error:
+            if resource.affords is not None and not resource.affords.reads:
+                error.constrain(request.base + _constraints(resource))
+            raise
+
+
+async def _upgrade(websocket: WebSocket) -> None:
+    """A WebSocket on a resource; what speaks against it is answered in HTTP, before any handshake."""
+    try:
+        found = await _find(websocket)
+        if isinstance(found, Resource):
+            demand(websocket, found.path, (Right.READ,))
+            demand(websocket, found.path, (Right.SUBSCRIBE,))
+            await open_websocket(websocket, found)
+        else:
+            await websocket.send_denial_response(_moved(websocket, found))
+    except FleetError as error:
+        await websocket.send_denial_response(problem_response(websocket, error))
+
+
+def _needed(request: Request, resource: Resource) -> Sequence[Right]:
+    if is_audit(resource.path):
+        return AUDIT_NEEDS
+    affords = resource.affords
+    if affords is not None and request.method in affords.methods:
+        return affords.needs
+    return SEES_SUBSCRIPTIONS if isinstance(affords, Subscribe) else (Right.READ,)
+
+
+async def _find(connection: Connection) -> Resource | Redirect:
+    """What the request is about; NotFound, BadRequest, StoreAway."""
+    path: str = connection.scope["path"]
+    if not path.startswith("/"):
+        raise BadRequest(f"The request target is no path, such as /, and no URL below {connection.base}/.")
+    if is_audit(path):
+        demand(connection, path, AUDIT_NEEDS)
+        return await audit_resource(connection)
+    # An encoded slash separates nothing (RFC 3986, 2.2), and no name in the tree has one, but the ids of things have.
+    encoded = b"%2f" in connection.scope["raw_path"].lower()
+    lost = encoded and not connection.services.live.branches.takes_slashes(path)
+    found: Found = None if lost else connection.tree(await _shelf(connection, path)).resolve(path)
+    if found is None:
+        raise NotFound(f"There is no resource at {path[:_LONGEST_NAMED]}; browse from {connection.base}/.")
+    if isinstance(found, Redirect):
+        return found
+    if connection.on_page:
+        found = replace(found, reader=connection.caller.name)
+    if not connection.caller.may_any(SEES_SUBSCRIPTIONS, robot_of(found.path)):
+        found = replace(found, links_subscriptions=False)
+    if warning := store_warning(connection.services.embedded):
+        found = replace(found, warning=warning)
+    return with_audit(connection, found)
+
+
+async def _shelf(connection: Connection, path: str) -> Shelf:
+    """The subscriptions that the resource at ``path`` is about, if it is about any."""
+    owner = owner_path(path)
+    head, _, rest = path.removeprefix(container_path(owner)).partition("/")
+    robot = robot_of(owner)
+    if head or not path.startswith(container_path(owner)) or not connection.caller.may(Right.READ, robot):
+        return EMPTY
+    subscriptions: Subscriptions = connection.services.subscriptions
+    async with refusals():
+        if not rest:
+            return {owner: shown(connection, await subscriptions.of(owner), owner)}
+        id = _uuid(rest.partition("/")[0])
+        record = None if id is None else await subscriptions.record(id)
+        if record is None or record.subscription.owner != owner:
+            return EMPTY
+        return {owner: shown(connection, [record], owner)}
+
+
+def _uuid(text: str) -> str | None:
+    """The text, if it is a UUID as we write it: nothing else ever becomes part of a key of the store."""
+    try:
+        return text if str(uuid.UUID(text)) == text else None
+    except ValueError:
+        return None
+
+
+def _moved(connection: Connection, to: Redirect) -> Response:
+    query = f"?{connection.url.query}" if connection.url.query else ""
+    return Response(status_code=308, headers={"location": connection.base + to.path + query})
+
+
+def _constraints(resource: Resource) -> str:
+    """Path of what says which bodies the resource takes: the shape in an action's description, else the blueprint."""
+    blueprint = resource.path.rstrip("/") + "/blueprint"
+    return blueprint if blueprint in resource.own else resource.path
+
+
+_WRITERS: dict[type, Writer] = {
+    Invoke: invoke,
+    EndInvocation: end_invocation,
+    PutTarget: put_target,
+    PutSetting: put_setting,
+    Control: control,
+    Subscribe: post_subscription,
+    ChangeSubscription: change_subscription,
+    ResumeSubscription: resume,
+}
+
+
+def problem_response(request: Connection, error: FleetError) -> Response:
+    """Problem details for ``error`` in the form that Accept asks for."""
+    path = percent(request.scope["path"], safe="/~")
+    instance = request.base + path if len(path) <= _LONGEST_NAMED else None
+    body, headers = problem(error, field(request, "accept"), instance, request.services.representations.html)
+    # HEAD has the headers of GET, its Content-Length too; the server itself leaves the body out.
+    return Response(body, error.status, headers)
+
+
+_READERS: dict[type, Reader] = {Remote: read_mesh}

@@ -1,0 +1,134 @@
+"""A subscription as a stream of server-sent events (WHATWG HTML, 9.2)."""
+
+import asyncio
+import random
+import re
+from collections.abc import Awaitable, Callable
+
+from starlette.types import Receive, Scope, Send
+
+from linked_fleet_gateway.http.backpressure import Reader
+from linked_fleet_gateway.http.protocol import HTTP, HttpProtocol
+from linked_fleet_gateway.subscriptions.message import Ending, Feed, Message, Outlet
+
+CANCELLED_ID = "cancelled"
+"""The last event id of a stream that is over: presented as ``Last-Event-ID`` it is to be answered with 204."""
+
+HEARTBEAT_S = 15.0
+"""The longest silence of a stream."""
+_LINE_ENDS = re.compile(rb"\r\n|\n|\r")
+# Of a comment the line alone: the blank line of a block would set the client's last event id to what this connection
+# has sent, nothing yet if the client resumed with the present version (9.2.6).
+_HEARTBEAT = b":\n"
+_OPENING = b": linked fleet\nretry: 2000\n"
+_RETURN = b"retry: %d\n"
+_RETURN_MS = (100, 1000)  # not all clients of a gateway that ends at the same moment
+_FINAL = b"id: " + CANCELLED_ID.encode() + b"\n\n"  # without data it sets the id and dispatches no event
+_HEADERS = [
+    (b"content-type", b"text/event-stream"),
+    (b"cache-control", b"no-store"),
+    (b"x-accel-buffering", b"no"),  # nginx would collect the events
+]
+
+
+def framed(message: Message) -> bytes:
+    """One event (9.2.5). Each line of the body is a field of its own, so that nothing breaks out of ``data``."""
+    data = b"\ndata: ".join(_LINE_ENDS.split(message.body))
+    return b"id: %b\ndata: %b\n\n" % (message.version.encode(), data)
+
+
+def chunk(message: Message) -> bytes:
+    """The event as a chunk of a body (RFC 9112, 7.1)."""
+    return _in_chunk(framed(message))
+
+
+def _in_chunk(data: bytes) -> bytes:
+    return b"%x\r\n%b\r\n" % (len(data), data)
+
+
+class EventStreamOutlet:
+    """Events go straight to the transport of their client, past the server, to which a body is the same after each.
+
+    So they do between the opening and the farewell, which the server writes; ``chunked``: as HTTP/1.1 has bodies that
+    have no end yet.
+    """
+
+    def __init__(self, reader: Reader, *, chunked: bool) -> None:
+        self.farewell = b""
+        self.over = asyncio.Event()
+        """Set when nothing comes any more."""
+        self.framing = chunk if chunked else framed
+        self.send, self.writable = reader.send, reader.writable
+        self._reader, self._chunked = reader, chunked
+        self._beat: asyncio.TimerHandle | None = None
+
+    def write(self, message: Message) -> None:
+        self.send(message.framed(self.framing))
+
+    def end(self, ending: Ending) -> None:
+        """The last block is what keeps an EventSource from coming back; after a shutdown it shall come back, and soon.
+
+        One that was replaced shall not, or two pages would take the subscription from each other for ever.
+        """
+        if not self.over.is_set():
+            soon = _RETURN % random.randint(*_RETURN_MS)  # noqa: S311 (jitter is no secret)
+            self.farewell = soon if ending is Ending.SHUTDOWN else _FINAL
+        self.stop()
+
+    def stop(self) -> None:
+        """Nobody is there any more, or nothing to say."""
+        self.over.set()
+        self._reader.finish()
+        if self._beat is not None:
+            self._beat.cancel()
+
+    def beat(self, every_s: float, written: int = -1) -> None:
+        """Send a comment whenever nothing has been ``written`` for the second half of so many seconds."""
+        before = self._reader.written
+        if before == written:
+            self.send(_in_chunk(_HEARTBEAT) if self._chunked else _HEARTBEAT)
+        self._beat = asyncio.get_running_loop().call_later(every_s / 2, self.beat, every_s, before)
+
+
+async def serve_event_stream(
+    scope: Scope,
+    receive: Receive,
+    send: Send,
+    headers: list[tuple[bytes, bytes]],
+    start: Callable[[Outlet], Awaitable[Feed]],
+    *,
+    heartbeat_s: float = HEARTBEAT_S,
+) -> None:
+    """Answer with the stream until it ends or the client is gone; what is left to do is the caller's."""
+    http: HttpProtocol = scope["extensions"][HTTP]
+    outlet = EventStreamOutlet(http.reader, chunked=scope["http_version"] == "1.1")
+    http.on_shutdown = lambda: outlet.end(Ending.SHUTDOWN)
+    if http.ending:
+        outlet.end(Ending.SHUTDOWN)
+    listener = asyncio.create_task(_listen(receive, outlet))
+    try:
+        await send({"type": "http.response.start", "status": 200, "headers": [*_HEADERS, *headers]})
+        await send({"type": "http.response.body", "body": _OPENING, "more_body": True})
+        feed = await start(outlet)
+        _follow(http, outlet, feed, heartbeat_s)
+        await outlet.over.wait()
+        await send({"type": "http.response.body", "body": outlet.farewell, "more_body": False})
+    finally:
+        outlet.stop()
+        listener.cancel()
+        http.on_shutdown = http.on_drained = None
+
+
+def _follow(http: HttpProtocol, outlet: EventStreamOutlet, feed: Feed, heartbeat_s: float) -> None:
+    if outlet.over.is_set() or http.transport.is_closing():
+        return
+    http.on_drained = feed.ready
+    http.reader.begin()
+    outlet.beat(heartbeat_s)
+    feed.ready()
+
+
+async def _listen(receive: Receive, outlet: EventStreamOutlet) -> None:
+    while (await receive())["type"] != "http.disconnect":
+        pass
+    outlet.stop()

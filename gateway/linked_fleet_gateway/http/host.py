@@ -1,0 +1,100 @@
+"""Which fleet is meant: no ``Host`` ever decides an IRI, it only picks one of the known public URLs (RFC 9110, 7.4).
+
+And whose page asks: that of another site neither does anything here nor listens (RFC 6455, 10.2).
+"""
+
+import re
+from collections.abc import Awaitable, Callable, MutableMapping
+from typing import Any
+from urllib.parse import unquote, urlsplit
+
+from linked_fleet_gateway.base.errors import BadRequest, FleetError, ForeignOrigin, MisdirectedRequest
+from linked_fleet_gateway.http.problem import problem
+from linked_fleet_gateway.http.request import html_of
+
+Scope = MutableMapping[str, Any]
+Message = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[Message]]
+Send = Callable[[Message], Awaitable[None]]
+App = Callable[[Scope, Receive, Send], Awaitable[None]]
+
+# RFC 3986, 3.2.2: a bracketed IP literal, or a reg-name, which IPv4 addresses also are
+_HOST = re.compile(r"(\[[0-9A-Fa-f:.]+\]|(?:[\w.~!$&'()*+,;=-]|%[0-9A-Fa-f]{2})+)(?::([0-9]{0,5}))?", re.ASCII)
+# RFC 9112, 3.2.2: the request target may be a whole URL
+_ABSOLUTE = re.compile(r"https?://([^/]*)(/.*)?", re.IGNORECASE | re.DOTALL)
+_READ, _EVENTS = ("GET", "HEAD", "OPTIONS"), b"text/event-stream"
+_DEFAULT_PORTS = {"http": 80, "ws": 80, "https": 443, "wss": 443}
+
+
+class Authorities:
+    """ASGI middleware: ``scope["state"]["base"]`` is the public URL, without slash, under which the client asks.
+
+    ``pages`` are origins of other sites' pages that may ask too; ``scope["state"]["elsewhere"]`` is whether one does.
+    """
+
+    def __init__(self, app: App, public_urls: tuple[str, ...], pages: tuple[str, ...] = ()) -> None:
+        self.app = app
+        self._bases: dict[tuple[str, int], str] = {}
+        for url in public_urls:
+            parts = urlsplit(url)
+            key = ((parts.hostname or "").lower(), parts.port or _DEFAULT_PORTS[parts.scheme])
+            self._bases.setdefault(key, url.rstrip("/"))
+        self._origins = {"://".join(urlsplit(url)[:2]).lower() for url in self._bases.values()}
+        self._pages = {page.lower() for page in pages}
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] not in ("http", "websocket"):
+            await self.app(scope, receive, send)
+            return
+        hosts = [value.decode("latin-1") for name, value in scope["headers"] if name == b"host"]
+        absolute = _ABSOLUTE.fullmatch(scope.get("raw_path", b"").decode("latin-1"))
+        if absolute and len(hosts) == 1:
+            hosts, path = [absolute[1]], absolute[2] or "/"
+            scope = {**scope, "path": unquote(path), "raw_path": path.encode("latin-1")}
+        try:
+            base, elsewhere = self._base(scope, hosts), self._is_elsewhere(scope)
+        except FleetError as error:
+            await refuse(error, scope, send)
+            return
+        scope.setdefault("state", {}).update(base=base, elsewhere=elsewhere)
+        await self.app(scope, receive, send)
+
+    def _base(self, scope: Scope, fields: list[str]) -> str:
+        host = _HOST.fullmatch(fields[0]) if len(fields) == 1 else None
+        if host is None:
+            raise BadRequest("the request needs exactly one Host field, such as Host: fleet.example:8000")
+        # a TLS front may speak plain HTTP to us: the port of any known scheme for this name will do
+        name, ports = host[1].strip("[]").lower(), [int(host[2])] if host[2] else [80, 443]
+        asked = _DEFAULT_PORTS.get(scope.get("scheme", "http"), 80)
+        for port in sorted(ports, key=lambda port: port != asked):
+            if (name, port) in self._bases:
+                return self._bases[name, port]
+        raise MisdirectedRequest(f"this fleet is not known as {fields[0]}, only as {', '.join(self._bases.values())}")
+
+    def _is_elsewhere(self, scope: Scope) -> bool:
+        """Whether a page of another site asks; ForeignOrigin when it may not.
+
+        Only browsers say whose page asks, and none lets a page say something else.
+        """
+        origins = {value.decode("latin-1").lower() for name, value in scope["headers"] if name == b"origin"}
+        accepts = (value for name, value in scope["headers"] if name == b"accept")
+        reads = scope["type"] == "http" and scope["method"] in _READ and not any(_EVENTS in each for each in accepts)
+        if not reads and not origins <= self._origins | self._pages:
+            raise ForeignOrigin(
+                f"pages of {', '.join(self._bases.values())} may do this, and clients that are no pages"
+            )
+        return not origins <= self._origins
+
+
+async def refuse(error: FleetError, scope: Scope, send: Send) -> None:
+    """Answer with a problem before anything else has looked at the request."""
+    accept = b", ".join(value for name, value in scope["headers"] if name == b"accept").decode("latin-1")
+    body, fields = problem(error, accept or None, html=html_of(scope))
+    if scope["type"] == "websocket" and "websocket.http.response" not in scope.get("extensions", {}):
+        await send({"type": "websocket.close", "code": 1008})  # the server can only answer 403
+        return
+    start = "websocket.http.response" if scope["type"] == "websocket" else "http.response"
+    fields["content-length"] = str(len(body))
+    headers = [(name.encode(), value.encode()) for name, value in fields.items()]
+    await send({"type": f"{start}.start", "status": error.status, "headers": headers})
+    await send({"type": f"{start}.body", "body": body})

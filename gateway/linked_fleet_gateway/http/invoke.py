@@ -1,0 +1,290 @@
+"""Invoking an action: body → plan → invocation → answer (flow "action"; R0.7, R0.8, RFC 7240, Idempotency-Key)."""
+
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
+from functools import partial
+from hashlib import blake2b
+from typing import TYPE_CHECKING
+
+from pyoxigraph import NamedNode, Triple
+from starlette.responses import Response
+
+from linked_fleet_gateway.actions.action_request import Asked, moment_of
+from linked_fleet_gateway.actions.admission import admit
+from linked_fleet_gateway.actions.caller import Caller
+from linked_fleet_gateway.actions.plan import Halt, Later, Moment, Motion
+from linked_fleet_gateway.actions.service import Actions, Rehearsed
+from linked_fleet_gateway.base.errors import AgentSilent, BadRequest, MotionRefused, NotAcceptable, UnprocessableContent
+from linked_fleet_gateway.fleet.invocations import Invocation
+from linked_fleet_gateway.http.body import body_type, parse_form, read_as
+from linked_fleet_gateway.http.fields import field
+from linked_fleet_gateway.http.negotiation import choose
+from linked_fleet_gateway.http.prefer import Prefer, parse_prefer
+from linked_fleet_gateway.http.representation import Representation
+from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.identity.rights import Right
+from linked_fleet_gateway.rdf.graph import Graph
+from linked_fleet_gateway.rdf.serialise import JSON
+from linked_fleet_gateway.rdf.unused import Terms, reachable, refuse, shown, unused
+from linked_fleet_gateway.rdf.validation import root
+from linked_fleet_gateway.rdf.vocabulary import LF
+from linked_fleet_gateway.resources.access_filter import InvocationsInView
+from linked_fleet_gateway.resources.action_body import Body, written
+from linked_fleet_gateway.resources.action_offer import Offer
+from linked_fleet_gateway.resources.affordance import FORM_TYPES, EndInvocation, Invoke, PutTarget
+from linked_fleet_gateway.resources.invocation import describe_rehearsal, invocation_path
+from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.runtime.request_context import step, traced
+from linked_fleet_gateway.subscriptions.live import Live
+
+if TYPE_CHECKING:
+    from linked_fleet_gateway.resources.json_form import Form
+
+# Of a trajectory: seven joints at some two hundred times.
+MAX_BODY_BYTES = 256 * 1024
+MAX_TRIPLES = 5_000
+_TARGET = Terms({LF.value: Terms()})
+_KEY = re.compile(r'"([\x20\x21\x23-\x5b\x5d-\x7e]{1,255})"|([!-~]{1,255})')
+_TOKEN = re.compile(r"<?(urn:uuid:[0-9a-f-]{36})>?")
+
+
+async def invoke(request: Request, afforded: Invoke) -> Response:
+    """204 with Location; 201 with the invocation by Prefer: return=representation, 202 by respond-async or wait."""
+    offer, moment = afforded.offer, moment_of(afforded.offer.robot)
+    _trace(offer, f"actions/{offer.definition.segment}")
+    if not offer.takes_body:
+        return await _halt(request, offer)
+    prefer = _prefer(request, offer)
+    read = partial(_read_input, offer, body_type(request, FORM_TYPES), request.base)
+    admitted = await read_as(request, read, MAX_BODY_BYTES)
+    return await _carry_out(request, offer, admitted, moment, prefer)
+
+
+async def put_target(request: Request, afforded: PutTarget) -> Response:
+    """A joint's target as a property: its ``lf:value`` is what the action takes (R0.5)."""
+    offer, moment = afforded.offer, moment_of(afforded.offer.robot)
+    iri = request.base + request.scope["path"]
+    _trace(offer, iri.rpartition("/")[2])
+    prefer = _prefer(request, offer)
+    present = request.tree().resolve(request.scope["path"])
+    seen = shown(present.whole(request.base)) if isinstance(present, Resource) else frozenset[Triple]()
+    read = partial(_read_target, offer, body_type(request, FORM_TYPES), iri, request.base, seen)
+    admitted = await read_as(request, read, MAX_BODY_BYTES)
+    return await _carry_out(request, offer, admitted, moment, prefer)
+
+
+async def end_invocation(request: Request, afforded: EndInvocation) -> Response:
+    """Cancel it, or stop and remove it; by whoever may, not only by who began it."""
+    refuse_rehearsal(request)
+    actions: Actions = request.services.actions
+    if afforded.keep:
+        await actions.cancel(afforded.invocation)
+    else:
+        await actions.remove(afforded.invocation)
+    return Response(status_code=204)
+
+
+def caller(request: Request, body: str = "", digest: str = "") -> Caller:
+    """Who asks; BadRequest for an Idempotency-Key or Lock-Token that is none."""
+    return Caller(request.caller_name, lock_token(request), _key(request), digest, body, sees=request.caller.sees)
+
+
+def _trace(offer: Offer, end: str) -> None:
+    """Names are left open in the route of a trace; ``end`` is one of few."""
+    if (trace := traced()) is None:
+        return
+    thing = ("/{robot}" if offer.robot else "") + ("/{joint}" if offer.joint else "")
+    trace.routed(f"{thing}/{end}")
+    if offer.robot is not None:
+        trace.about({"robot": offer.robot.name})
+
+
+def refuse_rehearsal(request: Request) -> None:
+    """BadRequest for what cannot be rehearsed: who would rather see it first does not want it done."""
+    if parse_prefer(field(request, "prefer")).dry_run:
+        raise BadRequest("This cannot be rehearsed; it is done without Prefer: dry-run. Nothing has changed.")
+
+
+def lock_token(request: Request) -> str:
+    """The proof of having a control lease, as it came with it (``Lock-Token``, RFC 4918, 10.5); empty without one."""
+    said = field(request, "lock-token")
+    if said is None:
+        return ""
+    match = _TOKEN.fullmatch(said.strip())
+    if match is None:
+        raise BadRequest("Lock-Token is what the control lease came with, such as <urn:uuid:...>.")
+    return match[1]
+
+
+def _key(request: Request) -> str:
+    said = request.headers.getlist("idempotency-key")
+    if not said:
+        return ""
+    match = _KEY.fullmatch(said[0].strip()) if len(said) == 1 else None
+    if match is None:
+        raise BadRequest("Idempotency-Key is one string of at most 255 visible characters.")
+    # Two who happen to choose the same key mean two things.
+    name, key = request.caller.name, match[1] or match[2]
+    return f"{name} {key}" if name else key
+
+
+def _prefer(request: Request, offer: Offer) -> Prefer:
+    """What the client would like; NotAcceptable before the motion or never."""
+    prefer = parse_prefer(field(request, "prefer"))
+    if prefer.dry_run or (prefer.return_ == "representation" and choose(field(request, "accept"), (JSON,)) is None):
+        # As negotiable as the answer will be, but that an invocation is to be had in plain JSON too.
+        _show(request, offer.path)
+    return prefer
+
+
+@dataclass(frozen=True)
+class _Admitted:
+    """A body as it came, as its handler reads it, and as it is remembered with the invocation."""
+
+    content: bytes
+    body: Body
+    written: str
+
+
+def _read_input(offer: Offer, media_type: str, base: str, content: bytes) -> _Admitted:
+    form = partial(_input_form, offer, base)
+    return _admitted(offer, content, parse_form(content, media_type, base + offer.path, base, form, MAX_TRIPLES), base)
+
+
+def _read_target(
+    offer: Offer, media_type: str, iri: str, base: str, seen: frozenset[Triple], content: bytes
+) -> _Admitted:
+    triples = parse_form(content, media_type, iri, base, partial(_target_form, offer, base), MAX_TRIPLES)
+    focus = root(triples, NamedNode(iri))
+    values = {t.object for t in triples if t.subject == focus and t.predicate == LF.value}
+    if len(values) != 1:
+        raise UnprocessableContent(f"The body has {len(values)} values of lf:value; one is put.", constraint=iri)
+    (value,) = values
+    action, about = NamedNode(base + offer.path), reachable(triples, value)  # type: ignore[arg-type]
+    others = set(unused(triples, focus, _TARGET, seen)).difference(about)
+    refuse([triple for triple in triples if triple in others], f"{iri}/blueprint")
+    moved = [Triple(action if t.subject == value else t.subject, t.predicate, t.object) for t in about]
+    return _admitted(offer, content, moved, base)
+
+
+def _admitted(offer: Offer, content: bytes, triples: Sequence[Triple], base: str) -> _Admitted:
+    with step("guard"):
+        body = admit(offer, triples, base)
+    return _Admitted(content, body, written(body))
+
+
+def _input_form(offer: Offer, base: str) -> "Form":
+    from linked_fleet_gateway.resources.json_form import form_of_input
+
+    return form_of_input(offer, base)
+
+
+def _target_form(offer: Offer, base: str) -> "Form":
+    from linked_fleet_gateway.resources.json_form import form_of_target
+
+    return form_of_target(offer, base)
+
+
+async def _halt(request: Request, offer: Offer) -> Response:
+    """Nothing that a field says wrongly keeps a robot from being stopped."""
+    actions: Actions = request.services.actions
+    prefer = parse_prefer(field(request, "prefer"))
+    nothing = Body((), NamedNode(request.base + offer.path))
+    plan = actions.plan(Asked(request.base, nothing, offer.robot, offer.joint), offer)
+    assert isinstance(plan, Halt)
+    stops = request.caller.over(Right.STOP)
+    if prefer.dry_run:
+        return _rehearsal(request, offer, plan, await actions.rehearse_halt(plan, stops))
+    with _located(request.base):
+        invocation = await actions.halt(offer.path, plan, Caller(request.caller_name, stops=stops))
+    with suppress(NotAcceptable):
+        return await _answer(request, invocation, prefer)
+    return await _answer(request, invocation, replace(prefer, return_=None))
+
+
+async def _carry_out(
+    request: Request, offer: Offer, admitted: _Admitted, moment: Moment | None, prefer: Prefer
+) -> Response:
+    actions: Actions = request.services.actions
+    asking = caller(request, admitted.written, _digest(request, admitted.content))
+    with step("plan"):
+        plan = actions.plan(Asked(request.base, admitted.body, offer.robot, offer.joint, moment), offer)
+        if isinstance(plan, Later):
+            plan = await actions.compute(plan)
+    assert isinstance(plan, Motion)  # what takes a body moves
+    with _located(request.base):
+        if prefer.dry_run:
+            return _rehearsal(request, offer, plan, await actions.rehearse(plan, asking))
+        invocation = await actions.start(offer.path, plan, asking)
+    return await _answer(request, invocation, prefer)
+
+
+@contextmanager
+def _located(base: str) -> Iterator[None]:
+    """Where to look for what becomes of a command that got no answer, and at what is in the way of one."""
+    try:
+        yield
+    except MotionRefused as error:
+        error.locate(base)
+        raise
+    except AgentSilent as error:
+        if "location" in error.headers:
+            error.headers["location"] = base + error.headers["location"]
+        raise
+
+
+async def _answer(request: Request, invocation: Invocation, prefer: Prefer) -> Response:
+    status, applied = await _outcome(request.services.actions, invocation, prefer)
+    location = request.base + invocation_path(invocation)
+    headers = {"location": location, "cache-control": "no-store", "vary": "Accept, Prefer"}
+    content = b""
+    if prefer.return_ == "representation":
+        applied.append("return=representation")
+        shown = _show(request, invocation_path(invocation))
+        content, status = shown.body, 201 if status == 204 else status
+        headers |= {"content-type": shown.content_type, "content-location": location}
+    if applied:
+        headers["preference-applied"] = ", ".join(applied)
+    return Response(content, status, headers)
+
+
+def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt, rehearsed: Rehearsed) -> Response:
+    live: Live = request.services.live
+    seen = InvocationsInView(live.invocations, request.caller.sees)
+    known = [each for each in map(seen.get, rehearsed.preempts) if each is not None]
+    targets, facts = ({}, {}) if isinstance(plan, Halt) else (plan.targets, plan.facts)
+    free = None if isinstance(plan, Halt) else rehearsed.free
+
+    def describe(graph: Graph) -> None:
+        describe_rehearsal(
+            graph, request.base, offer.path, offer.robot, targets, facts, rehearsed.duration_s, known, free
+        )
+
+    rehearsal = Resource(offer.path, f"Rehearsal of {offer.name}", describe, ())
+    shown = request.services.representations.negotiated(field(request, "accept"), rehearsal, request.base)
+    headers = {"content-type": shown.content_type, "cache-control": "no-store", "vary": "Accept, Prefer"}
+    return Response(shown.body, 200, headers | {"preference-applied": "dry-run"})
+
+
+def _show(request: Request, path: str) -> Representation:
+    found = request.tree().resolve(path)
+    assert isinstance(found, Resource)
+    return request.services.representations.negotiated(field(request, "accept"), found, request.base)
+
+
+async def _outcome(actions: Actions, invocation: Invocation, prefer: Prefer) -> tuple[int, list[str]]:
+    """Status and the preferences that were followed; 202 when the motion may still go on."""
+    if prefer.wait_s is not None:
+        ended = await actions.waiting.at_leisure(invocation, lambda one: one.state.terminal, prefer.wait_s)
+        return 204 if ended else 202, [f"wait={prefer.wait_s:g}"]
+    if prefer.respond_async:
+        return 202, ["respond-async"]
+    return 204, []
+
+
+def _digest(request: Request, content: bytes) -> str:
+    """What tells a request from another one with the same key: the resource and the very bytes of the body."""
+    said = f"{request.scope['path']}\n{field(request, 'content-type')}\n".encode()
+    return blake2b(said + content, digest_size=16).hexdigest()

@@ -1,0 +1,43 @@
+"""What a request is the first to need is loaded beside the event loop, before the request goes on."""
+
+import asyncio
+from collections.abc import Callable
+from importlib import import_module
+from typing import Final
+
+from starlette.datastructures import Headers
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from linked_fleet_gateway.http.request import html_of
+
+SUBSCRIPTIONS: Final = ("httpx",)
+
+
+class Loading:
+    """Middleware. Each of these takes a tenth of a second, in which nobody else would be served."""
+
+    def __init__(self, app: ASGIApp, load: Callable[[str], object] = import_module) -> None:
+        self._app = app
+        self._load = load
+        self._loaded: set[tuple[str, ...]] = set()
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if len(self._loaded) < 2 and scope["type"] == "http":
+            needed = _needed(scope)
+            if needed and needed not in self._loaded:
+                await asyncio.to_thread(self._load_all, needed)
+                self._loaded.add(needed)
+        await self._app(scope, receive, send)
+
+    def _load_all(self, names: tuple[str, ...]) -> None:
+        for name in names:
+            self._load(name)
+
+
+def _needed(scope: Scope) -> tuple[str, ...]:
+    path, method = scope["path"], scope["method"]
+    if method in ("POST", "PATCH"):
+        container = path if method == "POST" else path.rpartition("/")[0]
+        return SUBSCRIPTIONS if container.endswith("/subscriptions") else ()
+    html = html_of(scope)
+    return tuple(html.modules) if html is not None and "text/html" in Headers(scope=scope).get("accept", "") else ()

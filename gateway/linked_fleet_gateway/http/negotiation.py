@@ -1,0 +1,104 @@
+"""Proactive content negotiation (RFC 9110, 12.5.1) and the media type of what is sent to us (8.3)."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+from linked_fleet_gateway.base.errors import BadRequest, UnsupportedMediaType
+from linked_fleet_gateway.http.fields import TOKEN, parameters, split
+
+_WEIGHT = re.compile(r"0(?:\.[0-9]{0,3})?|1(?:\.0{0,3})?")
+_OUR_CHARSETS = ("utf-8", "utf8", "us-ascii")
+
+
+@dataclass(frozen=True)
+class MediaRange:
+    """One member of ``Accept``: ``*/*``, ``text/*`` or a media type, with parameters and weight."""
+
+    type: str
+    subtype: str
+    parameters: tuple[tuple[str, str], ...] = ()
+    q: float = 1.0
+
+    @property
+    def specificity(self) -> tuple[bool, bool, int]:
+        return (self.type != "*", self.subtype != "*", len(self.parameters))
+
+    def matches(self, media_type: str) -> bool:
+        kind, offered = _media_type(media_type) or ("", {})
+        main, _, sub = kind.partition("/")
+        # All responses are UTF-8, so asking for it excludes nothing. A profile never does (RFC 6906, 3), and a version
+        # of RDF is the highest that the client reads (RDF 1.2 Turtle, media type registration): RDF 1.1 is within it.
+        ours = {("charset", "utf-8"), ("charset", "utf8")}
+        ignored = {"profile", "version"} - offered.keys()
+        asked = [(n, v) for n, v in self.parameters if n not in ignored and (n, v.lower()) not in ours]
+        return self.type in ("*", main) and self.subtype in ("*", sub) and all(offered.get(n) == v for n, v in asked)
+
+
+def parse_accept(header: str | None) -> list[MediaRange]:
+    """The members in order; malformed ones are ignored, as if the client had not said them."""
+    found = (_media_range(member) for member in split(header or "", ","))
+    return [media_range for media_range in found if media_range is not None]
+
+
+def _media_range(member: str) -> MediaRange | None:
+    kind, *rest = split(member, ";") or [""]
+    main, slash, sub = kind.lower().partition("/")
+    if not (slash and TOKEN.fullmatch(main) and TOKEN.fullmatch(sub)) or (main == "*" and sub != "*"):
+        return None
+    named: list[tuple[str, str]] = []
+    for parameter in parameters(rest):
+        if parameter is None:
+            return None
+        if parameter[0] == "q":
+            # what follows the weight were extensions, which RFC 9110 dropped
+            weight = parameter[1]
+            return MediaRange(main, sub, tuple(named), float(weight)) if _WEIGHT.fullmatch(weight) else None
+        named.append(parameter)
+    return MediaRange(main, sub, tuple(named))
+
+
+def choose(header: str | None, offered: Sequence[str]) -> str | None:
+    """The offered type that the client likes best, the earlier one of equals; None when all are excluded."""
+    ranges = parse_accept(header)
+    if not ranges:
+        return offered[0] if offered else None
+    weights = {media_type: weight(ranges, media_type) for media_type in offered}
+    best = max(weights.values(), default=0.0)
+    return next((media_type for media_type in offered if weights[media_type] == best), None) if best > 0 else None
+
+
+def weight(ranges: Sequence[MediaRange], media_type: str) -> float:
+    """The q of the most specific range that matches, 0 when none does."""
+    matching = [media_range for media_range in ranges if media_range.matches(media_type)]
+    return max(matching, key=lambda found: found.specificity).q if matching else 0.0
+
+
+@lru_cache(maxsize=256)
+def _media_type(header: str) -> tuple[str, dict[str, str]] | None:
+    kind, *rest = split(header, ";") or [""]
+    main, slash, sub = kind.lower().partition("/")
+    named = [parameter for parameter in parameters(rest) if parameter is not None]
+    if not (slash and TOKEN.fullmatch(main) and TOKEN.fullmatch(sub)) or len(named) != len(rest):
+        return None
+    return f"{main}/{sub}", dict(named)
+
+
+def parse_content_type(header: str | None, accepted: Sequence[str] = ()) -> tuple[str, Mapping[str, str]]:
+    """Media type in lower case and parameters; 415 without one, 400 for a malformed one, 415 for other charsets.
+
+    ``accepted`` are the media types taken here: where it is given, any other is a 415 that lists them.
+    """
+    if header is None or not header.strip():
+        raise UnsupportedMediaType("the body has no Content-Type", offered=accepted)
+    parsed = _media_type(header)
+    if parsed is None:
+        raise BadRequest(f"Content-Type {header!r} is not a media type such as text/turtle; charset=utf-8")
+    media_type, named = parsed
+    if accepted and media_type not in accepted:
+        raise UnsupportedMediaType(f"{media_type} is not taken here; {', '.join(accepted)} is", offered=accepted)
+    charset = named.get("charset", "utf-8")
+    if charset.lower() not in _OUR_CHARSETS:
+        raise UnsupportedMediaType(f"charset {charset!r} is not taken; utf-8 is", offered=accepted)
+    return media_type, dict(named)

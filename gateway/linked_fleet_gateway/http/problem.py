@@ -1,0 +1,93 @@
+"""Problem details (RFC 9457): JSON unless the client would rather have RDF, with the SHACL report in either."""
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+from pyoxigraph import BlankNode, Literal, NamedNode, Triple
+
+from linked_fleet_gateway.base.errors import FleetError
+from linked_fleet_gateway.http.html import HTML, HtmlWriter
+from linked_fleet_gateway.http.negotiation import choose, parse_accept, weight
+from linked_fleet_gateway.rdf.serialise import RDF_TYPES, render
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, PREFIXES, RDF, SH, XSD
+
+PROBLEM_JSON = "application/problem+json"
+# RFC 9457 calls nothing like them; the names are those of the SHACL vocabulary without the word "result"
+_REPORTED = {
+    SH.focusNode: "focusNode",
+    SH.resultPath: "path",
+    SH.resultMessage: "message",
+    SH.value: "value",
+    SH.sourceConstraintComponent: "sourceConstraintComponent",
+}
+
+
+def problem(
+    error: FleetError, accept: str | None, instance: str | None = None, html: HtmlWriter | None = None
+) -> tuple[bytes, dict[str, str]]:
+    """Body and header fields, those that the error itself brings included; ``html`` writes pages, if there are any."""
+    body, content_type = problem_body(error, accept, instance, html)
+    own = {name.lower(): value for name, value in error.headers.items()}
+    headers = {"content-type": content_type, "vary": "Accept", "cache-control": "no-store"}
+    if html is not None and content_type.startswith(HTML):
+        headers |= {"content-security-policy": html.policy(forms=False), "x-content-type-options": "nosniff"}
+    return body, headers | own
+
+
+def problem_body(
+    error: FleetError, accept: str | None, instance: str | None = None, html: HtmlWriter | None = None
+) -> tuple[bytes, str]:
+    """Body and content type. A client that accepts none of ours still gets JSON (RFC 9110, 15.5.7)."""
+    offered = (PROBLEM_JSON, *RDF_TYPES, *(() if html is None else (HTML,)))
+    media_type = choose(_preferring_json(accept), offered) or PROBLEM_JSON
+    if media_type == PROBLEM_JSON:
+        return _json(error, instance), PROBLEM_JSON
+    if media_type == HTML and html is not None:
+        page = html.write_problem(error, instance, _report(error.report) if error.report else [])
+        return page, f"{media_type}; charset=utf-8"
+    body = render(_triples(error), media_type, PREFIXES, base=instance or "")
+    return body, f"{media_type}; charset=utf-8" if media_type.startswith("text/") else media_type
+
+
+def _preferring_json(accept: str | None) -> str | None:
+    """``application/json`` is as good as its problem flavour: who asks for it can read that."""
+    ranges = parse_accept(accept)
+    as_json, as_problem = weight(ranges, "application/json"), weight(ranges, PROBLEM_JSON)
+    return f"{accept}, {PROBLEM_JSON};q={as_json:.3f}" if as_json > as_problem else accept
+
+
+def _json(error: FleetError, instance: str | None) -> bytes:
+    members: dict[str, Any] = {
+        "type": error.type,
+        "title": error.title,
+        "status": error.status,
+        "detail": error.detail,
+    }
+    members |= {"instance": instance} if instance else {}
+    members |= error.members
+    members |= {"report": _report(error.report)} if error.report else {}
+    return json.dumps(members, ensure_ascii=False).encode()
+
+
+def _report(triples: Sequence[Triple]) -> list[dict[str, str]]:
+    """The results of a SHACL report in order, one flat object each; blank nodes, which mean nothing here, left out."""
+    results: dict[Any, dict[str, str]] = {t.object: {} for t in triples if t.predicate == SH.result}
+    for triple in triples:
+        member = _REPORTED.get(triple.predicate)
+        if member and triple.subject in results and isinstance(triple.object, NamedNode | Literal):
+            results[triple.subject].setdefault(member, triple.object.value)
+    return list(results.values())
+
+
+def _triples(error: FleetError) -> list[Triple]:
+    problem = BlankNode()
+    status = Literal(str(error.status), datatype=XSD.integer)
+    return [
+        Triple(problem, RDF.type, LF.Problem),
+        Triple(problem, DCTERMS.identifier, Literal(error.type, datatype=XSD.anyURI)),
+        Triple(problem, LF.status, status),
+        Triple(problem, DCTERMS.title, Literal(error.title)),
+        Triple(problem, DCTERMS.description, Literal(error.detail)),
+        *(error.report or ()),
+    ]

@@ -1,0 +1,76 @@
+"""How often one client may ask: a bucket of tokens for each, by any string that stands for it."""
+
+import math
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from linked_fleet_gateway.base.addresses import network_of
+from linked_fleet_gateway.base.errors import TooManyRequests
+from linked_fleet_gateway.http.authentication import Authenticated
+from linked_fleet_gateway.http.host import refuse
+from linked_fleet_gateway.http.stop_priority import URGENT
+
+BURST_S = 10.0
+"""What a client has not used is kept for so long."""
+MAX_CLIENTS = 10_000
+
+
+class Rates:
+    """``per_s`` requests of each client on average, ``burst`` of them at once; endless if ``per_s`` is 0.
+
+    Of more than ``MAX_CLIENTS`` those are forgotten who have not asked for longest, which gives them their whole burst.
+    """
+
+    def __init__(
+        self, per_s: float, clock_s: Callable[[], float] = lambda: time.monotonic(), burst: float | None = None
+    ) -> None:
+        self._per_s, self._clock_s = per_s, clock_s
+        self._most = max(1.0, per_s * BURST_S if burst is None else burst)
+        self._left: OrderedDict[str, tuple[float, float]] = OrderedDict()  # tokens, and when there were so many
+
+    def take(self, client: str) -> float:
+        """Seconds until the client may ask; 0 if it may now, which is counted."""
+        if not self._per_s:
+            return 0.0
+        now_s = self._clock_s()
+        left, at_s = self._left.pop(client, (self._most, now_s))
+        left = min(self._most, left + (now_s - at_s) * self._per_s)
+        allowed = left >= 1.0
+        self._left[client] = (left - 1.0 if allowed else left, now_s)
+        if len(self._left) > MAX_CLIENTS:
+            self._left.popitem(last=False)
+        return 0.0 if allowed else (1.0 - left) / self._per_s
+
+
+def by_caller(scope: Scope) -> str:
+    """The identity of who asks, as ``Callers`` found it; of nobody in particular the address."""
+    found: Authenticated | None = scope.get("state", {}).get("authenticated")
+    client = scope.get("client")
+    return (
+        f"identity {found.identity.name}"
+        if found is not None and found.identity.name
+        else network_of(client[0])
+        if client
+        else ""
+    )
+
+
+class Pace:
+    """ASGI middleware, inside of ``Callers``: refuses, before anything is read or found, what a client asks too often.
+
+    What stops robots is neither refused nor counted. ``who`` names the client of a request.
+    """
+
+    def __init__(self, app: ASGIApp, rates: Rates, who: Callable[[Scope], str] = by_caller) -> None:
+        self.app, self._rates, self._who = app, rates, who
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        urgent = scope.get("method") == "POST" and scope["path"].rpartition("/")[2] in URGENT
+        wait_s = 0.0 if urgent or scope["type"] == "lifespan" else self._rates.take(self._who(scope))
+        if not wait_s:
+            await self.app(scope, receive, send)
+            return
+        await refuse(TooManyRequests(math.ceil(wait_s)), scope, send)

@@ -1,0 +1,97 @@
+"""Reading a resource: headers that every answer to GET has, and the representation that the client prefers."""
+
+from collections.abc import Sequence
+
+from starlette.responses import Response
+
+from linked_fleet_gateway.base.errors import NotAcceptable, PreconditionFailed
+from linked_fleet_gateway.http.conditional import not_modified, precondition_holds
+from linked_fleet_gateway.http.containers import preferred_part
+from linked_fleet_gateway.http.fields import field
+from linked_fleet_gateway.http.html import HTML
+from linked_fleet_gateway.http.links import Link, link_header
+from linked_fleet_gateway.http.negotiation import choose
+from linked_fleet_gateway.http.patch import PATCH_TYPES
+from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.resources.resource import CONTAINER, Remote, Resource
+
+# The whole header block stays under 4 KiB, and Link is not alone in it.
+_LINK_BYTES = 3584
+READ = ("GET", "HEAD", "OPTIONS")
+# Foreign XML and meshes: should a browser take one for a document, it is one that can do nothing.
+_NOTHING = "sandbox; default-src 'none'"
+_FOR_EVER = "public, max-age=31536000, immutable"
+
+
+def read(request: Request, resource: Resource) -> Response:
+    """The representation that the client prefers, or 304. Raises NotAcceptable."""
+    representations = request.services.representations
+    accept = representations.preferred(field(request, "accept"), request.query_params.get("as"))
+    representation = representations.negotiated(accept, resource, request.base)
+    headers = resource_headers(resource, request.base, representation.etag)
+    if representation.media_type not in resource.documents and preferred_part(request, resource) is not None:
+        headers["preference-applied"] = "return=representation"
+    if representation.media_type == HTML and representations.html is not None:
+        headers["content-security-policy"] = representations.html.policy(bool(resource.reader or resource.forms))
+    elif representation.media_type.endswith("xml"):
+        headers["content-security-policy"] = _NOTHING
+    if not_modified(field(request, "if-none-match"), representation.etag):
+        return Response(status_code=304, headers=headers)
+    headers["content-type"] = representation.content_type
+    headers |= method_headers(resource, allowed(resource))
+    # Starlette computes Content-Length from the body; the server itself leaves the body of a HEAD out.
+    return Response(representation.body, headers=headers)
+
+
+async def read_mesh(request: Request, resource: Resource, remote: Remote) -> Response:
+    """Only who gets the bytes has the robot asked for them: size and digest are known."""
+    mesh = remote.mesh
+    etag = f'"{mesh.sha256}"'
+    if choose(field(request, "accept"), (mesh.type,)) is None:
+        raise NotAcceptable(f"Available here: {mesh.type}.", offered=(mesh.type,))
+    if not precondition_holds(field(request, "if-match"), {etag}):
+        raise PreconditionFailed(f"The entity tag of this mesh is {etag}.")
+    headers = resource_headers(resource, request.base, etag) | {"content-security-policy": _NOTHING}
+    if not_modified(field(request, "if-none-match"), etag):
+        return Response(status_code=304, headers=headers)
+    headers |= {"content-type": mesh.type, "content-length": str(mesh.size)} | method_headers(
+        resource, allowed(resource)
+    )
+    content = b"" if request.method == "HEAD" else await request.services.live.meshes.get(remote.robot, mesh)
+    return Response(content, headers=headers)
+
+
+def resource_headers(resource: Resource, base: str, etag: str) -> dict[str, str]:
+    """The fields of every answer to GET of the resource."""
+    headers = {
+        "etag": etag,
+        "vary": "Accept, Prefer" if resource.interaction == CONTAINER else "Accept",
+        "cache-control": _FOR_EVER if resource.immutable else "no-cache",
+        "x-content-type-options": "nosniff",
+    }
+    link = _link(resource, base)
+    return headers | {"link": link} if link else headers
+
+
+def allowed(resource: Resource) -> tuple[str, ...]:
+    """The methods that the resource has."""
+    return READ if resource.affords is None else (*READ, *resource.affords.methods)
+
+
+def method_headers(resource: Resource, allow: Sequence[str]) -> dict[str, str]:
+    """``Allow``, and the media types that bodies may have."""
+    headers = {"allow": ", ".join(allow)}
+    if resource.affords is not None and (taken := resource.affords.body_types):
+        fields = {"POST": "accept-post", "PUT": "accept-put"}
+        headers |= {fields[method]: ", ".join(taken) for method in allow if method in fields}
+        headers |= {"accept-patch": ", ".join(PATCH_TYPES)} if "PATCH" in allow else {}
+    return headers
+
+
+def _link(resource: Resource, base: str) -> str:
+    types = [Link(iri.value, "type") for iri in resource.interaction]
+    layout = [] if resource.layout is None else [Link(base + resource.layout, "describedby")]
+    own = types + layout + [Link(base + path, "related") for path in resource.own]
+    parts = [Link(base + path, "related") for path in resource.parts]
+    linkset = base + resource.linkset if resource.has_linkset else None
+    return link_header(own, parts, linkset, limit=_LINK_BYTES)

@@ -1,0 +1,105 @@
+"""Representations of a resource: which there are, which one the client prefers, its bytes and its entity tag."""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+
+from linked_fleet_gateway.base.errors import NotAcceptable
+from linked_fleet_gateway.http.conditional import etag
+from linked_fleet_gateway.http.html import HTML, Formats, HtmlWriter
+from linked_fleet_gateway.http.links import LINKSET_TYPES, Link, linkset_json, linkset_text
+from linked_fleet_gateway.http.negotiation import choose
+from linked_fleet_gateway.rdf.serialise import JSON, RDF_TYPES, WriteError, render
+from linked_fleet_gateway.rdf.vocabulary import PREFIXES
+from linked_fleet_gateway.resources.renderings import Renderings
+from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.template import compiles
+
+FORMATS: Formats = {
+    "turtle": ("Turtle", "text/turtle"),
+    "jsonld": ("JSON-LD", "application/ld+json"),
+    "ntriples": ("N-Triples", "application/n-triples"),
+    "rdfxml": ("RDF/XML", "application/rdf+xml"),
+    "jelly": ("Jelly", "application/x-jelly-rdf"),
+    "json": ("JSON", JSON),
+}
+
+
+@dataclass(frozen=True)
+class Representation:
+    """A rendered representation with what identifies it."""
+
+    body: bytes
+    media_type: str
+
+    @property
+    def etag(self) -> str:
+        return etag(self.body)
+
+    @property
+    def content_type(self) -> str:
+        return self.media_type + ("; charset=utf-8" if self.media_type.startswith("text/") else "")
+
+
+class Representations:
+    """All that a gateway can write. ``html`` writes pages, if there are any; ``formats`` are those of extensions."""
+
+    def __init__(self, html: HtmlWriter | None = None, formats: Formats | None = None) -> None:
+        self.html = html
+        self.formats: Mapping[str, tuple[str, str]] = {**FORMATS, **(formats or {})}
+        """Label and media type by the word that picks it."""
+        self.media_types = RDF_TYPES if html is None else (*RDF_TYPES, HTML)
+        """Media types of all that is described in RDF, in the order of preference."""
+        self._renderings = Renderings()
+
+    def negotiated(self, accept: str | None, resource: Resource, base: str) -> Representation:
+        """The representation that Accept prefers; NotAcceptable with the list of what there is."""
+        offered = self._offered(resource)
+        while media_type := choose(accept, offered):
+            try:
+                return self._represent(resource, media_type, base)
+            except WriteError:
+                offered = tuple(each for each in offered if each != media_type)
+        raise NotAcceptable(f"Available here: {', '.join(offered)}.", offered=offered)
+
+    def preferred(self, accept: str | None, picked: str | None) -> str | None:
+        """What stands for Accept: a link cannot set it, so ``?as=turtle`` and its like pick one representation instead.
+
+        NotAcceptable with the words that pick one, for any other.
+        """
+        if picked is None:
+            return accept
+        if picked not in self.formats:
+            raise NotAcceptable(f"?as= picks one of {', '.join(self.formats)}.", offered=tuple(self.formats))
+        return self.formats[picked][1]
+
+    def etags(self, resource: Resource, base: str) -> Iterator[str]:
+        """Of every representation, rendered as it is asked for: the client may have read JSON-LD and write Turtle."""
+        for media_type in self._offered(resource):
+            with suppress(WriteError):
+                yield self._represent(resource, media_type, base).etag
+
+    def _represent(self, resource: Resource, media_type: str, base: str) -> Representation:
+        if resource.linkset_of is not None:
+            anchor, links = base + resource.linkset_of.path, related(resource.linkset_of, base)
+            write_links: Callable[..., bytes] = linkset_json if media_type == LINKSET_TYPES[0] else linkset_text
+            return Representation(write_links(anchor, links), media_type)
+        if media_type in resource.documents:
+            return Representation(resource.documents[media_type](), media_type)
+        if compiles(resource, media_type):
+            return Representation(self._renderings.body(resource, media_type, base), media_type)
+        triples = resource.whole(base).triples
+        if media_type == HTML and self.html is not None:
+            return Representation(self.html.write_resource(resource, triples, base, self.formats), media_type)
+        return Representation(render(triples, media_type, PREFIXES, base=base + resource.path), media_type)
+
+    def _offered(self, resource: Resource) -> tuple[str, ...]:
+        if resource.linkset_of is not None:
+            return LINKSET_TYPES
+        rdf = self.media_types if resource.describe is not None else ()
+        return (*rdf, *resource.documents)
+
+
+def related(resource: Resource, base: str) -> list[Link]:
+    """A link to each associated sub-resource (R0.9)."""
+    return [Link(base + path, "related") for path in (*resource.own, *resource.parts)]

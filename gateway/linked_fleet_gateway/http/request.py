@@ -1,0 +1,132 @@
+"""One gateway as its handlers see it, and requests that know who asks it for what: typed, and resolved once."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from prometheus_client import CollectorRegistry
+from starlette.applications import Starlette
+from starlette.requests import Request as StarletteRequest
+from starlette.types import Scope
+from starlette.websockets import WebSocket as StarletteWebSocket
+
+from linked_fleet_gateway.actions.service import Actions
+from linked_fleet_gateway.http.authentication import Authenticated, Scheme
+from linked_fleet_gateway.http.html import HtmlWriter
+from linked_fleet_gateway.http.offload import Offload
+from linked_fleet_gateway.http.representation import Representations
+from linked_fleet_gateway.http.stop_priority import Turns
+from linked_fleet_gateway.identity.rights import EVERYBODY, Identity
+from linked_fleet_gateway.identity.service import Identities
+from linked_fleet_gateway.resources.tree import EMPTY, Shelf, Tree
+from linked_fleet_gateway.runtime.audit_log import Audit
+from linked_fleet_gateway.runtime.embedded_redis import Embedded
+from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_gateway.subscriptions.service import Subscriptions
+
+_ANYBODY = Authenticated(EVERYBODY)
+
+
+@dataclass(frozen=True)
+class Services:
+    """The parts that exist while the gateway has joined its fleet."""
+
+    live: Live
+    actions: Actions
+    subscriptions: Subscriptions
+    audit: Audit
+    identities: Identities | None
+    embedded: Embedded | None
+    offload: Offload = field(default_factory=Offload)
+    turns: Turns = field(default_factory=Turns)
+    representations: Representations = field(default_factory=Representations)
+    registry: CollectorRegistry = field(default_factory=CollectorRegistry)
+    """The numbers for ``/metrics``."""
+    schemes: Sequence[Scheme] = ()
+    """The ways to say who asks, beside bearer tokens."""
+    not_ready: Sequence[Callable[[], str]] = ()
+    """The reasons of extensions why a gateway that starts is not ready yet."""
+
+    def unprepared(self) -> list[str]:
+        return [reason for tell in self.not_ready if (reason := tell())]
+
+
+class Gateway(Starlette):
+    """The ASGI application. Its lifespan sets ``services`` before the first request."""
+
+    services: Services
+    draining = False
+    """True while it ends as soon as the work under way is done."""
+    has_been_ready = False
+
+
+class _Asked:
+    """The attributes that requests and WebSockets have beside those of Starlette."""
+
+    scope: Scope
+
+    @property
+    def services(self) -> Services:
+        gateway: Gateway = self.scope["app"]
+        return gateway.services
+
+    @property
+    def base(self) -> str:
+        """The public URL, without slash, under which the client asks."""
+        base: str = self.scope["state"]["base"]
+        return base
+
+    @property
+    def caller(self) -> Identity:
+        """Who asks. Where no identities are configured, everybody may do everything."""
+        return self._authenticated.identity
+
+    @property
+    def holds(self) -> Callable[[], bool]:
+        """Tells whether the credentials of the caller are still good."""
+        return self._authenticated.holds
+
+    @property
+    def on_page(self) -> bool:
+        """Return True if a page says who has logged in."""
+        return self._authenticated.on_page
+
+    @property
+    def _authenticated(self) -> Authenticated:
+        found: Authenticated = self.scope.get("state", {}).get("authenticated", _ANYBODY)
+        return found
+
+    @property
+    def caller_name(self) -> str:
+        """The name of who asks, as it is shown and counted; without identities the network address."""
+        client = self.scope.get("client")
+        return self.caller.name or (client[0] if client else "")
+
+    def tree(self, shelf: Shelf = EMPTY) -> Tree:
+        """The tree as far as who asks may see it; ``shelf``: subscriptions to show."""
+        return self.services.live.tree(self.base, self.caller.sees, shelf)
+
+
+class Request(_Asked, StarletteRequest):
+    """A request for a resource."""
+
+    reads = False
+    """True once the method is known to be safe at the resource, whatever it is called."""
+
+
+class WebSocket(_Asked, StarletteWebSocket):
+    """A WebSocket on a resource."""
+
+
+Connection = Request | WebSocket
+
+
+def gateway_of(scope: Scope) -> Gateway:
+    """The gateway that answers a request."""
+    gateway: Gateway = scope["app"]
+    return gateway
+
+
+def html_of(scope: Scope) -> HtmlWriter | None:
+    """The writer of pages, for middleware that refuses a request; None where there are no pages."""
+    app = scope.get("app")
+    return app.services.representations.html if isinstance(app, Gateway) else None

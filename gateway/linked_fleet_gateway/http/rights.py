@@ -1,0 +1,37 @@
+"""Who asks, what he sees of the tree, and what he may do there."""
+
+from collections.abc import Sequence
+
+from linked_fleet_gateway.base.errors import InsufficientScope
+from linked_fleet_gateway.http.request import Connection
+from linked_fleet_gateway.identity.rights import Right
+from linked_fleet_gateway.resources.paths import is_public, robot_of
+from linked_fleet_gateway.resources.subscription import Depth, Record
+
+SEES_SUBSCRIPTIONS = (Right.SUBSCRIBE, Right.ADMIN)
+"""Rights of which one is needed to read a Subscriptions container: ``subscribe`` for one's own, ``admin`` for all."""
+
+
+def demand(connection: Connection, path: str, scopes: Sequence[Right]) -> None:
+    """InsufficientScope unless who asks has one of ``scopes`` over what is at ``path``, which he may find."""
+    if is_public(path) or connection.caller.may_any(scopes, robot_of(path)):
+        return
+    wanted = " or ".join(scopes)
+    raise InsufficientScope(f"This takes the right to {wanted} here, which you do not have.", scope=scopes[0])
+
+
+def demand_all(connection: Connection, path: str, depth: Depth) -> None:
+    """InsufficientScope for all below the fleet, unless who asks may subscribe to whatever he may read."""
+    caller = connection.caller
+    if path == "/" and depth is Depth.SUBTREE and not caller.over(Right.SUBSCRIBE).covers(caller.sees):
+        raise InsufficientScope("You may read robots that you may not subscribe to.", scope=Right.SUBSCRIBE)
+
+
+def shown(connection: Connection, records: Sequence[Record], owner: str) -> list[Record]:
+    """The subscriptions of a thing that the caller may see: his own with ``subscribe``, all of them with ``admin``."""
+    caller, robot = connection.caller, robot_of(owner)
+    if caller.may(Right.ADMIN, robot):
+        return list(records)
+    if not caller.may(Right.SUBSCRIBE, robot):
+        return []
+    return [each for each in records if caller.name and each.subscription.creator == caller.name]

@@ -1,0 +1,193 @@
+"""Subscriptions that live on a connection: which is asked for, in which media type, and its life in the registry."""
+
+from collections.abc import Awaitable, Callable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
+
+from starlette.types import Receive, Scope, Send
+
+from linked_fleet_gateway.base.errors import Conflict, NotAcceptable
+from linked_fleet_gateway.http.audit import note
+from linked_fleet_gateway.http.event_stream import CANCELLED_ID, serve_event_stream
+from linked_fleet_gateway.http.fields import field
+from linked_fleet_gateway.http.negotiation import choose, parse_accept, weight
+from linked_fleet_gateway.http.request import Connection, Request, WebSocket
+from linked_fleet_gateway.http.subscribe import (
+    new_subscription,
+    observable_types,
+    options,
+    refusals,
+    seen,
+    subscription_link,
+)
+from linked_fleet_gateway.http.websocket import BINARY_TYPES, serve_websocket
+from linked_fleet_gateway.identity.service import Identities
+from linked_fleet_gateway.rdf.serialise import JELLY, JSON
+from linked_fleet_gateway.resources.binary_frames import FRAME_TYPES
+from linked_fleet_gateway.resources.paths import robot_of
+from linked_fleet_gateway.resources.properties import FRAME_MEDIA_TYPE
+from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.subscription import Kind, Subscription
+from linked_fleet_gateway.resources.subscription_resource import subscription_path
+from linked_fleet_gateway.subscriptions.message import Feed, Outlet
+from linked_fleet_gateway.subscriptions.service import Subscriptions
+from linked_fleet_gateway.subscriptions.watcher import Watcher
+
+EVENT_STREAM = "text/event-stream"
+SUBPROTOCOLS = {
+    "lf.turtle": "text/turtle",
+    "lf.jsonld": "application/ld+json",
+    "lf.ntriples": "application/n-triples",
+    "lf.rdfxml": "application/rdf+xml",
+    "lf.jelly": JELLY,
+    "lf.frame": FRAME_MEDIA_TYPE,
+    "lf.jpeg": "image/jpeg",
+    "lf.png": "image/png",
+    "lf.json": JSON,
+}
+"""Browsers cannot set Accept on a WebSocket, but they can name subprotocols."""
+_Start = Callable[[Outlet], Awaitable[Feed]]
+
+
+def wants_events(request: Request) -> bool:
+    """Whether Accept names event streams, and likes no type of ours better."""
+    ranges = parse_accept(field(request, "accept"))
+    named = max((each.q for each in ranges if (each.type, each.subtype) == ("text", "event-stream")), default=0.0)
+    if named == 0 or request.method not in ("GET", "HEAD"):
+        return False
+    ours = (*request.services.representations.media_types, *FRAME_TYPES, JSON)
+    return named >= max(weight(ranges, media_type) for media_type in ours)
+
+
+def is_over(request: Request) -> bool:
+    """Whether an EventSource comes back to a stream that was cancelled; 204 makes it stop (WHATWG HTML, 9.2.2)."""
+    return field(request, "last-event-id") == CANCELLED_ID and wants_events(request)
+
+
+class EventStream:
+    """The answer to a GET that wants events; entered like any other response."""
+
+    def __init__(self, request: Request, resource: Resource) -> None:
+        self._subscriptions: Subscriptions = request.services.subscriptions
+        self._request, self._seen = request, seen(request)
+        self._posted = resource.subscription
+        if self._posted is not None:
+            self._subscription = _opened(request, resource, Kind.EVENT_STREAM)
+        else:
+            media_type = _type_in_events(request, resource)
+            self._subscription = new_subscription(request, resource, Kind.EVENT_STREAM, media_type, options(request))
+        self._head = request.method == "HEAD"
+
+    async def register(self) -> None:
+        """To be awaited before anything is sent: TooManySubscriptions."""
+        if not self._head:
+            async with refusals():
+                await self._subscriptions.streams.register(self._subscription)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        headers = [(b"link", subscription_link(self._subscription).encode("latin-1")), (b"vary", b"Accept")]
+        if self._head:  # creates nothing: no link either
+            headers = [(b"content-type", EVENT_STREAM.encode()), (b"cache-control", b"no-store"), headers[1]]
+            await send({"type": "http.response.start", "status": 200, "headers": headers})
+            await send({"type": "http.response.body", "body": b""})
+            return
+
+        async def serve(start: _Start) -> None:
+            await serve_event_stream(scope, receive, send, headers, start)
+
+        await _live(self._request, self._subscription, self._seen, self._posted is not None, serve)
+
+
+async def open_websocket(websocket: WebSocket, resource: Resource) -> None:
+    """Serve a WebSocket on the resource (R0.15); refusals come before the handshake."""
+    subscriptions: Subscriptions = websocket.services.subscriptions
+    if resource.subscription is not None:
+        subscription = _opened(websocket, resource, Kind.WEBSOCKET)
+        _, subprotocol = _type_of_frames(websocket, (subscription.media_type,))
+    else:
+        media_type, subprotocol = _type_of_frames(websocket, observable_types(resource))
+        subscription = new_subscription(websocket, resource, Kind.WEBSOCKET, media_type, options(websocket))
+    async with refusals():
+        await subscriptions.streams.register(subscription)
+    headers = [(b"link", subscription_link(subscription).encode("latin-1"))]
+
+    async def serve(start: _Start) -> None:
+        await serve_websocket(websocket, subprotocol, headers, start)
+
+    await _live(websocket, subscription, seen(websocket), resource.subscription is not None, serve)
+
+
+async def _live(
+    connection: Connection,
+    subscription: Subscription,
+    last: str | None,
+    posted: bool,
+    serve: Callable[[_Start], Awaitable[None]],
+) -> None:
+    """From the registration to the end of the connection, however it ends."""
+    subscriptions: Subscriptions = connection.services.subscriptions
+    watcher: Watcher | None = None
+
+    async def start(outlet: Outlet) -> Feed:
+        nonlocal watcher
+        watcher = subscriptions.streams.open(subscription, outlet, last)
+        return watcher
+
+    note(connection, "subscribe", 101 if subscription.kind is Kind.WEBSOCKET else 200, subscription_path(subscription))
+    try:
+        with _guarded(connection, subscription):
+            await serve(start)
+    finally:
+        note(connection, "unsubscribe", None, subscription_path(subscription))
+        subscriptions.streams.close(subscription, watcher, reopenable=posted)
+
+
+def _guarded(connection: Connection, subscription: Subscription) -> AbstractContextManager[None]:
+    """End the stream as soon as its client may not have it any more."""
+    identities: Identities | None = connection.services.identities
+    if identities is None:
+        return nullcontext()
+    subscriptions: Subscriptions = connection.services.subscriptions
+    robot, id = robot_of(subscription.resource), subscription.id
+    return identities.guarding(connection.caller, robot, lambda: subscriptions.streams.revoke(id), connection.holds)
+
+
+def _opened(connection: Connection, resource: Resource, kind: Kind) -> Subscription:
+    """The subscription that was made by POST, on the connection that now opens it."""
+    assert resource.subscription is not None
+    subscription = resource.subscription.subscription
+    if subscription.creator != connection.caller.name:
+        raise Conflict("Only who made this subscription can open it.")
+    if not subscription.kind.streams:
+        raise Conflict("This is a callback subscription: its messages go to its receiver alone.")
+    if kind is Kind.EVENT_STREAM and subscription.media_type in BINARY_TYPES:
+        raise NotAcceptable("Binary messages cannot be sent as events; open a WebSocket.", offered=())
+    return replace(subscription, kind=kind, sees=connection.caller.sees.patterns)
+
+
+def _type_in_events(request: Request, resource: Resource) -> str:
+    """The type that Accept likes best beside event streams, or that ``?as=`` picks; Turtle when there is none."""
+    offered = tuple(each for each in observable_types(resource) if each not in BINARY_TYPES)
+    if (picked := request.query_params.get("as")) is not None:
+        media_type = request.services.representations.preferred(None, picked)
+        if media_type not in offered:
+            raise NotAcceptable(f"Messages are to be had in {', '.join(offered)}.", offered=offered)
+        return media_type
+    accept = field(request, "accept")
+    ranges = [each for each in parse_accept(accept) if (each.type, each.subtype) != ("text", "event-stream")]
+    if not any(weight(ranges, media_type) for media_type in offered):
+        return offered[0]
+    return choose(accept, offered) or offered[0]
+
+
+def _type_of_frames(websocket: WebSocket, offered: tuple[str, ...]) -> tuple[str, str | None]:
+    """Media type of the messages, and the subprotocol that chose it if one did."""
+    names: list[str] = websocket.scope["subprotocols"]
+    for name in names:
+        if SUBPROTOCOLS.get(name) in offered:
+            return SUBPROTOCOLS[name], name
+    media_type = choose(field(websocket, "accept"), offered)
+    if media_type is None or any(name.startswith("lf.") for name in names):
+        tokens = ", ".join(name for name, each in SUBPROTOCOLS.items() if each in offered)
+        raise NotAcceptable(f"Messages are to be had as {tokens}, or in {', '.join(offered)}.", offered=offered)
+    return media_type, None

@@ -1,0 +1,268 @@
+"""Making, opening and ending subscriptions over HTTP (paper 5.3, R0.12 to R0.17; flow "fan-out")."""
+
+import re
+import time
+import uuid
+from collections import Counter
+from collections.abc import AsyncIterator, Awaitable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, replace
+from urllib.parse import unquote
+
+from starlette.responses import Response
+
+from linked_fleet_gateway.base.errors import (
+    BadRequest,
+    Conflict,
+    NotAcceptable,
+    NotFound,
+    StoreAway,
+    TooManySubscriptions,
+    UnprocessableContent,
+)
+from linked_fleet_gateway.http.body import body_type, parse_body, read_as
+from linked_fleet_gateway.http.created import check_accepted, created
+from linked_fleet_gateway.http.fields import field
+from linked_fleet_gateway.http.links import Link, link_header
+from linked_fleet_gateway.http.negotiation import choose
+from linked_fleet_gateway.http.request import Connection, Request
+from linked_fleet_gateway.http.rights import demand_all
+from linked_fleet_gateway.rdf.serialise import RDF_TYPES
+from linked_fleet_gateway.resources.affordance import ChangeSubscription, ResumeSubscription, Subscribe
+from linked_fleet_gateway.resources.binary_frames import FRAME_TYPES, layout_path
+from linked_fleet_gateway.resources.message import message_types
+from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Depth, Kind, Record, Subscription
+from linked_fleet_gateway.resources.subscription_resource import Request as Wanted
+from linked_fleet_gateway.resources.subscription_resource import container_path, requested, subscription_path
+from linked_fleet_gateway.subscriptions.network import Forbidden, callback_url
+from linked_fleet_gateway.subscriptions.service import Subscriptions
+from linked_fleet_gateway.subscriptions.store import StoreUnavailable, TooMany
+
+OPTIONS = ("depth", "interval", "deadband", "last-event-id")
+MAX_INTERVAL_S = 86_400.0
+MAX_DEADBAND = 1e9
+_DECIMAL = re.compile(r"[0-9]{1,10}(?:\.[0-9]{0,9})?|\.[0-9]{1,9}", re.ASCII)
+
+
+@dataclass(frozen=True)
+class Options:
+    """What may be asked for beyond a resource and a media type."""
+
+    depth: Depth = Depth.PROPERTIES
+    interval_s: float = 0.0
+    deadband: float = 0.0
+
+
+def options(connection: Connection) -> Options:
+    """The options in the query: ``depth``, ``interval`` (s), ``deadband`` (SI unit of the value); BadRequest."""
+    query = connection.query_params
+    for name, count in Counter(name for name, _ in query.multi_items()).items():
+        if name not in (*OPTIONS, "as") or count > 1:
+            raise BadRequest(
+                f"{name[:50]!r} is no option, or said twice; of a subscription there are {', '.join(OPTIONS)}."
+            )
+    try:
+        depth = Depth(query.get("depth", Depth.PROPERTIES))
+    except ValueError:
+        raise BadRequest(f"depth is one of {', '.join(Depth)}.") from None
+    interval_s = _number(query.get("interval"), "interval", MAX_INTERVAL_S)
+    return Options(depth, interval_s, _number(query.get("deadband"), "deadband", MAX_DEADBAND))
+
+
+def _number(text: str | None, name: str, most: float) -> float:
+    value = 0.0 if text is None else float(text) if _DECIMAL.fullmatch(text) else most + 1
+    if value > most:
+        raise BadRequest(f"{name} is a decimal number from 0 to {most:g}, such as 0.5.")
+    return value
+
+
+def wants_callback(request: Request) -> bool:
+    """Return True for a GET with ``Upgrade: callback`` (paper R0.16)."""
+    return _asks_upgrade_to("callback", request)
+
+
+def check_handshake(request: Request) -> None:
+    """Raise BadRequest for the opening of a WebSocket that lacks its key (RFC 6455, 4.2.2).
+
+    A complete opening never gets here as a request. One in HTTP/1.0 is ignored, as RFC 9110, 7.8 demands.
+    """
+    opens = request.scope["http_version"] == "1.1" and _asks_upgrade_to("websocket", request)
+    if opens and "sec-websocket-key" not in request.headers:
+        raise BadRequest("The opening handshake of a WebSocket needs a Sec-WebSocket-Key field (RFC 6455, 4.1).")
+
+
+def _asks_upgrade_to(protocol: str, request: Request) -> bool:
+    """Return True for a GET whose Upgrade names ``protocol``, with the connection option (RFC 9110, 7.8)."""
+    connection = (field(request, "connection") or "").lower().split(",")
+    protocols = (field(request, "upgrade") or "").lower().split(",")
+    return (
+        request.method == "GET"
+        and "upgrade" in [option.strip() for option in connection]
+        and protocol in [name.strip() for name in protocols]
+    )
+
+
+async def subscribe_callback(request: Request, resource: Resource) -> Response:
+    """GET with ``Upgrade: callback``: 201 and the description of the new subscription (R0.16)."""
+    offered = observable_types(resource)
+    callbacks = request.headers.getlist("callback")
+    if len(callbacks) != 1:
+        raise BadRequest("A callback subscription needs one Callback field with the URL of its receiver.")
+    try:
+        url = callback_url(callbacks[0].strip().removeprefix("<").removesuffix(">"))
+    except ValueError as error:
+        raise BadRequest(str(error)) from error
+    media_type = choose(field(request, "accept"), offered)
+    if media_type is None:
+        raise NotAcceptable(f"Messages are to be had in {', '.join(offered)}.", offered=offered)
+    subscription = new_subscription(request, resource, Kind.CALLBACK, media_type, options(request))
+    subscription = replace(subscription, callback=url)
+    # Frames describe nothing: who wants nothing else gets the description in Turtle.
+    return await _create(request, subscription, media_type if media_type in RDF_TYPES else RDF_TYPES[0])
+
+
+async def post_subscription(request: Request, afforded: Subscribe) -> Response:
+    """POST to a Subscriptions container: a callback, or a stream that is opened at its Location."""
+    owner, media_type = afforded.owner, body_type(request)
+    check_accepted(request)
+    iri = request.base + container_path(owner)
+    wanted = await read_as(
+        request, lambda body: requested(parse_body(body, media_type, iri, request.base), iri, request.base)
+    )
+    resource = request.tree().resolve(unquote(wanted.resource[len(request.base) :]))
+    if not isinstance(resource, Resource):
+        raise _unprocessable(f"There is no resource at {wanted.resource}; browse from {request.base}/.", iri)
+    if not resource.observable:
+        raise _unprocessable(f"{wanted.resource} cannot be subscribed to; its ETag says whether it has changed.", iri)
+    if resource.owner != owner:
+        right = request.base + container_path(resource.owner)
+        raise _unprocessable(f"Subscriptions to {wanted.resource} are made at {right}.", iri)
+    return await _create(request, _from_body(request, wanted, resource, iri), None)
+
+
+def _from_body(request: Request, wanted: Wanted, resource: Resource, iri: str) -> Subscription:
+    media_type = offered_type(resource, wanted.media_type, iri)
+    asked = Options(wanted.depth, wanted.interval_s, wanted.deadband)
+    kind = Kind.CALLBACK if wanted.callback else Kind.STREAM
+    subscription = new_subscription(request, resource, kind, media_type, asked)
+    if not wanted.callback:
+        return subscription
+    try:
+        return replace(subscription, callback=callback_url(wanted.callback), secret=wanted.secret)
+    except ValueError as error:
+        raise _unprocessable(str(error), iri) from error
+
+
+def offered_type(resource: Resource, wanted: str, iri: str) -> str:
+    """The media type that a body asks for, or leaves open; UnprocessableContent for one without such messages."""
+    offered = message_types(resource)
+    media_type = wanted or offered[0]
+    if media_type not in offered:
+        raise _unprocessable(f"Messages are to be had in {', '.join(offered)}, not in {media_type[:100]}.", iri)
+    return media_type
+
+
+async def _create(request: Request, subscription: Subscription, media_type: str | None) -> Response:
+    """201 with Location and description; ``media_type`` of the description where not Accept alone decides."""
+    subscriptions: Subscriptions = request.services.subscriptions
+    iri = request.base + container_path(subscription.owner)
+    async with refusals():
+        try:
+            if subscription.kind is Kind.CALLBACK:
+                record = await subscriptions.callbacks.accept(subscription)
+            else:
+                record = Record(subscription, Delivery(DeliveryState.WAITING), "")
+                await subscriptions.streams.offer(subscription)
+        except Forbidden as error:
+            raise _unprocessable(str(error), iri) from error
+    path = subscription_path(subscription)
+    shown = request.tree({subscription.owner: [record]}).resolve(path)
+    assert isinstance(shown, Resource)
+    return created(request, shown, media_type)
+
+
+async def cancel(request: Request, afforded: ChangeSubscription) -> Response:
+    subscriptions: Subscriptions = request.services.subscriptions
+    return await _carried_out(subscriptions.cancel(afforded.record.subscription.id))
+
+
+async def resume(request: Request, afforded: ResumeSubscription) -> Response:
+    subscriptions: Subscriptions = request.services.subscriptions
+    if not subscriptions.callbacks.entitled(afforded.record.subscription):
+        raise Conflict("The rights of its creator ended: it can only be deleted.")
+    return await _carried_out(subscriptions.resume(afforded.record.subscription.id))
+
+
+async def _carried_out(change: Awaitable[bool]) -> Response:
+    """204 to a change of a subscription that was still there to be changed."""
+    async with refusals():
+        if not await change:
+            raise NotFound("The subscription has ended meanwhile.")
+    return Response(status_code=204)
+
+
+def new_subscription(
+    connection: Connection, resource: Resource, kind: Kind, media_type: str, asked: Options
+) -> Subscription:
+    demand_all(connection, resource.path, asked.depth)
+    check_channel(resource, kind, media_type)
+    return Subscription(
+        id=str(uuid.uuid4()),
+        owner=resource.owner,
+        resource=resource.path,
+        kind=kind,
+        media_type=media_type,
+        base=connection.base,
+        client=connection.caller_name,
+        created_ns=time.time_ns(),
+        depth=asked.depth,
+        interval_s=asked.interval_s,
+        deadband=asked.deadband,
+        creator=connection.caller.name,
+        sees=connection.caller.sees.patterns,
+    )
+
+
+def check_channel(resource: Resource, kind: Kind, media_type: str) -> None:
+    """Conflict for messages that are not to be had by callback."""
+    if kind is Kind.CALLBACK and resource.news_in_documents and media_type in resource.documents:
+        raise Conflict(
+            f"Messages in {media_type} go to streams alone: open a WebSocket here, or take {', '.join(RDF_TYPES)}."
+        )
+
+
+def subscription_link(subscription: Subscription) -> str:
+    """The Link field of a stream: where its description is, and what to delete to end it; of frames their layout."""
+    links = [Link(subscription.base + subscription_path(subscription), "related")]
+    if subscription.media_type in FRAME_TYPES:
+        links.append(Link(subscription.base + layout_path(subscription.resource), "describedby"))
+    return link_header(links, [])
+
+
+def seen(connection: Connection) -> str | None:
+    """The version that a client saw last: ``Last-Event-ID``, or ``last-event-id`` in the query for WebSockets."""
+    return field(connection, "last-event-id") or connection.query_params.get("last-event-id")
+
+
+@asynccontextmanager
+async def refusals() -> AsyncIterator[None]:
+    """What the store refuses, as problems."""
+    try:
+        yield
+    except TooMany as error:
+        raise TooManySubscriptions(f"{error}. Delete some of them, or wait until streams have ended.") from error
+    except StoreUnavailable as error:
+        raise StoreAway("The server that remembers subscriptions is away; try again in a moment.") from error
+
+
+def observable_types(resource: Resource) -> tuple[str, ...]:
+    """The media types of messages about the resource; Conflict when there are none."""
+    offered = message_types(resource)
+    if not offered:
+        raise Conflict("This resource cannot be subscribed to; it says by its ETag whether it has changed.")
+    return offered
+
+
+def _unprocessable(detail: str, iri: str) -> UnprocessableContent:
+    return UnprocessableContent(detail, constraint=iri)

@@ -1,0 +1,92 @@
+"""A subscription deleted, or changed by PATCH, whichever gateway serves it (LDP 4.2.7)."""
+
+from dataclasses import replace
+from functools import partial
+
+from starlette.responses import Response
+
+from linked_fleet_gateway.base.errors import InsufficientScope, NotFound, UnprocessableContent
+from linked_fleet_gateway.http.invoke import refuse_rehearsal
+from linked_fleet_gateway.http.offload import Offload
+from linked_fleet_gateway.http.patch import patched, read_patch
+from linked_fleet_gateway.http.preconditions import await_preconditions
+from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.http.rights import demand_all
+from linked_fleet_gateway.http.subscribe import cancel, check_channel, offered_type, refusals
+from linked_fleet_gateway.identity.rights import Right
+from linked_fleet_gateway.rdf.sparql_update import Operation
+from linked_fleet_gateway.resources.affordance import ChangeSubscription
+from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.subscription import Changeable, Depth, Record, Subscription
+from linked_fleet_gateway.resources.subscription_change import changed, managed
+from linked_fleet_gateway.resources.subscription_resource import container_path, subscription_path
+from linked_fleet_gateway.subscriptions.service import Subscriptions
+
+_SHORT_TRIPLES = 50  # a description has twenty
+
+
+async def change_subscription(request: Request, afforded: ChangeSubscription) -> Response:
+    """204: deleted, or changed."""
+    if request.method == "DELETE":
+        return await cancel(request, afforded)
+    refuse_rehearsal(request)
+    subscriptions: Subscriptions = request.services.subscriptions
+    path = subscription_path(afforded.record.subscription)
+    update = await read_patch(request, request.base + path)
+    while True:
+        # Each time, because another client may have changed it while the body was on its way.
+        async with refusals():
+            record = await subscriptions.record(afforded.record.subscription.id)
+        present = None if record is None else _described(request, record)
+        if record is None or present is None:
+            raise NotFound("The subscription has ended meanwhile.")
+        await await_preconditions(request, present)
+        options = await _options(request, update, record.subscription, present)
+        if options == record.subscription.options:
+            return Response(status_code=204)
+        async with refusals():
+            if await subscriptions.change(record.subscription, options):
+                return Response(status_code=204)
+
+
+def _described(request: Request, record: Record) -> Resource | None:
+    subscription = record.subscription
+    found = request.tree({subscription.owner: [record]}).resolve(subscription_path(subscription))
+    return found if isinstance(found, Resource) else None
+
+
+async def _options(
+    request: Request, update: list[Operation], subscription: Subscription, present: Resource
+) -> Changeable:
+    """The options after the update, which the client may have of this resource."""
+    iri, before = request.base + present.path, present.whole(request.base).triples
+    after = patched(update, present, request.base, lambda described: managed(described, iri))
+    offload: Offload = request.services.offload
+    read = partial(changed, before, after, subscription, request.base)
+    options = await offload.run(read, len(after), _SHORT_TRIPLES)
+    if options.depth is not subscription.depth:
+        _demand_depth(request, subscription, options.depth)
+    if options.media_type == subscription.media_type:
+        return options
+    return _in_type(request, subscription, options)
+
+
+def _demand_depth(request: Request, subscription: Subscription, depth: Depth) -> None:
+    """InsufficientScope for all below the fleet, which takes rights of its creator that are not known of another."""
+    demand_all(request, subscription.resource, depth)
+    if subscription.resource == "/" and depth is Depth.SUBTREE and request.caller.name != subscription.creator:
+        raise InsufficientScope("Only its creator may have it cover the whole fleet.", scope=Right.SUBSCRIBE)
+
+
+def _in_type(request: Request, subscription: Subscription, options: Changeable) -> Changeable:
+    """The options with a media type in which there are messages about the resource."""
+    container = request.base + container_path(subscription.owner)
+    resource = request.tree().resolve(subscription.resource)
+    if not isinstance(resource, Resource):
+        detail = (
+            f"There is no resource at {request.base}{subscription.resource} at present: its media types are not known."
+        )
+        raise UnprocessableContent(detail, constraint=container)
+    media_type = offered_type(resource, options.media_type, container)
+    check_channel(resource, subscription.kind, media_type)
+    return replace(options, media_type=media_type)

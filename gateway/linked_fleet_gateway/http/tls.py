@@ -1,0 +1,110 @@
+"""The gateway's own TLS: a certificate that can be replaced, and connections of which one knows what waits in them."""
+
+import asyncio
+import logging
+import socket
+import ssl
+from asyncio.sslproto import SSLProtocol
+from asyncio.transports import BaseTransport, Transport
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, cast
+
+from linked_fleet_agent.wire.trust import check_pair
+from linked_fleet_gateway.runtime.background import supervised
+
+log = logging.getLogger(__name__)
+LOOK_S = 10.0
+"""How often the files are looked at."""
+HANDSHAKE_S = 10
+_FAREWELL_S = 10  # for the other side's part of it, and for what still waits
+_ENCRYPTED_BYTES = 16 * 1024
+_BENEATH = "linked-fleet.beneath"
+
+
+class Certificate:
+    """A certificate chain and its key, PEM files; ValueError with one clear sentence when they are no pair."""
+
+    def __init__(self, certificate: str, key: str) -> None:
+        self._certificate, self._key = certificate, key
+        self.context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        self.context.minimum_version = ssl.TLSVersion.TLSv1_2
+        self.context.set_alpn_protocols(["http/1.1"])
+        self._seen = self._state()
+        self._load()
+
+    def reload(self) -> None:
+        """Have new connections see what the files hold now; files that are no pair change nothing but the log."""
+        self._seen = self._state()
+        try:
+            self._load()
+        except ValueError as error:
+            log.error("the certificate in use stays: %s", error)
+        else:
+            log.info("new connections get the certificate of %s as it is now", self._certificate)
+
+    def follow(self, look_s: float = LOOK_S) -> asyncio.Task[None]:
+        """Start a task that reloads whenever the files have changed."""
+        return supervised(self._look, "follow the certificate", log, "the certificate in use stays", look_s)
+
+    async def _look(self) -> None:
+        if self._state() != self._seen:
+            self.reload()
+
+    def _load(self) -> None:
+        check_pair(self._certificate, self._key)  # a context that refused a key has the new certificate already
+        self.context.load_cert_chain(self._certificate, self._key)
+
+    def _state(self) -> list[tuple[int, int, int] | None]:
+        """What tells a file from the one that was there before."""
+        state: list[tuple[int, int, int] | None] = []
+        for path in (self._certificate, self._key):
+            try:
+                status = Path(path).stat()
+                state.append((status.st_ino, status.st_mtime_ns, status.st_size))
+            except OSError:  # in the middle of being replaced, or gone: reload says so
+                state.append(None)
+        return state
+
+
+class TlsProtocol(SSLProtocol):
+    """TLS on top of a connection, of which one can ask what waits beneath.
+
+    This is asyncio's own, which is written in Python: uvloop's does not tell what it has given to TCP, so nobody would
+    see that a reader has stalled.
+    """
+
+    def connection_made(self, transport: BaseTransport) -> None:
+        self._extra[_BENEATH] = transport
+        cast(Transport, transport).set_write_buffer_limits(high=_ENCRYPTED_BYTES)
+        super().connection_made(transport)
+
+
+def unsent(transport: BaseTransport) -> int:
+    """Bytes that wait in this process for the reader, in whichever form.
+
+    Under TLS ``get_write_buffer_size``, by which a protocol is told to pause, leaves out what is beneath.
+    """
+    above = cast(Transport, transport)
+    beneath: Transport | None = above.get_extra_info(_BENEATH)
+    return above.get_write_buffer_size() + (0 if beneath is None else beneath.get_write_buffer_size())
+
+
+def descriptor(transport: BaseTransport) -> int | None:
+    """Of the socket that takes what is written as it is; None where TLS is between."""
+    if transport.get_extra_info("sslcontext") is not None:
+        return None
+    connection: socket.socket = transport.get_extra_info("socket")
+    return connection.fileno()
+
+
+def secured(inner: Callable[..., asyncio.Protocol], context: ssl.SSLContext) -> Any:
+    """What the server makes for each connection in the place of ``inner``, which then has it once hands are shaken."""
+
+    def make(**arguments: Any) -> asyncio.BaseProtocol:
+        return TlsProtocol(
+            asyncio.get_running_loop(), inner(**arguments), context, None, server_side=True,  # type: ignore[arg-type]  # nobody waits for it
+            ssl_handshake_timeout=HANDSHAKE_S, ssl_shutdown_timeout=_FAREWELL_S,
+        )  # fmt: skip
+
+    return make

@@ -1,0 +1,77 @@
+"""A subscription over WebSocket (RFC 6455; paper R0.15): frames go straight to the transport of each subscriber."""
+
+import struct
+from collections.abc import Awaitable, Callable
+
+from websockets.frames import CloseCode, Opcode
+
+from linked_fleet_gateway.http.request import WebSocket
+from linked_fleet_gateway.http.websocket_protocol import WEBSOCKET, WebSocketProtocol
+from linked_fleet_gateway.rdf.serialise import JELLY
+from linked_fleet_gateway.resources.binary_frames import FRAME_TYPES
+from linked_fleet_gateway.subscriptions.message import Ending, Feed, Message, Outlet
+
+BINARY_TYPES = frozenset({*FRAME_TYPES, JELLY, "image/jpeg", "image/png"})
+
+# RFC 6455, 7.4: 1008 is of policy, 1012 asks to come back, 4000 to 4999 are for private use.
+_CODES = {
+    Ending.CANCELLED: 1000,
+    Ending.UNENTITLED: 1008,
+    Ending.GONE: 4404,
+    Ending.REPLACED: 4409,
+    Ending.SHUTDOWN: 1012,
+}
+
+_FIN = 0x80
+_MEDIUM, _LONG = struct.Struct("!BBH"), struct.Struct("!BBQ")
+
+
+def framed(message: Message) -> bytes:
+    """One unmasked frame that is the whole message (RFC 6455, 5.2); Turtle and its like are text."""
+    first = _FIN | (Opcode.BINARY if message.media_type in BINARY_TYPES else Opcode.TEXT)
+    size = len(message.body)
+    if size < 126:
+        return b"%c%c%b" % (first, size, message.body)
+    if size < 1 << 16:
+        return _MEDIUM.pack(first, 126, size) + message.body
+    return _LONG.pack(first, 127, size) + message.body
+
+
+class WebSocketOutlet:
+    """The end of a channel at one connection."""
+
+    def __init__(self, protocol: WebSocketProtocol) -> None:
+        self._protocol = protocol
+        self.framing = framed
+        self.send, self.writable = protocol.reader.send, protocol.reader.writable
+
+    def write(self, message: Message) -> None:
+        self.send(message.framed(framed))
+
+    def end(self, ending: Ending) -> None:
+        self._protocol.close(_CODES[ending], ending.value)
+
+
+async def serve_websocket(
+    websocket: WebSocket,
+    subprotocol: str | None,
+    headers: list[tuple[bytes, bytes]],
+    start: Callable[[Outlet], Awaitable[Feed]],
+) -> None:
+    """Open the connection and feed it until it is closed by either side; what is left to do is the caller's."""
+    protocol: WebSocketProtocol = websocket.scope["extensions"][WEBSOCKET]
+    try:
+        await websocket.accept(subprotocol, headers)
+    except OSError:  # gone already
+        return
+    try:
+        feed = await start(WebSocketOutlet(protocol))
+        protocol.on_drained = feed.ready
+        if protocol.open:
+            protocol.reader.begin()
+        feed.ready()
+        while (await websocket.receive())["type"] != "websocket.disconnect":
+            pass
+    finally:
+        protocol.on_drained = None
+        protocol.close(CloseCode.INTERNAL_ERROR, "the gateway failed")  # unless it is closing, as it should be

@@ -1,0 +1,171 @@
+"""The server's protocol class for WebSockets: as uvicorn has it, and what a channel to a slow reader needs besides."""
+
+from asyncio.transports import BaseTransport
+from collections.abc import Callable
+from typing import Any, cast
+
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+from websockets.frames import CloseCode, Frame
+from websockets.http11 import Request
+from websockets.protocol import State
+
+from linked_fleet_gateway.http.backpressure import STALL_S, Reader
+from linked_fleet_gateway.subscriptions.message import Ending
+
+WEBSOCKET = "linked-fleet.websocket"
+"""Where in ``scope["extensions"]`` an application finds the protocol that serves it."""
+GRACE_S = 10.0
+"""For the rest of a conversation that one side has ended."""
+FAREWELL_S = 0.5  # less than the server waits for its connections when it shuts down
+_UNREADABLE = (
+    b"HTTP/1.1 400 Bad Request\r\nContent-Type: text/plain; charset=utf-8\r\nContent-Length: 30\r\n"
+    b"Connection: close\r\n\r\nInvalid HTTP request received."
+)
+
+
+class WebSocketProtocol(WebSocketsSansIOProtocol):
+    """A WebSocket that only sends, in frames made elsewhere, and that no peer can keep open by doing nothing.
+
+    Frames of a server are not masked (RFC 6455, 5.1), so one framed buffer serves every connection. They go to the
+    ``reader``, past the state machine of ``conn``, which has nothing to remember about an unfragmented data frame. All
+    else goes through it, and when the closing handshake begins no more frames do go (5.5.1).
+    """
+
+    stall_s = STALL_S
+    grace_s = GRACE_S
+    on_drained: Callable[[], None] | None = None
+    """Called when what waited has nearly all been taken."""
+    on_lost: Callable[[], None] | None = None
+    reader: Reader
+    _failed = False
+
+    @property
+    def open(self) -> bool:
+        return self.conn.state is State.OPEN and not self.transport.is_closing()
+
+    def close(self, code: int, reason: str) -> None:
+        """Start the closing handshake (RFC 6455, 7.1.2)."""
+        if self.open:
+            self.conn.send_close(code, reason)
+            self._leave(code, reason)
+
+    def abort(self) -> None:
+        self.transport.abort()
+
+    # What uvicorn calls
+
+    async def send(self, message: Any) -> None:
+        over = message["type"] == "websocket.http.response.body" and self.conn.eof_sent
+        if not over:  # by what came after the opening, before that was answered
+            await super().send(message)
+        if message["type"] == "websocket.http.response.body" and not message.get("more_body", False):
+            self.handshake_complete = True  # refused, but answered: uvicorn would log an error
+
+    def connection_made(self, transport: BaseTransport) -> None:
+        super().connection_made(transport)
+        self.reader = Reader(self.transport, self.stall_s)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        super().connection_lost(exc)
+        self.reader.stop()
+        if self.on_lost is not None:
+            self.on_lost()
+
+    def handle_connect(self, event: Request) -> None:
+        super().handle_connect(event)
+        if not self.close_sent:  # the task has not run yet
+            cast(dict[str, Any], self.scope)["extensions"][WEBSOCKET] = self
+
+    def resume_writing(self) -> None:
+        super().resume_writing()
+        if self.on_drained is not None:
+            self.on_drained()
+
+    def data_received(self, data: bytes) -> None:
+        self.conn.receive_data(data)
+        unread = self.conn.handshake_exc is not None and not self.handshake_initiated
+        if self.conn.parser_exc is not None or unread:
+            self.handle_parser_exception()
+        else:
+            self.handle_events()
+        if not self.open:
+            self.reader.finish()
+
+    def handle_text(self, event: Frame) -> None:
+        try:
+            bytes(event.data).decode() if event.fin else ""
+        except UnicodeDecodeError:
+            self._refuse(CloseCode.INVALID_DATA, "a text message must be UTF-8")
+        else:
+            self._refuse(CloseCode.UNSUPPORTED_DATA, "this channel only sends")
+
+    def handle_bytes(self, event: Frame) -> None:
+        self._refuse(CloseCode.UNSUPPORTED_DATA, "this channel only sends")
+
+    def handle_cont(self, event: Frame) -> None:
+        """Of a message that was refused with its first frame."""
+
+    def handle_ping(self) -> None:
+        if not self._failed:  # by a frame before it, in the same piece: nothing more can be written
+            super().handle_ping()
+
+    def handle_close(self, event: Frame) -> None:
+        super().handle_close(event)
+        self._abort_later()  # a transport that is closed waits for its reader, for ever if need be
+
+    def handle_parser_exception(self) -> None:
+        """Fail the connection (RFC 6455, 7.1.7); called again for each piece of what the peer still sends."""
+        if self._failed:
+            return
+        self._failed = True
+        if not self.handshake_complete and self.handshake_initiated:
+            self.transport.abort()  # frames before our answer to the handshake
+            return
+        self.handshake_complete = True
+        self._leave(CloseCode.ABNORMAL_CLOSURE, "")
+        # Only our half: unread bytes would make a reset of a close, and our close frame be lost with it.
+        if self.transport.can_write_eof():
+            self.transport.write_eof()
+
+    def eof_received(self) -> None:
+        self.queue.put_nowait({"type": "websocket.disconnect", "code": CloseCode.ABNORMAL_CLOSURE})
+        self._abort_later()
+
+    def keepalive_timeout(self) -> None:
+        if self.reader.is_behind():  # the ping may wait among the rest
+            self.stop_keepalive()
+            self.schedule_ping()
+            return
+        self.reader.finish()
+        super().keepalive_timeout()
+        self._abort_later()
+
+    def shutdown(self) -> None:
+        if not self.handshake_complete:
+            super().shutdown()
+            return
+        self.grace_s = min(self.grace_s, FAREWELL_S)
+        self.close(CloseCode.SERVICE_RESTART, Ending.SHUTDOWN.value)
+        self._abort_later()
+
+    def _refuse(self, code: int, reason: str) -> None:
+        """At once and here: while messages lie unread uvicorn reads nothing, so pings would go unanswered."""
+        if self.conn.state is State.OPEN:
+            self.conn.fail(code, reason)
+        self.handle_parser_exception()
+
+    def _leave(self, code: int, reason: str) -> None:
+        self.reader.finish()
+        self.queue.put_nowait({"type": "websocket.disconnect", "code": code, "reason": reason})
+        self.stop_keepalive()
+        unread = self.conn.handshake_exc is not None and not self.handshake_initiated
+        # Some openings that cannot be read are answered by the parser, with 431, the others by nobody.
+        self.transport.write(b"".join(self.conn.data_to_send()) or (_UNREADABLE if unread else b""))
+        self.close_sent = True
+        self._abort_later()
+
+    def _abort_later(self) -> None:
+        if self.close_timer is not None:
+            self.close_timer.cancel()
+        if not self.disconnected:
+            self.close_timer = self.loop.call_later(self.grace_s, self.transport.abort)

@@ -1,0 +1,71 @@
+"""Tokens of issuers: what is verified about them before anything that they say is believed (RFC 8725)."""
+
+from typing import TYPE_CHECKING, Any
+
+from linked_fleet_gateway.base.lazy_imports import Lazily
+from linked_fleet_gateway.identity.keys import IssuerKeys
+from linked_fleet_gateway.identity.roster import Issuer
+
+if TYPE_CHECKING:
+    import jwt
+else:
+    jwt = Lazily("jwt")
+
+LEEWAY_S = 30
+MOST_CHARACTERS = 16_384
+
+
+class BadToken(Exception):  # noqa: N818 -- it reads as what it is
+    """The token is none, or none for us, or not now; the text says which."""
+
+
+def issuer_named(text: str) -> str | None:
+    """Which issuer a token claims to be of, which nobody has verified; None for what is no token."""
+    if len(text) > MOST_CHARACTERS or text.count(".") != 2:
+        return None
+    try:
+        said = jwt.decode(text, options={"verify_signature": False})
+    except (jwt.PyJWTError, ValueError, RecursionError):
+        return None
+    found = said.get("iss")
+    return found if isinstance(found, str) else None
+
+
+async def verified(text: str, issuer: Issuer, keys: IssuerKeys, audience: str) -> dict[str, Any]:
+    """The claims of a token that ``issuer`` signed for ``audience``; BadToken, IssuerSilent.
+
+    The key decides on the algorithm, which is always an asymmetric one: what the header of the token says must agree.
+    """
+    try:
+        header = jwt.get_unverified_header(text)
+    except (jwt.PyJWTError, ValueError, RecursionError) as error:
+        raise BadToken("it is no JSON Web Token") from error
+    kid = header.get("kid")
+    found = await keys.find(kid) if isinstance(kid, str) else None
+    if found is None:
+        raise BadToken("its issuer has no such key")
+    key, algorithm = found
+    try:
+        said: dict[str, Any] = jwt.decode(
+            text,
+            key.key,
+            algorithms=[algorithm],
+            audience=audience,
+            issuer=issuer.url,
+            leeway=LEEWAY_S,
+            options={"require": ["exp", "iss", "aud"]},
+        )
+    except jwt.ExpiredSignatureError as error:
+        raise BadToken("it has expired") from error
+    except jwt.ImmatureSignatureError as error:
+        raise BadToken("it is not valid yet") from error
+    except jwt.InvalidAudienceError as error:
+        raise BadToken("it is for another audience") from error
+    except (jwt.PyJWTError, ValueError, TypeError, OverflowError, RecursionError) as error:
+        raise BadToken("it is not signed by its issuer, or does not say what it must") from error
+    return said
+
+
+def expiry_ns(said: dict[str, Any]) -> int:
+    """When the claims, which were verified, hold no longer; wall time."""
+    return (int(said["exp"]) + LEEWAY_S) * 1_000_000_000  # a float could not hold whatever an issuer may say

@@ -1,0 +1,163 @@
+"""Identities: the file as it is now, tokens of issuers, and what ends when a right ends."""
+
+import asyncio
+import logging
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from linked_fleet_gateway.identity.jwts import BadToken, expiry_ns, issuer_named, verified
+from linked_fleet_gateway.identity.keys import IssuerKeys
+from linked_fleet_gateway.identity.rights import Credential, Identity, Right, View
+from linked_fleet_gateway.identity.roster import BadRoster, Issuer, Roster, read_roster
+from linked_fleet_gateway.identity.web import Web
+from linked_fleet_gateway.runtime.background import supervised
+from linked_fleet_gateway.runtime.cancellation import end
+
+log = logging.getLogger(__name__)
+
+LOOK_S = 1.0
+"""Between two looks at the file and at what rights have ended."""
+_Stamp = tuple[int, int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class _Guarded:
+    """Something that goes on for as long as ``identity`` may have it and its credentials hold."""
+
+    identity: Identity
+    robot: str | None
+    end: Callable[[], None]
+    holds: Callable[[], bool]
+
+
+class Identities:
+    """An async context manager. BadRoster when the file is unusable at first; later the one before it stays."""
+
+    def __init__(self, path: Path) -> None:
+        import_module("jwt")  # with identities it is needed for sure, and takes long for the first request to wait
+        self._path = path
+        self._stamp = _stamp(path)
+        self.roster: Roster = read_roster(path)
+        self.web = Web()
+        self._keys: dict[str, IssuerKeys] = {}
+        self._guarded: set[_Guarded] = set()
+        self._complaint = ""
+        self._looking: asyncio.Task[None] | None = None
+
+    async def __aenter__(self) -> Self:
+        self._looking = supervised(self._look, "look at identities", log, "identities could not be looked at", LOOK_S)
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await end([self._looking] if self._looking is not None else [])
+        for keys in self._keys.values():
+            await keys.aclose()
+        await self.web.aclose()
+
+    # -- who ----------------------------------------------------------------------------------------------------------
+
+    async def bearer(self, text: str) -> Identity:
+        """Who brings a token; BadToken, IssuerSilent."""
+        return self._known(self.roster.token(text) or await self._issued(text))
+
+    def known(self, credential: Credential) -> Identity | None:
+        """The identity of a credential that was verified before; None if it holds no more."""
+        return self.roster.identity(credential, time.time_ns())
+
+    def keys(self, issuer: Issuer) -> IssuerKeys:
+        return self._keys.setdefault(issuer.url, IssuerKeys(self.web, issuer.url))
+
+    async def _issued(self, text: str) -> Credential:
+        issuer = self.roster.issuers.get(issuer_named(text) or "")
+        if issuer is None:
+            raise BadToken("it is unknown")
+        said = await verified(text, issuer, self.keys(issuer), issuer.audience)
+        claims = issuer.claims(said, expiry_ns(said))
+        if claims is None:
+            raise BadToken(f"it has no usable claim {issuer.name_claim}")
+        return claims
+
+    def _known(self, credential: Credential) -> Identity:
+        found = self.roster.identity(credential, time.time_ns())
+        if found is None:
+            raise BadToken("it has expired")
+        return found
+
+    # -- as long as --------------------------------------------------------------------------------------------------
+
+    @contextmanager
+    def guarding(
+        self, identity: Identity, robot: str | None, end: Callable[[], None], holds: Callable[[], bool]
+    ) -> Iterator[None]:
+        """Call ``end``, again and again, once ``identity`` may not subscribe any more, sees other robots, or ``holds``
+        is no longer true of its credentials."""
+        guarded = _Guarded(identity, robot, end, holds)
+        self._guarded.add(guarded)
+        try:
+            yield
+        finally:
+            self._guarded.discard(guarded)
+
+    def _lasts(self, guarded: _Guarded) -> bool:
+        if not guarded.holds():
+            return False
+        now = self.roster.identity(guarded.identity.credential, time.time_ns())
+        return now is not None and _subscribes(now, guarded.robot, guarded.identity.sees)
+
+    def vouches(self, creator: str, robot: str | None, sees: View) -> bool:
+        """Whether a callback of ``creator`` may go on, who saw the robots of ``sees`` when he asked for it.
+
+        Who came with a token of an issuer is not asked again: nobody knows what the issuer would say now.
+        """
+        subject, at, issuer = creator.rpartition("@")
+        if at:
+            return bool(subject) and any(each.name == issuer for each in self.roster.issuers.values())
+        now = self.roster.holder(creator, time.time_ns())
+        return now is not None and _subscribes(now, robot, sees)
+
+    # -- the file ------------------------------------------------------------------------------------------------------
+
+    async def _look(self) -> None:
+        await self._look_at_file()
+        self.end_what_must()
+
+    async def _look_at_file(self) -> None:
+        try:
+            stamp = _stamp(self._path)
+            if stamp == self._stamp:
+                return
+            self.roster = await asyncio.to_thread(read_roster, self._path)
+        except BadRoster as error:
+            if str(error) != self._complaint:
+                log.error("the identities stay as they were: %s", error)
+            self._complaint = str(error)
+            return
+        self._stamp, self._complaint = stamp, ""
+        log.info("identities read anew: %d tokens, %d issuers", len(self.roster.tokens), len(self.roster.issuers))
+
+    def end_what_must(self) -> None:
+        """End all that goes on without a right to it."""
+        for each in list(self._guarded):
+            if not self._lasts(each):
+                each.end()
+
+
+def _subscribes(now: Identity, robot: str | None, sees: View) -> bool:
+    return now.may(Right.SUBSCRIBE, robot) and now.may(Right.READ, robot) and now.sees == sees
+
+
+def _stamp(path: Path) -> _Stamp:
+    """What changes with the file; BadRoster when there is none."""
+    try:
+        found = path.stat()
+    except OSError as error:
+        raise BadRoster(f"{path}: {error.strerror}") from error
+    return found.st_mtime_ns, found.st_size, found.st_ino

@@ -1,0 +1,328 @@
+"""Liveliness tokens and descriptions of agents: which runs of which robots are there, and what they say they are.
+
+A token costs its sender nothing, so that what it costs here is bounded: in memory by ``fleet.presence``, in
+questions by ``fleet.description_queue``. Robots that have described themselves before have their own queue, and
+so have those that send frames. To send a question takes Zenoh a time that grows with the number of tokens, a few
+milliseconds for 10,000: questions are paced by the time that they take.
+"""
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable, Coroutine, Sequence
+from contextlib import suppress
+
+from linked_fleet_agent.wire.messages import Description
+from linked_fleet_gateway.fleet.answers import read_description
+from linked_fleet_gateway.fleet.description_queue import Bounds, DescriptionQueue
+from linked_fleet_gateway.fleet.events import Appeared, Described, Event, Undescribed, Vanished
+from linked_fleet_gateway.fleet.presence import Presence, Token
+from linked_fleet_gateway.fleet.silences import Doubt
+from linked_fleet_gateway.runtime.cancellation import end
+
+_log = logging.getLogger(__name__)
+
+FEW = Bounds(open=64, repeated=16, repeats_hz=50)
+MANY = Bounds(open=256, repeated=16, repeats_hz=50)
+MAX_KNOWN = 20_000
+SILENT_QUESTIONS = 3  # before a robot that describes nothing is called faulty
+_STARTS = 8  # questions begun in one callback, for each of the queues
+_SHARE = 0.25  # of a processor for sending questions, as long as one takes less than _SHARE * _IDLE_S
+_TICK_S = 0.004
+_IDLE_S = 0.05
+_HASTE_S = 1.0  # a robot that has described itself so lately waits before it is asked for its next run
+_LEAVING_S = 0.05  # agents and gateways withdraw tokens and declare them again (agents/linked_fleet_agent/renewal.py)
+_RELIST_S = 5.0
+_RENEW_S = 5.0  # from one declaration of the gateway to the next
+_MAX_REASON = 500
+_MANY = 64  # robots without a description before the log says so, and again at each doubling
+
+Judge = Callable[[bytes | str, str], list[Description] | None]
+Ask = Callable[[str, Judge], Awaitable[None]]
+"""Ask the agents of a robot once, and hand each answer to the judge until it returns something; raises TimeoutError."""
+ListTokens = Callable[[], Awaitable[tuple[Sequence[Token], bool]]]
+"""All tokens that are present, the highest run of each robot first, and whether these are surely all."""
+
+
+class Discovery:
+    """``tell`` gets the events, but for those that ``token`` returns. Used in the event loop; ``close`` ends it.
+
+    ``appeared`` is called for each new run, ``declare_anew`` when frames of a robot do not come although it is there.
+    """
+
+    def __init__(
+        self,
+        ask: Ask,
+        list_tokens: ListTokens,
+        tell: Callable[[list[Event]], None],
+        appeared: Callable[[], None],
+        declare_anew: Callable[[], Coroutine[None, None, None]],
+    ) -> None:
+        self._ask, self._list_tokens, self._tell, self._appeared = ask, list_tokens, tell, appeared
+        self._declare_anew, self._declared_s = declare_anew, -_RENEW_S
+        self._loop = asyncio.get_running_loop()
+        self._presence = Presence()
+        self._known, self._audible = DescriptionQueue(FEW), DescriptionQueue(FEW)
+        self._strangers = DescriptionQueue(MANY)
+        self._sending_s = self._paced_s = self._due_s = 0.0
+        self._described_s: dict[str, float] = {}
+        self._missing: dict[str, set[int]] = {}
+        self._doubts: dict[Token, Doubt] = {}
+        self._silent = set[Token]()
+        self._leaving: dict[Token, asyncio.TimerHandle] = {}
+        self._reported: dict[str, str] = {}
+        self._gone: set[Token] | None = None
+        self._many = _MANY
+        self._taking = asyncio.Lock()  # a thousand descriptions at once are taken one by one, and others served between
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._relisting: asyncio.Task[None] | None = None
+        self._relist_due = False
+        self._timer: asyncio.Handle | None = None  # of uvloop it has no ``when``
+
+    @property
+    def undescribed(self) -> int:
+        """How many robots have a token and no description."""
+        return self._presence.undescribed
+
+    async def close(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        for leaving in self._leaving.values():
+            leaving.cancel()
+        await end(self._tasks)
+
+    def token(self, token: Token, present: bool) -> list[Event]:
+        """Take the news of one token. One that is declared again at once has not gone."""
+        leaving = self._leaving.pop(token, None)
+        if leaving is not None:
+            leaving.cancel()
+        if present:
+            return self._add(token, evict=True)
+        self._leaving[token] = self._loop.call_later(_LEAVING_S, self._leave, token)
+        return []
+
+    def _leave(self, token: Token) -> None:
+        del self._leaving[token]
+        self._tell(self._remove(token))
+
+    def heard(self, robot: str) -> None:
+        """A frame came that may be of a robot without a description."""
+        if robot in self._strangers:
+            self._audible.add(robot, self._loop.time(), self._strangers.discard(robot))
+            self._ask_soon(0)
+
+    def doubt(self, doubt: Doubt) -> None:
+        """Ask a run that was described whether it is there. One that does not answer is told to have vanished."""
+        robot, run = doubt.token
+        if doubt.token in self._presence and run not in self._missing.get(robot, ()):
+            self._doubts[doubt.token] = doubt
+            self._missing.setdefault(robot, set()).add(run)
+            self._known.add(robot, self._loop.time())
+            self._ask_soon(0)
+
+    def sent(self, processor_s: float) -> None:
+        """It took so much processor time to send a question."""
+        self._sending_s += (processor_s - self._sending_s) / 8
+
+    def relist(self) -> None:
+        """News of tokens was lost: compare with all tokens soon."""
+        self._relist_due = True
+        if self._relisting is None:
+            self._relisting = self._start(self._relist())
+
+    def _add(self, token: Token, evict: bool) -> list[Event]:
+        robot, run = token
+        if token in self._presence:
+            return []
+        events = list[Event]()
+        known = robot in self._described_s
+        if self._presence.full and not known and not self._presence.runs(robot) and evict:
+            events += self._evict()
+        try:
+            dropped = self._presence.add(token, known)
+        except OverflowError:
+            return events
+        if dropped == token:
+            return events
+        if dropped is not None:
+            events.append(Vanished(*dropped))
+            self._unwant(*dropped)
+        self._missing.setdefault(robot, set()).add(run)
+        now_s = self._loop.time()
+        hasty = now_s - self._described_s.get(robot, -_HASTE_S) < _HASTE_S
+        self._queue(robot).add(robot, now_s, SILENT_QUESTIONS if hasty else 0)
+        self._ask_soon(0)
+        self._warn()
+        self._appeared()
+        return [*events, Appeared(robot, run)]
+
+    def _remove(self, token: Token) -> list[Event]:
+        robot, run = token
+        if self._gone is not None:
+            self._gone.add(token)
+        if token not in self._presence:
+            return []
+        self._presence.remove(token)
+        self._unwant(robot, run)
+        if not self._presence.runs(robot):
+            self._reported.pop(robot, None)
+        if self._presence.incomplete:
+            self.relist()
+        self._warn()
+        return [Vanished(robot, run)]
+
+    def _evict(self) -> list[Event]:
+        """Forget the robot that has most often not answered, although its token is there."""
+        robot = self._strangers.victim()
+        if robot is None:
+            return []
+        self._strangers.discard(robot)
+        self._missing.pop(robot, None)
+        self._reported.pop(robot, None)
+        return [Vanished(robot, run) for run in self._presence.forget(robot)]
+
+    # -- descriptions -------------------------------------------------------------------------------------------------
+
+    def _queue(self, robot: str) -> DescriptionQueue:
+        return self._known if robot in self._described_s else self._strangers
+
+    def _ask_soon(self, delay_s: float) -> None:
+        due_s = max(self._loop.time() + delay_s, self._paced_s)
+        if self._timer is not None:
+            if self._due_s <= due_s + _TICK_S:
+                return
+            self._timer.cancel()
+        self._due_s, self._timer = due_s, self._loop.call_at(due_s, self._begin)
+
+    def _begin(self) -> None:
+        """Begin questions, a few in one callback: a flood of tokens leaves time for everybody else."""
+        self._timer, now_s, begun = None, self._loop.time(), 0
+        queues = (self._known, self._audible, self._strangers)
+        most = max(1, min(_STARTS, int(_SHARE * _TICK_S / self._sending_s))) if self._sending_s else _STARTS
+        for queue in queues:
+            for _ in range(most):
+                robot = queue.take(now_s)
+                if robot is None:
+                    break
+                begun += 1
+                self._start(self._question(queue, robot))
+        if begun or any(map(len, queues)):
+            self._paced_s = now_s + min(_IDLE_S, begun * self._sending_s / _SHARE)
+            self._ask_soon(_TICK_S if begun else _IDLE_S)
+
+    async def _question(self, queue: DescriptionQueue, robot: str) -> None:
+        reasons = [""]
+        found = list[Description]()
+
+        def judge(answer: bytes | str, _: str) -> list[Description] | None:
+            missing = self._missing.get(robot, set())
+            said, reason = read_description(answer, robot, self._presence.runs(robot))
+            if said is None:
+                reasons.append(reason)
+            elif said.incarnation in missing:
+                found.append(said)
+            return found if found and found[-1].incarnation == max(missing) else None
+
+        with suppress(TimeoutError):  # what was found until then counts
+            await self._ask(robot, judge)
+        for said in found:
+            async with self._taking:
+                self._take(said)
+                await asyncio.sleep(0)
+        missing = self._missing.get(robot)
+        if not missing:
+            queue.finished(robot)
+            return
+        asked = queue.failed(robot, self._loop.time())
+        if asked >= SILENT_QUESTIONS:
+            self._give_up({(robot, run) for run in missing})
+        if (robot, max(missing)) in self._doubts:
+            return
+        reason = reasons[-1][:_MAX_REASON]
+        told = self._reported.get(robot, "")
+        # Silence may be that of an agent under load; what was said wrongly is worth telling at once.
+        if not found and asked and ((reason and reason != told) or (asked >= SILENT_QUESTIONS and not told)):
+            reason = reason or "the agent is present but does not answer when asked for its description"
+            self._reported[robot] = reason
+            self._tell([Undescribed(robot, max(missing), reason)])
+
+    def _take(self, said: Description) -> None:
+        robot, run = said.robot, said.incarnation
+        if run not in self._missing.get(robot, ()):
+            return  # the run ended while it was being asked
+        doubt, silent = self._doubts.get((robot, run)), (robot, run) in self._silent
+        self._unwant(robot, run)
+        self._presence.describe(robot)
+        self._reported.pop(robot, None)
+        self._described_s.pop(robot, None)
+        self._described_s[robot] = self._loop.time()
+        if len(self._described_s) > MAX_KNOWN:
+            del self._described_s[next(iter(self._described_s))]
+        self._tell([Appeared(robot, run), Described(said)] if silent else [Described(said)])
+        if doubt is not None and doubt.renew and self._loop.time() >= self._declared_s + _RENEW_S:
+            _log.warning("robot %s answers and sends no frames: the gateway declares itself to Zenoh anew", robot)
+            self._declared_s = self._loop.time()
+            self._start(self._declare_anew())
+
+    def _give_up(self, runs: set[Token]) -> None:
+        """Tell that runs have vanished that neither send nor answer; they are asked on as long as their token stays."""
+        lost = self._doubts.keys() & runs - self._silent
+        self._silent |= lost
+        if lost:
+            self._tell([Vanished(*token) for token in lost])
+
+    def _unwant(self, robot: str, run: int) -> None:
+        self._doubts.pop((robot, run), None)
+        self._silent.discard((robot, run))
+        missing = self._missing.get(robot, set())
+        missing.discard(run)
+        if not missing:
+            self._missing.pop(robot, None)
+            for queue in (self._known, self._audible, self._strangers):
+                queue.discard(robot)
+
+    # -- tokens that are not kept -------------------------------------------------------------------------------------
+
+    async def _relist(self) -> None:
+        try:
+            while self._relist_due:  # again if a token went while the list was being taken over
+                await asyncio.sleep(_RELIST_S)
+                self._relist_due = False
+                await self._take_list()
+        finally:
+            self._gone, self._relisting = None, None
+
+    async def _take_list(self) -> None:
+        """Add tokens that were refused or lost, as far as there is room, and remove those that are gone."""
+        self._gone, before = set(), self._presence.tokens
+        listed, complete = await self._list_tokens()
+        gone, self._gone = self._gone, None
+        self._presence.incomplete = False
+        for token in before.difference(listed) if complete else ():
+            await self._tell_of(self._remove(token))
+        for token in listed:  # the highest run of each robot first
+            if token not in gone:
+                await self._tell_of(self._add(token, evict=False))
+
+    async def _tell_of(self, events: list[Event]) -> None:
+        if events:
+            self._tell(events)
+            await asyncio.sleep(0)
+
+    def _warn(self) -> None:
+        count = self._presence.undescribed
+        if count >= self._many:
+            self._many *= 2
+            _log.warning("%d robots have a presence token and no description", count)
+        elif count < _MANY:
+            self._many = _MANY
+
+    def _start(self, work: Coroutine[None, None, None]) -> asyncio.Task[None]:
+        task = self._loop.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._ended)
+        return task
+
+    def _ended(self, task: asyncio.Task[None]) -> None:
+        self._tasks.discard(task)
+        if not task.cancelled() and (error := task.exception()) is not None:
+            _log.error("a question to an agent failed", exc_info=error)

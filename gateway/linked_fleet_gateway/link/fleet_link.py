@@ -1,0 +1,300 @@
+"""The gateway's end of Zenoh: presence, frames and progress come in, commands and questions go out.
+
+It reaches Zenoh through a ``linked_fleet_gateway.link.transport.Session`` alone.
+"""
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import Awaitable, Callable, Collection, Iterable
+from typing import Self
+
+from linked_fleet_agent.wire.codec import encode
+from linked_fleet_agent.wire.keys import Keys
+from linked_fleet_agent.wire.messages import (
+    WIRE_VERSION,
+    Accepted,
+    Camera,
+    Command,
+    Glance,
+    Mesh,
+    PictureFormat,
+    Progress,
+    Refused,
+    Reply,
+    Stop,
+)
+from linked_fleet_gateway.fleet.answers import read_mesh, read_reply
+from linked_fleet_gateway.fleet.cameras import Picture, read_picture, size_limit
+from linked_fleet_gateway.fleet.events import Event
+from linked_fleet_gateway.fleet.frames import Frames
+from linked_fleet_gateway.fleet.presence import Token
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.fleet.silences import Doubt
+from linked_fleet_gateway.link.discovery import Discovery, Judge
+from linked_fleet_gateway.link.heartbeat import Heartbeat
+from linked_fleet_gateway.link.incoming import Incoming
+from linked_fleet_gateway.link.questions import ask
+from linked_fleet_gateway.link.transport import Question, Session, TransportError
+from linked_fleet_gateway.runtime.request_context import step
+
+_log = logging.getLogger(__name__)
+
+MAX_DESCRIPTION_BYTES = 9_000_000
+MAX_REPLY_BYTES = 65_536
+DESCRIPTION_TIMEOUT_S = 2.0
+LISTING_TIMEOUT_S = 5.0
+ASK_AGAIN_S = 0.05
+"""Until a stop that a robot has not answered, or a command that reached nobody, is sent to it again."""
+
+
+class NoAnswer(Exception):  # noqa: N818 -- it is an outcome, not a defect
+    """No usable answer came; whether a command was executed is unknown. ``reason`` is a sentence."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(reason)
+        self.reason = reason
+
+
+class FleetLink:
+    """An open link, as an async context manager. Raises on entry what ``open_session`` raises.
+
+    ``on_events`` and ``on_progress`` are called in the event loop, one batch after another. ``frames`` may take frames
+    without an event.
+    """
+
+    def __init__(
+        self,
+        keys: Keys,
+        gateway_name: str,
+        open_session: Callable[[], Awaitable[Session]],
+        on_events: Callable[[list[Event]], None],
+        on_progress: Callable[[str, Progress], None],
+        frames: Frames | None = None,
+    ) -> None:
+        self._keys = keys
+        self._gateway_name = gateway_name
+        self._open_session = open_session
+        self._frames = frames or Frames()
+        self._on_events = on_events
+        self._on_progress = on_progress
+        self._listens = False
+
+    @property
+    def joined(self) -> bool:
+        """Whether robots can be heard: of a gateway that is to connect somewhere, whether anybody is connected."""
+        return self._listens and self._session.connected
+
+    @property
+    def malformed(self) -> dict[str, int]:
+        """How many messages were refused here, by robot or, where the key names none, by key."""
+        return dict(self._incoming.complaints.counts)
+
+    @property
+    def undescribed(self) -> int:
+        """How many robots have a presence token, and have not described themselves."""
+        return self._discovery.undescribed
+
+    async def __aenter__(self) -> Self:
+        self._discovery = Discovery(
+            self._ask_description, self._list_tokens, self._on_events, lambda: self._heartbeat.hasten(),
+            lambda: self._session.declare_anew(),
+        )  # fmt: skip
+        self._incoming = Incoming(self._keys, self._frames, self._discovery, self._on_events, self._on_progress)
+        self._session = await self._open_session()
+        self._heartbeat = Heartbeat(self._session, self._keys.heartbeat(self._gateway_name))
+        return self
+
+    async def join(self) -> None:
+        """Be seen by the robots, and hear them; until then the link is open and silent.
+
+        The order leaves no gap: whoever sees this gateway, or is seen by it, is already being listened to.
+        """
+        await self._incoming.declare(self._session)
+        await self._session.declare_token(self._keys.gateway(self._gateway_name))
+        self._listens = True
+        self._heartbeat.start()
+
+    def doubt(self, doubts: Iterable[Doubt]) -> None:
+        """Find out which of these runs are there."""
+        for doubt in doubts:
+            self._discovery.doubt(doubt)
+
+    async def roll_call(self, timeout_s: float) -> set[str]:
+        """Names of the robots that are there now, as far as is known within ``timeout_s``."""
+        tokens, _ = await self._list_tokens(timeout_s)
+        return {robot for robot, _ in tokens}
+
+    async def __aexit__(self, *_: object) -> None:
+        self._heartbeat.close()
+        self._incoming.close()
+        await self._discovery.close()
+        try:
+            await self._session.close()
+        except TransportError as error:
+            _log.warning("the Zenoh session did not close cleanly: %s", error)
+
+    async def command(self, robot: str, command: Command, timeout_s: float) -> Reply:
+        """Send a command and return the agent's reply. Raises NoAnswer when none comes within ``timeout_s``.
+
+        A command that reached nobody is sent once more after ``ASK_AGAIN_S``: an agent that declares itself anew has no
+        queryable for a moment. An agent executes a command once, however often it comes.
+        """
+        refusals: list[Reply] = []
+        reasons = [f"no agent takes commands for robot {robot!r}"]
+        answers = 0
+
+        def judge(answer: bytes | str, _: str) -> Reply | None:
+            nonlocal answers
+            answers += 1
+            reply, reason = read_reply(answer, command.id)
+            if isinstance(reply, Refused) and reply.code == "incarnation":
+                refusals.append(reply)  # of another run; the one that is meant may answer as well
+                return None
+            reasons.append(reason)
+            return reply
+
+        async def send(question: Question) -> Reply | None:
+            reply: Reply | None = await ask(self._session, question, judge)
+            if answers:
+                return reply
+            await asyncio.sleep(ASK_AGAIN_S)
+            reply = await ask(self._session, question, judge)
+            if isinstance(reply, Refused) and reply.code == "repeated":
+                reasons.append(f"robot {robot!r} took the command, and its reply was lost")
+                return None
+            return reply
+
+        reply: Reply | None = None
+        about = {"robot": robot, "command": command.id} | ({} if command.rehearsal else {"invocation": command.id})
+        with step("send command", asks=True, **about) as span:
+            traceparent = None if span is None else span.traceparent
+            try:
+                key = self._keys.robot(robot, "command")
+                question = Question(
+                    key, encode(command), timeout_s, MAX_REPLY_BYTES, patient=False, traceparent=traceparent
+                )
+                async with asyncio.timeout(timeout_s):
+                    reply = await send(question)
+            except TimeoutError:
+                reasons.append(f"robot {robot!r} did not answer within {timeout_s} s")
+            reply = reply or next(iter(refusals), None)
+            if span is not None:
+                span.replied(reply)
+            if reply is None:
+                raise NoAnswer(reasons[-1])
+        await self._session.keep_route(key)
+        return reply
+
+    async def stop(
+        self, robots: Collection[str] | None, stop: Stop, timeout_s: float, online: Collection[str] = ()
+    ) -> dict[str, Reply]:
+        """Stop these robots, or all there are: what those of them replied that did within ``timeout_s``.
+
+        All are asked at once, and none waits for another. Those that are named, or of all those that are ``online``,
+        are asked once more if they have not replied within ``ASK_AGAIN_S``: an agent that declares itself anew has no
+        queryable for a moment.
+        """
+        replies: dict[str, Reply] = {}
+        expected = online if robots is None else robots
+
+        def note(answer: bytes | str, key: str) -> None:
+            reply, reason = read_reply(answer, stop.id)
+            robot = self._incoming.parse(key) if reply is not None else None
+            if reply is None:
+                self._incoming.complaints.add(key, reason)
+            elif robot is not None and not isinstance(replies.get(robot.robot), Accepted):  # two runs may answer
+                replies[robot.robot] = reply
+
+        async def send(key: str, traceparent: bytes | None) -> None:
+            question = Question(
+                key, encode(stop), timeout_s, MAX_REPLY_BYTES, priority="real time", traceparent=traceparent
+            )
+            with contextlib.suppress(TimeoutError):
+                await ask(self._session, question, note)
+
+        async def send_again(traceparent: bytes | None) -> None:
+            await asyncio.sleep(ASK_AGAIN_S)
+            silent = [self._keys.robot(name, "stop") for name in expected if name not in replies]
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(timeout_s - ASK_AGAIN_S):
+                    await asyncio.gather(*(send(key, traceparent) for key in silent))
+
+        keys = [self._keys.all_stops] if robots is None else [self._keys.robot(name, "stop") for name in robots]
+        about = {"command": stop.id} | ({} if stop.rehearsal else {"invocation": stop.command or stop.id})
+        (only,) = robots if robots is not None and len(robots) == 1 else (None,)
+        with step("send stop", asks=True, **about, **({} if only is None else {"robot": only})) as span:
+            traceparent = None if span is None else span.traceparent
+            again = asyncio.create_task(send_again(traceparent))
+            try:
+                await asyncio.gather(*(send(key, traceparent) for key in keys))
+                if any(name not in replies for name in expected):
+                    await again
+            finally:
+                again.cancel()
+            if span is not None and only is not None:
+                span.replied(replies.get(only))
+        return replies
+
+    async def mesh(self, robot: str, mesh: Mesh, timeout_s: float) -> bytes:
+        """The bytes, as many as ``mesh`` has, that the agent says are the mesh. Raises NoAnswer."""
+        reasons = [f"no agent hands out meshes of robot {robot!r}"]
+
+        def judge(answer: bytes | str, _: str) -> bytes | None:
+            content, reason = read_mesh(answer, mesh)
+            reasons.append(reason)
+            return content
+
+        content: bytes | None = None
+        key, asked = self._keys.robot(robot, "mesh"), mesh.sha256.encode()
+        try:
+            # What moves and what is measured overtakes it.
+            content = await ask(self._session, Question(key, asked, timeout_s, mesh.size, priority="background"), judge)
+        except TimeoutError:
+            reasons.append(f"robot {robot!r} did not answer within {timeout_s} s")
+        if content is None:
+            raise NoAnswer(reasons[-1])
+        return content
+
+    async def picture(self, robot: Robot, camera: Camera, format: PictureFormat, timeout_s: float) -> Picture:
+        """What a camera sees now. Raises NoAnswer; what is no picture of that camera is counted besides."""
+        reasons = [f"no agent shows what robot {robot.name!r} sees"]
+
+        def judge(answer: bytes | str, sender: str) -> Picture | None:
+            picture, reason = read_picture(answer, camera, format, robot.incarnation)
+            if picture is None and isinstance(answer, bytes):
+                self._incoming.complaints.add(sender, reason)
+            reasons.append(reason)
+            return picture
+
+        picture: Picture | None = None
+        key = self._keys.robot(robot.name, "picture")
+        glance = encode(Glance(version=WIRE_VERSION, camera=camera.name, format=format))
+        try:
+            picture = await ask(
+                self._session, Question(key, glance, timeout_s, size_limit(camera), priority="background"), judge
+            )
+        except TimeoutError:
+            reasons.append(f"robot {robot.name!r} did not answer within {timeout_s} s")
+        if picture is None:
+            raise NoAnswer(reasons[-1])
+        return picture
+
+    async def _list_tokens(self, timeout_s: float = LISTING_TIMEOUT_S) -> tuple[list[Token], bool]:
+        """Tokens of all runs, the highest first, and whether these are all that there are."""
+        return await self._session.list_tokens(self._keys.all_presence, timeout_s, self._read_tokens)
+
+    def _read_tokens(self, keys: Iterable[str]) -> list[Token]:
+        found = list[Token]()
+        for key in keys:
+            with contextlib.suppress(ValueError):  # who declared it was counted when it came
+                parsed = self._keys.parse(key)
+                if parsed.incarnation is not None:
+                    found.append((parsed.robot, parsed.incarnation))
+        return sorted(found, reverse=True)
+
+    async def _ask_description(self, robot: str, judge: Judge) -> None:
+        """One question. Raises TimeoutError."""
+        question = Question(self._keys.robot(robot, "description"), None, DESCRIPTION_TIMEOUT_S, MAX_DESCRIPTION_BYTES)
+        if await ask(self._session, question, judge, self._discovery.sent) is not None:
+            await self._session.keep_route(self._keys.robot(robot, "state"))

@@ -1,0 +1,140 @@
+"""Presence, frames and progress that come in, brought from the threads of the session into the event loop."""
+
+import asyncio
+import logging
+import time
+from collections.abc import Callable, Iterator
+
+from linked_fleet_agent.wire.codec import WireError, decode
+from linked_fleet_agent.wire.keys import Keys, RobotKey
+from linked_fleet_agent.wire.messages import Progress
+from linked_fleet_gateway.fleet.events import Event, Framed, Moved
+from linked_fleet_gateway.fleet.frames import Frames
+from linked_fleet_gateway.fleet.inbox import Batch, Inbox, Payload
+from linked_fleet_gateway.fleet.rejected_messages import Complaints
+from linked_fleet_gateway.link.discovery import Discovery
+from linked_fleet_gateway.link.transport import Session
+
+_log = logging.getLogger(__name__)
+
+MAX_STATE_BYTES = MAX_PROGRESS_BYTES = 65_536
+TURN_S = 0.004
+
+
+class Incoming:
+    """``discovery``, ``on_events`` and ``on_progress`` are called in the event loop, in turns of a few milliseconds.
+
+    Frames that ``frames`` takes need no event until somebody watches their robot.
+    """
+
+    def __init__(
+        self,
+        keys: Keys,
+        frames: Frames,
+        discovery: Discovery,
+        on_events: Callable[[list[Event]], None],
+        on_progress: Callable[[str, Progress], None],
+    ) -> None:
+        self._keys = keys
+        self._frames = frames
+        self._discovery = discovery
+        self._on_events = on_events
+        self._on_progress = on_progress
+        self._loop = asyncio.get_running_loop()
+        self._inbox = Inbox(lambda: self._loop.call_soon_threadsafe(self._drain))
+        self._work: Iterator[None] | None = None
+        self._more = False
+        self.complaints = Complaints(_log)
+
+    async def declare(self, session: Session) -> None:
+        """Begin to listen, to frames first: whoever is seen is already being listened to."""
+        await session.subscribe_frames(self._keys.all_states, MAX_STATE_BYTES, self._hear_state)
+        await session.subscribe(self._keys.all_progress, MAX_PROGRESS_BYTES, self._inbox.put_progress)
+        await session.subscribe_tokens(self._keys.all_presence, self._inbox.put_presence)
+
+    def close(self) -> None:
+        """Nothing is told from here on."""
+        self._inbox.close()
+        self._work = None
+
+    def parse(self, key: str) -> RobotKey | None:
+        try:
+            return self._keys.parse(key)
+        except ValueError as error:
+            self.complaints.add(key, error)
+            return None
+
+    # -- in threads -------------------------------------------------------------------------------------------------
+
+    def _hear_state(self, key: str, payload: Payload) -> None:
+        latest = None if isinstance(payload, int) else self._frames.put(key, payload, time.time_ns())
+        if latest is None:
+            self._inbox.put_state(key, payload)
+        elif self._frames.urgent(latest):
+            latest.rung = True
+            self._inbox.put_moved(latest.robot)
+
+    # -- in the event loop ------------------------------------------------------------------------------------------
+
+    def _drain(self) -> None:
+        """What came is told, after all that came before."""
+        if self._work is not None:
+            self._more = True
+            return
+        self._work = self._tell(self._inbox.take())
+        self._turn()
+
+    def _turn(self) -> None:
+        end = time.perf_counter() + TURN_S
+        work, self._work = self._work or iter(()), None
+        try:
+            for _ in work:
+                if time.perf_counter() > end:
+                    self._work = work
+                    self._loop.call_soon(self._turn)
+                    return
+        finally:
+            if self._work is None and self._more:
+                self._more = False
+                self._loop.call_soon(self._drain)
+
+    def _tell(self, batch: Batch) -> Iterator[None]:
+        """One message at a time; who came or went before what they sent."""
+        for key, present in batch.presence.items():
+            robot = self.parse(key)
+            if robot is not None and robot.incarnation is not None:
+                self._on_events(self._discovery.token((robot.robot, robot.incarnation), present))
+            yield
+        if batch.presence_lost:
+            self._discovery.relist()
+        for key, payload in batch.states.items():
+            robot = self.parse(key)
+            if robot is not None and isinstance(payload, bytes):
+                self._discovery.heard(robot.robot)
+                self._on_events([Framed(robot.robot, payload)])
+            elif robot is not None:
+                self._too_large(robot.robot, payload)
+            yield
+        for name in batch.moved:
+            self._on_events([Moved(name)])
+            yield
+        for key, payload in batch.progress:
+            self._progressed(key, payload)
+            yield
+
+    def _too_large(self, sender: str, size: Payload) -> None:
+        self.complaints.add(sender, f"a payload of {size!r} bytes, which is too large")
+
+    def _progressed(self, key: str, payload: Payload) -> None:
+        robot = self.parse(key)
+        if robot is None:
+            return
+        if not isinstance(payload, bytes):
+            self._too_large(robot.robot, payload)
+            return
+        try:
+            progress = decode(payload, Progress)
+        except WireError as error:
+            self.complaints.add(robot.robot, error)
+            return
+        self._on_progress(robot.robot, progress)

@@ -1,0 +1,214 @@
+"""The gateway's session on Zenoh; the only module of the gateway that imports zenoh.
+
+Zenoh calls back on its threads. Calls that may block on a full connection are made in a small thread pool; the question
+of a command, for which a client waits, may not block: it is given up within a millisecond.
+"""
+
+import asyncio
+import contextlib
+import json
+import threading
+import time
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, TypeVar
+
+import zenoh
+
+from linked_fleet_gateway.fleet.inbox import MAX_KEYS, Payload
+from linked_fleet_gateway.link.session_settings import open_failure, port_is_taken, settings
+from linked_fleet_gateway.link.transport import Answer, LinkError, Question, TransportError
+
+_T = TypeVar("_T")
+
+BIND_PATIENCE_S = 2.0
+_BIND_PAUSE_S = 0.1
+_WAITING = 4096  # frames that Zenoh keeps for the thread that reads them; above that its connections wait
+_NAP_S = 0.001
+"""So long frames are left to gather: to be woken for each costs as much as all that is done with it."""
+
+_PRIORITIES = {
+    "real time": zenoh.Priority.REAL_TIME,
+    "data": zenoh.Priority.DATA,
+    "background": zenoh.Priority.BACKGROUND,
+}
+
+
+async def open_session(
+    listen: tuple[str, ...], connect: tuple[str, ...], trust: Mapping[str, object]
+) -> "ZenohSession":
+    """Open a router of Zenoh. Raises LinkError."""
+    config = zenoh.Config()
+    for name, value in settings(listen, connect, trust).items():
+        try:
+            config.insert_json5(name, json.dumps(value))
+        except zenoh.ZError as error:
+            raise LinkError(f"Zenoh does not take {name}: {str(error).splitlines()[0]}") from error
+    loop = asyncio.get_running_loop()
+    patience = loop.time() + BIND_PATIENCE_S
+    while True:
+        try:
+            return ZenohSession(await asyncio.to_thread(zenoh.open, config), connects=bool(connect))
+        except zenoh.ZError as error:
+            # A gateway that was just replaced may hold the port for a moment longer.
+            if not port_is_taken(error) or loop.time() > patience:
+                raise LinkError(open_failure(error, listen)) from error
+        await asyncio.sleep(_BIND_PAUSE_S)
+
+
+class ZenohSession:
+    """Implements ``linked_fleet_gateway.link.transport.Session``. Made and used in the event loop."""
+
+    def __init__(self, session: zenoh.Session, connects: bool) -> None:
+        self._session, self._connects = session, connects
+        self._loop = asyncio.get_running_loop()
+        self._threads = ThreadPoolExecutor(max_workers=8, thread_name_prefix="link")
+        # A stop never waits behind a call that a full connection holds up.
+        self._stop_threads = ThreadPoolExecutor(max_workers=16, thread_name_prefix="stop")
+        self._declared: dict[Callable[[], Any], Any] = {}  # declarations last as long as they are kept
+        self._token_subscribers: list[object] = []
+        self._routes: dict[str, zenoh.KeyExpr] = {}
+
+    @property
+    def connected(self) -> bool:
+        return not self._connects or bool(self._session.info.transports())
+
+    async def subscribe_frames(self, key: str, limit: int, hear: Callable[[str, Payload], None]) -> None:
+        def declare() -> Any:
+            frames = self._session.declare_subscriber(key, zenoh.handlers.FifoChannel(_WAITING))
+            threading.Thread(target=_read, args=(frames.handler, limit, hear), name="frames", daemon=True).start()
+            return frames
+
+        await self._declare(declare)
+
+    async def subscribe(self, key: str, limit: int, hear: Callable[[str, Payload], None]) -> None:
+        def take(sample: zenoh.Sample) -> None:
+            hear(str(sample.key_expr), _bounded(sample.payload, limit))
+
+        await self._declare(lambda: self._session.declare_subscriber(key, take))
+
+    async def subscribe_tokens(self, key: str, hear: Callable[[str, bool], None]) -> None:
+        def take(sample: zenoh.Sample) -> None:
+            hear(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
+
+        def declare() -> None:
+            self._token_subscribers.append(self._session.liveliness().declare_subscriber(key, take, history=True))
+
+        await self._in_thread(declare)
+
+    async def declare_token(self, key: str) -> None:
+        await self._declare(lambda: self._session.liveliness().declare_token(key))
+
+    async def list_tokens(self, key: str, timeout_s: float, read: Callable[[Iterable[str]], _T]) -> tuple[_T, bool]:
+        def ask() -> tuple[_T, bool]:
+            # Those that are known are told before ``get`` returns: a channel of Zenoh is full at 256, and blocks it.
+            replies, over = list[zenoh.Reply](), threading.Event()
+            handler: Any = zenoh.handlers.Callback(replies.append, drop=over.set, indirect=False)
+            self._session.liveliness().get(key, handler, timeout=timeout_s)
+            complete = over.wait(timeout_s)
+            found = [reply.ok for reply in replies.copy()]
+            return read(str(token.key_expr) for token in found if token is not None), complete and None not in found
+
+        return await self._in_thread(ask)
+
+    async def declare_anew(self) -> None:
+        def again() -> None:
+            for declare, declared in list(self._declared.items()):
+                declared.undeclare()
+                self._declared[declare] = declare()
+
+        await self._in_thread(again)
+
+    def declare_heartbeat(self, key: str) -> Callable[[], None]:
+        # No other message has this priority. Its queue is therefore its own: a full connection neither delays a
+        # heartbeat nor holds up the event loop.
+        publisher = self._session.declare_publisher(
+            key,
+            congestion_control=zenoh.CongestionControl.DROP,
+            priority=zenoh.Priority.INTERACTIVE_HIGH,
+            express=True,
+        )
+
+        def send() -> None:
+            try:
+                publisher.put(b"")
+            except zenoh.ZError as error:
+                raise TransportError(str(error)) from error
+
+        return send
+
+    async def ask(self, question: Question, hear: Callable[[Answer | None], None]) -> float:
+        def hand_over(answer: Answer | None) -> None:
+            with contextlib.suppress(RuntimeError):  # the loop was closed while the question was under way
+                self._loop.call_soon_threadsafe(hear, answer)
+
+        if not question.patient:
+            return self._get(question, hand_over)
+        threads = self._stop_threads if question.priority == "real time" else self._threads
+        return await self._loop.run_in_executor(threads, self._get, question, hand_over)
+
+    def _get(self, question: Question, hand_over: Callable[[Answer | None], None]) -> float:
+        begin_s = time.thread_time()
+        handler: Any = zenoh.handlers.Callback(
+            lambda reply: hand_over(_answer(reply, question)), drop=lambda: hand_over(None), indirect=False
+        )
+        self._session.get(
+            self._routes.get(question.key, question.key),
+            handler,
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,  # two runs of an agent answer under one key
+            timeout=question.timeout_s,
+            payload=question.payload,
+            attachment=question.traceparent,
+            express=True,
+            priority=_PRIORITIES[question.priority],
+            congestion_control=zenoh.CongestionControl.BLOCK if question.patient else zenoh.CongestionControl.DROP,
+        )
+        return time.thread_time() - begin_s
+
+    async def keep_route(self, key: str) -> None:
+        def keep() -> None:
+            if key not in self._routes and len(self._routes) < MAX_KEYS:
+                self._routes[key] = self._session.declare_keyexpr(key)
+
+        if key not in self._routes:
+            await self._in_thread(keep)
+
+    async def close(self) -> None:
+        if self._session.is_closed():
+            return
+        try:
+            await self._in_thread(self._session.close)
+        except zenoh.ZError as error:
+            raise TransportError(str(error)) from error
+        finally:
+            self._threads.shutdown(wait=False)
+            self._stop_threads.shutdown(wait=False)
+
+    async def _declare(self, declare: Callable[[], Any]) -> None:
+        self._declared[declare] = await self._in_thread(declare)
+
+    async def _in_thread(self, call: Callable[..., _T], *arguments: object) -> _T:
+        return await self._loop.run_in_executor(self._threads, call, *arguments)
+
+
+def _read(frames: Any, limit: int, hear: Callable[[str, Payload], None]) -> None:
+    with contextlib.suppress(zenoh.ZError):  # the subscriber is undeclared
+        while True:
+            sample: zenoh.Sample | None = frames.recv()
+            while sample is not None:
+                hear(str(sample.key_expr), _bounded(sample.payload, limit))
+                sample = frames.try_recv()
+            time.sleep(_NAP_S)
+
+
+def _bounded(payload: zenoh.ZBytes, limit: int) -> Payload:
+    """The payload, or its length when that is above the limit: such a payload is never copied."""
+    size = len(payload)
+    return payload.to_bytes() if size <= limit else size
+
+
+def _answer(reply: zenoh.Reply, question: Question) -> Answer:
+    if reply.ok is None:
+        return Answer(None, question.key)
+    return Answer(_bounded(reply.ok.payload, question.limit), str(reply.ok.key_expr))

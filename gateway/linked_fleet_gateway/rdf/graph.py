@@ -1,0 +1,102 @@
+"""Building blocks of a description: triples in reading order, blank nodes with stable labels, values with units."""
+
+import math
+from collections.abc import Sequence
+from datetime import UTC, datetime
+
+from pyoxigraph import BlankNode, Literal, NamedNode, Triple
+
+from linked_fleet_gateway.rdf.units import Unit
+from linked_fleet_gateway.rdf.vocabulary import LF, MATHS, QUDT, RDF, SOSA, VOM, XSD
+
+Node = NamedNode | BlankNode
+Term = NamedNode | BlankNode | Literal
+
+
+class Graph:
+    """Triples in the order in which a person would read them; the same calls always give the same triples."""
+
+    def __init__(self) -> None:
+        self.triples: list[Triple] = []
+        self._seen: set[Triple] = set()
+        self._labels = 0
+
+    def add(self, subject: Node, predicate: NamedNode, *objects: Term) -> None:
+        for value in objects:
+            triple = Triple(subject, predicate, value)
+            if triple not in self._seen:
+                self._seen.add(triple)
+                self.triples.append(triple)
+
+    def a(self, subject: Node, *types: NamedNode) -> None:
+        self.add(subject, RDF.type, *types)
+
+    def blank(self, *types: NamedNode) -> BlankNode:
+        self._labels += 1
+        node = BlankNode(f"b{self._labels}")
+        self.a(node, *types)
+        return node
+
+    def collection(self, items: Sequence[Term]) -> Node:
+        """An RDF collection of ``items``."""
+        if not items:
+            return RDF.nil
+        cells = [self.blank() for _ in items]
+        rests: list[Node] = [*cells[1:], RDF.nil]
+        for cell, item, rest in zip(cells, items, rests, strict=True):
+            self.add(cell, RDF.first, item)
+            self.add(cell, RDF.rest, rest)
+        return cells[0]
+
+    def scalar(self, subject: Node, predicate: NamedNode, value: float | None, unit: Unit) -> None:
+        """A ``maths:Scalar`` as in Figure 3; the unit stands even where the value is unknown."""
+        node = self.blank(MATHS.Scalar)
+        self.add(subject, predicate, node)
+        self.add(node, VOM.numericalValue, number(value))
+        self.unit(node, unit)
+
+    def vector(self, subject: Node, predicate: NamedNode, xyz: Sequence[float] | None, unit: Unit | None) -> None:
+        """A ``maths:Vector3D`` as in Figure 3, with its unit where it has one."""
+        node = self.blank(MATHS.Vector3D)
+        self.add(subject, predicate, node)
+        for axis, value in zip((MATHS.x, MATHS.y, MATHS.z), xyz or (None, None, None), strict=True):
+            self.add(node, axis, number(value))
+        if unit is not None:
+            self.unit(node, unit)
+
+    def quaternion(self, subject: Node, predicate: NamedNode, xyzw: Sequence[float] | None) -> None:
+        node = self.blank(LF.Quaternion)
+        self.add(subject, predicate, node)
+        for axis, value in zip((MATHS.x, MATHS.y, MATHS.z, LF.w), xyzw or (None,) * 4, strict=True):
+            self.add(node, axis, number(value))
+
+    def unit(self, node: Node, unit: Unit) -> None:
+        self.add(node, VOM.unit, unit.vom)
+        self.add(node, QUDT.unit, unit.qudt)
+
+    def result_time(self, subject: Node, wall_ns: int | None) -> None:
+        self.add(subject, SOSA.resultTime, LF.unknown if wall_ns is None else timestamp(wall_ns))
+
+
+def number(value: float | None) -> Term:
+    """xsd:float as in the figures, or ``lf:unknown``: never a zero that nobody measured."""
+    if value is None or math.isnan(value):
+        return LF.unknown
+    return Literal(lexical(value), datatype=XSD.float)
+
+
+def lexical(value: float) -> str:
+    """Of an xsd:float; -0.0 is 0.0."""
+    return repr(float(value) + 0.0)
+
+
+def integer(value: int) -> Literal:
+    return Literal(str(value), datatype=XSD.integer)
+
+
+def timestamp(wall_ns: int, *, resolution_ns: int = 1_000_000) -> Literal:
+    """xsd:dateTime in UTC of a time in nanoseconds since 1970, cut to the stated resolution."""
+    cut = wall_ns - wall_ns % resolution_ns
+    stamp = datetime.fromtimestamp(cut // 1_000_000_000, UTC).replace(microsecond=cut % 1_000_000_000 // 1000)
+    digits = "seconds" if resolution_ns >= 1_000_000_000 else "milliseconds"
+    return Literal(stamp.isoformat(timespec=digits).replace("+00:00", "Z"), datatype=XSD.dateTime)

@@ -1,0 +1,150 @@
+"""Documents from clients nobody vouches for: bounded, offline, and wrong in only one way, ``ParseError``.
+
+pyoxigraph's parsers do not recurse, but whoever walks the result may; so depth is bounded here, once.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Mapping
+from itertools import islice
+from typing import Any
+
+from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple
+from pyoxigraph import parse as oxigraph_parse
+
+from linked_fleet_gateway.rdf.jsonld_input import check_jsonld
+from linked_fleet_gateway.rdf.parse_error import ParseError
+from linked_fleet_gateway.rdf.turtle_layout import REST
+
+__all__ = ["MAX_LENGTH", "PARSEABLE", "ParseError", "parse"]
+
+MAX_TRIPLES = 1000
+MAX_LENGTH = 4096
+_JSON_VALUES = 8  # of JSON-LD, for each triple that may be said
+_FORMATS = {
+    "text/turtle": RdfFormat.TURTLE,
+    "application/ld+json": RdfFormat.JSON_LD,
+    "application/n-triples": RdfFormat.N_TRIPLES,
+    "application/rdf+xml": RdfFormat.RDF_XML,
+}
+PARSEABLE = tuple(_FORMATS)
+
+# RFC 3987 has room for U+00A0 and its like; rdflib's reader of N-Triples has not, and a person takes them for a space.
+_SPACE = re.compile(r"\s")
+# Each is resolved against the one before or compared with all others: the time grows with the square of their number.
+_MOST_DECLARATIONS = 256
+_DECLARATIONS = {
+    "text/turtle": (re.compile(r"(?<![\w:.-])@?base(?=[\s<#])", re.IGNORECASE), "base IRIs"),
+    "application/rdf+xml": (re.compile("xmlns"), "namespaces"),
+}
+
+
+def parse(
+    body: bytes,
+    media_type: str,
+    base: str,
+    *,
+    contexts: Mapping[str, dict[str, Any]] | None = None,
+    max_triples: int = MAX_TRIPLES,
+    max_depth: int = 32,
+    lengths: Mapping[NamedNode, int] | None = None,
+) -> list[Triple]:
+    """The default graph, with fresh blank nodes. ``contexts``: JSON-LD contexts known by IRI; none is fetched.
+
+    ``lengths``: by predicate, the characters that its literals may have; all other terms have at most MAX_LENGTH.
+    """
+    if media_type not in _FORMATS:
+        raise ParseError(f"no parser for {media_type}; there are {', '.join(PARSEABLE)}")
+    text = _decode(body)
+    if media_type == "application/ld+json":
+        text = check_jsonld(text, base, contexts or {}, max_depth, max_triples * _JSON_VALUES)
+    elif media_type == "application/rdf+xml" and "<!ENTITY" in text:
+        # entities of entities grow exponentially before the first triple can be counted
+        raise ParseError("entity declarations are not accepted; write the characters themselves")
+    _check_declarations(text, media_type)
+    triples = _bounded(text, _FORMATS[media_type], base, max_triples, lengths or {})
+    _check_depth(triples, max_depth)
+    return triples
+
+
+def _check_declarations(text: str, media_type: str) -> None:
+    if media_type in _DECLARATIONS:
+        pattern, what = _DECLARATIONS[media_type]
+        if sum(1 for _ in islice(pattern.finditer(text), _MOST_DECLARATIONS + 1)) > _MOST_DECLARATIONS:
+            raise ParseError(f"more than {_MOST_DECLARATIONS} {what} are declared")
+
+
+def _decode(body: bytes) -> str:
+    try:
+        return body.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        good = body[: error.start]
+        column = error.start - good.rfind(b"\n")
+        raise ParseError(f"not UTF-8: {error.reason}", good.count(b"\n") + 1, column) from error
+
+
+def _bounded(
+    text: str, syntax: RdfFormat, base: str, max_triples: int, lengths: Mapping[NamedNode, int]
+) -> list[Triple]:
+    triples: list[Triple] = []
+    try:
+        # fresh labels: `_:b0` of one document is not `_:b0` of another that it may be merged with
+        for quad in oxigraph_parse(text, syntax, base_iri=base, without_named_graphs=True, rename_blank_nodes=True):
+            if len(triples) == max_triples:
+                raise ParseError(f"more than {max_triples} triples")
+            triples.append(_plain(quad.triple, lengths))
+    except SyntaxError as error:
+        raise ParseError(_without_position(error.msg), error.lineno, error.offset) from error
+    return triples
+
+
+def _without_position(message: str) -> str:
+    return re.sub(r"^Parser error (?:at|between) .*?: ", "", message, count=1, flags=re.DOTALL)
+
+
+def _plain(triple: Triple, lengths: Mapping[NamedNode, int]) -> Triple:
+    """The triple itself when RDF 1.1 can say it and no term is oversized."""
+    value = triple.object
+    if isinstance(triple.subject, Triple) or isinstance(value, Triple):
+        raise ParseError("triple terms (RDF 1.2) are not accepted")
+    if isinstance(value, Literal) and value.direction is not None:
+        raise ParseError("base directions of text (RDF 1.2) are not accepted")
+    for term in (triple.subject, triple.predicate, value):
+        kind, most = (
+            ("a literal", lengths.get(triple.predicate, MAX_LENGTH))
+            if isinstance(term, Literal)
+            else ("an IRI", MAX_LENGTH)
+        )
+        if len(term.value) > most:
+            raise ParseError(f"{kind} has {len(term.value)} characters, at most {most} are accepted")
+        iri = term.datatype if isinstance(term, Literal) else term
+        if isinstance(iri, NamedNode) and _SPACE.search(iri.value):
+            raise ParseError("an IRI has white space in it")
+    return triple
+
+
+def _check_depth(triples: list[Triple], max_depth: int) -> None:
+    """Bound the longest path over blank nodes; the length of a list is no depth, a cycle counts all its nodes."""
+    edges: dict[BlankNode, list[tuple[BlankNode, int]]] = {}
+    incoming: Counter[BlankNode] = Counter()
+    depth: dict[BlankNode, int] = {}
+    for triple in triples:
+        subject, value = triple.subject, triple.object
+        for node in (subject, value):
+            if isinstance(node, BlankNode):
+                depth.setdefault(node, 1)
+        if isinstance(subject, BlankNode) and isinstance(value, BlankNode):
+            edges.setdefault(subject, []).append((value, 0 if triple.predicate == REST else 1))
+            incoming[value] += 1
+    ready = [node for node in depth if not incoming[node]]
+    reached = 0
+    while ready:
+        node = ready.pop()
+        reached += 1
+        for value, step in edges.get(node, ()):
+            depth[value] = max(depth[value], depth[node] + step)
+            incoming[value] -= 1
+            if not incoming[value]:
+                ready.append(value)
+    if max(depth.values(), default=0) + len(depth) - reached > max_depth:
+        raise ParseError(f"blank nodes are nested more than {max_depth} deep")

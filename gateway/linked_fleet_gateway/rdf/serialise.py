@@ -1,0 +1,99 @@
+"""Triples to bytes in every RDF media type that the gateway offers; the way back is ``rdf.parsing``.
+
+The same triples in the same order give the same bytes, so that an ETag can be the hash of the body.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import TypeVar
+
+from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, serialize
+
+from linked_fleet_gateway.rdf import jsonld, turtle
+from linked_fleet_gateway.rdf.parsing import ParseError, parse
+from linked_fleet_gateway.rdf.turtle_layout import TYPE, Outline, Term
+
+__all__ = ["JELLY", "JSON", "RDF_TYPES", "TEXT_TYPES", "ParseError", "WriteError", "parse", "render"]
+
+JELLY = "application/x-jelly-rdf"
+JSON = "application/json"
+TEXT_TYPES = ("text/turtle", "application/ld+json", "application/n-triples", "application/rdf+xml")
+RDF_TYPES = (*TEXT_TYPES, JELLY)
+
+_T = TypeVar("_T", bound=Term)
+
+# RDF/XML, 5.1.2: a predicate, and the type that pyoxigraph makes an element of, must end in an XML name.
+_XML_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]*$")
+# XML 1.0, 2.2 has no way to write these characters, not even as references.
+_NO_XML = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]")
+
+
+class WriteError(ValueError):
+    """The syntax cannot say these triples; another one can."""
+
+
+class NothingYet(WriteError):  # noqa: N818 -- it is a state, not a defect
+    """There is nothing to be said, but there will be: no fault that anybody need hear of."""
+
+
+def render(triples: Sequence[Triple], media_type: str, prefixes: Mapping[str, str], *, base: str) -> bytes:
+    """The document in one of ``RDF_TYPES``; ValueError for any other, HTML too: ``extensions.pages`` writes it.
+
+    ``base`` is the IRI it is served under.
+    """
+    match media_type:
+        case "text/turtle":
+            return turtle.write(triples, prefixes, base).encode()
+        case "application/ld+json":
+            return jsonld.write(triples, prefixes).encode()
+        case "application/n-triples":
+            return _oxigraph(_relabelled(triples), RdfFormat.N_TRIPLES, {})
+        case "application/rdf+xml":
+            return _rdf_xml(triples, prefixes)
+        case "application/x-jelly-rdf":
+            from linked_fleet_gateway.rdf import jelly
+
+            return jelly.write(_relabelled(triples))
+    raise ValueError(f"no writer for {media_type}; there are {', '.join(RDF_TYPES)}")
+
+
+def _relabelled(triples: Sequence[Triple]) -> list[Triple]:
+    """By subject, with blank nodes b0, b1, … in order of appearance: parsers and builders give random labels."""
+    outline = Outline(triples)
+
+    def named(term: _T) -> BlankNode | _T:
+        return BlankNode(outline.label(term)) if isinstance(term, BlankNode) else term
+
+    return [
+        Triple(named(subject), predicate, named(value))
+        for subject, properties in outline.properties.items()
+        for predicate, values in properties.items()
+        for value in values
+    ]
+
+
+def _rdf_xml(triples: Sequence[Triple], prefixes: Mapping[str, str]) -> bytes:
+    """RDF/XML with the prefixes of its predicates; characters that XML cannot hold become U+FFFD.
+
+    WriteError for a predicate or type that has no XML name: the syntax cannot say it.
+    """
+    names = turtle.Names({prefix: namespace for prefix, namespace in prefixes.items() if prefix != "rdf"})
+    for triple in triples:
+        names.prefixed(triple.predicate.value)
+        for name in (triple.predicate, triple.object if triple.predicate == TYPE else triple.predicate):
+            if isinstance(name, NamedNode) and not _XML_NAME.search(name.value):
+                raise WriteError(f"RDF/XML cannot name {name.value}")
+    writable = [Triple(t.subject, t.predicate, _xml_safe(t.object)) for t in _relabelled(triples)]
+    return _oxigraph(writable, RdfFormat.RDF_XML, dict(sorted(names.used.items())))
+
+
+def _oxigraph(triples: Sequence[Triple], syntax: RdfFormat, prefixes: dict[str, str]) -> bytes:
+    # no base_iri: pyoxigraph would shorten prefixes to scheme-relative `//host`
+    return serialize(triples, format=syntax, prefixes=prefixes) or b""  # None only when it writes to a file
+
+
+def _xml_safe(term: NamedNode | BlankNode | Literal | Triple) -> NamedNode | BlankNode | Literal | Triple:
+    if not isinstance(term, Literal) or not _NO_XML.search(term.value):
+        return term
+    text = _NO_XML.sub("\ufffd", term.value)
+    return Literal(text, language=term.language) if term.language else Literal(text, datatype=term.datatype)

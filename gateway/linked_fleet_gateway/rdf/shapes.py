@@ -1,0 +1,124 @@
+"""The Turtle of shapes/: vocabulary and blueprints, loaded once from the package that ships them."""
+
+from collections.abc import Callable, Iterable, Mapping
+from functools import cache
+from importlib import resources
+from importlib.resources.abc import Traversable
+from pathlib import Path
+
+from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple
+from pyoxigraph import parse as parse_rdf
+
+from linked_fleet_gateway.rdf.graph import Graph, Node
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, RDFS, SH
+
+Complete = Callable[[Graph, Node, NamedNode], None]
+
+
+@cache
+def load(name: str) -> dict[Node, list[Triple]]:
+    """The triples of shapes/NAME by subject, in the order of the file. No other file has its blank node labels."""
+    return _read((resources.files("linked_fleet_shapes") / name).read_text(encoding="utf-8"), name.removesuffix(".ttl"))
+
+
+_added: dict[str, tuple[Path, ...]] = {}
+
+
+def add_to_folder(name: str, files: Iterable[Path]) -> bool:
+    """Have ``load_folder`` read these Turtle files too, in this process, instead of those that were added before.
+
+    Return True if they are others than before.
+    """
+    before, _added[name] = _added.get(name, ()), tuple(files)
+    if _added[name] == before:
+        return False
+    load_folder.cache_clear()
+    return True
+
+
+def added_to_folder(name: str) -> tuple[Path, ...]:
+    """The files that were added."""
+    return _added.get(name, ())
+
+
+@cache
+def load_folder(name: str) -> dict[Node, list[Triple]]:
+    """The triples of all files in the folder shapes/NAME and of those that were added, as if they were one."""
+    own = [each for each in (resources.files("linked_fleet_shapes") / name).iterdir() if each.name.endswith(".ttl")]
+    files: list[Traversable] = [*own, *added_to_folder(name)]
+    text = "\n".join(each.read_text(encoding="utf-8") for each in sorted(files, key=lambda each: each.name))
+    return _read(text, name)
+
+
+def _read(text: str, prefix: str) -> dict[Node, list[Triple]]:
+    """``prefix`` begins all blank node labels, so that files can be merged into one document."""
+    labels: dict[str, BlankNode] = {}
+
+    def rename(term: object) -> object:
+        return (
+            labels.setdefault(term.value, BlankNode(f"{prefix}{len(labels)}")) if isinstance(term, BlankNode) else term
+        )
+
+    found: dict[Node, list[Triple]] = {}
+    for quad in parse_rdf(text, format=RdfFormat.TURTLE):
+        triple = Triple(*map(rename, quad.triple))  # type: ignore[arg-type]
+        found.setdefault(triple.subject, []).append(triple)  # type: ignore[arg-type]
+    return found
+
+
+def copy(graph: Graph, shapes: Mapping[Node, list[Triple]], start: Node, complete: Complete) -> BlankNode:
+    """Add a shape as one nest of blank nodes; ``complete`` adds to each what is for its ``lf:completedBy`` to say."""
+    node = graph.blank()
+    completions: list[NamedNode] = []
+    for triple in shapes[start]:
+        value = triple.object
+        if triple.predicate == LF.completedBy:
+            assert isinstance(value, NamedNode)
+            completions.append(value)
+        elif isinstance(value, NamedNode | BlankNode) and value in shapes:
+            graph.add(node, triple.predicate, copy(graph, shapes, value, complete))
+        else:
+            graph.add(node, triple.predicate, value)  # type: ignore[arg-type]
+    for completion in completions:
+        complete(graph, node, completion)
+    return node
+
+
+def closure(graph: Graph, start: NamedNode, name: str = "blueprints.ttl") -> None:
+    """Add ``start`` and all that it refers to in the file: a shape with everything needed to validate with it."""
+    by_subject = load(name)
+    pending: list[Node] = [start]
+    done: set[Node] = set()
+    while pending:
+        node = pending.pop(0)
+        if node in done:
+            continue
+        done.add(node)
+        triples = by_subject.get(node, [])
+        for triple in triples:
+            graph.add(node, triple.predicate, triple.object)  # type: ignore[arg-type]
+        # Blank nodes first, so that a shape stands together before the shapes that it names.
+        objects: list[Node] = [
+            t.object for t in triples if isinstance(t.object, NamedNode | BlankNode) and t.object in by_subject
+        ]
+        pending = (
+            [o for o in objects if isinstance(o, BlankNode)]
+            + pending
+            + [o for o in objects if not isinstance(o, BlankNode)]
+        )
+
+
+def blueprint(graph: Graph, iri: NamedNode, owner: NamedNode, shapes: Iterable[NamedNode]) -> None:
+    """A blueprint (paper 5.1, R1.11): the SHACL shape that ``owner`` conforms to, as one document.
+
+    The first shape is that of ``owner`` and names it as target: by its class alone, a graph without it would conform.
+    The others say what can be sent to it.
+    """
+    shapes = list(shapes)
+    graph.a(iri, LF.Blueprint)
+    graph.add(iri, DCTERMS.title, Literal(f"Blueprint of {owner.value}"))
+    graph.add(iri, RDFS.seeAlso, owner)
+    graph.add(iri, LF.shape, *shapes)
+    graph.add(shapes[0], SH.targetNode, owner)
+    for shape in shapes:
+        closure(graph, shape)

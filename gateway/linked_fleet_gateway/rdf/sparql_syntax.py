@@ -1,0 +1,231 @@
+"""Checks of a query by its tokens, before anything parses it (SPARQL 1.1 Query Language, 19).
+
+Whole queries are parsed where they are evaluated, in a process that may be lost: some
+take the parser, or its planner, a minute or the stack. Here one pass finds what it is, its dataset and its variables.
+"""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+from urllib.parse import urljoin
+
+from linked_fleet_gateway.base.errors import BadRequest, PayloadTooLarge
+
+MAX_QUERY_BYTES = 32 * 1024
+MAX_DEPTH = 64
+MAX_DECLARATIONS = 256
+"""BASE, PREFIX and FROM of one query: each is resolved against the one before."""
+MAX_IRI = 2048
+FORMS = ("SELECT", "ASK", "CONSTRUCT", "DESCRIBE")
+_UPDATES = frozenset({"INSERT", "DELETE", "LOAD", "CLEAR", "CREATE", "DROP", "COPY", "MOVE", "ADD", "WITH"})
+
+# Strings are swallowed whole, closed or not, so that one pass over hostile input stays one pass. For the same reason
+# prefixes are looked for up to 64 characters.
+_TOKEN = re.compile(
+    r"""(?P<space>[\x20\t\r\n]+|\#[^\r\n]*+)
+    |(?P<iri><(?:[^<>"{}|^`\\\x00-\x20]|\\u[0-9A-Fa-f]{4}|\\U[0-9A-Fa-f]{8})*+>)
+    |(?P<string>\"{3}(?:\\.|(?!\"{3}).)*+(?:\"{3})?|'{3}(?:\\.|(?!'{3}).)*+(?:'{3})?
+        |"(?:\\.|[^"\\\r\n])*+"?|'(?:\\.|[^'\\\r\n])*+'?)
+    |(?P<variable>[?$]\w+)
+    |(?P<language>@[A-Za-z][A-Za-z0-9-]*+)
+    |(?P<name>_:[\w.·-]++|(?:[^\W\d_][\w.·-]{0,63}+)?:(?:[\w.:·-]|%[0-9A-Fa-f]{2}|\\.)*+)
+    |(?P<word>[A-Za-z_]\w*+)
+    |(?P<number>[0-9.]++(?:[eE][+-]?+[0-9]++)?)
+    |(?P<open>[({\[])
+    |(?P<close>[)}\]])
+    |(?P<other>.)""",
+    re.VERBOSE | re.DOTALL,
+)
+
+_NO_TEXT = re.compile("[\0\ud800-\udfff]")
+
+
+class Token(NamedTuple):
+    kind: str
+    text: str
+    start: int
+
+    @property
+    def word(self) -> str:
+        """A keyword in capitals; empty for anything else."""
+        return self.text.upper() if self.kind == "word" else ""
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """IRIs of the graphs that a query is asked of (SPARQL 1.1, 13.2); both None: of all that there is."""
+
+    default: tuple[str, ...] | None = None
+    named: tuple[str, ...] | None = None
+
+    @classmethod
+    def of(cls, default: tuple[str, ...], named: tuple[str, ...]) -> "Dataset":
+        """Where either is said, what is not said is empty."""
+        return cls(default, named) if default or named else cls()
+
+
+@dataclass(frozen=True)
+class Query:
+    """A query that may be evaluated: its text, which of ``FORMS`` it has, and the dataset that it says."""
+
+    text: str
+    form: str
+    dataset: Dataset
+    words: frozenset[str]
+    """The local parts of the names and IRIs in it, by which is known what it can call."""
+
+
+def read(text: str, base: str) -> Query:
+    """The query; PayloadTooLarge or BadRequest for one that nobody evaluates here. ``base``: of relative IRIs."""
+    tokens = tokens_of(text)
+    first = next((each.word for each in tokens if each.word not in ("", "PREFIX", "BASE", "VERSION")), "")
+    if first in _UPDATES:
+        raise BadRequest(f"{first} is an update; this endpoint reads. What moves robots are their actions.")
+    if first not in FORMS:
+        raise BadRequest(f"A query is one of {', '.join(FORMS)}.")
+    for each in tokens:
+        if each.word == "SERVICE":
+            raise refusal("SERVICE is not evaluated: the fleet asks nobody else. Ask both, and join.", text, each)
+    names = (re.split(r"[:/#]", each.text.strip("<>"))[-1] for each in tokens if each.kind in ("iri", "name"))
+    return Query(text, first, _dataset(text, tokens, base), frozenset(names))
+
+
+def check_select(query: str) -> list[str]:
+    """The variables of a SELECT query, without question marks, in their order; BadRequest, PayloadTooLarge.
+
+    They must be named: what ``*`` stands for is known only once it is parsed. That the rest of the query is SPARQL is
+    found by ``Queries.check``, in a process that may be lost.
+    """
+    found = read(query, "http://localhost/")
+    if found.form != "SELECT":
+        raise BadRequest(f"This takes a SELECT query, not {found.form}.")
+    tokens = tokens_of(query)
+    after = next(index for index, each in enumerate(tokens) if each.word == "SELECT") + 1
+    variables = list(_projected(tokens[after:]))
+    if not variables:
+        raise BadRequest("Name the variables that the query selects, as in SELECT ?robot ?joint.")
+    if len(set(variables)) != len(variables):
+        raise BadRequest("The query selects a variable twice.")
+    return variables
+
+
+def bound_to(query: str, variable: str, base: str) -> list[str]:
+    """The IRIs that a query itself binds to a variable, by ``<iri> AS ?variable`` or VALUES; ``base``: of relative
+    ones. What a pattern or a function binds is known only once it is evaluated."""
+    tokens = tokens_of(query)
+    base, prefixes = _declared(tokens, base)
+    found = []
+    for each, after, to in zip(tokens, tokens[1:], tokens[2:], strict=False):
+        bound = after.word == "AS" and to.kind == "variable" and to.text[1:] == variable
+        if bound and each.kind in ("iri", "name"):
+            found.append(each)
+    for index, each in enumerate(tokens):
+        if each.word == "VALUES":
+            found += _listed(tokens[index + 1 :], variable)
+    return [_iri(query, each, prefixes, base) for each in found]
+
+
+def _listed(tokens: list[Token], variable: str) -> Iterator[Token]:
+    """Yield the IRIs that the data block at the start of ``tokens`` lists for the variable."""
+    start = next((index for index, each in enumerate(tokens) if each.text == "{"), len(tokens))
+    names = [each.text[1:] for each in tokens[:start] if each.kind == "variable"]
+    column = 0
+    for before, each in zip(tokens[start:], tokens[start + 1 :], strict=False):
+        if each.text == "}":
+            return
+        if each.kind in ("open", "close") or before.text == "^":  # a datatype is no term of its own
+            column = 0 if each.kind == "open" else column
+        elif each.kind in ("iri", "name", "string", "number", "word"):
+            if names and names[column % len(names)] == variable and each.kind in ("iri", "name"):
+                yield each
+            column += 1
+
+
+def refusal(detail: str, text: str, token: Token) -> BadRequest:
+    """With line and column of the token, from 1."""
+    before = text[: token.start]
+    return BadRequest(detail, line=before.count("\n") + 1, column=token.start - before.rfind("\n"))
+
+
+def tokens_of(text: str) -> list[Token]:
+    """All but white space and comments; bounded in length and nesting."""
+    if len(text.encode("utf-8", "surrogatepass")) > MAX_QUERY_BYTES:
+        raise PayloadTooLarge(f"The query has more than {MAX_QUERY_BYTES} bytes.")
+    if _NO_TEXT.search(text):
+        raise BadRequest("The query has characters in it that no text has.")
+    tokens: list[Token] = []
+    depth = 0
+    for match in _TOKEN.finditer(text):
+        kind = match.lastgroup or ""
+        if kind == "space":
+            continue
+        token = Token(kind, match[0], match.start())
+        tokens.append(token)
+        depth += (kind == "open") - (kind == "close")
+        if depth > MAX_DEPTH:
+            raise refusal(f"Brackets are nested more than {MAX_DEPTH} deep.", text, token)
+    return tokens
+
+
+def _projected(tokens: list[Token]) -> Iterator[str]:
+    """Up to where the pattern or the dataset begins: variables, and what expressions are called."""
+    depth = 0
+    for index, each in enumerate(tokens):
+        if depth == 0 and (each.word in ("WHERE", "FROM") or each.text == "{"):
+            return
+        depth += (each.kind == "open") - (each.kind == "close")
+        named = depth == 1 and index > 0 and tokens[index - 1].word == "AS"
+        if each.kind == "variable" and (depth == 0 or named):
+            yield each.text[1:]
+
+
+def _dataset(text: str, tokens: list[Token], base: str) -> Dataset:
+    base, prefixes = _declared(tokens, base)
+    default: list[str] = []
+    named: list[str] = []
+    for index, each in enumerate(tokens):
+        rest = tokens[index + 1 : index + 3]
+        if each.word == "FROM" and rest:
+            into, term = (named, rest[-1]) if rest[0].word == "NAMED" else (default, rest[0])
+            into.append(_iri(text, term, prefixes, base))
+    return Dataset.of(tuple(default), tuple(named))
+
+
+def _declared(tokens: list[Token], base: str) -> tuple[str, dict[str, str]]:
+    """The IRI that relative ones are resolved against, and the namespaces by prefix; PayloadTooLarge."""
+    if sum(each.word in ("BASE", "PREFIX", "FROM") for each in tokens) > MAX_DECLARATIONS:
+        raise PayloadTooLarge(f"The query has more than {MAX_DECLARATIONS} of BASE, PREFIX and FROM.")
+    prefixes: dict[str, str] = {}
+    for index, each in enumerate(tokens):
+        rest = tokens[index + 1 : index + 3]
+        if each.word == "BASE" and rest and rest[0].kind == "iri":
+            base = _join(base, rest[0].text[1:-1])
+        elif each.word == "PREFIX" and len(rest) == 2 and rest[1].kind == "iri":
+            prefixes[rest[0].text.removesuffix(":")] = _join(base, rest[1].text[1:-1])
+    return base, prefixes
+
+
+def _iri(text: str, term: Token, prefixes: dict[str, str], base: str) -> str:
+    if term.kind == "iri":
+        return _join(base, term.text[1:-1])
+    prefix, _, local = term.text.partition(":")
+    if term.kind != "name" or prefix not in prefixes:
+        raise refusal("Here an IRI is expected, or a name whose prefix is declared.", text, term)
+    return prefixes[prefix] + re.sub(r"\\(.)", r"\1", local)
+
+
+def _join(base: str, reference: str) -> str:
+    said = re.sub(r"\\u([0-9A-Fa-f]{4})|\\U([0-9A-Fa-f]{8})", lambda match: _character(match[1] or match[2]), reference)
+    try:
+        joined = urljoin(base, said) if len(said) <= MAX_IRI else said
+    except ValueError as error:
+        raise BadRequest(f"{said[:200]} is no IRI.") from error
+    if len(joined) > MAX_IRI:
+        raise BadRequest(f"An IRI has {len(joined)} characters; {MAX_IRI} are the most.")
+    return joined
+
+
+def _character(digits: str) -> str:
+    code = int(digits, 16)
+    return chr(code) if code < 0x110000 and not 0xD800 <= code < 0xE000 else "\ufffd"

@@ -1,0 +1,71 @@
+"""The kinds of actions there are: one Turtle file each in shapes/linked_fleet_shapes/actions, read once."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from pyoxigraph import Literal, NamedNode
+
+from linked_fleet_gateway.rdf.shapes import add_to_folder, load_folder
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LF, RDF, RDFS
+
+FOLDER = "actions"
+
+
+@dataclass(frozen=True)
+class Definition:
+    """A kind of action. ``offered_by``: classes of things; ``offered_if``: conditions of the robot at hand;
+    ``capability``: what the agent must be able to do."""
+
+    iri: NamedNode
+    segment: str
+    title: str
+    comment: str
+    offered_by: frozenset[NamedNode]
+    offered_if: tuple[NamedNode, ...]
+    capability: str
+    methods: tuple[NamedNode, ...]
+    consumes: NamedNode | None
+    produces: NamedNode
+
+
+def add_kinds(files: Iterable[Path]) -> None:
+    """Have this process know the kinds of actions of these Turtle files, written as those in actions, instead of
+    those that were added before."""
+    if add_to_folder(FOLDER, files):
+        definitions.cache_clear()
+
+
+@cache
+def definitions() -> tuple[Definition, ...]:
+    """All kinds, in the order of their files."""
+    shapes = load_folder(FOLDER)
+    kinds = [node for node, triples in shapes.items() if any(t.object == LF.ActionKind for t in triples)]
+    return tuple(_read(kind) for kind in kinds if isinstance(kind, NamedNode))
+
+
+def _read(kind: NamedNode) -> Definition:
+    said: dict[NamedNode, list[NamedNode | Literal]] = {}
+    for triple in load_folder(FOLDER)[kind]:
+        said.setdefault(triple.predicate, []).append(triple.object)  # type: ignore[arg-type]
+
+    def text(predicate: NamedNode) -> str:
+        return said[predicate][0].value if predicate in said else ""
+
+    def named(predicate: NamedNode) -> tuple[NamedNode, ...]:
+        return tuple(each for each in said.get(predicate, ()) if isinstance(each, NamedNode))
+
+    assert RDF.type in said
+    return Definition(
+        iri=kind,
+        segment=text(LF.segment),
+        title=text(DCTERMS.title),
+        comment=text(RDFS.comment),
+        offered_by=frozenset(named(LF.offeredBy)),
+        offered_if=named(LF.offeredIf),
+        capability=text(LF.capability),
+        methods=named(HTTP.mthd),
+        consumes=next(iter(named(HYBRIT.consumes)), None),
+        produces=named(HYBRIT.produces)[0],
+    )

@@ -1,0 +1,105 @@
+"""Actions as things offer them (paper 5.4, figure 5a): the shape that describes what one consumes also guards it."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from pyoxigraph import Literal, NamedNode
+
+from linked_fleet_gateway.fleet.model import Joint
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.rdf.graph import Graph, Node
+from linked_fleet_gateway.rdf.shapes import closure, copy, load_folder
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LF, METHODS, RDFS, SH
+from linked_fleet_gateway.resources.action_conditions import CONDITIONS
+from linked_fleet_gateway.resources.action_definition import FOLDER, Definition, definitions
+from linked_fleet_gateway.resources.joint_kinds import kind_of
+from linked_fleet_gateway.resources.paths import joint_path, robot_path
+from linked_fleet_gateway.resources.shape_parameters import Scope, complete
+
+
+@dataclass(frozen=True)
+class Offer:
+    """One kind of action at one thing, whose path is ``thing``."""
+
+    definition: Definition
+    thing: str
+    robot: Robot | None = None
+    joint: Joint | None = None
+
+    @property
+    def path(self) -> str:
+        return f"{self.thing.rstrip('/')}/actions/{self.definition.segment}"
+
+    @property
+    def name(self) -> str:
+        part = self.joint.name if self.joint else self.robot.name if self.robot else "the fleet"
+        return f"{self.definition.title}: {part}"
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        return tuple(sorted(("PUT" if method == METHODS.PUT else "POST") for method in self.definition.methods))
+
+    @property
+    def takes_body(self) -> bool:
+        return self.definition.consumes is not None
+
+    def describe(self, graph: Graph, base: str) -> None:
+        """Figure 5a, corrected: limits on the value, per unit; bound to the methods that suit it."""
+        iri, definition = NamedNode(base + self.path), self.definition
+        graph.a(iri, HYBRIT.Action, HYBRIT.AsynchronousAction, definition.iri)
+        graph.add(iri, DCTERMS.title, Literal(self.name))
+        graph.add(iri, DCTERMS.identifier, Literal(definition.segment))
+        graph.add(iri, RDFS.comment, Literal(definition.comment))
+        graph.add(iri, RDFS.seeAlso, NamedNode(base + self.thing))
+        if definition.consumes is not None:
+            graph.add(iri, HYBRIT.consumes, self.consumes(graph, base))
+        graph.add(iri, HYBRIT.produces, NamedNode(iri.value + "/produceshape"))
+        body = graph.blank(HTTP.Body) if definition.consumes is not None else None
+        for method in definition.methods:
+            request = graph.blank(HTTP.Request)
+            graph.add(iri, HYBRIT.binding, request)
+            graph.add(request, HTTP.mthd, method)
+            graph.add(request, HTTP.requestURI, iri)
+            if body is not None:
+                graph.add(request, HTTP.body, body)
+        graph.add(iri, LF.dryRun, Literal(True))
+        graph.add(iri, LF.invocations, NamedNode(iri.value + "/invocations"))
+
+    def consumes(self, graph: Graph, base: str) -> Node:
+        """Add the shape of the body, with the limits of this very thing."""
+        assert self.definition.consumes is not None
+        scope = Scope(base, self.robot, self.joint)
+        return copy(graph, load_folder(FOLDER), self.definition.consumes, complete(scope))
+
+    def describe_result(self, graph: Graph, base: str) -> None:
+        """``hybrit:produces``: the shape of the invocation resource that an invocation creates."""
+        iri = NamedNode(f"{base}{self.path}/produceshape")
+        graph.a(iri, SH.NodeShape)
+        graph.add(iri, DCTERMS.title, Literal(f"What {self.name} produces"))
+        graph.add(iri, SH.targetClass, LF.Invocation)
+        graph.add(iri, SH.node, self.definition.produces)
+        closure(graph, self.definition.produces)
+
+
+def joint_offers(robot: Robot, joint: Joint) -> list[Offer]:
+    """The actions of a joint: none for one that takes no command, or of a robot that takes none."""
+    kind = kind_of(joint).type
+    return [Offer(each, joint_path(robot.name, joint.name), robot, joint) for each in _offered(kind, robot, joint)]
+
+
+def robot_offers(robot: Robot) -> list[Offer]:
+    return [Offer(each, robot_path(robot.name), robot) for each in _offered(LF.Robot, robot, None)]
+
+
+def fleet_offers() -> list[Offer]:
+    return [Offer(each, "/") for each in definitions() if LF.Fleet in each.offered_by]
+
+
+def offer_at(offers: Iterable[Offer], segment: str) -> Offer | None:
+    return next((each for each in offers if each.definition.segment == segment), None)
+
+
+def _offered(kind: NamedNode, robot: Robot, joint: Joint | None) -> list[Definition]:
+    able = robot.description.capabilities if robot.description is not None and robot.model is not None else ()
+    kinds = [each for each in definitions() if kind in each.offered_by and each.capability in able]
+    return [each for each in kinds if all(CONDITIONS[one](robot, joint) for one in each.offered_if)]

@@ -1,0 +1,108 @@
+"""The part of the tree below the actions of a thing: actions, what they produce, and their invocations."""
+
+from collections.abc import Sequence
+
+from linked_fleet_gateway.fleet.invocations import Invocation
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.rdf.graph import Graph
+from linked_fleet_gateway.rdf.vocabulary import LF
+from linked_fleet_gateway.resources.access_filter import InvocationsInView
+from linked_fleet_gateway.resources.action_offer import Offer, offer_at
+from linked_fleet_gateway.resources.affordance import EndInvocation, Invoke
+from linked_fleet_gateway.resources.invocation import (
+    cancel_path,
+    describe_cancel,
+    describe_invocation,
+    describe_invocations,
+    invocation_path,
+)
+from linked_fleet_gateway.resources.plain_json import with_json
+from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
+from linked_fleet_gateway.resources.versioning import Source
+
+
+def in_actions(
+    offers: Sequence[Offer], rest: Sequence[str], invocations: InvocationsInView, source: Source, base: str
+) -> Resource | None:
+    """What is at ``rest`` below ``actions/`` of a thing that offers ``offers``."""
+    offer = offer_at(offers, rest[0])
+    if offer is None:
+        return None
+    if rest[1:] == []:
+        return _action(offer, source, base)
+    if rest[1:] == ["produceshape"]:
+        path, title = offer.path + "/produceshape", f"Shape of what {offer.name} produces"
+        return Resource(path, title, lambda graph: offer.describe_result(graph, base), source=source)
+    if rest[1] != "invocations":
+        return None
+    if rest[2:] == []:
+        return _invocations(offer, invocations, base)
+    invocation = invocations.get(rest[2])
+    if invocation is None or invocation.action != offer.path:
+        return None
+    return _in_invocation(invocation_of(offer.robot, invocation, invocations, base), invocation, rest[3:], base)
+
+
+def invocation_of(robot: Robot | None, invocation: Invocation, invocations: InvocationsInView, base: str) -> Resource:
+    def describe(graph: Graph) -> None:
+        ids = (*invocation.preempts, invocation.preempted_by)
+        others = {id: other for id in ids if (other := invocations.get(id)) is not None}
+        describe_invocation(graph, base, robot, invocation, others, invocations.answers(invocation))
+
+    path = invocation_path(invocation)
+    resource = Resource(
+        path,
+        f"Invocation {invocation.id}",
+        describe,
+        source=Source(lambda: _facts(invocation), ended=lambda: invocation.state.terminal),
+        own=(path + "/blueprint", *(() if invocation.state.terminal else (cancel_path(invocation),))),
+        affords=EndInvocation(invocation, keep=False),
+    )
+    return with_json(resource, LF.InvocationShape, base)
+
+
+def _facts(invocation: Invocation) -> tuple[object, ...]:
+    return (
+        invocation.state.value,
+        invocation.reason,
+        round(invocation.progress, 3),
+        invocation.duration_s,
+        list(invocation.result.items()),
+        invocation.preempts,
+        invocation.preempted_by,
+        list(invocation.robots.items()),
+    )
+
+
+def _action(offer: Offer, source: Source, base: str) -> Resource:
+    own = (offer.path + "/produceshape", offer.path + "/invocations")
+    # Neither an LDP resource nor a container: its PUT does not replace state, its POST creates no member.
+    return Resource(
+        offer.path, offer.name, lambda graph: offer.describe(graph, base), (), source, own, affords=Invoke(offer)
+    )
+
+
+def _invocations(offer: Offer, invocations: InvocationsInView, base: str) -> Resource:
+    members = invocations.of(offer.path)
+    return Resource(
+        offer.path + "/invocations",
+        f"Invocations of {offer.name}",
+        lambda graph: describe_invocations(graph, base, offer.path, members),
+        CONTAINER,
+        Source(lambda: [(each.id, each.state.value) for each in invocations.of(offer.path)]),
+        own=tuple(invocation_path(each) for each in members),
+    )
+
+
+def _in_invocation(whole: Resource, invocation: Invocation, rest: Sequence[str], base: str) -> Resource | None:
+    if not rest:
+        return whole
+    if list(rest) == ["blueprint"]:
+        return blueprint_of(whole, base, (LF.InvocationShape,))
+    if list(rest) == ["actions", "cancel"] and not invocation.state.terminal:
+        path, cancelling = cancel_path(invocation), EndInvocation(invocation, keep=True)
+        title = f"Cancel invocation {invocation.id}"
+        return Resource(
+            path, title, lambda graph: describe_cancel(graph, base, invocation), (), whole.source, affords=cancelling
+        )
+    return None

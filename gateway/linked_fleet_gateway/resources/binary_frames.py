@@ -1,0 +1,232 @@
+"""Binary frames and their layouts in RDF (desideratum D5): the structure is read once, then come values alone.
+
+The joint state has the frames of the robot's agent as they are. A measured property has a small frame of its own: a
+header and its numbers. What stands where, in which unit, and which property it is of, says the layout below each.
+"""
+
+import struct
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import count
+from typing import NamedTuple
+
+from pyoxigraph import BlankNode, Literal, NamedNode
+
+from linked_fleet_gateway.fleet.observation import Observation
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.rdf.graph import Graph, Term, integer
+from linked_fleet_gateway.rdf.serialise import WriteError
+from linked_fleet_gateway.rdf.units import NANOSECOND, UNITLESS
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LF, MATHS, QUDT, RDFS, SPATIAL, VOM
+from linked_fleet_gateway.resources.describe import Describer
+from linked_fleet_gateway.resources.paths import joint_path, robot_path
+from linked_fleet_gateway.resources.properties import FRAME_MEDIA_TYPE, joint_properties
+from linked_fleet_gateway.resources.property import Property, Seen
+from linked_fleet_gateway.resources.resource import Resource, blueprint_of
+from linked_fleet_gateway.resources.versioning import Source, version_of
+
+FRAME_TYPES = (FRAME_MEDIA_TYPE, "application/octet-stream")
+"""Two names of the same bytes: ours, and the one that anybody may ask for."""
+
+Path = tuple[NamedNode, ...]
+
+
+class Field(NamedTuple):
+    """What stands in a frame; ``meaning`` where that is no measured number, which has a property to say it."""
+
+    name: str
+    type: str
+    offset: int
+    meaning: str
+
+
+_MAGIC, _VERSION = b"LV", 1
+_HEADER = struct.Struct("<2sHIQQq")
+_XYZ = (MATHS.x, MATHS.y, MATHS.z)
+_XYZW = (*_XYZ, LF.w)
+
+_PATHS: Mapping[NamedNode, tuple[Path, ...]] = {
+    SPATIAL.AxisAngleShape: ((SPATIAL.rotationAngle, VOM.numericalValue),),
+    LF.TranslationShape: ((LF.displacement, VOM.numericalValue),),
+    LF.ScalarPropertyShape: ((LF.value, VOM.numericalValue),),
+    LF.PoseShape: (*((LF.position, axis) for axis in _XYZ), *((LF.orientation, axis) for axis in _XYZW)),
+    LF.TwistShape: (*((LF.linear, axis) for axis in _XYZ), *((LF.angular, axis) for axis in _XYZ)),
+}
+"""By the shape of a property: how to get from it to each of its measured numbers, in the order of its observation."""
+
+_VALUE_HEADER = (
+    Field("magic", "char2", 0, "The letters LV."),
+    Field("version", "uint16", 2, "Of this form of frames: 1."),
+    Field("change", "uint32", 4, "Of lf:version: the number after the dot, 0 where there is none."),
+    Field("incarnation", "uint64", 8, "Of lf:version: the run of the agent."),
+    Field("frame", "uint64", 16, "Of lf:version: the frame of the agent, counted from 1."),
+    Field("time", "int64", 24, "When the value last changed, by the agent's clock: since 1970 (UTC); -1 is unknown."),
+)
+_STATE_HEADER = {
+    "magic": "The letters LF.",
+    "version": "Of this form of frames: 1.",
+    "flags": "Bit 0: the base floats.",
+    "joints": "How many joints there are.",
+    "incarnation": "Of lf:version: the run of the agent.",
+    "sequence": "The number of the frame in its run, counted from 0: one less than in lf:version.",
+    "monotonic_ns": "When the values were read, by the agent's monotonic clock.",
+    "wall_ns": "When the values were read, by the agent's clock: since 1970 (UTC).",
+}
+_TIMES = frozenset({"time", "monotonic_ns", "wall_ns"})
+
+
+def is_framed(item: Property) -> bool:
+    """Whether the property can be had as binary frames."""
+    return item.predicate == LF.jointState or (item.measured and item.shape in _PATHS)
+
+
+def layout_path(path: str) -> str:
+    """Where the layout of the frames of the property at ``path`` is."""
+    return path + "/layout"
+
+
+def related_layouts(path: str, item: Property) -> tuple[str, ...]:
+    """Layouts that everybody is told of: of single values there are too many, and describedby leads to those."""
+    return (layout_path(path),) if item.predicate == LF.jointState else ()
+
+
+def frames_of(robot: Robot, item: Property) -> dict[str, Callable[[], bytes]]:
+    """The frames of a property by media type. Joint state has none before the first: WriteError."""
+    if not is_framed(item):
+        return {}
+    whole = item.predicate == LF.jointState
+    return dict.fromkeys(FRAME_TYPES, lambda: _state_frame(robot) if whole else value_frame(robot, *item.look()))
+
+
+def value_frame(robot: Robot, seen: Observation) -> bytes:
+    """The frame of one observation: its version, its time, its numbers; NaN is unknown."""
+    incarnation, frame, change = version_of(robot, (seen,))
+    wall_ns = -1 if seen.wall_ns is None else seen.wall_ns
+    header = _HEADER.pack(_MAGIC, _VERSION, change, incarnation, frame, wall_ns)
+    return header + struct.pack(f"<{len(seen.values)}d", *seen.values)
+
+
+def _state_frame(robot: Robot) -> bytes:
+    if robot.payload is None:
+        raise WriteError(f"no frame of {robot.name} has come yet")
+    return robot.payload
+
+
+# -- layouts --------------------------------------------------------------------------------------------------------
+
+
+class _Number(NamedTuple):
+    """One number in a frame: whose it is, how to get from that property to it, and its unit."""
+
+    name: str
+    of: NamedNode
+    path: Path
+    unit: Term
+
+
+def in_layout(say: Describer, robot: Robot, owner: str, item: Property, rest: Sequence[str]) -> Resource | None:
+    """The layout of the frames of a property, or its blueprint; ``rest``: the segments below the property."""
+    if not is_framed(item) or robot.description is None or rest[:1] != ["layout"]:
+        return None
+    path = layout_path(f"{owner.rstrip('/')}/{item.segment}")
+    layout = Resource(
+        path,
+        f"Layout of the frames of {item.title}",
+        lambda graph: _describe(graph, say, robot, owner, item),
+        source=Source(lambda: robot.description, robot=robot),
+        own=(path + "/blueprint",),
+    )
+    if rest[1:] == ["blueprint"]:
+        return blueprint_of(layout, say.base, (LF.FrameLayoutShape,))
+    return None if rest[1:] else layout
+
+
+def _describe(graph: Graph, say: Describer, robot: Robot, owner: str, item: Property) -> None:
+    about = say.iri(f"{owner.rstrip('/')}/{item.segment}")
+    iri = NamedNode(layout_path(about.value))
+    if item.predicate == LF.jointState:
+        header, numbers = _header_of_state(robot), _numbers_of_state(say, robot)
+    else:
+        header, numbers = _VALUE_HEADER, list(_numbers(say, robot, owner, item, owner.rstrip("/") + "/"))
+    start = header[-1].offset + 8
+    begin_layout(graph, about, f"the frames of {item.title}", start + 8 * len(numbers))
+    for each in header:
+        add_field(graph, iri, each)
+    for offset, number in zip(count(start, 8), numbers, strict=False):
+        node = _field(graph, iri, number.name, "float64", offset)
+        graph.add(node, QUDT.unit, number.unit)
+        graph.add(node, LF.ofProperty, number.of)
+        graph.add(node, LF.valuePath, graph.collection(number.path))
+
+
+def begin_layout(graph: Graph, about: NamedNode, what: str, size: int) -> NamedNode:
+    """Say all but the fields of the layout of the binary frames ``about`` something, each of ``size`` bytes."""
+    iri = NamedNode(layout_path(about.value))
+    graph.a(iri, LF.FrameLayout)
+    graph.add(iri, DCTERMS.title, Literal(f"Layout of {what}"))
+    graph.add(iri, DCTERMS.format, *map(Literal, FRAME_TYPES))
+    graph.add(iri, RDFS.seeAlso, about)
+    graph.add(iri, HYBRIT.blueprint, LF.FrameLayoutShape, NamedNode(iri.value + "/blueprint"))
+    graph.add(iri, LF.byteOrder, Literal("little-endian"))
+    graph.add(iri, LF.byteSize, integer(size))
+    return iri
+
+
+def add_field(graph: Graph, layout: NamedNode, field: Field, count: int = 1) -> BlankNode:
+    """A field that says what it means, and its unit where it is a time."""
+    node = _field(graph, layout, field.name, field.type, field.offset, count)
+    graph.add(node, DCTERMS.description, Literal(field.meaning))
+    if field.name in _TIMES:
+        graph.add(node, QUDT.unit, NANOSECOND.qudt)
+    return node
+
+
+def _field(graph: Graph, layout: NamedNode, name: str, type_: str, offset: int, count: int = 1) -> BlankNode:
+    node = graph.blank(LF.FrameField)
+    graph.add(layout, LF.field, node)
+    graph.add(node, LF.fieldName, Literal(name))
+    graph.add(node, LF.fieldType, Literal(type_))
+    graph.add(node, LF.byteOffset, integer(offset))
+    graph.add(node, LF.valueCount, integer(count))
+    return node
+
+
+def _header_of_state(robot: Robot) -> tuple[Field, ...]:
+    said = robot.description.layout if robot.description is not None else ()
+    return tuple(
+        Field(field.name, field.type, field.offset, _STATE_HEADER[field.name])
+        for field in said
+        if field.name in _STATE_HEADER
+    )
+
+
+def _numbers(say: Describer, robot: Robot, owner: str, item: Property, within: str) -> Iterator[_Number]:
+    """The numbers of a property, with the units that its own description has; named by their paths below ``within``."""
+    path = f"{owner.rstrip('/')}/{item.segment}"
+    iri, graph = say.iri(path), Graph()
+    say.property(robot, owner, item, graph, Seen.of(item.look()))
+    nodes: dict[NamedNode, object] = {t.predicate: t.object for t in graph.triples if t.subject == iri}
+    units: dict[object, Term] = {
+        t.subject: t.object for t in graph.triples if t.predicate == QUDT.unit and isinstance(t.object, NamedNode)
+    }
+    paths = _PATHS[item.shape]
+    for steps in paths:
+        unit = units.get(nodes[steps[0]], UNITLESS.qudt)
+        which = [step.value.rpartition("#")[2] for step in steps] if len(paths) > 1 else []
+        yield _Number(".".join([path.removeprefix(within), *which]), iri, steps, unit)
+
+
+def _numbers_of_state(say: Describer, robot: Robot) -> list[_Number]:
+    """In the order of the frame: pose and twist of a floating base, then a row each of the joints' three values."""
+    assert robot.model is not None and robot.description is not None
+    base = robot_path(robot.name)
+    found: list[_Number] = []
+    if robot.description.base == "floating":
+        own = {item.segment: item for item in say.robot_properties(robot)}
+        found = [each for item in (own["pose"], own["twist"]) for each in _numbers(say, robot, base, item, base)]
+    columns = []
+    for name in robot.description.joints:
+        owner = joint_path(robot.name, name)
+        # position, velocity and effort stand first
+        measured = [item for item in joint_properties(robot, robot.model.joints[name]) if is_framed(item)]
+        columns.append([each for item in measured for each in _numbers(say, robot, owner, item, base)])
+    return found + [each for row in zip(*columns, strict=True) for each in row]

@@ -1,0 +1,157 @@
+"""Branches of the tree: the resources that an extension adds to the fleet, to robots or to properties.
+
+The tree knows a branch by its segment alone. A branch resolves the path behind it within what the caller may see.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+from pyoxigraph import NamedNode, Triple
+
+from linked_fleet_gateway.fleet.model import Joint, Link
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.identity.rights import View
+from linked_fleet_gateway.resources.access_filter import InvocationsInView
+from linked_fleet_gateway.resources.property import Property
+from linked_fleet_gateway.resources.resource import Redirect, Resource
+
+Found = Resource | Redirect | None
+
+
+@dataclass(frozen=True)
+class RequestView:
+    """The fleet as it is to who asks: the robots and invocations that they may see, under one base URL."""
+
+    base: str
+    robots: Mapping[str, Robot]
+    invocations: InvocationsInView
+    sees: View
+    secured: bool = False
+    """Whether who asks has to say who they are."""
+
+    def iri(self, path: str) -> NamedNode:
+        return NamedNode(self.base + path)
+
+
+@dataclass(frozen=True)
+class FleetBranch:
+    """Resources at ``/{segment}`` and below it.
+
+    ``resolve`` gets the segments behind its own: none for ``/{segment}``, one empty one for ``/{segment}/``.
+    ``predicate``: by which the fleet's description names ``/{segment}``, or None where nothing leads there.
+    """
+
+    segment: str
+    predicate: NamedNode | None
+    resolve: Callable[[RequestView, list[str]], Found]
+    takes_slashes: bool = False
+    """True if segments behind its own may have encoded slashes."""
+    graphs: Callable[[RequestView], Iterable[tuple[str, Sequence[Triple]]]] | None = None
+    """All that its resources say, by their paths, for who copies the fleet as a whole."""
+
+    @property
+    def path(self) -> str:
+        return "/" + self.segment
+
+
+@dataclass(frozen=True)
+class RobotBranch:
+    """Resources at ``/{robot}/{segment}`` and below it; ``has``: whether a robot has any."""
+
+    segment: str
+    predicate: NamedNode | None
+    resolve: Callable[[RequestView, Robot, list[str]], Found]
+    has: Callable[[Robot], bool] = lambda robot: True
+
+
+@dataclass(frozen=True)
+class PropertyBranch:
+    """Resources at ``{property}/{segment}`` and below it; ``has``: which properties have any.
+
+    ``resolve`` gets the path of the thing that has the property, the property, and the segments behind its own.
+    """
+
+    segment: str
+    resolve: Callable[[RequestView, Robot, str, Property, list[str]], Found]
+    has: Callable[[Property], bool]
+
+
+@dataclass(frozen=True)
+class ThingDocument:
+    """A further representation of the fleet, robots, joints and links, in which no value stands.
+
+    ``write`` gets the robot, None for the fleet, and its joint or link, None for the robot itself.
+    """
+
+    media_type: str
+    write: Callable[[RequestView, Robot | None, Joint | Link | None], bytes]
+
+
+Branch = FleetBranch | RobotBranch | PropertyBranch | ThingDocument
+
+
+@dataclass(frozen=True)
+class Branches:
+    """All that there are. Their segments are reserved in ``gateway/linked_fleet_gateway/resources/paths.py``."""
+
+    of_fleet: tuple[FleetBranch, ...] = ()
+    of_robots: tuple[RobotBranch, ...] = ()
+    of_properties: tuple[PropertyBranch, ...] = ()
+    documents: tuple[ThingDocument, ...] = ()
+
+    def having(self, *added: Branch) -> "Branches":
+        """These and those that are added."""
+        return Branches(
+            (*self.of_fleet, *(each for each in added if isinstance(each, FleetBranch))),
+            (*self.of_robots, *(each for each in added if isinstance(each, RobotBranch))),
+            (*self.of_properties, *(each for each in added if isinstance(each, PropertyBranch))),
+            (*self.documents, *(each for each in added if isinstance(each, ThingDocument))),
+        )
+
+    @property
+    def constant(self) -> frozenset[str]:
+        """Media types of representations of things in which no value stands."""
+        return frozenset(each.media_type for each in self.documents)
+
+    def of_thing(
+        self, view: RequestView, robot: Robot | None = None, part: Joint | Link | None = None
+    ) -> dict[str, Callable[[], bytes]]:
+        """The further representations of a thing by media type."""
+        return {each.media_type: partial(each.write, view, robot, part) for each in self.documents}
+
+    def takes_slashes(self, path: str) -> bool:
+        """Return True if the path is below a branch whose segments may have encoded slashes."""
+        branch = self.at_root(path[1:].partition("/")[0])
+        return branch is not None and branch.takes_slashes
+
+    def graphs(self, view: RequestView) -> Iterator[tuple[str, Sequence[Triple]]]:
+        """What branches say of their resources as a whole, by path."""
+        for branch in self.of_fleet:
+            if branch.graphs is not None:
+                yield from branch.graphs(view)
+
+    def at_root(self, segment: str) -> FleetBranch | None:
+        return next((each for each in self.of_fleet if each.segment == segment), None)
+
+    def in_robot(self, robot: Robot, segment: str) -> RobotBranch | None:
+        return next((each for each in self.of_robots if each.segment == segment and each.has(robot)), None)
+
+    def below_property(self, item: Property, segment: str) -> PropertyBranch | None:
+        return next((each for each in self.of_properties if each.segment == segment and each.has(item)), None)
+
+    def related_to(self, path: str, item: Property) -> tuple[str, ...]:
+        """Paths of those that the property at ``path`` has."""
+        return tuple(f"{path}/{each.segment}" for each in self.of_properties if each.has(item))
+
+    def linked(self) -> list[tuple[NamedNode, str]]:
+        """Predicate and path of those that the fleet names."""
+        return [(each.predicate, each.path) for each in self.of_fleet if each.predicate is not None]
+
+    def linked_from(self, robot: Robot, path: str) -> list[tuple[NamedNode, str]]:
+        """Predicate and path of those that a robot at ``path`` names."""
+        named = [(each.predicate, each) for each in self.of_robots if each.predicate is not None]
+        return [(predicate, path + each.segment) for predicate, each in named if each.has(robot)]
+
+
+NONE = Branches()

@@ -1,0 +1,201 @@
+"""Descriptions of fleet, robot, joint, link and property as triples (paper figures 2b and 3, R1.3 to R1.12)."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from pyoxigraph import Literal, NamedNode
+
+from linked_fleet_gateway.fleet.model import Joint, Link
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.rdf.graph import Graph, timestamp
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, RDFS, ROS, SOSA, XHV
+from linked_fleet_gateway.resources.action_offer import Offer, fleet_offers, joint_offers, robot_offers
+from linked_fleet_gateway.resources.annotations import annotate
+from linked_fleet_gateway.resources.joint_kinds import kind_of
+from linked_fleet_gateway.resources.link_statements import LINK_STATEMENTS
+from linked_fleet_gateway.resources.paths import joint_path, lease_path, link_path, model_path, robot_path
+from linked_fleet_gateway.resources.properties import joint_properties, link_properties, robot_properties
+from linked_fleet_gateway.resources.property import Property, Seen
+
+_SECOND_NS = 1_000_000_000
+Links = Iterable[tuple[NamedNode, str]]
+
+
+class Describer:
+    """Describes things under one base URL (scheme and authority, no slash at the end)."""
+
+    def __init__(self, base: str) -> None:
+        self.base = base
+
+    def iri(self, path: str) -> NamedNode:
+        return NamedNode(self.base + path)
+
+    # -- the things -------------------------------------------------------------------------------------------------
+
+    def fleet(self, members: Mapping[str, Robot], links: Links, graph: Graph) -> None:
+        """``links``: predicate and path of what the fleet has besides."""
+        root = self.iri("/")
+        graph.a(root, HYBRIT.RoboticThing, LF.Fleet, LDP.BasicContainer, LDP.Container)
+        graph.add(root, DCTERMS.title, Literal("Linked Fleet"))
+        self._interface(graph, "/", LF.FleetShape)
+        self._actions(graph, root, fleet_offers())
+        graph.add(root, LF.vocabulary, self.iri("/vocabulary"))
+        for predicate, path in links:
+            graph.add(root, predicate, self.iri(path))
+        robots = [robot for _, robot in sorted(members.items())]
+        graph.add(root, LDP.contains, *(self.iri(robot_path(robot.name)) for robot in robots))
+        for robot in robots:
+            iri = self.iri(robot_path(robot.name))
+            graph.a(iri, HYBRIT.RoboticThing, LF.Robot)
+            graph.add(iri, DCTERMS.title, Literal(robot.title))
+            self.presence(graph, iri, robot)
+
+    def robot(self, robot: Robot, tasks: Sequence[str], links: Links, graph: Graph) -> None:
+        """``tasks``: paths of the invocations that are under way; ``links``: as of the fleet."""
+        path = robot_path(robot.name)
+        iri = self.iri(path)
+        graph.a(iri, HYBRIT.RoboticThing, LF.Robot)
+        graph.add(iri, DCTERMS.title, Literal(robot.title))
+        graph.add(iri, DCTERMS.identifier, Literal(robot.name))
+        graph.add(iri, RDFS.seeAlso, self.iri("/"))
+        self.presence(graph, iri, robot)
+        self._last_frame(graph, iri, robot)
+        self._interface(graph, path, LF.RobotShape)
+        self._actions(graph, iri, robot_offers(robot))
+        graph.add(iri, LF.lease, self.iri(lease_path(robot.name)))
+        graph.add(iri, LF.currentTask, *(self.iri(task) for task in tasks))
+        for predicate, other in links:
+            graph.add(iri, predicate, self.iri(other))
+        self._annotations(graph, iri, robot)
+        if robot.model is None or robot.description is None:
+            return
+        graph.add(iri, LF.baseMobility, Literal(robot.description.base))
+        graph.add(iri, LF.rootLink, self.iri(link_path(robot.name, robot.model, robot.model.root)))
+        graph.add(iri, LF.model, self.iri(model_path(robot.name)))
+        graph.add(iri, DCTERMS.hasPart, *(self.iri(part) for part in part_paths(robot)))
+        self._properties(graph, path, self.robot_properties(robot))
+        for joint in robot.model.joints.values():
+            self._introduce_joint(graph, robot, joint)
+        for link in robot.model.links.values():
+            self._introduce_link(graph, robot, link.name)
+
+    def joint(self, robot: Robot, joint: Joint, graph: Graph) -> None:
+        assert robot.model is not None
+        path, kind = joint_path(robot.name, joint.name), kind_of(joint)
+        iri = self.iri(path)
+        self._introduce_joint(graph, robot, joint)
+        self._interface(graph, path, kind.shape)
+        self._actions(graph, iri, joint_offers(robot, joint))
+        graph.add(iri, RDFS.seeAlso, self.iri(robot_path(robot.name)))
+        graph.add(iri, DCTERMS.isPartOf, self.iri(robot_path(robot.name)))
+        self._presence_if_not_online(graph, iri, robot)
+        for predicates, link in (
+            ((XHV.prev, ROS.preceedingLink), joint.parent),
+            ((XHV.next, ROS.succeedingLink), joint.child),
+        ):
+            target = self.iri(link_path(robot.name, robot.model, link))
+            for predicate in predicates:
+                graph.add(iri, predicate, target)
+        self._annotations(graph, iri, robot)
+        self._properties(graph, path, joint_properties(robot, joint))
+        self._introduce_link(graph, robot, joint.parent)
+        self._introduce_link(graph, robot, joint.child)
+
+    def link(self, robot: Robot, link: Link, graph: Graph) -> None:
+        assert robot.model is not None
+        path = link_path(robot.name, robot.model, link.name)
+        iri = self.iri(path)
+        self._introduce_link(graph, robot, link.name)
+        self._interface(graph, path, LF.LinkShape)
+        graph.add(iri, RDFS.seeAlso, self.iri(robot_path(robot.name)))
+        graph.add(iri, DCTERMS.isPartOf, self.iri(robot_path(robot.name)))
+        self._presence_if_not_online(graph, iri, robot)
+        parents = (link.parent_joint,) if link.parent_joint is not None else ()
+        for predicates, names in (
+            ((XHV.prev, LF.parentJoint), parents),
+            ((XHV.next, LF.childJoint), link.child_joints),
+        ):
+            for name in names:
+                for predicate in predicates:
+                    graph.add(iri, predicate, self.iri(joint_path(robot.name, name)))
+        for state in LINK_STATEMENTS:
+            for predicate, other in state(robot, link):
+                graph.add(iri, predicate, self.iri(other))
+        self._annotations(graph, iri, robot)
+        self._properties(graph, path, link_properties(robot, link))
+        for name in (*parents, *link.child_joints):
+            self._introduce_joint(graph, robot, robot.model.joints[name])
+
+    def property(self, robot: Robot, owner: str, item: Property, graph: Graph, seen: Seen) -> None:
+        """A property as its own small document (Figure 3)."""
+        self._property(graph, owner, item, seen)
+        self._presence_if_not_online(graph, self.iri(f"{owner.rstrip('/')}/{item.segment}"), robot)
+
+    # -- the pieces -------------------------------------------------------------------------------------------------
+
+    def robot_properties(self, robot: Robot) -> list[Property]:
+        return robot_properties(robot, self.iri)
+
+    def presence(self, graph: Graph, iri: NamedNode, robot: Robot) -> None:
+        graph.add(iri, LF.presence, {"online": LF.online, "offline": LF.offline, "faulty": LF.faulty}[robot.presence])
+        if not robot.online:
+            seen = robot.last_seen_ns
+            graph.add(iri, LF.lastSeen, LF.unknown if seen is None else timestamp(seen))
+        if robot.fault is not None:
+            graph.add(iri, LF.fault, Literal(robot.fault))
+
+    def _presence_if_not_online(self, graph: Graph, iri: NamedNode, robot: Robot) -> None:
+        if robot.presence != "online":
+            self.presence(graph, iri, robot)
+
+    def _last_frame(self, graph: Graph, iri: NamedNode, robot: Robot) -> None:
+        # To the second only: a timestamp that moves a hundred times a second would make every ETag worthless.
+        frame = robot.frame
+        value = LF.unknown if frame is None else timestamp(frame.wall_ns, resolution_ns=_SECOND_NS)
+        graph.add(iri, LF.lastFrame, value)
+
+    def _interface(self, graph: Graph, path: str, shape: NamedNode) -> None:
+        iri, stem = self.iri(path), path.rstrip("/")
+        graph.add(iri, HYBRIT.blueprint, shape, self.iri(stem + "/blueprint"))
+        graph.add(iri, HYBRIT.subscriptions, self.iri(stem + "/subscriptions"))
+
+    def _actions(self, graph: Graph, iri: NamedNode, offers: Iterable[Offer]) -> None:
+        graph.add(iri, HYBRIT.action, *(self.iri(offer.path) for offer in offers))
+
+    def _properties(self, graph: Graph, owner: str, items: Iterable[Property]) -> None:
+        items = list(items)
+        iri, stem = self.iri(owner), owner.rstrip("/")
+        graph.add(iri, HYBRIT.property, *(self.iri(f"{stem}/{item.segment}") for item in items))
+        for item in items:
+            graph.add(iri, item.predicate, self.iri(f"{stem}/{item.segment}"))
+        for item in items:
+            self._property(graph, owner, item, Seen.of(item.look()))
+
+    def _property(self, graph: Graph, owner: str, item: Property, seen: Seen) -> None:
+        iri = self.iri(f"{owner.rstrip('/')}/{item.segment}")
+        graph.a(iri, *item.types, HYBRIT.Property, *((SOSA.ObservableProperty,) if item.measured else ()))
+        graph.add(iri, DCTERMS.title, Literal(item.title))
+        graph.add(iri, RDFS.seeAlso, self.iri(owner))
+        graph.add(iri, HYBRIT.blueprint, item.shape, NamedNode(iri.value + "/blueprint"))
+        item.describe(graph, iri, seen)
+
+    def _introduce_joint(self, graph: Graph, robot: Robot, joint: Joint) -> None:
+        iri = self.iri(joint_path(robot.name, joint.name))
+        graph.a(iri, HYBRIT.RoboticThing, kind_of(joint).type, LF.Joint)
+        graph.add(iri, DCTERMS.title, Literal(joint.name))
+
+    def _introduce_link(self, graph: Graph, robot: Robot, link: str) -> None:
+        assert robot.model is not None
+        iri = self.iri(link_path(robot.name, robot.model, link))
+        graph.a(iri, HYBRIT.RoboticThing, ROS.Link)
+        graph.add(iri, DCTERMS.title, Literal(link))
+
+    def _annotations(self, graph: Graph, iri: NamedNode, robot: Robot) -> None:
+        annotate(graph, iri, robot.annotations, self.base + robot_path(robot.name))
+
+
+def part_paths(robot: Robot) -> list[str]:
+    """Paths of all joints and links, in the order of the URDF."""
+    if robot.model is None:
+        return []
+    joints = [joint_path(robot.name, name) for name in robot.model.joints]
+    return joints + [link_path(robot.name, robot.model, name) for name in robot.model.links]

@@ -1,0 +1,56 @@
+"""The documents that the gateway itself has at the root: vocabulary and JSON-LD context."""
+
+import json
+from collections.abc import Iterable
+from functools import partial
+from itertools import chain
+
+from pyoxigraph import Literal, NamedNode, Triple
+
+from linked_fleet_gateway.rdf.graph import Graph
+from linked_fleet_gateway.rdf.shapes import closure, load
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, OWL, PREFIXES, RDF, RDFS
+from linked_fleet_gateway.resources.resource import Resource
+
+VOCABULARY = "/vocabulary"
+_DESCRIBES = (RDF.type, RDFS.label, RDFS.comment)
+
+
+def vocabulary(base: str) -> Resource:
+    return Resource(VOCABULARY, "Vocabulary", partial(_vocabulary, base))
+
+
+def context() -> Resource:
+    content = json.dumps({"@context": PREFIXES}, indent=1).encode()
+    document = {"application/ld+json": lambda: content}
+    return Resource("/context", "JSON-LD context", None, (LDP.Resource,), documents=document)
+
+
+def describe_terms(base: str, graph: Graph) -> None:
+    """All terms of our own, and the shapes of what can be posted to containers."""
+    iri = NamedNode(base + VOCABULARY)
+    graph.a(iri, OWL.Ontology, LDP.RDFSource)
+    graph.add(iri, DCTERMS.title, Literal("Terms and shapes of Linked Fleet"))
+    graph.add(iri, RDFS.seeAlso, NamedNode(base + "/"))
+    for name in ("vocabulary.ttl", "rules.ttl", "subscriptions.ttl"):
+        _add(graph, chain.from_iterable(load(name).values()))
+
+
+def _vocabulary(base: str, graph: Graph) -> None:
+    """All terms of our own, and all shapes that any document names.
+
+    Shapes of what clients send are here as a whole. Of the shapes that blueprints have this document says what they
+    are: each resource links the blueprint that has its own, and as targets of a class they would also apply to requests
+    and to things that a document only mentions.
+    """
+    describe_terms(base, graph)
+    for node, triples in load("blueprints.ttl").items():
+        if isinstance(node, NamedNode):
+            _add(graph, (triple for triple in triples if triple.predicate in _DESCRIBES))
+            if node.value.endswith("Input"):
+                closure(graph, node)
+
+
+def _add(graph: Graph, triples: Iterable[Triple]) -> None:
+    for triple in triples:
+        graph.add(triple.subject, triple.predicate, triple.object)  # type: ignore[arg-type]

@@ -1,0 +1,186 @@
+"""Invocations as resources: PROV-O activities with state, progress, target and result (paper 5.4, R0.8)."""
+
+from collections.abc import Iterable, Mapping
+
+from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, parse
+
+from linked_fleet_gateway.fleet.invocations import Invocation, InvocationState
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.rdf.graph import Graph, Node, timestamp
+from linked_fleet_gateway.rdf.units import METRE, RADIAN, SECOND, UNITLESS, Unit
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LDP, LF, METHODS, PROV, RDFS, SOSA
+from linked_fleet_gateway.resources.joint_kinds import kind_of
+from linked_fleet_gateway.resources.paths import joint_path, robot_path
+
+STATES = {
+    InvocationState.ACCEPTED: LF.accepted,
+    InvocationState.RUNNING: LF.running,
+    InvocationState.SUCCEEDED: LF.succeeded,
+    InvocationState.FAILED: LF.failed,
+    InvocationState.CANCELLED: LF.cancelled,
+    InvocationState.PREEMPTED: LF.preempted,
+    InvocationState.UNKNOWN: LF.unknown,
+}
+_FACTS: dict[str, tuple[NamedNode, Unit]] = {
+    "positionResidual": (LF.positionResidual, METRE),
+    "orientationResidual": (LF.orientationResidual, RADIAN),
+}
+ROOT = BlankNode("input")
+"""The root of a body as it is remembered."""
+
+
+def describe_invocation(
+    graph: Graph,
+    base: str,
+    robot: Robot | None,
+    invocation: Invocation,
+    others: Mapping[str, Invocation],
+    answers: Mapping[str, str],
+) -> None:
+    """``others``: the invocations that this one ended, and the one that ended it, as far as they are known;
+    ``answers``: of the robots, to one of the fleet."""
+    iri = NamedNode(base + invocation_path(invocation))
+    graph.a(iri, PROV.Activity, LF.Invocation, SOSA.Actuation)
+    graph.add(iri, DCTERMS.title, Literal(f"Invocation {invocation.id} of {invocation.action}"))
+    graph.add(iri, DCTERMS.identifier, Literal(invocation.id))
+    graph.add(iri, RDFS.seeAlso, NamedNode(base + invocation.action))
+    graph.add(iri, HYBRIT.blueprint, LF.InvocationShape, NamedNode(iri.value + "/blueprint"))
+    if not invocation.state.terminal:
+        graph.add(iri, HYBRIT.action, NamedNode(base + cancel_path(invocation)))
+    graph.add(iri, LF.state, STATES[invocation.state])
+    graph.scalar(iri, LF.progress, round(invocation.progress, 3), UNITLESS)
+    if invocation.client:
+        client = graph.blank(PROV.Agent)
+        graph.add(iri, PROV.wasAssociatedWith, client)
+        graph.add(client, DCTERMS.title, Literal(invocation.client))
+    _times(graph, iri, invocation)
+    if invocation.reason:
+        graph.add(iri, LF.reason, Literal(invocation.reason))
+    for name, value in invocation.facts.items():
+        predicate, unit = _FACTS[name]
+        graph.scalar(iri, predicate, value, unit)
+    _input(graph, iri, invocation.body)
+    preempted = [others[each] for each in invocation.preempts if each in others]
+    graph.add(iri, LF.preempts, *(NamedNode(base + invocation_path(each)) for each in preempted))
+    if invocation.preempted_by in others:
+        graph.add(iri, LF.preemptedBy, NamedNode(base + invocation_path(others[invocation.preempted_by])))
+    if robot is not None:
+        graph.add(iri, SOSA.actsOnProperty, *_moved(base, robot, invocation.targets))
+        positions(graph, iri, LF.target, base, robot, invocation.targets)
+        positions(graph, iri, LF.result, base, robot, invocation.result)
+    for name, answer in sorted(answers.items()):
+        node = graph.blank()
+        graph.add(iri, LF.answer, node)
+        graph.add(node, LF.ofRobot, NamedNode(base + robot_path(name)))
+        graph.add(node, LF.reason, Literal(answer))
+
+
+def describe_rehearsal(
+    graph: Graph,
+    base: str,
+    action: str,
+    robot: Robot | None,
+    targets: Mapping[str, float],
+    facts: Mapping[str, float],
+    duration_s: float,
+    preempts: Iterable[Invocation],
+    free: bool | None,
+) -> None:
+    """What the action would do: the answer to the preference ``dry-run``. ``free``: whether the way was found free of
+    collisions, False where that could not be told; None of what does not move."""
+    iri = graph.blank(LF.Rehearsal)
+    graph.add(iri, DCTERMS.title, Literal(f"Rehearsal of {action}; nothing has moved"))
+    graph.add(iri, RDFS.seeAlso, NamedNode(base + action))
+    graph.scalar(iri, LF.duration, round(duration_s, 3), SECOND)
+    for name, value in facts.items():
+        predicate, unit = _FACTS[name]
+        graph.scalar(iri, predicate, value, unit)
+    if free is not None:
+        graph.add(iri, LF.collisionFree, Literal(True) if free else LF.unknown)
+    graph.add(iri, LF.preempts, *(NamedNode(base + invocation_path(each)) for each in preempts))
+    if robot is not None:
+        positions(graph, iri, LF.target, base, robot, targets)
+
+
+def describe_cancel(graph: Graph, base: str, invocation: Invocation) -> None:
+    """The action that stops an invocation; it consumes nothing."""
+    iri, whole = NamedNode(base + cancel_path(invocation)), NamedNode(base + invocation_path(invocation))
+    graph.a(iri, HYBRIT.Action, LF.CancelInvocation)
+    graph.add(iri, DCTERMS.title, Literal(f"Cancel invocation {invocation.id}"))
+    graph.add(iri, RDFS.comment, Literal("The robot brakes and holds; the invocation stays, as cancelled."))
+    graph.add(iri, RDFS.seeAlso, whole)
+    graph.add(iri, HYBRIT.produces, LF.InvocationShape)
+    request = graph.blank(HTTP.Request)
+    graph.add(iri, HYBRIT.binding, request)
+    graph.add(request, HTTP.mthd, METHODS.POST)
+    graph.add(request, HTTP.requestURI, iri)
+
+
+def describe_invocations(graph: Graph, base: str, action: str, invocations: list[Invocation]) -> None:
+    """The LDP container of an action's invocations, newest first."""
+    iri = NamedNode(f"{base}{action}/invocations")
+    graph.a(iri, LDP.BasicContainer, LDP.Container)
+    graph.add(iri, DCTERMS.title, Literal(f"Invocations of {action}"))
+    graph.add(iri, RDFS.seeAlso, NamedNode(base + action))
+    for invocation in invocations:
+        member = NamedNode(base + invocation_path(invocation))
+        graph.add(iri, LDP.contains, member)
+        graph.a(member, PROV.Activity, LF.Invocation)
+        graph.add(member, LF.state, STATES[invocation.state])
+
+
+def _moved(base: str, robot: Robot, joints: Iterable[str]) -> list[NamedNode]:
+    """The positions that a motion acts on, of the joints that are known."""
+    known = robot.model.joints if robot.model else {}
+    return [
+        NamedNode(f"{base}{joint_path(robot.name, joint)}/{kind_of(known[joint]).position}")
+        for joint in joints
+        if joint in known
+    ]
+
+
+def positions(
+    graph: Graph, iri: Node, predicate: NamedNode, base: str, robot: Robot, values: Mapping[str, float]
+) -> None:
+    """Positions of joints, with their units, as ``predicate`` of ``iri``."""
+    for joint, position in values.items():
+        node = graph.blank()
+        graph.add(iri, predicate, node)
+        graph.add(node, LF.ofJoint, NamedNode(base + joint_path(robot.name, joint)))
+        known = robot.model.joints.get(joint) if robot.model else None
+        dimension = kind_of(known).dimension if known else None
+        graph.scalar(node, LF.value, round(position, 6), dimension.position if dimension else UNITLESS)
+
+
+def _times(graph: Graph, iri: NamedNode, invocation: Invocation) -> None:
+    graph.add(iri, DCTERMS.created, timestamp(invocation.created_ns))
+    if invocation.duration_s is not None:
+        graph.scalar(iri, LF.duration, round(invocation.duration_s, 3), SECOND)
+    for predicate, stamp in ((PROV.startedAtTime, invocation.started_ns), (PROV.endedAtTime, invocation.ended_ns)):
+        if stamp is not None:
+            graph.add(iri, predicate, timestamp(stamp))
+
+
+def _input(graph: Graph, iri: NamedNode, body: str) -> None:
+    """What the client said, in its own words."""
+    names: dict[BlankNode, Node] = {}
+
+    def own(term: object) -> object:
+        return names.setdefault(term, BlankNode(f"in{len(names)}")) if isinstance(term, BlankNode) else term
+
+    for quad in parse(body, format=RdfFormat.N_TRIPLES):
+        graph.add(own(quad.subject), quad.predicate, own(quad.object))  # type: ignore[arg-type]
+    if ROOT in names:
+        graph.add(iri, LF.input, names[ROOT])
+
+
+def invocations_path(action: str) -> str:
+    return f"{action}/invocations"
+
+
+def invocation_path(invocation: Invocation) -> str:
+    return f"{invocations_path(invocation.action)}/{invocation.id}"
+
+
+def cancel_path(invocation: Invocation) -> str:
+    return f"{invocation_path(invocation)}/actions/cancel"

@@ -1,0 +1,256 @@
+"""SHACL node shapes as JSON Schema (W3C WoT Thing Description 1.1, 5.3.2), for values that are plain JSON.
+
+A property of a shape is a member of an object by its ``sh:name``; one that has no name, but whose value is a node with
+named properties, has these stand in its place; any other is left to RDF. ``sh:or`` between nodes becomes ``oneOf``,
+limits ``minimum`` and ``maximum``, ``sh:minCount`` ``required``, and ``lf:unknown`` beside a number ``null``.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+from itertools import chain
+from typing import Any
+
+from pyoxigraph import Literal, NamedNode, Triple
+
+from linked_fleet_gateway.rdf.graph import Graph, Node, Term
+from linked_fleet_gateway.rdf.shapes import load
+from linked_fleet_gateway.rdf.vocabulary import LF, NUMERIC, RDF, SH, XSD
+from linked_fleet_gateway.resources.action_offer import Offer
+from linked_fleet_gateway.resources.settable import describe_target_input
+
+Json = dict[str, Any]
+_LIMITS = {
+    SH.minInclusive: "minimum",
+    SH.maxInclusive: "maximum",
+    SH.minExclusive: "exclusiveMinimum",
+    SH.maxExclusive: "exclusiveMaximum",
+    SH.minLength: "minLength",
+    SH.maxLength: "maxLength",
+}
+_TYPES: dict[NamedNode, Json] = {
+    **{datatype: {"type": "number"} for datatype in NUMERIC},
+    XSD.integer: {"type": "integer"},
+    XSD.string: {"type": "string"},
+    XSD.boolean: {"type": "boolean"},
+    XSD.dateTime: {"type": "string", "format": "date-time"},
+    XSD.anyURI: {"type": "string", "format": "uri"},
+}
+
+
+@dataclass(frozen=True)
+class Value:
+    """What stands for one value of a property: an object if there is a ``form``, else a scalar."""
+
+    scalar: Json = field(default_factory=dict)
+    form: "Form | None" = None
+    terms: Mapping[str, Term] = field(default_factory=dict)
+    """The terms of an enumeration by what stands for them."""
+    unknown: bool = False
+    """Whether it may be ``null``, which is ``lf:unknown``."""
+
+    @property
+    def is_iri(self) -> bool:
+        return self.scalar.get("format") == "uri"
+
+    def schema(self) -> Json:
+        known = self.form.schema if self.form is not None else self.scalar
+        return {"oneOf": [known, {"type": "null"}]} if self.unknown else known
+
+
+@dataclass(frozen=True)
+class Field:
+    """One member of an object: how to get from the node to its values, and what these are."""
+
+    name: str
+    path: tuple[NamedNode, ...]
+    value: Value
+    least: int = 0
+    most: int | None = None
+    description: str = ""
+
+    @property
+    def single(self) -> bool:
+        return self.most == 1
+
+    def schema(self) -> Json:
+        one = self.value.schema()
+        if self.single:
+            schema = dict(one)
+        else:
+            schema = {"type": "array", "items": one}
+            schema |= {"minItems": self.least} if self.least else {}
+            schema |= {} if self.most is None else {"maxItems": self.most}
+        return schema | ({"description": self.description} if self.description else {})
+
+
+@dataclass(frozen=True)
+class Form:
+    """A node as a JSON object; one of ``branches``, where there are any, has to hold as well."""
+
+    fields: tuple[Field, ...] = ()
+    branches: tuple["Form", ...] = ()
+
+    @cached_property
+    def by_name(self) -> Mapping[str, Field]:
+        return {each.name: each for each in self.fields}
+
+    @cached_property
+    def schema(self) -> Json:
+        schema: Json = {"type": "object", "properties": {each.name: each.schema() for each in self.fields}}
+        required = [each.name for each in self.fields if each.least]
+        if required:
+            schema["required"] = required
+        if self.branches:
+            schema["oneOf"] = [{"properties": branch.schema["properties"]} for branch in self.branches]
+        return schema
+
+
+@lru_cache(maxsize=64)
+def form_of(shape: NamedNode) -> Form:
+    """The form of a shape of shapes/linked_fleet_shapes/blueprints.ttl."""
+    return _Reader(chain.from_iterable(load("blueprints.ttl").values())).form(shape)
+
+
+def form_of_input(offer: Offer, base: str) -> Form:
+    """The form of what an action consumes, with the limits of the thing that offers it."""
+    robot = offer.robot
+    if robot is None or robot.description is None:
+        return _form_of_input(offer, base, ())
+    return _form_of_input(offer, base, (robot.model, robot.description.joints, robot.annotations))
+
+
+@lru_cache(maxsize=512)  # five robots have some three hundred actions
+def _form_of_input(offer: Offer, base: str, known: tuple[object, ...]) -> Form:
+    """``known``: what the shape speaks of."""
+    graph = Graph()
+    node = offer.consumes(graph, base)
+    return form_in(graph.triples, node)
+
+
+def form_of_target(offer: Offer, base: str) -> Form:
+    """The form of what is put as the target of the joint that ``offer`` moves."""
+    graph, iri = Graph(), NamedNode(base + offer.path)
+    describe_target_input(graph, iri, offer, base)
+    return form_in(graph.triples, iri)
+
+
+def form_in(triples: Iterable[Triple], shape: Node) -> Form:
+    return _Reader(triples).form(shape)
+
+
+def text_of(term: Term) -> str:
+    return term.value
+
+
+class _Reader:
+    def __init__(self, shapes: Iterable[Triple]) -> None:
+        self._said: dict[tuple[Node, NamedNode], list[Term]] = {}
+        for triple in shapes:
+            self._said.setdefault((triple.subject, triple.predicate), []).append(triple.object)  # type: ignore[arg-type]
+
+    def form(self, shape: Node, names: Mapping[NamedNode, str] | None = None) -> Form:
+        """``names``: of the paths of the shape of which this is a branch, where names are not said again."""
+        fields: dict[str, Field] = {}
+        for node in (each for each in self._all(shape, SH.property) if isinstance(each, Node)):
+            for found in self._fields(node, names or {}):
+                fields.setdefault(found.name, found)
+        branches: list[Form] = []
+        for other in self._nodes(shape):
+            inner = self.form(other, names)
+            branches += inner.branches
+            for found in inner.fields:
+                fields.setdefault(found.name, found)
+        known = {each.path[0]: each.name for each in fields.values() if len(each.path) == 1}
+        branches += [self.form(each, known) for each in self._alternatives(shape) if self._all(each, SH.property)]
+        return Form(tuple(fields.values()), tuple(branches))
+
+    def _fields(self, node: Node, names: Mapping[NamedNode, str]) -> Iterator[Field]:
+        path = self._one(node, SH.path)
+        if not isinstance(path, NamedNode):
+            return
+        name = self._text(node, SH.name) or names.get(path)
+        value = self._value(node)
+        least, most = self._count(node, SH.minCount) or 0, self._count(node, SH.maxCount)
+        if name is not None:
+            # A branch says again of a value what is special to it, and how many there are is said outside.
+            most = 1 if path in names else most
+            yield Field(name, (path,), value, least, most, self._text(node, SH.description) or "")
+        elif value.form is not None and most == 1:
+            for inner in value.form.fields:
+                yield Field(
+                    inner.name, (path, *inner.path), inner.value, min(least, inner.least), inner.most, inner.description
+                )
+
+    def _value(self, node: Node) -> Value:
+        said = [node, *self._inner(node)]
+        forms = [form for form in map(self.form, self._nodes(node)) if form.fields]
+        if forms:
+            return Value(form=forms[0])
+        scalar: Json = {}
+        terms: dict[str, Term] = {}
+        unknown = False
+        for each in said:
+            for predicate, name in _LIMITS.items():
+                if (text := self._text(each, predicate)) is not None:
+                    scalar[name] = _number(text)
+            for datatype in self._datatypes(each):
+                scalar |= _TYPES.get(datatype, {})
+            terms |= {text_of(term): term for term in self._listed(each)}
+            unknown = unknown or any(self._one(other, SH.hasValue) == LF.unknown for other in self._alternatives(each))
+            if self._one(each, SH.nodeKind) == SH.IRI:
+                scalar |= {"type": "string", "format": "uri"}
+        if terms:
+            scalar |= {"type": "string", "enum": list(terms)}
+        return Value(scalar, None, terms, unknown)
+
+    def _inner(self, node: Node) -> Iterator[Node]:
+        """All that the values have to conform to besides."""
+        for each in self._nodes(node):
+            yield each
+            yield from self._inner(each)
+
+    def _datatypes(self, node: Node) -> list[NamedNode]:
+        stated = [self._one(each, SH.datatype) for each in (node, *self._alternatives(node))]
+        found = [each for each in stated if isinstance(each, NamedNode)]
+        # Whole numbers alone only where no other number will do.
+        return [each for each in found if each != XSD.integer] or found
+
+    def _listed(self, node: Node) -> list[Term]:
+        one = self._one(node, SH.hasValue)
+        listed = [each for start in self._all(node, SH.in_) for each in self._list(start)]
+        return [one, *listed] if one is not None else listed
+
+    def _alternatives(self, node: Node) -> list[Node]:
+        return [each for start in self._all(node, SH.or_) for each in self._list(start) if isinstance(each, Node)]
+
+    def _nodes(self, node: Node) -> list[Node]:
+        return [each for each in self._all(node, SH.node) if isinstance(each, Node)]
+
+    def _list(self, start: Term) -> Iterator[Term]:
+        while start != RDF.nil and isinstance(start, Node):
+            first, rest = self._one(start, RDF.first), self._one(start, RDF.rest)
+            if first is None or rest is None:
+                return
+            yield first
+            start = rest
+
+    def _all(self, node: Node, predicate: NamedNode) -> list[Term]:
+        return self._said.get((node, predicate), [])
+
+    def _one(self, node: Node, predicate: NamedNode) -> Term | None:
+        return next(iter(self._all(node, predicate)), None)
+
+    def _text(self, node: Node, predicate: NamedNode) -> str | None:
+        found = self._one(node, predicate)
+        return found.value if isinstance(found, Literal) else None
+
+    def _count(self, node: Node, predicate: NamedNode) -> int | None:
+        text = self._text(node, predicate)
+        return None if text is None else int(text)
+
+
+def _number(text: str) -> int | float:
+    """A limit; the 15th digit and later ones only say which binary fraction it is."""
+    value = float(f"{float(text):.14g}")
+    return int(value) if value.is_integer() else value

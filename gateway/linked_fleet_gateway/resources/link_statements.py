@@ -1,0 +1,11 @@
+"""Statements about links that extensions add: predicates and the paths that they lead to."""
+
+from collections.abc import Callable, Iterable
+
+from pyoxigraph import NamedNode
+
+from linked_fleet_gateway.base.contributed import Contributed
+from linked_fleet_gateway.fleet.model import Link
+from linked_fleet_gateway.fleet.robot import Robot
+
+LINK_STATEMENTS = Contributed[Callable[[Robot, Link], Iterable[tuple[NamedNode, str]]]]()

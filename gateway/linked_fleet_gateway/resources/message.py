@@ -1,0 +1,26 @@
+"""The body of a message: the representation that a GET would give, with the version of the resource that it shows."""
+
+from pyoxigraph import NamedNode
+
+from linked_fleet_gateway.rdf.serialise import RDF_TYPES, WriteError, render
+from linked_fleet_gateway.rdf.vocabulary import PREFIXES
+from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.subscription_resource import describe_version
+
+
+def message_types(resource: Resource) -> tuple[str, ...]:
+    """Media types in which messages about ``resource`` can be had: no pages, and Turtle first (R1.2)."""
+    if not resource.observable:
+        return ()
+    return (*RDF_TYPES, *(each for each in resource.documents if each not in resource.constant))
+
+
+def message_body(resource: Resource, media_type: str, base: str, version: str, previous: str | None) -> bytes:
+    """The bytes of a message. Raises WriteError when the syntax cannot say these triples."""
+    if media_type in resource.documents:
+        return resource.documents[media_type]()
+    if media_type not in RDF_TYPES:
+        raise WriteError(f"there is no {media_type} of {resource.path} at present")
+    graph = resource.whole(base)
+    describe_version(graph, NamedNode(base + resource.path), version, previous)
+    return render(graph.triples, media_type, PREFIXES, base=base + resource.path)

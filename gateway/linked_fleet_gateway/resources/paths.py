@@ -1,0 +1,131 @@
+"""Paths of the resource tree: built from names and resolved to names in one place (docs/TREE.md)."""
+
+from collections.abc import Iterable
+from functools import lru_cache
+
+from linked_fleet_agent.wire.names import escape, unescape
+from linked_fleet_gateway.fleet.model import RobotModel
+
+AUDIT = "/audit"
+_CORE_AT_ROOT = frozenset(
+    {"actions", AUDIT[1:], "blueprint", "context", "health", "invocations", "linkset", "metrics", "scene"}
+    | {"subscriptions", "vocabulary"}
+)
+_CORE_IN_ROBOT = frozenset(
+    {"actions", "annotations", "blueprint", "invocations", "jointState", "lease", "linkset", "maximumSpeedScale"}
+    | {"meshes", "model", "pose", "subscriptions", "title", "twist"}
+)
+RESERVED_IN_CAMERAS = frozenset({"blueprint"})
+_LINK_MARK = "~link"  # no escape: "~l" is no hexadecimal digit, so the mark cannot be part of a name
+
+# A robot has over a hundred parts, each named in every description of it; and a fleet names all its robots in turn, of
+# which a cache that is too small for them holds none.
+_segment = lru_cache(maxsize=32_768)(escape)
+
+
+_at_root, _in_robot, _public = _CORE_AT_ROOT, _CORE_IN_ROBOT, frozenset[str]()
+
+
+def reserve(at_root: Iterable[str] = (), in_robot: Iterable[str] = (), public: Iterable[str] = ()) -> None:
+    """Have the tree of this process own more segments: robots, joints and links of such names are escaped.
+
+    Below those of ``public`` nothing is said of any fleet, so that anybody may read it.
+    """
+    global _at_root, _in_robot, _public
+    _at_root, _in_robot, _public = _at_root | set(at_root), _in_robot | set(in_robot), _public | set(public)
+
+
+def reserved_at_root() -> frozenset[str]:
+    """The segments below ``/`` that no robot has."""
+    return _at_root
+
+
+def reserved_in_robot() -> frozenset[str]:
+    """The segments below a robot that no joint or link has."""
+    return _in_robot
+
+
+def robot_path(robot: str) -> str:
+    return f"/{_segment(robot, _at_root)}/"
+
+
+def robot_name(segment: str) -> str:
+    """ValueError when ``segment`` is no robot's."""
+    return unescape(segment, _at_root)
+
+
+def robot_of(path: str) -> str | None:
+    """The robot whose resource is at ``path``, None for the fleet's own."""
+    try:
+        segment, slash, _ = path[1:].partition("/")
+        return robot_name(segment) if slash else None
+    except ValueError:
+        return None
+
+
+def is_public(path: str) -> bool:
+    """Return True if the resource at ``path`` says nothing about any fleet: anybody may read it."""
+    return path in ("/vocabulary", "/context") or is_shared(path)
+
+
+def is_shared(path: str) -> bool:
+    """Return True if the answer is the same for everybody, so that shared caches may keep it."""
+    return path[1:].partition("/")[0] in _public
+
+
+def lease_path(robot: str) -> str:
+    return robot_path(robot) + "lease"
+
+
+def model_path(robot: str) -> str:
+    return robot_path(robot) + "model"
+
+
+def cameras_path(robot: str) -> str:
+    return robot_path(robot) + "cameras"
+
+
+def camera_path(robot: str, camera: str) -> str:
+    return f"{cameras_path(robot)}/{_segment(camera, RESERVED_IN_CAMERAS)}"
+
+
+def is_in_cameras(path: str) -> bool:
+    """Whether the resource at ``path`` is a camera, if it is any, or below one."""
+    return robot_of(path) is not None and path.split("/")[2:3] == ["cameras"]
+
+
+def mesh_path(robot: str, file_name: str) -> str:
+    return f"{robot_path(robot)}meshes/{file_name}"
+
+
+def joint_path(robot: str, joint: str) -> str:
+    return robot_path(robot) + _segment(joint, _in_robot)
+
+
+def link_path(robot: str, model: RobotModel, link: str) -> str:
+    """A link that shares its name with a joint gets a mark; the joint keeps the plain segment."""
+    return robot_path(robot) + _segment(link, _in_robot) + (_LINK_MARK if link in model.joints else "")
+
+
+def owner_path(path: str) -> str:
+    """The fleet, robot, joint or link that owns the resource at ``path``, which exists: the nearest at or above it."""
+    robot, *rest = path[1:].split("/")
+    if not rest or robot in _at_root:
+        return "/"
+    return f"/{robot}/" if rest[0] == "" or rest[0] in _in_robot else f"/{robot}/{rest[0]}"
+
+
+def is_below(path: str, root: str) -> bool:
+    """Whether the resource at ``path`` is the one at ``root`` or below it."""
+    return path == root or path.startswith(root.rstrip("/") + "/")
+
+
+def part_of(segment: str, model: RobotModel) -> tuple[str | None, str | None]:
+    """(joint, None) or (None, link) that ``segment`` names in ``model``; ValueError when it names neither."""
+    name = unescape(segment.removesuffix(_LINK_MARK), _in_robot)
+    marked = segment.endswith(_LINK_MARK)
+    if name in model.joints and not marked:
+        return name, None
+    if name in model.links and marked == (name in model.joints):
+        return None, name
+    raise ValueError(f"{segment!r} is neither a joint nor a link")

@@ -1,0 +1,174 @@
+"""Plain JSON of resources and of bodies, by the form that their SHACL shape has (``resources.json_form``).
+
+What comes as JSON becomes the triples that would have come as RDF, and goes the same way from there.
+"""
+
+import json
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+from pyoxigraph import BlankNode, Literal, NamedNode, Triple
+
+from linked_fleet_gateway.base.errors import BadRequest, UnprocessableContent
+from linked_fleet_gateway.rdf.graph import Graph, Node, Term
+from linked_fleet_gateway.rdf.json_input import load_json
+from linked_fleet_gateway.rdf.parse_error import ParseError
+from linked_fleet_gateway.rdf.parsing import MAX_LENGTH
+from linked_fleet_gateway.rdf.serialise import JSON
+from linked_fleet_gateway.rdf.vocabulary import LF, NUMERIC, XSD
+from linked_fleet_gateway.resources.json_form import Field, Form, Json, Value, form_of
+from linked_fleet_gateway.resources.resource import Resource
+
+_MAX_DEPTH = 16
+_VALUES = 4  # for each triple that may be said
+
+
+def with_json(resource: Resource, shape: NamedNode, base: str) -> Resource:
+    """The resource with its values in plain JSON besides, if ``shape`` says which those are."""
+    if resource.describe is None or shape == LF.AnnotationsShape:
+        return resource
+    write = partial(document, resource.describe, NamedNode(base + resource.path), shape)
+    return replace(resource, documents={**resource.documents, JSON: write})
+
+
+def document(describe: Callable[[Graph], None], iri: NamedNode, shape: NamedNode) -> bytes:
+    """What is described, in JSON; ``null`` is unknown."""
+    return json.dumps(described(describe, iri, shape), ensure_ascii=False, allow_nan=False).encode()
+
+
+def described(describe: Callable[[Graph], None], iri: NamedNode, shape: NamedNode) -> Json:
+    graph = Graph()
+    describe(graph)
+    return _Teller(graph.triples).object(form_of(shape), iri)
+
+
+class _Teller:
+    """From triples to JSON."""
+
+    def __init__(self, triples: Sequence[Triple]) -> None:
+        self._objects: dict[tuple[object, NamedNode], list[Term]] = {}
+        for triple in triples:
+            self._objects.setdefault((triple.subject, triple.predicate), []).append(triple.object)  # type: ignore[arg-type]
+
+    def object(self, form: Form, node: Node) -> Json:
+        told: Json = {}
+        for field in form.fields:
+            values = [self._value(field.value, each) for each in self._at(node, field.path)]
+            if not field.single:
+                told[field.name] = values
+            elif values:
+                told[field.name] = values[0]
+        return told
+
+    def _at(self, node: Term, path: tuple[NamedNode, ...]) -> list[Term]:
+        nodes = [node]
+        for predicate in path:
+            nodes = [found for each in nodes for found in self._objects.get((each, predicate), ())]
+        return nodes
+
+    def _value(self, value: Value, term: Term) -> Any:
+        if value.form is not None and not isinstance(term, Literal):
+            return self.object(value.form, term)
+        if isinstance(term, Literal) and term.datatype in NUMERIC:
+            number = float(term.value)
+            return (int(number) if value.scalar.get("type") == "integer" else number) if math.isfinite(number) else None
+        if isinstance(term, Literal) and term.datatype == XSD.boolean:
+            return term.value == "true"
+        return None if term == LF.unknown and value.unknown else term.value
+
+
+class _Number(str):
+    """A number of a JSON text, as it was written: what no float holds is for the guard to see."""
+
+    __slots__ = ()
+
+
+def triples_of(body: bytes, form: Form, iri: str, most: int) -> list[Triple]:
+    """A body in JSON as triples about a blank node, which the shape has yet to judge.
+
+    BadRequest for what is no JSON or too much, UnprocessableContent for members that the form has no name for.
+    """
+    given = _parsed(body, most)
+    if not isinstance(given, dict):
+        raise UnprocessableContent("The body is a JSON object.", constraint=iri)
+    taker = _Taker(iri, most)
+    taker.object(form, given, "")
+    return taker.triples
+
+
+def _parsed(body: bytes, most: int) -> Any:
+    try:
+        return load_json(body.decode("utf-8-sig"), _MAX_DEPTH, most * _VALUES, _Number)
+    except ParseError as error:
+        raise BadRequest(f"The body is no {JSON}: {error}", line=error.line, column=error.column) from error
+    except UnicodeDecodeError as error:
+        raise BadRequest(f"The body is no {JSON}: not UTF-8") from error
+
+
+class _Taker:
+    """From JSON to triples."""
+
+    def __init__(self, iri: str, most: int) -> None:
+        self.triples: list[Triple] = []
+        self._iri, self._most = iri, most
+
+    def object(self, form: Form, given: Json, where: str) -> BlankNode:
+        node = BlankNode()
+        between: dict[tuple[NamedNode, ...], BlankNode] = {(): node}
+        for name, value in given.items():
+            field = form.by_name.get(name)
+            if field is None:
+                known = ", ".join(form.by_name) or "none"
+                raise self._refused(f"{where}{name}"[:100], f"is not known; there are {known}")
+            for each in self._values(field, value, where + name):
+                self._add(self._before(field.path[:-1], between), field.path[-1], each)
+        return node
+
+    def _before(self, path: tuple[NamedNode, ...], between: dict[tuple[NamedNode, ...], BlankNode]) -> BlankNode:
+        """The node at the end of ``path``, which members of one object share."""
+        if path not in between:
+            between[path] = BlankNode()
+            self._add(self._before(path[:-1], between), path[-1], between[path])
+        return between[path]
+
+    def _add(self, subject: BlankNode, predicate: NamedNode, value: Term) -> None:
+        if len(self.triples) == self._most:
+            raise BadRequest(f"The body says more than {self._most} things.")
+        self.triples.append(Triple(subject, predicate, value))
+
+    def _values(self, field: Field, value: Any, where: str) -> Iterator[Term]:
+        if field.single:
+            yield self._term(field.value, value, where)
+            return
+        if not isinstance(value, list):
+            raise self._refused(where, "is an array")
+        for index, each in enumerate(value):
+            yield self._term(field.value, each, f"{where}[{index}]")
+
+    def _term(self, value: Value, given: Any, where: str) -> Term:
+        """As it stands there: whether it is right is for the shape to say."""
+        if value.form is not None:
+            if not isinstance(given, dict):
+                raise self._refused(where, "is an object")
+            return self.object(value.form, given, where + ".")
+        if isinstance(given, bool):
+            return Literal("true" if given else "false", datatype=XSD.boolean)
+        if not isinstance(given, str) or len(given) > MAX_LENGTH:
+            raise self._refused(where, f"is one number, or one text of at most {MAX_LENGTH} characters")
+        if isinstance(given, _Number):
+            return Literal(str(given), datatype=XSD.integer if given.lstrip("-").isdecimal() else XSD.double)
+        if given in value.terms:
+            return value.terms[given]
+        return self._iri_of(given, where) if value.is_iri else Literal(given)
+
+    def _iri_of(self, text: str, where: str) -> NamedNode:
+        try:
+            return NamedNode(text)
+        except ValueError as error:
+            raise self._refused(where, "is an absolute IRI") from error
+
+    def _refused(self, where: str, what: str) -> UnprocessableContent:
+        return UnprocessableContent(f"{where} {what}.", constraint=self._iri)

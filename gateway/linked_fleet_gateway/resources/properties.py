@@ -1,0 +1,322 @@
+"""Properties (paper 5.2): for each kind of thing its properties, and how each is described with its present value."""
+
+import math
+from collections.abc import Callable, Sequence
+from itertools import chain
+
+from pyoxigraph import Literal, NamedNode
+
+from linked_fleet_agent.wire.messages import Base
+from linked_fleet_gateway.fleet.model import Joint, Link, Pose
+from linked_fleet_gateway.fleet.observation import Observation
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.rdf.graph import Graph, Node, integer, number
+from linked_fleet_gateway.rdf.units import (
+    KILOGRAM,
+    KILOGRAM_SQUARE_METRE,
+    METRE,
+    METRE_PER_SECOND,
+    RADIAN,
+    RADIAN_PER_SECOND,
+    UNITLESS,
+    Dimension,
+    Unit,
+)
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, MATHS, ROS, SPATIAL, XSD
+from linked_fleet_gateway.resources.action_offer import joint_offers
+from linked_fleet_gateway.resources.joint_kinds import (
+    EFFORT_RESOLUTION,
+    POSE_RESOLUTION,
+    POSITION_RESOLUTION,
+    VELOCITY_RESOLUTION,
+    kind_of,
+)
+from linked_fleet_gateway.resources.paths import joint_path
+from linked_fleet_gateway.resources.property import ROBOT_PROPERTIES, Property, Seen
+from linked_fleet_gateway.resources.settable import ABSOLUTE, settable, target
+
+FRAME_MEDIA_TYPE = "application/vnd.linked-fleet.frame"
+
+
+def scalar(segment: str, predicate: NamedNode, title: str, value: float | None, unit: Unit) -> Property:
+    """A constant of the URDF."""
+
+    def describe(graph: Graph, iri: NamedNode, _: Seen) -> None:
+        graph.scalar(iri, LF.value, value, unit)
+
+    return Property(segment, predicate, (LF.ScalarProperty,), LF.ScalarPropertyShape, title, describe)
+
+
+def _measured(
+    segment: str, predicate: NamedNode, joint: Joint, look: Callable[[], Observation], unit: Unit
+) -> Property:
+    """A measured scalar of a joint, with the time of its frame."""
+
+    def describe(graph: Graph, iri: NamedNode, seen: Seen) -> None:
+        graph.scalar(iri, LF.value, seen.values[0], unit)
+        graph.result_time(iri, seen.wall_ns)
+
+    title, shape = f"{segment} of {joint.name}", LF.ScalarPropertyShape
+    return Property(segment, predicate, (LF.ScalarProperty,), shape, title, describe, lambda: (look(),))
+
+
+# The three measured values of a joint: every document that shows one shows the same observation.
+
+
+def _position(robot: Robot, joint: str) -> Observation:
+    return robot.observe_position(joint, POSITION_RESOLUTION)
+
+
+def _mark(graph: Graph, node: Node, outside: bool) -> None:
+    if outside:
+        graph.add(node, LF.outOfLimits, Literal("true", datatype=XSD.boolean))
+
+
+def _velocity(robot: Robot, joint: str) -> Observation:
+    return robot.observe(f"{joint}/velocity", (robot.velocities.get(joint, math.nan),), VELOCITY_RESOLUTION)
+
+
+def _effort(robot: Robot, joint: str) -> Observation:
+    return robot.observe(f"{joint}/effort", (robot.efforts.get(joint, math.nan),), EFFORT_RESOLUTION)
+
+
+def joint_properties(robot: Robot, joint: Joint) -> list[Property]:
+    kind, name = kind_of(joint), joint.name
+    found: list[Property] = []
+    if kind.dimension is not None:
+        dimension = kind.dimension
+        found += [
+            _rotation(robot, joint) if kind.position == "rotation" else _translation(robot, joint),
+            _measured("velocity", LF.velocity, joint, lambda: _velocity(robot, name), dimension.velocity),
+            _measured("effort", LF.effort, joint, lambda: _effort(robot, name), dimension.effort),
+            _limits(joint, dimension),
+            scalar("friction", ROS.friction, f"static friction of {joint.name}", joint.friction, dimension.effort),
+            scalar("damping", LF.damping, f"damping of {joint.name}", joint.damping, dimension.damping),
+        ]
+    elif kind.type != LF.FixedJoint:
+        # A floating or planar joint inside the tree has no place in the wire's arrays: its pose is unknown.
+        found.append(_pose_property("pose", f"pose of {joint.name}", lambda: None, robot, f"{joint.name}/pose"))
+    found += [target(robot, offer) for offer in joint_offers(robot, joint) if offer.definition.iri in ABSOLUTE]
+    found.append(_reference_frame(robot, joint))
+    if joint.mimic is not None:
+        found.append(_mimic(robot, joint))
+    return found
+
+
+def link_properties(robot: Robot, link: Link) -> list[Property]:
+    inertial = link.inertial
+
+    def centre(graph: Graph, iri: NamedNode, _: Seen) -> None:
+        graph.vector(iri, LF.position, inertial.centre_m if inertial else None, METRE)
+
+    def inertia(graph: Graph, iri: NamedNode, _: Seen) -> None:
+        moments = inertial.inertia_kg_m2 if inertial else (None,) * 6
+        for term, value in zip((LF.ixx, LF.ixy, LF.ixz, LF.iyy, LF.iyz, LF.izz), moments, strict=True):
+            graph.scalar(iri, term, value, KILOGRAM_SQUARE_METRE)
+
+    name = link.name
+    return [
+        _pose_property("pose", f"pose of {name}", lambda: robot.link_pose(name), robot, f"{name}~link/pose"),
+        scalar("mass", LF.mass, f"mass of {name}", inertial.mass_kg if inertial else None, KILOGRAM),
+        Property(
+            "centreOfMass",
+            LF.centreOfMass,
+            (LF.Point,),
+            LF.PointShape,
+            f"centre of mass of {name}, in its frame",
+            centre,
+        ),
+        Property(
+            "inertia",
+            LF.inertia,
+            (LF.Inertia,),
+            LF.InertiaShape,
+            f"inertia of {name} about its centre of mass",
+            inertia,
+        ),
+    ]
+
+
+def robot_properties(robot: Robot, iri_of: Callable[[str], NamedNode]) -> list[Property]:
+    found = [
+        Property(
+            "jointState",
+            LF.jointState,
+            (LF.JointState,),
+            LF.JointStateShape,
+            f"joint state of {robot.name}",
+            lambda graph, iri, seen: _joint_state(graph, iri, robot, iri_of, seen),
+            lambda: tuple(chain.from_iterable(_joint_values(robot, joint) for joint in _movable(robot))),
+        )
+    ]
+    found += [*settable(robot), *(make(robot) for make in ROBOT_PROPERTIES)]
+    if robot.description is not None and robot.description.base == "floating":
+        found.append(
+            _pose_property("pose", f"pose of the base of {robot.name}", lambda: _base_pose(robot), robot, "pose")
+        )
+        found.append(
+            Property(
+                "twist",
+                LF.twist,
+                (LF.Twist,),
+                LF.TwistShape,
+                f"twist of the base of {robot.name}",
+                _twist,
+                lambda: (_base_twist(robot),),
+            )
+        )
+    return found
+
+
+def _rotation(robot: Robot, joint: Joint) -> Property:
+    def describe(graph: Graph, iri: NamedNode, seen: Seen) -> None:
+        graph.scalar(iri, SPATIAL.rotationAngle, seen.values[0], RADIAN)
+        _mark(graph, iri, any(seen.outside))
+        graph.vector(iri, SPATIAL.rotationAxis, joint.axis, None)
+        graph.result_time(iri, seen.wall_ns)
+
+    types, title = (SPATIAL.AxisAngle, SPATIAL.Rotation3D), f"rotation of {joint.name}"
+    shape, look = SPATIAL.AxisAngleShape, lambda: (_position(robot, joint.name),)
+    return Property("rotation", ROS.rotation, types, shape, title, describe, look)
+
+
+def _translation(robot: Robot, joint: Joint) -> Property:
+    def describe(graph: Graph, iri: NamedNode, seen: Seen) -> None:
+        graph.scalar(iri, LF.displacement, seen.values[0], METRE)
+        _mark(graph, iri, any(seen.outside))
+        graph.vector(iri, LF.translationAxis, joint.axis, None)
+        graph.result_time(iri, seen.wall_ns)
+
+    title, look = f"translation of {joint.name}", lambda: (_position(robot, joint.name),)
+    return Property("translation", LF.translation, (LF.Translation,), LF.TranslationShape, title, describe, look)
+
+
+def _limits(joint: Joint, dimension: Dimension) -> Property:
+    limits = joint.limits
+
+    def describe(graph: Graph, iri: NamedNode, _: Seen) -> None:
+        graph.scalar(iri, LF.lowerLimit, limits.lower, dimension.position)
+        graph.scalar(iri, LF.upperLimit, limits.upper, dimension.position)
+        graph.scalar(iri, LF.velocityLimit, limits.velocity, dimension.velocity)
+        graph.scalar(iri, LF.effortLimit, limits.effort, dimension.effort)
+
+    return Property("limits", LF.limits, (LF.Limits,), LF.LimitsShape, f"limits of {joint.name}", describe)
+
+
+def _reference_frame(robot: Robot, joint: Joint) -> Property:
+    def describe(graph: Graph, iri: NamedNode, _: Seen) -> None:
+        graph.vector(iri, LF.origin, joint.origin.position_m, METRE)
+        graph.quaternion(iri, LF.orientation, joint.origin.orientation_xyzw)
+
+    title = f"reference frame of {joint.name}, in the frame of {joint.parent}"
+    return Property(
+        "jointReferenceFrame",
+        ROS.jointReferenceFrame,
+        (MATHS.CoordinateSystem,),
+        MATHS.CoordinateSystemShape,
+        title,
+        describe,
+    )
+
+
+def _mimic(robot: Robot, joint: Joint) -> Property:
+    mimic = joint.mimic
+    assert mimic is not None
+    dimension = kind_of(joint).dimension
+
+    def describe(graph: Graph, iri: NamedNode, _: Seen) -> None:
+        base = iri.value[: -len(f"{joint_path(robot.name, joint.name)}/mimic")]
+        graph.add(iri, LF.mimicsJoint, NamedNode(base + joint_path(robot.name, mimic.joint)))
+        graph.scalar(iri, LF.multiplier, mimic.multiplier, UNITLESS)
+        graph.scalar(iri, LF.offset, mimic.offset, dimension.position if dimension else UNITLESS)
+
+    return Property("mimic", LF.mimic, (LF.Mimicry,), LF.MimicryShape, f"what {joint.name} follows", describe)
+
+
+def _pose_property(segment: str, title: str, pose: Callable[[], Pose | None], robot: Robot, key: str) -> Property:
+    def observe() -> Observation:
+        present = pose()
+        values: Sequence[float] = (
+            (math.nan,) * 7 if present is None else (*present.position_m, *present.orientation_xyzw)
+        )
+        return robot.observe(key, tuple(values), POSE_RESOLUTION)
+
+    def describe(graph: Graph, iri: NamedNode, seen: Seen) -> None:
+        graph.vector(iri, LF.position, seen.values[:3], METRE)
+        graph.quaternion(iri, LF.orientation, seen.values[3:])
+        graph.add(iri, LF.frame, Literal("world" if _floating(robot) else "base"))
+        graph.result_time(iri, seen.wall_ns)
+
+    return Property(segment, LF.pose, (LF.Pose,), LF.PoseShape, title, describe, lambda: (observe(),))
+
+
+def _floating(robot: Robot) -> bool:
+    return robot.description is not None and robot.description.base == "floating"
+
+
+def _base(robot: Robot) -> Base | None:
+    return None if robot.frame is None else robot.frame.base
+
+
+def _base_pose(robot: Robot) -> Pose | None:
+    base = _base(robot)
+    return None if base is None else Pose(base.position_m, base.orientation_xyzw)
+
+
+def _base_twist(robot: Robot) -> Observation:
+    base = _base(robot)
+    values = (math.nan,) * 6 if base is None else (*base.linear_m_s, *base.angular_rad_s)
+    return robot.observe("twist", values, VELOCITY_RESOLUTION)
+
+
+def _twist(graph: Graph, iri: NamedNode, seen: Seen) -> None:
+    graph.vector(iri, LF.linear, seen.values[:3], METRE_PER_SECOND)
+    graph.vector(iri, LF.angular, seen.values[3:], RADIAN_PER_SECOND)
+    graph.result_time(iri, seen.wall_ns)
+
+
+def _movable(robot: Robot) -> list[Joint]:
+    """The joints of the wire's arrays, in its order."""
+    if robot.model is None or robot.description is None:
+        return []
+    joints = [robot.model.joints[name] for name in robot.description.joints]
+    return [joint for joint in joints if kind_of(joint).dimension is not None]
+
+
+def _joint_values(robot: Robot, joint: Joint) -> tuple[Observation, Observation, Observation]:
+    return _position(robot, joint.name), _velocity(robot, joint.name), _effort(robot, joint.name)
+
+
+def _joint_state(graph: Graph, iri: NamedNode, robot: Robot, iri_of: Callable[[str], NamedNode], seen: Seen) -> None:
+    """Every joint of the wire's arrays with its values, and the layout of the same in one binary frame (D5)."""
+    outside = seen.outside[::3] or (False,) * (len(seen.values) // 3)
+    rows = zip(seen.values[::3], seen.values[1::3], seen.values[2::3], outside, strict=True)
+    for joint, (position, velocity, effort, marked) in zip(_movable(robot), rows, strict=True):
+        dimension = kind_of(joint).dimension
+        assert dimension is not None
+        sample = graph.blank(LF.JointSample)
+        graph.add(iri, LF.sample, sample)
+        graph.add(sample, LF.ofJoint, iri_of(joint_path(robot.name, joint.name)))
+        _mark(graph, sample, marked)
+        for predicate, value, unit_term, unit in (
+            (LF.position, position, LF.positionUnit, dimension.position),
+            (LF.velocity, velocity, LF.velocityUnit, dimension.velocity),
+            (LF.effort, effort, LF.effortUnit, dimension.effort),
+        ):
+            graph.add(sample, predicate, number(value))
+            graph.add(sample, unit_term, unit.qudt)
+    graph.result_time(iri, seen.wall_ns)
+    _layout(graph, iri, robot)
+
+
+def _layout(graph: Graph, iri: NamedNode, robot: Robot) -> None:
+    graph.add(iri, DCTERMS.format, Literal(FRAME_MEDIA_TYPE))
+    fields = []
+    for entry in robot.description.layout if robot.description else ():
+        node = graph.blank(LF.FrameField)
+        graph.add(node, LF.fieldName, Literal(entry.name))
+        graph.add(node, LF.fieldType, Literal(entry.type))
+        graph.add(node, LF.byteOffset, integer(entry.offset))
+        graph.add(node, LF.valueCount, integer(entry.count))
+        fields.append(node)
+    graph.add(iri, LF.frameLayout, graph.collection(fields))

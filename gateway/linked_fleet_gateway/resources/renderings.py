@@ -1,0 +1,29 @@
+"""Compiled renderings of measured values, kept for the next read: one per resource, media type and base URL."""
+
+from linked_fleet_gateway.resources.property import Seen
+from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.template import Rendering
+
+MAX_KEPT = 4096
+
+
+class Renderings:
+    """Bounded: the oldest goes first. A rendering is made anew when the facts of its resource change."""
+
+    def __init__(self, most: int = MAX_KEPT) -> None:
+        self._most = most
+        self._kept: dict[tuple[str, str, str], tuple[object, Rendering]] = {}
+
+    def body(self, resource: Resource, media_type: str, base: str) -> bytes:
+        """The document with the present values. ``compiles`` holds of the resource. Raises WriteError."""
+        key, facts = (base, resource.path, media_type), resource.source.facts()
+        kept = self._kept.get(key)
+        if kept is None or kept[0] != facts:
+            self._kept.pop(key, None)
+            while len(self._kept) >= self._most:
+                del self._kept[next(iter(self._kept))]
+            kept = self._kept[key] = (facts, Rendering(resource, media_type, base))
+        return kept[1].body(Seen.of(resource.source.look()))
+
+    def __len__(self) -> int:
+        return len(self._kept)

@@ -1,0 +1,128 @@
+"""What a path of the tree resolves to."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from pyoxigraph import NamedNode
+
+from linked_fleet_agent.wire.messages import Mesh
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.rdf.graph import Graph
+from linked_fleet_gateway.rdf.shapes import blueprint
+from linked_fleet_gateway.rdf.vocabulary import LDP
+from linked_fleet_gateway.resources.affordance import Affordance, ChangeSubscription, ResumeSubscription, Subscribe
+from linked_fleet_gateway.resources.paths import owner_path
+from linked_fleet_gateway.resources.property import Seen
+from linked_fleet_gateway.resources.subscription import Record
+from linked_fleet_gateway.resources.versioning import Source
+
+_OF_SUBSCRIPTIONS = (Subscribe, ChangeSubscription, ResumeSubscription)
+CONTAINER = (LDP.Resource, LDP.BasicContainer)
+
+
+@dataclass(frozen=True)
+class Remote:
+    """A mesh that ``robot`` has to be asked for; the rest is known without asking."""
+
+    robot: Robot
+    mesh: Mesh
+
+
+@dataclass(frozen=True)
+class Resource:
+    """One resource; ``describe`` adds its triples, ``documents`` are its other representations by media type.
+
+    ``remote``: what has to be asked for at each GET, where that is not known here, or depends on the request; by its
+    type ``http/endpoint.py`` finds who answers. ``affords`` says what can be done to it besides reading;
+    ``immutable``: what is at this path is never anything else.
+    """
+
+    path: str
+    title: str
+    describe: Callable[[Graph], None] | None
+    interaction: tuple[NamedNode, ...] = (LDP.Resource, LDP.RDFSource)
+    source: Source = field(default_factory=Source)
+    own: tuple[str, ...] = ()
+    parts: tuple[str, ...] = ()
+    affords: Affordance | None = None
+    documents: Mapping[str, Callable[[], bytes]] = field(default_factory=dict)
+    constant: frozenset[str] = frozenset()
+    """Media types of ``documents`` that are in no message, because no value stands in them."""
+    remote: object | None = None
+    linkset_of: "Resource | None" = None
+    has_linkset: bool = False
+    layout: str | None = None
+    """Path of what describes its binary frames."""
+    immutable: bool = False
+    measured: Callable[[Graph, Seen], None] | None = None
+    """``describe`` of a measured value with other values than the present ones; None of all else."""
+    query: str = ""
+    """With which it was asked for, where that makes a difference."""
+    followed: bool = True
+    """Whether anything follows it as it changes."""
+    news_in_documents: bool = False
+    """Whether what is measured shows in ``documents`` alone, and is no news of the description."""
+    forms: bool = False
+    """Whether its page sends a form without a script."""
+    reader: str = ""
+    """Who has logged in and reads it as a page, which says so."""
+    links_subscriptions: bool = True
+    """Its page links its Subscriptions container, which not everybody who reads the page may read."""
+    warning: str = ""
+    """One sentence about the gateway that its page shows."""
+
+    def whole(self, base: str) -> Graph:
+        """All that a representation in RDF says."""
+        graph = Graph()
+        if self.describe is not None:
+            self.describe(graph)
+        self.state_model(graph, base)
+        return graph
+
+    def state_model(self, graph: Graph, base: str) -> None:
+        """Say in its description, too, that it is an RDF source, which nobody has to infer (R1.7).
+
+        Containers say themselves what they are.
+        """
+        if LDP.RDFSource in self.interaction:
+            graph.a(NamedNode(base + self.path), LDP.RDFSource)
+
+    @property
+    def linkset(self) -> str:
+        return self.path.rstrip("/") + "/linkset"
+
+    @property
+    def observable(self) -> bool:
+        """Whether it can be subscribed to. Subscriptions cannot: they change with every message about them."""
+        return self.describe is not None and self.followed and not isinstance(self.affords, _OF_SUBSCRIPTIONS)
+
+    @property
+    def subscription(self) -> Record | None:
+        """The subscription that it is."""
+        return self.affords.record if isinstance(self.affords, ChangeSubscription) else None
+
+    @property
+    def owner(self) -> str:
+        """Path of the fleet, robot, joint or link that owns it, or that it is."""
+        return owner_path(self.path)
+
+
+def blueprint_of(
+    resource: Resource, base: str, shapes: tuple[NamedNode, ...], source: Source | None = None
+) -> Resource:
+    """The blueprint of a resource (paper 5.1); ``source``: what it follows from, if it is not always the same."""
+    path = resource.path.rstrip("/") + "/blueprint"
+    iri, target = NamedNode(base + path), NamedNode(base + resource.path)
+    return Resource(
+        path,
+        f"Blueprint of {resource.path}",
+        lambda graph: blueprint(graph, iri, target, shapes),
+        source=source or Source(),
+    )
+
+
+@dataclass(frozen=True)
+class Redirect:
+    """The one spelling of a path that has another (with or without the slash at its end)."""
+
+    path: str

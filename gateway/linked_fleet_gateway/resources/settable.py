@@ -1,0 +1,105 @@
+"""Properties that clients may replace: settings of a robot, and the target of a joint."""
+
+from pyoxigraph import Literal, NamedNode
+
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.rdf.graph import Graph, integer
+from linked_fleet_gateway.rdf.units import ANGULAR, UNITLESS
+from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF, SH
+from linked_fleet_gateway.resources.action_offer import Offer
+from linked_fleet_gateway.resources.affordance import PutSetting, PutTarget
+from linked_fleet_gateway.resources.annotations import annotate
+from linked_fleet_gateway.resources.joint_kinds import kind_of
+from linked_fleet_gateway.resources.property import Property, Seen
+from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.setting import Setting, settings
+from linked_fleet_gateway.resources.shape_parameters import Scope, complete
+
+ABSOLUTE = (LF.Rotate, LF.Translate)
+"""The actions by which a joint is brought to a target."""
+
+
+def settable(robot: Robot) -> list[Property]:
+    """What clients may set of a robot."""
+    known = settings(robot)
+
+    def title(graph: Graph, iri: NamedNode, _: Seen) -> None:
+        graph.add(iri, LF.value, Literal(robot.title))
+        graph.add(iri, HYBRIT.consumes, LF.TextInput)
+
+    def scale(graph: Graph, iri: NamedNode, _: Seen) -> None:
+        graph.scalar(iri, LF.value, robot.speed_scale, UNITLESS)
+        graph.add(iri, HYBRIT.consumes, LF.SpeedScaleInput)
+
+    def annotations(graph: Graph, iri: NamedNode, _: Seen) -> None:
+        subject = iri.value.removesuffix("annotations")
+        annotate(graph, NamedNode(subject), robot.annotations, subject)
+
+    named = f"of {robot.name}"
+    return [
+        Property(segment, predicate, (type_,), shape, f"{words} {named}", describe, put=known[segment])
+        for segment, predicate, type_, shape, words, describe in (
+            # dcterms:title says the title itself (R1.5), so its property has no predicate of its own.
+            ("title", HYBRIT.property, LF.TextProperty, LF.TextPropertyShape, "title", title),
+            ("annotations", LF.annotations, LF.Annotations, LF.AnnotationsShape, "annotations", annotations),
+            (
+                "maximumSpeedScale",
+                LF.maximumSpeedScale,
+                LF.SpeedScale,
+                LF.SpeedScaleShape,
+                "maximum speed scale",
+                scale,
+            ),
+        )
+    ]
+
+
+def target(robot: Robot, offer: Offer) -> Property:
+    """Where a joint was last commanded to; to put it is to invoke ``offer``."""
+    joint = offer.joint
+    assert joint is not None
+    dimension = kind_of(joint).dimension
+    assert dimension is not None
+    segment = "targetRotation" if dimension is ANGULAR else "targetTranslation"
+
+    def describe(graph: Graph, iri: NamedNode, _: Seen) -> None:
+        graph.scalar(iri, LF.value, robot.targets.get(joint.name), dimension.position)
+        graph.add(iri, HYBRIT.consumes, NamedNode(iri.value + "/blueprint#input"))
+
+    return Property(
+        segment,
+        LF.terms[segment],
+        (LF.TargetPosition,),
+        LF.TargetPositionShape,
+        f"target of {joint.name}",
+        describe,
+        facts=lambda: robot.targets.get(joint.name),
+        put=offer,
+    )
+
+
+def describe_target_input(graph: Graph, iri: NamedNode, offer: Offer, base: str) -> None:
+    """The shape of what may be put as the target of a joint: one ``lf:value``, as the action takes it."""
+    value, scalar = graph.blank(), graph.blank()
+    graph.a(iri, SH.NodeShape)
+    graph.add(iri, SH.property, value)
+    graph.add(value, SH.path, LF.value)
+    graph.add(value, SH.name, Literal("value"))
+    graph.add(value, SH.minCount, integer(1))
+    graph.add(value, SH.maxCount, integer(1))
+    graph.add(value, SH.node, scalar)
+    graph.a(scalar, SH.NodeShape)
+    complete(Scope(base, offer.robot, offer.joint))(graph, scalar, LF.jointPosition)
+
+
+def describe_target_blueprint(blueprint: Resource, offer: Offer, base: str, graph: Graph) -> None:
+    """The blueprint of a target, and the shape of what can be put there, which depends on the joint."""
+    assert blueprint.describe is not None
+    blueprint.describe(graph)
+    describe_target_input(graph, NamedNode(f"{base}{blueprint.path}#input"), offer, base)
+
+
+def affordance(put: Setting | Offer | None) -> PutSetting | PutTarget | None:
+    if put is None:
+        return None
+    return PutSetting(put) if isinstance(put, Setting) else PutTarget(put)

@@ -1,0 +1,298 @@
+"""What only the robot at hand can say in the shape of an action: its joints, limits, links and poses.
+
+A shape in shapes/linked_fleet_shapes/actions names, by ``lf:completedBy``, what is to be added to it here.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+
+from pyoxigraph import Literal, NamedNode
+
+from linked_fleet_gateway.fleet.model import Joint, JointKind
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.rdf.graph import Graph, Node, Term, integer, lexical
+from linked_fleet_gateway.rdf.units import ANGULAR, LINEAR, Dimension, Unit
+from linked_fleet_gateway.rdf.vocabulary import LF, NUMERIC, SH, VOM, XSD
+from linked_fleet_gateway.resources.joint_kinds import kind_of
+from linked_fleet_gateway.resources.named_poses import poses
+from linked_fleet_gateway.resources.paths import joint_path, lease_path, link_path
+
+_DIGITS = 6  # limits are rounded inwards to a millionth of the unit, so what the shape admits the robot admits
+MOST_TURNS = 10  # that a continuous joint makes at once
+_FASTEST = {ANGULAR: 10.0, LINEAR: 10.0}  # rad/s or m/s, stated for a joint without a velocity limit
+_FAR = 1_000_000  # no joint expects to be beyond, in any unit
+
+
+@dataclass(frozen=True)
+class Scope:
+    """Whose shape it is: of the fleet, a robot, or a joint of it."""
+
+    base: str
+    robot: Robot | None = None
+    joint: Joint | None = None
+
+    def of_robot(self) -> Robot:
+        assert self.robot is not None
+        return self.robot
+
+    def joint_iri(self, joint: str) -> NamedNode:
+        return NamedNode(self.base + joint_path(self.of_robot().name, joint))
+
+
+def complete(scope: Scope) -> Callable[[Graph, Node, NamedNode], None]:
+    """What ``rdf.shapes.copy`` asks for at each ``lf:completedBy``. KeyError for one that is not known."""
+    return lambda graph, node, completion: COMPLETIONS[completion](graph, node, scope)
+
+
+def bounded(joint: Joint) -> bool:
+    """Whether it takes commands and its shape can say within which limits."""
+    ends = joint.kind is JointKind.CONTINUOUS or None not in (joint.limits.lower, joint.limits.upper)
+    return joint.commandable and ends and kind_of(joint).dimension is not None
+
+
+def commandable(robot: Robot) -> list[Joint]:
+    """The joints that actions of the robot can name."""
+    listed = robot.description.joints if robot.description is not None and robot.model is not None else ()
+    joints = [robot.model.joints[name] for name in listed] if robot.model is not None else []
+    return [joint for joint in joints if bounded(joint)]
+
+
+def bounds(joint: Joint, unit: Unit) -> tuple[float, float]:
+    """Lowest and highest admissible position in ``unit``; a continuous joint takes 0 up to, not including, one turn."""
+    if joint.kind is JointKind.CONTINUOUS:
+        return 0.0, round(math.tau / unit.si, _DIGITS)
+    low, high = joint.limits.lower, joint.limits.upper
+    assert low is not None and high is not None
+    return _inwards(low / unit.si, high / unit.si)
+
+
+def _inwards(low: float, high: float) -> tuple[float, float]:
+    scale = 10**_DIGITS
+    return math.ceil(low * scale - 1e-3) / scale, math.floor(high * scale + 1e-3) / scale
+
+
+def dimension_of(joint: Joint) -> Dimension:
+    dimension = kind_of(joint).dimension
+    assert dimension is not None
+    return dimension
+
+
+# -- the completions ------------------------------------------------------------------------------------------------
+
+
+def _any_number(graph: Graph, node: Node, scope: Scope) -> None:
+    graph.add(node, SH.or_, graph.collection([_with(graph, SH.datatype, datatype) for datatype in NUMERIC]))
+
+
+def _joint_position(graph: Graph, node: Node, scope: Scope) -> None:
+    joint = scope.joint
+    assert joint is not None
+    units = dimension_of(joint).accepted
+    _value_and_unit(graph, node, units, "the absolute position to reach")
+    graph.add(node, SH.or_, graph.collection([position_branch(graph, joint, unit) for unit in units]))
+
+
+def position_branch(graph: Graph, joint: Joint, unit: Unit) -> Node:
+    """The joint's limits in one unit."""
+    return _branch(graph, unit, *bounds(joint, unit), open_end=joint.kind is JointKind.CONTINUOUS)
+
+
+def _joint_displacement(graph: Graph, node: Node, scope: Scope) -> None:
+    joint = scope.joint
+    assert joint is not None
+    units, limits = dimension_of(joint).accepted, joint.limits
+    if joint.kind is JointKind.CONTINUOUS:
+        span = MOST_TURNS * math.tau
+    else:
+        assert limits.lower is not None and limits.upper is not None
+        span = limits.upper - limits.lower
+    _value_and_unit(graph, node, units, "how far to go, from where the joint is")
+    branches = [_branch(graph, unit, *_inwards(-span / unit.si, span / unit.si)) for unit in units]
+    graph.add(node, SH.or_, graph.collection(branches))
+
+
+def _joint_speed(graph: Graph, node: Node, scope: Scope) -> None:
+    joint = scope.joint
+    assert joint is not None
+    dimension = dimension_of(joint)
+    fastest = joint.limits.velocity or _FASTEST[dimension]
+    _value_and_unit(graph, node, dimension.speeds, "the highest speed")
+    branches = []
+    for unit in dimension.speeds:
+        limits = _path(graph, VOM.numericalValue)
+        graph.add(limits, SH.minExclusive, integer(0))
+        graph.add(limits, SH.maxInclusive, at_most(_inwards(0.0, fastest / unit.si)[1]))
+        branches.append(_both(graph, _unit_among(graph, unit.accepted), limits))
+    graph.add(node, SH.or_, graph.collection(branches))
+
+
+def _joint_target(graph: Graph, node: Node, scope: Scope) -> None:
+    joints = commandable(scope.of_robot())
+    _which_joint(graph, node, [scope.joint_iri(joint.name) for joint in joints])
+    _value_and_unit(graph, node, _units(joints), "the absolute position to reach")
+    branches = []
+    for joint in joints:
+        for unit in dimension_of(joint).accepted:
+            branch, which = position_branch(graph, joint, unit), _path(graph, LF.ofJoint)
+            graph.add(which, SH.hasValue, scope.joint_iri(joint.name))
+            graph.add(branch, SH.property, which)
+            branches.append(branch)
+    graph.add(node, SH.or_, graph.collection(branches))
+
+
+def _joint_expectation(graph: Graph, node: Node, scope: Scope) -> None:
+    joints = commandable(scope.of_robot())
+    _which_joint(graph, node, [scope.joint_iri(joint.name) for joint in joints])
+    value, tolerance = _value_and_unit(graph, node, _units(joints), "where the joint must be"), _tolerance(graph, node)
+    for each, low in ((value, -_FAR), (tolerance, 0)):
+        graph.add(each, SH.minInclusive, integer(low))
+        graph.add(each, SH.maxInclusive, integer(_FAR))
+    branches = []
+    for dimension in (ANGULAR, LINEAR):
+        names = [scope.joint_iri(joint.name) for joint in joints if dimension_of(joint) is dimension]
+        if names:
+            which = _path(graph, LF.ofJoint)
+            graph.add(which, SH.in_, graph.collection(names))
+            accepted = [iri for unit in dimension.accepted for iri in unit.accepted]
+            branches.append(_both(graph, which, _unit_among(graph, accepted)))
+    graph.add(node, SH.or_, graph.collection(branches))
+
+
+def _own_lease(graph: Graph, node: Node, scope: Scope) -> None:
+    graph.add(node, SH.in_, graph.collection([NamedNode(scope.base + lease_path(scope.of_robot().name))]))
+
+
+def _own_link(graph: Graph, node: Node, scope: Scope) -> None:
+    robot = scope.of_robot()
+    assert robot.model is not None
+    model = robot.model
+    iris = [NamedNode(scope.base + link_path(robot.name, model, link)) for link in moved_links(robot)]
+    graph.add(node, SH.in_, graph.collection(iris))
+
+
+def _own_pose(graph: Graph, node: Node, scope: Scope) -> None:
+    graph.add(node, SH.in_, graph.collection([Literal(name) for name in sorted(poses(scope.of_robot()))]))
+
+
+def moved_links(robot: Robot) -> list[str]:
+    """The links that some joint moves which takes commands."""
+    if robot.model is None:
+        return []
+    model, able = robot.model, {joint.name for joint in commandable(robot)}
+    moved: set[str] = set()
+    pending = [model.joints[name].child for name in able]
+    while pending:
+        link = pending.pop()
+        if link not in moved:
+            moved.add(link)
+            pending += [model.joints[name].child for name in model.links[link].child_joints]
+    return [link for link in model.links if link in moved]
+
+
+COMPLETIONS: dict[NamedNode, Callable[[Graph, Node, Scope], None]] = {
+    LF.anyNumber: _any_number,
+    LF.jointPosition: _joint_position,
+    LF.jointDisplacement: _joint_displacement,
+    LF.jointSpeed: _joint_speed,
+    LF.jointTarget: _joint_target,
+    LF.jointExpectation: _joint_expectation,
+    LF.ownLease: _own_lease,
+    LF.ownLink: _own_link,
+    LF.ownPose: _own_pose,
+}
+
+
+# -- pieces of shapes -----------------------------------------------------------------------------------------------
+
+
+def _value_and_unit(graph: Graph, node: Node, units: Iterable[Unit], meaning: str) -> Node:
+    """A number and its unit, once each; the property of the number."""
+    value = _once(graph, VOM.numericalValue, "value", meaning)
+    graph.add(value, SH.or_, graph.collection([_with(graph, SH.datatype, datatype) for datatype in NUMERIC]))
+    unit = _once(graph, VOM.unit, "unit", "the unit of the value")
+    graph.add(unit, SH.in_, graph.collection([iri for each in units for iri in each.accepted]))
+    graph.add(node, SH.property, value, unit)
+    return value
+
+
+def _tolerance(graph: Graph, node: Node) -> Node:
+    tolerance = _once(graph, LF.tolerance, "tolerance", "how far off it may be, in the same unit")
+    graph.add(tolerance, SH.or_, graph.collection([_with(graph, SH.datatype, datatype) for datatype in NUMERIC]))
+    graph.add(node, SH.property, tolerance)
+    return tolerance
+
+
+def _which_joint(graph: Graph, node: Node, joints: Sequence[Term]) -> None:
+    which = _once(graph, LF.ofJoint, "joint", "the joint")
+    graph.add(which, SH.in_, graph.collection(joints))
+    graph.add(node, SH.property, which)
+
+
+def _units(joints: Iterable[Joint]) -> list[Unit]:
+    return list(dict.fromkeys(unit for joint in joints for unit in dimension_of(joint).accepted))
+
+
+def _branch(graph: Graph, unit: Unit, low: float, high: float, *, open_end: bool = False) -> Node:
+    limits = _path(graph, VOM.numericalValue)
+    graph.add(limits, SH.minInclusive, at_least(low))
+    graph.add(limits, *((SH.maxExclusive, double(high)) if open_end else (SH.maxInclusive, at_most(high))))
+    return _both(graph, _unit_among(graph, unit.accepted), limits)
+
+
+def _both(graph: Graph, *properties: Node) -> Node:
+    node = graph.blank()
+    graph.add(node, SH.property, *properties)
+    return node
+
+
+def _unit_among(graph: Graph, units: Sequence[NamedNode]) -> Node:
+    which = _path(graph, VOM.unit)
+    graph.add(which, SH.in_, graph.collection(units))
+    return which
+
+
+def _once(graph: Graph, path: NamedNode, name: str, description: str) -> Node:
+    node = _path(graph, path)
+    graph.add(node, SH.name, Literal(name))
+    graph.add(node, SH.description, Literal(description))
+    graph.add(node, SH.minCount, integer(1))
+    graph.add(node, SH.maxCount, integer(1))
+    return node
+
+
+def _path(graph: Graph, path: NamedNode) -> Node:
+    return _with(graph, SH.path, path)
+
+
+def _with(graph: Graph, predicate: NamedNode, value: NamedNode) -> Node:
+    node = graph.blank()
+    graph.add(node, predicate, value)
+    return node
+
+
+def at_least(value: float) -> Literal:
+    """``value``, of ``_DIGITS`` decimal places, as the lowest number that conforms."""
+    return double(-_reaching(-value))
+
+
+def at_most(value: float) -> Literal:
+    """``value``, of ``_DIGITS`` decimal places, as the highest number that conforms."""
+    return double(_reaching(value))
+
+
+def double(value: float) -> Literal:
+    """A limit. As a decimal it would make pySHACL raise an exception on a NaN in the body."""
+    return Literal(lexical(value), datatype=XSD.double)
+
+
+def _reaching(value: float) -> float:
+    """The first double from ``value`` upwards that is not below what it and ``value`` are as decimals.
+
+    Validators compare the two exactly, and half of all doubles are below the decimal that has their digits.
+    """
+    stated = Decimal(f"{value:.{_DIGITS}f}")
+    while Decimal(value) < max(stated, Decimal(repr(value))):
+        value = math.nextafter(value, math.inf)
+    return value

@@ -1,0 +1,72 @@
+"""Changes of a subscription: its description as an update leaves it, judged by the shapes that guard its container."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+
+from pyoxigraph import NamedNode, Triple
+
+from linked_fleet_gateway.base.errors import UnprocessableContent
+from linked_fleet_gateway.rdf.shapes import load
+from linked_fleet_gateway.rdf.unused import Terms, refuse, unused
+from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF, RDF
+from linked_fleet_gateway.resources.subscription import Changeable, Subscription
+from linked_fleet_gateway.resources.subscription_resource import CALLBACKS, container_path, requested, subscription_path
+
+_FIXED = (RDF.type, HYBRIT.onResource, *CALLBACKS)
+"""Predicates that say which subscription it is."""
+
+
+def managed(described: Sequence[Triple], iri: str) -> list[Triple]:
+    """The statements of a description that the gateway alone makes."""
+    return [each for each in unused(described, NamedNode(iri), _terms()) if each.predicate not in _FIXED]
+
+
+def changed(before: Sequence[Triple], after: Sequence[Triple], subscription: Subscription, base: str) -> Changeable:
+    """The options that a description ``after`` an update asks for.
+
+    An option that the description has lost is what it would be without having been asked for; ``media_type`` is empty
+    then. A secret that is not mentioned stays. UnprocessableContent, with the report, for what the shapes refuse.
+    """
+    container, iri = base + container_path(subscription.owner), NamedNode(base + subscription_path(subscription))
+    _check_fixed(before, after, iri, subscription, container)
+    refuse(unused(after, iri, _terms(), frozenset(before)), f"{iri.value}/blueprint")
+    wanted, kept = requested(after, container, base), subscription.options
+
+    def touched(predicate: NamedNode) -> bool:
+        return _stated(before, iri, (predicate,)) != _stated(after, iri, (predicate,))
+
+    # What the update leaves alone is not read back from the description, whose numbers may be rounded.
+    return replace(
+        kept,
+        media_type=wanted.media_type if touched(HYBRIT.mediaType) else kept.media_type,
+        depth=wanted.depth if touched(LF.depth) else kept.depth,
+        interval_s=wanted.interval_s if touched(LF.minimumInterval) else kept.interval_s,
+        deadband=wanted.deadband if touched(LF.deadband) else kept.deadband,
+        secret=wanted.secret or kept.secret,
+    )
+
+
+def _check_fixed(
+    before: Sequence[Triple], after: Sequence[Triple], iri: NamedNode, subscription: Subscription, container: str
+) -> None:
+    """UnprocessableContent when the update makes another subscription of it, and names what cannot be changed."""
+    fixed = _FIXED if not subscription.kind.streams else (*_FIXED, HYBRIT.mediaType)
+    differs = _stated(before, iri, fixed) ^ _stated(after, iri, fixed)
+    if differs:
+        named = ", ".join(sorted({f"<{each.predicate.value}>" for each in differs}))
+        why = " A stream has one media type, by which it is opened." if subscription.kind.streams else ""
+        raise UnprocessableContent(
+            f"{named} of a subscription cannot be changed; make another one, and delete this one.{why}"
+            " Nothing has changed.",
+            constraint=container,
+        )
+
+
+def _stated(triples: Sequence[Triple], iri: NamedNode, predicates: Sequence[NamedNode]) -> set[Triple]:
+    return {triple for triple in triples if triple.subject == iri and triple.predicate in predicates}
+
+
+@cache
+def _terms() -> Terms:
+    return Terms.of(load("subscriptions.ttl"), LF.SubscriptionShape)

@@ -1,0 +1,275 @@
+"""Subscriptions as resources, and the request for one (paper 5.3, figure 4; R1.8)."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from decimal import Decimal
+from functools import cache
+
+from pyoxigraph import Literal, NamedNode, Triple
+
+from linked_fleet_gateway.base.errors import UnprocessableContent
+from linked_fleet_gateway.rdf.graph import Graph, Node, integer, number, timestamp
+from linked_fleet_gateway.rdf.shapes import load
+from linked_fleet_gateway.rdf.unused import Terms, refuse, unused
+from linked_fleet_gateway.rdf.validation import check_lexical_forms, root
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LDP, LF, METHODS, PREFIXES, RDF, RDFS, XSD
+from linked_fleet_gateway.resources.signature import key
+from linked_fleet_gateway.resources.subscription import DeliveryState, Depth, Kind, Record, Subscription
+from linked_fleet_gateway.shacl import (
+    CompiledGraph,
+    CompiledShape,
+    Data,
+    Violation,
+    compile_graph,
+    compile_shape,
+    report,
+)
+
+_TYPES = {
+    Kind.CALLBACK: (HYBRIT.WebCallback,),
+    Kind.WEBSOCKET: (LF.WebSocketStream, LF.Stream),
+    Kind.EVENT_STREAM: (LF.EventStream, LF.Stream),
+    Kind.STREAM: (LF.Stream,),
+}
+_DEPTHS = {Depth.THIS: LF.thisAlone, Depth.PROPERTIES: LF.withProperties, Depth.SUBTREE: LF.wholeSubtree}
+_STATES = {
+    DeliveryState.ACTIVE: LF.active,
+    DeliveryState.WAITING: LF.waiting,
+    DeliveryState.AWAITING_CONSENT: LF.awaitingConsent,
+    DeliveryState.FAILING: LF.failing,
+    DeliveryState.SUSPENDED: LF.suspended,
+}
+MAX_DESCRIBED = 100
+"""Subscriptions that a container describes and not only lists: each takes half a millisecond."""
+CALLBACKS = (HYBRIT.callbackURL, HYBRIT.callbackUrl)
+_READ = (*CALLBACKS, HYBRIT.onResource, HYBRIT.mediaType, LF.depth, LF.minimumInterval, LF.deadband, LF.secret)
+_SHOWN = (
+    LF.signed,
+    LF.deliveryState,
+    LF.lastDelivery,
+    LF.lastStatus,
+    LF.failures,
+    LF.reason,
+    HYBRIT.action,
+    HYBRIT.blueprint,
+    DCTERMS.identifier,
+    DCTERMS.title,
+    DCTERMS.created,
+    RDFS.seeAlso,
+)
+"""Server-managed predicates of a subscription, which a body may contain and which are ignored (LDP 4.2.4.1)."""
+_OF_CONTAINER = (RDF.type, LDP.contains, LDP.constrainedBy, DCTERMS.title, RDFS.seeAlso, LF.vocabulary)
+_READ_TYPES = {HYBRIT.Subscription, *(each for types in _TYPES.values() for each in types)}
+
+
+@dataclass(frozen=True)
+class Request:
+    """What a posted subscription asks for; ``resource`` is an IRI of this fleet, "" stands for what it left open."""
+
+    resource: str
+    callback: str = ""
+    media_type: str = ""
+    depth: Depth = Depth.PROPERTIES
+    interval_s: float = 0.0
+    deadband: float = 0.0
+    secret: str = ""
+
+
+# -- descriptions ---------------------------------------------------------------------------------------------------
+
+
+def container_path(owner: str) -> str:
+    return f"{owner.rstrip('/')}/subscriptions"
+
+
+def subscription_path(subscription: Subscription) -> str:
+    return f"{container_path(subscription.owner)}/{subscription.id}"
+
+
+def resume_path(subscription: Subscription) -> str:
+    return f"{subscription_path(subscription)}/actions/resume"
+
+
+def resumable(record: Record) -> bool:
+    """Whether there is anything to resume: a callback that waits, for a repetition, for consent or for good."""
+    waits = (DeliveryState.FAILING, DeliveryState.SUSPENDED, DeliveryState.AWAITING_CONSENT)
+    return not record.subscription.kind.streams and record.delivery.state in waits
+
+
+def describe_subscription(graph: Graph, base: str, record: Record) -> None:
+    """Figure 4, then what was asked for, then what became of it; the secret never leaves."""
+    subscription, delivery = record.subscription, record.delivery
+    iri = NamedNode(base + subscription_path(subscription))
+    graph.a(iri, HYBRIT.Subscription, *_TYPES[subscription.kind])
+    graph.add(iri, HYBRIT.onResource, NamedNode(base + subscription.resource))
+    if subscription.callback:
+        graph.add(iri, HYBRIT.callbackURL, Literal(subscription.callback, datatype=XSD.anyURI))
+    graph.add(iri, HYBRIT.mediaType, Literal(subscription.media_type))
+    graph.add(iri, DCTERMS.identifier, Literal(subscription.id))
+    graph.add(iri, DCTERMS.title, Literal(f"Subscription to {subscription.resource}"))
+    graph.add(iri, RDFS.seeAlso, NamedNode(base + container_path(subscription.owner)))
+    graph.add(iri, HYBRIT.blueprint, LF.SubscriptionResourceShape, NamedNode(iri.value + "/blueprint"))
+    graph.add(iri, DCTERMS.created, timestamp(subscription.created_ns))
+    graph.add(iri, LF.depth, _DEPTHS[subscription.depth])
+    graph.add(iri, LF.minimumInterval, _decimal(subscription.interval_s))
+    graph.add(iri, LF.deadband, number(subscription.deadband))
+    graph.add(iri, LF.signed, Literal(bool(subscription.secret)))
+    graph.add(iri, LF.deliveryState, _STATES[delivery.state])
+    graph.add(iri, LF.lastDelivery, LF.unknown if delivery.last_ns is None else timestamp(delivery.last_ns))
+    if delivery.last_status is not None:
+        graph.add(iri, LF.lastStatus, integer(delivery.last_status))
+    graph.add(iri, LF.failures, integer(delivery.failures))
+    if delivery.reason:
+        graph.add(iri, LF.reason, Literal(delivery.reason))
+    if resumable(record):
+        graph.add(iri, HYBRIT.action, NamedNode(base + resume_path(subscription)))
+
+
+def describe_resume(graph: Graph, base: str, record: Record) -> None:
+    """The action that tries a callback again at once; it consumes nothing."""
+    iri = NamedNode(base + resume_path(record.subscription))
+    graph.a(iri, HYBRIT.Action)
+    graph.add(iri, DCTERMS.title, Literal(f"Resume subscription {record.subscription.id}"))
+    comment = "Takes no body. Asks the receiver for its consent if that is missing, and delivers what waits."
+    graph.add(iri, RDFS.comment, Literal(comment))
+    graph.add(iri, RDFS.seeAlso, NamedNode(base + subscription_path(record.subscription)))
+    request = graph.blank(HTTP.Request)
+    graph.add(iri, HYBRIT.binding, request)
+    graph.add(request, HTTP.mthd, METHODS.POST)
+    graph.add(request, HTTP.requestURI, iri)
+
+
+def describe_subscriptions(graph: Graph, base: str, owner: str, records: Iterable[Record]) -> None:
+    """The LDP container of the thing at the path ``owner`` (R1.8), with each subscription described as in Figure 4.
+
+    Of a crowd only the first are: whoever wants to know more of the others follows their links.
+    """
+    iri, records = NamedNode(base + container_path(owner)), list(records)
+    graph.a(iri, LDP.BasicContainer, LDP.Container)
+    graph.add(iri, DCTERMS.title, Literal(f"Subscriptions of {owner}"))
+    graph.add(iri, RDFS.seeAlso, NamedNode(base + owner))
+    # The shape's own IRI need not lead to this gateway, so the document that has it is linked as well.
+    graph.add(iri, LDP.constrainedBy, LF.SubscriptionShape)
+    graph.add(iri, LF.vocabulary, NamedNode(f"{base}/vocabulary"))
+    graph.add(iri, LDP.contains, *(NamedNode(base + subscription_path(each.subscription)) for each in records))
+    for record in records[:MAX_DESCRIBED]:
+        describe_subscription(graph, base, record)
+
+
+def describe_request_shape(graph: Graph) -> None:
+    """The shapes that guard a container, for the vocabulary document."""
+    for triples in load("subscriptions.ttl").values():
+        for triple in triples:
+            graph.add(triple.subject, triple.predicate, triple.object)  # type: ignore[arg-type]
+
+
+def describe_version(graph: Graph, iri: NamedNode, version: str, previous: str | None) -> None:
+    """What a message adds to the representation: without it a subscriber could not see that values were conflated."""
+    graph.add(iri, LF.version, Literal(version))
+    if previous is not None:
+        graph.add(iri, LF.previousVersion, Literal(previous))
+
+
+def _decimal(value: float) -> Literal:
+    text = f"{Decimal(repr(value + 0.0)):f}"
+    return Literal(text if "." in text else text + ".0", datatype=XSD.decimal)
+
+
+# -- requests -------------------------------------------------------------------------------------------------------
+
+
+def requested(body: Sequence[Triple], container_iri: str, base: str) -> Request:
+    """What ``body`` asks of the container; UnprocessableContent, with the report, if the published shape refuses it."""
+    focus = _focus(body, NamedNode(container_iri))
+    about = _about(body, focus)
+    check_lexical_forms(about, container_iri)
+    if violations := _violations(about, focus):
+        raise _refusal(violations, container_iri)
+    refuse(_left(body, focus, NamedNode(container_iri)), container_iri)
+    stated = {HYBRIT.callbackURL if t.predicate in CALLBACKS else t.predicate: _text(t) for t in about}
+    resource, secret = stated[HYBRIT.onResource], stated.get(LF.secret, "")
+    if not resource.startswith(base + "/"):
+        raise UnprocessableContent(
+            f"{resource[:200]!r} is no resource of this fleet; here their IRIs begin with {base}/.",
+            constraint=container_iri,
+        )
+    _check_secret(secret, container_iri)
+    depths = {iri.value: depth for depth, iri in _DEPTHS.items()}
+    return Request(
+        resource,
+        stated.get(HYBRIT.callbackURL, "").strip(),  # xsd:anyURI collapses white space
+        stated.get(HYBRIT.mediaType, ""),
+        depths[stated.get(LF.depth, LF.withProperties.value)],
+        float(stated.get(LF.minimumInterval, 0)) + 0.0,
+        float(stated.get(LF.deadband, 0)) + 0.0,
+        secret,
+    )
+
+
+def _focus(body: Sequence[Triple], container: NamedNode) -> Node:
+    """The one hybrit:Subscription, so that Figure 4 can be posted as it is; else the root, as of an action's body."""
+    typed = list(dict.fromkeys(t.subject for t in body if t.predicate == RDF.type and t.object == HYBRIT.Subscription))
+    if len(typed) == 1:
+        return typed[0]  # type: ignore[return-value]
+    if len(typed) > 1 and container not in typed:
+        raise UnprocessableContent(
+            f"The body describes {len(typed)} subscriptions; post one at a time.", constraint=container.value
+        )
+    return root(body, container)
+
+
+def _left(body: Sequence[Triple], focus: Node, container: NamedNode) -> list[Triple]:
+    """Refuse unused triples, except those about the container: Figure 4 can be posted as it is."""
+    left = unused(body, focus, _terms())
+    return [t for t in left if t.subject != container or t.subject == focus or t.predicate not in _OF_CONTAINER]
+
+
+@cache
+def _terms() -> Terms:
+    """Return the terms of the shape and of a subscription: a description can be posted to make another one."""
+    return Terms.of(load("subscriptions.ttl"), LF.SubscriptionShape).also(*_SHOWN, types=_READ_TYPES)
+
+
+def _about(body: Sequence[Triple], focus: Node) -> list[Triple]:
+    """What the shapes are about."""
+    about = [t for t in body if t.subject == focus]
+    types = [t for t in about if t.predicate == RDF.type and t.object in _READ_TYPES]
+    return list(dict.fromkeys(types + [t for t in about if t.predicate in _READ]))
+
+
+def _text(triple: Triple) -> str:
+    assert not isinstance(triple.object, Triple)  # the parser takes no triple terms
+    return triple.object.value
+
+
+def _violations(about: Sequence[Triple], focus: Node) -> list[Violation]:
+    """What the shape of a subscription finds, whatever type the body states, and what the others find by their targets.
+
+    The report does not repeat a secret.
+    """
+    data, (subscription, others) = Data(about), validators()
+    found = dict.fromkeys([*subscription.check(data, focus), *others.check(data)])
+    return [replace(each, value=None) if each.path == LF.secret else each for each in found]
+
+
+@cache
+def validators() -> tuple[CompiledShape, CompiledGraph]:
+    shapes = load("subscriptions.ttl")
+    return compile_shape(shapes, LF.SubscriptionShape, PREFIXES), compile_graph(shapes, PREFIXES)
+
+
+def _refusal(violations: Sequence[Violation], container_iri: str) -> UnprocessableContent:
+    """Every constraint has a sentence of its own."""
+    messages = sorted({each.message for each in violations})
+    detail = "The body does not conform to the shape of a subscription: " + "; ".join(messages)
+    about = report(violations, validators()[0].triples)
+    return UnprocessableContent(detail + ".", report=about, constraint=container_iri)
+
+
+def _check_secret(secret: str, container_iri: str) -> None:
+    """What no pattern can tell: whether a key of the right length can be decoded."""
+    try:
+        if secret:
+            key(secret)
+    except ValueError as error:
+        raise UnprocessableContent(f"lf:secret: {error}", constraint=container_iri) from None

@@ -1,0 +1,111 @@
+"""Descriptions of measured values, compiled: what stays is written once, and what changes has its place in it.
+
+Nothing but ``Resource.measured`` is known of a description: it is written once with values that occur nowhere else, and
+where those stand in the document is where others belong. So the slow way and this one cannot say different things.
+"""
+
+import math
+import random
+import re
+from functools import lru_cache
+from typing import NamedTuple
+
+from pyoxigraph import NamedNode
+
+from linked_fleet_gateway.rdf.graph import Graph, lexical, timestamp
+from linked_fleet_gateway.rdf.serialise import TEXT_TYPES, render
+from linked_fleet_gateway.rdf.vocabulary import PREFIXES
+from linked_fleet_gateway.resources.property import Seen
+from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.subscription_resource import describe_version
+
+_MILLISECOND_NS = 1_000_000
+_FAR_NS = 189_000_000_000 * 1_000_000_000  # in the year 7959
+_UNKNOWN = lexical(math.nan)  # never written: ``lf:unknown`` is, which belongs to the form
+_random = random.SystemRandom()  # or a robot could describe itself with the numbers that stand for others
+
+
+class Versions(NamedTuple):
+    """What a message says besides (``describe_version``)."""
+
+    version: str
+    previous: str | None
+
+
+class _Form(NamedTuple):
+    """The state on which the form of a document depends: which values are unknown or outside their limits, and
+    what is said at all."""
+
+    unknown: tuple[bool, ...]
+    outside: tuple[bool, ...]
+    timed: bool
+    versions: int
+
+
+class _Template(NamedTuple):
+    text: str
+    places: tuple[int, ...]
+    """Which of the texts of values, time and versions stands there; one may stand nowhere, or twice."""
+
+
+class Rendering:
+    """A measured resource in one media type, under one base URL, as long as its facts stay what they are."""
+
+    def __init__(self, resource: Resource, media_type: str, base: str) -> None:
+        self._resource, self._media_type, self._base = resource, media_type, base
+        self._form: _Form | None = None
+        self._template = _Template("", ())
+
+    def body(self, seen: Seen, versions: Versions | None = None) -> bytes:
+        """The document with these values; WriteError when the syntax cannot say it."""
+        values = seen.values
+        said = 0 if versions is None else 1 if versions.previous is None else 2
+        form = _Form(tuple([value != value for value in values]), seen.outside, seen.wall_ns is not None, said)
+        if form != self._form:
+            self._template, self._form = self._compile(form), form
+        texts = [lexical(value) for value in values]
+        texts.append(_stamp(seen.wall_ns) if seen.wall_ns is not None else "")
+        if versions is not None:
+            texts += (versions.version, versions.previous or "")
+        return (self._template.text % tuple([texts[place] for place in self._template.places])).encode()
+
+    def _compile(self, form: _Form) -> _Template:
+        marks, document = self._marked(form)
+        pattern = re.compile("|".join(re.escape(mark) for mark in marks))
+        text = "%s".join(part.replace("%", "%%") for part in pattern.split(document))
+        return _Template(text, tuple(marks[mark] for mark in pattern.findall(document)))
+
+    def _marked(self, form: _Form) -> tuple[dict[str, int], str]:
+        """The document with values that are found nowhere else, and as what those stand there."""
+        first = _random.randrange(100_000, 900_000)
+        values = [
+            math.nan if unknown else float(f"8.{first + index}7e211") for index, unknown in enumerate(form.unknown)
+        ]
+        wall_ns = _FAR_NS + _random.randrange(1_000_000_000) * _MILLISECOND_NS
+        versions = Versions(f"{_random.getrandbits(64):016x}", f"{_random.getrandbits(64):016x}")
+        graph = Graph()
+        assert self._resource.measured is not None
+        self._resource.measured(graph, Seen(tuple(values), wall_ns if form.timed else None, form.outside))
+        self._resource.state_model(graph, self._base)
+        if form.versions:
+            iri = NamedNode(self._base + self._resource.path)
+            describe_version(graph, iri, versions.version, versions.previous if form.versions == 2 else None)
+        body = render(graph.triples, self._media_type, PREFIXES, base=self._base + self._resource.path)
+        texts = [*map(lexical, values), timestamp(wall_ns).value, versions.version, versions.previous or ""]
+        return {text: place for place, text in enumerate(texts) if text and text != _UNKNOWN}, body.decode()
+
+
+def compiles(resource: Resource, media_type: str) -> bool:
+    """Whether there is a ``Rendering`` of it: what is binary says how long its texts are."""
+    return resource.measured is not None and media_type in TEXT_TYPES
+
+
+@lru_cache(maxsize=64)
+def _second(second: int) -> str:
+    return timestamp(second * 1_000_000_000).value[:-4]
+
+
+def _stamp(wall_ns: int) -> str:
+    """As ``timestamp`` writes it: most of it is the same for a whole second."""
+    second, rest_ns = divmod(wall_ns, 1_000_000_000)
+    return f"{_second(second)}{rest_ns // _MILLISECOND_NS:03d}Z"

@@ -1,0 +1,92 @@
+"""What counts as change of a resource, and the number that the change has (docs/TREE.md, "What counts as change").
+
+The version of what belongs to a robot names the robot's incarnation and the frame that brought the change, counted
+from 1. What no frame brings (presence, a description) counts on from the frame before. The version of anything else
+is a digest of its facts. A gateway that begins to look later names a later frame for the same value, so versions are
+compared for being the same and for nothing else.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from hashlib import blake2b
+from typing import Any
+
+from msgspec import Struct
+
+from linked_fleet_gateway.fleet.observation import Observation
+from linked_fleet_gateway.fleet.robot import Robot
+
+
+class Reading(Struct):
+    """A resource at a moment: ``facts`` are compared whole, ``observations`` value by value. Nobody changes it."""
+
+    facts: Any
+    observations: tuple[Observation, ...] = ()
+    version: str = ""
+
+    def same(self, other: "Reading", deadband: float = 0.0) -> bool:
+        """Whether nothing changed, but for values within ``deadband``; a timestamp alone is no change."""
+        return self.facts == other.facts and not self._moved(other, deadband)
+
+    def _moved(self, other: "Reading", deadband: float) -> bool:
+        """Whether some value differs by more than nothing and by at least ``deadband`` (SI units)."""
+        if len(self.observations) != len(other.observations):
+            return True
+        for ours, theirs in zip(self.observations, other.observations, strict=True):
+            if ours is theirs:
+                continue
+            if ours.outside != theirs.outside or _apart(ours.values, theirs.values, deadband):
+                return True
+        return False
+
+
+def _apart(ours: tuple[float, ...], theirs: tuple[float, ...], deadband: float) -> bool:
+    if len(ours) != len(theirs):
+        return True
+    for a, b in zip(ours, theirs, strict=True):
+        if a != b and not abs(a - b) < deadband and not (math.isnan(a) and math.isnan(b)):
+            return True
+    return False
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where the readings of a resource come from. ``robot``: whose it is; None for what belongs to no single robot."""
+
+    facts: Callable[[], Any] = tuple
+    look: Callable[[], tuple[Observation, ...]] = tuple
+    robot: Robot | None = None
+    digest: Callable[[], Any] | None = None
+    """The facts that every gateway sees alike, where these are not all."""
+    ended: Callable[[], bool] = bool
+    """Whether it will never change again."""
+
+    def read(self, values: bool = True) -> Reading:
+        """The present reading; without ``values`` of the facts alone."""
+        facts, observations = self.facts(), self.look() if values else ()
+        if self.robot is not None:
+            incarnation, frame, change = version_of(self.robot, observations)
+            version = f"{incarnation}-{frame}" + (f".{change}" if change else "")
+            return Reading(facts, observations, version)
+        known = facts if self.digest is None else self.digest()
+        return Reading(facts, (), blake2b(repr(known).encode(), digest_size=8).hexdigest())
+
+    @property
+    def measured(self) -> bool:
+        """Whether a frame can be news."""
+        return self.look is not tuple
+
+
+def presence(robot: Robot) -> tuple[str, int | None, str | None]:
+    """What descriptions say of the presence of a robot."""
+    return robot.presence, None if robot.online else robot.last_seen_ns, robot.fault
+
+
+def version_of(robot: Robot, observations: tuple[Observation, ...]) -> tuple[int, int, int]:
+    """Of what belongs to a robot: its incarnation, the frame counted from 1, and what has changed since without one."""
+    frame, change = robot.news
+    for seen in observations:
+        if seen.sequence is not None and seen.sequence >= frame:
+            frame, change = seen.sequence + 1, 0
+    return robot.incarnation or 0, frame, change

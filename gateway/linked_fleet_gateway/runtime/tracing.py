@@ -1,0 +1,129 @@
+"""Spans of requests, by OpenTelemetry, which is imported only where the environment asks for it."""
+
+from collections.abc import Mapping
+from contextlib import AbstractContextManager, nullcontext
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+from linked_fleet_agent.spans import close_provider, open_provider, within
+from linked_fleet_agent.wire import traceparent
+from linked_fleet_agent.wire.messages import Refused, Reply
+from linked_fleet_agent.wire.traceparent import TraceParent
+
+if TYPE_CHECKING:
+    from opentelemetry.sdk.trace import TracerProvider
+    from opentelemetry.trace import Span, Tracer
+
+
+class Step:
+    """A span within that of a request, as a context manager; an error that leaves it is its outcome."""
+
+    def __init__(self, span: "Span") -> None:
+        self._span = span
+
+    @property
+    def traceparent(self) -> bytes:
+        """What goes to an agent, so that its span is within this one."""
+        own = self._span.get_span_context()
+        return str(TraceParent(own.trace_id, own.span_id, own.trace_flags.sampled)).encode()
+
+    def replied(self, reply: Reply | None) -> None:
+        """What the agent said; None: nothing."""
+        outcome = "silent" if reply is None else "refused" if isinstance(reply, Refused) else "accepted"
+        self._span.set_attribute("linked_fleet.outcome", outcome)
+        if isinstance(reply, Refused):
+            self._fail(reply.code, reply.reason)
+        elif reply is None:
+            self._fail(outcome, "the agent gave no answer")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if error is not None:
+            self._fail(type(error).__name__, str(error))
+        self._span.end()
+
+    def _fail(self, kind: str, reason: str) -> None:
+        from opentelemetry.trace import Status, StatusCode
+
+        self._span.set_attribute("error.type", kind)
+        self._span.set_status(Status(StatusCode.ERROR, reason))
+
+
+class Trace:
+    """The span of one request; attributes by the semantic conventions for HTTP servers."""
+
+    def __init__(self, tracer: "Tracer", span: "Span", method: str) -> None:
+        self._tracer, self._span, self._method = tracer, span, method
+
+    @property
+    def id(self) -> str:
+        return f"{self._span.get_span_context().trace_id:032x}"
+
+    def routed(self, route: str) -> None:
+        """``route``: the path with its names left open, of which there are few."""
+        self._span.set_attribute("http.route", route)
+        self._span.update_name(f"{self._method} {route}")
+
+    def about(self, attributes: Mapping[str, str]) -> None:
+        """What the request turns out to concern; ``linked_fleet.`` is put before each name."""
+        self._span.set_attributes({f"linked_fleet.{name}": value for name, value in attributes.items()})
+
+    def step(self, name: str, asks: bool, attributes: Mapping[str, str]) -> Step:
+        """``asks``: of another process."""
+        from opentelemetry.trace import SpanKind, set_span_in_context
+
+        span = self._tracer.start_span(
+            name,
+            set_span_in_context(self._span),
+            SpanKind.CLIENT if asks else SpanKind.INTERNAL,
+            {f"linked_fleet.{key}": value for key, value in attributes.items()},
+        )
+        return Step(span)
+
+    def answered(self, status: int) -> None:
+        from opentelemetry.trace import Status, StatusCode
+
+        self._span.set_attribute("http.response.status_code", status)
+        if status >= 500:  # what the client did wrong is no error of the server
+            self._span.set_attribute("error.type", str(status))
+            self._span.set_status(Status(StatusCode.ERROR))
+
+    def end(self) -> None:
+        self._span.end()
+
+
+class Tracing:
+    """Begins the spans of requests; ``close`` sends what is left."""
+
+    def __init__(self, provider: "TracerProvider") -> None:
+        self._provider, self._tracer = provider, provider.get_tracer(__name__)
+
+    def begin(self, method: str, scheme: str, path: str, parents: list[str], request_id: str) -> Trace:
+        """``parents``: the fields ``traceparent`` of the request; of more than one none is believed."""
+        from opentelemetry.trace import SpanKind
+
+        context = within(traceparent.parse(parents[0]) if len(parents) == 1 else None)
+        attributes = {
+            "http.request.method": method,
+            "url.scheme": scheme,
+            "url.path": path,
+            "linked_fleet.request": request_id,
+        }
+        return Trace(self._tracer, self._tracer.start_span(method, context, SpanKind.SERVER, attributes), method)
+
+    def close(self) -> None:
+        """Send what is left, for as long as a process that ends can wait. Blocks."""
+        close_provider(self._provider)
+
+
+def open_tracing(environment: Mapping[str, str], instance: str) -> Tracing | None:
+    """None where nobody asks for spans; TracingUnavailable."""
+    provider = open_provider(environment, {"service.name": "linked-fleet-gateway", "service.instance.id": instance})
+    return None if provider is None else Tracing(provider)
+
+
+NO_STEP: AbstractContextManager[None] = nullcontext()

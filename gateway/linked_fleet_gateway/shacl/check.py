@@ -1,0 +1,225 @@
+"""A compiled shape at work: first whether a node conforms, as fast as it can be said; only if not, why.
+
+Both are bounded whatever the data say: a node that many ways lead to is judged once, a report ends after MOST
+violations.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import islice
+
+from pyoxigraph import NamedNode, Triple
+
+from linked_fleet_gateway.shacl.data import Data, Reach
+from linked_fleet_gateway.shacl.report import Violation, Words, brief
+from linked_fleet_gateway.shacl.terms import SHACL, Node, Term
+
+MOST = 25  # violations in a report; whoever sent more is not helped by a longer one
+_MOST_DETAILS = 50
+
+Values = Sequence[Term]
+# A failed discriminator tells that a branch of sh:or was not the one that was meant.
+_DISCRIMINATORS = (SHACL.HasValueConstraintComponent, SHACL.InConstraintComponent)
+
+
+@dataclass
+class Run:
+    """The explanation of one refusal: how many details it may still take, and what is already explained."""
+
+    words: Words
+    room: int = _MOST_DETAILS
+    told: dict[tuple[object, Term], tuple[Violation, ...]] = field(default_factory=dict)
+
+    def detail(self, shape: "Shape", data: Data, value: Term) -> tuple[Violation, ...]:
+        found = tuple(islice(shape.violations(data, value, self), max(self.room, 0)))
+        self.room -= len(found)
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Count:
+    """A constraint on all the value nodes of a shape together."""
+
+    component: NamedNode
+    expected: str
+    holds: Callable[[Data, Values], bool]
+
+
+@dataclass(frozen=True, eq=False)
+class Relation:
+    """A constraint on what a focus node and the value nodes have to do with each other or with the data around them.
+
+    ``breaches`` yields the predicate and the value at fault, None for the path of the shape and for no value.
+    """
+
+    component: NamedNode
+    expected: str
+    breaches: Callable[[Data, Term, Values], Iterable[tuple[NamedNode | None, Term | None]]]
+
+    def holds(self, data: Data, focus: Term, values: Values) -> bool:
+        return next(iter(self.breaches(data, focus, values)), None) is None
+
+
+@dataclass(frozen=True, eq=False)
+class Constraint:
+    """A constraint on each value node; ``inner`` are the shapes whose violations explain it."""
+
+    component: NamedNode
+    expected: str
+    holds: Callable[[Data, Term], bool]
+    inner: tuple["Shape", ...] = ()
+
+    def explain(self, data: Data, value: Term, run: Run) -> tuple[str, tuple[Violation, ...]]:
+        """What would be right, and the violations of the inner shapes."""
+        detail = tuple(found for shape in self.inner for found in run.detail(shape, data, value))
+        told = "; ".join(found.message for found in detail)
+        return brief(told or f"{run.words.shown(value)} must be {self.expected}"), detail
+
+
+@dataclass(frozen=True, eq=False)
+class Either(Constraint):
+    """``sh:or``: explained by the one branch that was meant, where that can be told."""
+
+    def explain(self, data: Data, value: Term, run: Run) -> tuple[str, tuple[Violation, ...]]:
+        found = [run.detail(shape, data, value) for shape in self.inner]
+        meant = [each for each in found if each and not any(v.component in _DISCRIMINATORS for v in each)]
+        if 0 < len(meant) < len(found):
+            best = min(meant, key=len)
+            return brief("; ".join(v.message for v in best)), best
+        return brief(f"{run.words.shown(value)} must be {self.expected}"), tuple(v for each in found for v in each)
+
+
+@dataclass(frozen=True, eq=False)
+class Switch(Either):
+    """``sh:or`` whose branches each require certain values of one predicate: only those that apply are judged."""
+
+    predicate: NamedNode = field(kw_only=True)
+    table: Mapping[Term, tuple["Shape", ...]] = field(kw_only=True)
+
+    def explain(self, data: Data, value: Term, run: Run) -> tuple[str, tuple[Violation, ...]]:
+        meant = list(self.applicable(data, value))
+        if not meant:
+            return f"{run.words.shown(self.predicate)} must be one of {run.words.listed(self.table)}", ()
+        best = min((run.detail(shape, data, value) for shape in meant), key=len)
+        return brief("; ".join(v.message for v in best) or f"{run.words.shown(value)} must be {self.expected}"), best
+
+    def applicable(self, data: Data, value: Term) -> Iterator["Shape"]:
+        for term in data.objects(value, self.predicate):
+            yield from self.table.get(term, ())
+
+
+@dataclass(eq=False)
+class Shape:
+    """A node shape (``path`` is None, its only value node is the focus) or a property shape.
+
+    ``requires`` has, by predicate, terms of which a conforming node must have one; ``remembers`` is set where several
+    ways may lead to the same focus.
+    """
+
+    node: Node
+    path: Node | None
+    reach: Reach
+    name: str
+    message: str | None
+    remembers: bool
+    severity: NamedNode
+    counts: tuple[Count, ...] = ()
+    relations: tuple[Relation, ...] = ()
+    each: tuple[Constraint, ...] = ()
+    properties: tuple["Shape", ...] = ()
+    requires: Mapping[NamedNode, frozenset[Term]] = field(default_factory=dict)
+    expected: str = ""
+
+    def conforms(self, data: Data, focus: Term) -> bool:
+        if not self.remembers:
+            return self._judge(data, focus)
+        verdict = data.verdicts.get((self, focus))
+        if verdict is None:
+            verdict = data.verdicts[self, focus] = self._judge(data, focus)
+        return verdict
+
+    def _judge(self, data: Data, focus: Term) -> bool:
+        values = (focus,) if self.path is None else tuple(self.reach(data, focus))
+        for count in self.counts:
+            if not count.holds(data, values):
+                return False
+        for relation in self.relations:
+            if not relation.holds(data, focus, values):
+                return False
+        for value in values:
+            for constraint in self.each:
+                if not constraint.holds(data, value):
+                    return False
+            for shape in self.properties:
+                if not shape.conforms(data, value):
+                    return False
+        return True
+
+    def violations(self, data: Data, focus: Term, run: Run) -> Iterator[Violation]:
+        if not self.remembers:
+            yield from self._violations(data, focus, run)
+            return
+        if (self, focus) not in run.told:
+            run.told[self, focus] = tuple(islice(self._violations(data, focus, run), MOST))
+        yield from run.told[self, focus]
+
+    def _violations(self, data: Data, focus: Term, run: Run) -> Iterator[Violation]:
+        values = (focus,) if self.path is None else tuple(self.reach(data, focus))
+        for count in self.counts:
+            if not count.holds(data, values):
+                told = f"must {count.expected}, and has {run.words.listed(values) or 'none'}"
+                yield self._violation(focus, None, count.component, told)
+        for relation in self.relations:
+            for path, value in relation.breaches(data, focus, values):
+                at_fault = " ".join(run.words.shown(each) for each in (path, value) if each is not None)
+                told = f"must {relation.expected}" + (f"; at fault: {at_fault}" if at_fault else "")
+                yield self._violation(focus, value, relation.component, told, path=path)
+        for value in values:
+            for constraint in self.each:
+                if not constraint.holds(data, value):
+                    told, detail = constraint.explain(data, value, run)
+                    yield self._violation(focus, value, constraint.component, told, detail)
+            for shape in self.properties:
+                yield from shape.violations(data, value, run)
+
+    def _violation(
+        self,
+        focus: Term,
+        value: Term | None,
+        component: NamedNode,
+        told: str,
+        detail: tuple[Violation, ...] = (),
+        path: Node | None = None,
+    ) -> Violation:
+        message = self.message or (f"{self.name}: {told}" if self.name else told)
+        return Violation(focus, path or self.path, value, component, self.node, message, detail, self.severity)
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledShape:
+    """A shape at work, with the triples of the shapes graph by subject (for ``report``)."""
+
+    shape: Shape
+    triples: Mapping[Node, Sequence[Triple]]
+    words: Words
+
+    def check(self, data: Data, focus: Term) -> list[Violation]:
+        """The violations of ``focus``, at most MOST; none if it conforms."""
+        if self.shape.conforms(data, focus):
+            return []
+        found = list(islice(self.shape.violations(data, focus, Run(self.words)), MOST))
+        assert found, "a shape that refuses says why"
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledGraph:
+    """The shapes of a graph that have targets, each with what finds its focus nodes in the data."""
+
+    shapes: Sequence[tuple[CompiledShape, Callable[[Data], Iterable[Term]]]]
+
+    def check(self, data: Data) -> list[Violation]:
+        """The violations of all focus nodes, at most MOST for each of them and each shape."""
+        return [
+            found for shape, targets in self.shapes for focus in targets(data) for found in shape.check(data, focus)
+        ]

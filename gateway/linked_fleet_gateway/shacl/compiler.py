@@ -1,0 +1,211 @@
+"""From a shapes graph to shapes at work. Shapes are trusted: their patterns and paths cost what they cost."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+
+from pyoxigraph import BlankNode, Literal, NamedNode, Triple
+
+from linked_fleet_gateway.shacl.check import CompiledGraph, CompiledShape, Constraint, Count, Relation, Shape
+from linked_fleet_gateway.shacl.constraints import COUNTS, EACH
+from linked_fleet_gateway.shacl.data import (
+    Reach,
+    alternative_path,
+    inverse_path,
+    optional_path,
+    predicate_path,
+    repeated_path,
+    sequence_path,
+)
+from linked_fleet_gateway.shacl.relations import RELATIONS
+from linked_fleet_gateway.shacl.report import Words, brief, shown
+from linked_fleet_gateway.shacl.stated import Stated, Unsupported, at_most_one, natural, one, true
+from linked_fleet_gateway.shacl.targets import TARGETS, targets
+from linked_fleet_gateway.shacl.terms import PREFIXES, RDF, SHACL, Node, Term
+
+_KNOWN = frozenset(
+    (*COUNTS, *RELATIONS, *EACH, *TARGETS, SHACL.property, SHACL.path, SHACL.flags, SHACL.ignoredProperties, SHACL.name,
+     SHACL.description, SHACL.order, SHACL.group, SHACL.defaultValue, SHACL.message, SHACL.severity, SHACL.deactivated)
+)  # fmt: skip
+_WITH_QUALIFIED = (SHACL.qualifiedMinCount, SHACL.qualifiedMaxCount, SHACL.qualifiedValueShapesDisjoint)
+_OF_GRAPHS = {SHACL.parameter: "constraint components of one's own", SHACL.entailment: "sh:entailment"}
+
+
+def compile_shape(
+    triples: Iterable[Triple] | Mapping[Node, Sequence[Triple]], shape: Node, prefixes: Mapping[str, str] = PREFIXES
+) -> CompiledShape:
+    """``shape`` of a shapes graph, to judge whatever focus node it is given; ``prefixes`` shorten IRIs in messages.
+
+    Unsupported names what it cannot do. Targets are not looked at.
+    """
+    compiler = _Compiler(triples, prefixes)
+    return compiler.compiled(shape)
+
+
+def compile_graph(
+    triples: Iterable[Triple] | Mapping[Node, Sequence[Triple]], prefixes: Mapping[str, str] = PREFIXES
+) -> CompiledGraph:
+    """All shapes of a graph that have targets. Unsupported names what it cannot do."""
+    compiler = _Compiler(triples, prefixes)
+    triples = [triple for about in compiler.triples.values() for triple in about]
+    return CompiledGraph([(compiler.compiled(shape), find) for shape, find in targets(triples)])
+
+
+def _by_subject(triples: Iterable[Triple]) -> dict[Node, list[Triple]]:
+    found: dict[Node, list[Triple]] = {}
+    for triple in triples:
+        found.setdefault(triple.subject, []).append(triple)  # type: ignore[arg-type]
+    return found
+
+
+class _Compiler:
+    def __init__(
+        self, triples: Iterable[Triple] | Mapping[Node, Sequence[Triple]], prefixes: Mapping[str, str]
+    ) -> None:
+        self.triples = triples if isinstance(triples, Mapping) else _by_subject(triples)
+        self.words = Words(prefixes)
+        for predicate in (t.predicate for about in self.triples.values() for t in about):
+            if predicate in _OF_GRAPHS:
+                raise Unsupported(_OF_GRAPHS[predicate])
+        self._open: set[Node] = set()
+        self._done: dict[tuple[Node, int], Shape] = {}
+
+    def compiled(self, shape: Node) -> CompiledShape:
+        return CompiledShape(self.shape(shape, 0), self.triples, self.words)
+
+    def shape(self, node: Term, depth: int) -> Shape:
+        """``node`` as a shape whose focus nodes are ``depth`` paths away from the first one (2: or more)."""
+        if isinstance(node, Literal) or node not in self.triples:
+            raise Unsupported(f"{shown(node)} is not described as a shape")
+        if node in self._open:
+            raise Unsupported(f"{shown(node)} refers to itself")
+        if (node, depth) not in self._done:
+            self._open.add(node)
+            self._done[node, depth] = self._compile(node, depth)
+            self._open.discard(node)
+        return self._done[node, depth]
+
+    def _compile(self, node: Node, depth: int) -> Shape:
+        stated = self.stated(node)
+        _refuse_unknown(stated)
+        path = at_most_one(stated, SHACL.path)
+        if isinstance(path, Literal):
+            raise Unsupported("a literal as path")
+        name = _text(stated, SHACL.name) or (self.words.shown(path) if isinstance(path, NamedNode) else "")
+        severity = at_most_one(stated, SHACL.severity) or SHACL.Violation
+        if not isinstance(severity, NamedNode):
+            raise Unsupported(f"sh:severity {shown(severity)}")
+        shape = Shape(
+            node, path, self._reach(path), name, _text(stated, SHACL.message), path is not None and depth >= 2, severity
+        )  # fmt: skip
+        if SHACL.deactivated in stated and true(stated, SHACL.deactivated):
+            return shape
+        inner = depth if path is None else min(depth + 1, 2)
+        shape = replace(
+            shape,
+            counts=tuple(c for p in stated if p in COUNTS for c in COUNTS[p](self, stated, inner)),
+            relations=tuple(c for p in stated if p in RELATIONS for c in RELATIONS[p](self, stated, inner)),
+            each=tuple(c for p in stated if p in EACH for c in EACH[p](self, stated, inner)),
+            properties=tuple(self._property(each, inner) for each in stated.get(SHACL.property, ())),
+        )
+        shape.requires = self._requires(shape, stated)
+        shape.expected = _expected(shape)
+        return shape
+
+    def _property(self, node: Term, depth: int) -> Shape:
+        shape = self.shape(node, depth)
+        if shape.path is None:
+            raise Unsupported(f"sh:property {shown(node)} without sh:path")
+        return shape
+
+    def _requires(self, shape: Shape, stated: Stated) -> dict[NamedNode, frozenset[Term]]:
+        if shape.path is None:
+            return {p: terms for each in shape.properties for p, terms in each.requires.items()}
+        if not isinstance(shape.path, NamedNode):
+            return {}
+        if SHACL.hasValue in stated:
+            return {shape.path: frozenset(stated[SHACL.hasValue][:1])}
+        if SHACL.in_ in stated and SHACL.minCount in stated and natural(stated, SHACL.minCount) > 0:
+            return {shape.path: frozenset(self.items(stated[SHACL.in_][0]))}
+        return {}
+
+    def stated(self, node: Term) -> dict[NamedNode, list[Term]]:
+        found: dict[NamedNode, list[Term]] = {}
+        for triple in dict.fromkeys(self.triples.get(node, ())):  # type: ignore[arg-type]
+            found.setdefault(triple.predicate, []).append(triple.object)
+        return found
+
+    def paths(self, properties: Iterable[Term]) -> Iterable[NamedNode]:
+        """The predicates that property shapes are about."""
+        found = (self.stated(each).get(SHACL.path, ()) for each in properties)
+        return (path for some in found for path in some if isinstance(path, NamedNode))
+
+    def items(self, head: Term) -> list[Term]:
+        """The members of an RDF collection."""
+        found: list[Term] = []
+        seen = set()
+        while head != RDF.nil:
+            if head in seen:
+                raise Unsupported("a collection without an end")
+            seen.add(head)
+            cell = self.stated(head)
+            found.append(one(cell, RDF.first))
+            head = one(cell, RDF.rest)
+        return found
+
+    def _reach(self, path: Term | None) -> Reach:
+        if path is None:
+            return lambda _, focus: (focus,)
+        if isinstance(path, NamedNode):
+            return predicate_path(path)
+        if not isinstance(path, BlankNode) or path in self._open:
+            raise Unsupported(f"{shown(path)} as path")
+        self._open.add(path)
+        reach = self._complex_path(self.stated(path), path)
+        self._open.discard(path)
+        return reach
+
+    def _complex_path(self, stated: Stated, path: BlankNode) -> Reach:
+        if RDF.first in stated:
+            return sequence_path(self._ways(path))
+        if len(stated) != 1:
+            raise Unsupported("a path that is none")
+        (kind,) = stated
+        inner = one(stated, kind)
+        if kind == SHACL.alternativePath:
+            return alternative_path(self._ways(inner))
+        # Of an inverse sequence pySHACL turns the steps but not their order, so nobody should rely on one.
+        if kind == SHACL.inversePath and isinstance(inner, NamedNode):
+            return inverse_path(inner)
+        if kind == SHACL.zeroOrOnePath:
+            return optional_path(self._reach(inner))
+        if kind in (SHACL.zeroOrMorePath, SHACL.oneOrMorePath):
+            return repeated_path(self._reach(inner), with_focus=kind == SHACL.zeroOrMorePath)
+        raise Unsupported(f"{shown(kind)} of {shown(inner)}")
+
+    def _ways(self, head: Term) -> list[Reach]:
+        ways = [self._reach(each) for each in self.items(head)]
+        if len(ways) < 2:
+            raise Unsupported("a path of fewer than two parts")
+        return ways
+
+
+def _refuse_unknown(stated: Stated) -> None:
+    known = _KNOWN.union(_WITH_QUALIFIED) if SHACL.qualifiedValueShape in stated else _KNOWN
+    for predicate in stated:
+        if predicate.value.startswith(SHACL.iri) and predicate not in known:
+            raise Unsupported(shown(predicate))
+    if SHACL.qualifiedValueShapesDisjoint in stated and true(stated, SHACL.qualifiedValueShapesDisjoint):
+        raise Unsupported("sh:qualifiedValueShapesDisjoint")
+
+
+def _text(stated: Stated, predicate: NamedNode) -> str | None:
+    texts = [term.value for term in stated.get(predicate, ()) if isinstance(term, Literal)]
+    return texts[0] if texts else None
+
+
+def _expected(shape: Shape) -> str:
+    """What conforms, as part of a sentence: ``value at least 3 and at most 5``."""
+    stated: list[Count | Relation | Constraint] = [*shape.counts, *shape.relations, *shape.each]
+    own = [each.expected for each in stated]
+    own = [f"{shape.name} {' and '.join(own)}"] if own and shape.name else own
+    return brief(" and ".join([*own, *(each.expected for each in shape.properties)]))

@@ -1,0 +1,128 @@
+"""What a compiled shape says of data that it refuses: violations, in words for people and as a SHACL report."""
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from typing import TypeVar
+
+from pyoxigraph import BlankNode, Literal, NamedNode, Triple
+
+from linked_fleet_gateway.shacl.literals import NUMERIC
+from linked_fleet_gateway.shacl.terms import PREFIXES, RDF, SHACL, XSD, Node, Term
+
+_T = TypeVar("_T", NamedNode | BlankNode, NamedNode | BlankNode | Literal)
+_LONGEST = 80  # characters of one term in a message
+_LONGEST_TEXT = 300
+_LONGEST_VALUE = 1024  # of a term that is repeated as it came
+_MOST_LISTED = 20
+
+
+@dataclass(frozen=True)
+class Violation:
+    """One result of validation; ``detail`` has those of the shapes that ``sh:node``, ``sh:or`` and the like refer to.
+
+    ``path`` is the predicate or, for any other path, its node in the shapes graph; ``message`` says
+    what would be right.
+    """
+
+    focus: Term
+    path: Node | None
+    value: Term | None
+    component: NamedNode
+    shape: Node
+    message: str
+    detail: tuple["Violation", ...] = ()
+    severity: NamedNode = SHACL.Violation
+
+
+def report(violations: Sequence[Violation], shapes: Mapping[Node, Sequence[Triple]] | None = None) -> list[Triple]:
+    """A ``sh:ValidationReport``; with ``shapes`` (``CompiledShape.triples``) a path that is no predicate is spelt out.
+
+    Blank nodes get labels by where they come from, since those of the data and of a shape may be the same.
+    """
+    written = _Report(shapes or {})
+    root = written.blank(SHACL.ValidationReport)
+    written.add(root, SHACL.conforms, Literal("false" if violations else "true", datatype=XSD.boolean))
+    written.results(root, SHACL.result, violations)
+    return list(written.triples)
+
+
+class _Report:
+    def __init__(self, shapes: Mapping[Node, Sequence[Triple]]) -> None:
+        self.triples: dict[Triple, None] = {}
+        self._shapes = shapes
+        self._labels = 0
+
+    def add(self, subject: Node, predicate: NamedNode, value: Term) -> None:
+        self.triples[Triple(subject, predicate, value)] = None
+
+    def blank(self, type_: NamedNode) -> BlankNode:
+        self._labels += 1
+        node = BlankNode(f"b{self._labels}")
+        self.add(node, RDF.type, type_)
+        return node
+
+    def results(self, parent: Node, link: NamedNode, violations: Iterable[Violation]) -> None:
+        for violation in violations:
+            result = self.blank(SHACL.ValidationResult)
+            self.add(parent, link, result)
+            self.add(result, SHACL.focusNode, _relabel(violation.focus, "body"))
+            if violation.path is not None:
+                self.add(result, SHACL.resultPath, _relabel(violation.path, "shape"))
+                self._spell_out(violation.path)
+            if violation.value is not None and len(violation.value.value) <= _LONGEST_VALUE:
+                self.add(result, SHACL.value, _relabel(violation.value, "body"))
+            self.add(result, SHACL.sourceConstraintComponent, violation.component)
+            self.add(result, SHACL.sourceShape, _relabel(violation.shape, "shape"))
+            self.add(result, SHACL.resultSeverity, violation.severity)
+            self.add(result, SHACL.resultMessage, Literal(violation.message))
+            self.results(result, SHACL.detail, violation.detail)
+
+    def _spell_out(self, path: Term) -> None:
+        if isinstance(path, BlankNode):
+            for triple in self._shapes.get(path, ()):
+                value: Term = triple.object  # type: ignore[assignment]
+                self.add(_relabel(path, "shape"), triple.predicate, _relabel(value, "shape"))
+                self._spell_out(value)
+
+
+def _relabel(term: _T, origin: str) -> _T:
+    return BlankNode(f"{origin}-{term.value}") if isinstance(term, BlankNode) else term
+
+
+@dataclass(frozen=True)
+class Words:
+    """Terms as a person reads them, with IRIs cut short by ``prefixes``."""
+
+    prefixes: Mapping[str, str]
+
+    def shown(self, term: object) -> str:
+        """One term: vom:unit, 43.6, 'abc'."""
+        if isinstance(term, NamedNode):
+            return self._compact(term.value)
+        if isinstance(term, Literal):
+            text = _cut(term.value)
+            return text if term.datatype in NUMERIC and text and text == text.strip() else repr(text)
+        return "a blank node" if isinstance(term, BlankNode) else "a triple"
+
+    def listed(self, terms: Collection[object]) -> str:
+        texts = [self.shown(term) for term in islice(terms, _MOST_LISTED)]
+        more = [] if len(terms) <= _MOST_LISTED else [f"{len(terms) - _MOST_LISTED} more"]
+        return ", ".join(texts + more)
+
+    def _compact(self, iri: str) -> str:
+        for prefix, namespace in self.prefixes.items():
+            if iri.startswith(namespace) and len(iri) > len(namespace):
+                return _cut(f"{prefix}:{iri[len(namespace) :]}")
+        return _cut(f"<{iri}>")
+
+
+shown = Words(PREFIXES).shown
+
+
+def brief(text: str) -> str:
+    return text if len(text) <= _LONGEST_TEXT else text[: _LONGEST_TEXT - 1] + "…"
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= _LONGEST else text[: _LONGEST - 1] + "…"

@@ -1,0 +1,343 @@
+"""The fan-out: change → watched resources → subscribers (flow "fan-out"). Nothing here blocks or does I/O.
+
+Work is done in turns of a few milliseconds, between which the event loop serves everybody else. Frames that come while
+a turn is under way are not queued: a resource is only marked, and read when its turn comes.
+"""
+
+import asyncio
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, KeysView
+from functools import partial
+from typing import Protocol
+
+from linked_fleet_gateway.identity.rights import View
+from linked_fleet_gateway.resources.paths import is_below, robot_of
+from linked_fleet_gateway.resources.resource import Redirect, Resource
+from linked_fleet_gateway.resources.subscription import Depth, Subscription
+from linked_fleet_gateway.subscriptions.broadcast import Broadcast
+from linked_fleet_gateway.subscriptions.message import Ending, Message, Outlet, Stream
+from linked_fleet_gateway.subscriptions.topic import Topic
+from linked_fleet_gateway.subscriptions.watcher import Timer, Watcher
+
+TURN_S = 0.004
+_DONE = object()
+
+
+class Tree(Protocol):
+    """The resource tree under one base URL, as somebody sees it."""
+
+    def resolve(self, path: str) -> Resource | Redirect | None: ...
+
+    def below(self, path: str) -> Iterable[tuple[Resource, bool]]: ...
+
+    def may_come(self, path: str) -> bool: ...
+
+
+class FanOut:
+    """All that is watched at this gateway. ``tree`` gives the present tree for a base URL and who sees it."""
+
+    def __init__(self, tree: Callable[[str, View], Tree]) -> None:
+        self._tree = tree
+        self._topics: dict[str, dict[tuple[bool, View], Topic[Watcher]]] = {}
+        self._of_robot: dict[str | None, dict[Topic[Watcher], None]] = {}
+        self._subtrees: dict[Watcher, None] = {}
+        self._absent: dict[Watcher, None] = {}
+        self._scans: dict[Watcher, Iterator[None]] = {}
+        self._scan_again: set[Watcher] = set()
+        # What is to be read again; True: and to be resolved again, because more than its values can be different.
+        self._dirty: dict[Topic[Watcher], bool] = {}
+        self._runnable: deque[Watcher | Broadcast[Watcher]] = deque()
+        self._turn_due = False
+        self.heard: Callable[[str | None], None] = lambda robot: None
+        """Called at every change: with the robot of which a frame came, None for anything else."""
+        self.renders = self.messages = self.conflated = 0
+        # Who has to do something for what is watched, as to ask a camera, hears of each watcher.
+        self.on_watch: Callable[[Watcher], None] = lambda watcher: None
+        self.on_forget: Callable[[Watcher], None] = lambda watcher: None
+
+    def watch(
+        self, subscription: Subscription, outlet: Outlet, sent: dict[str, str] | None = None, *, patient: bool = False
+    ) -> Watcher:
+        """Begin to watch; nothing is written before ``ready()``.
+
+        ``sent``: versions, by path, that the subscriber has already (what it resumes from). Without such a resource
+        the outlet is ended, unless the watcher is ``patient``: then it waits for the resource, and whenever it is gone.
+        """
+        watcher = Watcher(self, subscription, outlet, dict(sent or {}), patient)
+        self._begin(watcher)
+        return watcher
+
+    def _begin(self, watcher: Watcher) -> None:
+        if watcher.subtree:
+            self._subtrees[watcher] = None
+            self._scan_soon(watcher)
+        else:
+            self._find(watcher)
+        self.on_watch(watcher)
+
+    def change(self, watcher: Watcher, subscription: Subscription) -> None:
+        """Go on with other options; with another depth or media type from the present state of everything."""
+        if subscription.options.begins_anew(watcher.subscription.options):
+            watcher.leave_all(subscription)
+            self._begin(watcher)
+        else:
+            watcher.change(subscription)
+
+    @property
+    def watched(self) -> KeysView[str | None]:
+        """Robots of which something is watched, as they are at any moment; None stands for what is of no robot."""
+        return self._of_robot.keys()
+
+    # -- what happened ----------------------------------------------------------------------------------------------
+
+    def moved(self, robot: str) -> None:
+        """A frame came: look at what can have changed by it, when there is time."""
+        self.heard(robot)
+        topics = self._of_robot.get(robot)
+        if topics:
+            for topic in topics:
+                if topic.measured:
+                    self._dirty.setdefault(topic, False)
+            self._take_turn_soon()
+
+    def changed(self, robot: str) -> None:
+        """Something else became different about a robot: presence, description, fault."""
+        self.heard(None)
+        for watcher in list(self._absent):
+            if robot_of(watcher.subscription.resource) in (robot, None):
+                self._find(watcher)
+        for watcher in self._subtrees:
+            if robot_of(watcher.subscription.resource) in (robot, None):
+                self._scan_soon(watcher)
+        for name in (robot, None):
+            self._dirty.update(dict.fromkeys(self._of_robot.get(name, ()), True))
+        self._take_turn_soon()
+
+    def touched(self, path: str) -> None:
+        """One resource became different."""
+        self.heard(None)
+        for watcher in [each for each in self._absent if each.subscription.resource == path]:
+            self._find(watcher)
+        for topic in self._topics.get(path, {}).values():
+            self._dirty[topic] = True
+            self._take_turn_soon()
+
+    def appeared(self, path: str) -> None:
+        """There is a resource that was not there before, and that subtrees above it cover."""
+        self.heard(None)
+        for watcher in self._subtrees:
+            subscription = watcher.subscription
+            if is_below(path, subscription.resource) and path not in watcher.topics:
+                resource = self._resolve(path, subscription)
+                if resource is not None:
+                    self._join(watcher, resource, values=True)
+
+    # -- for watchers -----------------------------------------------------------------------------------------------
+
+    def now_s(self) -> float:
+        return time.monotonic()
+
+    def wall_ns(self) -> int:
+        return time.time_ns()
+
+    def later(self, delay_s: float, call: Callable[[], None]) -> Timer:
+        return asyncio.get_running_loop().call_later(delay_s, call)
+
+    def run(self, sender: Watcher | Broadcast[Watcher]) -> None:
+        """Let it ``step`` when it is its turn."""
+        if not sender.running:
+            sender.running = True
+            self._runnable.append(sender)
+            self._take_turn_soon()
+
+    def message(self, topic: Topic[Watcher], subscription: Subscription) -> Message:
+        before = topic.renders
+        message = topic.message(subscription.media_type, subscription.base, self._tree)
+        self.renders += topic.renders - before
+        return message
+
+    def broadcast(self, topic: Topic[Watcher], subscription: Subscription, stream: Stream) -> Broadcast[Watcher]:
+        key = (subscription.media_type, subscription.base, stream.framing)
+        broadcast = topic.broadcasts.get(key)
+        if broadcast is None:
+            broadcast = topic.broadcasts[key] = Broadcast(
+                self, topic, stream.framing, partial(self.freshen, topic), partial(self.message, topic, subscription)
+            )
+        return broadcast
+
+    def freshen(self, topic: Topic[Watcher]) -> None:
+        if topic in self._dirty:
+            self._read(topic)
+
+    def drop(self, watcher: Watcher, path: str) -> None:
+        topic = watcher.leave(path)
+        if not topic.watchers:
+            places = self._topics[topic.path]
+            del places[topic.values, topic.sees]
+            if not places:
+                del self._topics[topic.path]
+            self._dirty.pop(topic, None)
+            group = self._of_robot[robot_of(topic.path)]
+            del group[topic]
+            if not group:
+                del self._of_robot[robot_of(topic.path)]
+
+    def forget(self, watcher: Watcher) -> None:
+        self.on_forget(watcher)
+        self._subtrees.pop(watcher, None)
+        self._absent.pop(watcher, None)
+        self._scans.pop(watcher, None)
+        self._scan_again.discard(watcher)
+        for path in list(watcher.topics):
+            self.drop(watcher, path)
+
+    # -- turns ------------------------------------------------------------------------------------------------------
+
+    def _take_turn_soon(self) -> None:
+        if not self._turn_due:
+            self._turn_due = True
+            asyncio.get_running_loop().call_soon(self._turn)
+
+    def _turn(self) -> None:
+        try:
+            self._work(time.perf_counter())
+        finally:
+            self._turn_due = False
+        if self._dirty or self._scans or self._runnable:
+            self._take_turn_soon()
+
+    def _work(self, begin: float) -> None:
+        """A quarter of the time each, at least: reading what is different, finding what is covered, rendering, sending.
+
+        What was rendered leaves in one burst: to write to a reader that fell asleep meanwhile takes three times as long
+        as to write to one that still reads what came before.
+        """
+        while self._dirty and time.perf_counter() - begin < TURN_S / 4:
+            self._read(next(iter(self._dirty)))
+        while self._scans and time.perf_counter() - begin < TURN_S / 2:
+            self._scan_on(next(iter(self._scans)))
+        while ready := self._prepared(begin + TURN_S * 3 / 4):
+            try:
+                while ready and time.perf_counter() - begin < TURN_S:
+                    sender = ready.popleft()
+                    sender.running = False
+                    if sender.step():
+                        self.run(sender)
+            finally:
+                self._runnable.extendleft(reversed(ready))
+
+    def _prepared(self, end: float) -> deque[Watcher | Broadcast[Watcher]]:
+        """Those whose turn it is and who have something to send, as many as get ready by ``end`` (s)."""
+        ready: deque[Watcher | Broadcast[Watcher]] = deque()
+        while self._runnable and time.perf_counter() < end:
+            sender = self._runnable.popleft()
+            sender.running = sender.prepare()
+            if sender.running:
+                ready.append(sender)
+        return ready
+
+    def _read(self, topic: Topic[Watcher]) -> None:
+        """Read a resource that is marked; if that is news, its watchers hear of it."""
+        if not self._dirty.pop(topic) or self._renew(topic):
+            self._refresh(topic)
+
+    def _refresh(self, topic: Topic[Watcher]) -> None:
+        if topic.refresh():
+            for broadcast in topic.broadcasts.values():
+                if broadcast.members:
+                    self.conflated += broadcast.tell()
+                    self.run(broadcast)
+            for watcher in list(topic.apart):
+                self.conflated += watcher.waits(topic.path)
+                watcher.news(topic)
+
+    def _renew(self, topic: Topic[Watcher]) -> bool:
+        """Resolve a resource again: its constants, its members or its very existence may be different."""
+        watcher = next(iter(topic.watchers))
+        resource = self._resolve(topic.path, watcher.subscription)
+        if resource is not None:
+            topic.replace(resource)
+            return True
+        for watcher in list(topic.watchers):
+            self.drop(watcher, topic.path)
+            if topic.path == watcher.subscription.resource:
+                self._lose(watcher)
+        return False
+
+    # -- topics -----------------------------------------------------------------------------------------------------
+
+    def _tree_of(self, subscription: Subscription) -> Tree:
+        return self._tree(subscription.base, subscription.view)
+
+    def _resolve(self, path: str, subscription: Subscription) -> Resource | None:
+        found = self._tree_of(subscription).resolve(path)
+        return found if isinstance(found, Resource) else None
+
+    def _topic(self, path: str, values: bool, resource: Resource, sees: View) -> Topic[Watcher]:
+        places = self._topics.setdefault(path, {})
+        topic = places.get((values, sees))
+        if topic is None:
+            topic = places[values, sees] = Topic(path, values, resource, sees)
+            self._of_robot.setdefault(robot_of(path), {})[topic] = None
+        else:
+            self._refresh(topic)
+        return topic
+
+    def _join(self, watcher: Watcher, resource: Resource, values: bool) -> None:
+        watcher.join(self._topic(resource.path, values, resource, watcher.subscription.view))
+        watcher.ready()
+
+    def _find(self, watcher: Watcher) -> None:
+        """Join the one resource that the watcher is about, or wait for it."""
+        subscription = watcher.subscription
+        resource = self._resolve(subscription.resource, subscription)
+        if resource is None:
+            self._lose(watcher)
+            return
+        self._absent.pop(watcher, None)
+        values = subscription.depth is Depth.PROPERTIES or resource.owner != resource.path
+        values = values and (not resource.news_in_documents or subscription.media_type in resource.documents)
+        self._join(watcher, resource, values)
+
+    def _lose(self, watcher: Watcher) -> None:
+        """What the watcher is about is not there: wait for it if it may come, or end."""
+        subscription = watcher.subscription
+        if not watcher.patient and not self._tree_of(subscription).may_come(subscription.resource):
+            watcher.end(Ending.GONE)
+        elif not watcher.subtree:  # those look again by themselves
+            self._absent[watcher] = None
+
+    # -- subtrees ---------------------------------------------------------------------------------------------------
+
+    def _scan_soon(self, watcher: Watcher) -> None:
+        """Bring what a subtree covers up to date; a scan under way is not disturbed, and repeated."""
+        if watcher in self._scans:
+            self._scan_again.add(watcher)
+        else:
+            self._scans[watcher] = self._scan(watcher)
+        self._take_turn_soon()
+
+    def _scan_on(self, watcher: Watcher) -> None:
+        if next(self._scans[watcher], _DONE) is not _DONE or watcher not in self._scans:
+            return
+        del self._scans[watcher]
+        watcher.found()
+        if watcher in self._scan_again:
+            self._scan_again.discard(watcher)
+            self._scan_soon(watcher)
+
+    def _scan(self, watcher: Watcher) -> Iterator[None]:
+        """One resource at a time."""
+        covered = set()
+        for resource, values in self._tree_of(watcher.subscription).below(watcher.subscription.resource):
+            covered.add(resource.path)
+            if resource.path not in watcher.topics:
+                self._join(watcher, resource, values)
+            yield
+        for path, topic in list(watcher.topics.items()):
+            # What has ended stays until its last state is sent.
+            if path not in covered and topic not in self._dirty and not watcher.waits(path):
+                self.drop(watcher, path)
+        if watcher.subscription.resource not in covered:
+            self._lose(watcher)

@@ -1,0 +1,263 @@
+"""One callback's receiver over HTTP; the only module that imports httpx. Whatever the receiver does is hostile.
+
+It works below ``httpx.AsyncClient`` on purpose: what is not there keeps no cookies, follows no redirects, reads no
+proxies from the environment and logs no URL, whose query may be a secret.
+"""
+
+# ruff: noqa: N818  (named for what is the case, as in linked_fleet_gateway.base.errors)
+
+import asyncio
+import importlib.metadata
+import ssl
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cache
+from typing import TYPE_CHECKING
+
+from linked_fleet_gateway.base.lazy_imports import Lazily
+from linked_fleet_gateway.subscriptions.handshakes import Handshakes
+from linked_fleet_gateway.subscriptions.network import Address, Forbidden, Network, Unresolvable, callback_url
+from linked_fleet_gateway.subscriptions.retry import retry_after_s
+
+if TYPE_CHECKING:
+    import httpx
+else:
+    httpx = Lazily("httpx")
+
+TIMEOUT_S = 10.0
+MOST_READ_BYTES = 4096
+"""Of an answer's body. Its content is never used; one that ends within this leaves the connection usable."""
+MOST_ADDRESSES = 4
+"""Tried for one request, or a name with a thousand addresses would have us knock at all of them."""
+_KEEP_ALIVE_S = 4.0
+"""Below the 5 s after which common servers hang up, so that requests seldom meet a connection that is being closed."""
+_LONGEST_RATE = 9
+_TRY_AGAIN = (408, 425, 429)
+"""Client errors that ask for another request (RFC 9110, 15.5.9; RFC 8470; RFC 6585)."""
+
+
+class NoConsent(Exception):
+    """The receiver has not consented, and none of its addresses is in a network that needs no consent."""
+
+
+class Verdict(StrEnum):
+    """GONE: the receiver wants no more (410). REFUSED: it was asked for its consent, and its answer is a refusal."""
+
+    DELIVERED = "delivered"
+    RETRY = "retry"
+    GONE = "gone"
+    REFUSED = "refused"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Of one attempt. ``status``: None without an answer; ``reason``: a sentence, empty if delivered."""
+
+    verdict: Verdict
+    status: int | None
+    retry_after_s: float | None
+    reason: str
+
+
+@dataclass(frozen=True)
+class Consent:
+    """The answer to a request for consent.
+
+    ``refused``: the receiver answered, and not with a consent; False where it did not answer or asked for another try.
+    ``interval_s``: the least time between deliveries that it asked for.
+    """
+
+    granted: bool
+    interval_s: float
+    status: int | None
+    reason: str
+    refused: bool = False
+
+
+class Receiver:
+    """Sends to one URL. Each request resolves it anew, and goes to an address that was judged in this very look-up.
+
+    ValueError if the URL is none that ``callback_url`` takes. Share the ``ssl_context``: making one takes 20 ms; share
+    ``handshakes``, or requests for consent are bounded for this receiver alone.
+    """
+
+    def __init__(
+        self,
+        network: Network,
+        url: str,
+        *,
+        ssl_context: ssl.SSLContext,
+        handshakes: Handshakes | None = None,
+        timeout_s: float = TIMEOUT_S,
+        connect_timeout_s: float = 3.0,
+    ) -> None:
+        self._network = network
+        self._handshakes = handshakes or Handshakes()
+        self._url = httpx.URL(callback_url(url))
+        self._timeout_s = timeout_s
+        # the pool knows connections by address and port alone, not by the name that TLS verified: one pool, one URL
+        self._pool = httpx.AsyncHTTPTransport(
+            verify=ssl_context,
+            trust_env=False,
+            limits=httpx.Limits(max_connections=2, max_keepalive_connections=1, keepalive_expiry=_KEEP_ALIVE_S),
+        )
+        self._extensions = {
+            "timeout": httpx.Timeout(timeout_s, connect=connect_timeout_s).as_dict(),
+            "sni_hostname": self._host.removesuffix("."),
+        }
+        self._connected = ""
+
+    async def aclose(self) -> None:
+        await self._pool.aclose()
+
+    async def deliver(
+        self, body: bytes, content_type: str, headers: Mapping[str, str], *, allowed_only: bool
+    ) -> Outcome:
+        """POST; failures are outcomes. With ``allowed_only`` no address outside the allowed networks hears of it.
+
+        Raises NoConsent if it has no other.
+        """
+        fields = {**headers, "Content-Type": content_type}
+        try:
+            response = await self._request("POST", fields, body, lambda address: address.allowed or not allowed_only)
+        except (TimeoutError, httpx.TransportError, Forbidden, Unresolvable) as error:
+            return Outcome(Verdict.RETRY, None, None, self._why(error))
+        return _outcome(response)
+
+    async def consent(self, origin: str) -> Consent:
+        """Ask whether deliveries from ``origin``, a DNS name, are welcome (CloudEvents HTTP Web Hooks 1.0.2, 4).
+
+        After that each delivery has to carry ``WebHook-Request-Origin`` with the same value: the caller sees to it.
+        Waits until ``handshakes`` let this destination be asked.
+        """
+        try:
+            asked = (await self._addresses())[:MOST_ADDRESSES]
+            async with self._handshakes.turn(address.ip for address in asked) as turn:
+                fields = {"WebHook-Request-Origin": origin}
+                response = await self._request("OPTIONS", fields, b"", lambda address: address in asked)
+                consent = _consent(response, origin)
+                turn.granted = consent.granted
+                return consent
+        except NoConsent:
+            reason = "The callback's host changed its address while it was waited for."
+            return Consent(granted=False, interval_s=0.0, status=None, reason=reason)
+        except (TimeoutError, httpx.TransportError, Forbidden, Unresolvable) as error:
+            return Consent(granted=False, interval_s=0.0, status=None, reason=self._why(error))
+
+    async def trusted(self) -> bool:
+        """Whether it needs no consent: all its permitted addresses are in allowed networks. Forbidden, Unresolvable."""
+        return all(address.allowed for address in await self._addresses())
+
+    @property
+    def _host(self) -> str:
+        return self._url.raw_host.decode("ascii")
+
+    async def _addresses(self) -> list[Address]:
+        return await self._network.resolve(self._host, self._url.port or (443 if self._url.scheme == "https" else 80))
+
+    async def _request(
+        self, method: str, fields: Mapping[str, str], body: bytes, permitted: Callable[[Address], bool]
+    ) -> "httpx.Response":
+        """The answer of a permitted address, closed.
+
+        Raises TimeoutError, httpx.TransportError, Forbidden, Unresolvable, and NoConsent if no address is permitted.
+        """
+        response = None
+        try:
+            async with asyncio.timeout(self._timeout_s):
+                addresses = [address for address in await self._addresses() if permitted(address)]
+                if not addresses:
+                    raise NoConsent("The receiver has not consented to deliveries.")
+                response = await self._first_reached(addresses, method, fields, body)
+                await _drain(response)
+        except (TimeoutError, httpx.TransportError):
+            if response is None:
+                raise
+            # the receiver has judged the message; how its answer went on concerns only the connection
+        finally:
+            if response is not None:
+                await response.aclose()
+        return response
+
+    async def _first_reached(
+        self, addresses: list[Address], method: str, fields: Mapping[str, str], body: bytes
+    ) -> "httpx.Response":
+        # the address with the open connection first, whatever order the resolver chose this time
+        inclined = sorted(addresses, key=lambda address: address.ip != self._connected)[:MOST_ADDRESSES]
+        for address in inclined[:-1]:
+            try:
+                return await self._send(address, method, fields, body)
+            except (httpx.ConnectError, httpx.ConnectTimeout):
+                continue
+        return await self._send(inclined[-1], method, fields, body)
+
+    async def _send(self, address: Address, method: str, fields: Mapping[str, str], body: bytes) -> "httpx.Response":
+        """To exactly this address: with a literal for a host, nothing below looks up a name again."""
+        headers = httpx.Headers(dict(fields))
+        headers["Host"] = self._url.netloc.decode("ascii")
+        headers["User-Agent"] = user_agent()
+        where = self._url.copy_with(host=address.ip)
+        request = httpx.Request(method, where, headers=headers, content=body, extensions=dict(self._extensions))
+        response = await self._pool.handle_async_request(request)
+        self._connected = address.ip
+        return response
+
+    def _why(self, error: Exception) -> str:
+        """A sentence without addresses, ports and error texts: they tell a stranger about the inside of our network."""
+        match error:
+            case Forbidden() | Unresolvable():
+                return str(error)
+            case httpx.ConnectError() if self._url.scheme == "https":
+                return "No connection: nobody listens there, or its certificate is not valid for this host."
+            case httpx.ConnectError():
+                return "No connection: nobody listens there."
+            case TimeoutError() | httpx.TimeoutException():
+                return "The receiver did not answer in time."
+            case _:
+                return "The connection broke before there was a valid answer."
+
+
+@cache
+def user_agent() -> str:
+    return f"linked-fleet/{importlib.metadata.version('linked-fleet')}"
+
+
+async def _drain(response: "httpx.Response") -> None:
+    read = 0
+    async for chunk in response.aiter_raw():
+        read += len(chunk)
+        if read > MOST_READ_BYTES:
+            return
+
+
+def _outcome(response: "httpx.Response") -> Outcome:
+    status = response.status_code
+    if response.is_success:
+        return Outcome(Verdict.DELIVERED, status, None, "")
+    if status == httpx.codes.GONE:
+        return Outcome(Verdict.GONE, status, None, "The receiver is gone for good (410).")
+    reason = f"The receiver answered with status {status}"
+    reason += ", and redirects are not followed." if response.is_redirect else "."
+    return Outcome(Verdict.RETRY, status, retry_after_s(response.headers.get("Retry-After"), time.time()), reason)
+
+
+def _consent(response: "httpx.Response", origin: str) -> Consent:
+    status = response.status_code
+    if not response.is_success:
+        later = response.is_server_error or status in _TRY_AGAIN
+        reason = f"The receiver answered the request for consent with status {status}."
+        return Consent(False, 0.0, status, reason, refused=not later)
+    allowed = response.headers.get("WebHook-Allowed-Origin", "").strip()
+    if allowed != "*" and allowed.lower() != origin.lower():
+        reason = f"The receiver sent no WebHook-Allowed-Origin of {origin} or *."
+        return Consent(False, 0.0, status, reason, refused=True)
+    return Consent(True, _interval_s(response.headers.get("WebHook-Allowed-Rate", "")), status, "")
+
+
+def _interval_s(rate: str) -> float:
+    """Seconds between deliveries at so many a minute; 0 without limit, and for what the specification does not know."""
+    if not (rate.isascii() and rate.isdigit() and len(rate) <= _LONGEST_RATE) or int(rate) == 0:
+        return 0.0
+    return 60 / int(rate)

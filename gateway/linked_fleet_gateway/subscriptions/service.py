@@ -1,0 +1,179 @@
+"""All subscriptions: those here, what the store knows of the others, and taking over from dead gateways (R1.8)."""
+
+import asyncio
+import logging
+import time
+import uuid
+from contextlib import suppress
+from types import TracebackType
+
+from linked_fleet_gateway.resources.subscription import Changeable, Record, Subscription
+from linked_fleet_gateway.runtime.background import finish, supervised
+from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.subscriptions.callbacks import Callbacks, Vouches
+from linked_fleet_gateway.subscriptions.fan_out import FanOut
+from linked_fleet_gateway.subscriptions.message import Ending
+from linked_fleet_gateway.subscriptions.network import Network
+from linked_fleet_gateway.subscriptions.store import LEASE_S, News, Store, StoreUnavailable
+from linked_fleet_gateway.subscriptions.streams import Streams
+
+log = logging.getLogger(__name__)
+
+KEEP_S = 0.5
+"""Between two looks at leases; with the store's lease of 3 s a dead gateway's callbacks move within 5 s."""
+NOTE_S = 5.0
+RECONCILE_S = 10.0
+
+
+class Subscriptions:
+    """An async context manager; ``limit`` is per client address, ``consent`` whether receivers are asked first."""
+
+    def __init__(
+        self,
+        store: Store,
+        run: str,
+        fan_out: FanOut,
+        network: Network,
+        *,
+        consent: bool,
+        limit: int,
+        vouches: Vouches = lambda *_: True,
+    ) -> None:
+        self._store, self._run = store, run
+        self.streams = Streams(store, run, fan_out, limit)
+        self.callbacks = Callbacks(store, run, fan_out, network, limit, consent, vouches)
+        self._refreshing = asyncio.Lock()
+        self._tasks: list[asyncio.Task[None]] = []
+        self._renewed_s = float("-inf")
+        self._away, self._note_s, self._compare_s = False, 0.0, 0.0
+
+    async def __aenter__(self) -> "Subscriptions":
+        self._tasks = [
+            supervised(self._renew, "renew the lease", log, "the lease could not be renewed", KEEP_S),
+            supervised(self._keep, "keep subscriptions", log, "keeping subscriptions failed", KEEP_S),
+            supervised(self._hear, "hear of subscriptions", log, "hearing of subscriptions failed", KEEP_S),
+        ]
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await end(self._tasks)
+        await asyncio.gather(self.streams.aclose(), self.callbacks.aclose())
+        await finish(self._store.leave(), log, "the store could not be told that this gateway ends")
+
+    @property
+    def store_answers(self) -> bool:
+        """Whether the lease of this gateway could be renewed lately."""
+        return time.monotonic() - self._renewed_s < LEASE_S
+
+    async def of(self, owner: str) -> list[Record]:
+        """All subscriptions of a thing, at whichever gateway; StoreUnavailable."""
+        return [self.streams.freshened(record) for record in await self._store.of(owner)]
+
+    async def record(self, id: str) -> Record | None:
+        """One subscription, at whichever gateway; StoreUnavailable."""
+        record = await self._store.record(id)
+        return None if record is None else self.streams.freshened(record)
+
+    async def cancel(self, id: str) -> bool:
+        """Delete a subscription, at whichever gateway it is; False when there is none. StoreUnavailable."""
+        record = await self._store.remove(id)
+        await self._drop(id)
+        return record is not None
+
+    async def change(self, before: Subscription, options: Changeable) -> bool:
+        """Give a subscription other options, at whichever gateway it is; False when ``before`` is out of date."""
+        if not await self._store.change(before, options):
+            return False
+        with suppress(StoreUnavailable):  # done is done: the news of it comes when the store is back
+            await self._refresh(before.id)
+        return True
+
+    async def resume(self, id: str) -> bool:
+        """Have a callback tried again at once, by whichever gateway holds it; False when there is none."""
+        return await self._store.wake(id) is not None
+
+    async def _drop(self, id: str) -> None:
+        self.streams.drop(id, Ending.CANCELLED)
+        await self.callbacks.drop(id)
+
+    # -- with the other gateways --------------------------------------------------------------------------------------
+
+    async def _hear(self) -> None:
+        async for news in self._store.news():
+            if news.holder == self._run or news.what == "changed":
+                await self._heed(news)
+
+    async def _heed(self, news: News) -> None:
+        match news.what:
+            case "removed":
+                await self._drop(news.id)
+            case "replaced":
+                await self.streams.replaced(news.id)
+            case "woken":
+                self.callbacks.woken(news.id)
+            case "changed":
+                with suppress(StoreUnavailable):  # ``_keep`` compares later
+                    await self._refresh(news.id)
+
+    async def _refresh(self, id: str) -> None:
+        """Have what is served here go by its record. One at a time, so that what was read first is never last."""
+        async with self._refreshing:
+            if self.streams.serves(id) or self.callbacks.serves(id):
+                record = await self._store.record(id)
+                if record is not None:
+                    self.streams.change(record.subscription)
+                    self.callbacks.change(record.subscription)
+
+    async def _renew(self) -> None:
+        """Apart from the rest, which may take a thousand callbacks over."""
+        try:
+            await self._store.renew()
+            self._renewed_s = time.monotonic()
+        except StoreUnavailable:
+            self._renewed_s = float("-inf")
+
+    async def _take_over(self, run: str) -> None:
+        count = 0
+        async for record in self._store.adopt(run):
+            count += 1
+            if record.subscription.kind.streams:
+                self.streams.adopted(record.subscription.id)
+            else:
+                await self.callbacks.adopted(record)
+        if count:
+            log.info("took %d subscriptions over from gateway run %s", count, run)
+
+    async def _keep(self) -> None:
+        try:
+            await self.callbacks.suspend_unentitled()
+            await self.callbacks.catch_up()
+            await self.streams.catch_up()
+            for run in await self._store.dead_runs():
+                await self._take_over(run)
+            if time.monotonic() >= self._note_s:
+                await self.streams.note()
+                self._note_s = time.monotonic() + NOTE_S
+            if time.monotonic() >= self._compare_s:
+                await self._compare()
+                self._compare_s = time.monotonic() + RECONCILE_S
+            self._away = False
+        except StoreUnavailable as error:
+            if not self._away:
+                log.warning("the store is away, callbacks wait for it: %s", error)
+            self._away = True
+
+    async def _compare(self) -> None:
+        """Serve what the store says that this run holds."""
+        held = {record.subscription.id: record for record in await self._store.held()}
+        await self.callbacks.compare(held)
+        await self.streams.compare(held)
+        for id, record in held.items():
+            if not (self.streams.obeys(record.subscription) and self.callbacks.obeys(record.subscription)):
+                await self._refresh(id)  # it was changed while this run came to hold it
+
+
+def new_run() -> str:
+    """A name for one run of a gateway."""
+    return uuid.uuid4().hex

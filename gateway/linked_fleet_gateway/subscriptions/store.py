@@ -1,0 +1,365 @@
+"""Subscriptions in Redis: who holds which, and what is still to be delivered.
+
+A write happens in an order that leaves nothing visible which was not accepted: first the holder's list, then the
+client's count and the owner's index, at last the record, which is the acceptance. What a crash leaves behind is found
+through the list of the run that crashed.
+
+"Accepted" means on disk if the server says ``appendonly yes`` and ``appendfsync always`` (otherwise a warning is
+logged), and in the memory of one replica if the master of the record has any that is in step, as are then its lists
+where other masters have replicas. Nothing else waits for them: a failover can lose the last moment of deliveries.
+"""
+
+import asyncio
+import logging
+from collections.abc import AsyncIterator, Iterable, Mapping, Sequence
+from contextlib import aclosing, suppress
+from dataclasses import astuple, replace
+from typing import Self
+
+from linked_fleet_gateway.resources.subscription import Changeable, Delivery, Record, Subscription
+from linked_fleet_gateway.runtime.redis import AT_ONCE, UNHURRIED, Connection, StoreUnavailable
+from linked_fleet_gateway.subscriptions import redis_scripts as scripts
+from linked_fleet_gateway.subscriptions.records import (
+    Backlog,
+    Entry,
+    Held,
+    News,
+    Outgoing,
+    What,
+    read_entry,
+    read_news,
+    read_pairs,
+    read_record,
+    write_delivery,
+    write_news,
+    write_options,
+    write_spec,
+)
+from linked_fleet_gateway.subscriptions.redis_keys import Keys
+from linked_fleet_gateway.subscriptions.runs import Runs
+
+__all__ = ["LEASE_S", "Backlog", "Entry", "Lost", "News", "Outgoing", "Store", "StoreUnavailable", "TooMany"]
+_log = logging.getLogger(__name__)
+
+LEASE_S = 3.0  # after that long without a word a run counts as dead
+_TAKEN_AT_ONCE = 64  # subscriptions that are taken over together, before they are served
+_GONE_MS = 30_000  # longer than it takes to clear a subscription away
+_ATTEMPTS, _CLEARING_S = 20, 0.05  # to add what others are clearing away
+_NEWS = 1_000  # are kept, about
+_GROUP = "callback"
+
+
+class TooMany(Exception):  # noqa: N818
+    """The client has as many subscriptions as it may have; nothing was stored."""
+
+
+class Lost(Exception):  # noqa: N818
+    """The subscription is gone, or another run of a gateway holds it now."""
+
+
+class Store:
+    """One run of a gateway at the store, as an async context manager; ``run`` is unique to it.
+
+    Opens without contact and heals by itself: while Redis is away every method but ``news`` raises StoreUnavailable.
+    ValueError for a URL or namespace that means nothing.
+    """
+
+    def __init__(self, url: str, namespace: str, run: str, lease_s: float = LEASE_S) -> None:
+        self._keys = Keys(namespace)
+        self._run = run
+        self._redis = Connection(url, self._keys.news)
+        self._runs = Runs(self._redis, self._keys, run, lease_s)
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self._redis.close()
+
+    # Runs
+
+    async def renew(self) -> None:
+        """Say that this run is alive, for the time of the lease."""
+        await self._runs.renew()
+
+    async def leave(self) -> None:
+        """Say that this run ends; others may adopt what it holds at once."""
+        await self._runs.leave()
+
+    async def dead_runs(self) -> list[str]:
+        """Other runs without a lease; none for half a lease after an outage, in which the living could not renew."""
+        return await self._runs.dead()
+
+    async def adopt(self, dead_run: str) -> AsyncIterator[Record]:
+        """Take over what outlives a dead run, each given as soon as this run has won it, and clear its streams away.
+
+        Several gateways may do so at once, and die meanwhile. After StoreUnavailable, or when not all is waited for,
+        ``held`` tells what was won.
+        """
+        held = await self._runs.held(dead_run)
+        records = await self._records(held)
+        found = [record for record in records.values() if record is not None]
+        living = await self._runs.living({dead_run, *(record.holder for record in found)}) | {self._run}
+        if dead_run in living:
+            return
+        orphans = [record for record in found if record.holder not in living]
+        lasting = [record for record in orphans if record.lasts]
+        streams = {record.subscription.id: record.holder for record in orphans if not record.lasts}
+        rest = set(records)
+        for first in range(0, len(lasting), _TAKEN_AT_ONCE):
+            won = await self._take(lasting[first : first + _TAKEN_AT_ONCE], held)
+            for record in won:
+                yield record
+            done = {record.subscription.id for record in won}
+            await self._runs.drop(done, dead_run)
+            rest -= done
+        removed = await self._remove(streams)  # unless a run has taken them over since
+        rest -= {id for id, record in removed.items() if record.holder == dead_run}
+        await self._runs.drop(await self._reclaim({id: held[id] for id in rest}, dead_run), dead_run)
+        await self._runs.retire(dead_run)
+
+    async def held(self) -> list[Record]:
+        """What this run holds now; what it wrote or removed by halves is cleared away."""
+        held = await self._runs.held(self._run)
+        records = await self._records(held, UNHURRIED)
+        await self._reclaim({id: held[id] for id, record in records.items() if record is None}, self._run)
+        return [record for record in records.values() if record is not None and record.holder == self._run]
+
+    # Subscriptions
+
+    async def add(self, subscription: Subscription, delivery: Delivery, limit: int, *, take: bool = True) -> None:
+        """Accept a subscription and hold it; TooMany when its client has ``limit`` already.
+
+        A stream that another run holds is taken over and that run is told, or unless ``take`` it is Lost. A callback
+        stays with another run. May be repeated, after an outage or a StoreUnavailable. Once this returns, a callback is
+        on disk and, where there are replicas, with one of them; one that no replica confirms in time is removed again:
+        StoreUnavailable.
+        """
+        id, group = subscription.id, "" if subscription.kind.streams else _GROUP
+        keys = (self._keys.record(id), self._keys.queue(id), self._keys.gone(id))
+        fields = (*write_spec(subscription), *write_delivery(delivery))
+        take = take and subscription.kind.streams
+        for _ in range(_ATTEMPTS):
+            await self._list(subscription, limit)
+            committed, before = await self._redis.run(scripts.COMMIT, keys, self._run, group, int(take), *fields)
+            if committed == scripts.TO_BE_CONFIRMED:
+                await self._confirm(subscription)
+            if committed and before.decode() not in ("", self._run):
+                await self._part(subscription, before.decode(), take)
+            if committed:
+                return
+            await asyncio.sleep(_CLEARING_S)  # others thought this run dead
+        raise StoreUnavailable(f"other gateways are clearing subscription {id} away")
+
+    async def record(self, id: str) -> Record | None:
+        return (await self._records([id])).get(id)
+
+    async def of(self, owner: str) -> list[Record]:
+        """What the container of ``owner`` lists, oldest first; streams only while the lease of their holder lasts."""
+        ids = [id.decode() for id in await self._redis.one("SMEMBERS", self._keys.owner(owner))]
+        records = [record for record in (await self._records(ids)).values() if record is not None]
+        living = await self._runs.living({record.holder for record in records if record.subscription.kind.streams})
+        shown = [one for one in records if not one.subscription.kind.streams or one.holder in living]
+        return sorted(shown, key=lambda record: (record.subscription.created_ns, record.subscription.id))
+
+    async def remove(self, id: str, *, own: bool = False) -> Record | None:
+        """Remove a subscription, whoever holds it, and tell a holder that is not this run; None if there is none.
+
+        ``own``: only if this run holds it, and no other has taken it over.
+        """
+        record = (await self._remove({id: self._run if own else ""})).get(id)
+        if record is not None and record.holder != self._run:
+            await self._tell("removed", id, record.holder)
+        return record
+
+    async def change(self, before: Subscription, options: Changeable) -> bool:
+        """Replace the options of a subscription as it was read, whoever holds it, and tell every run.
+
+        False, and nothing has changed, when it is gone or has other options by now.
+        """
+        keys, anew = (self._keys.record(before.id), self._keys.sent(before.id)), options.begins_anew(before.options)
+        holder = await self._redis.run(scripts.CHANGE, keys, before.revision, write_options(options), int(anew))
+        if holder is not None:
+            await self._tell("changed", before.id, holder.decode())
+        return holder is not None
+
+    async def wake(self, id: str) -> Record | None:
+        """Have deliveries of a callback tried again at once, and tell its holder; a stream stays as it is."""
+        record = await self.record(id)
+        if record is None or record.subscription.kind.streams:
+            return record
+        woken = read_record(read_pairs(await self._redis.run(scripts.WAKE, (self._keys.record(id),))))
+        if woken is not None:
+            await self._tell("woken", id, woken.holder)
+        return woken
+
+    async def note(self, id: str, delivery: Delivery, subscription: Subscription | None = None) -> None:
+        """Write what became of the messages, and perhaps of the subscription; Lost when this run does not hold it."""
+        fields = (*(() if subscription is None else write_spec(subscription)), *write_delivery(delivery))
+        if not await self._redis.run(scripts.NOTE, (self._keys.record(id),), self._run, *fields):
+            raise Lost(id)
+
+    async def note_all(self, deliveries: Mapping[str, Delivery]) -> set[str]:
+        """``note`` for many at once; the ids of those that this run does not hold, to which nothing happens."""
+        answers = await self._redis.all(
+            [
+                ("EVAL", scripts.NOTE, 1, self._keys.record(id), self._run, *write_delivery(delivery))
+                for id, delivery in deliveries.items()
+            ],
+            UNHURRIED,
+        )
+        return {id for id, noted in zip(deliveries, answers, strict=True) if not noted}
+
+    # Deliveries of a callback
+
+    async def backlog(self, id: str) -> Backlog:
+        """What is still to be delivered, by whomever it was begun; Lost when this run does not hold it."""
+        found = await self._redis.run(scripts.BACKLOG, self._queue(id), self._run, _GROUP)
+        if found is None:
+            raise Lost(id)
+        entries, sent, number = found
+        versions = {path.decode(): version.decode() for path, version in read_pairs(sent).items()}
+        return Backlog([read_entry(entry_id, pairs) for entry_id, pairs in entries], versions, number)
+
+    async def advance(
+        self, id: str, done: Entry | None, outgoing: Outgoing | None, delivery: Delivery, forget: Sequence[str] = (),
+        number: int | None = None,
+    ) -> Entry | None:  # fmt: skip
+        """In one step: ``done`` is done, ``delivery`` is what became of it, ``outgoing`` is queued and returned.
+
+        ``forget``: paths of resources that are no more, without which the backlog would grow with each invocation.
+        ``number``: what ``outgoing`` must be numbered. If that is not the next number nothing is done, and None is
+        returned. Lost when this run does not hold the subscription. After StoreUnavailable ask for the backlog: the
+        step may have been taken, or be taken yet unless its number was given to something else.
+        """
+        fields, wanted = write_delivery(delivery), "" if number is None else number
+        parts = () if outgoing is None else (*astuple(outgoing), wanted)
+        entry = "" if done is None else done.entry_id
+        arguments = (self._run, _GROUP, entry, len(fields), *fields, len(forget), *forget, *parts)
+        queued = await self._redis.run(scripts.ADVANCE, self._queue(id), *arguments)
+        if queued is None:
+            raise Lost(id)
+        if outgoing is None or not queued:
+            return None
+        entry_id, given = queued
+        return Entry(entry_id.decode(), given, outgoing.path, outgoing.version, outgoing.media_type, outgoing.body)
+
+    # News
+
+    async def news(self) -> AsyncIterator[News]:
+        """What gateways did since the first contact, for ever; outages are waited out and nothing is missed."""
+        async with aclosing(self._redis.news()) as news:
+            async for fields in news:
+                if fields is not None:
+                    yield read_news(fields)
+
+    async def _tell(self, what: What, id: str, holder: str) -> None:
+        fields = write_news(News(what, id, holder))
+        await self._redis.one("XADD", self._keys.news, "MAXLEN", "~", _NEWS, "*", *fields)
+
+    # Steps
+
+    def _queue(self, id: str) -> tuple[str, str, str]:
+        return self._keys.record(id), self._keys.queue(id), self._keys.sent(id)
+
+    async def _records(self, ids: Iterable[str], at_once: int = AT_ONCE) -> dict[str, Record | None]:
+        """What the ids stand for; without those that another version has written and this one cannot read."""
+        asked, records = list(ids), dict[str, Record | None]()
+        for first in range(0, len(asked), at_once):  # so that others have their turn while they are read, too
+            part = asked[first : first + at_once]
+            answers = await self._redis.all([("HGETALL", self._keys.record(id)) for id in part], at_once)
+            for id, fields in zip(part, answers, strict=True):
+                try:
+                    records[id] = read_record(fields)
+                except (ValueError, KeyError) as error:
+                    _log.warning("subscription %s is left alone, it cannot be read: %r", id, error)
+        return records
+
+    async def _list(self, subscription: Subscription, limit: int) -> None:
+        id, client = subscription.id, subscription.client
+        await self._runs.hold({id: Held(subscription.owner, client)}, self._run)
+        if not await self._redis.run(scripts.COUNT, (self._keys.client(client),), id, limit):
+            await self._runs.drop([id], self._run)
+            raise TooMany(f"{client} has {limit} subscriptions already")
+        await self._redis.one("SADD", self._keys.owner(subscription.owner), id)
+
+    async def _confirm(self, subscription: Subscription) -> None:
+        """Have a replica confirm a callback, and one of each other master the lists in which it is found."""
+        id, keys = subscription.id, self._keys
+        lists = (keys.held(self._run), keys.owner(subscription.owner), keys.client(subscription.client))
+        try:
+            others = await self._redis.elsewhere(keys.record(id), lists)
+            online = await self._redis.all([("EVAL", scripts.REPLICAS, 1, key) for key in others])
+            asked = [
+                (keys.record(id), "holder"),
+                *((key, id) for key, is_so in zip(others, online, strict=True) if is_so),
+            ]
+            for key, member in asked:
+                found, confirmed = await self._redis.replicated(scripts.REPEAT, key, member)
+                if not found:  # a failover lost it, or someone has removed it already
+                    raise StoreUnavailable(f"subscription {id} was gone before a replica had it")
+                if not confirmed:
+                    raise StoreUnavailable(f"no replica of Redis confirmed subscription {id} in time")
+        except StoreUnavailable:
+            with suppress(StoreUnavailable):
+                await self.remove(id)
+            raise
+
+    async def _part(self, subscription: Subscription, other: str, taken: bool) -> None:
+        """Have only one of two runs hold the subscription, which ``other`` held before."""
+        id, held = subscription.id, Held(subscription.owner, subscription.client)
+        if taken:
+            await self._runs.hold({id: held}, self._run)  # again: the other may have let us go just before we took it
+        await self._let_go(id, held, other if taken else self._run)
+        if taken:
+            await self._tell("replaced", id, other)
+        elif subscription.kind.streams:
+            raise Lost(id)
+
+    async def _let_go(self, id: str, held: Held, run: str) -> None:
+        await self._runs.drop([id], run)
+        record = await self.record(id)
+        if record is not None and record.holder == run:  # it has taken the stream back meanwhile
+            await self._runs.hold({id: held}, run)
+
+    async def _take(self, records: Iterable[Record], held: Mapping[str, Held]) -> list[Record]:
+        """Those of which this run, and no other that tries, has become the holder in place of the one before."""
+        asked = {record.subscription.id: record for record in records}
+        await self._runs.hold({id: held[id] for id in asked}, self._run)
+        takes = [
+            ("EVAL", scripts.TAKE, 1, self._keys.record(id), record.holder, self._run) for id, record in asked.items()
+        ]
+        answers = dict(zip(asked, await self._redis.all(takes), strict=True))
+        mine = self._run.encode()
+        await self._runs.drop([id for id, (_, holder) in answers.items() if holder != mine], self._run)
+        return [replace(asked[id], holder=self._run) for id, (won, _) in answers.items() if won]
+
+    async def _remove(self, holders: Mapping[str, str]) -> dict[str, Record]:
+        """Remove each id if the run given with it holds it, whoever holds it if that is empty; what was removed."""
+        removes = [
+            ("EVAL", scripts.REMOVE, 4, *self._queue(id), self._keys.gone(id), _GONE_MS, holder)
+            for id, holder in holders.items()
+        ]
+        answers = await self._redis.all(removes)
+        records = {id: read_record(read_pairs(fields)) for id, fields in zip(holders, answers, strict=True)}
+        removed = {id: record for id, record in records.items() if record is not None}
+        listed = {id: Held(one.subscription.owner, one.subscription.client) for id, one in removed.items()}
+        await self._clear(listed, {id: record.holder for id, record in removed.items()})
+        return removed
+
+    async def _reclaim(self, held: Mapping[str, Held], run: str) -> set[str]:
+        """Clear away what was listed and never accepted, or removed by halves; the others, which have a record."""
+        reclaims = [("EVAL", scripts.RECLAIM, 2, self._keys.record(id), self._keys.gone(id), _GONE_MS) for id in held]
+        answers = dict(zip(held, await self._redis.all(reclaims), strict=True))
+        await self._clear({id: held[id] for id, gone in answers.items() if gone}, dict.fromkeys(held, run))
+        return {id for id, gone in answers.items() if not gone}
+
+    async def _clear(self, listed: Mapping[str, Held], runs: Mapping[str, str]) -> None:
+        """Strike out what has no record; last from the list of its run, which is the way to the two others."""
+        keys = self._keys
+        await self._redis.all(
+            [("SREM", keys.owner(held.owner), id) for id, held in listed.items()]
+            + [("SREM", keys.client(held.client), id) for id, held in listed.items()]
+        )
+        await self._redis.all([("HDEL", keys.held(runs[id]), id) for id in listed])
+        await self._redis.all([("EVAL", scripts.CLEARED, 1, keys.gone(id)) for id in listed])

@@ -1,0 +1,311 @@
+"""The streams that are open at this gateway, and what the store is told of them so that every gateway lists them.
+
+They live on connections and go on while the store is away; it is told later. A stream that was made by POST waits
+between its connections, for a while.
+"""
+
+import asyncio
+import logging
+from collections import Counter
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from dataclasses import replace
+
+from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Depth, Kind, Record, Subscription
+from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.subscriptions.fan_out import FanOut
+from linked_fleet_gateway.subscriptions.message import Ending, Outlet
+from linked_fleet_gateway.subscriptions.store import Lost, Store, StoreUnavailable, TooMany
+from linked_fleet_gateway.subscriptions.watcher import Watcher
+
+log = logging.getLogger(__name__)
+
+UNOPENED_S = 60.0
+"""How long a stream that was made by POST waits to be opened, at first and again after each connection."""
+_LAST_S = 1.0  # to tell the store of streams that closed when this gateway ends
+
+
+class Streams:
+    """``limit`` is the number of subscriptions that one client may have."""
+
+    def __init__(self, store: Store, run: str, fan_out: FanOut, limit: int) -> None:
+        self._store, self._run, self._fan_out, self._limit = store, run, fan_out, limit
+        self._open: dict[str, Watcher] = {}
+        self._coming: set[str] = set()
+        self._cancelled: set[str] = set()  # of those that are coming
+        self._changed: dict[str, Subscription] = {}  # of those that are coming, what they have become
+        self._expiries: dict[str, asyncio.TimerHandle] = {}
+        # What the store is still to be told, and what it had too little and too much at the last comparison.
+        self._unlisted: set[str] = set()
+        self._ended: set[str] = set()
+        self._missed: set[str] = set()
+        self._strays: set[str] = set()
+        self._noted: dict[str, int | None] = {}
+        self._background: set[asyncio.Task[None]] = set()
+
+    def kinds(self) -> Counter[str]:
+        """How many are open here, by kind."""
+        return Counter(watcher.subscription.kind.value for watcher in list(self._open.values()))
+
+    # -- connections --------------------------------------------------------------------------------------------------
+
+    async def register(self, subscription: Subscription) -> None:
+        """Have a stream listed before it is opened; TooMany when the client has too many subscriptions."""
+        id = subscription.id
+        waited = id in self._expiries
+        self._coming.add(id)
+        self._ended.discard(id)
+        self._stop_waiting(id)
+        try:
+            await self._list(subscription)
+        except BaseException:
+            self._leave(id)
+            if waited:
+                self._expire(id)
+            else:
+                self._ended.add(id)  # it may be there
+            raise
+
+    async def _list(self, subscription: Subscription) -> None:
+        try:
+            await self._store.add(subscription, Delivery(), self._limit)
+        except StoreUnavailable:
+            mine = [each for each in self._open.values() if each.subscription.client == subscription.client]
+            if len(mine) >= self._limit:
+                raise TooMany(f"{subscription.client} has {len(mine)} subscriptions already") from None
+            self._unlisted.add(subscription.id)
+
+    def open(self, subscription: Subscription, outlet: Outlet, seen: str | None) -> Watcher:
+        """Begin a registered stream; ``seen`` is the version that the subscriber saw last.
+
+        It ends at once when there is no such resource any more. Of a subtree, ``seen`` is the version of any one
+        resource in it and says nothing about the others: all of them are sent again.
+        """
+        id = subscription.id
+        if (changed := self._changed.get(id)) is not None:
+            subscription = subscription.having(changed.options, changed.revision)
+        sent = {subscription.resource: seen} if seen and subscription.depth is not Depth.SUBTREE else {}
+        watcher = self._fan_out.watch(subscription, outlet, sent)
+        if id in self._cancelled:
+            watcher.end(Ending.CANCELLED)
+            self._ended.add(id)  # it may have been listed after it was deleted
+        else:
+            if (other := self._open.get(id)) is not None:
+                other.end(Ending.REPLACED)
+            self._open[id] = watcher
+        self._leave(id)
+        return watcher
+
+    def close(self, subscription: Subscription, watcher: Watcher | None, *, reopenable: bool) -> None:
+        """The connection of a registered stream is gone; one that was made by POST waits for another."""
+        id, last_ns = subscription.id, None
+        if watcher is None:
+            reopenable = reopenable and id not in self._cancelled
+            self._leave(id)
+        else:
+            watcher.close()
+            subscription, last_ns = watcher.subscription, watcher.last_ns
+            if self._open.get(id) is not watcher:
+                return  # cancelled, or opened on another connection
+            del self._open[id]
+            self._noted.pop(id, None)
+        if reopenable:
+            self._later(lambda: self._offer_again(subscription, last_ns))
+        else:
+            self._later(lambda: self._forget(id))
+
+    def revoke(self, id: str) -> None:
+        """End a stream whose client has lost the right to it, for good; harmless when it is over."""
+        if id in self._open:
+            self.drop(id, Ending.UNENTITLED)
+            self._later(lambda: self._forget(id))
+
+    def end_all(self) -> None:
+        """Close every stream, because the gateway ends; their clients reconnect to another or later."""
+        for watcher in list(self._open.values()):
+            watcher.end(Ending.SHUTDOWN)
+        self._open.clear()
+
+    async def aclose(self) -> None:
+        """Once all connections are closed; streams that were made by POST are left to wait at another gateway."""
+        self.end_all()
+        for timer in self._expiries.values():
+            timer.cancel()
+        if self._background:
+            await asyncio.wait(self._background, timeout=_LAST_S)
+        await end(self._background)
+
+    # -- between connections ------------------------------------------------------------------------------------------
+
+    async def offer(self, subscription: Subscription) -> None:
+        """Keep a stream that nobody has opened yet for a while. TooMany, StoreUnavailable."""
+        try:
+            await self._store.add(subscription, Delivery(DeliveryState.WAITING), self._limit)
+        except TooMany:
+            raise
+        except BaseException:
+            self._ended.add(subscription.id)  # it may be there, although its client is told that it is not
+            raise
+        self._expire(subscription.id)
+
+    def adopted(self, id: str) -> None:
+        """A stream of a gateway that is gone waits here now."""
+        if not self.serves(id):
+            self._expire(id)
+
+    async def _offer_again(self, subscription: Subscription, last_ns: int | None) -> None:
+        id, unopened = subscription.id, replace(subscription, kind=Kind.STREAM)
+        if self.serves(id):
+            return
+        waiting = Delivery(DeliveryState.WAITING, last_ns)
+        try:
+            if id in self._unlisted:
+                await self._store.add(unopened, waiting, self._limit, take=False)
+            else:
+                await self._store.note(id, waiting, unopened)  # what was deleted just now is not to come back
+        except Lost:
+            return  # it was opened through another gateway, or deleted
+        except (StoreUnavailable, TooMany):
+            await self._forget(id)
+            return
+        if self.serves(id):
+            self._unlisted.add(id)  # opened again meanwhile: say so again
+        else:
+            self._expire(id)
+
+    def _leave(self, id: str) -> None:
+        """It comes no more."""
+        self._coming.discard(id)
+        self._cancelled.discard(id)
+        self._changed.pop(id, None)
+
+    def serves(self, id: str) -> bool:
+        """Return True if it is open here or about to be."""
+        return id in self._open or id in self._coming
+
+    def _expire(self, id: str) -> None:
+        self._stop_waiting(id)
+        loop = asyncio.get_running_loop()
+        self._expiries[id] = loop.call_later(UNOPENED_S, lambda: self._later(lambda: self._abandon(id)))
+
+    def _stop_waiting(self, id: str) -> None:
+        if (expiry := self._expiries.pop(id, None)) is not None:
+            expiry.cancel()
+
+    async def _abandon(self, id: str) -> None:
+        self._expiries.pop(id, None)
+        if not self.serves(id):
+            await self._forget(id)
+
+    async def _forget(self, id: str) -> None:
+        self._unlisted.discard(id)
+        self._ended.add(id)
+        with suppress(StoreUnavailable):
+            await self._strike_out(id)
+
+    async def _strike_out(self, id: str) -> None:
+        """Have an end known; StoreUnavailable."""
+        await self._store.remove(id, own=True)  # another gateway may have it by now
+        self._ended.discard(id)
+        if self.serves(id):
+            self._unlisted.add(id)  # opened again meanwhile: say so again
+
+    # -- what others do -----------------------------------------------------------------------------------------------
+
+    def drop(self, id: str, ending: Ending) -> None:
+        """End a stream here, if it is here; the store knows."""
+        self._noted.pop(id, None)
+        self._unlisted.discard(id)
+        self._stop_waiting(id)
+        if ending is Ending.CANCELLED and id in self._coming:
+            self._cancelled.add(id)
+        if (watcher := self._open.pop(id, None)) is not None:
+            watcher.end(ending)
+
+    def obeys(self, subscription: Subscription) -> bool:
+        """Return True if a stream goes by these options, or is not open here."""
+        watcher = self._open.get(subscription.id)
+        return watcher is None or watcher.subscription.options == subscription.options
+
+    def change(self, subscription: Subscription) -> None:
+        """Have a stream that is here go by the options that its record has now."""
+        id = subscription.id
+        if (watcher := self._open.get(id)) is not None:
+            if not self.obeys(subscription):
+                options, revision = subscription.options, subscription.revision
+                self._fan_out.change(watcher, watcher.subscription.having(options, revision))
+        elif id in self._coming:
+            self._changed[id] = subscription
+
+    async def replaced(self, id: str) -> None:
+        """It was opened through another gateway, unless it has come back since."""
+        found = await self._store.record(id)
+        if found is not None and found.holder != self._run:
+            self.drop(id, Ending.REPLACED)
+
+    def freshened(self, record: Record) -> Record:
+        """What this gateway knows better than the store: when the last message was sent."""
+        watcher = self._open.get(record.subscription.id)
+        if watcher is None or record.holder != self._run:
+            return record
+        return replace(record, delivery=replace(record.delivery, last_ns=watcher.last_ns))
+
+    # -- what the store is told ---------------------------------------------------------------------------------------
+
+    async def catch_up(self) -> None:
+        """Streams begun and ended while the store was away."""
+        for id in list(self._ended):
+            if id in self._ended:  # not opened again meanwhile
+                await self._strike_out(id)
+        for id in list(self._unlisted):
+            if (watcher := self._open.get(id)) is not None:
+                try:
+                    await self._store.add(watcher.subscription, Delivery(last_ns=watcher.last_ns), self._limit)
+                except TooMany:
+                    self.drop(id, Ending.CANCELLED)
+                else:
+                    if not self.serves(id) and id not in self._expiries:  # closed meanwhile
+                        self._ended.add(id)
+            if id not in self._coming:
+                self._unlisted.discard(id)
+
+    async def note(self) -> None:
+        """When the last message of each was sent."""
+        moved = {
+            id: each.last_ns
+            for id, each in self._open.items()
+            if id not in self._unlisted and each.last_ns != self._noted.get(id)
+        }
+        lost = await self._store.note_all({id: Delivery(last_ns=last_ns) for id, last_ns in moved.items()})
+        self._noted.update((id, last_ns) for id, last_ns in moved.items() if id in self._open and id not in lost)
+
+    async def compare(self, held: dict[str, Record]) -> None:
+        """With what the store says this run holds.
+
+        Some is missing after a time in which we were thought dead; some is left over when a command reached the store
+        after we had given it up.
+        """
+        missing = {id for id in self._open if id not in held and id not in self._unlisted}
+        for id in missing & self._missed:  # the second time: news of its end would have come by now
+            found = await self._store.record(id)
+            if found is not None and found.holder != self._run:
+                self.drop(id, Ending.REPLACED)
+            elif id in self._open:
+                self._unlisted.add(id)
+        self._missed = missing
+        streams = {id for id, record in held.items() if record.subscription.kind.streams}
+        strays = {id for id in streams if not self.serves(id) and id not in self._expiries}
+        self._ended |= strays & self._strays  # the second time: what was on its way has come by now
+        self._strays = strays
+
+    def _later(self, call: Callable[[], Awaitable[None]]) -> None:
+        task = asyncio.ensure_future(self._guarded(call))
+        self._background.add(task)
+        task.add_done_callback(self._background.discard)
+
+    async def _guarded(self, call: Callable[[], Awaitable[None]]) -> None:
+        try:
+            await call()
+        except Exception:
+            # The boundary of the task: its connection is gone, so nobody waits for it and would see.
+            log.exception("a stream was not put away as it should")

@@ -1,0 +1,262 @@
+"""One subscriber's view of the fan-out: what is news to it, what waits, and when the next message may go."""
+
+import logging
+from collections.abc import Callable
+from typing import Protocol
+
+from linked_fleet_gateway.rdf.serialise import NothingYet, WriteError
+from linked_fleet_gateway.resources.subscription import Depth, Subscription
+from linked_fleet_gateway.resources.versioning import Reading
+from linked_fleet_gateway.subscriptions.broadcast import Broadcast, Sending
+from linked_fleet_gateway.subscriptions.message import Ending, Message, Outlet, Stream
+from linked_fleet_gateway.subscriptions.topic import Topic
+
+_log = logging.getLogger(__name__)
+
+
+class Timer(Protocol):
+    def cancel(self) -> None: ...
+
+
+class Schedule(Sending, Protocol):
+    """The fan-out, as a watcher needs it."""
+
+    def message(self, topic: "Topic[Watcher]", subscription: Subscription) -> Message:
+        """The message about the present reading; WriteError when the syntax cannot say it."""
+
+    def freshen(self, topic: "Topic[Watcher]") -> None:
+        """Read the resource, if something has happened to it since."""
+
+    def now_s(self) -> float:
+        """Monotonic."""
+
+    def run(self, watcher: "Watcher") -> None:
+        """Let the watcher ``step`` when it is its turn."""
+
+    def later(self, delay_s: float, call: Callable[[], None]) -> Timer: ...
+
+    def broadcast(self, topic: "Topic[Watcher]", subscription: Subscription, stream: Stream) -> "Broadcast[Watcher]":
+        """What serves all who want the same of a resource."""
+
+    def drop(self, watcher: "Watcher", path: str) -> None:
+        """Let the watcher no longer watch one of its resources."""
+
+    def forget(self, watcher: "Watcher") -> None: ...
+
+
+class Watcher:
+    """Keeps which resources have news, never the news: memory is bounded by the number of resources watched.
+
+    The policy (PROTOCOL.md, "Messages"): between two messages about a resource its values are conflated, the last
+    one always goes out. ``sent`` are the versions, by path, that the subscriber is known to have.
+
+    Who watches one resource on a stream and wants every change of it is in step with others like it: as long as its
+    outlet has room a ``Broadcast`` serves it, and it has nothing to do here.
+    """
+
+    def __init__(
+        self, schedule: Schedule, subscription: Subscription, outlet: Outlet, sent: dict[str, str], patient: bool
+    ) -> None:
+        self.subscription = subscription
+        self.patient = patient
+        self.left: set[str] = set()
+        """Of a patient one: what it does not watch any more."""
+        self.topics: dict[str, Topic[Watcher]] = {}
+        self.running = False
+        self._schedule, self._outlet = schedule, outlet
+        self._known = sent
+        self._sent: dict[str, Reading] = {}
+        self._pending: dict[str, None] = {}
+        self._round: dict[str, None] = {}
+        self._next_s = 0.0
+        self._last_ns: int | None = None
+        self._broadcast: Broadcast[Watcher] | None = None
+        self._stream = self._in_step()
+        self._timer: Timer | None = None
+        self._whole = not self.subtree
+
+    def _in_step(self) -> Stream | None:
+        """The outlet, if it may be in step with others."""
+        wanted = self.subscription
+        all_wanted = wanted.interval_s <= 0 and wanted.deadband <= 0 and not self.subtree
+        return self._outlet if all_wanted and isinstance(self._outlet, Stream) else None
+
+    @property
+    def subtree(self) -> bool:
+        return self.subscription.depth is Depth.SUBTREE
+
+    @property
+    def last_ns(self) -> int | None:
+        """When the last message was sent."""
+        together = self._broadcast.last_ns if self._broadcast is not None else None
+        return max(filter(None, (self._last_ns, together)), default=None)
+
+    def join(self, topic: "Topic[Watcher]") -> None:
+        """Watch one more resource; its present state is news unless the subscriber has it."""
+        self.topics[topic.path] = topic
+        self.left.discard(topic.path)
+        topic.watchers[self] = topic.apart[self] = None
+        known = self._known.pop(topic.path, None)
+        if known == topic.reading.version:
+            self._sent[topic.path] = topic.reading
+        else:
+            self._pending[topic.path] = None
+
+    def leave(self, path: str) -> "Topic[Watcher]":
+        topic = self.topics.pop(path)
+        if self.patient:
+            self.left.add(path)
+        self._fall_out(topic)
+        del topic.watchers[self], topic.apart[self]
+        self._pending.pop(path, None)
+        self._round.pop(path, None)
+        self._sent.pop(path, None)
+        return topic
+
+    def waits(self, path: str) -> bool:
+        """Whether a message about the resource is still to be sent."""
+        return path in self._pending or path in self._round
+
+    def news(self, topic: "Topic[Watcher]") -> None:
+        """A resource has changed; if that is news to this subscriber, it goes out as soon as it may."""
+        if not self.waits(topic.path) and (self.subscription.deadband <= 0 or self._is_news(topic)):
+            self._pending[topic.path] = None
+            self.ready()
+
+    def ready(self) -> None:
+        """The outlet can take messages, or there is something for it."""
+        if (self._round or self._pending) and self._timer is None:
+            self._schedule.run(self)
+
+    def found(self) -> None:
+        """All that a subtree covers has been found: the first round waits for it, where rounds have an interval."""
+        self._whole = True
+        self.ready()
+
+    def prepare(self) -> bool:
+        """Whether it may be its turn: its message is rendered as it is sent, and mostly has been for others before."""
+        return self._timer is None
+
+    def step(self) -> bool:
+        """Send one message; whether there is more that may go at once.
+
+        Messages go in rounds: what has news when a round begins is in it once, and the interval lies between rounds.
+        """
+        if self._timer is not None or not self._outlet.writable() or not (self._round or self._begin_round()):
+            return False
+        path = next(iter(self._round))
+        topic = self.topics[path]
+        self._schedule.freshen(topic)
+        del self._round[path]
+        if self._is_news(topic):  # it may have moved back since
+            self._send(topic)
+        if not self._round and self.subscription.interval_s > 0:
+            self._next_s = self._schedule.now_s() + self.subscription.interval_s
+        self.fall_in(topic.path)
+        return bool(self._round or self._pending)
+
+    def fall_in(self, path: str) -> None:
+        """Be in step with the others from now on, if nothing waits and the same has been sent last."""
+        topic, sent = self.topics[path], self._sent.get(path)
+        if self._stream is not None and sent is not None and not self.waits(topic.path):
+            broadcast = self._schedule.broadcast(topic, self.subscription, self._stream)
+            if broadcast.admit(self, self._stream.send, sent):
+                self._broadcast = broadcast
+                del topic.apart[self], self._sent[topic.path]
+
+    def fall_behind(self, path: str, sent: Reading) -> None:
+        """There was no room for the message that the others have got; ``sent`` is what was sent before."""
+        self._fall_out(self.topics[path])
+        self._sent[path] = sent
+        self._pending[path] = None
+
+    def _fall_out(self, topic: "Topic[Watcher]") -> None:
+        if self._broadcast is not None:
+            self._last_ns = self.last_ns
+            self._broadcast.dismiss(self)
+            self._broadcast = None
+            topic.apart[self] = None
+
+    def _begin_round(self) -> bool:
+        if not self._pending or (self.subscription.interval_s > 0 and not self._whole):
+            return False
+        if self._next_s and (wait_s := self._next_s - self._schedule.now_s()) > 0:
+            self._timer = self._schedule.later(wait_s, self._due)
+            return False
+        self._round, self._pending = self._pending, {}
+        return True
+
+    def change(self, subscription: Subscription) -> None:
+        """Have another interval and deadband. The interval begins where the last one did, the first of all now."""
+        self._step_out()
+        self._set(subscription)
+        for topic in self.topics.values():
+            if not self.waits(topic.path) and self._is_news(topic):
+                self._pending[topic.path] = None
+        self.ready()
+
+    def leave_all(self, subscription: Subscription) -> None:
+        """Have any other options, and nothing that is watched or was sent: all of it is to be joined anew."""
+        self._step_out()
+        self._schedule.forget(self)
+        self._known = {}
+        self._set(subscription)
+        self._whole = not self.subtree
+
+    def _set(self, subscription: Subscription) -> None:
+        before, self.subscription = self.subscription, subscription
+        self._cancel_timer()
+        begun_s = self._next_s - before.interval_s if self._next_s else self._schedule.now_s()
+        waits = subscription.interval_s > 0 and self.last_ns is not None
+        self._next_s = begun_s + subscription.interval_s if waits else 0.0
+        self._stream = self._in_step()
+
+    def _step_out(self) -> None:
+        """Leave those who are in step, in the middle of a pass, too."""
+        if self._broadcast is None:
+            return
+        (topic,) = self.topics.values()  # who is in step watches one resource
+        self._last_ns = self.last_ns
+        self._sent[topic.path] = self._broadcast.release(self)
+        self._broadcast = None
+        topic.apart[self] = None
+
+    def end(self, ending: Ending) -> None:
+        self.close()
+        self._outlet.end(ending)
+
+    def close(self) -> None:
+        """Stop watching; the outlet is closed already or will be."""
+        self._cancel_timer()
+        self._schedule.forget(self)
+
+    def _cancel_timer(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def _send(self, topic: "Topic[Watcher]") -> None:
+        try:
+            message = self._schedule.message(topic, self.subscription)
+        except NothingYet:
+            return
+        except WriteError as error:
+            id = self.subscription.id
+            _log.warning("subscription %s gets no message: %s", id, error, extra={"subscription": id})
+            return
+        self._sent[topic.path] = topic.reading
+        self._last_ns = self._schedule.wall_ns()
+        self._schedule.messages += 1
+        self._outlet.write(message)
+        if self.subtree and topic.ended:
+            self._schedule.drop(self, topic.path)
+
+    def _is_news(self, topic: "Topic[Watcher]") -> bool:
+        sent, reading, deadband = self._sent.get(topic.path), topic.reading, self.subscription.deadband
+        if sent is None or deadband <= 0:
+            return topic.differs(sent)
+        return reading is not sent and not reading.same(sent, deadband)
+
+    def _due(self) -> None:
+        self._timer = None
+        self.ready()

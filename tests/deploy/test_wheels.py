@@ -1,0 +1,128 @@
+"""The two wheels, installed beside packages with common names and used outside the checkout."""
+
+import contextlib
+import json
+import os
+import subprocess
+import sys
+import sysconfig
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from running import ROOT, eventually, free_port
+
+pytestmark = pytest.mark.processes
+
+_PINS = str(ROOT / "constraints.txt")
+
+
+@pytest.fixture(scope="module")
+def wheels(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    folder = tmp_path_factory.mktemp("wheels")
+    _pip(Path(sys.executable), "wheel", "--no-deps", "-w", str(folder), str(ROOT / "agents"), str(ROOT))
+    return sorted(folder.glob("*.whl"))
+
+
+@pytest.fixture(scope="module")
+def installed(wheels: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An environment with our wheels and openai-agents. The packages that they need are lent by that of the tests."""
+    folder = tmp_path_factory.mktemp("environment")
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(folder)], check=True)
+    site = next(folder.glob("lib/python*/site-packages"))
+    python = folder / "bin" / "python"
+    target = ["--python", str(python), "install", "--no-deps", "openai-agents", *map(str, wheels)]
+    _pip(Path(sys.executable), *target)
+    # Lines of a .pth file add folders, whose own .pth files are not read: the checkout is not on the path.
+    lent = Path(sysconfig.get_path("purelib"))
+    (site / "cmeel.prefix").symlink_to(lent / "cmeel.prefix")
+    (site / "lent.pth").write_text(f"{lent}\nimport cmeel_pth\n")
+    return folder / "bin"
+
+
+def _pip(python: Path, *arguments: str) -> None:
+    environment = {**os.environ, "PIP_CONSTRAINT": _PINS, "PIP_BUILD_CONSTRAINT": _PINS}
+    subprocess.run([python, "-m", "pip", "-q", *arguments], check=True, env=environment, cwd="/")
+
+
+def _modules(wheel: Path) -> set[str]:
+    with zipfile.ZipFile(wheel) as archive:
+        return {name.partition("/")[0] for name in archive.namelist() if ".dist-info/" not in name}
+
+
+def test_wheels_install_modules_of_our_name_alone(wheels: list[Path]) -> None:
+    gateway, agent = wheels
+    assert _modules(agent) == {"linked_fleet_agent"}
+    assert _modules(gateway) == {
+        "linked_fleet_client", "linked_fleet_demo", "linked_fleet_gateway", "linked_fleet_shapes",
+    }  # fmt: skip
+
+
+def test_the_wheel_of_the_agent_needs_two_packages(wheels: list[Path]) -> None:
+    with zipfile.ZipFile(wheels[1]) as archive:
+        (name,) = (each for each in archive.namelist() if each.endswith(".dist-info/METADATA"))
+        lines = archive.read(name).decode().splitlines()
+    needed = [line for line in lines if line.startswith("Requires-Dist:") and "extra ==" not in line]
+    assert [line.split()[1].partition(">")[0] for line in needed] == ["eclipse-zenoh", "msgspec"]
+
+
+def test_no_module_of_another_package_is_taken_or_shadowed(installed: Path) -> None:
+    code = (
+        "import importlib.util, json; "
+        "print(json.dumps({name: getattr(importlib.util.find_spec(name), 'origin', None) for name in "
+        "('agents', 'gateway', 'client', 'demo', 'shapes', 'telemetry', 'linked_fleet_gateway')}))"
+    )
+    said = subprocess.run(
+        [installed / "python", "-c", code], check=True, capture_output=True, text=True, cwd="/"
+    ).stdout
+    found = json.loads(said)
+    inside = str(installed.parent)
+    assert found.pop("agents").startswith(inside), "that of openai-agents"
+    assert found.pop("linked_fleet_gateway").startswith(inside), "ours, and not that of the checkout"
+    assert set(found.values()) == {None}
+
+
+@contextlib.contextmanager
+def _running(installed: Path, program: str, *arguments: str, cwd: Path) -> Iterator[subprocess.Popen[str]]:
+    environment = {**os.environ, "XDG_STATE_HOME": str(cwd / "state")}
+    environment.pop("PYTHONPATH", None)
+    child = subprocess.Popen(
+        [str(installed / program), *arguments], cwd=cwd, env=environment, text=True, stdout=subprocess.DEVNULL
+    )
+    try:
+        yield child
+    finally:
+        child.terminate()
+        child.wait(30)
+
+
+def _seen(installed: Path, root: str) -> set[str]:
+    """The robots that the client lists; none while there is no gateway."""
+    done = subprocess.run(
+        [installed / "linked-fleet", "--url", root, "--json", "ls"],
+        capture_output=True,
+        text=True,
+        cwd="/",
+        check=False,
+    )
+    return {name for name in ("ur5", "baxter", "panda", "tiago", "go2") if f"/{name}" in done.stdout}
+
+
+def test_gateway_agent_and_client_run_from_the_wheels(installed: Path, tmp_path: Path) -> None:
+    port, zenoh = free_port(), f"tcp/127.0.0.1:{free_port()}"
+    root = f"http://127.0.0.1:{port}/"
+    gateway = ("gateway", "--port", str(port), "--zenoh-listen", zenoh)
+    agent = ("--robot", "ur5", "--connect", zenoh)
+    with (
+        _running(installed, "linked-fleet", *gateway, cwd=tmp_path),
+        _running(installed, "linked-fleet-agent", *agent, cwd=tmp_path),
+    ):
+        eventually(lambda: _seen(installed, root) == {"ur5"}, "a robot that the client sees")
+
+
+def test_the_demo_runs_from_the_wheels(installed: Path, tmp_path: Path) -> None:
+    port = free_port()
+    with _running(installed, "linked-fleet", "demo", "--port", str(port), cwd=tmp_path):
+        eventually(lambda: len(_seen(installed, f"http://127.0.0.1:{port}/")) == 5, "five robots")
