@@ -1,6 +1,6 @@
 """HTTP: methods, negotiation, conditional requests, links, errors, streams and audit of every resource.
 
-``server``, ``protocol``, ``websocket_protocol``, ``framing``, ``timeouts``, ``sockets``, ``backpressure``, ``tls``:
+``server``, ``protocol``, ``websocket_protocol``, ``exchange``, ``timeouts``, ``sockets``, ``backpressure``, ``tls``:
 the server, with bounds of time and number. Middleware, the outermost first: ``forwarded``,
 ``operator_endpoints`` (``health``), ``cors``, ``host``, ``callers``, ``rates``, ``lazy_imports``.
 ``request``: the typed request and its gateway.

@@ -1,17 +1,20 @@
-"""The server's protocol class for HTTP: uvicorn's, with bounds of time and of connections."""
+"""The server's protocol class for HTTP/1.1: uvicorn's on llhttp, with bounds of time, of size and of connections."""
 
+import asyncio
+import re
 import sys
 from asyncio.transports import Transport
 from collections.abc import Callable
 from http import HTTPStatus
 from typing import Any, cast
+from urllib.parse import unquote
 
-import h11
-from uvicorn.protocols.http.h11_impl import H11Protocol
+import httptools
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 from linked_fleet_gateway.base.addresses import network_of
 from linked_fleet_gateway.http.backpressure import STALL_S, Reader
-from linked_fleet_gateway.http.framing import RefusedRequest, ServerConnection
+from linked_fleet_gateway.http.exchange import Exchange
 from linked_fleet_gateway.http.sockets import Sockets
 from linked_fleet_gateway.http.timeouts import BODY_S, HEAD_S, MAX_HEAD_BYTES, Deadline
 from linked_fleet_gateway.http.websocket_protocol import FAREWELL_S, WebSocketProtocol
@@ -19,12 +22,19 @@ from linked_fleet_gateway.http.websocket_protocol import FAREWELL_S, WebSocketPr
 HTTP = "linked-fleet.http"
 """Where in ``scope["extensions"]`` an application finds the protocol that serves it."""
 _FULL = b"HTTP/1.1 503 Service Unavailable\r\nretry-after: 1\r\ncontent-length: 0\r\nconnection: close\r\n\r\n"
+_IDLE, _HEAD, _BODY, _WHOLE = "idle", "head", "body", "whole"
+"""How much of the latest request has come: nothing, a part of its head, its head, all of it."""
+_REQUEST_LINE = re.compile(rb"([!#$%&'*+\-.^_`|~0-9A-Za-z]+) ([\x21-\x7e]+) HTTP/([0-9])\.([0-9])\r?\n")
+_METHODS = frozenset({b"GET", b"HEAD", b"OPTIONS", b"POST", b"PUT", b"PATCH", b"DELETE"})
+_ANY_METHOD = b"PUT"
+"""Stands for a method that the parser does not know or treats in a way of its own, such as CONNECT."""
+_FRAMING = (b"content-length", b"transfer-encoding")
 
 
-class HttpProtocol(H11Protocol):
+class HttpProtocol(HttpToolsProtocol):
     """HTTP/1.1 that an application can get hold of: ASGI alone neither aborts a connection nor tells of a shutdown.
 
-    Who does not say in time what it wants is cut off, and of ``sockets`` takes a place that others can have.
+    A client that does not send its request in time is cut off, and of ``sockets`` takes a place that others can have.
     """
 
     stall_s = STALL_S
@@ -33,16 +43,26 @@ class HttpProtocol(H11Protocol):
     """Called when what waited has nearly all been taken."""
     on_shutdown: Callable[[], None] | None = None
     ending = False
-    """Whether the server shuts down: what begins now has not been told."""
+    """True once the server shuts down: what begins now has not been told."""
     reader: Reader
 
     def __init__(self, *arguments: Any, sockets: Sockets | None = None, **named: Any) -> None:
         super().__init__(*arguments, **named)
-        self.conn: ServerConnection = ServerConnection(h11.SERVER, MAX_HEAD_BYTES)
         self._address = ""
         self._sockets = Sockets(sys.maxsize, sys.maxsize) if sockets is None else sockets
         self._deadline = Deadline(self._give_up)
-        self._begun = False
+        self._phase = _IDLE
+        self._line = b""
+        """The beginning of a request line that is not whole yet."""
+        self._method = b""
+        self._target = b""
+        """Method and target of the latest request, if the parser was told others."""
+        self._head_bytes = 0
+        self._unread: list[bytes] = []
+        """Bytes that came while requests before them had no answer."""
+        self._refusal: tuple[HTTPStatus, str] | None = None
+        self._again = False
+        """True while a head is parsed once more, without the Upgrade that is ignored."""
 
     def connection_made(self, transport: Transport) -> None:  # type: ignore[override]  # as uvicorn has it
         super().connection_made(transport)
@@ -57,56 +77,227 @@ class HttpProtocol(H11Protocol):
     def connection_lost(self, exc: Exception | None) -> None:
         super().connection_lost(exc)
         self.reader.stop()
-        self._deadline.clear()
+        self._unread.clear()
+        self._deadline.close()
         self._sockets.close(self)
 
+    def eof_received(self) -> bool | None:  # type: ignore[override]  # as asyncio has it
+        """Answer what was asked before the client ended its side of the connection; True keeps the other side open."""
+        # Over TLS there is no such end, and whoever ends it during an answer, such as a stream, has gone.
+        waits = self._phase is _WHOLE and self._is_answering() and (self.pipeline or not self.cycle.response_started)
+        if self.scheme == "https" or not waits:
+            return None
+        self.cycle.keep_alive = False
+        return True
+
+    # -- what comes ---------------------------------------------------------------------------------------------------
+
     def data_received(self, data: bytes) -> None:
-        for first in range(0, len(data), MAX_HEAD_BYTES):  # more at once would be taken however long it is
-            protocol = self.transport.get_protocol()
+        if self._unread:
+            self._unread.append(data)
+            return
+        if len(data) <= MAX_HEAD_BYTES:
+            self._feed(data)
+        else:
+            self._feed_pieces([data[at : at + MAX_HEAD_BYTES] for at in range(0, len(data), MAX_HEAD_BYTES)])
+        if self.transport.get_protocol() is self:
+            self._await_request()
+
+    def _feed_pieces(self, pieces: list[bytes]) -> None:
+        """Parse the bytes piece by piece; more at once would be taken however long a head is."""
+        while pieces:
             if self.transport.is_closing():
                 return
+            protocol = self.transport.get_protocol()
             if protocol is not self:
-                cast(WebSocketProtocol, protocol).data_received(data[first:])
+                cast(WebSocketProtocol, protocol).data_received(b"".join(pieces))
                 return
-            super().data_received(data[first : first + MAX_HEAD_BYTES])
-        self._begun = self.conn.their_state is h11.IDLE
-        self._await_request()
+            if self.pipeline:  # reading is paused; who sends many requests at once waits for the answers
+                self._unread = pieces
+                return
+            self._feed(pieces.pop(0))
 
-    def timeout_keep_alive_handler(self) -> None:
-        if self.reader.is_behind():  # on a slow line
-            again = self.timeout_keep_alive_handler
-            self.timeout_keep_alive_task = self.loop.call_later(self.timeout_keep_alive, again)
+    def _feed(self, data: bytes) -> None:
+        if self.transport.is_closing():
+            return
+        if self._phase in (_IDLE, _WHOLE) and self._head_bytes == 0:
+            data = self._checked_line(data)
+            if not data:
+                return
+        if self._phase is not _BODY:
+            self._head_bytes += len(data)
+        try:
+            self.parser.feed_data(data)
+        except httptools.HttpParserUpgrade as upgrade:
+            if self._should_upgrade():
+                self._deadline.close()
+                self._sockets.busy(self)
+                self.handle_websocket_upgrade()
+                return
+            self._ignore_upgrade(data[upgrade.args[0] :])
+        except httptools.HttpParserError as error:
+            status, text = self._refusal or (HTTPStatus.BAD_REQUEST, f"The request is not HTTP/1.1: {error}.")
+            self._refuse(status, text)
+            return
+        if self._phase in (_IDLE, _HEAD) and self._head_bytes > MAX_HEAD_BYTES:
+            self._refuse(HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE, f"A head has at most {MAX_HEAD_BYTES} bytes.")
+
+    def _checked_line(self, data: bytes) -> bytes:
+        """Return the bytes to parse once the request line is whole; none before, and after a refusal.
+
+        The parser knows neither all methods (RFC 9110, 9.1) nor that HTTP/1.5 is served as HTTP/1.1 (2.5). Targets that
+        are no path are left to the application, which says what is wrong with one.
+        """
+        if not self._line:
+            match = _REQUEST_LINE.match(data)
+            if match is not None and _is_plain(*match.groups()):
+                return data
+        data = (self._line + data).lstrip(b"\r\n")  # RFC 9112, 2.2
+        if b"\n" not in data:
+            self._line = data
+            if len(data) > MAX_HEAD_BYTES:
+                self._refuse(HTTPStatus.REQUEST_URI_TOO_LONG, f"A head has at most {MAX_HEAD_BYTES} bytes.")
+            return b""
+        self._line = b""
+        match = _REQUEST_LINE.match(data)
+        if match is None:
+            self._refuse(HTTPStatus.BAD_REQUEST, "The request line is not one of HTTP/1.1.")
+            return b""
+        method, target, major, minor = match.groups()
+        if major != b"1":
+            self._refuse(HTTPStatus.HTTP_VERSION_NOT_SUPPORTED, "The major version of HTTP served here is 1.")
+            return b""
+        if method not in _METHODS:
+            self._method, method = method, _ANY_METHOD
+        if not target.startswith(b"/"):
+            self._target, target = target, b"/"
+        return b"%b %b HTTP/1.%b\r\n%b" % (method, target, min(minor, b"1"), data[match.end() :])
+
+    def _ignore_upgrade(self, rest: bytes) -> None:
+        """Go on as after any other request. The parser leaves out a body that follows a head with an Upgrade."""
+        if self._phase is _BODY:
+            framing = [name + b": " + value for name, value in self.headers if name in _FRAMING]
+            self.parser = httptools.HttpRequestParser(self)
+            self._again = True
+            self.parser.feed_data(b"\r\n".join([b"PUT / HTTP/1.1", *framing, b"", b""]))
+            self._again = False
+        if rest:
+            self._feed(rest)
+
+    # -- what the parser calls ----------------------------------------------------------------------------------------
+
+    def on_message_begin(self) -> None:
+        if self._again:
+            return
+        super().on_message_begin()
+        cast(dict[str, Any], self.scope)["extensions"] = {HTTP: self}
+        self._phase = _HEAD
+
+    def on_url(self, url: bytes) -> None:
+        if not self._again:
+            super().on_url(url)
+
+    def on_header(self, name: bytes, value: bytes) -> None:
+        if self._phase is _HEAD and not self._again:  # neither trailers, which nobody asked for
+            super().on_header(name, value)
+
+    def on_headers_complete(self) -> None:
+        if self._again:
+            return
+        self._phase, self._head_bytes = _BODY, 0
+        self._check_head()
+        if self._refusal is not None:
+            raise ValueError(self._refusal[1])  # ends the parser
+        # The target as it was sent: it may be * or a whole URL (RFC 9112, 3.2).
+        raw_path, _, query = (self._target or self.url).partition(b"?")
+        path = raw_path.decode("ascii")
+        version = self.parser.get_http_version()
+        method = self._method or self.parser.get_method()
+        self._method = self._target = b""
+        self.scope["method"], self.scope["http_version"] = method.decode("ascii"), version
+        self.scope["path"] = unquote(path) if "%" in path else path
+        self.scope["raw_path"], self.scope["query_string"] = raw_path, query
+        if self.parser.should_upgrade() and self._should_upgrade():
+            return
+        waits = self._is_answering()
+        self.cycle = Exchange(
+            scope=self.scope, transport=self.transport, flow=self.flow,
+            logger=self.logger, access_logger=self.access_logger, access_log=False,
+            default_headers=self.server_state.default_headers, message_event=asyncio.Event(),
+            expect_100_continue=self.expect_100_continue,
+            keep_alive=version != "1.0" and self.parser.should_keep_alive(),
+            on_response=self.on_response_complete,
+        )  # fmt: skip
+        if waits:
+            self.flow.pause_reading()
+            self.pipeline.appendleft((self.cycle, self.app))
         else:
-            super().timeout_keep_alive_handler()
+            self._start_asgi_task(self.cycle, self.app)
+
+    def _check_head(self) -> None:
+        """Refuse framing that the server does not know, or that HTTP/1.0 has not (RFC 9112, 6.1)."""
+        for name, value in self.headers:
+            if name == b"transfer-encoding":
+                if self.parser.get_http_version() == "1.0":
+                    self._refusal = HTTPStatus.BAD_REQUEST, "HTTP/1.0 has no Transfer-Encoding."
+                elif value.strip().lower() != b"chunked":
+                    self._refusal = HTTPStatus.NOT_IMPLEMENTED, "The one Transfer-Encoding known here is chunked."
+
+    def on_message_complete(self) -> None:
+        if not self._again and self.parser.should_upgrade() and self._has_body() and not self._should_upgrade():
+            return  # it is still to come
+        self._phase = _WHOLE
+        super().on_message_complete()
+
+    def _has_body(self) -> bool:
+        return any(name in _FRAMING and value.strip(b" 0") for name, value in self.headers)
+
+    # -- what goes ----------------------------------------------------------------------------------------------------
 
     def on_response_complete(self) -> None:
-        super().on_response_complete()
-        self._begun = False
+        self.server_state.total_requests += 1
+        if self.transport.is_closing():
+            return
+        self.flow.resume_reading()
+        if self.pipeline:
+            cycle, app = self.pipeline.pop()
+            self._start_asgi_task(cycle, app)
+        elif self._unread:
+            pieces, self._unread = self._unread, []
+            self._feed_pieces(pieces)
+        if self._phase is _WHOLE and not self._is_answering():
+            self._phase = _IDLE
         self._await_request()
 
-    def handle_websocket_upgrade(self, event: h11.Request) -> None:
-        super().handle_websocket_upgrade(event)
+    def handle_websocket_upgrade(self) -> None:
+        super().handle_websocket_upgrade()
         protocol = cast(WebSocketProtocol, self.transport.get_protocol())
         protocol.on_lost = lambda: self._sockets.close(self)
 
-    def send_400_response(self, msg: str) -> None:
-        """Called while the error is handled, which may know better than 400."""
-        error = sys.exc_info()[1]
-        status = error.error_status_hint if isinstance(error, h11.RemoteProtocolError) else 400
-        self._refuse(HTTPStatus(status), str(error) if isinstance(error, RefusedRequest) else msg)
+    def _should_upgrade(self) -> bool:
+        """Tell whether the request opens a WebSocket (RFC 6455, 4.1). Any other Upgrade is ignored (RFC 9110, 7.8)."""
+        if self._is_answering() or self.scope["method"] != "GET" or self.scope["http_version"] != "1.1":
+            return False
+        opening = any(name == b"sec-websocket-key" for name, _ in self.headers)
+        return opening and not self._has_body() and super()._should_upgrade()
+
+    def _is_answering(self) -> bool:
+        return self.cycle is not None and not self.cycle.response_complete
+
+    # -- bounds -------------------------------------------------------------------------------------------------------
 
     def _await_request(self) -> None:
         """Bound the time for what the client has still to say, if it has."""
-        state = self.conn.their_state
-        switched = self.transport.get_protocol() is not self  # a WebSocket now, of which h11 expects a body still
-        if switched or self.transport.is_closing() or state not in (h11.IDLE, h11.SEND_BODY):
+        said = self._phase is _WHOLE or (self._phase is not _BODY and self._is_answering())
+        if said or self.transport.is_closing():
             self._deadline.clear()
             self._sockets.busy(self)
             return
         self._sockets.idle(self, self._give_way)
         # By the request before it: that of one is never that of the next.
-        what = (state, self._begun, id(self.cycle))
-        self._deadline.set(what, self.head_s if state is h11.IDLE else self.body_s)
+        begun = self._phase is _HEAD or bool(self._line)
+        in_body = self._phase is _BODY
+        self._deadline.set((in_body, begun, id(self.cycle)), self.body_s if in_body else self.head_s)
 
     def _give_way(self) -> bool:
         """End for another, unless the last answer is still on its way."""
@@ -119,7 +310,7 @@ class HttpProtocol(H11Protocol):
         if self.reader.is_behind():
             self._deadline.again(self.head_s)
             return
-        unsaid = self.conn.our_state is h11.SEND_RESPONSE or (self.conn.our_state is h11.IDLE and self._begun)
+        unsaid = self._phase is _HEAD or self._line or (self._phase is _BODY and self._is_answering())
         if not unsaid or self.transport.is_closing():
             self.transport.abort()
             return
@@ -127,32 +318,19 @@ class HttpProtocol(H11Protocol):
         self.loop.call_later(FAREWELL_S, self.transport.abort)
 
     def _refuse(self, status: HTTPStatus, text: str) -> None:
-        """Of what was asked before it too, if that has no answer yet: whoever is at that hears that nobody waits."""
-        answerable = self.conn.our_state in (h11.IDLE, h11.SEND_RESPONSE)
+        """Answer and close. A request before it that has no answer yet gets none: its handler hears a disconnect."""
+        answered = self._phase is _BODY and self.cycle is not None and self.cycle.response_started
+        answerable = not answered and (not self._is_answering() or not self.cycle.response_started)
         if self.cycle is not None:
             self.cycle.disconnected = True
             self.cycle.message_event.set()
-        if not answerable:
-            self.transport.close()
-            return
-        head = self.conn.our_state is h11.SEND_RESPONSE and self.conn.method == b"HEAD"
-        headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"connection", b"close")]
-        answer = h11.Response(status_code=status, headers=headers, reason=status.phrase.encode())
-        for event in (answer, *([] if head else [h11.Data(data=text.encode())]), h11.EndOfMessage()):
-            self.transport.write(self.conn.send(event) or b"")
+        if answerable:
+            content = b"" if self._phase is _BODY and self.parser.get_method() == b"HEAD" else text.encode()
+            self.transport.write(
+                b"HTTP/1.1 %d %b\r\ncontent-type: text/plain; charset=utf-8\r\ncontent-length: %d\r\n"
+                b"connection: close\r\n\r\n%b" % (status, status.phrase.encode(), len(text), content)
+            )
         self.transport.close()
-
-    def handle_events(self) -> None:
-        super().handle_events()
-        if self.scope is not None:  # the task of a new request has not run yet
-            cast(dict[str, Any], self.scope).setdefault("extensions", {})[HTTP] = self
-
-    def _should_upgrade(self) -> bool:
-        """RFC 6455, 4.1. Any other Upgrade is ignored (RFC 9110, 7.8); some uvicorn would never answer."""
-        fields = dict(self.headers)
-        content = b"transfer-encoding" in fields or fields.get(b"content-length", b"").strip(b"0")
-        opening = self.scope["method"] == "GET" and self.scope["http_version"] == "1.1" and not content
-        return opening and b"sec-websocket-key" in fields and super()._should_upgrade()
 
     def pause_writing(self) -> None:
         super().pause_writing()
@@ -169,3 +347,7 @@ class HttpProtocol(H11Protocol):
         if self.on_shutdown is not None:
             self.on_shutdown()
             self.loop.call_later(FAREWELL_S, self.transport.abort)  # its reader may have stalled
+
+
+def _is_plain(method: bytes, target: bytes, major: bytes, minor: bytes) -> bool:
+    return method in _METHODS and target.startswith(b"/") and major == b"1" and minor in (b"0", b"1")

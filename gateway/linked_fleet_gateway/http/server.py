@@ -33,8 +33,6 @@ class Server(uvicorn.Server):
             app, lifespan="off", log_config=None, access_log=False, server_header=False,
             proxy_headers=False,  # uvicorn would believe loopback; http/forwarded.py believes named fronts
             timeout_graceful_shutdown=_DRAIN_S, timeout_keep_alive=int(HEAD_S),
-            # On h11. httptools loses the body of a request whose Upgrade is ignored (uvicorn issue 2722), and the
-            # authority of an absolute request target, and makes a 400 of every method that it does not know.
             http=secured(http, certificate.context) if certificate else http,
             # One framed buffer serves all subscribers, so there is no compression; and clients have nothing to say.
             ws=WebSocketProtocol, ws_per_message_deflate=False, ws_max_size=_WEBSOCKET_BYTES,

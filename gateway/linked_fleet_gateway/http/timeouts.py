@@ -1,6 +1,7 @@
 """How long a client may take to say what it wants; after that its connection is closed."""
 
 import asyncio
+import math
 from collections.abc import Callable
 
 HEAD_S = 10.0
@@ -12,26 +13,53 @@ MAX_HEAD_BYTES = 16 * 1024
 
 
 class Deadline:
-    """One at a time, that of what is waited for; more of the same does not put it off."""
+    """One at a time, that of what is waited for; more of the same does not put it off.
+
+    A connection has one timer, which looks when it fires whether the time has come: requests come more often than that.
+    """
 
     def __init__(self, passed: Callable[[], None]) -> None:
         self._passed = passed
         self._for: object = None
+        self._due_s = math.inf
         self._timer: asyncio.TimerHandle | None = None
+        self._fires_s = math.inf
 
     def set(self, what: object, after_s: float) -> None:
         """Of ``what``, which is compared; that of anything else is over."""
         if what != self._for:
-            self.clear()
             self._for = what
-            self._timer = asyncio.get_running_loop().call_later(after_s, self._passed)
+            self.again(after_s)
 
     def again(self, after_s: float) -> None:
         """Of the same once more, when it has passed."""
-        self._timer = asyncio.get_running_loop().call_later(after_s, self._passed)
+        loop = asyncio.get_running_loop()
+        self._due_s = loop.time() + after_s
+        if self._timer is None or self._fires_s > self._due_s:
+            self._start(loop)
 
     def clear(self) -> None:
-        self._for = None
+        """Wait for nothing."""
+        self._for, self._due_s = None, math.inf
+
+    def close(self) -> None:
+        """Wait for nothing any more; a timer would keep the connection in memory."""
+        self.clear()
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
+
+    def _start(self, loop: asyncio.AbstractEventLoop) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        self._fires_s = self._due_s
+        self._timer = loop.call_at(self._due_s, self._look)
+
+    def _look(self) -> None:
+        loop, self._timer = asyncio.get_running_loop(), None
+        if self._due_s == math.inf:
+            return
+        if loop.time() < self._due_s:
+            self._start(loop)
+        else:
+            self._passed()

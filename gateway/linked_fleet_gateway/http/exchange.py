@@ -1,0 +1,84 @@
+"""One request and its answer: uvicorn's cycle, with a writing of its own."""
+
+from http import HTTPStatus
+from typing import Any
+
+from uvicorn.protocols.http.httptools_impl import RequestResponseCycle
+
+_STATUS_LINES = {each.value: b"HTTP/1.1 %d %b\r\n" % (each.value, each.phrase.encode("ascii")) for each in HTTPStatus}
+_NO_CONTENT = (204, 304)
+
+
+class Exchange(RequestResponseCycle):
+    """A cycle that writes head and content at once, and frames for clients of HTTP/1.0 too (RFC 9112, 6.3)."""
+
+    _head = b""
+    """Bytes of the head that have not been written yet."""
+    _to_end = False
+    """True if the content ends with the connection."""
+
+    async def send(self, message: Any) -> None:
+        """Take an ASGI message. RuntimeError for one out of turn and for content unlike its Content-Length."""
+        if self.disconnected:
+            return
+        if self.flow.write_paused:
+            await self.flow.drain()
+            if self.disconnected:
+                return
+        kind = message["type"]
+        if kind == "http.response.start" and not self.response_started:
+            self._begin(message["status"], message.get("headers", ()))
+        elif kind == "http.response.body" and self.response_started and not self.response_complete:
+            self._write(message.get("body", b""), message.get("more_body", False))
+        else:
+            raise RuntimeError(f"The ASGI message {kind!r} is out of turn.")
+
+    def _begin(self, status: int, headers: Any) -> None:
+        self.response_started = True
+        self.waiting_for_100_continue = False
+        length: int | None = None
+        lines = [_STATUS_LINES.get(status) or b"HTTP/1.1 %d \r\n" % status]
+        fields = [*self.default_headers, *headers]
+        for name, value in fields:
+            lines.append(name + b": " + value + b"\r\n")
+            if name == b"content-length":
+                length = int(value)
+            elif name == b"connection" and b"close" in value.lower():
+                self.keep_alive = False
+        empty = self.scope["method"] == "HEAD" or status in _NO_CONTENT
+        if length is None and not empty:
+            self._to_end = self.scope["http_version"] == "1.0"
+            self.chunked_encoding = not self._to_end
+            if self._to_end:
+                self.keep_alive = False
+            else:
+                lines.append(b"transfer-encoding: chunked\r\n")
+        self.expected_content_length = 0 if empty or length is None else length
+        if not self.keep_alive:
+            lines.append(b"connection: close\r\n")
+        head = b"".join(lines)
+        # A line end inside of a field would begin another field, or another answer.
+        if head.count(b"\n") != len(lines) or head.count(b"\r") != len(lines) or b"\0" in head:
+            raise RuntimeError("A header field has a line end inside.")
+        self._head = head + b"\r\n"
+
+    def _write(self, body: bytes, more: bool) -> None:
+        if self.scope["method"] == "HEAD":
+            body = b""
+        elif self.chunked_encoding:
+            body = b"%x\r\n%b\r\n" % (len(body), body) if body else b""
+            if not more:
+                body += b"0\r\n\r\n"
+        elif not self._to_end:
+            self.expected_content_length -= len(body)
+            if self.expected_content_length < 0 or (self.expected_content_length and not more):
+                raise RuntimeError("The content is not as long as its Content-Length.")
+        if data := self._head + body if self._head else body:
+            self._head = b""
+            self.transport.write(data)
+        if not more:
+            self.response_complete = True
+            self.message_event.set()
+            if not self.keep_alive:
+                self.transport.close()
+            self.on_response()
