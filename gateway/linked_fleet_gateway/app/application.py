@@ -99,7 +99,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
                 schemes=[each.scheme for each in mounts if each.scheme is not None],
                 not_ready=[each.not_ready for each in mounts],
             )  # fmt: skip
-            app.router.default = Endpoint(mounts)  # no route of its own has ever to know the tree, nor `OPTIONS *`
+            app.endpoint = Endpoint(mounts)
             yield
 
     requests, rates = Requests(), Rates(settings.requests_per_client)

@@ -1,11 +1,13 @@
 """The network of an IP address, for bounds by client and by destination."""
 
+from functools import lru_cache
 from ipaddress import IPv6Address, ip_address
 
 _IPV6_PREFIX_BITS = 64
 """One customer has at least a /64 network, and as many addresses in it as they like."""
 
 
+@lru_cache(maxsize=4096)
 def network_of(address: str) -> str:
     """An IPv4 address, also one that is mapped into IPv6, or the /64 network of an IPv6 address.
 

@@ -4,8 +4,11 @@ Source of the rules: https://wiki.ros.org/urdf/XML (joint, link, inertial). The 
 until proven otherwise: sizes are bounded and nothing recurses over its depth.
 """
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 from typing import Self
 from weakref import WeakValueDictionary
 from xml.etree.ElementTree import Element
@@ -128,6 +131,11 @@ class RobotModel:
     root: str
     joints: dict[str, Joint]
     links: dict[str, Link]
+
+    @cached_property
+    def unknown(self) -> Mapping[str, float]:
+        """NaN for each joint that has one degree of freedom, by name."""
+        return {joint.name: math.nan for joint in self.joints.values() if joint.movable}
 
     @classmethod
     def of(cls, urdf: str) -> "RobotModel":

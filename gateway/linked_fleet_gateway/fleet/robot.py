@@ -295,7 +295,7 @@ class Robot:
     def _row(self, name: str) -> Mapping[str, float]:
         row = self._derived.rows.get(name)
         if row is None:
-            values = {} if self.model is None else {j.name: math.nan for j in self.model.joints.values() if j.movable}
+            values = {} if self.model is None else dict(self.model.unknown)
             frame = self.frame
             if frame is not None and self.description is not None:
                 values.update(zip(self.description.joints, getattr(frame, name), strict=True))

@@ -1,7 +1,6 @@
 """Entity tags and preconditions (RFC 9110, 8.8.3, 13.1.1 and 13.1.2)."""
 
 import re
-from base64 import urlsafe_b64encode
 from collections.abc import Collection
 from hashlib import blake2b
 
@@ -11,7 +10,7 @@ _LIST = re.compile(rf"[ \t,]*(?:{_TAG.pattern}[ \t]*(?:,[ \t,]*|$))*")
 
 def etag(body: bytes) -> str:
     """The strong entity tag of exactly these bytes."""
-    return f'"{urlsafe_b64encode(blake2b(body, digest_size=16).digest()).rstrip(b"=").decode()}"'
+    return f'"{blake2b(body, digest_size=16).hexdigest()}"'
 
 
 def not_modified(if_none_match: str | None, etag: str) -> bool:

@@ -5,7 +5,7 @@ from typing import Any
 
 from uvicorn.protocols.http.httptools_impl import RequestResponseCycle
 
-_STATUS_LINES = {each.value: b"HTTP/1.1 %d %b\r\n" % (each.value, each.phrase.encode("ascii")) for each in HTTPStatus}
+_STATUS_LINES = {each.value: b"HTTP/1.1 %d %b" % (each.value, each.phrase.encode("ascii")) for each in HTTPStatus}
 _NO_CONTENT = (204, 304)
 
 
@@ -37,14 +37,14 @@ class Exchange(RequestResponseCycle):
         self.response_started = True
         self.waiting_for_100_continue = False
         length: int | None = None
-        lines = [_STATUS_LINES.get(status) or b"HTTP/1.1 %d \r\n" % status]
-        fields = [*self.default_headers, *headers]
-        for name, value in fields:
-            lines.append(name + b": " + value + b"\r\n")
-            if name == b"content-length":
-                length = int(value)
-            elif name == b"connection" and b"close" in value.lower():
-                self.keep_alive = False
+        lines = [_STATUS_LINES.get(status) or b"HTTP/1.1 %d " % status]
+        for fields in (self.default_headers, headers):
+            for name, value in fields:
+                lines.append(name + b": " + value)
+                if name == b"content-length":
+                    length = int(value)
+                elif name == b"connection" and b"close" in value.lower():
+                    self.keep_alive = False
         empty = self.scope["method"] == "HEAD" or status in _NO_CONTENT
         if length is None and not empty:
             self._to_end = self.scope["http_version"] == "1.0"
@@ -52,15 +52,15 @@ class Exchange(RequestResponseCycle):
             if self._to_end:
                 self.keep_alive = False
             else:
-                lines.append(b"transfer-encoding: chunked\r\n")
+                lines.append(b"transfer-encoding: chunked")
         self.expected_content_length = 0 if empty or length is None else length
         if not self.keep_alive:
-            lines.append(b"connection: close\r\n")
-        head = b"".join(lines)
+            lines.append(b"connection: close")
+        lines += (b"", b"")
+        self._head = head = b"\r\n".join(lines)
         # A line end inside of a field would begin another field, or another answer.
-        if head.count(b"\n") != len(lines) or head.count(b"\r") != len(lines) or b"\0" in head:
+        if head.count(b"\n") != len(lines) - 1 or head.count(b"\r") != len(lines) - 1 or b"\0" in head:
             raise RuntimeError("A header field has a line end inside.")
-        self._head = head + b"\r\n"
 
     def _write(self, body: bytes, more: bool) -> None:
         if self.scope["method"] == "HEAD":

@@ -4,7 +4,7 @@ And whose page asks: that of another site neither does anything here nor listens
 """
 
 import re
-from collections.abc import Awaitable, Callable, MutableMapping
+from collections.abc import Awaitable, Callable, MutableMapping, Sequence
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
@@ -22,6 +22,7 @@ App = Callable[[Scope, Receive, Send], Awaitable[None]]
 _HOST = re.compile(r"(\[[0-9A-Fa-f:.]+\]|(?:[\w.~!$&'()*+,;=-]|%[0-9A-Fa-f]{2})+)(?::([0-9]{0,5}))?", re.ASCII)
 # RFC 9112, 3.2.2: the request target may be a whole URL
 _ABSOLUTE = re.compile(r"https?://([^/]*)(/.*)?", re.IGNORECASE | re.DOTALL)
+_MOST_SPELLINGS = 1000
 _READ, _EVENTS = ("GET", "HEAD", "OPTIONS"), b"text/event-stream"
 _DEFAULT_PORTS = {"http": 80, "ws": 80, "https": 443, "wss": 443}
 
@@ -35,6 +36,8 @@ class Authorities:
     def __init__(self, app: App, public_urls: tuple[str, ...], pages: tuple[str, ...] = ()) -> None:
         self.app = app
         self._bases: dict[tuple[str, int], str] = {}
+        self._asked: dict[tuple[str | bytes, ...], str] = {}
+        """The base of each scheme and Host that was asked for before."""
         for url in public_urls:
             parts = urlsplit(url)
             key = ((parts.hostname or "").lower(), parts.port or _DEFAULT_PORTS[parts.scheme])
@@ -46,37 +49,49 @@ class Authorities:
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
-        hosts = [value.decode("latin-1") for name, value in scope["headers"] if name == b"host"]
-        absolute = _ABSOLUTE.fullmatch(scope.get("raw_path", b"").decode("latin-1"))
-        if absolute and len(hosts) == 1:
-            hosts, path = [absolute[1]], absolute[2] or "/"
-            scope = {**scope, "path": unquote(path), "raw_path": path.encode("latin-1")}
+        hosts, origins = [], []
+        for name, value in scope["headers"]:
+            if name == b"host":
+                hosts.append(value)
+            elif name == b"origin":
+                origins.append(value)
+        if not scope.get("raw_path", b"/").startswith(b"/") and len(hosts) == 1:
+            absolute = _ABSOLUTE.fullmatch(scope["raw_path"].decode("latin-1"))
+            if absolute:
+                hosts, path = [absolute[1].encode("latin-1")], absolute[2] or "/"
+                scope = {**scope, "path": unquote(path), "raw_path": path.encode("latin-1")}
         try:
-            base, elsewhere = self._base(scope, hosts), self._is_elsewhere(scope)
+            base = self._base(scope.get("scheme", "http"), *hosts)
+            elsewhere = bool(origins) and self._is_elsewhere(scope, origins)
         except FleetError as error:
             await refuse(error, scope, send)
             return
         scope.setdefault("state", {}).update(base=base, elsewhere=elsewhere)
         await self.app(scope, receive, send)
 
-    def _base(self, scope: Scope, fields: list[str]) -> str:
-        host = _HOST.fullmatch(fields[0]) if len(fields) == 1 else None
+    def _base(self, scheme: str, *fields: bytes) -> str:
+        if found := self._asked.get((scheme, *fields)):
+            return found
+        host = _HOST.fullmatch(fields[0].decode("latin-1")) if len(fields) == 1 else None
         if host is None:
             raise BadRequest("the request needs exactly one Host field, such as Host: fleet.example:8000")
         # a TLS front may speak plain HTTP to us: the port of any known scheme for this name will do
         name, ports = host[1].strip("[]").lower(), [int(host[2])] if host[2] else [80, 443]
-        asked = _DEFAULT_PORTS.get(scope.get("scheme", "http"), 80)
+        asked = _DEFAULT_PORTS.get(scheme, 80)
         for port in sorted(ports, key=lambda port: port != asked):
             if (name, port) in self._bases:
+                if len(self._asked) < _MOST_SPELLINGS:
+                    self._asked[scheme, *fields] = self._bases[name, port]
                 return self._bases[name, port]
-        raise MisdirectedRequest(f"this fleet is not known as {fields[0]}, only as {', '.join(self._bases.values())}")
+        said = fields[0].decode("latin-1")
+        raise MisdirectedRequest(f"this fleet is not known as {said}, only as {', '.join(self._bases.values())}")
 
-    def _is_elsewhere(self, scope: Scope) -> bool:
+    def _is_elsewhere(self, scope: Scope, said: Sequence[bytes]) -> bool:
         """Whether a page of another site asks; ForeignOrigin when it may not.
 
         Only browsers say whose page asks, and none lets a page say something else.
         """
-        origins = {value.decode("latin-1").lower() for name, value in scope["headers"] if name == b"origin"}
+        origins = {value.decode("latin-1").lower() for value in said}
         accepts = (value for name, value in scope["headers"] if name == b"accept")
         reads = scope["type"] == "http" and scope["method"] in _READ and not any(_EVENTS in each for each in accepts)
         if not reads and not origins <= self._origins | self._pages:

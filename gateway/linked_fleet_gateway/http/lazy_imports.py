@@ -5,7 +5,6 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import Final
 
-from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from linked_fleet_gateway.http.request import html_of
@@ -40,4 +39,5 @@ def _needed(scope: Scope) -> tuple[str, ...]:
         container = path if method == "POST" else path.rpartition("/")[0]
         return SUBSCRIPTIONS if container.endswith("/subscriptions") else ()
     html = html_of(scope)
-    return tuple(html.modules) if html is not None and "text/html" in Headers(scope=scope).get("accept", "") else ()
+    page = any(name == b"accept" and b"text/html" in value for name, value in scope["headers"])
+    return tuple(html.modules) if html is not None and page else ()

@@ -10,7 +10,7 @@ from collections.abc import Awaitable, Callable
 from functools import partial
 
 from prometheus_client.exposition import CONTENT_TYPE_PLAIN_0_0_4, generate_latest
-from starlette.datastructures import Headers, MutableHeaders
+from starlette.datastructures import Headers
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -26,6 +26,7 @@ from linked_fleet_gateway.runtime.request_context import begin
 from linked_fleet_gateway.runtime.tracing import Tracing
 
 REQUEST_ID = "X-Request-Id"
+_ID_FIELD = REQUEST_ID.lower().encode()
 _STARTS = ("http.response.start", "websocket.http.response.start", "websocket.accept")
 _READ = ("GET", "HEAD", "OPTIONS")
 _TRACED = ("POST", "PUT", "PATCH", "DELETE")
@@ -49,11 +50,11 @@ class Front:
             await self.app(scope, receive, send)
             return
         page = self._pages.get(scope["path"]) if scope["type"] == "http" else None
-        headers = Headers(scope=scope)
-        asked = begin(headers.get(REQUEST_ID, ""))
+        proposed = next((value for name, value in scope["headers"] if name == _ID_FIELD), b"")
+        asked = begin(proposed.decode("latin-1"))
         if self._tracing is not None and page is None and scope.get("method") in _TRACED:
             path = scope["raw_path"].decode("latin-1")[:_LONGEST_PATH]
-            parents = headers.getlist("traceparent")
+            parents = Headers(scope=scope).getlist("traceparent")
             asked.trace = self._tracing.begin(scope["method"], scope["scheme"], path, parents, asked.id)
 
         async def answer(message: Message) -> None:
@@ -64,8 +65,7 @@ class Front:
                     self._requests.add(scope.get("method", "GET"), message.get("status", 101), took_s)
                 if asked.trace is not None:
                     asked.trace.answered(message["status"])
-                message.setdefault("headers", [])
-                MutableHeaders(scope=message).append(REQUEST_ID, asked.id)
+                message["headers"] = [*message.get("headers", ()), (_ID_FIELD, asked.id.encode())]
             await send(message)
 
         try:

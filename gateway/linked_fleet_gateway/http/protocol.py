@@ -50,7 +50,7 @@ class HttpProtocol(HttpToolsProtocol):
         super().__init__(*arguments, **named)
         self._address = ""
         self._sockets = Sockets(sys.maxsize, sys.maxsize) if sockets is None else sockets
-        self._deadline = Deadline(self._give_up)
+        self._deadline = Deadline(self._give_up, self.loop)
         self._phase = _IDLE
         self._line = b""
         """The beginning of a request line that is not whole yet."""
@@ -199,7 +199,10 @@ class HttpProtocol(HttpToolsProtocol):
 
     def on_header(self, name: bytes, value: bytes) -> None:
         if self._phase is _HEAD and not self._again:  # neither trailers, which nobody asked for
-            super().on_header(name, value)
+            name = name.lower()
+            self.headers.append((name, value))
+            if name == b"expect" and value.lower() == b"100-continue":
+                self.expect_100_continue = True
 
     def on_headers_complete(self) -> None:
         if self._again:
@@ -297,7 +300,7 @@ class HttpProtocol(HttpToolsProtocol):
         # By the request before it: that of one is never that of the next.
         begun = self._phase is _HEAD or bool(self._line)
         in_body = self._phase is _BODY
-        self._deadline.set((in_body, begun, id(self.cycle)), self.body_s if in_body else self.head_s)
+        self._deadline.set((in_body, begun, self.cycle), self.body_s if in_body else self.head_s)
 
     def _give_way(self) -> bool:
         """End for another, unless the last answer is still on its way."""

@@ -31,6 +31,11 @@ class Rates:
         self._most = max(1.0, per_s * BURST_S if burst is None else burst)
         self._left: OrderedDict[str, tuple[float, float]] = OrderedDict()  # tokens, and when there were so many
 
+    @property
+    def limited(self) -> bool:
+        """False if everybody may ask as often as they like."""
+        return self._per_s > 0
+
     def take(self, client: str) -> float:
         """Seconds until the client may ask; 0 if it may now, which is counted."""
         if not self._per_s:
@@ -69,7 +74,8 @@ class Pace:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         urgent = scope.get("method") == "POST" and scope["path"].rpartition("/")[2] in URGENT
-        wait_s = 0.0 if urgent or scope["type"] == "lifespan" else self._rates.take(self._who(scope))
+        free = urgent or scope["type"] == "lifespan" or not self._rates.limited
+        wait_s = 0.0 if free else self._rates.take(self._who(scope))
         if not wait_s:
             await self.app(scope, receive, send)
             return

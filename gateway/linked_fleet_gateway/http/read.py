@@ -1,10 +1,11 @@
 """Reading a resource: headers that every answer to GET has, and the representation that the client prefers."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from starlette.responses import Response
 
 from linked_fleet_gateway.base.errors import NotAcceptable, PreconditionFailed
+from linked_fleet_gateway.http.answers import Answer
 from linked_fleet_gateway.http.conditional import not_modified, precondition_holds
 from linked_fleet_gateway.http.containers import preferred_part
 from linked_fleet_gateway.http.fields import field
@@ -12,7 +13,9 @@ from linked_fleet_gateway.http.html import HTML
 from linked_fleet_gateway.http.links import Link, link_header
 from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.http.patch import PATCH_TYPES
+from linked_fleet_gateway.http.representation import Representation
 from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.resources.resource import CONTAINER, Remote, Resource
 
 # The whole header block stays under 4 KiB, and Link is not alone in it.
@@ -20,6 +23,7 @@ _LINK_BYTES = 3584
 READ = ("GET", "HEAD", "OPTIONS")
 # Foreign XML and meshes: should a browser take one for a document, it is one that can do nothing.
 _NOTHING = "sandbox; default-src 'none'"
+_OF_CONTENT = (b"content-type", b"allow", b"accept-post", b"accept-put", b"accept-patch")
 _FOR_EVER = "public, max-age=31536000, immutable"
 
 
@@ -39,8 +43,25 @@ def read(request: Request, resource: Resource) -> Response:
         return Response(status_code=304, headers=headers)
     headers["content-type"] = representation.content_type
     headers |= method_headers(resource, allowed(resource))
+    _keep(request, resource, representation, headers)
     # Starlette computes Content-Length from the body; the server itself leaves the body of a HEAD out.
     return Response(representation.body, headers=headers)
+
+
+def _keep(request: Request, resource: Resource, representation: Representation, headers: Mapping[str, str]) -> None:
+    """Keep the answer for the next request, if it is about a robot and all that changes in it is known."""
+    media_type, robot = representation.media_type, resource.source.robot
+    rendering = request.services.representations.rendering(resource, media_type, request.base)
+    still = rendering is None and not resource.source.measured and resource.followed
+    if robot is None or media_type not in RDF_TYPES or media_type in resource.documents:
+        return
+    if (rendering is None and not still) or resource.linkset_of is not None:
+        return
+    fields = [(name.encode(), value.encode("latin-1")) for name, value in headers.items() if name != "etag"]
+    always = [each for each in fields if each[0] not in _OF_CONTENT]
+    of_content = [each for each in fields if each[0] in _OF_CONTENT]
+    answer = Answer(resource, robot, rendering, representation.body, always, of_content)
+    request.services.answers.keep(request.scope, answer)
 
 
 async def read_mesh(request: Request, resource: Resource, remote: Remote) -> Response:

@@ -13,7 +13,7 @@ from linked_fleet_gateway.rdf.serialise import JSON, RDF_TYPES, WriteError, rend
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.renderings import Renderings
 from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.resources.template import compiles
+from linked_fleet_gateway.resources.template import Rendering, compiles
 
 FORMATS: Formats = {
     "turtle": ("Turtle", "text/turtle"),
@@ -73,6 +73,12 @@ class Representations:
             raise NotAcceptable(f"?as= picks one of {', '.join(self.formats)}.", offered=tuple(self.formats))
         return self.formats[picked][1]
 
+    def rendering(self, resource: Resource, media_type: str, base: str) -> Rendering | None:
+        """The compiled rendering of measured values; None where values are none or the media type is not compiled."""
+        if media_type in resource.documents or not compiles(resource, media_type):
+            return None
+        return self._renderings.of(resource, media_type, base)
+
     def etags(self, resource: Resource, base: str) -> Iterator[str]:
         """Of every representation, rendered as it is asked for: the client may have read JSON-LD and write Turtle."""
         for media_type in self._offered(resource):
@@ -86,8 +92,8 @@ class Representations:
             return Representation(write_links(anchor, links), media_type)
         if media_type in resource.documents:
             return Representation(resource.documents[media_type](), media_type)
-        if compiles(resource, media_type):
-            return Representation(self._renderings.body(resource, media_type, base), media_type)
+        if (rendering := self.rendering(resource, media_type, base)) is not None:
+            return Representation(rendering.present(), media_type)
         triples = resource.whole(base).triples
         if media_type == HTML and self.html is not None:
             return Representation(self.html.write_resource(resource, triples, base, self.formats), media_type)

@@ -6,10 +6,11 @@ from dataclasses import dataclass, field
 from prometheus_client import CollectorRegistry
 from starlette.applications import Starlette
 from starlette.requests import Request as StarletteRequest
-from starlette.types import Scope
+from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket as StarletteWebSocket
 
 from linked_fleet_gateway.actions.service import Actions
+from linked_fleet_gateway.http.answers import Answers
 from linked_fleet_gateway.http.authentication import Authenticated, Scheme
 from linked_fleet_gateway.http.html import HtmlWriter
 from linked_fleet_gateway.http.offload import Offload
@@ -38,6 +39,7 @@ class Services:
     embedded: Embedded | None
     offload: Offload = field(default_factory=Offload)
     turns: Turns = field(default_factory=Turns)
+    answers: Answers = field(default_factory=Answers)
     representations: Representations = field(default_factory=Representations)
     registry: CollectorRegistry = field(default_factory=CollectorRegistry)
     """The numbers for ``/metrics``."""
@@ -54,9 +56,23 @@ class Gateway(Starlette):
     """The ASGI application. Its lifespan sets ``services`` before the first request."""
 
     services: Services
+    endpoint: ASGIApp
+    """Answers for every path. The lifespan sets it."""
     draining = False
     """True while it ends as soon as the work under way is done."""
     has_been_ready = False
+
+    def build_middleware_stack(self) -> ASGIApp:
+        """The middleware and the endpoint. Starlette's routes and error handlers have nothing to do in between."""
+
+        async def innermost(scope: Scope, receive: Receive, send: Send) -> None:
+            app = self.router if scope["type"] == "lifespan" else self.endpoint
+            await app(scope, receive, send)
+
+        app: ASGIApp = innermost
+        for each, arguments, named in reversed(self.user_middleware):
+            app = each(app, *arguments, **named)
+        return app
 
 
 class _Asked:

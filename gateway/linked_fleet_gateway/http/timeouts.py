@@ -18,8 +18,9 @@ class Deadline:
     A connection has one timer, which looks when it fires whether the time has come: requests come more often than that.
     """
 
-    def __init__(self, passed: Callable[[], None]) -> None:
+    def __init__(self, passed: Callable[[], None], loop: asyncio.AbstractEventLoop | None = None) -> None:
         self._passed = passed
+        self._loop = loop or asyncio.get_running_loop()
         self._for: object = None
         self._due_s = math.inf
         self._timer: asyncio.TimerHandle | None = None
@@ -33,10 +34,9 @@ class Deadline:
 
     def again(self, after_s: float) -> None:
         """Of the same once more, when it has passed."""
-        loop = asyncio.get_running_loop()
-        self._due_s = loop.time() + after_s
-        if self._timer is None or self._fires_s > self._due_s:
-            self._start(loop)
+        self._due_s = due_s = self._loop.time() + after_s
+        if self._timer is None or self._fires_s > due_s:
+            self._start()
 
     def clear(self) -> None:
         """Wait for nothing."""
@@ -49,17 +49,17 @@ class Deadline:
             self._timer.cancel()
             self._timer = None
 
-    def _start(self, loop: asyncio.AbstractEventLoop) -> None:
+    def _start(self) -> None:
         if self._timer is not None:
             self._timer.cancel()
         self._fires_s = self._due_s
-        self._timer = loop.call_at(self._due_s, self._look)
+        self._timer = self._loop.call_at(self._due_s, self._look)
 
     def _look(self) -> None:
-        loop, self._timer = asyncio.get_running_loop(), None
+        self._timer = None
         if self._due_s == math.inf:
             return
-        if loop.time() < self._due_s:
-            self._start(loop)
+        if self._loop.time() < self._due_s:
+            self._start()
         else:
             self._passed()

@@ -78,7 +78,8 @@ class Describer:
         for link in robot.model.links.values():
             self._introduce_link(graph, robot, link.name)
 
-    def joint(self, robot: Robot, joint: Joint, graph: Graph) -> None:
+    def joint(self, robot: Robot, joint: Joint, graph: Graph, seens: Sequence[Seen] | None = None) -> None:
+        """``seens``: other values than the present ones, one for each measured property."""
         assert robot.model is not None
         path, kind = joint_path(robot.name, joint.name), kind_of(joint)
         iri = self.iri(path)
@@ -96,11 +97,12 @@ class Describer:
             for predicate in predicates:
                 graph.add(iri, predicate, target)
         self._annotations(graph, iri, robot)
-        self._properties(graph, path, joint_properties(robot, joint))
+        self._properties(graph, path, joint_properties(robot, joint), seens)
         self._introduce_link(graph, robot, joint.parent)
         self._introduce_link(graph, robot, joint.child)
 
-    def link(self, robot: Robot, link: Link, graph: Graph) -> None:
+    def link(self, robot: Robot, link: Link, graph: Graph, seens: Sequence[Seen] | None = None) -> None:
+        """``seens``: as of joints."""
         assert robot.model is not None
         path = link_path(robot.name, robot.model, link.name)
         iri = self.iri(path)
@@ -121,7 +123,7 @@ class Describer:
             for predicate, other in state(robot, link):
                 graph.add(iri, predicate, self.iri(other))
         self._annotations(graph, iri, robot)
-        self._properties(graph, path, link_properties(robot, link))
+        self._properties(graph, path, link_properties(robot, link), seens)
         for name in (*parents, *link.child_joints):
             self._introduce_joint(graph, robot, robot.model.joints[name])
 
@@ -161,14 +163,17 @@ class Describer:
     def _actions(self, graph: Graph, iri: NamedNode, offers: Iterable[Offer]) -> None:
         graph.add(iri, HYBRIT.action, *(self.iri(offer.path) for offer in offers))
 
-    def _properties(self, graph: Graph, owner: str, items: Iterable[Property]) -> None:
-        items = list(items)
+    def _properties(
+        self, graph: Graph, owner: str, items: Sequence[Property], seens: Sequence[Seen] | None = None
+    ) -> None:
+        measured = None if seens is None else iter(seens)
         iri, stem = self.iri(owner), owner.rstrip("/")
         graph.add(iri, HYBRIT.property, *(self.iri(f"{stem}/{item.segment}") for item in items))
         for item in items:
             graph.add(iri, item.predicate, self.iri(f"{stem}/{item.segment}"))
         for item in items:
-            self._property(graph, owner, item, Seen.of(item.look()))
+            shown = next(measured) if item.measured and measured is not None else Seen.of(item.look())
+            self._property(graph, owner, item, shown)
 
     def _property(self, graph: Graph, owner: str, item: Property, seen: Seen) -> None:
         iri = self.iri(f"{owner.rstrip('/')}/{item.segment}")

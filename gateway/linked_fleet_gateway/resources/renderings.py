@@ -1,6 +1,5 @@
 """Compiled renderings of measured values, kept for the next read: one per resource, media type and base URL."""
 
-from linked_fleet_gateway.resources.property import Seen
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.template import Rendering
 
@@ -14,8 +13,8 @@ class Renderings:
         self._most = most
         self._kept: dict[tuple[str, str, str], tuple[object, Rendering]] = {}
 
-    def body(self, resource: Resource, media_type: str, base: str) -> bytes:
-        """The document with the present values. ``compiles`` holds of the resource. Raises WriteError."""
+    def of(self, resource: Resource, media_type: str, base: str) -> Rendering:
+        """The rendering of a resource of which ``compiles`` holds."""
         key, facts = (base, resource.path, media_type), resource.source.facts()
         kept = self._kept.get(key)
         if kept is None or kept[0] != facts:
@@ -23,7 +22,7 @@ class Renderings:
             while len(self._kept) >= self._most:
                 del self._kept[next(iter(self._kept))]
             kept = self._kept[key] = (facts, Rendering(resource, media_type, base))
-        return kept[1].body(Seen.of(resource.source.look()))
+        return kept[1]
 
     def __len__(self) -> int:
         return len(self._kept)

@@ -1,6 +1,6 @@
 """What a path of the tree resolves to."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from pyoxigraph import NamedNode
@@ -12,7 +12,7 @@ from linked_fleet_gateway.rdf.shapes import blueprint
 from linked_fleet_gateway.rdf.vocabulary import LDP
 from linked_fleet_gateway.resources.affordance import Affordance, ChangeSubscription, ResumeSubscription, Subscribe
 from linked_fleet_gateway.resources.paths import owner_path
-from linked_fleet_gateway.resources.property import Seen
+from linked_fleet_gateway.resources.property import Look, Seen
 from linked_fleet_gateway.resources.subscription import Record
 from linked_fleet_gateway.resources.versioning import Source
 
@@ -54,8 +54,10 @@ class Resource:
     layout: str | None = None
     """Path of what describes its binary frames."""
     immutable: bool = False
-    measured: Callable[[Graph, Seen], None] | None = None
-    """``describe`` of a measured value with other values than the present ones; None of all else."""
+    measured: Callable[[Graph, Sequence[Seen]], None] | None = None
+    """``describe`` with other values than the present ones, of each of ``looks`` one; None where none is measured."""
+    looks: tuple[Look, ...] = ()
+    """The measured values that it shows, in the order of its properties."""
     query: str = ""
     """With which it was asked for, where that makes a difference."""
     followed: bool = True

@@ -7,11 +7,14 @@ where those stand in the document is where others belong. So the slow way and th
 import math
 import random
 import re
+from collections.abc import Sequence
 from functools import lru_cache
+from itertools import accumulate, count, pairwise
 from typing import NamedTuple
 
 from pyoxigraph import NamedNode
 
+from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.rdf.graph import Graph, lexical, timestamp
 from linked_fleet_gateway.rdf.serialise import TEXT_TYPES, render
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
@@ -34,11 +37,11 @@ class Versions(NamedTuple):
 
 class _Form(NamedTuple):
     """The state on which the form of a document depends: which values are unknown or outside their limits, and
-    what is said at all."""
+    what is said at all; a tuple for each of ``Resource.looks``."""
 
-    unknown: tuple[bool, ...]
-    outside: tuple[bool, ...]
-    timed: bool
+    unknown: tuple[tuple[bool, ...], ...]
+    outside: tuple[tuple[bool, ...], ...]
+    timed: tuple[bool, ...]
     versions: int
 
 
@@ -53,18 +56,36 @@ class Rendering:
 
     def __init__(self, resource: Resource, media_type: str, base: str) -> None:
         self._resource, self._media_type, self._base = resource, media_type, base
+        self._counts: tuple[int, ...] = ()
         self._form: _Form | None = None
         self._template = _Template("", ())
 
-    def body(self, seen: Seen, versions: Versions | None = None) -> bytes:
-        """The document with these values; WriteError when the syntax cannot say it."""
-        values = seen.values
+    def present(self) -> bytes:
+        """The document with the present values; WriteError when the syntax cannot say it."""
+        return self.body([Seen.of(look()) for look in self._resource.looks])
+
+    def of(self, observations: Sequence[Observation], versions: Versions | None = None) -> bytes:
+        """The document with the observations of a reading, which are those of all looks one after the other."""
+        if len(self._resource.looks) == 1:
+            return self.body([Seen.of(observations)], versions)
+        if sum(self._counts) != len(observations):
+            self._counts = tuple(len(look()) for look in self._resource.looks)
+        ends = tuple(accumulate(self._counts, initial=0))
+        return self.body([Seen.of(observations[at:to]) for at, to in pairwise(ends)], versions)
+
+    def body(self, seens: Sequence[Seen], versions: Versions | None = None) -> bytes:
+        """The document with these values, one for each of ``Resource.looks``; WriteError as ``present``."""
         said = 0 if versions is None else 1 if versions.previous is None else 2
-        form = _Form(tuple([value != value for value in values]), seen.outside, seen.wall_ns is not None, said)
+        form = _Form(
+            tuple([tuple([value != value for value in seen.values]) for seen in seens]),
+            tuple([seen.outside for seen in seens]),
+            tuple([seen.wall_ns is not None for seen in seens]),
+            said,
+        )
         if form != self._form:
             self._template, self._form = self._compile(form), form
-        texts = [lexical(value) for value in values]
-        texts.append(_stamp(seen.wall_ns) if seen.wall_ns is not None else "")
+        texts = [lexical(value) for seen in seens for value in seen.values]
+        texts += [_stamp(seen.wall_ns) if seen.wall_ns is not None else "" for seen in seens]
         if versions is not None:
             texts += (versions.version, versions.previous or "")
         return (self._template.text % tuple([texts[place] for place in self._template.places])).encode()
@@ -78,26 +99,33 @@ class Rendering:
     def _marked(self, form: _Form) -> tuple[dict[str, int], str]:
         """The document with values that are found nowhere else, and as what those stand there."""
         first = _random.randrange(100_000, 900_000)
-        values = [
-            math.nan if unknown else float(f"8.{first + index}7e211") for index, unknown in enumerate(form.unknown)
+        numbers = count(first)
+        seens = [
+            Seen(
+                tuple([math.nan if unknown else float(f"8.{next(numbers)}7e211") for unknown in of_look]),
+                _FAR_NS + _random.randrange(1_000_000_000) * _MILLISECOND_NS if timed else None,
+                outside,
+            )
+            for of_look, outside, timed in zip(form.unknown, form.outside, form.timed, strict=True)
         ]
-        wall_ns = _FAR_NS + _random.randrange(1_000_000_000) * _MILLISECOND_NS
         versions = Versions(f"{_random.getrandbits(64):016x}", f"{_random.getrandbits(64):016x}")
         graph = Graph()
         assert self._resource.measured is not None
-        self._resource.measured(graph, Seen(tuple(values), wall_ns if form.timed else None, form.outside))
+        self._resource.measured(graph, seens)
         self._resource.state_model(graph, self._base)
         if form.versions:
             iri = NamedNode(self._base + self._resource.path)
             describe_version(graph, iri, versions.version, versions.previous if form.versions == 2 else None)
         body = render(graph.triples, self._media_type, PREFIXES, base=self._base + self._resource.path)
-        texts = [*map(lexical, values), timestamp(wall_ns).value, versions.version, versions.previous or ""]
+        texts = [lexical(value) for seen in seens for value in seen.values]
+        texts += ["" if seen.wall_ns is None else timestamp(seen.wall_ns).value for seen in seens]
+        texts += [versions.version, versions.previous or ""]
         return {text: place for place, text in enumerate(texts) if text and text != _UNKNOWN}, body.decode()
 
 
 def compiles(resource: Resource, media_type: str) -> bool:
     """Whether there is a ``Rendering`` of it: what is binary says how long its texts are."""
-    return resource.measured is not None and media_type in TEXT_TYPES
+    return resource.measured is not None and bool(resource.looks) and media_type in TEXT_TYPES
 
 
 @lru_cache(maxsize=64)

@@ -41,7 +41,7 @@ from linked_fleet_gateway.resources.paths import (
 )
 from linked_fleet_gateway.resources.plain_json import with_json
 from linked_fleet_gateway.resources.properties import joint_properties, link_properties
-from linked_fleet_gateway.resources.property import Property, Seen
+from linked_fleet_gateway.resources.property import Look, Property, Seen
 from linked_fleet_gateway.resources.resource import CONTAINER, Redirect, Resource, blueprint_of
 from linked_fleet_gateway.resources.settable import affordance, describe_target_blueprint
 from linked_fleet_gateway.resources.subscription import Record
@@ -218,6 +218,8 @@ class Tree:
             path,
             joint.name,
             lambda graph: self._say.joint(robot, joint, graph),
+            measured=lambda graph, seens: self._say.joint(robot, joint, graph, seens),
+            looks=_looks(properties),
             source=_thing(robot, properties),
             own=_own(path, properties, actions),
             documents=self._branches.of_thing(self._sight, robot, joint),
@@ -240,6 +242,8 @@ class Tree:
             path,
             link.name,
             lambda graph: self._say.link(robot, link, graph),
+            measured=lambda graph, seens: self._say.link(robot, link, graph, seens),
+            looks=_looks(properties),
             source=_thing(robot, properties),
             own=_own(path, properties),
             documents=self._branches.of_thing(self._sight, robot, link),
@@ -281,14 +285,15 @@ class Tree:
         # What a new description leaves as it was is no news to a value: its constants are those of the model.
         source = Source(lambda: (presence(robot), robot.model, item.facts(), robot.settings), item.look, robot)
 
-        def measured(graph: Graph, seen: Seen) -> None:
-            self._say.property(robot, owner, item, graph, seen)
+        def measured(graph: Graph, seens: Sequence[Seen]) -> None:
+            self._say.property(robot, owner, item, graph, seens[0])
 
         resource = Resource(
             path,
             item.title,
-            lambda graph: measured(graph, Seen.of(item.look())),
+            lambda graph: measured(graph, [Seen.of(item.look())]),
             measured=measured if item.measured else None,
+            looks=(item.look,) if item.measured else (),
             source=source,
             own=(path + "/blueprint", *related_layouts(path, item), *self._branches.related_to(path, item)),
             documents=frames_of(robot, item),
@@ -357,12 +362,16 @@ class Tree:
 
 def _thing(robot: Robot, properties: Sequence[Property], also: Callable[[], object] = tuple) -> Source:
     """A thing shows its properties: their values are news of it, and so is all that its robot says of itself."""
-    looks = [each.look for each in properties if each.measured]
+    looks = _looks(properties)
     look = (lambda: tuple(chain.from_iterable(look() for look in looks))) if looks else tuple
     facts = [each.facts for each in properties if each.facts is not tuple]
     return Source(
         lambda: (presence(robot), robot.description, robot.settings, also(), [fact() for fact in facts]), look, robot
     )
+
+
+def _looks(properties: Sequence[Property]) -> tuple[Look, ...]:
+    return tuple([each.look for each in properties if each.measured])
 
 
 def _following(source: Source) -> Source:

@@ -13,6 +13,7 @@ from linked_fleet_gateway.runtime.request_context import present
 log = logging.getLogger(__name__)
 
 LATENCY_S = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0)
+_CLASSES = tuple(f"{first}xx" for first in range(10))
 _METHODS = frozenset(("GET", "HEAD", "OPTIONS", "POST", "PUT", "PATCH", "DELETE"))
 
 
@@ -42,9 +43,13 @@ class Requests:
     latency: dict[str, Histogram] = field(default_factory=dict)
 
     def add(self, method: str, status: int, duration_s: float) -> None:
-        method = method if method in _METHODS else "other"
-        self.answered[method, f"{status // 100}xx"] += 1
-        self.latency.setdefault(method, Histogram()).add(duration_s)
+        if method not in _METHODS:
+            method = "other"
+        self.answered[method, _CLASSES[status // 100]] += 1
+        latency = self.latency.get(method)
+        if latency is None:
+            latency = self.latency[method] = Histogram()
+        latency.add(duration_s)
 
 
 @dataclass

@@ -4,9 +4,9 @@ Whatever a request starts inherits its context, timers and turns of the fan-out 
 context is empty again from the moment the answer begins.
 """
 
+import random
 import re
 import time
-import uuid
 from contextlib import AbstractContextManager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -31,7 +31,8 @@ _asked: ContextVar[Asked | None] = ContextVar("asked", default=None)
 
 def begin(proposed: str) -> Asked:
     """Make a request the present one. It keeps the id that it came with, if that is one."""
-    asked = Asked(proposed if _ID.fullmatch(proposed) else uuid.uuid4().hex)
+    # Made for each request: no secret, so that it need not be asked of the kernel.
+    asked = Asked(proposed if proposed and _ID.fullmatch(proposed) else f"{random.getrandbits(128):032x}")
     _asked.set(asked)
     return asked
 

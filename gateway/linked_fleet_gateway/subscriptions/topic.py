@@ -5,7 +5,6 @@ from typing import Generic, Protocol
 
 from linked_fleet_gateway.identity.rights import ALL, View
 from linked_fleet_gateway.resources.message import message_body
-from linked_fleet_gateway.resources.property import Seen
 from linked_fleet_gateway.resources.resource import Redirect, Resource
 from linked_fleet_gateway.resources.template import Rendering, Versions, compiles
 from linked_fleet_gateway.resources.versioning import Reading
@@ -96,7 +95,7 @@ class Topic(Generic[M]):
             if not (self.values and compiles(resource, media_type)):
                 return message_body(resource, media_type, base, self.reading.version, self.previous)
             rendering = self._renderings[media_type, base] = Rendering(resource, media_type, base)
-        return rendering.body(Seen.of(self.reading.observations), Versions(self.reading.version, self.previous))
+        return rendering.of(self.reading.observations, Versions(self.reading.version, self.previous))
 
     def _under(self, base: str, tree: Callable[[str, View], Resolver]) -> Resource:
         resource = self._resources.get(base)

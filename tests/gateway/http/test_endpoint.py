@@ -20,6 +20,7 @@ from conftest import RunningFleet
 from linked_fleet_gateway.app.application import create_app
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.base.errors import NotAcceptable
+from linked_fleet_gateway.http.answers import Answers
 from linked_fleet_gateway.http.endpoint import Endpoint
 from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.http.request import Services
@@ -360,9 +361,14 @@ def test_syntax_that_cannot_say_a_graph_gives_way() -> None:
 def test_r0_6_unforeseen_errors(caplog: pytest.LogCaptureFixture) -> None:
     """R0.6: what nobody foresaw is a 500 problem that tells nothing of the code; the log has it all."""
     app = create_app(GatewaySettings())
-    app.router.default = Endpoint()
+    app.endpoint = Endpoint()
     # No request was foreseen without a fleet.
-    app.services = cast(Services, SimpleNamespace(identities=None, turns=Turns(), representations=Representations()))
+    app.services = cast(
+        Services,
+        SimpleNamespace(
+            identities=None, live=None, turns=Turns(), answers=Answers(), representations=Representations()
+        ),
+    )
 
     async def ask(accept: str) -> httpx.Response:
         transport = httpx.ASGITransport(app=app)

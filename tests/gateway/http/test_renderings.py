@@ -2,7 +2,7 @@
 
 import contextlib
 import socket
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import httpx
 import pytest
@@ -170,15 +170,15 @@ def test_a_robot_that_left_is_offline_in_the_next_answer(stand: Stand, connectio
 
 
 def _resource(facts: object = ()) -> Resource:
-    def describe(graph: Graph, seen: Seen) -> None:
-        graph.result_time(TERMS.value, seen.wall_ns)
+    def describe(graph: Graph, seens: Sequence[Seen]) -> None:
+        graph.result_time(TERMS.value, seens[0].wall_ns)
 
     seen = (Observation((0.5,), 1),)
-    return Resource(f"/r/{facts}", "x", None, source=Source(lambda: facts, lambda: seen), measured=describe)
+    return Resource(f"/r/{facts}", "x", None, source=Source(lambda: facts), measured=describe, looks=(lambda: seen,))
 
 
 def test_there_are_never_too_many_renderings() -> None:
     renderings = Renderings(3)
     for number in range(5):
-        renderings.body(_resource(number), "text/turtle", "http://test")
+        renderings.of(_resource(number), "text/turtle", "http://test")
     assert len(renderings) == 3

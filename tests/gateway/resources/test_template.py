@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from collections.abc import Sequence
 
 import pytest
 from hypothesis import given, settings
@@ -46,7 +47,7 @@ def _measured() -> list[Resource]:
     found = [resource for resource, _ in Tree(fleet, Invocations(), _BASE).below("/")]
     state = Tree(fleet, Invocations(), _BASE).resolve("/r/jointState")
     assert isinstance(state, Resource)
-    return [each for each in (*found, state) if each.measured is not None]
+    return [each for each in (*found, state) if each.looks and each.measured is not None]
 
 
 _RESOURCES = {each.path: each for each in _measured()}
@@ -61,23 +62,24 @@ _NUMBERS = st.from_regex(r"[0-9]{1,9}-[0-9]{1,9}", fullmatch=True)
 _VERSIONS = st.none() | st.builds(Versions, _NUMBERS, st.none() | _DIGEST)
 
 
-def _written(resource: Resource, media_type: str, seen: Seen, versions: Versions | None) -> bytes:
+def _written(resource: Resource, media_type: str, seens: Sequence[Seen], versions: Versions | None) -> bytes:
     graph = Graph()
     assert resource.measured is not None
-    resource.measured(graph, seen)
+    resource.measured(graph, seens)
     resource.state_model(graph, _BASE)
     if versions is not None:
         describe_version(graph, NamedNode(_BASE + resource.path), *versions)
     return render(graph.triples, media_type, PREFIXES, base=_BASE + resource.path)
 
 
-def _count(resource: Resource) -> int:
-    return len(Seen.of(resource.source.look()).values)
+def _counts(resource: Resource) -> list[int]:
+    return [len(Seen.of(look()).values) for look in resource.looks]
 
 
 def test_all_that_is_measured_compiles() -> None:
     ends = {path.rpartition("/")[2] for path in _RESOURCES}
-    assert ends == {"rotation", "translation", "velocity", "effort", "pose", "twist", "jointState"}
+    values = {"rotation", "translation", "velocity", "effort", "pose", "twist", "jointState"}
+    assert ends > values, "joints and links too"
     assert all(compiles(each, media_type) for each in _RESOURCES.values() for media_type in TEXT_TYPES)
 
 
@@ -87,17 +89,21 @@ def test_all_that_is_measured_compiles() -> None:
 def test_it_says_what_the_description_says(path: str, media_type: str, data: st.DataObject) -> None:
     """Of one document after another: forms change, with what becomes unknown and known again."""
     resource = _RESOURCES[path]
-    rendering, count = Rendering(resource, media_type, _BASE), _count(resource)
+    rendering, counts = Rendering(resource, media_type, _BASE), _counts(resource)
     for _ in range(3):
-        seen = Seen(tuple(data.draw(st.lists(_VALUES, min_size=count, max_size=count))), data.draw(_TIMES))
+        seens = [
+            Seen(tuple(data.draw(st.lists(_VALUES, min_size=count, max_size=count))), data.draw(_TIMES))
+            for count in counts
+        ]
         versions = data.draw(_VERSIONS)
-        assert rendering.body(seen, versions) == _written(resource, media_type, seen, versions)
+        assert rendering.body(seens, versions) == _written(resource, media_type, seens, versions)
 
 
 @pytest.mark.parametrize("path", _RESOURCES)
 def test_a_description_shows_what_is_measured(path: str) -> None:
     resource = _RESOURCES[path]
     graph = resource.whole(_BASE)
-    present = Seen.of(resource.source.look())
     written = render(graph.triples, "text/turtle", PREFIXES, base=_BASE + path)
-    assert Rendering(resource, "text/turtle", _BASE).body(present) == written
+    rendering = Rendering(resource, "text/turtle", _BASE)
+    assert rendering.present() == written
+    assert rendering.of(resource.source.look()) == written

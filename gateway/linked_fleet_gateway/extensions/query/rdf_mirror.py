@@ -49,8 +49,9 @@ class Still(Describer):
         super().__init__(base)
         self.measured: list[tuple[str, Property]] = []
 
-    def _properties(self, graph: Graph, owner: str, items: Iterable[Property]) -> None:
-        items = list(items)
+    def _properties(
+        self, graph: Graph, owner: str, items: Sequence[Property], seens: Sequence[Seen] | None = None
+    ) -> None:
         self.measured += [(owner, item) for item in items if item.measured]
         super()._properties(graph, owner, items)
 

@@ -1,0 +1,148 @@
+"""Answers to GET that are kept: what does not change is put together once, values and entity tags are new each time.
+
+An answer is kept by path, Accept, base URL and what the caller may see. It is one that ``read`` made, for a resource
+of a robot. It counts as long as nothing was news of the robot but its frames, and the facts of the resource are the
+same; then ``read`` makes another. Requests with fields that ask for more than a representation are none of these.
+"""
+
+from collections.abc import Sequence
+from operator import is_not
+
+from starlette.types import Scope
+
+from linked_fleet_gateway.fleet.observation import Observation
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.http.authentication import Authenticated
+from linked_fleet_gateway.http.conditional import etag, not_modified
+from linked_fleet_gateway.identity.rights import EVERYBODY, View
+from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.template import Rendering
+from linked_fleet_gateway.subscriptions.live import Live
+
+MAX_KEPT = 16_384
+MAX_BYTES = 24 * 1024 * 1024
+"""Of all contents that are kept. The answers that were kept first go first."""
+_ANYBODY = Authenticated(EVERYBODY)
+_ASKS_MORE = frozenset({b"prefer", b"if-match", b"upgrade", b"callback", b"last-event-id"})
+_READ = ("GET", "HEAD")
+_LONGEST_ACCEPT = 256
+Fields = Sequence[tuple[bytes, bytes]]
+Reply = tuple[int, Fields, bytes]
+"""Status, header fields and content."""
+Key = tuple[bytes, bytes, str, View]
+
+
+class Answer:
+    """The answer to GET of one resource. ``content`` is None where values stand in it: ``rendering`` writes those."""
+
+    __slots__ = (
+        "_content", "_facts", "_fields", "_news", "_observations", "_of_content", "_rendering", "_resource", "_robot",
+        "_tag", "size",
+    )  # fmt: skip
+
+    def __init__(
+        self,
+        resource: Resource,
+        robot: Robot,
+        rendering: Rendering | None,
+        content: bytes,
+        fields: Fields,
+        of_content: Fields,
+    ) -> None:
+        """``fields`` are those of every answer, but for ETag; ``of_content`` those that 304 has not."""
+        self._resource, self._robot, self._rendering = resource, robot, rendering
+        self._content, self._tag = content, etag(content) if rendering is None else ""
+        self.size = len(content)
+        """Bytes of content that are kept, about."""
+        self._observations: tuple[Observation, ...] = ()
+        self._fields, self._of_content = (*fields,), (*fields, *of_content)
+        self._news, self._facts = _news(robot), resource.source.facts()
+
+    def holds(self, live: Live) -> bool:
+        """Tell whether the robot is still there and nothing but frames was news of it."""
+        robot = self._robot
+        return (
+            live.fleet.robots.get(robot.name) is robot
+            and _news(robot) == self._news
+            and self._resource.source.facts() == self._facts
+        )
+
+    def reply(self, known: str | None) -> Reply:
+        """Return the reply to a request; 304 to a client that has it. ``known``: the If-None-Match of the client."""
+        if self._rendering is not None:
+            self._write(self._rendering)
+        content, tag = self._content, self._tag
+        if known is not None and not_modified(known, tag):
+            return 304, [(b"etag", tag.encode()), *self._fields], b""
+        headers = [(b"etag", tag.encode()), *self._of_content, (b"content-length", b"%d" % len(content))]
+        return 200, headers, content
+
+    def _write(self, rendering: Rendering) -> None:
+        """Write the values, unless those that were written last hold still: an observation is held until it moves."""
+        observations = self._resource.source.look()
+        before = self._observations
+        if not self._tag or len(before) != len(observations) or any(map(is_not, before, observations)):
+            self._content = rendering.of(observations)
+            self._tag, self._observations = etag(self._content), observations
+
+
+class Answers:
+    """The answers of one gateway."""
+
+    def __init__(self, most: int = MAX_KEPT, most_bytes: int = MAX_BYTES) -> None:
+        self._most, self._most_bytes = most, most_bytes
+        self._kept: dict[Key, Answer] = {}
+        self._bytes = 0
+
+    def __len__(self) -> int:
+        return len(self._kept)
+
+    def find(self, scope: Scope, live: Live) -> Reply | None:
+        """Return the reply to such a request, if its answer is kept and holds."""
+        key, known = _asked(scope)
+        if key is None or (answer := self._kept.get(key)) is None:
+            return None
+        if not answer.holds(live):
+            self._forget(key)
+            return None
+        return answer.reply(known)
+
+    def keep(self, scope: Scope, answer: Answer) -> None:
+        """Keep the answer for further requests like this one."""
+        key, _ = _asked(scope)
+        if key is None or answer.size > self._most_bytes:
+            return
+        self._forget(key)
+        self._kept[key] = answer
+        self._bytes += answer.size
+        while len(self._kept) > self._most or self._bytes > self._most_bytes:
+            self._forget(next(iter(self._kept)))
+
+    def _forget(self, key: Key) -> None:
+        answer = self._kept.pop(key, None)
+        self._bytes -= answer.size if answer is not None else 0
+
+
+def _asked(scope: Scope) -> tuple[Key | None, str | None]:
+    """The key of the answer to a request, None where more is asked than a representation; and its If-None-Match."""
+    if scope["method"] not in _READ or scope["query_string"]:
+        return None, None
+    accept = known = None
+    for name, value in scope["headers"]:
+        if name == b"accept":
+            accept = value if accept is None else accept + b", " + value
+        elif name == b"if-none-match":
+            known = value if known is None else known + b", " + value
+        elif name in _ASKS_MORE:
+            return None, None
+    if accept is None:
+        accept = b""
+    elif len(accept) > _LONGEST_ACCEPT or b"event-stream" in accept:
+        return None, None
+    state = scope["state"]
+    view = state.get("authenticated", _ANYBODY).identity.sees
+    return (scope["raw_path"], accept, state["base"], view), None if known is None else known.decode("latin-1")
+
+
+def _news(robot: Robot) -> tuple[object, ...]:
+    return robot.incarnation, robot.news, robot.online, robot.description is not None

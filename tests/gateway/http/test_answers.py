@@ -1,0 +1,119 @@
+"""Answers to GET that are kept: they hold as long as nothing but frames is news, for whom they were made."""
+
+from typing import Any, cast
+
+import pytest
+
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.http.answers import Answer, Answers
+from linked_fleet_gateway.http.authentication import Authenticated
+from linked_fleet_gateway.identity.rights import Grant, Identity, Right
+from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.versioning import Source
+from linked_fleet_gateway.subscriptions.live import Live
+
+_FIELDS = ((b"vary", b"Accept"),)
+
+
+class Stage:
+    """A fleet of one robot, whose resource has ``facts``."""
+
+    def __init__(self) -> None:
+        self.robot = cast(Any, Robot)("r", lambda *_: None, None)
+        self.facts: object = 1
+        self.live = cast(Live, cast(Any, type("Stub", (), {}))())
+        cast(Any, self.live).fleet = type("Stub", (), {"robots": {"r": self.robot}})()
+        self.answers = Answers(most=3, most_bytes=100)
+
+    def keep(self, content: bytes, **named: Any) -> None:
+        resource = Resource("/r/a", "a", None, source=Source(lambda: self.facts, robot=self.robot))
+        self.answers.keep(scope(**named), Answer(resource, self.robot, None, content, _FIELDS, ()))
+
+    def content(self, **named: Any) -> bytes | None:
+        found = self.answers.find(scope(**named), self.live)
+        return None if found is None else found[2]
+
+
+def scope(
+    path: bytes = b"/r/a", method: str = "GET", query: bytes = b"", caller: Identity | None = None, **fields: str
+) -> dict[str, Any]:
+    state: dict[str, Any] = {"base": "http://fleet.example"}
+    if caller is not None:
+        state["authenticated"] = Authenticated(caller)
+    headers = [(name.replace("_", "-").encode(), value.encode()) for name, value in fields.items()]
+    return {"method": method, "raw_path": path, "query_string": query, "headers": headers, "state": state}
+
+
+@pytest.fixture
+def stage() -> Stage:
+    return Stage()
+
+
+def test_it_holds_whatever_else_the_request_says(stage: Stage) -> None:
+    stage.keep(b"one", accept="text/turtle")
+    assert stage.content(accept="text/turtle", traceparent="00-1", user_agent="x") == b"one"
+    assert stage.content(accept="text/turtle", method="HEAD") == b"one"
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"path": b"/r/b"}, {"path": b"/r%2Fa"}, {"query": b"as=turtle"}, {"method": "POST"}, {"accept": "text/html"},
+        {"accept": "text/turtle", "prefer": "return=minimal"}, {"accept": "text/turtle", "if_match": '"x"'},
+        {"accept": "text/turtle", "upgrade": "callback"},
+    ],
+)  # fmt: skip
+def test_requests_for_something_else_are_not_answered(stage: Stage, other: dict[str, Any]) -> None:
+    stage.keep(b"one", accept="text/turtle")
+    assert stage.content(**{"accept": "text/turtle", **other}) is None
+
+
+def test_streams_are_never_kept(stage: Stage) -> None:
+    stage.keep(b"one", accept="text/event-stream, text/turtle")
+    assert len(stage.answers) == 0
+
+
+def test_other_facts_and_news_of_the_robot_end_it(stage: Stage) -> None:
+    stage.keep(b"one")
+    stage.facts = 2
+    assert stage.content() is None
+    stage.keep(b"two")
+    assert stage.content() == b"two"
+    stage.robot.tell_news()
+    assert stage.content() is None
+
+
+def test_a_robot_of_the_same_name_is_another(stage: Stage) -> None:
+    stage.keep(b"one")
+    cast(Any, stage.live).fleet.robots["r"] = cast(Any, Robot)("r", lambda *_: None, None)
+    assert stage.content() is None
+
+
+def test_it_is_for_those_who_see_the_same(stage: Stage) -> None:
+    one, other = (Identity(name, (Grant(frozenset({Right.READ}), (name,)),)) for name in ("r", "q"))
+    stage.keep(b"one", caller=one)
+    assert stage.content(caller=other) is None
+    assert stage.content() is None
+    assert stage.content(caller=one) == b"one"
+
+
+def test_a_client_that_has_it_is_told_so(stage: Stage) -> None:
+    stage.keep(b"one")
+    found = stage.answers.find(scope(), stage.live)
+    assert found is not None
+    tag = dict(found[1])[b"etag"].decode()
+    for known in (tag, f'"x", W/{tag}', "*"):
+        again = stage.answers.find(scope(if_none_match=known), stage.live)
+        assert again is not None and (again[0], again[2]) == (304, b"")
+        assert dict(again[1]) == {b"etag": tag.encode(), b"vary": b"Accept"}
+
+
+def test_there_are_never_too_many_nor_too_much(stage: Stage) -> None:
+    for number in range(5):
+        stage.keep(b"x", path=b"/r/%d" % number)
+    assert len(stage.answers) == 3
+    assert stage.content(path=b"/r/1") is None and stage.content(path=b"/r/4") == b"x"
+    stage.keep(bytes(99), path=b"/r/5")
+    assert len(stage.answers) == 2
+    stage.keep(bytes(101), path=b"/r/6")
+    assert stage.content(path=b"/r/6") is None
