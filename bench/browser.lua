@@ -12,7 +12,7 @@ function init(args)
    end
    wrk.headers["User-Agent"] = "Mozilla/5.0 (X11; Linux x86_64; rv:140.0) Gecko/20100101 Firefox/140.0"
    wrk.headers["Accept-Language"] = "en-US,en;q=0.5"
-   wrk.headers["Accept-Encoding"] = "identity"
+   wrk.headers["Accept-Encoding"] = "gzip, deflate, br, zstd"
    wrk.headers["Connection"] = "keep-alive"
    wrk.headers["Sec-Fetch-Dest"] = "empty"
    wrk.headers["Sec-Fetch-Mode"] = "cors"

@@ -154,7 +154,7 @@ def test_who_says_nothing_or_nonsense_is_told_how_to_say_it(here: Guarded, root:
 def test_answers_are_for_who_asked(here: Guarded, root: Browser) -> None:
     answer = root.http.get(here.root)
     assert answer.headers["cache-control"] == "private, no-cache"
-    assert answer.headers["vary"] == "Accept, Prefer, Authorization, Cookie"
+    assert answer.headers["vary"] == "Accept, Prefer, Accept-Encoding, Authorization, Cookie"
     mesh = next((each for each in links(root.http.get(root.robot(SEEN).url), "related") if "meshes" in each), None)
     assert mesh is None or "private" in root.http.head(mesh).headers["cache-control"]
 

@@ -14,6 +14,7 @@ from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.authentication import Authenticated
 from linked_fleet_gateway.http.conditional import etag, not_modified
+from linked_fleet_gateway.http.encoding import GZIP, compressed, expanded, pays, tag_of, takes_gzip
 from linked_fleet_gateway.identity.rights import EVERYBODY, View
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.template import Rendering
@@ -36,8 +37,8 @@ class Answer:
     """The answer to GET of one resource. ``content`` is None where values stand in it: ``rendering`` writes those."""
 
     __slots__ = (
-        "_content", "_facts", "_fields", "_news", "_observations", "_of_content", "_rendering", "_resource", "_robot",
-        "_tag", "size",
+        "_content", "_facts", "_fields", "_news", "_observations", "_of_content", "_packed", "_rendering", "_source",
+        "_robot", "_tag", "size",
     )  # fmt: skip
 
     def __init__(
@@ -50,9 +51,11 @@ class Answer:
         of_content: Fields,
     ) -> None:
         """``fields`` are those of every answer, but for ETag; ``of_content`` those that 304 has not."""
-        self._resource, self._robot, self._rendering = resource, robot, rendering
-        self._content, self._tag = content, etag(content) if rendering is None else ""
-        self.size = len(content)
+        self._source, self._robot, self._rendering = resource.source, robot, rendering
+        self._tag = etag(content) if rendering is None else ""
+        self._packed = rendering is None and pays(content)
+        self._content = compressed(content) if self._packed else content
+        self.size = len(self._content)
         """Bytes of content that are kept, about."""
         self._observations: tuple[Observation, ...] = ()
         self._fields, self._of_content = (*fields,), (*fields, *of_content)
@@ -64,22 +67,28 @@ class Answer:
         return (
             live.fleet.robots.get(robot.name) is robot
             and _news(robot) == self._news
-            and self._resource.source.facts() == self._facts
+            and self._source.facts() == self._facts
         )
 
-    def reply(self, known: str | None) -> Reply:
+    def reply(self, known: str | None, takes_gzip: bool) -> Reply:
         """Return the reply to a request; 304 to a client that has it. ``known``: the If-None-Match of the client."""
         if self._rendering is not None:
             self._write(self._rendering)
-        content, tag = self._content, self._tag
+        content, coded = self._content, self._packed and takes_gzip
+        tag = tag_of(self._tag, coded)
         if known is not None and not_modified(known, tag):
             return 304, [(b"etag", tag.encode()), *self._fields], b""
-        headers = [(b"etag", tag.encode()), *self._of_content, (b"content-length", b"%d" % len(content))]
+        headers = [(b"etag", tag.encode()), *self._of_content]
+        if coded:
+            headers.append(GZIP)
+        elif self._packed:
+            content = expanded(content)
+        headers.append((b"content-length", b"%d" % len(content)))
         return 200, headers, content
 
     def _write(self, rendering: Rendering) -> None:
         """Write the values, unless those that were written last hold still: an observation is held until it moves."""
-        observations = self._resource.source.look()
+        observations = self._source.look()
         before = self._observations
         if not self._tag or len(before) != len(observations) or any(map(is_not, before, observations)):
             self._content = rendering.of(observations)
@@ -99,17 +108,17 @@ class Answers:
 
     def find(self, scope: Scope, live: Live) -> Reply | None:
         """Return the reply to such a request, if its answer is kept and holds."""
-        key, known = _asked(scope)
+        key, known, coding = _asked(scope)
         if key is None or (answer := self._kept.get(key)) is None:
             return None
         if not answer.holds(live):
             self._forget(key)
             return None
-        return answer.reply(known)
+        return answer.reply(known, coding is not None and takes_gzip(coding))
 
     def keep(self, scope: Scope, answer: Answer) -> None:
         """Keep the answer for further requests like this one."""
-        key, _ = _asked(scope)
+        key, _, _ = _asked(scope)
         if key is None or answer.size > self._most_bytes:
             return
         self._forget(key)
@@ -123,25 +132,31 @@ class Answers:
         self._bytes -= answer.size if answer is not None else 0
 
 
-def _asked(scope: Scope) -> tuple[Key | None, str | None]:
-    """The key of the answer to a request, None where more is asked than a representation; and its If-None-Match."""
+def _asked(scope: Scope) -> tuple[Key | None, str | None, bytes | None]:
+    """The key of the answer to a request, None where more is asked than a representation.
+
+    And the values of If-None-Match and Accept-Encoding.
+    """
     if scope["method"] not in _READ or scope["query_string"]:
-        return None, None
-    accept = known = None
+        return None, None, None
+    accept = known = coding = None
     for name, value in scope["headers"]:
         if name == b"accept":
             accept = value if accept is None else accept + b", " + value
         elif name == b"if-none-match":
             known = value if known is None else known + b", " + value
+        elif name == b"accept-encoding":
+            coding = value if coding is None else coding + b", " + value
         elif name in _ASKS_MORE:
-            return None, None
+            return None, None, None
     if accept is None:
         accept = b""
     elif len(accept) > _LONGEST_ACCEPT or b"event-stream" in accept:
-        return None, None
+        return None, None, None
     state = scope["state"]
     view = state.get("authenticated", _ANYBODY).identity.sees
-    return (scope["raw_path"], accept, state["base"], view), None if known is None else known.decode("latin-1")
+    known_tags = None if known is None else known.decode("latin-1")
+    return (scope["raw_path"], accept, state["base"], view), known_tags, coding
 
 
 def _news(robot: Robot) -> tuple[object, ...]:

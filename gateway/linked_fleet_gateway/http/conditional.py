@@ -17,7 +17,7 @@ def not_modified(if_none_match: str | None, etag: str) -> bool:
     """Whether the client holds this representation already: ``*`` or weak comparison (13.1.2)."""
     if if_none_match is None:
         return False
-    opaque = etag.removeprefix("W/")
+    opaque = _plain(etag.removeprefix("W/"))
     return if_none_match.strip() == "*" or any(tag == opaque for _, tag in _tags(if_none_match))
 
 
@@ -27,10 +27,15 @@ def precondition_holds(if_match: str | None, etags: Collection[str], *, exists: 
         return True
     if if_match.strip() == "*":
         return exists
-    strong = {tag for tag in etags if not tag.startswith("W/")}
+    strong = {_plain(tag) for tag in etags if not tag.startswith("W/")}
     return exists and any(tag in strong for weak, tag in _tags(if_match) if not weak)
 
 
 def _tags(field: str) -> list[tuple[str, str]]:
     """The tags of a well-formed list; a malformed one names none, which fails safely in both directions."""
-    return _TAG.findall(field) if _LIST.fullmatch(field) else []
+    return [(weak, _plain(tag)) for weak, tag in _TAG.findall(field)] if _LIST.fullmatch(field) else []
+
+
+def _plain(tag: str) -> str:
+    """The tag of the representation without a content coding: who has read it in one may write as any other."""
+    return tag[:-6] + '"' if tag.endswith('-gzip"') else tag

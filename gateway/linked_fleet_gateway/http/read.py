@@ -8,6 +8,7 @@ from linked_fleet_gateway.base.errors import NotAcceptable, PreconditionFailed
 from linked_fleet_gateway.http.answers import Answer
 from linked_fleet_gateway.http.conditional import not_modified, precondition_holds
 from linked_fleet_gateway.http.containers import preferred_part
+from linked_fleet_gateway.http.encoding import compressed, pays, tag_of, takes_gzip
 from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.html import HTML
 from linked_fleet_gateway.http.links import Link, link_header
@@ -16,6 +17,7 @@ from linked_fleet_gateway.http.patch import PATCH_TYPES
 from linked_fleet_gateway.http.representation import Representation
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
+from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.resource import CONTAINER, Remote, Resource
 
 # The whole header block stays under 4 KiB, and Link is not alone in it.
@@ -33,24 +35,37 @@ def read(request: Request, resource: Resource) -> Response:
     accept = representations.preferred(field(request, "accept"), request.query_params.get("as"))
     representation = representations.negotiated(accept, resource, request.base)
     headers = resource_headers(resource, request.base, representation.etag)
+    headers["vary"] += ", Accept-Encoding"
     if representation.media_type not in resource.documents and preferred_part(request, resource) is not None:
         headers["preference-applied"] = "return=representation"
     if representation.media_type == HTML and representations.html is not None:
         headers["content-security-policy"] = representations.html.policy(bool(resource.reader or resource.forms))
     elif representation.media_type.endswith("xml"):
         headers["content-security-policy"] = _NOTHING
+    of_content = {"content-type": representation.content_type} | method_headers(resource, allowed(resource))
+    _keep(request, resource, representation, headers | of_content)
+    body = representation.body
+    coding = (field(request, "accept-encoding") or "").encode("latin-1")
+    coded = _may_be_coded(resource, representation.media_type) and pays(body) and takes_gzip(coding)
+    headers["etag"] = tag_of(representation.etag, coded)
     if not_modified(field(request, "if-none-match"), representation.etag):
         return Response(status_code=304, headers=headers)
-    headers["content-type"] = representation.content_type
-    headers |= method_headers(resource, allowed(resource))
-    _keep(request, resource, representation, headers)
+    if coded:
+        body, headers["content-encoding"] = compressed(body), "gzip"
     # Starlette computes Content-Length from the body; the server itself leaves the body of a HEAD out.
-    return Response(representation.body, headers=headers)
+    return Response(body, headers=headers | of_content)
+
+
+def _may_be_coded(resource: Resource, media_type: str) -> bool:
+    text = media_type.startswith("text/") or media_type.endswith(("json", "xml", "n-triples"))
+    return text and resource.measured is None and not (media_type == HTML and resource.reader)
 
 
 def _keep(request: Request, resource: Resource, representation: Representation, headers: Mapping[str, str]) -> None:
     """Keep the answer for the next request, if it is about a robot and all that changes in it is known."""
     media_type, robot = representation.media_type, resource.source.robot
+    if robot is None and resource.alike is not None:  # a blueprint that is the same for ever, while its robot is there
+        robot = request.services.live.fleet.robots.get(robot_of(resource.path) or "")
     rendering = request.services.representations.rendering(resource, media_type, request.base)
     still = rendering is None and not resource.source.measured and resource.followed
     if robot is None or media_type not in RDF_TYPES or media_type in resource.documents:

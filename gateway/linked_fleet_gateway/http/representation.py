@@ -11,6 +11,7 @@ from linked_fleet_gateway.http.links import LINKSET_TYPES, Link, linkset_json, l
 from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.rdf.serialise import JSON, RDF_TYPES, WriteError, render
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
+from linked_fleet_gateway.resources.copies import Copies
 from linked_fleet_gateway.resources.renderings import Renderings
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.template import Rendering, compiles
@@ -51,6 +52,7 @@ class Representations:
         self.media_types = RDF_TYPES if html is None else (*RDF_TYPES, HTML)
         """Media types of all that is described in RDF, in the order of preference."""
         self._renderings = Renderings()
+        self._copies = Copies()
 
     def negotiated(self, accept: str | None, resource: Resource, base: str) -> Representation:
         """The representation that Accept prefers; NotAcceptable with the list of what there is."""
@@ -94,6 +96,8 @@ class Representations:
             return Representation(resource.documents[media_type](), media_type)
         if (rendering := self.rendering(resource, media_type, base)) is not None:
             return Representation(rendering.present(), media_type)
+        if (copied := self._copies.body(resource, media_type, base)) is not None:
+            return Representation(copied, media_type)
         triples = resource.whole(base).triples
         if media_type == HTML and self.html is not None:
             return Representation(self.html.write_resource(resource, triples, base, self.formats), media_type)

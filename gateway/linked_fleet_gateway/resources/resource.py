@@ -29,6 +29,18 @@ class Remote:
 
 
 @dataclass(frozen=True)
+class Alike:
+    """Resources of which one is written and the others are copied: their descriptions differ in the owner's path alone.
+
+    ``key`` is compared. ``describe`` describes the one whose owner is at the path that it is given.
+    """
+
+    key: object
+    owner: str
+    describe: Callable[[Graph, str], None]
+
+
+@dataclass(frozen=True)
 class Resource:
     """One resource; ``describe`` adds its triples, ``documents`` are its other representations by media type.
 
@@ -56,6 +68,8 @@ class Resource:
     immutable: bool = False
     measured: Callable[[Graph, Sequence[Seen]], None] | None = None
     """``describe`` with other values than the present ones, of each of ``looks`` one; None where none is measured."""
+    alike: Alike | None = None
+    """Resources whose description is the same but for their path."""
     looks: tuple[Look, ...] = ()
     """The measured values that it shows, in the order of its properties."""
     query: str = ""
@@ -81,13 +95,13 @@ class Resource:
         self.state_model(graph, base)
         return graph
 
-    def state_model(self, graph: Graph, base: str) -> None:
+    def state_model(self, graph: Graph, base: str, path: str = "") -> None:
         """Say in its description, too, that it is an RDF source, which nobody has to infer (R1.7).
 
         Containers say themselves what they are.
         """
         if LDP.RDFSource in self.interaction:
-            graph.a(NamedNode(base + self.path), LDP.RDFSource)
+            graph.a(NamedNode(base + (path or self.path)), LDP.RDFSource)
 
     @property
     def linkset(self) -> str:
@@ -113,13 +127,17 @@ def blueprint_of(
     resource: Resource, base: str, shapes: tuple[NamedNode, ...], source: Source | None = None
 ) -> Resource:
     """The blueprint of a resource (paper 5.1); ``source``: what it follows from, if it is not always the same."""
-    path = resource.path.rstrip("/") + "/blueprint"
-    iri, target = NamedNode(base + path), NamedNode(base + resource.path)
+
+    def describe(graph: Graph, owner: str) -> None:
+        iri = NamedNode(base + owner.rstrip("/") + "/blueprint")
+        blueprint(graph, iri, NamedNode(base + owner), shapes)
+
     return Resource(
-        path,
+        resource.path.rstrip("/") + "/blueprint",
         f"Blueprint of {resource.path}",
-        lambda graph: blueprint(graph, iri, target, shapes),
+        lambda graph: describe(graph, resource.path),
         source=source or Source(),
+        alike=Alike((shapes, resource.path.endswith("/")), resource.path, describe),
     )
 
 

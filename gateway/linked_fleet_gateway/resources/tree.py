@@ -278,7 +278,7 @@ class Tree:
         whole = blueprint_of(resource, self._base, (item.shape,), _following(resource.source))
         if not isinstance(item.put, Offer):
             return whole
-        return replace(whole, describe=partial(describe_target_blueprint, whole, item.put, self._base))
+        return replace(whole, describe=partial(describe_target_blueprint, whole, item.put, self._base), alike=None)
 
     def _measurement(self, robot: Robot, owner: str, item: Property) -> Resource:
         path = f"{owner.rstrip('/')}/{item.segment}"

@@ -1,0 +1,64 @@
+"""Content codings: gzip where it is taken, entity tags of their own, and writes under either of them."""
+
+import httpx
+import pytest
+
+from browser import Browser
+from linked_fleet_gateway.http.encoding import takes_gzip
+
+_JOINT = "baxter/right_s1"
+
+
+@pytest.mark.parametrize(
+    ("field", "takes"),
+    [
+        (b"gzip, deflate, br, zstd", True), (b"br, GZIP;q=0.5", True), (b"*", True), (b"x-gzip", True),
+        (b"gzip;q=0", False), (b"identity", False), (b"gzip;q=0.2, identity", False), (b"", False),
+        (b"gzip;q=x", False), (b"*;q=0", False),
+    ],
+)  # fmt: skip
+def test_what_a_field_takes(field: bytes, takes: bool) -> None:
+    assert takes_gzip(field) is takes
+
+
+def _get(browser: Browser, path: str, coding: str, **fields: str) -> httpx.Response:
+    headers = {"accept": "text/turtle", "accept-encoding": coding, **fields}
+    return browser.http.get(browser.root + path, headers=headers)
+
+
+@pytest.mark.parametrize("path", [f"{_JOINT}/blueprint", "vocabulary"])
+def test_the_content_is_the_same_and_the_tag_another(browser: Browser, path: str) -> None:
+    """The first time and when the answer is kept."""
+    for _ in range(2):
+        plain, coded = _get(browser, path, "identity"), _get(browser, path, "gzip")
+        assert "content-encoding" not in plain.headers
+        assert coded.headers["content-encoding"] == "gzip"
+        assert int(coded.headers["content-length"]) < len(plain.content) / 2
+        assert coded.content == plain.content
+        assert coded.headers["etag"] == plain.headers["etag"][:-1] + '-gzip"'
+        assert "Accept-Encoding" in plain.headers["vary"] and plain.headers["vary"] == coded.headers["vary"]
+
+
+@pytest.mark.parametrize("coding", ["identity", "gzip"])
+def test_who_has_either_is_told_so(browser: Browser, coding: str) -> None:
+    for have in ("identity", "gzip"):
+        tag = _get(browser, f"{_JOINT}/blueprint", have).headers["etag"]
+        again = _get(browser, f"{_JOINT}/blueprint", coding, **{"if-none-match": tag})
+        assert (again.status_code, again.content) == (304, b"")
+
+
+def test_a_write_may_name_the_tag_of_a_coding(browser: Browser) -> None:
+    """A client that reads in gzip is guarded against lost updates as any other."""
+    path = "baxter/annotations"
+    url = browser.root + path
+    tag = browser.http.get(url, headers={"accept": "text/turtle", "accept-encoding": "identity"}).headers["etag"]
+    coded = tag[:-1] + '-gzip"'
+    fields = {"content-type": "text/turtle", "if-match": coded}
+    body = f"<{browser.root}baxter/> <http://purl.org/dc/terms/subject> 'coded' ."
+    assert browser.http.put(url, content=body, headers=fields).status_code == 204
+    assert browser.http.put(url, content=body + " ", headers={**fields, "if-match": '"x-gzip"'}).status_code == 412
+
+
+def test_values_and_short_contents_are_sent_as_they_are(browser: Browser) -> None:
+    for path in (f"{_JOINT}/rotation", _JOINT):
+        assert "content-encoding" not in _get(browser, path, "gzip").headers
