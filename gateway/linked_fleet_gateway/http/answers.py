@@ -37,8 +37,18 @@ class Answer:
     """The answer to GET of one resource. ``content`` is None where values stand in it: ``rendering`` writes those."""
 
     __slots__ = (
-        "_content", "_facts", "_fields", "_news", "_observations", "_of_content", "_packed", "_rendering", "_source",
-        "_robot", "_tag", "size",
+        "_content",
+        "_facts",
+        "_fields",
+        "_news",
+        "_observations",
+        "_of_content",
+        "_packed",
+        "_rendering",
+        "_robot",
+        "_source",
+        "_tag",
+        "size",
     )  # fmt: skip
 
     def __init__(
