@@ -1,5 +1,6 @@
 """The loop of one robot: read → publish; command → judge → move; stop. Knows only Robot and Link."""
 
+import asyncio
 import logging
 import math
 import secrets
@@ -32,6 +33,8 @@ from linked_fleet_agent.wire.messages import (
 )
 
 _log = logging.getLogger(__name__)
+_LEAST_APART = 0.1
+"""Between a frame and one after a stop, in shares of the time between two ticks."""
 _M = TypeVar("_M", Command, Stop)
 
 
@@ -102,13 +105,18 @@ class Agent:
         self._meshes = MeshFiles(name, self._facts.meshes)
         self._cameras = Cameras(robot, self._facts.cameras)
         self._shown: State | None = None
+        self._link: Link | None = None
+        """While it runs."""
+        self._published_ns = 0
         self.description = codec.encode(self._describe())
 
     async def run(self, link: Link) -> None:
         """Tick at ``rate_hz`` until cancelled, then hold and close the robot. Missed ticks are skipped, not made up."""
+        self._link = link
         try:
             await every(1.0 / self.rate_hz, partial(self.tick, link))
         finally:
+            self._link = None
             self._outcomes += self._motions.forget("the agent ends")
             self._tell(link, self._monotonic_ns())
             self._stop_robot()
@@ -140,7 +148,16 @@ class Agent:
         reply = stop if isinstance(stop, Refused) else safety.judge_stop(stop, self._joints) or self._stop(stop)
         if isinstance(reply, Refused):
             _log.warning("%s: stop %s refused (%s): %s", self.name, reply.id, reply.code, reply.reason)
+        elif self._link is not None:
+            asyncio.get_running_loop().call_soon(self._show)
         return codec.encode(reply)
+
+    def _show(self) -> None:
+        """Publish a frame after a stop: who has asked for it waits for one. A crowd of stops does not make a crowd."""
+        now_ns = self._monotonic_ns()
+        if self._link is not None and now_ns - self._published_ns >= _LEAST_APART * 1e9 / self.rate_hz:
+            self._reading = self._read(now_ns)
+            self._publish_state(self._link, now_ns)
 
     def mesh(self, question: bytes) -> bytes:
         """The mesh of a digest, read from disk: to be called in a thread of its own. MeshError."""
@@ -285,6 +302,7 @@ class Agent:
         )
         self._shown = None if self._reading is None else state
         self._sequence += 1
+        self._published_ns = now_ns
         link.publish_state(codec.encode_state(state))
 
     def _watch_gateways(self, link: Link, now_ns: int) -> None:

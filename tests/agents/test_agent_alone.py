@@ -1,5 +1,6 @@
 """What an agent accepts, refuses, stops and tells, without a network and on a clock of the test's own."""
 
+import asyncio
 import json
 import math
 from collections.abc import Mapping
@@ -350,3 +351,24 @@ def test_a_gateway_that_comes_hears_how_motions_ended_and_what_runs() -> None:
     bench.link.arrivals += 1
     bench.tick()
     assert [p.id for p in bench.link.progress[3:]] == ["new", "now"]
+
+
+def test_a_stop_is_followed_by_a_frame_at_once() -> None:
+    """Who asks for it waits for a frame that is later. Many stops at once are followed by one."""
+    bench = Bench()
+
+    async def scenario() -> None:
+        running = asyncio.create_task(bench.agent.run(bench.link))
+        await asyncio.sleep(0)
+        before = len(bench.link.states)
+        bench.now_ns += 5_000_000
+        stopped = bench.stop("s")
+        bench.stop("t")
+        for _ in range(2):
+            await asyncio.sleep(0)
+        assert isinstance(stopped, Accepted)
+        assert len(bench.link.states) == before + 1
+        running.cancel()
+        await asyncio.wait({running})
+
+    asyncio.run(scenario())
