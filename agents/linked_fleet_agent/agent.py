@@ -164,7 +164,7 @@ class Agent:
         return self._meshes.read(question)
 
     def picture(self, question: bytes) -> bytes:
-        """What a camera sees in the frame that was published last: to be called in a thread. PictureError."""
+        """Return what a camera sees in the frame that was published last: to be called in a thread. PictureError."""
         return self._cameras.take(question, self._shown)
 
     @property

@@ -1,4 +1,4 @@
-"""What a robot sees, when somebody asks: questions judged, pictures tied to a frame of state. Pure of Zenoh."""
+"""Pictures on request: questions judged, pictures tied to a frame of state. Pure of Zenoh."""
 
 import math
 import time

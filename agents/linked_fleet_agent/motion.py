@@ -28,7 +28,7 @@ State = Literal["running", "succeeded", "failed", "cancelled", "preempted"]
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a command; the agent publishes it as progress with the measured positions of ``joints``."""
+    """The outcome of a command; the agent publishes it as progress with the measured positions of ``joints``."""
 
     command_id: str
     state: State
@@ -98,7 +98,7 @@ class Axis:
         return abs(self.position - measured.positions[self.joint.name])
 
     def stands(self, measured: Measured) -> bool:
-        """Whether it has come to rest; where no velocity is measured, by its position."""
+        """Return True if it has come to rest; where no velocity is measured, by its position."""
         velocity = measured.velocities.get(self.joint.name, math.nan)
         slow = self.off(measured) <= self.tolerance if math.isnan(velocity) else abs(velocity) <= self.standing
         return self.at_rest and slow
@@ -142,7 +142,7 @@ class Motions:
 
     @property
     def idle(self) -> bool:
-        """Whether a step would do nothing: no motion, no demonstration, and every joint at rest."""
+        """True if a step would do nothing: no motion, no demonstration, and every joint at rest."""
         if self._running or self._swaying:
             return False
         for axis in self._axes.values():  # noqa: SIM110 - asked in every tick, and a generator costs more than the rest
@@ -163,7 +163,7 @@ class Motions:
         return [sway.joint for sway in begun]
 
     def starts(self, joints: Iterable[str], measured: Mapping[str, float]) -> list[Start]:
-        """Where the setpoints of ``joints`` are; of one that never moved, where it is measured."""
+        """Return the setpoints of ``joints``; of one that never moved, its measured position."""
         axes = (self._axes.get(name) or Axis(self.joints[name], measured[name]) for name in joints)
         return [axis.start for axis in axes]
 

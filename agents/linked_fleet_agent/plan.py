@@ -1,4 +1,4 @@
-"""What a command means for its joints, before anything moves. Pure; rad, rad/s or m, m/s, and seconds."""
+"""Plans: trajectories of the joints of a command, before anything moves. Pure; rad or m, per second, and seconds."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -33,7 +33,7 @@ class Start:
 
 @dataclass(frozen=True)
 class Plan:
-    """Where each joint goes, all of them done after ``duration_s``."""
+    """The trajectory of each joint, all of them done after ``duration_s``."""
 
     trajectories: Mapping[str, Trajectory]
     duration_s: float

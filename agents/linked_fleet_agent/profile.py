@@ -65,7 +65,7 @@ def reach(
 def reach_in(
     duration_s: float, position: float, velocity: float, target: float, cruise: float, ramp: float, limits: Limits
 ) -> Trajectory:
-    """As ``reach``, but slower, to take ``duration_s``; ``ramp`` is the acceleration of a joint that moves already.
+    """Plan as ``reach``, slower, to take ``duration_s``; ``ramp`` is the acceleration of a joint that moves already.
 
     A joint at rest ramps as long as every other joint does, so that those together go straight in joint space.
     """

@@ -1,4 +1,4 @@
-"""What an agent tells of its motions, how often, and what it tells again to a gateway that came later. Pure."""
+"""Progress of motions: how often an agent tells it, and what it tells again to a gateway that came later. Pure."""
 
 import math
 from collections import deque
@@ -58,7 +58,7 @@ class Report:
         return [payload for ended_ns, payload in self._ends if now_ns - ended_ns <= KEPT_NS]
 
     def due(self, now_ns: int) -> bool:
-        """Whether to say again how far everything is."""
+        """Return True if it is time to say again how far everything is."""
         if now_ns < self._due_ns:
             return False
         self._due_ns = now_ns + PERIOD_NS

@@ -1,4 +1,4 @@
-"""What an agent asks of a robot. Angles in radian, lengths in metre, efforts in newton metre or newton."""
+"""The interface of drivers. Angles in radian, lengths in metre, efforts in newton metre or newton."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -50,7 +50,7 @@ class JointFacts:
 
 @dataclass(frozen=True)
 class Facts:
-    """What is known of a robot without touching it; ``joints`` is the order of every array in a Reading.
+    """Facts about a robot that are known without touching it; ``joints`` is the order of every array in a Reading.
 
     ``meshes``: files of the meshes that the URDF names, by their URI there; a driver may have none (meshes.py).
     ``cameras``: of a driver that is ``Seeing``; each has another name.
@@ -102,7 +102,7 @@ class Seeing(Protocol):
     """A driver whose robot has cameras."""
 
     def picture(self, camera: Camera, format: PictureFormat, reading: Reading) -> bytes:
-        """What the camera sees while the robot is as in ``reading``: a JPEG or PNG file of its size, or its depths.
+        """Return the picture of the robot as in ``reading``: a JPEG or PNG file of the camera's size, or its depths.
 
         Called in a thread beside the others, one call after another; it may take its time. Depths are little-endian
         float32 in metre along the axis, row by row, NaN where nothing is in range. Raises PictureError.

@@ -1,4 +1,4 @@
-"""Whether a command may move this robot now. Pure: clocks and facts are passed in; kept are ids and when it stopped."""
+"""Judgement of commands before anything moves. Pure: clocks and facts are passed in; ids and stops are kept."""
 
 import math
 from collections import OrderedDict
@@ -45,7 +45,7 @@ class Remembered:
 
 
 class Stops:
-    """What was stopped when, so that no motion that was asked for before runs after; monotonic times of the agent.
+    """Times of stops by joint, so that no motion that was asked for before runs after; monotonic times of the agent.
 
     Of the commands that were cancelled by their id, the last ``MAX_REMEMBERED`` are known.
     """
@@ -95,7 +95,7 @@ def judge(
 def unexpected(
     expects: Mapping[str, Expectation], measured: Mapping[str, float], joints: Mapping[str, JointFacts]
 ) -> str:
-    """What is not as expected, as a sentence; empty when all is. NaN is unknown and never as expected."""
+    """Return a sentence about what is not as expected; empty when all is. NaN is unknown and never as expected."""
     for name, expected in expects.items():
         off = measured[name] - expected.position
         if joints[name].continuous and math.isfinite(off):

@@ -21,7 +21,7 @@ class Tracing:
     def take(
         self, kind: str, robot: str, parent: bytes | None, payload: bytes, answer: Callable[[bytes], bytes]
     ) -> bytes:
-        """What ``answer`` replies, in a span; ``parent`` is a traceparent, perhaps."""
+        """Return the reply of ``answer``, in a span; ``parent`` is a traceparent, perhaps."""
         from opentelemetry.trace import SpanKind, Status, StatusCode
 
         attributes = {"linked_fleet.robot": robot}

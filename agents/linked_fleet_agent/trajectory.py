@@ -1,4 +1,4 @@
-"""Where one joint is at which time: cubics, one after another. Pure; rad, rad/s or m, m/s, and seconds."""
+"""Trajectories of one joint: cubics, one after another. Pure; rad, rad/s or m, m/s, and seconds."""
 
 import math
 from bisect import bisect_right

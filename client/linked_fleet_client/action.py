@@ -36,19 +36,19 @@ class Action(Resource):
 
     @property
     def fields(self) -> tuple[Asked, ...]:
-        """What its shape asks for; nothing if it takes nothing."""
+        """The form of its shape; empty if it takes nothing."""
         shapes, nodes = self._consumed()
         return asked(_one(shapes, nodes))
 
     @property
     def comment(self) -> str:
-        """What the action says of itself beyond its title."""
+        """The comment of the action."""
         found = self._said(RDFS.comment)
         return found[0] if found else ""
 
     @property
     def can_rehearse(self) -> bool:
-        """Whether it can be tried without anything moving."""
+        """True if it can be tried without anything moving."""
         stated = self.read().graph.value(self.node, LF.dryRun)
         return isinstance(stated, Literal) and stated.toPython() is True
 
@@ -73,7 +73,7 @@ class Action(Resource):
         return Invocation(self.web, answer.location() if "location" in answer.headers else "", Action)
 
     def rehearse(self, body: Graph | Mapping[str, Any] | None = None, /, **given: Any) -> Reading:
-        """What it would do, judged and not done; Unsupported if the action does not say that it can be tried.
+        """Rehearse it; Unsupported if the action does not say that it can be tried.
 
         A server that does not know the preference would do it: so nothing is sent before the description says so.
         """
@@ -136,7 +136,7 @@ class Action(Resource):
         return shapes, [_the_shape(shapes, node) for node in sorted(nodes, key=str)]
 
     def _find(self, name: str) -> URIRef | None:
-        """What is called so around here: a path from the thing that has this action, or from one further up."""
+        """Return the thing of this name: a path from the thing that has this action, or from one further up."""
         here = self.owner
         while here is not None:
             try:
@@ -163,7 +163,7 @@ def _one(shapes: Graph, nodes: list[Node]) -> Shape:
 
 
 def _copy(graph: Graph, nodes: list[Node], into: Graph) -> None:
-    """What is said of the nodes and of whatever they lead to in the same description."""
+    """Return the triples about the nodes and about whatever they lead to in the same description."""
     pending, seen = list(nodes), set(nodes)
     while pending:
         node = pending.pop()

@@ -42,7 +42,7 @@ class NoSuchThing(ClientError, LookupError):  # noqa: N818
 
 
 class InvalidInput(ClientError, ValueError):  # noqa: N818
-    """What was given does not fit the shape of the action: one message per violation."""
+    """The input does not fit the shape of the action: one message per violation."""
 
     def __init__(self, messages: Sequence[str]) -> None:
         super().__init__("; ".join(messages))

@@ -35,7 +35,7 @@ class Fleet(Thing):
         self.web.close()
 
     def get(self, iri: str) -> Thing | Property | Action | Invocation:
-        """What is at an IRI, by the types that it states; a thing if it states none that is known."""
+        """Return the object at an IRI, by the types that it states; a thing if it states none that is known."""
         document = self.web.get(iri)
         types = set(document.graph.objects(document.iri(iri), RDF.type))
         if HYBRIT.Action in types:

@@ -1,4 +1,4 @@
-"""What a shape asks for, in names, units and limits, and the body that answers it."""
+"""Forms of shapes, in names, units and limits, and the bodies that answer them."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -91,7 +91,7 @@ def _asked(own: Field, branches: Sequence[Shape], names: Mapping[URIRef, str]) -
 
 
 def choices(own: Field, branches: Iterable[Shape]) -> tuple[Node, ...] | None:
-    """What the field may be: what it says itself, else all that any branch, or alternative of its own, allows."""
+    """The values that the field may have: those of its own, else all that any branch or alternative allows."""
     if own.allowed is not None:
         return own.allowed
     found = [each.allowed for branch in branches if (each := branch.field(own.path))]
@@ -185,7 +185,7 @@ class _Writer:
         return unit or (None, 1.0)
 
     def _branches(self, shape: Shape, values: Mapping[URIRef, list[Any]], where: str) -> list[Shape]:
-        """Of each group of alternatives the branch that the values choose, where they choose just one."""
+        """Return of each group of alternatives the branch that the values choose, where they choose just one."""
         taken = []
         for group in shape.alternatives:
             alive = _alive(group, values)
@@ -268,7 +268,7 @@ def _named(fields: Sequence[Field], name: str) -> URIRef | None:
 
 
 def _parts_of(value: Any, shape: Shape) -> Mapping[str, Any] | None:
-    """What a nested node is made of: a mapping as it is, of a quantity its number and its unit."""
+    """Return the parts of a nested node: a mapping as it is, of a quantity its number and its unit."""
     if isinstance(value, Mapping):
         return value
     if isinstance(value, Quantity):

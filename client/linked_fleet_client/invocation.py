@@ -73,12 +73,12 @@ class Invocation(Resource):
 
     @property
     def result(self) -> dict[str, Value]:
-        """What was reached, by the names in the description; empty before."""
+        """The result, by the names in the description; empty before."""
         return _below(self.learn().graph, self.node, LF.result)
 
     @property
     def target(self) -> dict[str, Value]:
-        """What is to be reached."""
+        """The goal."""
         return _below(self.learn().graph, self.node, LF.target)
 
     @property

@@ -1,4 +1,4 @@
-"""What things are called: by the data alone, never by the form of an address that was made up."""
+"""Names of things: by the data alone, never by the form of an address that was made up."""
 
 import difflib
 import re

@@ -68,7 +68,7 @@ def _walk(
 
 
 def _by_predicate(graph: Graph, node: Node) -> list[tuple[Node, list[Node]]]:
-    """What is said of the node, in an order that does not depend on the graph's."""
+    """Return the statements about the node, in an order that does not depend on the graph's."""
     found: dict[Node, list[Node]] = {}
     units = {unit for predicate in set(graph.predicates(node)) if (unit := URIRef(f"{predicate}Unit"))}
     for predicate, value in graph.predicate_objects(node):
@@ -103,7 +103,7 @@ def _own_unit(graph: Graph, node: Node, predicate: Node) -> URIRef | None:
 
 
 def _label(graph: Graph, node: Node) -> str:
-    """What tells one of several nodes apart: the one resource that it points to, if it points to just one."""
+    """Return what tells one of several nodes apart: the one resource that it points to, if it points to just one."""
     if not isinstance(node, BNode):
         return ""
     units = {URIRef(f"{predicate}Unit") for predicate in graph.predicates(node)}

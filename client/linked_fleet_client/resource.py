@@ -1,4 +1,4 @@
-"""What every resource has: an IRI, a description, and names."""
+"""Base class of resources: an IRI, a description, and names."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Resource:
 
     @property
     def known(self) -> bool:
-        """Whether its own description has been read."""
+        """True if its own description has been read."""
         return self._document is not None
 
     @property
@@ -73,7 +73,7 @@ class Resource:
         return [name for name in dict.fromkeys(said) if name]
 
     def linked(self, *predicates: URIRef) -> list[URIRef]:
-        """What it links by these predicates, on the Web; as last read."""
+        """Return what it links by these predicates, on the Web; as last read."""
         graph = self.learn().graph
         found = [each for predicate in predicates for each in graph.objects(self.node, predicate)]
         return [URIRef(str(each)) for each in dict.fromkeys(found) if is_web(each)]

@@ -24,7 +24,7 @@ class Bound:
 
 @dataclass(frozen=True)
 class Shape:
-    """What a node must be. Empty tuples and None constrain nothing; each of ``alternatives`` has one branch to meet."""
+    """A node shape. Empty tuples and None constrain nothing; each of ``alternatives`` has one branch to meet."""
 
     classes: tuple[URIRef, ...] = ()
     datatypes: tuple[URIRef, ...] = ()
@@ -41,7 +41,7 @@ class Shape:
 
 @dataclass(frozen=True)
 class Field:
-    """What stands below a node by one predicate: how often, and what each value must be; ``fixed`` must be there."""
+    """A property shape: how often a predicate stands, and what each value must be; ``fixed`` must be there."""
 
     path: URIRef
     name: str
@@ -159,7 +159,7 @@ def _fields(graph: Graph, node: Node, above: tuple[Node, ...]) -> tuple[Field, .
 
 
 def _rank(field: Field) -> tuple[float, bool, bool, str]:
-    """As the shape orders them, then what is needed before what is not, and a number before its unit."""
+    """Order fields as the shape does, then what is needed before what is not, and a number before its unit."""
     return field.order, field.min_count == 0, field.path in UNIT_PATHS, field.name
 
 

@@ -29,7 +29,7 @@ T = TypeVar("T", bound="Resource")
 
 
 class Observable(Resource):
-    """What can be read and watched."""
+    """The properties that can be read and watched."""
 
     def subscribe(
         self, *, depth: URIRef | None = None, interval_s: float | None = None, timeout_s: float | None = None
@@ -47,7 +47,7 @@ class Observable(Resource):
         return Feed(self.web, self.iri, deadline, stream=stream, **silence)
 
     def _container(self) -> str:
-        """Of the thing itself or, for a property, of a thing that it belongs to."""
+        """The actions of the thing itself or, for a property, of a thing that it belongs to."""
         for iri in (self.iri, *self.linked(DCTERMS.isPartOf, RDFS.seeAlso)):
             document = self.web.get(iri)
             for found in document.graph.objects(document.iri(iri), HYBRIT.subscriptions):
@@ -90,12 +90,12 @@ class Thing(Observable):
         return _presence(graph.value(self.node, LF.presence))
 
     def presence_in(self, document: Document) -> str | None:
-        """As another description has it, such as that of the fleet that it belongs to."""
+        """Return it as another description has it, such as that of the fleet that it belongs to."""
         return _presence(document.graph.value(self.iri, LF.presence))
 
     @property
     def parts(self) -> Members[Thing]:
-        """What it contains or is made of."""
+        """The things that it contains or is made of."""
         document = self.read()
         found = self.linked(*_PARTS)
         found += [URIRef(str(each)) for each in document.graph.subjects(DCTERMS.isPartOf, self.node) if is_web(each)]
@@ -106,7 +106,7 @@ class Thing(Observable):
         return self.properties_in(self.read())
 
     def properties_in(self, document: Document) -> Members[Property]:
-        """As a description of it has them that was received, such as in a message."""
+        """Return them as a received description has them, such as one in a message."""
         found = self._typed(document, HYBRIT.property, HYBRIT.Property)
         return Members(self._members(Property, found, document), "property")
 
@@ -122,7 +122,7 @@ class Thing(Observable):
         return iter(self.parts)
 
     def at(self, path: str) -> Thing | Property | Action:
-        """What the names in ``path`` lead to, slashes between them; the last one may be of a property or an action."""
+        """Return what the names in ``path`` lead to, with slashes; the last may be of a property or an action."""
         here: Thing | Property | Action = self
         for name in steps(path):
             if not isinstance(here, Thing):
@@ -156,7 +156,7 @@ class Thing(Observable):
                     pending.append(part)
 
     def _typed(self, document: Document, predicate: URIRef, type_: URIRef) -> list[URIRef]:
-        """What the predicate links, and what is linked otherwise and says of itself that it is of that type."""
+        """Return what the predicate links, and what is linked otherwise and says of itself that it is of that type."""
         graph, node = document.graph, document.iri(self.iri)
         found = [*graph.objects(node, predicate)]
         found += [each for each in graph.objects(node) if (each, RDF.type, type_) in graph]
@@ -167,7 +167,7 @@ class Thing(Observable):
         return [kind(self.web, iri, self, document) for iri in wanted]
 
     def _related(self, document: Document) -> list[URIRef]:
-        """Where the description names no parts: what the Link field relates it to, as far as those are things."""
+        """Return the things that the Link field relates it to, where the description names no parts."""
         graph = document.graph
         named = {document_of(str(each)) for each in graph.objects(self.node)} | self._above()
         found = []

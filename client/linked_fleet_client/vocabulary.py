@@ -30,7 +30,7 @@ DCTERMS, PROV, RDF, RDFS, SH, SOSA, XSD = (
 
 
 def local_name(iri: str) -> str:
-    """What follows the last of ``#``, ``/`` and ``:``, percent-decoded; a slash at the end does not count."""
+    """Return the text after the last of ``#``, ``/`` and ``:``, percent-decoded; a slash at the end does not count."""
     tail = iri.split("?")[0].rstrip("/#")
     for separator in "#/:":
         tail = tail.rpartition(separator)[2]
@@ -38,7 +38,7 @@ def local_name(iri: str) -> str:
 
 
 def is_web(term: Node | None) -> bool:
-    """Whether the term is an IRI that can be asked for over HTTP; of others nothing is ever fetched."""
+    """Return True if the term is an IRI that can be asked for over HTTP; of others nothing is ever fetched."""
     return isinstance(term, URIRef) and _WEB.fullmatch(term) is not None
 
 

@@ -79,7 +79,7 @@ class Child:
         self.process.terminate()
 
     def wait(self, deadline: float) -> bool:
-        """Whether the process has ended, and all that it said is passed on, before ``deadline``."""
+        """Return True if the process has ended, and all that it said is passed on, before ``deadline``."""
         try:
             self.process.wait(max(0.0, deadline - time.monotonic()))
         except subprocess.TimeoutExpired:
@@ -89,7 +89,7 @@ class Child:
 
 
 def _preparation() -> Callable[[], None]:
-    """What a child runs before its program. The functions are looked up here, where it is safe to do so."""
+    """Return the function that a child runs before its program. It is looked up here, where it is safe to do so."""
     prctl = ctypes.CDLL(None).prctl if sys.platform == "linux" else None
     parent = os.getpid()
 

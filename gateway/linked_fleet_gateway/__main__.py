@@ -86,7 +86,7 @@ def _certificate(settings: GatewaySettings) -> Certificate | None:
 
 
 def _is_news(record: logging.LogRecord) -> bool:
-    """Whether a message of uvicorn is worth a line."""
+    """Return True if a message of uvicorn is worth a line."""
     return not str(record.msg).startswith(_ORDINARY)
 
 
@@ -105,7 +105,7 @@ async def _serve(
 
 
 def _settle() -> None:
-    """What is there by now stays: to look through it for garbage again and again held the event loop for 140 ms, and
+    """Exempt what is there by now from garbage collection: looking through it held the event loop for 140 ms, and
     with Python's own threshold hundreds of messages at once made it look several times a second."""
     gc.freeze()
     gc.set_threshold(_YOUNG)

@@ -179,7 +179,7 @@ def load(name: str, source: str, floating: bool = False) -> Robot:
 
 
 def data_folder() -> Path:
-    """Where the package example-robot-data keeps its robots; UnavailableError when it is not installed."""
+    """Return the folder of the robots of example-robot-data; UnavailableError when it is not installed."""
     for scheme in ("purelib", "platlib"):
         folder = Path(sysconfig.get_path(scheme)) / _ROBOTS
         if folder.is_dir():

@@ -27,7 +27,7 @@ def main(task: str) -> None:
 
 
 def _serve(questions: BinaryIO, answers: BinaryIO) -> None:
-    """Who asks waits for each answer, so nothing is read ahead of what ``select`` sees."""
+    """The asking side waits for each answer, so nothing is read ahead of what ``select`` sees."""
     room = _Room()
     while select.select([questions], [], [], IDLE_S)[0]:
         try:
@@ -54,7 +54,7 @@ def _probe() -> bytes:
 
 
 class _Room:
-    """What answers: the first question is the scene, each other one an exposure."""
+    """Answer questions: the first one is the scene, each other one an exposure."""
 
     def __init__(self) -> None:
         self._take: Callable[[Exposure], bytes] | None = None

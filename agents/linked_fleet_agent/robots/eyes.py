@@ -32,7 +32,7 @@ OK, NOT = b"\0", b"\1"
 
 
 class Scene(msgspec.Struct, frozen=True, kw_only=True):
-    """What there is to be seen: the robot of a URDF that lies at ``file``; ``home`` is by joint, in rad or m."""
+    """The scene to be rendered: the robot of a URDF that lies at ``file``; ``home`` is by joint, in rad or m."""
 
     robot: str
     urdf: str
@@ -68,7 +68,7 @@ def read_frame(source: IO[bytes]) -> bytes:
 
 
 class Probe:
-    """Whether pictures can be rendered here, and by which way to OpenGL; found out beside whatever else is done."""
+    """The way to OpenGL by which pictures can be rendered here, if any; found out beside whatever else is done."""
 
     def __init__(self, asked: str | None) -> None:
         self._ways = ("egl", "osmesa") if not asked else (asked,)

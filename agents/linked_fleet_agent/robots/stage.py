@@ -86,7 +86,7 @@ class Stage:
         mujoco.mj_kinematics(self._model, self._data)
 
     def _lowest(self, geom: int) -> float:
-        """Of the box around a geometry, in the world; the floor itself is nothing."""
+        """The corners of the box around a geometry, in the world; the floor itself is nothing."""
         if self._model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
             return 0.0
         centre, half = self._model.geom_aabb[geom, :3], self._model.geom_aabb[geom, 3:]

@@ -1,4 +1,4 @@
-"""Who may say what on the wire: Zenoh's access control from one list of robots (PROTOCOL.md, "Trust"). Pure.
+"""Rights on the wire: Zenoh's access control from one list of robots (PROTOCOL.md, "Trust"). Pure.
 
 A neighbour is known by the common name of its certificate, and what comes in from it is judged. What was let in may
 go out to everybody who has a name.

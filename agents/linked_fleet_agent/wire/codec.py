@@ -97,7 +97,7 @@ def _frame(values: int) -> struct.Struct:
 
 
 class Header(NamedTuple):
-    """What a frame says before its values; times in nanoseconds."""
+    """The header of a frame; times in nanoseconds."""
 
     incarnation: int
     sequence: int

@@ -57,7 +57,7 @@ class Camera(Struct, frozen=True, kw_only=True):
 
 
 class Description(Struct, frozen=True, kw_only=True):
-    """What an agent says of its robot; ``joints`` is the order of the arrays in its state frames."""
+    """The description of a robot by its agent; ``joints`` is the order of the arrays in its state frames."""
 
     version: int
     robot: Name
@@ -115,7 +115,7 @@ class Follow(Struct, frozen=True, tag="follow", forbid_unknown_fields=True):
 
 
 class Expectation(Struct, frozen=True, forbid_unknown_fields=True):
-    """Where a joint must be, and how far off it may be (rad or m), for a command to make sense still."""
+    """The position that a joint must have, and the tolerance (rad or m), for a command to make sense still."""
 
     position: float
     tolerance: Annotated[float, Meta(ge=0)]

@@ -36,7 +36,7 @@ def encode_picture(format: PictureFormat, moment: Moment, content: bytes) -> byt
 
 
 def decode_picture(payload: bytes, format: PictureFormat) -> tuple[Moment, bytes]:
-    """What is said of the picture, and its content. WireError unless it is one of that format and of its stated size.
+    """Return the header of the picture and its content. WireError unless it is of that format and of its stated size.
 
     Of a file its signature and the size in its header are judged; what decodes it judges the rest.
     """
@@ -67,7 +67,7 @@ def _size(content: bytes, format: PictureFormat, moment: Moment) -> tuple[int, i
 
 
 def _size_of_png(content: bytes) -> tuple[int, int]:
-    """Of IHDR, which comes first (ISO 15948, 11.2.2)."""
+    """The size in IHDR, which comes first (ISO 15948, 11.2.2)."""
     if len(content) < 24:
         raise WireError("the PNG file ends in its header")
     columns, rows = struct.unpack_from(">II", content, 16)
@@ -75,7 +75,7 @@ def _size_of_png(content: bytes) -> tuple[int, int]:
 
 
 def _size_of_jpeg(content: bytes) -> tuple[int, int]:
-    """Of the frame header, behind at most a few segments (ITU T.81, B.2)."""
+    """The size in the frame header, behind at most a few segments (ITU T.81, B.2)."""
     at = 2
     for _ in range(64):
         if len(content) < at + 9 or content[at] != 0xFF:

@@ -1,4 +1,4 @@
-"""What the Zenoh sessions of agents and gateways have in common."""
+"""Settings that the Zenoh sessions of agents and gateways have in common."""
 
 from collections.abc import Mapping
 

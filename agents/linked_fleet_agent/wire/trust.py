@@ -79,7 +79,7 @@ def _reason(error: Exception) -> str:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine reaches a listener there; every other name may be reached from elsewhere."""
+    """Return True if only this machine reaches a listener there; every other name may be reached from elsewhere."""
     try:
         return host == "localhost" or ip_address(host.strip("[]")).is_loopback
     except ValueError:

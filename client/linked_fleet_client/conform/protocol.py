@@ -162,7 +162,7 @@ def _accepts_nonsense(answer: Answer) -> bool:
 
 
 async def _broken_bodies(subject: Subject) -> list[Answer]:
-    """What no server can carry out: it is no Turtle, an action also names an entity tag that is nobody's, and
+    """A request that no server can carry out: it is no Turtle, an action also names an entity tag that is nobody's, and
     that action demands values. Of each only one, for servers are not trusted to look at the body.
     """
     answers = []
@@ -177,7 +177,7 @@ async def _broken_bodies(subject: Subject) -> list[Answer]:
 
 
 def _demands(subject: Subject, page: Page) -> bool:
-    """Whether an action consumes something of which at least one has to be there."""
+    """Return True if an action consumes something of which at least one has to be there."""
     shapes = list(page.graph.objects(page.node, subject.walk.model.consumes))
     counts = [count for shape in shapes for count in page.graph.objects(shape, SH.property / SH.minCount)]
     return any(isinstance(count, Literal) and isinstance(count.value, int) and count.value > 0 for count in counts)

@@ -40,7 +40,7 @@ async def _talk(url: str, request: bytes, received: bytearray) -> None:
 
 
 def status(answer: bytes) -> int:
-    """Of the status line, 0 when there is none."""
+    """The code in the status line, 0 when there is none."""
     line = answer.partition(b"\r\n")[0].split(b" ")
     if len(line) < 2 or not line[0].startswith(b"HTTP/1.") or not line[1].isdigit():
         return 0

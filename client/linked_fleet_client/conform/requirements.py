@@ -33,7 +33,7 @@ class Result:
 
     @property
     def breaks(self) -> bool:
-        """Whether the server does not do what it must."""
+        """True if the server does not do what it must."""
         return self.level is Level.MUST and self.verdict.outcome is Outcome.FAILED
 
 

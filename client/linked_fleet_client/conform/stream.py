@@ -47,7 +47,7 @@ async def open_stream(url: str, accept: str, patience_s: float, credentials: Map
 
 
 async def _listen(connection: ClientConnection, patience_s: float) -> tuple[bool, bytes | None]:
-    """Whether a ping is answered, and the first message if one comes.
+    """Return True if a ping is answered, and the first message if one comes.
 
     All messages are taken meanwhile: the pong may stand behind them.
     """

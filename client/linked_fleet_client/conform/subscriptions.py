@@ -111,7 +111,7 @@ async def r0_17(subject: Subject) -> Verdict:
 
 
 def _of_stream(stream: Stream) -> str:
-    """What is wrong with the form of the first message, if anything."""
+    """Return what is wrong with the form of the first message; empty if nothing."""
     message = stream.message or b""
     if stream.accept == "application/ld+json":
         right = _is_json(message)

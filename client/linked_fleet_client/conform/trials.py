@@ -40,13 +40,13 @@ class Made:
 
     @property
     def announced(self) -> bool:
-        """Whether the answer alone says that something was made."""
+        """True if the answer alone says that something was made."""
         plain = self.answer.status == 200 and not self.answer.header("location")
         return self.answer.status == 101 or (self.answer.successful and not plain)
 
     @property
     def exists(self) -> bool:
-        """Whether the server made one: it is there, or it delivers."""
+        """True if the server made one: it is there, or it delivers."""
         return bool(self.url or self.delivery)
 
 
@@ -73,7 +73,7 @@ class Trials:
 
 
 def target(walk: Walk) -> tuple[str, str]:
-    """What to subscribe to, a property rather than a thing, and the container that should list it, if there is one."""
+    """Choose what to subscribe to, a property rather than a thing, and the container that should list it, if any."""
     for thing in walk.things():
         for node in walk.named(thing, "property"):
             page = walk.pages.get(plain(node))

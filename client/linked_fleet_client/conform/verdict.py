@@ -1,4 +1,4 @@
-"""What is found out about one requirement."""
+"""Findings about one requirement."""
 
 import enum
 from collections.abc import Sequence

@@ -23,7 +23,7 @@ class OutOfTimeError(Exception):
 
 @dataclass(frozen=True)
 class Answer:
-    """What came of one request. ``fault`` says why there is none, or none to rely on; ``status`` is then perhaps 0."""
+    """The answer to one request. ``fault`` says why there is none, or none to rely on; ``status`` is then perhaps 0."""
 
     method: str
     url: str
@@ -88,7 +88,7 @@ class Web:
         return (time.monotonic() - self._started) / self._limit_s
 
     def ours(self, url: str) -> bool:
-        """Whether a URL is of the server's own origin."""
+        """Return True if a URL is of the server's own origin."""
         return len(url) <= _MAX_URL_LENGTH and _origin(url) == self.origin
 
     @property

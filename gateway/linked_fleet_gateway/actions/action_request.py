@@ -1,4 +1,4 @@
-"""What a handler is asked: whose action it is, and what the body says."""
+"""The request that a handler gets: the action, its robot, and the values of the body."""
 
 from dataclasses import dataclass, field
 

@@ -90,7 +90,7 @@ def _validator(
     joints: tuple[str, ...],
     named: tuple[str, ...],
 ) -> tuple[ShaclValidator, Terms]:
-    """What the shape speaks of is in the key: a description may list other joints of the same model, or other poses."""
+    """The key of a compiled shape: a description may list other joints of the same model, or other poses."""
     graph = Graph()
     shape = Offer(definition, thing, robot, joint).consumes(graph, base)
     return ShaclValidator(graph.triples, shape), Terms.of(subjects(graph.triples), shape)

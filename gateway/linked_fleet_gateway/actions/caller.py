@@ -1,4 +1,4 @@
-"""Who asks for an action, and how: what a request says besides its body."""
+"""The caller of an action, and what a request says besides its body."""
 
 from dataclasses import dataclass
 

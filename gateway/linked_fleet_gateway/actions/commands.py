@@ -1,4 +1,4 @@
-"""What the agent is sent for a motion."""
+"""The command that an agent gets for a motion."""
 
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Command
 from linked_fleet_gateway.actions.plan import Motion
@@ -7,7 +7,7 @@ TIME_TO_LIVE_NS = 2_000_000_000
 
 
 def command_of(id: str, motion: Motion, *, rehearsal: bool = False) -> Command:
-    """As of the moment at which it was asked for, however long it took since."""
+    """The command as of the moment at which it was asked for, however long it took since."""
     return Command(
         version=WIRE_VERSION,
         id=id,

@@ -1,4 +1,4 @@
-"""What a handler makes of an admitted body: a motion, a halt, or one of them later. Nothing has happened yet."""
+"""Plans, which handlers make of admitted bodies: a motion, a halt, or one of them later. Nothing has happened yet."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

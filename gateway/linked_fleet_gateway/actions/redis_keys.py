@@ -17,7 +17,7 @@ _SETTINGS_TAG = "@settings"
 
 
 def tag(robot: str) -> str:
-    """What stands for a robot in its keys, or for the fleet as a whole; ValueError for what is no name."""
+    """The part of a key that names a robot, or the whole fleet; ValueError for a text that is no name."""
     return _FLEET_TAG if robot == FLEET else escape(robot)
 
 

@@ -1,4 +1,4 @@
-"""What speaks against an action: of the robot, its agent and the store, as it is answered."""
+"""Refusals of an action by the robot, its agent or the store, as errors of HTTP."""
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -58,7 +58,7 @@ def silence(invocation: Invocation, why: str) -> AgentSilent:
 
 @asynccontextmanager
 async def refusals() -> AsyncIterator[None]:
-    """What the store refuses, as it is answered."""
+    """Turn refusals of the store into errors of HTTP."""
     try:
         yield
     except LeaseHeld as error:

@@ -1,4 +1,4 @@
-"""What the gateways remember together, and this one's copy: invocations, leases, settings. Outages are waited out."""
+"""The replicated state of actions: invocations, leases, settings. Outages of Redis are waited out."""
 
 import asyncio
 import logging
@@ -111,11 +111,11 @@ class Memory:
             self.save(invocation)
 
     def owns(self, invocation: Invocation) -> bool:
-        """Whether this gateway began it, and has not seen it end."""
+        """Return True if this gateway began it, and has not seen it end."""
         return invocation.id in self._own
 
     async def is_late(self, invocation: Invocation) -> bool:
-        """Whether an open one is past its deadline by all that the gateways know; StoreUnavailable."""
+        """Return True if an open one is past its deadline by all that the gateways know; StoreUnavailable."""
         if not self.owns(invocation):
             await self.fetch(invocation.robot, invocation.id)
         return not invocation.state.terminal and time.time_ns() > invocation.deadline_ns

@@ -199,7 +199,7 @@ class Actions:
             self._planning -= 1
 
     async def rehearse(self, motion: Motion, caller: Caller) -> Rehearsed:
-        """What ``start`` would do; raises what it would raise."""
+        """Return what ``start`` would do; raises what it would raise."""
         robot, motion = motion.robot, await self._once_ready(motion, caller)
         if self._quota.is_full(caller.name):
             raise self._quota.refusal(caller.name)
@@ -296,13 +296,13 @@ class Actions:
         return invocation
 
     def _reached(self, halt: Halt, stops: View) -> tuple[str, ...] | None:
-        """Of the robots that are to stop those that may be stopped; None for all that there are, known or not."""
+        """Return those of the robots that the caller may stop; None for all that there are, known or not."""
         if halt.robots is not None or stops.all:
             return halt.robots
         return tuple(name for name in self._live.fleet.robots if stops.sees(name))
 
     async def rehearse_halt(self, halt: Halt, stops: View = ALL) -> Rehearsed:
-        """What ``halt`` would end."""
+        """Return the invocations that ``halt`` would end."""
         stop = Stop(version=WIRE_VERSION, id=str(uuid.uuid4()), joints=halt.joints, rehearsal=True)
         replies = await self._live.link.stop(self._reached(halt, stops), stop, _ANSWER_TIMEOUT_S)
         accepted = [reply for reply in replies.values() if isinstance(reply, Accepted)]
@@ -436,7 +436,7 @@ class Actions:
 
 
 def _is_answered(invocation: Invocation) -> bool:
-    """Whether the agent has answered who asked for it, or has not in time."""
+    """Return True if the agent has answered who asked for it, or has not in time."""
     return invocation.accepted or invocation.state is not InvocationState.ACCEPTED
 
 

@@ -1,4 +1,4 @@
-"""Whether this process was held up just now: frozen, starved or suspended. What was asked of it meanwhile is old."""
+"""Detection of stalls of this process: frozen, starved or suspended. What was asked of it meanwhile is old."""
 
 import time
 

@@ -36,8 +36,7 @@ What = Literal["invocation", "deleted", "lease", "settings"]
 
 @dataclass(frozen=True)
 class News:
-    """What another run did: opened, wrote or deleted the invocation ``id``, took, renewed or released the lease ``id``,
-    or changed the setting named ``id``."""
+    """A change by another run: of an invocation, a lease or a setting, of which ``id`` is the id, token or name."""
 
     what: What
     robot: str = ""
@@ -128,7 +127,7 @@ class ActionStore:
         return None
 
     async def check(self, robot: str, token: str, lease: str = "") -> None:
-        """What ``open`` would say of the lease, and nothing else: LeaseHeld, LeaseOver."""
+        """Check the lease as ``open`` does, and nothing else: LeaseHeld, LeaseOver."""
         answer = await self._redis.run(scripts.CHECK, (self._keys.lease(robot),), _secret(token), lease)
         _granted(robot, answer, lease)
 
@@ -207,7 +206,7 @@ class ActionStore:
     # Settings
 
     async def settings(self, robot: str) -> dict[str, str]:
-        """What was set for a robot, by name."""
+        """Return the settings of a robot, by name."""
         return _settings(await self._redis.one("HGETALL", self._keys.settings(robot)))
 
     async def set_setting(self, robot: str, name: str, present: str | None, value: str | None) -> bool:
@@ -221,7 +220,7 @@ class ActionStore:
         return bool(done)
 
     async def all_settings(self) -> dict[str, dict[str, str]]:
-        """What was set, by robot and name."""
+        """Return the settings of all robots, by robot and name."""
         robots = [robot_of(name.decode()) for name in await self._redis.one("SMEMBERS", self._keys.configured)]
         answers = await self._redis.all([("HGETALL", self._keys.settings(robot)) for robot in robots])
         return {robot: _settings(fields) for robot, fields in zip(robots, answers, strict=True) if fields}
@@ -229,7 +228,7 @@ class ActionStore:
     # News
 
     async def news(self) -> AsyncGenerator[News | None, None]:
-        """What other runs did since the first contact, for ever; outages are waited out.
+        """Yield the changes by other runs since the first contact, for ever; outages are waited out.
 
         None follows each outage that any method met: there may be more, and what is remembered must be read anew.
         """
@@ -318,7 +317,7 @@ def _settings(fields: dict[bytes, bytes]) -> dict[str, str]:
 
 
 def _secret(token: str) -> str:
-    """What Redis knows of a token; nothing for none, which is nobody's."""
+    """The record of a token in Redis; empty for none, which is nobody's."""
     return hashed(token) if token else ""
 
 

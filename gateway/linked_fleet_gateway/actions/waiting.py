@@ -26,7 +26,7 @@ class Waiting:
         return holds(invocation)
 
     async def until(self, invocation: Invocation, holds: Callable[[Invocation], bool], timeout_s: float) -> bool:
-        """Whether it holds; False when ``timeout_s`` passed before."""
+        """Return True if it holds; False when ``timeout_s`` passed before."""
         try:
             async with asyncio.timeout(timeout_s):
                 while not holds(invocation):

@@ -1,9 +1,9 @@
-"""What a gateway that other machines reach must have, unless its absence is asked for by name. Pure."""
+"""Requirements of a gateway that other machines reach, unless the settings waive them by name. Pure."""
 
 from collections.abc import Collection, Sequence
 
 EXPOSURES = ("plain-http", "anonymous", "plain-zenoh")
-"""What LINKED_FLEET_ALLOW can allow beyond loopback."""
+"""Words of LINKED_FLEET_ALLOW, each of which waives a requirement."""
 
 
 def complaints(

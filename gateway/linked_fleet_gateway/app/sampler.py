@@ -1,4 +1,4 @@
-"""What is measured at intervals, so that it costs nothing per frame: late timers, and how old frames come."""
+"""Measurements at intervals, which cost nothing per frame: late timers, and the age of frames."""
 
 import asyncio
 import logging

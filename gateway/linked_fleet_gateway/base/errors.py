@@ -339,7 +339,7 @@ class StoreAway(FleetError):
 
 
 class IssuerAway(FleetError):
-    """Who signed the token cannot be asked for its keys."""
+    """The issuer of the token cannot be asked for its keys."""
 
     status, code, title = 503, "issuer-away", "The issuer of the token cannot be reached"
 

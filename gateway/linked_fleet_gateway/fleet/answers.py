@@ -1,4 +1,4 @@
-"""What agents answer, judged: a message, or a sentence that says why it is none."""
+"""Answers of agents, judged: a message, or a sentence that says why it is none."""
 
 from collections.abc import Collection
 

@@ -23,7 +23,7 @@ FORMATS: Mapping[str, PictureFormat] = {
 
 @dataclass(frozen=True)
 class Picture:
-    """What a camera saw in one frame of state; ``content`` is a file, or of depth the frame with its header."""
+    """A picture of a camera in one frame of state; ``content`` is a file, or of depth the frame with its header."""
 
     moment: Moment
     content: bytes
@@ -52,7 +52,7 @@ def size_limit(camera: Camera) -> int:
 def read_picture(
     answer: bytes | str, camera: Camera, format: PictureFormat, incarnation: int | None
 ) -> tuple[Picture | None, str]:
-    """What an agent answered, judged: the picture, or a sentence that says why it is none."""
+    """Judge the answer of an agent: the picture, or a sentence that says why it is none."""
     if isinstance(answer, str):
         return None, answer
     try:
@@ -70,7 +70,7 @@ def read_picture(
 
 
 def _sound(camera: Camera) -> bool:
-    """Whether it can be, and can be said."""
+    """Return True if it can be, and can be said."""
     values = (*camera.position_m, *camera.orientation_xyzw)
     return (
         len(camera.name.encode()) <= MAX_NAME_BYTES

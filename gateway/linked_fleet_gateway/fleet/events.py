@@ -1,4 +1,4 @@
-"""What happens to the fleet: made by the link, consumed by ``Fleet.apply``."""
+"""Events of the fleet: made by the link, consumed by ``Fleet.apply``."""
 
 from dataclasses import dataclass
 

@@ -51,7 +51,7 @@ What = Literal["appeared", "vanished", "described", "faulty", "recovered", "conf
 
 @dataclass(frozen=True)
 class Change:
-    """What became different about a robot."""
+    """A change of a robot."""
 
     robot: str
     what: What
@@ -159,7 +159,7 @@ class Fleet:
 
     @property
     def settings(self) -> Mapping[str, Mapping[str, str]]:
-        """What was set by robot and name, also for robots that are not there."""
+        """The settings by robot and name, also for robots that are not there."""
         return MappingProxyType(self._settings)
 
     @property

@@ -29,9 +29,9 @@ class Latest:
         self.sequence = sequence
         self.frame = (payload, now_ns)
         self.untold = False
-        """Whether a frame came that who watches the robot was not told of."""
+        """True if a frame came that who watches the robot was not told of."""
         self.rung = False
-        """Whether the event loop is already on its way to look at it."""
+        """True if the event loop is already on its way to look at it."""
         self._begin, self._size = payload[:_BEGIN], len(payload)
 
     def put(self, payload: bytes, now_ns: int) -> bool:
@@ -48,7 +48,7 @@ class Latest:
 
 
 class Frames:
-    """What has come of all robots. ``key_of`` makes a robot's name the key under which its frames come.
+    """The latest frame of each robot. ``key_of`` makes a robot's name the key under which its frames come.
 
     ``taken`` counts frames put here. Whose frames are to be told at once: those in ``watched`` and in ``awaited``, and
     all while ``heeded``.
@@ -70,7 +70,7 @@ class Frames:
         self._latest.pop(self._key_of(robot), None)
 
     def all(self) -> list[Latest]:
-        """Of each robot that has sent frames, for the event loop, which alone opens and closes them."""
+        """The frames of each robot that has sent any, for the event loop, which alone opens and closes them."""
         return list(self._latest.values())
 
     def put(self, key: str, payload: bytes, now_ns: int) -> Latest | None:
@@ -82,10 +82,10 @@ class Frames:
         return latest
 
     def urgent(self, latest: Latest) -> bool:
-        """Whether somebody has to be told, who is not on the way to look already."""
+        """Return True if somebody has to be told, who is not on the way to look already."""
         return not latest.rung and (self.heeded or latest.robot in self.watched or latest.robot in self.awaited)
 
     def untold(self, robot: str) -> bool:
-        """Whether a frame came of which nobody was told, because nobody watched the robot then."""
+        """Return True if a frame came of which nobody was told, because nobody watched the robot then."""
         latest = self._latest.get(self._key_of(robot))
         return latest is not None and latest.untold

@@ -1,4 +1,4 @@
-"""What a robot looks like: the meshes that its agent hands out, and its URDF with their addresses. Pure."""
+"""The geometry of a robot: the meshes that its agent hands out, and its URDF with their addresses. Pure."""
 
 from collections.abc import Mapping
 from xml.etree import ElementTree

@@ -17,7 +17,7 @@ Payload = bytes | int  # of a payload that is too large only its size is kept
 
 @dataclass
 class Batch:
-    """What came since the last batch: presence by key (True: there), the latest state by key of those that have to be
+    """Messages since the last batch: presence by key (True: there), the latest state by key of those that have to be
     judged, robots that are watched and have newer frames, progress in order.
 
     ``told`` counts the progress by key, ``tokens`` those in ``presence`` by robot. ``presence_lost``: there was more.

@@ -79,17 +79,17 @@ class Invocation:
 
     @property
     def over(self) -> bool:
-        """Whether it has ended for good."""
+        """True if it has ended for good."""
         return self.state.terminal and not self.expired
 
     @property
     def accepted(self) -> bool:
-        """Whether the agent is known to have accepted it, whatever became of it."""
+        """True if the agent is known to have accepted it, whatever became of it."""
         return self.duration_s is not None or self.started_ns is not None
 
 
 def merged(held: Invocation, found: Invocation) -> Invocation:
-    """What two copies of one invocation know together; of two ends that were reported ``found`` is the one that counts.
+    """Merge two copies of one invocation; of two ends that were reported ``found`` is the one that counts.
 
     Neither need be the later one: who heard the robot may not know yet what its agent answered to whom asked it.
     """
@@ -111,7 +111,7 @@ def merged(held: Invocation, found: Invocation) -> Invocation:
 
 
 def _newer(held: Invocation, found: Invocation) -> bool:
-    """Whether ``found`` says what became of it: an end over a guess, and the guess of who allowed more time."""
+    """Return True if ``found`` says what became of it: an end over a guess, and the guess of who allowed more time."""
     if held.over or found.over:
         return found.over
     if held.expired or found.expired:
@@ -120,7 +120,7 @@ def _newer(held: Invocation, found: Invocation) -> bool:
 
 
 def gather(invocation: Invocation) -> None:
-    """What the answers of its robots make of the fleet's invocation."""
+    """Derive the state of the fleet's invocation from the answers of its robots."""
     words = [word(answer) for answer in invocation.robots.values()]
     ended = [ENDS[each] for each in words if each in ENDS]
     invocation.progress = len(ended) / len(words)

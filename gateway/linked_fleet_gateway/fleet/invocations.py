@@ -1,4 +1,4 @@
-"""What became of each invoked action. Times are wall nanoseconds: of the gateway, except started and ended, which the
+"""The invocations of actions. Times are wall nanoseconds: of the gateway, except started and ended, which the
 agent reported (the gateway's own when a deadline ended the invocation)."""
 
 from bisect import bisect_left, insort_right
@@ -144,7 +144,7 @@ class Invocations:
         return lost
 
     def late(self, now_ns: int) -> list[Invocation]:
-        """What is still open after its deadline."""
+        """The invocations that are open after their deadline."""
         return [
             one for robot in list(self._open) for one in _still_open(self._open, robot).values()
             if now_ns > one.deadline_ns
@@ -166,7 +166,7 @@ class Invocations:
         return old
 
     def targets(self, robot: str, incarnation: int | None) -> dict[str, float]:
-        """Where the joints of a robot were last commanded to (rad or m) by its present run, as far as that holds."""
+        """The last commanded positions of the joints of a robot (rad or m) in its present run, as far as that holds."""
         return {} if incarnation is None else self._commanded.targets(robot, incarnation, self._all)
 
     def _reopen(self, invocation: Invocation) -> None:
@@ -201,7 +201,7 @@ class Invocations:
 
 
 def _still_open(index: dict[str, dict[str, Invocation]], key: str) -> dict[str, Invocation]:
-    """What is indexed under a key without what has ended since, which others do by writing its state."""
+    """The invocations that are indexed under a key, without those that have ended since by another's write."""
     still = {id: one for id, one in index.get(key, {}).items() if not one.state.terminal}
     if still:
         index[key] = still

@@ -17,7 +17,7 @@ _HALF_TURN = 0.1  # 168 degrees, at which no link is mounted
 
 
 class LinkPoses:
-    """Where the links of a robot are at given positions (rad or m), each computed when it is first asked for.
+    """Poses of the links of a robot at given joint positions (rad or m), each computed when it is first asked for.
 
     ``root`` is where the root link is: ``ORIGIN``, which makes its frame that of all poses, or ``placed(base)``.
     A link is unknown behind a joint whose position is missing or NaN, or that has six or three degrees of freedom.
@@ -61,7 +61,7 @@ class LinkPoses:
 
 
 def placed(base: Base | None) -> Pose | None:
-    """Where a floating base is; None while that is unknown, or no orientation."""
+    """The pose of a floating base; None while it is unknown, or its orientation is none."""
     if base is None:
         return None
     x, y, z, w = base.orientation_xyzw
@@ -72,13 +72,13 @@ def placed(base: Base | None) -> Pose | None:
 
 
 def compose(outer: Pose, inner: Pose) -> Pose:
-    """Where what is at ``inner`` in a frame is, when that frame is at ``outer``."""
+    """Compose two poses: that of a frame, ``outer``, and one in this frame, ``inner``."""
     position = _sum(outer.position_m, _turned(inner.position_m, outer.orientation_xyzw))
     return Pose(position, _signed(_product(outer.orientation_xyzw, inner.orientation_xyzw)))
 
 
 def inverse(pose: Pose) -> Pose:
-    """Where the frame in which ``pose`` is given is, seen from what is at ``pose``."""
+    """Invert a pose: the pose of its frame, in the frame that stands at ``pose``."""
     x, y, z, w = pose.orientation_xyzw
     back = (-x, -y, -z, w)
     a, b, c = _turned(pose.position_m, back)
@@ -109,7 +109,7 @@ def _product(a: Quaternion, b: Quaternion) -> Quaternion:
 
 
 def _signed(q: Quaternion) -> Quaternion:
-    """Of the two quaternions of a rotation always the same one, or a link at rest would seem to turn: that with w
+    """Choose one of the two quaternions of a rotation, or a link at rest would seem to turn: that with w
     positive, and towards half a turn, where w is noise, that with the largest of the others positive.
     """
     x, y, z, w = q

@@ -92,12 +92,12 @@ class Joint:
 
     @property
     def movable(self) -> bool:
-        """Whether the joint has exactly one degree of freedom."""
+        """True if the joint has exactly one degree of freedom."""
         return self.kind in _MOVABLE
 
     @property
     def commandable(self) -> bool:
-        """Whether it moves by itself rather than after another joint."""
+        """True if it moves by itself rather than after another joint."""
         return self.movable and self.mimic is None
 
 
@@ -139,7 +139,7 @@ class RobotModel:
 
     @classmethod
     def of(cls, urdf: str) -> "RobotModel":
-        """As ``parse``; robots of one URDF share one model, for as long as any of them has it."""
+        """Return the model that ``parse`` gives; robots of one URDF share one, for as long as any of them has it."""
         model = _shared.get(urdf)
         if model is None:
             model = _shared[urdf] = cls.parse(urdf)

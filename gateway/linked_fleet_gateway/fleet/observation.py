@@ -1,4 +1,4 @@
-"""What counts as a change of a value: a move of at least the stated resolution since the value that was held."""
+"""Changes of values: a value is held until it moves by at least the stated resolution."""
 
 import math
 from decimal import Decimal

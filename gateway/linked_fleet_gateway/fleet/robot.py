@@ -20,7 +20,7 @@ Annotations = tuple[str, str]
 
 @dataclass(slots=True)
 class _Derived:
-    """What was worked out of the present frame and description, at first use."""
+    """Values derived from the present frame and description, at first use."""
 
     header: Header | None = None
     decoded: bool = False
@@ -48,9 +48,9 @@ class Robot:
         """The last change that no frame brought: how many frames there had been, and which such change after that."""
         self.lease: Lease | None = None
         self.settings: Mapping[str, str] = {}
-        """What clients have set, as it is remembered: ``title``, ``annotations`` (Turtle), ``maximumSpeedScale`` …"""
+        """The settings by clients: ``title``, ``annotations`` (Turtle), ``maximumSpeedScale`` …"""
         self.targets: dict[str, float] = {}
-        """Where joints were last commanded to (rad or m), as far as that still holds."""
+        """The positions to which joints were last commanded (rad or m), as far as that still holds."""
         self._complain = complain
         self._fault: str | None = None
         self.limit_fault: str | None = None
@@ -240,7 +240,7 @@ class Robot:
             self._frames.open(self._latest)
 
     def tell(self) -> None:
-        """Who watches is being told of all frames that have come."""
+        """Note that those who watch are being told of all frames that have come."""
         if self._latest is not None:
             self._latest.rung = self._latest.untold = False
             self.look()
@@ -251,7 +251,7 @@ class Robot:
 
     @property
     def described(self) -> bool:
-        """Whether the present run of the agent has described itself usably."""
+        """True if the present run of the agent has described itself usably."""
         return self.description is not None and self.description.incarnation == self.incarnation and not self._fault
 
     def refusal(self, header: Header) -> str | None:
@@ -279,7 +279,7 @@ class Robot:
         self.news = (frames, count + 1 if frames == self.news[0] else 1)
 
     def _close(self) -> None:
-        """What comes now has to be judged before it is taken."""
+        """Have the next frame judged before it is taken."""
         self.look()
         self._frames.close(self.name)
 

@@ -1,4 +1,4 @@
-"""Where joints were last commanded to, found without looking through all that they were ever commanded."""
+"""An index of the positions to which joints were last commanded."""
 
 from bisect import bisect_left, insort_left
 from collections.abc import Callable, Iterable, Sequence
@@ -26,7 +26,7 @@ class Commanded:
             insort_left(joints.setdefault(joint, []), invocation, key=_begun)
 
     def remove(self, invocation: Invocation) -> None:
-        """What was accepted still took the joints from what was before."""
+        """An accepted command took the joints from those before it."""
         joints = self._of(invocation)
         for joint in joints_of(invocation):
             held = joints[joint]
@@ -91,6 +91,6 @@ def _latest_ns(held: Sequence[Invocation], counts: Callable[[Invocation], bool])
 
 
 def _ceded(motion: Invocation, joint: str, all_: dict[str, Invocation]) -> bool:
-    """Whether another motion has the joint now, whichever of the two was asked for first."""
+    """Return True if another motion has the joint now, whichever of the two was asked for first."""
     successor = all_.get(motion.preempted_by)
     return successor is not None and successor.stops is None and joint in successor.targets

@@ -22,7 +22,7 @@ from linked_fleet_gateway.subscriptions.live import Live
 
 MAX_KEPT = 16_384
 MAX_BYTES = 24 * 1024 * 1024
-"""Of all contents that are kept. The answers that were kept first go first."""
+"""Bytes of all contents that are kept. The answers that were kept first go first."""
 _ANYBODY = Authenticated(EVERYBODY)
 _ASKS_MORE = frozenset({b"prefer", b"if-match", b"upgrade", b"callback", b"last-event-id"})
 _READ = ("GET", "HEAD")

@@ -1,4 +1,4 @@
-"""What is noted of requests, and ``/audit`` and its further pages, where who administers the fleet reads it."""
+"""The audit of requests: its notes, and ``/audit`` with its further pages, for those who administer the fleet."""
 
 from dataclasses import replace
 from urllib.parse import urlsplit

@@ -1,4 +1,4 @@
-"""What a slow reader may cost, and when one that does not read at all is given up."""
+"""Back-pressure: bytes that may wait for a slow reader, and the time after which one is given up."""
 
 import asyncio
 import os
@@ -7,13 +7,13 @@ from asyncio.transports import Transport
 from linked_fleet_gateway.http.tls import descriptor, unsent
 
 HIGH_WATER_BYTES = 64 * 1024
-"""What may wait for one reader when a message is added; so a channel holds at most this and one message, and over TLS
+"""Bytes that may wait for one reader when a message is added: a channel holds at most this and a message, and over TLS
 as much again that is encrypted."""
 STALL_S = 30.0
 
 
 class Reader:
-    """Who is at the other end of a connection: given up when it takes nothing for ``stall_s``, twice that at the
+    """The peer of a connection, given up when it takes nothing for ``stall_s``, twice that at the
     latest, though bytes wait.
 
     Streams send here. That is done for each message and each reader, so that no other objects are looked at for it, and
@@ -85,7 +85,7 @@ class Reader:
             self._look()
 
     def is_behind(self) -> bool:
-        """Whether bytes wait; if so, the watch sees from now on whether they are taken."""
+        """Return True if bytes wait; if so, the watch sees from now on whether they are taken."""
         if not unsent(self._transport):
             return False
         self.watch()

@@ -58,7 +58,7 @@ def parse_body(
 def parse_form(
     body: bytes, media_type: str, iri: str, base: str, form: "Callable[[], Form]", max_triples: int = MAX_TRIPLES
 ) -> list[Triple]:
-    """As ``parse_body``, of a body that may be plain JSON, of which ``form`` says what its members mean."""
+    """Parse as ``parse_body`` a body that may be plain JSON, of which ``form`` says what its members mean."""
     if media_type != JSON:
         return parse_body(body, media_type, iri, base, max_triples)
     from linked_fleet_gateway.resources.plain_json import triples_of

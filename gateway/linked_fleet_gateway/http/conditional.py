@@ -14,7 +14,7 @@ def etag(body: bytes) -> str:
 
 
 def not_modified(if_none_match: str | None, etag: str) -> bool:
-    """Whether the client holds this representation already: ``*`` or weak comparison (13.1.2)."""
+    """Return True if the client holds this representation already: ``*`` or weak comparison (13.1.2)."""
     if if_none_match is None:
         return False
     opaque = _plain(etag.removeprefix("W/"))
@@ -22,7 +22,7 @@ def not_modified(if_none_match: str | None, etag: str) -> bool:
 
 
 def precondition_holds(if_match: str | None, etags: Collection[str], *, exists: bool = True) -> bool:
-    """Whether a write may go on: ``*`` when anything exists, or strong comparison (13.1.1) with any current tag."""
+    """Return True if a write may go on: ``*`` when anything exists, or a tag that is current (13.1.1)."""
     if if_match is None:
         return True
     if if_match.strip() == "*":

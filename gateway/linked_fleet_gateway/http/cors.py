@@ -1,4 +1,4 @@
-"""What browsers are told so that pages of other sites may use the fleet (WHATWG Fetch, "HTTP-CORS protocol")."""
+"""CORS: fields with which pages of other sites may use the fleet (WHATWG Fetch, "HTTP-CORS protocol")."""
 
 from starlette.middleware import Middleware
 from starlette.middleware.cors import CORSMiddleware

@@ -191,7 +191,7 @@ def _needed(request: Request, resource: Resource) -> Sequence[Right]:
 
 
 async def _find(connection: Connection) -> Resource | Redirect:
-    """What the request is about; NotFound, BadRequest, StoreAway."""
+    """Find the resource of the request; NotFound, BadRequest, StoreAway."""
     path: str = connection.scope["path"]
     if not path.startswith("/"):
         raise BadRequest(f"The request target is no path, such as /, and no URL below {connection.base}/.")

@@ -71,9 +71,9 @@ class Mount:
     branches: Sequence[Branch] = ()
     """Resources of the tree."""
     readers: Mapping[type, Reader] = field(default_factory=dict)
-    """Who answers GET of resources whose ``remote`` is of that type."""
+    """Readers by the type of a resource's ``remote``: each answers its GET."""
     writers: Mapping[type, Writer] = field(default_factory=dict)
-    """Who answers other methods of resources whose ``affords`` is of that type."""
+    """Writers by the type of a resource's ``affords``: each answers its other methods."""
     formats: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     """Label and media type of further representations, by the word that picks one in ``?as=``."""
     html: HtmlWriter | None = None

@@ -87,7 +87,7 @@ class Authorities:
         raise MisdirectedRequest(f"this fleet is not known as {said}, only as {', '.join(self._bases.values())}")
 
     def _is_elsewhere(self, scope: Scope, said: Sequence[bytes]) -> bool:
-        """Whether a page of another site asks; ForeignOrigin when it may not.
+        """Return True if a page of another site asks; ForeignOrigin when it may not.
 
         Only browsers say whose page asks, and none lets a page say something else.
         """

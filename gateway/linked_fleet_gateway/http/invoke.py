@@ -87,7 +87,7 @@ async def end_invocation(request: Request, afforded: EndInvocation) -> Response:
 
 
 def caller(request: Request, body: str = "", digest: str = "") -> Caller:
-    """Who asks; BadRequest for an Idempotency-Key or Lock-Token that is none."""
+    """Return the caller; BadRequest for an Idempotency-Key or Lock-Token that is none."""
     return Caller(request.caller_name, lock_token(request), _key(request), digest, body, sees=request.caller.sees)
 
 
@@ -131,7 +131,7 @@ def _key(request: Request) -> str:
 
 
 def _prefer(request: Request, offer: Offer) -> Prefer:
-    """What the client would like; NotAcceptable before the motion or never."""
+    """Return the media type that the client prefers; NotAcceptable before the motion or never."""
     prefer = parse_prefer(field(request, "prefer"))
     if prefer.dry_run or (prefer.return_ == "representation" and choose(field(request, "accept"), (JSON,)) is None):
         # As negotiable as the answer will be, but that an invocation is to be had in plain JSON too.
@@ -223,7 +223,7 @@ async def _carry_out(
 
 @contextmanager
 def _located(base: str) -> Iterator[None]:
-    """Where to look for what becomes of a command that got no answer, and at what is in the way of one."""
+    """Links of a refusal: to the invocation of a command that got no answer, and to what is in the way of one."""
     try:
         yield
     except MotionRefused as error:
@@ -285,6 +285,6 @@ async def _outcome(actions: Actions, invocation: Invocation, prefer: Prefer) -> 
 
 
 def _digest(request: Request, content: bytes) -> str:
-    """What tells a request from another one with the same key: the resource and the very bytes of the body."""
+    """The fingerprint of a request, which tells it from others with its key: its resource and the bytes of its body."""
     said = f"{request.scope['path']}\n{field(request, 'content-type')}\n".encode()
     return blake2b(said + content, digest_size=16).hexdigest()

@@ -1,4 +1,4 @@
-"""What a request is the first to need is loaded beside the event loop, before the request goes on."""
+"""Lazy imports: what a request is the first to need is loaded beside the event loop, before the request goes on."""
 
 import asyncio
 from collections.abc import Callable

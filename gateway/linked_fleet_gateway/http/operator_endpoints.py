@@ -1,4 +1,4 @@
-"""What an operator asks of a gateway, answered before the tree: whether it lives, is ready, and what it counts.
+"""Endpoints for operators, answered before the tree: liveness, readiness, metrics.
 
 Outside of the tree and under reserved names, so that no robot can be called like them, and whatever the ``Host``: who
 probes a gateway asks it by its own address, which is no public URL of the fleet.

@@ -1,4 +1,4 @@
-"""What the client would like, if possible: ``Prefer`` (RFC 7240)."""
+"""Preferences of the client: ``Prefer`` (RFC 7240)."""
 
 import re
 from dataclasses import dataclass

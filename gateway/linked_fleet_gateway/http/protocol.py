@@ -20,7 +20,7 @@ from linked_fleet_gateway.http.timeouts import BODY_S, HEAD_S, MAX_HEAD_BYTES, D
 from linked_fleet_gateway.http.websocket_protocol import FAREWELL_S, WebSocketProtocol
 
 HTTP = "linked-fleet.http"
-"""Where in ``scope["extensions"]`` an application finds the protocol that serves it."""
+"""The key in ``scope["extensions"]`` of the protocol that serves an application."""
 _FULL = b"HTTP/1.1 503 Service Unavailable\r\nretry-after: 1\r\ncontent-length: 0\r\nconnection: close\r\n\r\n"
 _IDLE, _HEAD, _BODY, _WHOLE = "idle", "head", "body", "whole"
 """How much of the latest request has come: nothing, a part of its head, its head, all of it."""

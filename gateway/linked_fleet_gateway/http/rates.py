@@ -14,7 +14,7 @@ from linked_fleet_gateway.http.host import refuse
 from linked_fleet_gateway.http.stop_priority import URGENT
 
 BURST_S = 10.0
-"""What a client has not used is kept for so long."""
+"""Seconds for which a client keeps what it has not used."""
 MAX_CLIENTS = 10_000
 
 

@@ -65,7 +65,7 @@ class Representations:
         raise NotAcceptable(f"Available here: {', '.join(offered)}.", offered=offered)
 
     def preferred(self, accept: str | None, picked: str | None) -> str | None:
-        """What stands for Accept: a link cannot set it, so ``?as=turtle`` and its like pick one representation instead.
+        """Return the value that stands for Accept: a link cannot set it, so ``?as=turtle`` and the like pick a type.
 
         NotAcceptable with the words that pick one, for any other.
         """
@@ -82,7 +82,7 @@ class Representations:
         return self._renderings.of(resource, media_type, base)
 
     def etags(self, resource: Resource, base: str) -> Iterator[str]:
-        """Of every representation, rendered as it is asked for: the client may have read JSON-LD and write Turtle."""
+        """Yield the tag of each representation, rendered when asked for: a client may read JSON-LD and write Turtle."""
         for media_type in self._offered(resource):
             with suppress(WriteError):
                 yield self._represent(resource, media_type, base).etag

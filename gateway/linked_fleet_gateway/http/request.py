@@ -93,7 +93,7 @@ class _Asked:
 
     @property
     def caller(self) -> Identity:
-        """Who asks. Where no identities are configured, everybody may do everything."""
+        """The caller. Where no identities are configured, everybody may do everything."""
         return self._authenticated.identity
 
     @property

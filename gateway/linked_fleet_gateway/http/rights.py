@@ -1,4 +1,4 @@
-"""Who asks, what he sees of the tree, and what he may do there."""
+"""Rights of a caller: the part of the tree that they see, and what they may do there."""
 
 from collections.abc import Sequence
 

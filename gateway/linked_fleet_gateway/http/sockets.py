@@ -13,7 +13,7 @@ _SPARE_FILES = 256  # for Zenoh, Redis, receivers of callbacks and the log
 
 
 class Sockets:
-    """Of one server. ``most`` in all, ``most_of_one`` of one client; a connection is any hashable object."""
+    """The connections of a server: ``most`` in all, ``most_of_one`` of one client; each is any hashable object."""
 
     def __init__(self, most: int, most_of_one: int) -> None:
         self._most, self._most_of_one = most, most_of_one
@@ -25,7 +25,7 @@ class Sockets:
         return len(self._client)
 
     def open(self, connection: object, client: str) -> bool:
-        """Whether there is a place for a new connection, if need be that of an idle one."""
+        """Return True if there is a place for a new connection, if need be that of an idle one."""
         full = len(self._client) >= self._most or self._of[client] >= self._most_of_one
         if full and not self._make_room(client):
             return False

@@ -50,7 +50,7 @@ _Start = Callable[[Outlet], Awaitable[Feed]]
 
 
 def wants_events(request: Request) -> bool:
-    """Whether Accept names event streams, and likes no type of ours better."""
+    """Return True if Accept names event streams, and likes no type of ours better."""
     ranges = parse_accept(field(request, "accept"))
     named = max((each.q for each in ranges if (each.type, each.subtype) == ("text", "event-stream")), default=0.0)
     if named == 0 or request.method not in ("GET", "HEAD"):
@@ -60,7 +60,7 @@ def wants_events(request: Request) -> bool:
 
 
 def is_over(request: Request) -> bool:
-    """Whether an EventSource comes back to a stream that was cancelled; 204 makes it stop (WHATWG HTML, 9.2.2)."""
+    """Return True if an EventSource comes back to a cancelled stream; 204 makes it stop (WHATWG HTML, 9.2.2)."""
     return field(request, "last-event-id") == CANCELLED_ID and wants_events(request)
 
 

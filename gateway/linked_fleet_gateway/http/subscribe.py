@@ -47,7 +47,7 @@ _DECIMAL = re.compile(r"[0-9]{1,10}(?:\.[0-9]{0,9})?|\.[0-9]{1,9}", re.ASCII)
 
 @dataclass(frozen=True)
 class Options:
-    """What may be asked for beyond a resource and a media type."""
+    """Options of a subscription beyond its resource and media type."""
 
     depth: Depth = Depth.PROPERTIES
     interval_s: float = 0.0
@@ -247,7 +247,7 @@ def seen(connection: Connection) -> str | None:
 
 @asynccontextmanager
 async def refusals() -> AsyncIterator[None]:
-    """What the store refuses, as problems."""
+    """Turn refusals of the store into problems."""
     try:
         yield
     except TooMany as error:

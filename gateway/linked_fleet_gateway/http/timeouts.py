@@ -9,7 +9,7 @@ HEAD_S = 10.0
 BODY_S = 30.0
 """For the whole body, from the end of the header block. At most 256 KiB are read, so nobody honest needs it."""
 MAX_HEAD_BYTES = 16 * 1024
-"""Of request line and header block; somewhat more if they come at once."""
+"""Bytes of request line and header block; somewhat more if they come at once."""
 
 
 class Deadline:
@@ -27,13 +27,13 @@ class Deadline:
         self._fires_s = math.inf
 
     def set(self, what: object, after_s: float) -> None:
-        """Of ``what``, which is compared; that of anything else is over."""
+        """Set the deadline of ``what``, which is compared; that of anything else is over."""
         if what != self._for:
             self._for = what
             self.again(after_s)
 
     def again(self, after_s: float) -> None:
-        """Of the same once more, when it has passed."""
+        """Set the deadline of the same once more, when it has passed."""
         self._due_s = due_s = self._loop.time() + after_s
         if self._timer is None or self._fires_s > due_s:
             self._start()

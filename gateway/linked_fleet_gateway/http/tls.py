@@ -56,7 +56,7 @@ class Certificate:
         self.context.load_cert_chain(self._certificate, self._key)
 
     def _state(self) -> list[tuple[int, int, int] | None]:
-        """What tells a file from the one that was there before."""
+        """The stamp of a file, which tells it from the one that was there before."""
         state: list[tuple[int, int, int] | None] = []
         for path in (self._certificate, self._key):
             try:
@@ -91,7 +91,7 @@ def unsent(transport: BaseTransport) -> int:
 
 
 def descriptor(transport: BaseTransport) -> int | None:
-    """Of the socket that takes what is written as it is; None where TLS is between."""
+    """The descriptor of a socket that takes bytes as they are; None where TLS is between."""
     if transport.get_extra_info("sslcontext") is not None:
         return None
     connection: socket.socket = transport.get_extra_info("socket")
@@ -99,7 +99,7 @@ def descriptor(transport: BaseTransport) -> int | None:
 
 
 def secured(inner: Callable[..., asyncio.Protocol], context: ssl.SSLContext) -> Any:
-    """What the server makes for each connection in the place of ``inner``, which then has it once hands are shaken."""
+    """Return a factory of protocols that shake hands by TLS and then hand the connection to ``inner``."""
 
     def make(**arguments: Any) -> asyncio.BaseProtocol:
         return TlsProtocol(

@@ -13,7 +13,7 @@ from linked_fleet_gateway.http.backpressure import STALL_S, Reader
 from linked_fleet_gateway.subscriptions.message import Ending
 
 WEBSOCKET = "linked-fleet.websocket"
-"""Where in ``scope["extensions"]`` an application finds the protocol that serves it."""
+"""The key in ``scope["extensions"]`` of the protocol that serves an application."""
 GRACE_S = 10.0
 """For the rest of a conversation that one side has ended."""
 FAREWELL_S = 0.5  # less than the server waits for its connections when it shuts down
@@ -103,7 +103,7 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
         self._refuse(CloseCode.UNSUPPORTED_DATA, "this channel only sends")
 
     def handle_cont(self, event: Frame) -> None:
-        """Of a message that was refused with its first frame."""
+        """Ignore further frames of a message that was refused with its first."""
 
     def handle_ping(self) -> None:
         if not self._failed:  # by a frame before it, in the same piece: nothing more can be written

@@ -1,4 +1,4 @@
-"""Who may do what, and to which robots; pure values."""
+"""Rights of callers to robots; pure values."""
 
 import re
 from collections.abc import Iterable
@@ -9,7 +9,7 @@ from functools import cached_property, lru_cache
 
 
 class Right(StrEnum):
-    """What a right is to. ``ACT`` includes ``STOP``; nothing else includes anything."""
+    """Kinds of rights. ``ACT`` includes ``STOP``; nothing else includes anything."""
 
     READ = "read"
     SUBSCRIBE = "subscribe"
@@ -40,7 +40,7 @@ class View:
         return self._patterns.match(robot) is not None
 
     def covers(self, other: "View") -> bool:
-        """Whether it surely shows all that ``other`` does, by the patterns alone."""
+        """Return True if it surely shows all that ``other`` does, by the patterns alone."""
         return self.all or set(other.patterns) <= set(self.patterns)
 
     @cached_property
@@ -87,7 +87,7 @@ class Claims:
 
 
 Credential = TokenHash | Claims
-"""What was proved, and can be held against the file again when that has changed."""
+"""The proof of an identity, which can be held against the file again when that has changed."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ class Identity:
         return self._views[scope]
 
     def may(self, scope: Right, robot: str | None) -> bool:
-        """Whether it may do so to a robot; None is the fleet: to any robot at all, but ``ADMIN`` to all of them."""
+        """Return True if it may do so to a robot; None is the fleet: to any robot, but ``ADMIN`` to all of them."""
         robots = self.over(scope)
         if robot is None:
             return robots.all if scope is Right.ADMIN else bool(robots.patterns)
@@ -115,7 +115,7 @@ class Identity:
 
     @property
     def sees(self) -> View:
-        """What it may read; of the rest it does not find out that it is there."""
+        """The robots that it may read; of the rest it does not find out that they are there."""
         return self.over(Right.READ)
 
     @cached_property
@@ -130,4 +130,4 @@ class Identity:
 EVERYBODY = Identity("", (Grant(frozenset(Right)),))
 """Whoever asks, where no identities are configured."""
 NOBODY = Identity("", ())
-"""Who has not said who he is, at what needs no right."""
+"""The caller who has not said who they are, of a resource that needs no right."""

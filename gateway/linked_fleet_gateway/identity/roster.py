@@ -79,7 +79,7 @@ class Issuer:
     conditions: tuple[Condition, ...]
 
     def claims(self, said: Mapping[str, Any], expires_ns: int) -> Claims | None:
-        """What a verified token of it says, as far as it matters here; None when it does not name its subject."""
+        """Return the claims of a verified token that matter here; None when it does not name its subject."""
         subject = _found(said, self.name_claim)
         if not isinstance(subject, str) or not 0 < len(subject) <= 255 or not subject.isprintable():
             return None
@@ -98,7 +98,7 @@ class Roster:
     """By URL."""
 
     def token(self, text: str) -> TokenHash | None:
-        """What stands for a static token; None when there is no such token."""
+        """Return the hash of a static token; None when there is no such token."""
         digest, found = sha256(text.encode(errors="surrogatepass")).hexdigest(), None
         for known in self.tokens:  # all of them, in a time that tells nothing
             if hmac.compare_digest(known, digest):
@@ -106,7 +106,7 @@ class Roster:
         return found
 
     def identity(self, credential: Credential | None, now_ns: int) -> Identity | None:
-        """Who it stands for at ``now_ns``, wall time; None when it has expired or the file does not have it."""
+        """Return its identity at ``now_ns``, wall time; None when it has expired or the file does not have it."""
         if isinstance(credential, TokenHash):
             found = self.tokens.get(credential.sha256)
         elif isinstance(credential, Claims) and credential.issuer in self.issuers:

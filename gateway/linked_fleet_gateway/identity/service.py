@@ -65,7 +65,7 @@ class Identities:
     # -- who ----------------------------------------------------------------------------------------------------------
 
     async def bearer(self, text: str) -> Identity:
-        """Who brings a token; BadToken, IssuerSilent."""
+        """Return the identity of a token; BadToken, IssuerSilent."""
         return self._known(self.roster.token(text) or await self._issued(text))
 
     def known(self, credential: Credential) -> Identity | None:
@@ -113,7 +113,7 @@ class Identities:
         return now is not None and _subscribes(now, guarded.robot, guarded.identity.sees)
 
     def vouches(self, creator: str, robot: str | None, sees: View) -> bool:
-        """Whether a callback of ``creator`` may go on, who saw the robots of ``sees`` when he asked for it.
+        """Return True if a callback of ``creator`` may go on, who saw the robots of ``sees`` when he asked for it.
 
         Who came with a token of an issuer is not asked again: nobody knows what the issuer would say now.
         """
@@ -155,7 +155,7 @@ def _subscribes(now: Identity, robot: str | None, sees: View) -> bool:
 
 
 def _stamp(path: Path) -> _Stamp:
-    """What changes with the file; BadRoster when there is none."""
+    """Read the file; BadRoster when there is none."""
     try:
         found = path.stat()
     except OSError as error:

@@ -1,4 +1,4 @@
-"""What issuers of tokens say over HTTP: documents and answers in JSON, bounded in size and time."""
+"""A client of issuers of tokens: documents and answers in JSON over HTTP, bounded in size and time."""
 
 import asyncio
 import json

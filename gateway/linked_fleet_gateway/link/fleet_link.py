@@ -82,7 +82,7 @@ class FleetLink:
 
     @property
     def joined(self) -> bool:
-        """Whether robots can be heard: of a gateway that is to connect somewhere, whether anybody is connected."""
+        """True if robots can be heard: of a gateway that is to connect somewhere, whether anybody is connected."""
         return self._listens and self._session.connected
 
     @property
@@ -257,7 +257,7 @@ class FleetLink:
         return content
 
     async def picture(self, robot: Robot, camera: Camera, format: PictureFormat, timeout_s: float) -> Picture:
-        """What a camera sees now. Raises NoAnswer; what is no picture of that camera is counted besides."""
+        """Return a picture of a camera. Raises NoAnswer; what is no picture of that camera is counted besides."""
         reasons = [f"no agent shows what robot {robot.name!r} sees"]
 
         def judge(answer: bytes | str, sender: str) -> Picture | None:

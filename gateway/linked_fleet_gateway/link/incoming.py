@@ -77,7 +77,7 @@ class Incoming:
     # -- in the event loop ------------------------------------------------------------------------------------------
 
     def _drain(self) -> None:
-        """What came is told, after all that came before."""
+        """Tell of a message, after all that came before it."""
         if self._work is not None:
             self._more = True
             return

@@ -9,7 +9,7 @@ from linked_fleet_agent.wire.trust import Credentials
 
 
 def trust(credentials: Credentials | None, access_file: str) -> dict[str, object]:
-    """What ``settings`` has besides where neighbours prove who they are. ValueError for a file that is none."""
+    """Return the settings of mutual TLS. ValueError for a file that is none."""
     values = credentials.configuration() if credentials is not None else {}
     if access_file:
         try:

@@ -86,7 +86,7 @@ def number(value: float | None) -> Term:
 
 
 def lexical(value: float) -> str:
-    """Of an xsd:float; -0.0 is 0.0."""
+    """Return the lexical form of an xsd:float; -0.0 is 0.0."""
     return repr(float(value) + 0.0)
 
 

@@ -61,7 +61,7 @@ class Dataset:
 
     @classmethod
     def of(cls, default: tuple[str, ...], named: tuple[str, ...]) -> "Dataset":
-        """Where either is said, what is not said is empty."""
+        """The default graph and named graphs of a query; where either is said, what is not said is empty."""
         return cls(default, named) if default or named else cls()
 
 

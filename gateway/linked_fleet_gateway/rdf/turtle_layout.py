@@ -46,7 +46,7 @@ class Outline:
         return isinstance(node, BlankNode) and node in self._nested
 
     def is_anonymous(self, node: Subject) -> bool:
-        """Whether nobody refers to the node, so that it needs no label."""
+        """Return True if nobody refers to the node, so that it needs no label."""
         return isinstance(node, BlankNode) and node not in self.references
 
     def list_items(self, node: Term) -> list[Term] | None:

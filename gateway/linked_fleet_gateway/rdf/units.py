@@ -37,7 +37,7 @@ NEWTON_METRE_SECOND_PER_RADIAN, NEWTON_SECOND_PER_METRE = _qudt("N-M-SEC-PER-RAD
 
 @dataclass(frozen=True)
 class Dimension:
-    """What differs between turning and sliding."""
+    """The differences between turning and sliding joints."""
 
     position: Unit
     velocity: Unit

@@ -149,7 +149,7 @@ def subjects(triples: Iterable[Triple]) -> dict[Node, list[Triple]]:
 
 
 def reachable(body: Iterable[Triple], focus: Node) -> list[Triple]:
-    """What is said about ``focus`` and about the nodes that this refers to."""
+    """Return the triples about ``focus`` and about the nodes that these refer to."""
     by_subject, found = subjects(body), list[Triple]()
     pending = [focus]
     while pending:

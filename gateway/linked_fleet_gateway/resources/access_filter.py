@@ -1,4 +1,4 @@
-"""What one who asks may see of the fleet: the tree looks at robots and invocations through these, and nowhere else."""
+"""The part of the fleet that a caller may see: the tree looks at robots and invocations through these alone."""
 
 from collections.abc import Iterator, Mapping
 
@@ -42,7 +42,7 @@ class InvocationsInView:
         return self._seen(self._invocations.open_of(robot))
 
     def answers(self, invocation: Invocation) -> dict[str, str]:
-        """What each robot that is seen answered to an invocation of the fleet."""
+        """The answer of each robot that is seen to an invocation of the fleet."""
         if self._sees.all:
             return invocation.robots
         return {robot: answer for robot, answer in invocation.robots.items() if self._sees.sees(robot)}

@@ -1,4 +1,4 @@
-"""What an admitted body says, as typed values in SI units. The shape has judged it: what it demands is there."""
+"""Typed values of an admitted body, in SI units. The shape has judged it: what it demands is there."""
 
 import re
 from collections.abc import Sequence

@@ -24,7 +24,7 @@ from linked_fleet_gateway.resources.versioning import Source
 def in_actions(
     offers: Sequence[Offer], rest: Sequence[str], invocations: InvocationsInView, source: Source, base: str
 ) -> Resource | None:
-    """What is at ``rest`` below ``actions/`` of a thing that offers ``offers``."""
+    """Return the resource at ``rest`` below ``actions/`` of a thing that offers ``offers``."""
     offer = offer_at(offers, rest[0])
     if offer is None:
         return None

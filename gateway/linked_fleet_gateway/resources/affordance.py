@@ -1,4 +1,4 @@
-"""What can be done to a resource besides reading it; one type each, by which requests are dispatched.
+"""Affordances of a resource besides reading it; one type each, by which requests are dispatched.
 
 ``needs`` are the rights of which one is needed for it.
 """
@@ -59,7 +59,7 @@ class Invoke(_Writes):
 
     @property
     def needs(self) -> tuple[Right, ...]:
-        """What takes a body moves; the others stop."""
+        """The rights that an action needs: one that takes a body moves, the others stop."""
         return (Right.ACT,) if self.offer.takes_body else (Right.STOP,)
 
 

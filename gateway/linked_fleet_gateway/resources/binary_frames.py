@@ -31,7 +31,7 @@ Path = tuple[NamedNode, ...]
 
 
 class Field(NamedTuple):
-    """What stands in a frame; ``meaning`` where that is no measured number, which has a property to say it."""
+    """A field of a frame; ``meaning`` where that is no measured number, which has a property to say it."""
 
     name: str
     type: str
@@ -75,12 +75,12 @@ _TIMES = frozenset({"time", "monotonic_ns", "wall_ns"})
 
 
 def is_framed(item: Property) -> bool:
-    """Whether the property can be had as binary frames."""
+    """Return True if the property can be had as binary frames."""
     return item.predicate == LF.jointState or (item.measured and item.shape in _PATHS)
 
 
 def layout_path(path: str) -> str:
-    """Where the layout of the frames of the property at ``path`` is."""
+    """Return the path of the layout of the frames of the property at ``path``."""
     return path + "/layout"
 
 

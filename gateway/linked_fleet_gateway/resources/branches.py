@@ -28,7 +28,7 @@ class RequestView:
     invocations: InvocationsInView
     sees: View
     secured: bool = False
-    """Whether who asks has to say who they are."""
+    """True if who asks has to say who they are."""
 
     def iri(self, path: str) -> NamedNode:
         return NamedNode(self.base + path)
@@ -126,7 +126,7 @@ class Branches:
         return branch is not None and branch.takes_slashes
 
     def graphs(self, view: RequestView) -> Iterator[tuple[str, Sequence[Triple]]]:
-        """What branches say of their resources as a whole, by path."""
+        """Statements of branches about their resources as a whole, by path."""
         for branch in self.of_fleet:
             if branch.graphs is not None:
                 yield from branch.graphs(view)

@@ -86,7 +86,7 @@ def describe_rehearsal(
     preempts: Iterable[Invocation],
     free: bool | None,
 ) -> None:
-    """What the action would do: the answer to the preference ``dry-run``. ``free``: whether the way was found free of
+    """Describe what the action would do, for the preference ``dry-run``. ``free``: whether the way was found free of
     collisions, False where that could not be told; None of what does not move."""
     iri = graph.blank(LF.Rehearsal)
     graph.add(iri, DCTERMS.title, Literal(f"Rehearsal of {action}; nothing has moved"))
@@ -162,7 +162,7 @@ def _times(graph: Graph, iri: NamedNode, invocation: Invocation) -> None:
 
 
 def _input(graph: Graph, iri: NamedNode, body: str) -> None:
-    """What the client said, in its own words."""
+    """The body of the client, in its own words."""
     names: dict[BlankNode, Node] = {}
 
     def own(term: object) -> object:

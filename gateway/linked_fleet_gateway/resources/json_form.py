@@ -40,14 +40,14 @@ _TYPES: dict[NamedNode, Json] = {
 
 @dataclass(frozen=True)
 class Value:
-    """What stands for one value of a property: an object if there is a ``form``, else a scalar."""
+    """The form of one value of a property: an object if there is a ``form``, else a scalar."""
 
     scalar: Json = field(default_factory=dict)
     form: "Form | None" = None
     terms: Mapping[str, Term] = field(default_factory=dict)
     """The terms of an enumeration by what stands for them."""
     unknown: bool = False
-    """Whether it may be ``null``, which is ``lf:unknown``."""
+    """True if it may be ``null``, which is ``lf:unknown``."""
 
     @property
     def is_iri(self) -> bool:

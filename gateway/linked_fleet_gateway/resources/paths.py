@@ -90,7 +90,7 @@ def camera_path(robot: str, camera: str) -> str:
 
 
 def is_in_cameras(path: str) -> bool:
-    """Whether the resource at ``path`` is a camera, if it is any, or below one."""
+    """Return True if the resource at ``path`` is a camera, if it is any, or below one."""
     return robot_of(path) is not None and path.split("/")[2:3] == ["cameras"]
 
 
@@ -116,7 +116,7 @@ def owner_path(path: str) -> str:
 
 
 def is_below(path: str, root: str) -> bool:
-    """Whether the resource at ``path`` is the one at ``root`` or below it."""
+    """Return True if the resource at ``path`` is the one at ``root`` or below it."""
     return path == root or path.startswith(root.rstrip("/") + "/")
 
 

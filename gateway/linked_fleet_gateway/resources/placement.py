@@ -1,4 +1,4 @@
-"""Where a robot stands in the world, from a body to what is remembered and what is described. Pure; metre.
+"""The placement of a robot in the world: its body, its record, its description. Pure; metre.
 
 A robot that nobody has placed has no known place: nothing is taken for granted. Of a robot with a floating base it is
 the frame of its odometry that is placed, in which its agent says where the base is.
@@ -42,7 +42,7 @@ def pose_in_world(robot: Robot, link: str) -> Pose | None:
 
 
 def read_pose(body: Body) -> Pose:
-    """What a body that the shape has admitted says; without ``lf:orientation`` upright. UnprocessableContent."""
+    """Return the placement of an admitted body; without ``lf:orientation`` upright. UnprocessableContent."""
     position, orientation = body.node(body.root, LF.position), body.node(body.root, LF.orientation)
     assert position is not None
     return Pose(read_vector(body, position), _UPRIGHT if orientation is None else _quaternion(body, orientation))

@@ -35,7 +35,7 @@ def with_json(resource: Resource, shape: NamedNode, base: str) -> Resource:
 
 
 def document(describe: Callable[[Graph], None], iri: NamedNode, shape: NamedNode) -> bytes:
-    """What is described, in JSON; ``null`` is unknown."""
+    """Return a description in JSON; ``null`` is unknown."""
     return json.dumps(described(describe, iri, shape), ensure_ascii=False, allow_nan=False).encode()
 
 
@@ -149,7 +149,7 @@ class _Taker:
             yield self._term(field.value, each, f"{where}[{index}]")
 
     def _term(self, value: Value, given: Any, where: str) -> Term:
-        """As it stands there: whether it is right is for the shape to say."""
+        """Return the literal as it stands there: the shape says whether it is right."""
         if value.form is not None:
             if not isinstance(given, dict):
                 raise self._refused(where, "is an object")

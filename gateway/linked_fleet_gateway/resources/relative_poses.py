@@ -1,4 +1,4 @@
-"""Where one thing of the world is, seen from another. Pure; metre."""
+"""Poses of things of the world, seen from another. Pure; metre."""
 
 import math
 from collections.abc import Mapping
@@ -33,7 +33,7 @@ class Posed:
 
 @dataclass(frozen=True)
 class _Place:
-    """What has a frame: the pose in the robot's own world if it is of one, else in the world itself."""
+    """A thing that has a frame: its pose in the robot's own world if it is of one, else in the world itself."""
 
     robot: Robot | None
     pose: Pose | None

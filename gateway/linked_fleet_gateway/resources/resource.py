@@ -1,4 +1,4 @@
-"""What a path of the tree resolves to."""
+"""Resources: the results of resolving a path of the tree."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -75,13 +75,13 @@ class Resource:
     query: str = ""
     """With which it was asked for, where that makes a difference."""
     followed: bool = True
-    """Whether anything follows it as it changes."""
+    """True if anything follows it as it changes."""
     news_in_documents: bool = False
-    """Whether what is measured shows in ``documents`` alone, and is no news of the description."""
+    """True if what is measured shows in ``documents`` alone, and is no news of the description."""
     forms: bool = False
-    """Whether its page sends a form without a script."""
+    """True if its page sends a form without a script."""
     reader: str = ""
-    """Who has logged in and reads it as a page, which says so."""
+    """The name of the person who has logged in and reads it as a page."""
     links_subscriptions: bool = True
     """Its page links its Subscriptions container, which not everybody who reads the page may read."""
     warning: str = ""
@@ -109,7 +109,7 @@ class Resource:
 
     @property
     def observable(self) -> bool:
-        """Whether it can be subscribed to. Subscriptions cannot: they change with every message about them."""
+        """True if it can be subscribed to. Subscriptions cannot: they change with every message about them."""
         return self.describe is not None and self.followed and not isinstance(self.affords, _OF_SUBSCRIPTIONS)
 
     @property

@@ -20,7 +20,7 @@ ABSOLUTE = (LF.Rotate, LF.Translate)
 
 
 def settable(robot: Robot) -> list[Property]:
-    """What clients may set of a robot."""
+    """The settings of a robot that clients may change."""
     known = settings(robot)
 
     def title(graph: Graph, iri: NamedNode, _: Seen) -> None:
@@ -55,7 +55,7 @@ def settable(robot: Robot) -> list[Property]:
 
 
 def target(robot: Robot, offer: Offer) -> Property:
-    """Where a joint was last commanded to; to put it is to invoke ``offer``."""
+    """The position to which a joint was last commanded; to put it is to invoke ``offer``."""
     joint = offer.joint
     assert joint is not None
     dimension = kind_of(joint).dimension

@@ -1,4 +1,4 @@
-"""What clients may set of a robot: title, annotations, maximum speed scale; from a body to the memory."""
+"""Settings of a robot by clients: title, annotations, maximum speed scale; from a body to the record."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ class Setting:
     shape: NamedNode | None = None
     read: Callable[[Body], str] | None = None
     removable: bool = False
-    """Whether clients may take it back, by DELETE."""
+    """True if clients may take it back, by DELETE."""
 
     @property
     def path(self) -> str:

@@ -1,4 +1,4 @@
-"""What only the robot at hand can say in the shape of an action: its joints, limits, links and poses.
+"""Parameters of the shape of an action that only the robot at hand can say: its joints, limits, links and poses.
 
 A shape in shapes/linked_fleet_shapes/actions names, by ``lf:completedBy``, what is to be added to it here.
 """
@@ -27,7 +27,7 @@ _FAR = 1_000_000  # no joint expects to be beyond, in any unit
 
 @dataclass(frozen=True)
 class Scope:
-    """Whose shape it is: of the fleet, a robot, or a joint of it."""
+    """The owner of a shape: the fleet, a robot, or a joint of it."""
 
     base: str
     robot: Robot | None = None
@@ -42,12 +42,12 @@ class Scope:
 
 
 def complete(scope: Scope) -> Callable[[Graph, Node, NamedNode], None]:
-    """What ``rdf.shapes.copy`` asks for at each ``lf:completedBy``. KeyError for one that is not known."""
+    """Return the function that completes a shape at each ``lf:completedBy``. KeyError for one that is not known."""
     return lambda graph, node, completion: COMPLETIONS[completion](graph, node, scope)
 
 
 def bounded(joint: Joint) -> bool:
-    """Whether it takes commands and its shape can say within which limits."""
+    """Return True if it takes commands and its shape can say within which limits."""
     ends = joint.kind is JointKind.CONTINUOUS or None not in (joint.limits.lower, joint.limits.upper)
     return joint.commandable and ends and kind_of(joint).dimension is not None
 

@@ -7,7 +7,7 @@ import hmac
 
 PREFIX = "whsec_"
 LEAST_BYTES, MOST_BYTES = 24, 64
-"""Of a secret: 192 to 512 bits."""
+"""Bytes of a secret, 192 to 512 bits."""
 
 
 def headers(secret: str, id: str, timestamp_s: int, body: bytes) -> dict[str, str]:
@@ -25,7 +25,7 @@ def headers(secret: str, id: str, timestamp_s: int, body: bytes) -> dict[str, st
 
 
 def key(secret: str) -> bytes:
-    """What a secret such as ``whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw`` stands for; ValueError says how to write one."""
+    """Decode a secret such as ``whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw``; ValueError says how to write one."""
     # the message never repeats the secret: errors end up in logs and in answers
     right = f"a secret is {PREFIX} and the base64 of {LEAST_BYTES} to {MOST_BYTES} random bytes"
     if not secret.startswith(PREFIX):

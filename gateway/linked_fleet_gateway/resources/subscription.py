@@ -1,4 +1,4 @@
-"""What a subscription is and what became of it so far (paper 5.3, Figure 4); pure values."""
+"""Subscriptions and their records (paper 5.3, Figure 4); pure values."""
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -16,12 +16,12 @@ class Kind(StrEnum):
 
     @property
     def streams(self) -> bool:
-        """Whether its messages leave on a connection that the client opens; that lives no longer than its gateway."""
+        """True if its messages leave on a connection that the client opens; that lives no longer than its gateway."""
         return self is not Kind.CALLBACK
 
 
 class Depth(StrEnum):
-    """What is covered: the resource's own statements, its properties' values as well, or everything below it."""
+    """The extent of a subscription: the resource's own statements, the values of its properties too, or all below."""
 
     THIS = "this"
     PROPERTIES = "properties"
@@ -65,7 +65,7 @@ class Subscription:
     """Path of what is observed, such as ``/baxter/right_s1/rotation``."""
     kind: Kind
     media_type: str
-    """Of every message (R0.17)."""
+    """The media type of every message (R0.17)."""
     base: str
     """Public URL under which the client asked, without slash; the IRIs in messages begin with it."""
     client: str
@@ -110,7 +110,7 @@ class Subscription:
 
 @dataclass(frozen=True)
 class Delivery:
-    """What became of the messages so far; times in wall nanoseconds."""
+    """The deliveries so far; times in wall nanoseconds."""
 
     state: DeliveryState = DeliveryState.ACTIVE
     last_ns: int | None = None
@@ -122,7 +122,7 @@ class Delivery:
     reason: str = ""
     """Why it is failing, suspended or without consent, as a sentence."""
     consented: bool = False
-    """Whether the receiver has agreed to deliveries (CloudEvents webhook handshake)."""
+    """True if the receiver has agreed to deliveries (CloudEvents webhook handshake)."""
     allowed_interval_s: float = 0.0
     """The least time between deliveries that the receiver asked for with its consent."""
 
@@ -137,5 +137,5 @@ class Record:
 
     @property
     def lasts(self) -> bool:
-        """Whether it outlives its gateway: a callback does, and a stream that waits to be opened."""
+        """True if it outlives its gateway: a callback does, and a stream that waits to be opened."""
         return not self.subscription.kind.streams or self.delivery.state is DeliveryState.WAITING

@@ -64,7 +64,7 @@ _READ_TYPES = {HYBRIT.Subscription, *(each for types in _TYPES.values() for each
 
 @dataclass(frozen=True)
 class Request:
-    """What a posted subscription asks for; ``resource`` is an IRI of this fleet, "" stands for what it left open."""
+    """The request of a posted subscription; ``resource`` is an IRI of this fleet, "" stands for what it left open."""
 
     resource: str
     callback: str = ""
@@ -91,7 +91,7 @@ def resume_path(subscription: Subscription) -> str:
 
 
 def resumable(record: Record) -> bool:
-    """Whether there is anything to resume: a callback that waits, for a repetition, for consent or for good."""
+    """Return True if there is anything to resume: a callback that waits, for a repetition, for consent or for good."""
     waits = (DeliveryState.FAILING, DeliveryState.SUSPENDED, DeliveryState.AWAITING_CONSENT)
     return not record.subscription.kind.streams and record.delivery.state in waits
 
@@ -164,7 +164,7 @@ def describe_request_shape(graph: Graph) -> None:
 
 
 def describe_version(graph: Graph, iri: NamedNode, version: str, previous: str | None) -> None:
-    """What a message adds to the representation: without it a subscriber could not see that values were conflated."""
+    """Add to a representation what a message says besides: without it nobody could see that values were conflated."""
     graph.add(iri, LF.version, Literal(version))
     if previous is not None:
         graph.add(iri, LF.previousVersion, Literal(previous))
@@ -179,7 +179,7 @@ def _decimal(value: float) -> Literal:
 
 
 def requested(body: Sequence[Triple], container_iri: str, base: str) -> Request:
-    """What ``body`` asks of the container; UnprocessableContent, with the report, if the published shape refuses it."""
+    """Read what ``body`` asks of the container; UnprocessableContent, with the report, if the shape refuses it."""
     focus = _focus(body, NamedNode(container_iri))
     about = _about(body, focus)
     check_lexical_forms(about, container_iri)
@@ -231,7 +231,7 @@ def _terms() -> Terms:
 
 
 def _about(body: Sequence[Triple], focus: Node) -> list[Triple]:
-    """What the shapes are about."""
+    """The focus nodes of the shapes."""
     about = [t for t in body if t.subject == focus]
     types = [t for t in about if t.predicate == RDF.type and t.object in _READ_TYPES]
     return list(dict.fromkeys(types + [t for t in about if t.predicate in _READ]))
@@ -243,7 +243,7 @@ def _text(triple: Triple) -> str:
 
 
 def _violations(about: Sequence[Triple], focus: Node) -> list[Violation]:
-    """What the shape of a subscription finds, whatever type the body states, and what the others find by their targets.
+    """Validate by the shape of a subscription, whatever type the body states, and by the others with their targets.
 
     The report does not repeat a secret.
     """
@@ -267,7 +267,7 @@ def _refusal(violations: Sequence[Violation], container_iri: str) -> Unprocessab
 
 
 def _check_secret(secret: str, container_iri: str) -> None:
-    """What no pattern can tell: whether a key of the right length can be decoded."""
+    """Check what no pattern can tell: whether a key of the right length can be decoded."""
     try:
         if secret:
             key(secret)

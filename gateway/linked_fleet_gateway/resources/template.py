@@ -28,7 +28,7 @@ _random = random.SystemRandom()  # or a robot could describe itself with the num
 
 
 class Versions(NamedTuple):
-    """What a message says besides (``describe_version``)."""
+    """The versions that a message states (``describe_version``)."""
 
     version: str
     previous: str | None
@@ -125,7 +125,7 @@ class Rendering:
 
 
 def compiles(resource: Resource, media_type: str) -> bool:
-    """Whether there is a ``Rendering`` of it: what is binary says how long its texts are."""
+    """Return True if there is a ``Rendering`` of it: what is binary says how long its texts are."""
     return resource.measured is not None and bool(resource.looks) and media_type in TEXT_TYPES
 
 
@@ -135,6 +135,6 @@ def _second(second: int) -> str:
 
 
 def _stamp(wall_ns: int) -> str:
-    """As ``timestamp`` writes it: most of it is the same for a whole second."""
+    """Write a time as ``timestamp`` does: most of it is the same for a whole second."""
     second, rest_ns = divmod(wall_ns, 1_000_000_000)
     return f"{_second(second)}{rest_ns // _MILLISECOND_NS:03d}Z"

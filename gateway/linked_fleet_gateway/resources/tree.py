@@ -162,7 +162,7 @@ class Tree:
         return self._in_link(robot, robot.model.links[link], rest[1:])
 
     def _of_robot(self, robot: Robot, rest: list[str]) -> Resource | None:
-        """What robots have besides what all things have: actions of several joints, and the control lease."""
+        """Resources that robots have besides those of all things: actions of several joints, and the control lease."""
         if rest[0] == "actions" and len(rest) > 1:
             return in_actions(robot_offers(robot), rest[1:], self._invocations, _about(robot), self._base)
         if rest[0] != "lease":
@@ -305,7 +305,7 @@ class Tree:
     # -- all that is below ------------------------------------------------------------------------------------------
 
     def below(self, path: str) -> Iterator[tuple[Resource, bool]]:
-        """What a subtree subscription to ``path`` covers, and whether values count as change of each.
+        """Yield the resources that a subtree subscription to ``path`` covers, and if values count as change of each.
 
         Every value once: of things their own statements, then each property. The joint state, which repeats the
         values of the joints, is left out. Invocations are there until they have ended.
@@ -352,7 +352,7 @@ class Tree:
                 yield self._link(robot, one), link_properties(robot, one)
 
     def may_come(self, path: str) -> bool:
-        """Whether there may be a resource at ``path`` as soon as its robot has said what it is."""
+        """Return True if there may be a resource at ``path`` as soon as its robot has said what it is."""
         try:
             robot = self._robots.get(robot_name(path[1:].partition("/")[0]))
         except ValueError:
@@ -375,7 +375,7 @@ def _looks(properties: Sequence[Property]) -> tuple[Look, ...]:
 
 
 def _following(source: Source) -> Source:
-    """What follows from the description alone."""
+    """The source of what follows from the description alone."""
     return Source() if source.robot is None else _about(source.robot)
 
 

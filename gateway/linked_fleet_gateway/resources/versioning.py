@@ -1,4 +1,4 @@
-"""What counts as change of a resource, and the number that the change has (docs/TREE.md, "What counts as change").
+"""Changes of resources, and the version that each has (docs/TREE.md, "What counts as change").
 
 The version of what belongs to a robot names the robot's incarnation and the frame that brought the change, counted
 from 1. What no frame brings (presence, a description) counts on from the frame before. The version of anything else
@@ -26,11 +26,11 @@ class Reading(Struct):
     version: str = ""
 
     def same(self, other: "Reading", deadband: float = 0.0) -> bool:
-        """Whether nothing changed, but for values within ``deadband``; a timestamp alone is no change."""
+        """Return True if nothing changed, but for values within ``deadband``; a timestamp alone is no change."""
         return self.facts == other.facts and not self._moved(other, deadband)
 
     def _moved(self, other: "Reading", deadband: float) -> bool:
-        """Whether some value differs by more than nothing and by at least ``deadband`` (SI units)."""
+        """Return True if some value differs by more than nothing and by at least ``deadband`` (SI units)."""
         if len(self.observations) != len(other.observations):
             return True
         for ours, theirs in zip(self.observations, other.observations, strict=True):
@@ -52,7 +52,7 @@ def _apart(ours: tuple[float, ...], theirs: tuple[float, ...], deadband: float) 
 
 @dataclass(frozen=True)
 class Source:
-    """Where the readings of a resource come from. ``robot``: whose it is; None for what belongs to no single robot."""
+    """The source of the readings of a resource. ``robot``: its owner; None for what belongs to no single robot."""
 
     facts: Callable[[], Any] = tuple
     look: Callable[[], tuple[Observation, ...]] = tuple
@@ -60,7 +60,7 @@ class Source:
     digest: Callable[[], Any] | None = None
     """The facts that every gateway sees alike, where these are not all."""
     ended: Callable[[], bool] = bool
-    """Whether it will never change again."""
+    """True if it will never change again."""
 
     def read(self, values: bool = True) -> Reading:
         """The present reading; without ``values`` of the facts alone."""
@@ -74,17 +74,17 @@ class Source:
 
     @property
     def measured(self) -> bool:
-        """Whether a frame can be news."""
+        """True if a frame can be news."""
         return self.look is not tuple
 
 
 def presence(robot: Robot) -> tuple[str, int | None, str | None]:
-    """What descriptions say of the presence of a robot."""
+    """Return what descriptions say of the presence of a robot."""
     return robot.presence, None if robot.online else robot.last_seen_ns, robot.fault
 
 
 def version_of(robot: Robot, observations: tuple[Observation, ...]) -> tuple[int, int, int]:
-    """Of what belongs to a robot: its incarnation, the frame counted from 1, and what has changed since without one."""
+    """The version of what is a robot's: incarnation, the frame counted from 1, and the changes since without one."""
     frame, change = robot.news
     for seen in observations:
         if seen.sequence is not None and seen.sequence >= frame:

@@ -1,4 +1,4 @@
-"""Who did what: each command and each change of a subscription, a line of the log and an entry in Redis.
+"""The audit log: each command and each change of a subscription is a line of the log and an entry in Redis.
 
 Nobody waits for it: what Redis does not take now it is given later, as far as there is room to remember it.
 """

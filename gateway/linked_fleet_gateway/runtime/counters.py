@@ -1,4 +1,4 @@
-"""What is counted where it happens, in plain numbers, and read when somebody asks for it."""
+"""Counters in plain numbers, read when somebody asks for them."""
 
 import logging
 import time
@@ -31,7 +31,7 @@ class Histogram:
         self.sum_s += max(0.0, duration_s)
 
     def buckets(self) -> list[tuple[str, float]]:
-        """As Prometheus has them: each bound with all that was not above it."""
+        """Return the buckets of Prometheus: each bound with all that was not above it."""
         return list(zip([*map(str, self._bounds_s), "+Inf"], accumulate(self._counts), strict=True))
 
 
@@ -54,7 +54,7 @@ class Requests:
 
 @dataclass
 class Commands:
-    """What agents said to commands and stops, by outcome and code of refusal."""
+    """The replies of agents to commands and stops, by outcome and code of refusal."""
 
     outcomes: Counter[tuple[str, str]] = field(default_factory=Counter)
     acceptance: Histogram = field(default_factory=Histogram)
@@ -75,7 +75,7 @@ class Commands:
 
 @dataclass
 class Deliveries:
-    """Of callbacks: what receivers took, and attempts after which they had not."""
+    """Deliveries to callbacks: what receivers took, and attempts after which they had not."""
 
     taken: int = 0
     failed: int = 0

@@ -231,7 +231,7 @@ def _program() -> str:
 
 
 def _preparation() -> Callable[[], None]:
-    """What the child runs before its program. The function is looked up here, where it is safe to do so."""
+    """Return the function that the child runs before its program. It is looked up here, where it is safe to do so."""
     prctl = ctypes.CDLL(None).prctl if sys.platform == "linux" else None
     parent = os.getpid()
 
@@ -279,7 +279,7 @@ async def _locked(path: Path, obstacle: str) -> AsyncIterator[int]:
 
 
 async def _answer(socket: Path) -> bytes | None:
-    """What the server answers to PING; empty if nothing, None if there is no server."""
+    """Return the answer of the server to PING; empty if nothing, None if there is no server."""
     try:
         reader, writer = await asyncio.open_unix_connection(socket)
     except OSError:

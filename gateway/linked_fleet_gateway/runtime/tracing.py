@@ -23,12 +23,12 @@ class Step:
 
     @property
     def traceparent(self) -> bytes:
-        """What goes to an agent, so that its span is within this one."""
+        """The context that goes to an agent, so that its span is within this one."""
         own = self._span.get_span_context()
         return str(TraceParent(own.trace_id, own.span_id, own.trace_flags.sampled)).encode()
 
     def replied(self, reply: Reply | None) -> None:
-        """What the agent said; None: nothing."""
+        """Note the reply of the agent; None: it did not reply."""
         outcome = "silent" if reply is None else "refused" if isinstance(reply, Refused) else "accepted"
         self._span.set_attribute("linked_fleet.outcome", outcome)
         if isinstance(reply, Refused):
@@ -69,7 +69,7 @@ class Trace:
         self._span.update_name(f"{self._method} {route}")
 
     def about(self, attributes: Mapping[str, str]) -> None:
-        """What the request turns out to concern; ``linked_fleet.`` is put before each name."""
+        """Note what the request turns out to concern; ``linked_fleet.`` is put before each name."""
         self._span.set_attributes({f"linked_fleet.{name}": value for name, value in attributes.items()})
 
     def step(self, name: str, asks: bool, attributes: Mapping[str, str]) -> Step:

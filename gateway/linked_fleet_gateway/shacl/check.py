@@ -70,7 +70,7 @@ class Constraint:
     inner: tuple["Shape", ...] = ()
 
     def explain(self, data: Data, value: Term, run: Run) -> tuple[str, tuple[Violation, ...]]:
-        """What would be right, and the violations of the inner shapes."""
+        """The condition that does not hold, and the violations of the inner shapes."""
         detail = tuple(found for shape in self.inner for found in run.detail(shape, data, value))
         told = "; ".join(found.message for found in detail)
         return brief(told or f"{run.words.shown(value)} must be {self.expected}"), detail

@@ -204,7 +204,7 @@ def _text(stated: Stated, predicate: NamedNode) -> str | None:
 
 
 def _expected(shape: Shape) -> str:
-    """What conforms, as part of a sentence: ``value at least 3 and at most 5``."""
+    """Return the condition as part of a sentence: ``value at least 3 and at most 5``."""
     stated: list[Count | Relation | Constraint] = [*shape.counts, *shape.relations, *shape.each]
     own = [each.expected for each in stated]
     own = [f"{shape.name} {' and '.join(own)}"] if own and shape.name else own

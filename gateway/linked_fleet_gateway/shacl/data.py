@@ -1,4 +1,4 @@
-"""What a compiled shape looks at: triples by subject and predicate, and what paths lead to in them."""
+"""The data graph of a compiled shape: triples by subject and predicate, and what paths lead to in them."""
 
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence, Set

@@ -1,4 +1,4 @@
-"""What a compiled shape says of data that it refuses: violations, in words for people and as a SHACL report."""
+"""Violations that a compiled shape finds, in words for people and as a SHACL report."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass

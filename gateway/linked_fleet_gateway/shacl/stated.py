@@ -1,4 +1,4 @@
-"""What a shape states, read strictly: whatever is not as SHACL wants it is Unsupported."""
+"""Statements of a shape, read strictly: whatever is not as SHACL wants it is Unsupported."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence

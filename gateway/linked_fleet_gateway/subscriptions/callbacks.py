@@ -82,7 +82,7 @@ class Callbacks:
             courier.wake()
 
     def entitled(self, subscription: Subscription) -> bool:
-        """Whether its creator may have it."""
+        """Return True if its creator may have it."""
         return self._vouches(subscription.creator, robot_of(subscription.resource), subscription.view)
 
     async def suspend_unentitled(self) -> None:

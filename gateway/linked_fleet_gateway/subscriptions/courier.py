@@ -247,7 +247,7 @@ class Courier:
         return False
 
     def _headers(self, entry: Entry) -> dict[str, str]:
-        """Of a delivery: its stable id, the version, what it is about, and whether it is really from us."""
+        """The fields of a delivery: its stable id, the version, its subject, and its signature."""
         subscription = self.subscription
         resource, own = subscription.base + entry.path, subscription.base + subscription_path(subscription)
         identity = signature.headers(

@@ -301,7 +301,7 @@ class FanOut:
         self._join(watcher, resource, values)
 
     def _lose(self, watcher: Watcher) -> None:
-        """What the watcher is about is not there: wait for it if it may come, or end."""
+        """The resource of the watcher is not there: wait for it if it may come, or end."""
         subscription = watcher.subscription
         if not watcher.patient and not self._tree_of(subscription).may_come(subscription.resource):
             watcher.end(Ending.GONE)

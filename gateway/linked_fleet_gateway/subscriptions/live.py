@@ -47,7 +47,7 @@ class Live:
         self.fan_out = FanOut(self.tree)
         self.fleet.frames.watched = self.fan_out.watched
         self.objects: Callable[[], Mapping[str, Standing]] = dict
-        """What stands in the world besides robots, by id."""
+        """The things that stand in the world besides robots, by id."""
         self._listeners: dict[Callable[[str | None], None], None] = {}
         self.fan_out.heard = self._tell_listeners
         self._branches = Branches()
@@ -129,7 +129,7 @@ class Live:
 
     @property
     def branches(self) -> Branches:
-        """What packages of their own have added to the tree."""
+        """The branches that extensions have added to the tree."""
         return self._branches
 
     def add(self, *branches: Branch) -> None:
@@ -213,7 +213,7 @@ class Live:
                     self.fan_out.touched(path)
 
     def _retarget(self, name: str) -> set[str]:
-        """Where its joints were last commanded to, which the invocations say; the joints of which that changed."""
+        """Update the last commanded positions of its joints by the invocations; return the joints that changed."""
         robot = self.fleet.robots.get(name)
         if robot is None:
             return set()

@@ -1,4 +1,4 @@
-"""What is sent, and where it goes: a message is rendered once, framed once per channel, and shared by all."""
+"""Messages and outlets: a message is rendered once, framed once per channel, and shared by all."""
 
 from collections.abc import Callable
 from enum import Enum
@@ -15,7 +15,7 @@ class Message(Struct):
 
     path: str
     version: str
-    """Of the resource; also the ``id`` of an event, and what a stream is resumed by."""
+    """The version of the resource; also the ``id`` of an event, and what a stream is resumed by."""
     media_type: str
     body: bytes
     _frames: dict["Framing", bytes] = field(default_factory=dict)
@@ -45,7 +45,7 @@ class Outlet(Protocol):
     """The last step of a channel. It never blocks and never keeps more than a bounded number of bytes."""
 
     def writable(self) -> bool:
-        """Whether a message would leave without much waiting; while it would not, values are conflated."""
+        """Return True if a message would leave without much waiting; while it would not, values are conflated."""
 
     def write(self, message: Message) -> None:
         """Send one message. Called only while ``writable()``; a message of any size is taken whole."""
@@ -65,7 +65,7 @@ class Stream(Outlet, Protocol):
 
 
 class Feed(Protocol):
-    """What an outlet has of the fan-out."""
+    """The interface of the fan-out to an outlet."""
 
     def ready(self) -> None:
         """To be called when the outlet can take messages, at first and whenever it has become writable again."""

@@ -60,7 +60,7 @@ class Address:
 
 
 def system_lookup(host: str, port: int) -> list[str]:
-    """What the system's resolver says."""
+    """Return the addresses that the system's resolver gives."""
     # as bytes, because the idna codec that str goes through fails on names which DNS can answer
     found = socket.getaddrinfo(host.encode("ascii"), port, type=socket.SOCK_STREAM)
     return [
@@ -142,7 +142,7 @@ class Network:
 
 
 def is_public(ip: IPv4Address | IPv6Address) -> bool:
-    """Whether it is an address of the public Internet: no special purpose, no IPv4 address of any kind inside."""
+    """Return True for an address of the public Internet: no special purpose, no IPv4 address inside."""
     if not ip.is_global or ip.is_multicast:
         return False
     if isinstance(ip, IPv4Address):

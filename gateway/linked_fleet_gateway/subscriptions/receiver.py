@@ -28,7 +28,7 @@ else:
 
 TIMEOUT_S = 10.0
 MOST_READ_BYTES = 4096
-"""Of an answer's body. Its content is never used; one that ends within this leaves the connection usable."""
+"""Bytes of an answer's body. Its content is never used; one that ends within this leaves the connection usable."""
 MOST_ADDRESSES = 4
 """Tried for one request, or a name with a thousand addresses would have us knock at all of them."""
 _KEEP_ALIVE_S = 4.0
@@ -53,7 +53,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Outcome:
-    """Of one attempt. ``status``: None without an answer; ``reason``: a sentence, empty if delivered."""
+    """The outcome of one attempt. ``status``: None without an answer; ``reason``: a sentence, empty if delivered."""
 
     verdict: Verdict
     status: int | None
@@ -147,7 +147,7 @@ class Receiver:
             return Consent(granted=False, interval_s=0.0, status=None, reason=self._why(error))
 
     async def trusted(self) -> bool:
-        """Whether it needs no consent: all its permitted addresses are in allowed networks. Forbidden, Unresolvable."""
+        """Return True if all its permitted addresses are in allowed networks. Forbidden, Unresolvable."""
         return all(address.allowed for address in await self._addresses())
 
     @property

@@ -1,4 +1,4 @@
-"""What the store gives and takes besides subscriptions, and how records look as fields of a Redis hash."""
+"""Records of the store besides subscriptions, and their form as fields of a Redis hash."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -46,7 +46,7 @@ class Backlog:
 
 @dataclass(frozen=True)
 class News:
-    """What another gateway did to a subscription of the run ``holder``.
+    """A change by another gateway of a subscription of the run ``holder``.
 
     ``changed``: it has other options. That concerns any run: one may be about to open it that does not hold it yet.
     ``replaced``: a stream is open there now, unless ``holder`` has taken it back since; its record says who has it.
@@ -59,7 +59,7 @@ class News:
 
 @dataclass(frozen=True)
 class Held:
-    """Where a subscription is listed, as the run that holds it notes before it writes anything else."""
+    """The lists that have a subscription, as the run that holds it notes before it writes anything else."""
 
     owner: str
     client: str

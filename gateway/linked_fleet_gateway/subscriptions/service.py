@@ -64,7 +64,7 @@ class Subscriptions:
 
     @property
     def store_answers(self) -> bool:
-        """Whether the lease of this gateway could be renewed lately."""
+        """True if the lease of this gateway could be renewed lately."""
         return time.monotonic() - self._renewed_s < LEASE_S
 
     async def of(self, owner: str) -> list[Record]:

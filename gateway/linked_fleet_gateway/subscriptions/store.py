@@ -119,7 +119,7 @@ class Store:
         await self._runs.retire(dead_run)
 
     async def held(self) -> list[Record]:
-        """What this run holds now; what it wrote or removed by halves is cleared away."""
+        """Return what this run holds now; what it wrote or removed by halves is cleared away."""
         held = await self._runs.held(self._run)
         records = await self._records(held, UNHURRIED)
         await self._reclaim({id: held[id] for id, record in records.items() if record is None}, self._run)
@@ -155,7 +155,7 @@ class Store:
         return (await self._records([id])).get(id)
 
     async def of(self, owner: str) -> list[Record]:
-        """What the container of ``owner`` lists, oldest first; streams only while the lease of their holder lasts."""
+        """Return the subscriptions of ``owner``, oldest first; streams only while the lease of their holder lasts."""
         ids = [id.decode() for id in await self._redis.one("SMEMBERS", self._keys.owner(owner))]
         records = [record for record in (await self._records(ids)).values() if record is not None]
         living = await self._runs.living({record.holder for record in records if record.subscription.kind.streams})
@@ -213,7 +213,7 @@ class Store:
     # Deliveries of a callback
 
     async def backlog(self, id: str) -> Backlog:
-        """What is still to be delivered, by whomever it was begun; Lost when this run does not hold it."""
+        """Return the deliveries that are still to be made, by whomever begun; Lost when this run does not hold it."""
         found = await self._redis.run(scripts.BACKLOG, self._queue(id), self._run, _GROUP)
         if found is None:
             raise Lost(id)
@@ -247,7 +247,7 @@ class Store:
     # News
 
     async def news(self) -> AsyncIterator[News]:
-        """What gateways did since the first contact, for ever; outages are waited out and nothing is missed."""
+        """Yield the changes by gateways since the first contact, for ever; outages are waited out, none is missed."""
         async with aclosing(self._redis.news()) as news:
             async for fields in news:
                 if fields is not None:
@@ -263,7 +263,7 @@ class Store:
         return self._keys.record(id), self._keys.queue(id), self._keys.sent(id)
 
     async def _records(self, ids: Iterable[str], at_once: int = AT_ONCE) -> dict[str, Record | None]:
-        """What the ids stand for; without those that another version has written and this one cannot read."""
+        """Return the records of the ids; without those that another version has written and this one cannot read."""
         asked, records = list(ids), dict[str, Record | None]()
         for first in range(0, len(asked), at_once):  # so that others have their turn while they are read, too
             part = asked[first : first + at_once]

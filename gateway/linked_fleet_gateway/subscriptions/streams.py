@@ -244,7 +244,7 @@ class Streams:
             self.drop(id, Ending.REPLACED)
 
     def freshened(self, record: Record) -> Record:
-        """What this gateway knows better than the store: when the last message was sent."""
+        """Add what this gateway knows better than the store: when the last message was sent."""
         watcher = self._open.get(record.subscription.id)
         if watcher is None or record.holder != self._run:
             return record

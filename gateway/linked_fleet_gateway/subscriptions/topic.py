@@ -35,7 +35,7 @@ class Topic(Generic[M]):
         self.renders = 0
         self._resource = resource
         self.measured = values and resource.source.measured
-        """Whether a frame can be news."""
+        """True if a frame can be news."""
         self._resources: dict[str, Resource] = {}
         self._messages: dict[tuple[str, str], Message] = {}
         self._renderings: dict[tuple[str, str], Rendering] = {}
@@ -44,7 +44,7 @@ class Topic(Generic[M]):
 
     @property
     def ended(self) -> bool:
-        """Whether there will be no more news of it."""
+        """True if there will be no more news of it."""
         return self._resource.source.ended()
 
     def replace(self, resource: Resource) -> None:
@@ -67,7 +67,7 @@ class Topic(Generic[M]):
         return True
 
     def differs(self, sent: Reading | None) -> bool:
-        """Whether the present reading is news to who was sent that one; mostly it is the same one for all."""
+        """Return True if the present reading is news to who was sent that one; mostly it is the same one for all."""
         if sent is self.reading:
             return False
         if sent is not self._compared[0]:

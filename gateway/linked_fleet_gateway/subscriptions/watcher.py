@@ -36,7 +36,7 @@ class Schedule(Sending, Protocol):
     def later(self, delay_s: float, call: Callable[[], None]) -> Timer: ...
 
     def broadcast(self, topic: "Topic[Watcher]", subscription: Subscription, stream: Stream) -> "Broadcast[Watcher]":
-        """What serves all who want the same of a resource."""
+        """The watcher serves all who want the same of a resource."""
 
     def drop(self, watcher: "Watcher", path: str) -> None:
         """Let the watcher no longer watch one of its resources."""
@@ -60,7 +60,7 @@ class Watcher:
         self.subscription = subscription
         self.patient = patient
         self.left: set[str] = set()
-        """Of a patient one: what it does not watch any more."""
+        """The paths that a patient watcher does not watch any more."""
         self.topics: dict[str, Topic[Watcher]] = {}
         self.running = False
         self._schedule, self._outlet = schedule, outlet
@@ -114,7 +114,7 @@ class Watcher:
         return topic
 
     def waits(self, path: str) -> bool:
-        """Whether a message about the resource is still to be sent."""
+        """Return True if a message about the resource is still to be sent."""
         return path in self._pending or path in self._round
 
     def news(self, topic: "Topic[Watcher]") -> None:
@@ -134,7 +134,7 @@ class Watcher:
         self.ready()
 
     def prepare(self) -> bool:
-        """Whether it may be its turn: its message is rendered as it is sent, and mostly has been for others before."""
+        """Return True if it may be its turn: its message is rendered as it is sent, mostly for others before."""
         return self._timer is None
 
     def step(self) -> bool:

@@ -1,4 +1,4 @@
-"""Where a ROS 2 robot is, as ``--robot NAME=ros2:ENDPOINT?OPTIONS`` says it. Pure."""
+"""The address of a ROS 2 robot, as in ``--robot NAME=ros2:ENDPOINT?OPTIONS``. Pure."""
 
 import re
 from collections.abc import Sequence

@@ -56,7 +56,7 @@ class Node:
 
 
 def attachment(sequence: int, stamp_ns: int, gid: bytes) -> bytes:
-    """What accompanies a message: its number from 1, the wall time, and who says it (16 bytes, after their length)."""
+    """The attachment of a message: its number from 1, the wall time, and its sender (16 bytes, after their length)."""
     return struct.pack("<qqB16s", sequence, stamp_ns, GID_BYTES, gid)
 
 

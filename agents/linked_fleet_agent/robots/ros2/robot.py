@@ -71,7 +71,7 @@ class Ros2Robot:
         return self._facts
 
     def read(self, now_s: float) -> Reading:
-        """What joint states said last, by the time at which they arrived; RobotFaultError when none came lately."""
+        """Return the last joint states, by the time at which they arrived; RobotFaultError when none came lately."""
         here_s = time.monotonic()
         self._cycle_s, self._read_s = here_s - self._read_s, here_s
         for arrived in self._inbox.fetch():
@@ -192,7 +192,7 @@ def _first(name: str, box: Mailbox, deadline_s: float) -> Facts:
 
 
 def facts_of(name: str, arrived: Arrived) -> Facts:
-    """What a description says; CdrError or UrdfError where it is none of a robot with joints."""
+    """Read a description; CdrError or UrdfError where it is none of a robot with joints."""
     if arrived.payload is None:
         raise cdr.CdrError("it is too long")
     urdf = cdr.read_string(arrived.payload)

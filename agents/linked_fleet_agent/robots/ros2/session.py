@@ -40,7 +40,7 @@ class Mailbox:
         self._waiting.append(Arrived(sample.payload.to_bytes() if fits else None, time.monotonic()))
 
     def fetch(self) -> list[Arrived]:
-        """What has come since the last time, the eldest first."""
+        """Return what has come since the last time, the eldest first."""
         return [self._waiting.popleft() for _ in range(len(self._waiting))]
 
 
@@ -53,7 +53,7 @@ class Outlet:
 
     @property
     def heard(self) -> bool:
-        """Whether somebody listens, as far as the router has said."""
+        """True if somebody listens, as far as the router has said."""
         return bool(self._publisher.matching_status.matching)
 
     def put(self, payload: bytes) -> None:

@@ -1,4 +1,4 @@
-"""What joint states said last of each joint, and for how long that counts. Pure: times are passed in."""
+"""The last state of each joint, and how long it counts. Pure: times are passed in."""
 
 import logging
 import math
@@ -55,7 +55,7 @@ class JointStates:
         )
 
     def position(self, name: str, now_s: float) -> float:
-        """Where the joint is, in rad or m; NaN is unknown."""
+        """The position of the joint, in rad or m; NaN is unknown."""
         said = self._lately(name, now_s)
         return math.nan if said is None else said.position
 

@@ -40,7 +40,7 @@ class Series:
 
 
 def remembers(item: Property) -> bool:
-    """Whether a property has a history of its own; that of the joint state is the robot's."""
+    """Return True if a property has a history of its own; that of the joint state is the robot's."""
     return item.measured and item.shape in _SHAPES
 
 

@@ -32,7 +32,7 @@ class Span:
 
     @property
     def forward(self) -> bool:
-        """Whether it has a beginning: then the oldest come first, and otherwise the newest are meant."""
+        """True if it has a beginning: then the oldest come first, and otherwise the newest are meant."""
         return self.begin_ns is not None or self.last_ns is not None
 
     @property

@@ -32,7 +32,7 @@ class Joints:
     floating: bool
 
     def is_of(self, other: "Joints") -> bool:
-        """Whether frames of both mean the same; a model is compared by identity, for it is read once."""
+        """Return True if frames of both mean the same; a model is compared by identity, for it is read once."""
         return self.model is other.model and self.names == other.names and self.floating == other.floating
 
 

@@ -117,7 +117,7 @@ def _state(facts: Facts, iri: NamedNode, predicate: NamedNode) -> State | None:
 
 @dataclass(frozen=True)
 class Presence:
-    """Whether a robot is there, since when it is not, and what is wrong with it."""
+    """The presence of a robot: is it there, since when is it not, and what is wrong with it."""
 
     state: State | None
     seen: Value | None

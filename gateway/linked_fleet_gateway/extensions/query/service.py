@@ -52,7 +52,7 @@ class Queries:
 
     @property
     def running(self) -> bool:
-        """Whether anybody has asked anything yet."""
+        """True if anybody has asked anything yet."""
         return self._process.running
 
     async def select(

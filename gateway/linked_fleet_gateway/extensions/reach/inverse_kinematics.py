@@ -198,7 +198,7 @@ def _limits(name: str, limits: Limits) -> tuple[float, float]:
 
 
 def _turns_freely(chain: _Chain, name: str) -> bool:
-    """Whether whole turns of this joint leave the link where it is."""
+    """Return True if whole turns of this joint leave the link where it is."""
     followers = [joint for joint in chain.joints if joint.driver == name and joint.factor]
     return all(joint.kind is not JointKind.PRISMATIC and joint.factor.is_integer() for joint in followers)
 
@@ -275,7 +275,7 @@ class _Task:
         return _Try(x, error, jacobian, math.sqrt(error @ error))
 
     def solved(self, found: _Try) -> bool:
-        """Whether position and orientation are both within their tolerance."""
+        """Return True if position and orientation are both within their tolerance."""
         return all(math.sqrt(part @ part) <= TOLERANCE_M for part in (found.error[:3], found.error[3:]))
 
     def named(self, x: Array) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""Whether anything changed since it was looked at last: what a frame brings is news only if a value moved."""
+"""Detection of changes since the last look: what a frame brings is news only if a value moved."""
 
 import asyncio
 from collections.abc import Callable

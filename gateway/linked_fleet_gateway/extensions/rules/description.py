@@ -58,7 +58,7 @@ def firings_path(rule: Rule) -> str:
 
 
 def readable(known: Known, sight: RequestView) -> bool:
-    """Whether who asks sees all that the rule's creator sees, or is its creator: nothing of it tells them more."""
+    """Return True if the caller made the rule, or sees all that its creator sees: it tells them nothing more."""
     rule, sees = known.rule, sight.sees
     return sees.covers(rule.view) or (bool(sees.name) and sees.name == rule.creator)
 

@@ -105,7 +105,7 @@ class Engine:
 
     @property
     def serves(self) -> bool:
-        """Whether there are rules to evaluate here."""
+        """True if there are rules to evaluate here."""
         return bool(self._tasks)
 
     def entitled(self, rule: Rule) -> Identity:

@@ -179,7 +179,7 @@ def _demand_rights(caller: Identity) -> None:
 
 @asynccontextmanager
 async def _refusals(rules: Rules) -> AsyncIterator[None]:
-    """What the store refuses, as problems."""
+    """Turn refusals of the store into problems."""
     try:
         yield
     except Full as error:

@@ -92,6 +92,6 @@ class Known:
     suppressed: int = 0
     fault: str = ""
     begun: bool = False
-    """Whether it was evaluated since it was written."""
+    """True if it was evaluated since it was written."""
     suspended: str = ""
     """Why its creator may not have it any more."""

@@ -89,7 +89,7 @@ class Rules:
 
     @property
     def serving(self) -> bool:
-        """Whether it is this gateway that evaluates them."""
+        """True if it is this gateway that evaluates them."""
         return self._awaited is not None and not self._awaited
 
     @property
@@ -132,7 +132,7 @@ class Rules:
                 task.add_done_callback(self._writing.discard)
 
     def _moves(self, rule: Rule, robots: Collection[str] | None) -> bool:
-        """Whether the rule could move one of these robots; one that does nothing but stop them does not."""
+        """Return True if the rule could move one of these robots; one that does nothing but stop them does not."""
         if rule.variable is not None:
             return robots is None or any(map(rule.view.sees, robots))
         found = self._live.tree(rule.base).resolve(rule.invokes)
@@ -207,7 +207,7 @@ class Rules:
         return {name for name in awaited if name not in robots or robots[name].header is None}
 
     def _turned(self, known: Known) -> bool:
-        """Whether its creator lost the right to it, or has it again."""
+        """Return True if its creator lost the right to it, or has it again."""
         try:
             self._engine.entitled(known.rule)
         except Ended as error:

@@ -45,7 +45,7 @@ class Thing:
 
     base: str
     secured: bool
-    """Whether who asks has to say who they are."""
+    """True if who asks has to say who they are."""
     robot: Robot | None = None
     part: Joint | Link | None = None
 

@@ -29,7 +29,7 @@ class Collides(MotionRefused):
 
 
 class Unchecked(MotionRefused):
-    """Whether the motion meets anything could not be told, so nothing moves; ``reason`` as of Collides."""
+    """The check of the motion for collisions could not be made, so nothing moves; ``reason`` as of Collides."""
 
     status, code, title = 503, "unchecked", "The motion could not be checked"
 
