@@ -15,6 +15,7 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.authentication import Authenticated
 from linked_fleet_gateway.http.conditional import etag, not_modified
 from linked_fleet_gateway.http.encoding import GZIP, compressed, expanded, pays, tag_of, takes_gzip
+from linked_fleet_gateway.http.fields import fields_of
 from linked_fleet_gateway.identity.rights import EVERYBODY, View
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.template import Rendering
@@ -149,20 +150,11 @@ def _asked(scope: Scope) -> tuple[Key | None, str | None, bytes | None]:
     """
     if scope["method"] not in _READ or scope["query_string"]:
         return None, None, None
-    accept = known = coding = None
-    for name, value in scope["headers"]:
-        if name == b"accept":
-            accept = value if accept is None else accept + b", " + value
-        elif name == b"if-none-match":
-            known = value if known is None else known + b", " + value
-        elif name == b"accept-encoding":
-            coding = value if coding is None else coding + b", " + value
-        elif name in _ASKS_MORE:
-            return None, None, None
-    if accept is None:
-        accept = b""
-    elif len(accept) > _LONGEST_ACCEPT or b"event-stream" in accept:
+    fields = fields_of(scope)
+    accept = fields.get(b"accept", b"")
+    if len(accept) > _LONGEST_ACCEPT or b"event-stream" in accept or not _ASKS_MORE.isdisjoint(fields):
         return None, None, None
+    known, coding = fields.get(b"if-none-match"), fields.get(b"accept-encoding")
     state = scope["state"]
     view = state.get("authenticated", _ANYBODY).identity.sees
     known_tags = None if known is None else known.decode("latin-1")

@@ -9,6 +9,7 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 
 from linked_fleet_gateway.base.errors import BadRequest, FleetError, ForeignOrigin, MisdirectedRequest
+from linked_fleet_gateway.http.fields import fields_of
 from linked_fleet_gateway.http.problem import problem
 from linked_fleet_gateway.http.request import html_of
 
@@ -36,7 +37,7 @@ class Authorities:
     def __init__(self, app: App, public_urls: tuple[str, ...], pages: tuple[str, ...] = ()) -> None:
         self.app = app
         self._bases: dict[tuple[str, int], str] = {}
-        self._asked: dict[tuple[str | bytes, ...], str] = {}
+        self._asked: dict[tuple[str, bytes | None], str] = {}
         """The base of each scheme and Host that was asked for before."""
         for url in public_urls:
             parts = urlsplit(url)
@@ -49,30 +50,27 @@ class Authorities:
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
-        hosts, origins = [], []
-        for name, value in scope["headers"]:
-            if name == b"host":
-                hosts.append(value)
-            elif name == b"origin":
-                origins.append(value)
-        if not scope.get("raw_path", b"/").startswith(b"/") and len(hosts) == 1:
+        fields = fields_of(scope)
+        host, origin = fields.get(b"host"), fields.get(b"origin")
+        if not scope.get("raw_path", b"/").startswith(b"/") and host is not None and b", " not in host:
             absolute = _ABSOLUTE.fullmatch(scope["raw_path"].decode("latin-1"))
             if absolute:
-                hosts, path = [absolute[1].encode("latin-1")], absolute[2] or "/"
+                host, path = absolute[1].encode("latin-1"), absolute[2] or "/"
                 scope = {**scope, "path": unquote(path), "raw_path": path.encode("latin-1")}
         try:
-            base = self._base(scope.get("scheme", "http"), *hosts)
-            elsewhere = bool(origins) and self._is_elsewhere(scope, origins)
+            base = self._base(scope.get("scheme", "http"), host)
+            elsewhere = origin is not None and self._is_elsewhere(scope, origin.split(b", "))
         except FleetError as error:
             await refuse(error, scope, send)
             return
         scope.setdefault("state", {}).update(base=base, elsewhere=elsewhere)
         await self.app(scope, receive, send)
 
-    def _base(self, scheme: str, *fields: bytes) -> str:
-        if found := self._asked.get((scheme, *fields)):
+    def _base(self, scheme: str, said: bytes | None) -> str:
+        if found := self._asked.get((scheme, said)):
             return found
-        host = _HOST.fullmatch(fields[0].decode("latin-1")) if len(fields) == 1 else None
+        text = "" if said is None else said.decode("latin-1")
+        host = _HOST.fullmatch(text)
         if host is None:
             raise BadRequest("the request needs exactly one Host field, such as Host: fleet.example:8000")
         # a TLS front may speak plain HTTP to us: the port of any known scheme for this name will do
@@ -81,10 +79,9 @@ class Authorities:
         for port in sorted(ports, key=lambda port: port != asked):
             if (name, port) in self._bases:
                 if len(self._asked) < _MOST_SPELLINGS:
-                    self._asked[scheme, *fields] = self._bases[name, port]
+                    self._asked[scheme, said] = self._bases[name, port]
                 return self._bases[name, port]
-        said = fields[0].decode("latin-1")
-        raise MisdirectedRequest(f"this fleet is not known as {said}, only as {', '.join(self._bases.values())}")
+        raise MisdirectedRequest(f"this fleet is not known as {text}, only as {', '.join(self._bases.values())}")
 
     def _is_elsewhere(self, scope: Scope, said: Sequence[bytes]) -> bool:
         """Return True if a page of another site asks; ForeignOrigin when it may not.
@@ -92,8 +89,8 @@ class Authorities:
         Only browsers say whose page asks, and none lets a page say something else.
         """
         origins = {value.decode("latin-1").lower() for value in said}
-        accepts = (value for name, value in scope["headers"] if name == b"accept")
-        reads = scope["type"] == "http" and scope["method"] in _READ and not any(_EVENTS in each for each in accepts)
+        streams = _EVENTS in fields_of(scope).get(b"accept", b"")
+        reads = scope["type"] == "http" and scope["method"] in _READ and not streams
         if not reads and not origins <= self._origins | self._pages:
             raise ForeignOrigin(
                 f"pages of {', '.join(self._bases.values())} may do this, and clients that are no pages"

@@ -7,6 +7,7 @@ from typing import Final
 
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from linked_fleet_gateway.http.fields import fields_of
 from linked_fleet_gateway.http.request import html_of
 
 SUBSCRIPTIONS: Final = ("httpx",)
@@ -39,5 +40,5 @@ def _needed(scope: Scope) -> tuple[str, ...]:
         container = path if method == "POST" else path.rpartition("/")[0]
         return SUBSCRIPTIONS if container.endswith("/subscriptions") else ()
     html = html_of(scope)
-    page = any(name == b"accept" and b"text/html" in value for name, value in scope["headers"])
+    page = b"text/html" in fields_of(scope).get(b"accept", b"")
     return tuple(html.modules) if html is not None and page else ()

@@ -17,6 +17,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from linked_fleet_gateway.base.errors import FleetError, InsufficientScope
 from linked_fleet_gateway.http.callers import by_token
+from linked_fleet_gateway.http.fields import fields_of
 from linked_fleet_gateway.http.health import live, ready
 from linked_fleet_gateway.http.problem import problem
 from linked_fleet_gateway.http.request import gateway_of, html_of
@@ -50,8 +51,7 @@ class Front:
             await self.app(scope, receive, send)
             return
         page = self._pages.get(scope["path"]) if scope["type"] == "http" else None
-        proposed = next((value for name, value in scope["headers"] if name == _ID_FIELD), b"")
-        asked = begin(proposed.decode("latin-1"))
+        asked = begin(fields_of(scope).get(_ID_FIELD, b"").decode("latin-1"))
         if self._tracing is not None and page is None and scope.get("method") in _TRACED:
             path = scope["raw_path"].decode("latin-1")[:_LONGEST_PATH]
             parents = Headers(scope=scope).getlist("traceparent")
