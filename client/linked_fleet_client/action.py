@@ -26,7 +26,7 @@ DRY_RUN = "dry-run"
 
 @runtime_checkable
 class Place(Protocol):
-    """Where names lead to something."""
+    """Names that lead to something."""
 
     def at(self, path: str) -> Resource: ...
 

@@ -22,7 +22,7 @@ _TURNS = 64  # commands at once; redis-py refuses more than its 100 connections
 AT_ONCE = 256
 """Commands in one go: some 25 ms of redis-py's time, in which nobody else is served."""
 UNHURRIED = 32
-"""Attempts for what is done again and again, and nobody waits for."""
+"""Commands in one go of what is done again and again, and nobody waits for."""
 _WAITS = 16  # for replicas at once, beside the turns: a replica that hangs must not keep the leases from being renewed
 _REPLICA_MS = 1_000  # for a replica to confirm; below the timeout of a command
 _BLOCK_MS = 1_000  # of a read of the news; below the timeout of a command

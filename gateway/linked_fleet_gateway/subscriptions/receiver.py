@@ -28,7 +28,7 @@ else:
 
 TIMEOUT_S = 10.0
 MOST_READ_BYTES = 4096
-"""Bytes of an answer's body. Its content is never used; one that ends within this leaves the connection usable."""
+"""Bytes of an answer that are read and never used. A body that ends within them leaves the connection usable."""
 MOST_ADDRESSES = 4
 """Tried for one request, or a name with a thousand addresses would have us knock at all of them."""
 _KEEP_ALIVE_S = 4.0

@@ -36,7 +36,7 @@ class Schedule(Sending, Protocol):
     def later(self, delay_s: float, call: Callable[[], None]) -> Timer: ...
 
     def broadcast(self, topic: "Topic[Watcher]", subscription: Subscription, stream: Stream) -> "Broadcast[Watcher]":
-        """The watcher serves all who want the same of a resource."""
+        """Return the broadcast that serves all who want the same of a resource."""
 
     def drop(self, watcher: "Watcher", path: str) -> None:
         """Let the watcher no longer watch one of its resources."""

@@ -70,7 +70,7 @@ class Pictures:
             asking.cancel()
 
     def held(self, robot: str, camera: str) -> dict[str, Picture]:
-        """What those who follow a camera are to see, by format; nothing where nobody does."""
+        """Pictures for those who follow a camera, by format; none where nobody does."""
         followed = self._followed.get(camera_path(robot, camera))
         return followed.pictures if followed is not None else {}
 
@@ -135,7 +135,7 @@ class Pictures:
         return found.remote if isinstance(found, Resource) and isinstance(found.remote, Eye) else None
 
     async def _see(self, path: str, wanted: set[PictureFormat]) -> dict[str, Picture]:
-        """What can be had of it now, which the camera may refuse, and the robot be away."""
+        """Return the pictures that can be had now, by path; the camera may refuse, and the robot be away."""
         eye, seen = self._find(path), dict[str, Picture]()
         for format in sorted(wanted) if eye is not None else ():
             assert eye is not None

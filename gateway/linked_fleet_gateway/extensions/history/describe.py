@@ -30,7 +30,7 @@ _VARIABLES = {
 
 @dataclass(frozen=True)
 class Page:
-    """What one answer shows of a history, and the queries that lead on; ``ends`` and ``count`` are of all there is."""
+    """One page of a history, and the queries that lead on; ``ends`` and ``count`` are of all there is."""
 
     span: Span
     excerpt: Excerpt | None = None
@@ -39,7 +39,7 @@ class Page:
 
     @property
     def next(self) -> str:
-        """Of what comes after it in a span that has a beginning; empty if nothing does."""
+        """The query of what comes after it in a span that has a beginning; empty if nothing does."""
         after = None if self.excerpt is None else self.excerpt.after
         if after is None or not self.span.forward:
             return ""
@@ -48,7 +48,7 @@ class Page:
 
     @property
     def previous(self) -> str:
-        """Of what came before it where the newest were asked for."""
+        """The query of what came before it where the newest were asked for."""
         excerpt = self.excerpt
         if excerpt is None or excerpt.before is None or self.span.forward:
             return ""

@@ -21,9 +21,9 @@ from linked_fleet_gateway.runtime.time_slices import sliced
 log = logging.getLogger(__name__)
 
 _ROOM = 0.75
-"""Of its share of the memory what is left of a track that has outgrown it: or it would do so with each frame."""
+"""The share of the memory that a track keeps when it has outgrown it: or it would do so with each frame."""
 FILES = 16
-"""Of files that are being sent at once; the next one has to wait (503)."""
+"""Files that may be sent at once; the next one has to wait (503)."""
 _WORKERS = 2
 
 
@@ -55,7 +55,7 @@ class History:
         return sum(map(len, list(self._tracks.values())))
 
     def track(self, robot: Robot) -> Track | None:
-        """What is kept of a robot, if that is still of the joints it has."""
+        """Return the track of a robot, if it is still of the joints that the robot has."""
         track = self._tracks.get(robot.name)
         return track if track is not None and robot.model is track.joints.model else None
 

@@ -32,7 +32,7 @@ from linked_fleet_gateway.resources.versioning import Source
 
 SEGMENT = "history"
 _FILE_BYTES = 8 * 2**20
-"""Of frames that one file is made of at most; a longer history is had in several."""
+"""Bytes of frames in one file at most; a longer history is had in several."""
 
 
 @dataclass(frozen=True)

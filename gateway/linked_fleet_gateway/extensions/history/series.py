@@ -1,4 +1,4 @@
-"""What the numbers of frames are: those of one property, or all of a robot, sample by sample."""
+"""Series of numbers: those of one property, or all of a robot, sample by sample."""
 
 import math
 import struct
@@ -55,7 +55,7 @@ def samples(excerpt: Excerpt) -> Iterator[tuple[int, Numbers]]:
 
 
 def all_columns(robot: str, joints: Joints) -> list[tuple[str, Unit]]:
-    """Of a whole frame, in its order; named by the paths below the robot."""
+    """The series of a whole frame, in its order; named by the paths below the robot."""
     base = [(f"pose.{name}", unit) for name, unit in _POSE] + [(f"twist.{name}", unit) for name, unit in _TWIST]
     found = base if joints.floating else []
     for row in _ROWS:

@@ -9,9 +9,9 @@ from urllib.parse import quote
 from linked_fleet_gateway.base.errors import BadRequest
 
 MOST = 1000
-"""Of observations in one answer; a file has more."""
+"""Observations in one answer at most; a file has more."""
 _NEWEST = 10
-"""Of observations where nothing is said of the time."""
+"""Observations in an answer where nothing is said of the time."""
 _SECOND_NS = 1_000_000_000
 _LATEST_NS = 2**63 - 1  # no frame has a later stamp, nor one before 1970
 _VARIABLES = ("from", "to", "last", "limit")
@@ -71,7 +71,7 @@ def moment(stamp_ns: int) -> str:
 
 
 def query(**said: str | int) -> str:
-    """As it stands in an address, without colons, which in a relative one some take for the end of a scheme;
+    """Write a time for an address, without colons, which in a relative one some take for the end of a scheme;
     ``from_`` is from, for Python has a meaning of its own for that."""
     return "&".join(f"{name.rstrip('_')}={quote(str(value), safe='')}" for name, value in said.items())
 

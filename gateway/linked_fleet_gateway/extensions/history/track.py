@@ -1,4 +1,4 @@
-"""What is kept of one robot: its frames as they came over the wire, the oldest first. Pure; times in nanoseconds."""
+"""The track of one robot: its frames as they came over the wire, the oldest first. Pure; times in nanoseconds."""
 
 import struct
 import sys
@@ -14,7 +14,7 @@ _WALL = struct.Struct("<q")
 _WALL_AT = next(field.offset for field in layout(1, False) if field.name == "wall_ns")
 _SLOT_BYTES = 8  # in the list
 _FINEST = 1 / 2048
-"""Of an age: apart from each other samples are left out that are this near, if any have to be."""
+"""The share of its age within which samples are left out, if any have to be."""
 
 
 def wall_ns(frame: bytes) -> int:
@@ -25,7 +25,7 @@ def wall_ns(frame: bytes) -> int:
 
 @dataclass(frozen=True)
 class Joints:
-    """What the numbers of frames are of: ``names`` in the order of their rows."""
+    """The meaning of the numbers of frames: ``names`` in the order of their rows."""
 
     model: RobotModel
     names: tuple[str, ...]
@@ -37,7 +37,7 @@ class Joints:
 
 
 def joints_of(robot: Robot) -> Joints | None:
-    """What its frames are of; None before it has said so."""
+    """The layout of its frames; None before it has said so."""
     if not robot.described or robot.model is None or robot.description is None:
         return None
     return Joints(robot.model, robot.description.joints, robot.description.base == "floating")

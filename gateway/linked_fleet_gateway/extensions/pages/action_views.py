@@ -1,4 +1,4 @@
-"""What pages of actions, invocations, subscriptions and leases show besides the facts that every page has."""
+"""Views of actions, invocations, subscriptions and leases besides the facts that every page has."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -80,7 +80,7 @@ def _only(facts: Facts, iri: Term, predicate: NamedNode) -> Value | None:
 
 @dataclass(frozen=True)
 class Watch:
-    """Who watches what, and how it goes."""
+    """A subscription as a page shows it: who watches what, and how it goes."""
 
     link: Link
     type: str

@@ -253,7 +253,7 @@ def _choice(own: Field, offered: list[Node], name: str, hint: str, value: str, m
 
 
 def _each_unit_once(offered: Sequence[Node]) -> list[Node]:
-    """Of the IRIs that mean the same unit the first; degree comes first, since people think in degrees."""
+    """Choose one of the IRIs that mean the same unit; degree comes first, since people think in degrees."""
     once: dict[object, Node] = {}
     for each in offered:
         once.setdefault(UNITS.get(str(each), each), each)

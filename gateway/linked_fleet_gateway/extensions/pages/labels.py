@@ -70,7 +70,7 @@ def words(iri: str) -> str:
 
 
 def local_name(iri: str) -> str:
-    """What comes after the last ``#`` or ``/``."""
+    """Return the text after the last ``#`` or ``/``."""
     return clean(iri.rstrip("#/").replace("#", "/").rpartition("/")[2] or iri)
 
 
@@ -84,7 +84,7 @@ def segment_name(segment: str, depth: int) -> str:
 
 
 def place(iri: str, root: str) -> str:
-    """What a resource of this fleet is called by its path; ``root`` ends with a slash."""
+    """Return the name of a resource of this fleet by its path; ``root`` ends with a slash."""
     segments = [each for each in iri.removeprefix(root).split("/") if each]
     return segment_name(segments[-1], len(segments) - 1) if segments else "fleet"
 
@@ -96,7 +96,7 @@ def moment(lexical: str) -> str:
 
 
 def named(iri: str) -> str:
-    """What an IRI to choose is called: a part by its name, a term in words."""
+    """Return the label of an IRI to choose: a part by its name, a term in words."""
     return words(iri) if "#" in iri else segment_name(iri.rstrip("/").rpartition("/")[2], 1)
 
 

@@ -1,4 +1,4 @@
-"""What a page may do (Content Security Policy Level 3): run our scripts, speak to us, and nothing else."""
+"""The policy of pages (Content Security Policy Level 3): run our scripts, speak to us, and nothing else."""
 
 POLICY = "; ".join(
     (
@@ -14,4 +14,4 @@ POLICY = "; ".join(
 )
 
 FORMS = POLICY.replace("form-action 'none'", "form-action 'self'")
-"""Of pages that can send a form without a script: those where people log in or out."""
+"""The policy of pages that can send a form without a script: those where people log in or out."""

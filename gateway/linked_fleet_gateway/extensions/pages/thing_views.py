@@ -1,4 +1,4 @@
-"""What pages of the fleet, of robots, joints, links and properties show besides the facts that every page has."""
+"""Views of the fleet, of robots, joints, links and properties besides the facts that every page has."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass

@@ -27,7 +27,7 @@ _LIVE_TIMES = _TIMES - {LF.lastSeen}
 
 @dataclass(frozen=True)
 class Address:
-    """Where a value is: a subject with an IRI, and the predicates that lead from it; ``^`` is a hop backwards."""
+    """The place of a value: a subject with an IRI, and the predicates that lead from it; ``^`` is a hop backwards."""
 
     subject: str
     path: str
@@ -122,7 +122,7 @@ class Facts:
         self.root = root
 
     def all(self, subject: Term, *predicates: NamedNode) -> list[Term]:
-        """What is reached from a subject by one predicate after the other."""
+        """Return what is reached from a subject by one predicate after the other."""
         found: list[Term] = [subject]
         for predicate in predicates:
             found = [each for term in found if isinstance(term, Subject) for each in self._said(term, predicate)]

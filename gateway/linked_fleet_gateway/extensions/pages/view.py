@@ -1,4 +1,4 @@
-"""What a page shows, read from the triples of its resource: the frame that all pages share, and its kind's own."""
+"""Pages from the triples of resources: the frame that all pages share, and the view of each kind."""
 
 import shlex
 from collections.abc import Callable, Mapping, Sequence

@@ -31,7 +31,7 @@ _FORMATS = (
 
 @dataclass(frozen=True)
 class Endpoint:
-    """Where queries are answered; ``sight`` is that of who asks."""
+    """Describe the endpoint of queries; ``sight`` is that of the caller."""
 
     queries: Queries
     sight: RequestView

@@ -44,7 +44,7 @@ Function = Callable[..., Any]
 
 @dataclass(frozen=True)
 class Seen:
-    """What who asks may see: graphs by name; ``whole`` if the store has nothing else."""
+    """The graphs that the caller may see, by name; ``whole`` if the store has nothing else."""
 
     graphs: Sequence[NamedNode]
     whole: bool
@@ -86,7 +86,7 @@ def evaluate(store: Store, ask: Ask, seen: Seen, functions: Mapping[NamedNode, F
 
 
 def _dataset(ask: Ask, seen: Seen) -> dict[str, Any]:
-    """What is not seen is not there. Both are always said, or the query's own FROM would count."""
+    """Restrict the dataset to what is seen. Both parts are always set, or the query's own FROM would count."""
     if ask.default is None and ask.named is None and seen.whole:
         return {"use_default_graph_as_union": True}
     by_name = {graph.value: graph for graph in seen.graphs}

@@ -24,7 +24,7 @@ class Mirrored:
 
     @property
     def tasks(self) -> list[Invocation]:
-        """What it is carrying out."""
+        """The invocations that it is carrying out."""
         return [each for each in self.invocations if not each.state.terminal]
 
 

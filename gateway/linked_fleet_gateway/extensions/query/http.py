@@ -41,7 +41,7 @@ _COUNTS = "SELECT ?graph (COUNT(*) AS ?triples) { GRAPH ?graph { ?s ?p ?o } } GR
 
 @dataclass(frozen=True)
 class _Asked:
-    """What a request says: the text, the dataset, and what stands for ``Accept``."""
+    """A request for a query: the text, the dataset, and what stands for ``Accept``."""
 
     query: str
     dataset: Dataset

@@ -1,4 +1,4 @@
-"""What the gateway and its query process say to each other: MessagePack behind a length, and one socket per query."""
+"""Messages between the gateway and its query process: MessagePack behind a length, and one socket per query."""
 
 from typing import Literal
 

@@ -80,7 +80,7 @@ class _Value:
 
 
 class _Of(NamedTuple):
-    """What a document says, and what it said it of."""
+    """The triples of a document, and their subjects."""
 
     key: object
     prefix: str
@@ -88,7 +88,7 @@ class _Of(NamedTuple):
 
 
 class _Robot:
-    """What the store has of one robot."""
+    """The part of the store that is of one robot."""
 
     def __init__(self, graph: NamedNode, held: Mirrored) -> None:
         self.graph, self.held = graph, held

@@ -28,7 +28,7 @@ LIMIT_S = 5.0
 """Processor time that the evaluation of one query may take."""
 MAX_RESULT_BYTES = 8 * 2**20
 MAX_SELECTED_BYTES = 2**20
-"""Of results that are asked for here, where they are read in the event loop."""
+"""Bytes of results that are asked for here, where they are read in the event loop."""
 JSON_RESULTS = "application/sparql-results+json"
 
 Term = NamedNode | BlankNode | Literal

@@ -1,4 +1,4 @@
-"""What the query process has to hear of the fleet before a query: all of one instant, and only what is news to it."""
+"""Snapshots of the fleet for the query process: all of one instant, and only what is news to it."""
 
 from collections.abc import Callable, Iterable, Sequence
 from itertools import islice
@@ -22,7 +22,7 @@ The labels of its blank nodes are its own: no two contributions to one graph may
 
 
 class Feed:
-    """What one query process has been told so far. To be asked, and its answer encoded, in one turn of the event loop:
+    """The state that one query process knows. To be asked, and its answer encoded, in one turn of the event loop:
     it refers to what lives."""
 
     def __init__(self, fleet: Fleet, invocations: Invocations, branches: Callable[[], Branches]) -> None:
@@ -31,7 +31,7 @@ class Feed:
         self._frames: dict[str, bytes | None] = {}
 
     def news(self) -> News:
-        """What is different since it was asked last."""
+        """Return what is different since the last call."""
         robots, frames = [], {}
         for name, robot in self._fleet.robots.items():
             invocations = recent(self._invocations, name)
@@ -60,7 +60,7 @@ def recent(invocations: Invocations, robot: str) -> list[Invocation]:
 
 
 def _key(robot: Robot, invocations: list[Invocation], branches: object) -> tuple[object, ...]:
-    """What is another whenever something that no frame brings is."""
+    """Return a value that is another whenever something that no frame brings is."""
     known = [(one.id, one.state, one.progress, one.reason, one.ended_ns, one.preempted_by) for one in invocations]
     said = robot.online, robot.incarnation, robot.news, robot.description, robot.fault
     return *said, robot.lease, robot.settings, dict(robot.targets), known, branches

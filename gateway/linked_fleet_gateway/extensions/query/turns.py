@@ -1,4 +1,4 @@
-"""Whose query is next: clients take turns, each with its oldest; few are evaluated at once, few wait for each."""
+"""Fair turns of queries: clients take turns, each with its oldest; few are evaluated at once, few wait for each."""
 
 import asyncio
 from collections import OrderedDict, deque

@@ -41,7 +41,7 @@ log = logging.getLogger(__name__)
 
 HEAD = struct.Struct("!Q")
 MEMORY_BYTES = 512 * 2**20
-"""What the evaluation of one query may add to the memory of the process."""
+"""Bytes that the evaluation of one query may add to the memory of the process."""
 MAX_BASES = 2
 """Under how many base URLs the fleet is kept; under another it is written down anew."""
 

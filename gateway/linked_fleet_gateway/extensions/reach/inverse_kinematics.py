@@ -176,7 +176,7 @@ def _known(name: str, start: Positions) -> float:
 
 
 def _bounds(chain: _Chain, name: str, present: float, limits: Limits) -> tuple[float, float]:
-    """What its own limits and those of the joints that follow it leave to a joint."""
+    """Return the limits of a joint, by its own and by those of the joints that follow it."""
     ends = [_limits(name, limits)]
     for joint in chain.joints:
         if joint.driver == name and joint.factor:

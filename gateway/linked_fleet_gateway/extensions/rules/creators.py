@@ -15,7 +15,7 @@ class Ended(Exception):  # noqa: N818
 
 
 def creator_of(rule: Rule, identities: Identities | None) -> Identity:
-    """Whom the rule acts for; Ended. Where no identities are configured, everybody may do everything."""
+    """Return the identity that the rule acts for; Ended. Where none are configured, everybody may do everything."""
     if identities is None:
         return EVERYBODY
     now_ns = time.time_ns()

@@ -12,7 +12,7 @@ Row = Mapping[str, Term]
 
 MOST_ROWS = 256
 MOST_CHARACTERS = 8_192
-"""Of the terms of one row: firings show them."""
+"""Characters of the terms of one row: firings show them."""
 
 
 class Unusable(ValueError):  # noqa: N818 -- it reads as what it is
@@ -43,7 +43,7 @@ def holding(rows: Sequence[Row], told_apart_by: Collection[str] = ()) -> dict[st
 
 
 def edge(before: Collection[str], now: Mapping[str, Row]) -> Edge:
-    """What is different: ``before`` are the keys of the rows that held."""
+    """Return the difference of rows: ``before`` are the keys of those that held."""
     began = tuple((key, row) for key, row in now.items() if key not in before)
     return Edge(began, tuple(sorted(key for key in before if key not in now)))
 

@@ -109,7 +109,7 @@ class Engine:
         return bool(self._tasks)
 
     def entitled(self, rule: Rule) -> Identity:
-        """Whom the rule acts for now; Ended."""
+        """Return the identity that the rule acts for now; Ended."""
         creator = self._creator_of(rule)
         check_action(rule, self._live.tree(rule.base, creator.sees), creator)
         return creator

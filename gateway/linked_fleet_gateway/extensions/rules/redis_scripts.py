@@ -1,4 +1,4 @@
-"""What is decided in one step where the rules are kept."""
+"""Scripts that Redis runs in one step on the keys of rules."""
 
 # KEYS: records, revisions, rules of the client; ARGV: id, rule, revision that it replaces (0: a new one), how many the
 # client may have, how many there may be.

@@ -29,7 +29,7 @@ INTERVAL_S = 1.0
 
 @dataclass(frozen=True)
 class Wanted:
-    """As ``Rule`` has it; ``invokes`` is an IRI or ``?`` and a variable."""
+    """The fields of ``Rule``; ``invokes`` is an IRI or ``?`` and a variable."""
 
     title: str
     condition: str
@@ -41,7 +41,7 @@ class Wanted:
 
 
 def requested(triples: Sequence[Triple], iri: str, base: str) -> Wanted:
-    """What ``triples``, sent to ``iri``, ask for; UnprocessableContent with the report if the shape refuses it."""
+    """Read the rule that ``triples``, sent to ``iri``, ask for; UnprocessableContent with the report of its shape."""
     container = base + CONTAINER
     focus = _focus(triples, iri)
     about = list(dict.fromkeys(each for each in triples if each.subject == focus))

@@ -1,4 +1,4 @@
-"""What a rule is, and what became of it each time that its pattern started to hold; pure values."""
+"""Rules and their firings, one each time that the pattern started to hold; pure values."""
 
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -9,7 +9,7 @@ from linked_fleet_gateway.resources.paths import robot_of
 
 @dataclass(frozen=True)
 class Rule:
-    """As its creator wrote it. ``invokes`` is the path of an action, or ``?`` and the variable that names it;
+    """A rule as its creator wrote it. ``invokes`` is the path of an action, or ``?`` and the variable that names it;
     ``body`` is N-Triples about ``_:body`` in which a node with ``lf:variable`` stands for what the variable is bound
     to, empty for an action that takes none."""
 
@@ -35,7 +35,7 @@ class Rule:
     creator: str = ""
     """Name of the identity whose rights it has; empty where none were configured."""
     claims: Claims | None = None
-    """What the issuer said of a creator who came with a token of one."""
+    """The claims of a creator who came with the token of an issuer."""
     sees: tuple[str, ...] = (EVERY,)
     """Patterns of the robots that its creator could read."""
 

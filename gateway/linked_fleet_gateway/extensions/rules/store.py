@@ -155,7 +155,7 @@ class RuleStore:
         return [int(number) for number in numbers]
 
     async def finish(self, rule: Rule, number: int, firing: Firing) -> None:
-        """What became of a firing that was claimed."""
+        """The outcome of a firing that was claimed."""
         text = firing.state.value.encode() + b" " + msgspec.json.encode(firing)
         await self._redis.run(scripts.FINISH, (self._keys.of_rule(rule.id)[2],), number, text)
         await self._tell(rule.id)

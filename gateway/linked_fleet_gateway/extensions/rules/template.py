@@ -17,7 +17,7 @@ MOST_TRIPLES = 200
 
 
 def template(triples: Sequence[Triple], root: BlankNode) -> str:
-    """What is said of ``root`` and of the blank nodes below it, as N-Triples about ``ROOT``; UnprocessableContent."""
+    """Return the triples of ``root`` and of the blank nodes below it, about ``ROOT``; UnprocessableContent."""
     body = below(triples, [root])
     names: dict[object, BlankNode] = {root: ROOT}
     for each in body:

@@ -9,7 +9,7 @@ from linked_fleet_gateway.extensions.sessions.sealed_cookie import Session
 _SESSION = "linked-fleet"
 _STATE = "sessions.session"
 LOGIN = "-login"
-"""Of the cookie that a login at an issuer keeps while it is under way."""
+"""The end of the name of the cookie of a login at an issuer that is under way."""
 
 
 def _is_https(scope: Scope) -> bool:

@@ -154,7 +154,7 @@ class Login:
 
 
 async def _claims(request: Request, sessions: Sessions, issuer: Issuer, login: Underway) -> Claims:
-    """What the issuer says of who comes back from it with a code; BadToken, IssuerSilent."""
+    """Return the claims of a person who comes back from the issuer with a code; BadToken, IssuerSilent."""
     said = request.query_params
     if not compare_digest(said.get("state", "").encode(), login.state.encode()):
         raise BadToken("it began in another browser")
@@ -227,7 +227,7 @@ def _one(form: dict[str, list[str]], name: str) -> str:
 
 
 def _path(said: str | None) -> str:
-    """Where to go after the login: a path of ours, whatever a link says."""
+    """Return where to go after the login: a path of ours, whatever a link says."""
     if not said or not said.startswith("/") or len(said) > _LONGEST_PATH:
         return "/"
     return quote(said, safe="/~?&=%.,:;@!$'()*+-_")

@@ -1,4 +1,4 @@
-"""What a browser keeps for us, sealed: who has logged in, and a login that is under way. Pure."""
+"""Sealed cookies: who has logged in, and a login that is under way. Pure."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What gateways share about identities in Redis: the key that seals sessions."""
+"""The key that seals sessions, which gateways share in Redis."""
 
 import asyncio
 import base64
@@ -13,7 +13,7 @@ __all__ = ["SessionKey", "StoreUnavailable"]
 
 
 class SessionKey:
-    """Of 32 random bytes; the first gateway makes it, and each keeps it, so that Redis may go away.
+    """A key of 32 random bytes; the first gateway makes it, and each keeps it, so that Redis may go away.
 
     ``file``: where it is instead, in base64, if there is one.
     """

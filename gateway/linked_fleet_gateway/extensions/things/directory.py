@@ -1,4 +1,4 @@
-"""Where Thing Descriptions are found (W3C WoT Discovery): ``/.well-known/wot`` and the directory ``/things``."""
+"""Discovery of Thing Descriptions (W3C WoT Discovery): ``/.well-known/wot`` and the directory ``/things``."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What clients post of objects, from triples to typed values. The published shape judges first."""
+"""Bodies of objects, from triples to typed values. The published shape judges first."""
 
 import base64
 import binascii

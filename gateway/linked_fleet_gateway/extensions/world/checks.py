@@ -156,7 +156,7 @@ class Checks:
         return Stood(name, self._preparation.key(robot), _base(robot, sees), stances)
 
     def _underway(self, robot: Robot, own: str) -> dict[str, float]:
-        """Where its joints go by motions that have not ended."""
+        """Return the targets of its joints by motions that have not ended."""
         ends: dict[str, float] = {}
         for invocation in reversed(self._live.invocations.open_of(robot.name)):
             if invocation.id != own:
@@ -193,7 +193,7 @@ def _positions(robot: Robot) -> Positions:
 
 
 def _base(robot: Robot, sees: View) -> Pose:
-    """Where its root is; Unchecked."""
+    """Return the pose of its root; Unchecked."""
     assert robot.model is not None
     pose = pose_in_world(robot, robot.model.root)
     if pose is None:

@@ -33,7 +33,7 @@ def describe_world(graph: Graph, base: str, robots: Iterable[Robot]) -> None:
 
 
 def describe_frame(graph: Graph, base: str, robots: Iterable[Robot]) -> None:
-    """What the world says of itself alone: that robots are in it, not where."""
+    """Describe the world alone: that robots are in it, not where."""
     iri = NamedNode(base + WORLD)
     graph.a(iri, LF.World)
     graph.add(iri, DCTERMS.title, Literal("World"))

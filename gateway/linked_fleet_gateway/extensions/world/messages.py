@@ -1,4 +1,4 @@
-"""What the gateway asks of the process that checks motions, and what that answers. Metre, radian; MessagePack."""
+"""Messages between the gateway and the process that checks motions. Metre, radian; MessagePack."""
 
 from typing import Literal
 
@@ -37,7 +37,7 @@ class PrepareObject(Struct, frozen=True, tag="object"):
 
 
 class Stood(Struct, frozen=True):
-    """Where something prepared is. ``name``: what it is called in an answer; ``base``: its root in the world.
+    """The place of something prepared. ``name``: what it is called in an answer; ``base``: its root in the world.
 
     ``stances``: all the positions of its joints in which it may be met; the first says where all joints are, the others
     where some are besides.

@@ -124,7 +124,7 @@ def _of_object(
 
 
 def _facts(thing: SceneObject | None) -> tuple[object, ...]:
-    """What a version is made of: all of an object, but of a mesh a sum that is made quickly."""
+    """The facts that make a version: all of an object, but of a mesh a sum that is made quickly."""
     if thing is None:
         return ()
     geometry = thing.geometry

@@ -1,4 +1,4 @@
-"""What stands in the world besides robots: obstacles and keep-out zones, as typed values. Metre; pure."""
+"""Objects in the world besides robots: obstacles and keep-out zones, as typed values. Metre; pure."""
 
 import math
 import struct

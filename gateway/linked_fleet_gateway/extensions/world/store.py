@@ -34,11 +34,11 @@ class Full(Exception):  # noqa: N818
 
 
 class Changed(Exception):  # noqa: N818
-    """What is there is not what was to be replaced."""
+    """The object is not the one that was to be replaced."""
 
 
 def digest(body: bytes | None) -> str:
-    """What stands for a body, which may have hundreds of kilobytes; empty for none."""
+    """The digest of a body, which may have hundreds of kilobytes; empty for none."""
     return "" if body is None else sha1(body, usedforsecurity=False).hexdigest()
 
 

@@ -33,7 +33,7 @@ def _beside(leg: Leg, share: float, start: Positions, meanwhile: Mapping[str, fl
 
 
 def stances_of(start: Positions, ends: Mapping[str, float]) -> tuple[Positions, ...]:
-    """Where a robot may be met whose joints go from ``start`` to ``ends``: the first stance is where it is."""
+    """Stances of a robot whose joints go from ``start`` to ``ends``: the first one is where it is."""
     moved = {name: end - start[name] for name, end in ends.items() if name in start}
     count = min(MOST_STANCES, round(max(map(abs, moved.values()), default=0.0) / STANCE_RAD + 0.5))
     shares = [(i + 1) / count for i in range(count)]
