@@ -16,7 +16,7 @@ from fuzz.findings import Tally, in_process
 from fuzz.good import BODIES, JOINTS, TERMS, TURTLE_PREFIXES, able_arm
 from linked_fleet_agent.wire.codec import encode_state
 from linked_fleet_agent.wire.messages import State
-from linked_fleet_gateway.actions.action_request import Asked, moment_of
+from linked_fleet_gateway.actions.action_request import ActionRequest, moment_of
 from linked_fleet_gateway.actions.admission import admit
 from linked_fleet_gateway.actions.handler_table import HANDLERS
 from linked_fleet_gateway.actions.plan import Later, Motion
@@ -160,7 +160,9 @@ def _plan(random: Random, offer: Offer, triples: list[Triple]) -> None:
     if random.random() < _COMPARED:
         _compare(offer, triples)
     admitted = admit(offer, triples, BASE)
-    plan = _HANDLERS[offer.definition.iri](Asked(BASE, admitted, offer.robot, offer.joint, moment_of(offer.robot)))
+    plan = _HANDLERS[offer.definition.iri](
+        ActionRequest(BASE, admitted, offer.robot, offer.joint, moment_of(offer.robot))
+    )
     if isinstance(plan, Later):
         plan = plan.compute() if random.random() < 0.1 else None  # a search takes milliseconds
     assert plan is None or isinstance(plan, Motion), "what takes a body moves"

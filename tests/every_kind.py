@@ -8,7 +8,7 @@ from linked_fleet_agent.wire.codec import layout
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Camera, Description
 from linked_fleet_gateway.extensions.cameras.resources import cameras_branch
 from linked_fleet_gateway.extensions.history.recorder import History
-from linked_fleet_gateway.extensions.history.resources import Past
+from linked_fleet_gateway.extensions.history.resources import RecordedHistory
 from linked_fleet_gateway.extensions.history.resources import history_branches as histories
 from linked_fleet_gateway.extensions.history.span import Span
 from linked_fleet_gateway.extensions.pages.resources import BRANCH as ASSETS
@@ -132,7 +132,7 @@ def tree() -> Tree:
     branches = NONE.having(
         *THINGS,
         rules_branch(rules),
-        FleetBranch(WORLD[1:], LF.world, lambda sight, rest: in_world(sight, rest, objects)),
+        FleetBranch(WORLD[1:], LF.world, lambda view, rest: in_world(view, rest, objects)),
         *histories(History(fleet, 60.0, 10.0, 1_000_000)),
         cameras_branch(lambda robot, camera: {}),
         ASSETS,
@@ -144,7 +144,7 @@ def described(tree: Tree, path: str) -> list[Triple]:
     """The description of the resource at ``path``; for a resource that depends on a query, without a query."""
     found = tree.resolve(path)
     assert isinstance(found, Resource), path
-    if isinstance(found.remote, Past):
+    if isinstance(found.remote, RecordedHistory):
         found = found.remote.shown(Span()).resource
     assert found.describe is not None, path
     graph = Graph()
@@ -169,7 +169,9 @@ def described_paths(tree: Tree) -> list[str]:
     while pending:
         path = pending.pop()
         found = tree.resolve(path)
-        if not isinstance(found, Resource) or (found.describe is None and not isinstance(found.remote, Past)):
+        if not isinstance(found, Resource) or (
+            found.describe is None and not isinstance(found.remote, RecordedHistory)
+        ):
             continue
         found_here.append(path)
         triples = described(tree, path)

@@ -9,7 +9,7 @@ from rdflib import Graph
 from rdflib.term import Literal, Node, URIRef
 
 from linked_fleet_client.errors import BadAnswer, NoSuchThing, Unsupported
-from linked_fleet_client.form import Asked, asked, build
+from linked_fleet_client.form import FormField, asked, build
 from linked_fleet_client.invocation import Invocation
 from linked_fleet_client.reading import Reading, read
 from linked_fleet_client.resource import Resource
@@ -35,7 +35,7 @@ class Action(Resource):
     """An action as its description has it. Calling it does it."""
 
     @property
-    def fields(self) -> tuple[Asked, ...]:
+    def fields(self) -> tuple[FormField, ...]:
         """The form of its shape; empty if it takes nothing."""
         shapes, nodes = self._consumed()
         return asked(_one(shapes, nodes))

@@ -27,7 +27,7 @@ class Limits:
 
 
 @dataclass(frozen=True)
-class Asked:
+class FormField:
     """One thing to fill in. ``choices`` is None if any value will do; ``fields`` is what a nested node is made of."""
 
     name: str
@@ -38,7 +38,7 @@ class Asked:
     min_count: int
     max_count: int | None
     limits: tuple[Limits, ...]
-    fields: tuple["Asked", ...]
+    fields: tuple["FormField", ...]
     default: Node | None
     fixed: bool
 
@@ -47,7 +47,7 @@ class Asked:
         return self.min_count > 0 and not self.fixed and self.default is None
 
 
-def asked(shape: Shape) -> tuple[Asked, ...]:
+def asked(shape: Shape) -> tuple[FormField, ...]:
     """The fields of a shape with those of its alternatives: choices joined, limits each with its condition."""
     branches = [branch for group in shape.alternatives for branch in group]
     fields = every_field(shape)
@@ -66,7 +66,7 @@ def every_field(shape: Shape) -> tuple[Field, ...]:
     return tuple(own.values())
 
 
-def _asked(own: Field, branches: Sequence[Shape], names: Mapping[URIRef, str]) -> Asked:
+def _asked(own: Field, branches: Sequence[Shape], names: Mapping[URIRef, str]) -> FormField:
     there = [(branch, found) for branch in branches if (found := branch.field(own.path))]
     nested = merged([own.shape, *(found.shape for _, found in there if found.shape.fields)])
     bounded = [(None, own), *there]
@@ -75,7 +75,7 @@ def _asked(own: Field, branches: Sequence[Shape], names: Mapping[URIRef, str]) -
         for branch, found in bounded
         if found.shape.lower or found.shape.upper
     ]
-    return Asked(
+    return FormField(
         name=own.name,
         path=own.path,
         description=own.description,

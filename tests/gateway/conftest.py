@@ -8,7 +8,7 @@ import pytest
 from actor import link, robot
 from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import Description, State
-from linked_fleet_gateway.actions.action_request import Asked, moment_of
+from linked_fleet_gateway.actions.action_request import ActionRequest, moment_of
 from linked_fleet_gateway.actions.admission import admit
 from linked_fleet_gateway.actions.handler_table import HANDLERS
 from linked_fleet_gateway.actions.plan import Plan
@@ -126,7 +126,7 @@ class Bench:
     def plan(self, path: str, turtle: str = "") -> Plan:
         offer = self.offer(path)
         body = self.body(path, turtle) if offer.takes_body else Body((), offer.definition.iri)
-        asked = Asked(self.base, body, offer.robot, offer.joint, moment_of(offer.robot))
+        asked = ActionRequest(self.base, body, offer.robot, offer.joint, moment_of(offer.robot))
         return {**HANDLERS, LF.Reach: reach}[offer.definition.iri](asked)
 
     @staticmethod

@@ -256,8 +256,8 @@ def _answers(ask: Callable[[], Awaitable[list[dict[str, Term]]]], asking: Asking
 def test_branches_say_what_they_have_to_who_may_see_it(asking: Asking) -> None:
     place = NamedNode("http://world.example/place")
 
-    def contribution(sight: RequestView) -> list[tuple[str, list[Triple]]]:
-        return [(f"/{name}/", [Triple(sight.iri(f"/{name}/"), place, Literal(name))]) for name in sight.robots]
+    def contribution(seen_by: RequestView) -> list[tuple[str, list[Triple]]]:
+        return [(f"/{name}/", [Triple(seen_by.iri(f"/{name}/"), place, Literal(name))]) for name in seen_by.robots]
 
     asking.live.add(FleetBranch("places", None, lambda view, rest: None, graphs=contribution))
     query = f"SELECT ?name {{ GRAPH ?robot {{ ?robot <{place.value}> ?name }} }}"

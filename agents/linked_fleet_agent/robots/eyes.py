@@ -105,7 +105,7 @@ def as_available(cameras: Sequence[Camera], reason: str) -> tuple[Camera, ...]:
     return tuple(msgspec.structs.replace(camera, formats=formats, unavailable=reason) for camera in cameras)
 
 
-class Eyes:
+class Renderer:
     """Renders what the cameras of one robot see, in one thread at a time; ``close`` may be called from any."""
 
     def __init__(self, scene: Scene, way: str) -> None:

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from linked_fleet_agent.robot import Facts, PictureError, Reading, RobotFaultError
-from linked_fleet_agent.robots.eyes import Eyes, Scene
+from linked_fleet_agent.robots.eyes import Renderer, Scene
 from linked_fleet_agent.robots.mujoco_model import build
 from linked_fleet_agent.wire.messages import Base, Camera, PictureFormat
 
@@ -44,7 +44,7 @@ class MujocoRobot:
         scene = Scene(
             robot=name, urdf=facts.urdf, file=str(file or ""), floating=facts.floating, home=pose, cameras=facts.cameras
         )
-        self._eyes = Eyes(scene, renders_by) if renders_by else None
+        self._renderer = Renderer(scene, renders_by) if renders_by else None
         self._names = tuple(joint.name for joint in facts.joints)
         joints = [self._model.joint(joint.name) for joint in facts.joints]
         self._qpos = np.array([joint.qposadr[0] for joint in joints], dtype=int)
@@ -91,13 +91,13 @@ class MujocoRobot:
 
     def close(self) -> None:
         """End what renders; the rest is memory only."""
-        if self._eyes is not None:
-            self._eyes.close()
+        if self._renderer is not None:
+            self._renderer.close()
 
     def picture(self, camera: Camera, format: PictureFormat, reading: Reading) -> bytes:
-        if self._eyes is None:
+        if self._renderer is None:
             raise PictureError("nothing renders here")
-        return self._eyes.take(camera.name, format, reading, self._names)
+        return self._renderer.take(camera.name, format, reading, self._names)
 
     def _place(self, pose: Mapping[str, float], height_m: float) -> None:
         for joint, address in zip(self._facts.joints, self._qpos, strict=True):

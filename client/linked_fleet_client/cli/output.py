@@ -8,7 +8,7 @@ from typing import Any
 from rdflib.term import Literal, Node, URIRef
 
 from linked_fleet_client.errors import InvalidInput
-from linked_fleet_client.form import Asked, Limits, said_choices, said_range
+from linked_fleet_client.form import FormField, Limits, said_choices, said_range
 from linked_fleet_client.naming import step
 from linked_fleet_client.quantity import Quantity, number
 from linked_fleet_client.reading import Reading, Value
@@ -53,7 +53,7 @@ def brief(reading: Reading, units: Sequence[str] = ()) -> str:
     return text if len(text) <= _WIDEST else text[: _WIDEST - 4] + " ..."
 
 
-def input_in_words(fields: Sequence[Asked], indent: str = "") -> list[str]:
+def input_in_words(fields: Sequence[FormField], indent: str = "") -> list[str]:
     """A line for each field, those of nested nodes below it."""
     lines = []
     for each in fields:
@@ -71,7 +71,7 @@ def input_in_words(fields: Sequence[Asked], indent: str = "") -> list[str]:
 _MOST = 40
 
 
-def _kind(each: Asked) -> str:
+def _kind(each: FormField) -> str:
     if each.choices is not None:
         return f"one of {said_choices(each.choices)}"
     if each.fields:
@@ -80,7 +80,7 @@ def _kind(each: Asked) -> str:
     return " or ".join(names) or ("number" if each.limits else "")
 
 
-def _counts(each: Asked) -> str:
+def _counts(each: FormField) -> str:
     if each.max_count == 1:
         return "" if each.min_count else "(optional)"
     most = "any number of times" if each.max_count is None else f"up to {each.max_count} times"
@@ -119,7 +119,7 @@ def reading(found: Reading, units: Sequence[str] = ()) -> dict[str, Any]:
     }
 
 
-def asked_json(fields: Iterable[Asked]) -> list[dict[str, Any]]:
+def asked_json(fields: Iterable[FormField]) -> list[dict[str, Any]]:
     return [
         {
             "name": each.name,

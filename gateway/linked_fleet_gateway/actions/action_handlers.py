@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 
 from linked_fleet_agent.wire.messages import Expectation, Follow, Move
-from linked_fleet_gateway.actions.action_request import Asked
+from linked_fleet_gateway.actions.action_request import ActionRequest
 from linked_fleet_gateway.actions.plan import Halt, Motion
 from linked_fleet_gateway.base.errors import Conflict, UnprocessableContent
 from linked_fleet_gateway.fleet.model import Joint, JointKind
@@ -17,14 +17,14 @@ _SETTLING = 2e-4  # rad or m: a joint that was sent to its limit may be measured
 # -- joint ----------------------------------------------------------------------------------------------------------
 
 
-def to_position(asked: Asked) -> Motion:
+def to_position(asked: ActionRequest) -> Motion:
     """``rotate`` and ``translate``."""
     joint = asked.of_joint()
     target = _near(asked, joint, asked.body.quantity(asked.body.root))
     return motion_to(asked, Move({joint.name: target}, _speeds(asked, joint)), {joint.name: target})
 
 
-def by_distance(asked: Asked) -> Motion:
+def by_distance(asked: ActionRequest) -> Motion:
     """``rotateBy`` and ``translateBy``: from where the joint is; Conflict where it would leave its limits."""
     joint = asked.of_joint()
     target = _present(asked, joint) + asked.body.quantity(asked.body.root)
@@ -36,20 +36,20 @@ def by_distance(asked: Asked) -> Motion:
     return motion_to(asked, Move({joint.name: target}, _speeds(asked, joint)), {joint.name: target})
 
 
-def hold(asked: Asked) -> Halt:
+def hold(asked: ActionRequest) -> Halt:
     return Halt((asked.of_robot().name,), (asked.of_joint().name,))
 
 
 # -- robot ----------------------------------------------------------------------------------------------------------
 
 
-def move_joints(asked: Asked) -> Motion:
+def move_joints(asked: ActionRequest) -> Motion:
     joints = asked.model().joints
     targets = {name: _near(asked, joints[name], value) for name, value in _targets(asked, asked.body.root).items()}
     return motion_to(asked, Move(targets), targets)
 
 
-def follow(asked: Asked) -> Motion:
+def follow(asked: ActionRequest) -> Motion:
     """``followTrajectory``: waypoints in the order of their times, all of the same joints."""
     body = asked.body
     waypoints = sorted(
@@ -75,7 +75,7 @@ def follow(asked: Asked) -> Motion:
     return motion_to(asked, Follow(tuple(joints), times, tuple(rows)), before)
 
 
-def assume_pose(asked: Asked) -> Motion:
+def assume_pose(asked: ActionRequest) -> Motion:
     name = asked.body.text(asked.body.root, LF.poseName)
     assert name is not None
     joints = asked.model().joints
@@ -83,21 +83,21 @@ def assume_pose(asked: Asked) -> Motion:
     return motion_to(asked, Move(targets), targets)
 
 
-def stop(asked: Asked) -> Halt:
+def stop(asked: ActionRequest) -> Halt:
     return Halt((asked.of_robot().name,))
 
 
 # -- fleet ----------------------------------------------------------------------------------------------------------
 
 
-def stop_all(asked: Asked) -> Halt:
+def stop_all(asked: ActionRequest) -> Halt:
     return Halt(None)
 
 
 # -- pieces ---------------------------------------------------------------------------------------------------------
 
 
-def motion_to(asked: Asked, motion: Move | Follow, targets: Mapping[str, float]) -> Motion:
+def motion_to(asked: ActionRequest, motion: Move | Follow, targets: Mapping[str, float]) -> Motion:
     """The motion with what every body may say besides its goal."""
     body, robot = asked.body, asked.of_robot()
     scale = body.number(body.root, LF.speedScale)
@@ -111,7 +111,7 @@ def motion_to(asked: Asked, motion: Move | Follow, targets: Mapping[str, float])
     return Motion(robot, motion, targets, asked.of_moment(), min(scale or 1.0, robot.speed_scale), expects, tied)
 
 
-def _expectation(asked: Asked, node: Node) -> tuple[str, Expectation]:
+def _expectation(asked: ActionRequest, node: Node) -> tuple[str, Expectation]:
     body = asked.body
     tolerance = body.number(node, LF.tolerance)
     assert tolerance is not None
@@ -119,7 +119,7 @@ def _expectation(asked: Asked, node: Node) -> tuple[str, Expectation]:
     return joint.name, Expectation(body.quantity(node), tolerance * body.unit(node))
 
 
-def _targets(asked: Asked, node: Node) -> dict[str, float]:
+def _targets(asked: ActionRequest, node: Node) -> dict[str, float]:
     """The positions that ``node`` states, by joint (rad or m); UnprocessableContent for two of one joint."""
     body, found = asked.body, dict[str, float]()
     for target in body.nodes(node, LF.target):
@@ -130,12 +130,12 @@ def _targets(asked: Asked, node: Node) -> dict[str, float]:
     return found
 
 
-def _speeds(asked: Asked, joint: Joint) -> dict[str, float]:
+def _speeds(asked: ActionRequest, joint: Joint) -> dict[str, float]:
     speed = asked.body.node(asked.body.root, LF.speed)
     return {} if speed is None else {joint.name: asked.body.quantity(speed)}
 
 
-def _near(asked: Asked, joint: Joint, target: float, start: float | None = None) -> float:
+def _near(asked: ActionRequest, joint: Joint, target: float, start: float | None = None) -> float:
     """The target within the limits, past which a unit may round it; of a continuous joint the turn that is nearest."""
     if joint.kind is JointKind.CONTINUOUS:
         start = _present(asked, joint) if start is None else start
@@ -144,7 +144,7 @@ def _near(asked: Asked, joint: Joint, target: float, start: float | None = None)
     return target if low is None or high is None else min(max(target, low), high)
 
 
-def _present(asked: Asked, joint: Joint) -> float:
+def _present(asked: ActionRequest, joint: Joint) -> float:
     position = asked.of_robot().positions.get(joint.name, math.nan)
     if math.isnan(position):
         raise Conflict(f"The position of {joint.name} is unknown at present; nothing can be planned from there.")

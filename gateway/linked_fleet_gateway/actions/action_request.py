@@ -21,7 +21,7 @@ def moment_of(robot: Robot | None) -> Moment | None:
 
 
 @dataclass(frozen=True)
-class Asked:
+class ActionRequest:
     """``base``: the URL under which the IRIs in the body stand, without a slash at the end."""
 
     base: str

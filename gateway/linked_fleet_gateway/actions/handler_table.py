@@ -5,11 +5,11 @@ from collections.abc import Callable
 from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.actions import action_handlers as handlers
-from linked_fleet_gateway.actions.action_request import Asked
+from linked_fleet_gateway.actions.action_request import ActionRequest
 from linked_fleet_gateway.actions.plan import Plan
 from linked_fleet_gateway.rdf.vocabulary import LF
 
-Handler = Callable[[Asked], Plan]
+Handler = Callable[[ActionRequest], Plan]
 
 HANDLERS: dict[NamedNode, Handler] = {
     LF.Rotate: handlers.to_position,

@@ -12,7 +12,7 @@ from typing import Protocol, Self
 from pyoxigraph import NamedNode
 
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Command, Progress, Refused, Reply, Stop
-from linked_fleet_gateway.actions.action_request import Asked
+from linked_fleet_gateway.actions.action_request import ActionRequest
 from linked_fleet_gateway.actions.caller import Caller
 from linked_fleet_gateway.actions.commands import command_of
 from linked_fleet_gateway.actions.handler_table import HANDLERS, Handler
@@ -180,7 +180,7 @@ class Actions:
         except Full as error:
             raise self._quota.refusal(caller.name) from error
 
-    def plan(self, asked: Asked, offer: Offer) -> Plan:
+    def plan(self, asked: ActionRequest, offer: Offer) -> Plan:
         """Have the handler of an offered action make its plan. Raises what the handler refuses."""
         return self.handlers[offer.definition.iri](asked)
 

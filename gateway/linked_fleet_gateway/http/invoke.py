@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from pyoxigraph import NamedNode, Triple
 from starlette.responses import Response
 
-from linked_fleet_gateway.actions.action_request import Asked, moment_of
+from linked_fleet_gateway.actions.action_request import ActionRequest, moment_of
 from linked_fleet_gateway.actions.admission import admit
 from linked_fleet_gateway.actions.caller import Caller
 from linked_fleet_gateway.actions.plan import Halt, Later, Moment, Motion
@@ -192,7 +192,7 @@ async def _halt(request: Request, offer: Offer) -> Response:
     actions: Actions = request.services.actions
     prefer = parse_prefer(field(request, "prefer"))
     nothing = Body((), NamedNode(request.base + offer.path))
-    plan = actions.plan(Asked(request.base, nothing, offer.robot, offer.joint), offer)
+    plan = actions.plan(ActionRequest(request.base, nothing, offer.robot, offer.joint), offer)
     assert isinstance(plan, Halt)
     stops = request.caller.over(Right.STOP)
     if prefer.dry_run:
@@ -210,7 +210,7 @@ async def _carry_out(
     actions: Actions = request.services.actions
     asking = caller(request, admitted.written, _digest(request, admitted.content))
     with step("plan"):
-        plan = actions.plan(Asked(request.base, admitted.body, offer.robot, offer.joint, moment), offer)
+        plan = actions.plan(ActionRequest(request.base, admitted.body, offer.robot, offer.joint, moment), offer)
         if isinstance(plan, Later):
             plan = await actions.compute(plan)
     assert isinstance(plan, Motion)  # what takes a body moves

@@ -15,7 +15,7 @@ from linked_fleet_gateway.resources.placement import WORLD, placement_of
 _DECIMALS = round(-math.log10(POSE_RESOLUTION))
 
 
-class Standing(Protocol):
+class FramedThing(Protocol):
     """An object, as far as its place matters."""
 
     @property
@@ -46,7 +46,7 @@ class _Place:
         return None if placement is None else compose(placement, self.pose)
 
 
-def seen_from(of: str, frame: str, robots: Mapping[str, Robot], objects: Mapping[str, Standing]) -> Posed:
+def seen_from(of: str, frame: str, robots: Mapping[str, Robot], objects: Mapping[str, FramedThing]) -> Posed:
     """``of`` and ``frame`` are paths of the world, a robot, a link or an object; LookupError, naming any other.
 
     Two parts of one robot need no placement. The time is of the robot whose latest frame is older.
@@ -62,7 +62,7 @@ def seen_from(of: str, frame: str, robots: Mapping[str, Robot], objects: Mapping
     return Posed(_rounded(compose(inverse(poses[1]), poses[0])), bool(times), wall_ns)
 
 
-def _place(path: str, robots: Mapping[str, Robot], objects: Mapping[str, Standing]) -> _Place:
+def _place(path: str, robots: Mapping[str, Robot], objects: Mapping[str, FramedThing]) -> _Place:
     if path == WORLD:
         return _Place(None, ORIGIN)
     if path.startswith(f"{WORLD}/objects/"):

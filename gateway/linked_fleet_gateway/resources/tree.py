@@ -73,7 +73,7 @@ class Tree:
         self._say = Describer(base)
         self._base = base
         self._branches = branches
-        self._sight = RequestView(base, self._robots, self._invocations, sees, secured)
+        self._view = RequestView(base, self._robots, self._invocations, sees, secured)
 
     def resolve(self, path: str) -> Found:
         """The resource at ``path`` (percent-decoded, starting with a slash), its other spelling, or None."""
@@ -87,7 +87,7 @@ class Tree:
         if head == "subscriptions":
             return self._of_thing(self._fleet_resource(), [head, *rest], ())
         if (branch := self._branches.at_root(head)) is not None:
-            return branch.resolve(self._sight, rest)
+            return branch.resolve(self._view, rest)
         if head == "actions" and rest:
             return in_actions(fleet_offers(), rest, self._invocations, Source(), self._base)
         try:
@@ -123,7 +123,7 @@ class Tree:
                 *(path for _, path in self._branches.linked()),
             ),
             parts=robots,
-            documents=self._branches.of_thing(self._sight),
+            documents=self._branches.of_thing(self._view),
             constant=self._branches.constant,
             has_linkset=True,
         )
@@ -147,7 +147,7 @@ class Tree:
                 thing = self._robot_resource(robot)
                 return thing if rest == [""] else self._of_thing(thing, rest, (LF.RobotShape,))
             if (branch := self._branches.in_robot(robot, rest[0])) is not None:
-                return branch.resolve(self._sight, robot, rest[1:])
+                return branch.resolve(self._view, robot, rest[1:])
             own = self._of_robot(robot, rest) or in_geometry(robot, rest, self._base)
             return own or self._property(robot, robot_path(robot.name), self._say.robot_properties(robot), rest)
         if robot.model is None:
@@ -194,7 +194,7 @@ class Tree:
             source=_thing(robot, properties, lambda: self._tasks(robot)),
             own=_own(path, properties, actions),
             parts=tuple(part_paths(robot)),
-            documents=self._branches.of_thing(self._sight, robot),
+            documents=self._branches.of_thing(self._view, robot),
             constant=self._branches.constant,
             has_linkset=True,
         )
@@ -222,7 +222,7 @@ class Tree:
             looks=_looks(properties),
             source=_thing(robot, properties),
             own=_own(path, properties, actions),
-            documents=self._branches.of_thing(self._sight, robot, joint),
+            documents=self._branches.of_thing(self._view, robot, joint),
             constant=self._branches.constant,
             has_linkset=True,
         )
@@ -246,7 +246,7 @@ class Tree:
             looks=_looks(properties),
             source=_thing(robot, properties),
             own=_own(path, properties),
-            documents=self._branches.of_thing(self._sight, robot, link),
+            documents=self._branches.of_thing(self._view, robot, link),
             constant=self._branches.constant,
             has_linkset=True,
         )
@@ -270,7 +270,7 @@ class Tree:
         if rest[1:] not in ([], ["blueprint"]):
             branch = self._branches.below_property(item, rest[1])
             if branch is not None:
-                return branch.resolve(self._sight, robot, owner, item, rest[2:])
+                return branch.resolve(self._view, robot, owner, item, rest[2:])
             return in_layout(self._say, robot, owner, item, rest[1:])
         resource = self._measurement(robot, owner, item)
         if not rest[1:]:

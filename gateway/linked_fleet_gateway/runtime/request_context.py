@@ -17,7 +17,7 @@ _ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
 
 @dataclass
-class Asked:
+class RequestContext:
     """A request under way; ``begun_s`` is monotonic, ``trace`` is there if requests are traced."""
 
     id: str
@@ -26,18 +26,18 @@ class Asked:
     trace: Trace | None = None
 
 
-_asked: ContextVar[Asked | None] = ContextVar("asked", default=None)
+_asked: ContextVar[RequestContext | None] = ContextVar("asked", default=None)
 
 
-def begin(proposed: str) -> Asked:
+def begin(proposed: str) -> RequestContext:
     """Make a request the present one. It keeps the id that it came with, if that is one."""
     # Made for each request: no secret, so that it need not be asked of the kernel.
-    asked = Asked(proposed if proposed and _ID.fullmatch(proposed) else f"{random.getrandbits(128):032x}")
+    asked = RequestContext(proposed if proposed and _ID.fullmatch(proposed) else f"{random.getrandbits(128):032x}")
     _asked.set(asked)
     return asked
 
 
-def present() -> Asked | None:
+def present() -> RequestContext | None:
     """The request that is being answered; None outside of any."""
     asked = _asked.get()
     return None if asked is None or asked.answered else asked

@@ -22,7 +22,7 @@ from linked_fleet_gateway.link.transport import Session
 from linked_fleet_gateway.resources.branches import Branch, Branches
 from linked_fleet_gateway.resources.invocation import invocation_path, invocations_path
 from linked_fleet_gateway.resources.paths import joint_path, robot_path
-from linked_fleet_gateway.resources.relative_poses import Standing
+from linked_fleet_gateway.resources.relative_poses import FramedThing
 from linked_fleet_gateway.resources.tree import EMPTY, Shelf, Tree
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
 
@@ -46,7 +46,7 @@ class Live:
         self.invocations = Invocations()
         self.fan_out = FanOut(self.tree)
         self.fleet.frames.watched = self.fan_out.watched
-        self.objects: Callable[[], Mapping[str, Standing]] = dict
+        self.objects: Callable[[], Mapping[str, FramedThing]] = dict
         """The things that stand in the world besides robots, by id."""
         self._listeners: dict[Callable[[str | None], None], None] = {}
         self.fan_out.heard = self._tell_listeners

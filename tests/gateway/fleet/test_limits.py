@@ -6,7 +6,7 @@ import math
 import pytest
 from pyoxigraph import Literal, NamedNode
 
-from linked_fleet_gateway.actions.action_request import Asked, moment_of
+from linked_fleet_gateway.actions.action_request import ActionRequest, moment_of
 from linked_fleet_gateway.actions.plan import Moment
 from linked_fleet_gateway.base.errors import Faulty
 from linked_fleet_gateway.fleet.fleet import Change, Fleet
@@ -116,7 +116,7 @@ def test_a_faulty_robot_takes_no_motion(pictured: Pictured) -> None:
         fleet.judge_limits(now_s * SECOND_NS)
     assert moment_of(robot) is None
     with pytest.raises(Faulty, match="elbow"):
-        Asked(BASE, Body((), NamedNode(BASE)), robot).of_moment()
+        ActionRequest(BASE, Body((), NamedNode(BASE)), robot).of_moment()
 
 
 @pytest.mark.parametrize("run", [None, 9])

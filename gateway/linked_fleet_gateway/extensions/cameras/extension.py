@@ -6,7 +6,7 @@ from functools import partial
 
 from linked_fleet_gateway.extensions.cameras.http import read_camera
 from linked_fleet_gateway.extensions.cameras.pictures import Pictures
-from linked_fleet_gateway.extensions.cameras.resources import Eye, cameras_branch
+from linked_fleet_gateway.extensions.cameras.resources import RobotCamera, cameras_branch
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 
 
@@ -19,4 +19,6 @@ class CamerasExtension(Extension):
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
         async with Pictures(core.live) as pictures:
-            yield Mount(branches=(cameras_branch(pictures.held),), readers={Eye: partial(read_camera, pictures)})
+            yield Mount(
+                branches=(cameras_branch(pictures.held),), readers={RobotCamera: partial(read_camera, pictures)}
+            )

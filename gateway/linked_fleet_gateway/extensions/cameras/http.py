@@ -6,7 +6,7 @@ from starlette.responses import Response
 
 from linked_fleet_gateway.base.errors import NotAcceptable
 from linked_fleet_gateway.extensions.cameras.pictures import Pictures
-from linked_fleet_gateway.extensions.cameras.resources import Eye
+from linked_fleet_gateway.extensions.cameras.resources import RobotCamera
 from linked_fleet_gateway.fleet.cameras import FORMATS
 from linked_fleet_gateway.http.conditional import not_modified
 from linked_fleet_gateway.http.fields import field
@@ -24,24 +24,31 @@ def _picture_type(request: Request, resource: Resource) -> str | None:
     """The media type of pictures that is asked for, None for RDF. NotAcceptable with why there are no pictures."""
     if "as" in request.query_params:
         return None
-    accept, eye = field(request, "accept"), resource.remote
+    accept, source = field(request, "accept"), resource.remote
     offered = (*request.services.representations.media_types, *resource.documents)
     chosen = choose(accept, offered)
-    if chosen is None and isinstance(eye, Eye) and eye.camera.unavailable and choose(accept, tuple(FORMATS)):
-        raise NotAcceptable(f"No picture can be had here: {eye.camera.unavailable}.", offered=offered)
+    if (
+        chosen is None
+        and isinstance(source, RobotCamera)
+        and source.camera.unavailable
+        and choose(accept, tuple(FORMATS))
+    ):
+        raise NotAcceptable(f"No picture can be had here: {source.camera.unavailable}.", offered=offered)
     return chosen if chosen in FORMATS else None
 
 
-async def read_camera(pictures: Pictures, request: Request, resource: Resource, eye: Eye) -> Response:
+async def read_camera(pictures: Pictures, request: Request, resource: Resource, source: RobotCamera) -> Response:
     """RDF as of any resource, or what the camera sees. Raises NotAcceptable, Offline, AgentSilent and Busy."""
     media_type = _picture_type(request, resource)
     if media_type is not None:
-        return await _picture(pictures, request, resource, eye, media_type)
+        return await _picture(pictures, request, resource, source, media_type)
     await await_preconditions(request, resource)
     return read(request, resource)
 
 
-async def _picture(pictures: Pictures, request: Request, resource: Resource, eye: Eye, media_type: str) -> Response:
+async def _picture(
+    pictures: Pictures, request: Request, resource: Resource, source: RobotCamera, media_type: str
+) -> Response:
     """The robot is asked only for a client that gets the bytes."""
     headers = resource_headers(resource, request.base, "") | method_headers(resource, READ)
     headers |= _HEADERS | {"content-type": media_type}
@@ -50,7 +57,7 @@ async def _picture(pictures: Pictures, request: Request, resource: Resource, eye
         del answer.headers["content-length"]  # nobody knows yet
         return answer
     format = FORMATS[media_type]
-    found = await pictures.get(eye, format)
+    found = await pictures.get(source, format)
     at = found.moment
     headers |= {
         "etag": f'"{at.incarnation}-{at.sequence + 1}-{format}"',

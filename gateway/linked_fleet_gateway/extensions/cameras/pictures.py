@@ -11,7 +11,7 @@ from typing import Self
 
 from linked_fleet_agent.wire.messages import PictureFormat
 from linked_fleet_gateway.base.errors import AgentSilent, Busy, Offline
-from linked_fleet_gateway.extensions.cameras.resources import MAX_RATE_HZ, Eye
+from linked_fleet_gateway.extensions.cameras.resources import MAX_RATE_HZ, RobotCamera
 from linked_fleet_gateway.fleet.cameras import FORMATS, Picture
 from linked_fleet_gateway.link.fleet_link import NoAnswer
 from linked_fleet_gateway.resources.paths import camera_path, is_in_cameras
@@ -74,20 +74,20 @@ class Pictures:
         followed = self._followed.get(camera_path(robot, camera))
         return followed.pictures if followed is not None else {}
 
-    async def get(self, eye: Eye, format: PictureFormat, *, anew: bool = False) -> Picture:
+    async def get(self, source: RobotCamera, format: PictureFormat, *, anew: bool = False) -> Picture:
         """A picture at most a moment old, or a new one. Raises Offline, AgentSilent or Busy."""
-        key = (eye.robot.name, eye.camera.name, format)
-        if not eye.robot.online:
-            raise Offline(f"Robot {eye.robot.name!r} is offline: nobody knows what its cameras see.")
+        key = (source.robot.name, source.camera.name, format)
+        if not source.robot.online:
+            raise Offline(f"Robot {source.robot.name!r} is offline: nobody knows what its cameras see.")
         fresh = self._fresh.get(key)
-        if fresh is not None and fresh.moment.incarnation == eye.robot.incarnation and not anew:
+        if fresh is not None and fresh.moment.incarnation == source.robot.incarnation and not anew:
             return fresh
         task = self._under_way.get(key)
         if task is None:
-            of_robot = sum(name == eye.robot.name for name, *_ in self._under_way)
+            of_robot = sum(name == source.robot.name for name, *_ in self._under_way)
             if len(self._under_way) >= MAX_UNDER_WAY or of_robot >= MAX_UNDER_WAY_OF_A_ROBOT:
                 raise Busy("Too many pictures are being asked for; ask again in a moment.")
-            task = self._under_way[key] = asyncio.create_task(self._fetch(key, eye))
+            task = self._under_way[key] = asyncio.create_task(self._fetch(key, source))
             task.add_done_callback(lambda done: self._ended(key, done))
         return await asyncio.shield(task)  # who goes away leaves it to those who also wait for it
 
@@ -130,17 +130,17 @@ class Pictures:
                 async with asyncio.timeout(rest_s):
                     await followed.joined.wait()
 
-    def _find(self, path: str) -> Eye | None:
+    def _find(self, path: str) -> RobotCamera | None:
         found = self._live.tree("").resolve(path)
-        return found.remote if isinstance(found, Resource) and isinstance(found.remote, Eye) else None
+        return found.remote if isinstance(found, Resource) and isinstance(found.remote, RobotCamera) else None
 
     async def _see(self, path: str, wanted: set[PictureFormat]) -> dict[str, Picture]:
         """Return the pictures that can be had now, by path; the camera may refuse, and the robot be away."""
-        eye, seen = self._find(path), dict[str, Picture]()
-        for format in sorted(wanted) if eye is not None else ():
-            assert eye is not None
+        source, seen = self._find(path), dict[str, Picture]()
+        for format in sorted(wanted) if source is not None else ():
+            assert source is not None
             with suppress(Offline, AgentSilent, Busy):
-                seen[format] = await self.get(eye, format, anew=True)
+                seen[format] = await self.get(source, format, anew=True)
         return seen
 
     def _ended(self, key: _Key, task: asyncio.Task[Picture]) -> None:
@@ -148,10 +148,10 @@ class Pictures:
         if not task.cancelled():
             task.exception()  # those who wait get it; perhaps nobody does any more
 
-    async def _fetch(self, key: _Key, eye: Eye) -> Picture:
+    async def _fetch(self, key: _Key, source: RobotCamera) -> Picture:
         async with self._room_of[key[0]], self._room:
             try:
-                picture = await self._live.link.picture(eye.robot, eye.camera, key[2], _TIMEOUT_S)
+                picture = await self._live.link.picture(source.robot, source.camera, key[2], _TIMEOUT_S)
             except NoAnswer as silence:
                 raise AgentSilent(f"The picture could not be had: {silence.reason}.") from silence
         self._fresh[key] = picture

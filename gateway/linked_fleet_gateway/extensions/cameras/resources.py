@@ -51,7 +51,7 @@ Held = Callable[[str, str], dict[str, Picture]]
 
 
 @dataclass(frozen=True)
-class Eye:
+class RobotCamera:
     """A camera of ``robot`` that has to be asked for its pictures."""
 
     robot: Robot
@@ -67,37 +67,37 @@ def hosted(robot: Robot, link: Link) -> list[tuple[NamedNode, str]]:
 def cameras_branch(held: Held) -> RobotBranch:
     """``/{robot}/cameras``, and below it each camera."""
 
-    def resolve(sight: RequestView, robot: Robot, rest: list[str]) -> Resource | None:
-        return _resolve(held, sight, robot, rest)
+    def resolve(view: RequestView, robot: Robot, rest: list[str]) -> Resource | None:
+        return _resolve(held, view, robot, rest)
 
     return RobotBranch(_SEGMENT, LF.cameras, resolve, lambda robot: bool(cameras_of(robot)))
 
 
-def _resolve(held: Held, sight: RequestView, robot: Robot, rest: list[str]) -> Resource | None:
+def _resolve(held: Held, view: RequestView, robot: Robot, rest: list[str]) -> Resource | None:
     cameras = cameras_of(robot)
     if not rest:
-        return _container(sight, robot, cameras)
+        return _container(view, robot, cameras)
     if rest == ["blueprint"]:
-        return blueprint_of(_container(sight, robot, cameras), sight.base, (LF.CamerasShape,), _said(robot))
+        return blueprint_of(_container(view, robot, cameras), view.base, (LF.CamerasShape,), _said(robot))
     path = f"{cameras_path(robot.name)}/{rest[0]}"
     camera = next((each for each in cameras.values() if camera_path(robot.name, each.name) == path), None)
     if camera is None:
         return None
-    eye = _camera(held, sight, robot, camera)
+    source = _camera(held, view, robot, camera)
     if not rest[1:]:
-        return eye
+        return source
     if rest[1:] == ["blueprint"]:
-        return blueprint_of(eye, sight.base, (LF.CameraShape,), _said(robot))
-    return _in_layout(sight, robot, camera, rest[2:]) if eye.layout and rest[1] == "layout" else None
+        return blueprint_of(source, view.base, (LF.CameraShape,), _said(robot))
+    return _in_layout(view, robot, camera, rest[2:]) if source.layout and rest[1] == "layout" else None
 
 
-def _container(sight: RequestView, robot: Robot, cameras: dict[str, Camera]) -> Resource:
+def _container(view: RequestView, robot: Robot, cameras: dict[str, Camera]) -> Resource:
     path = cameras_path(robot.name)
     members = tuple(camera_path(robot.name, name) for name in cameras)
     return Resource(
         path,
         f"Cameras of {robot.name}",
-        lambda graph: _describe_all(graph, sight, robot, cameras.values()),
+        lambda graph: _describe_all(graph, view, robot, cameras.values()),
         CONTAINER,
         source=_said(robot),
         own=(path + "/blueprint",),
@@ -105,7 +105,7 @@ def _container(sight: RequestView, robot: Robot, cameras: dict[str, Camera]) -> 
     )
 
 
-def _camera(held: Held, sight: RequestView, robot: Robot, camera: Camera) -> Resource:
+def _camera(held: Held, view: RequestView, robot: Robot, camera: Camera) -> Resource:
     path = camera_path(robot.name, camera.name)
     types = types_of(camera)
 
@@ -120,11 +120,11 @@ def _camera(held: Held, sight: RequestView, robot: Robot, camera: Camera) -> Res
     return Resource(
         path,
         f"Camera {camera.name} of {robot.name}",
-        partial(_describe, sight=sight, robot=robot, camera=camera),
+        partial(_describe, view=view, robot=robot, camera=camera),
         source=Source(lambda: (presence(robot), robot.description), look, robot),
         own=(path + "/blueprint",),
         documents={each: partial(_content, seen, path, FORMATS[each]) for each in types},
-        remote=Eye(robot, camera),
+        remote=RobotCamera(robot, camera),
         news_in_documents=True,
         layout=layout_path(path) if FRAME_TYPES[0] in types else None,
     )
@@ -141,27 +141,27 @@ def _said(robot: Robot) -> Source:
     return Source(lambda: robot.description, robot=robot)
 
 
-def _describe_all(graph: Graph, sight: RequestView, robot: Robot, cameras: Iterable[Camera]) -> None:
-    iri = sight.iri(cameras_path(robot.name))
+def _describe_all(graph: Graph, view: RequestView, robot: Robot, cameras: Iterable[Camera]) -> None:
+    iri = view.iri(cameras_path(robot.name))
     graph.a(iri, LF.Cameras, LDP.BasicContainer, LDP.Container)
     graph.add(iri, DCTERMS.title, Literal(f"Cameras of {robot.name}"))
-    graph.add(iri, RDFS.seeAlso, sight.iri(robot_path(robot.name)))
+    graph.add(iri, RDFS.seeAlso, view.iri(robot_path(robot.name)))
     graph.add(iri, HYBRIT.blueprint, LF.CamerasShape, NamedNode(iri.value + "/blueprint"))
     for camera in cameras:
-        member = sight.iri(camera_path(robot.name, camera.name))
+        member = view.iri(camera_path(robot.name, camera.name))
         graph.add(iri, LDP.contains, member)
         graph.a(member, LF.Camera)
         graph.add(member, DCTERMS.title, Literal(camera.name))
 
 
-def _describe(graph: Graph, sight: RequestView, robot: Robot, camera: Camera) -> None:
+def _describe(graph: Graph, view: RequestView, robot: Robot, camera: Camera) -> None:
     assert robot.model is not None
-    iri, types = sight.iri(camera_path(robot.name, camera.name)), types_of(camera)
+    iri, types = view.iri(camera_path(robot.name, camera.name)), types_of(camera)
     graph.a(iri, LF.Camera, SOSA.Sensor, HYBRIT.Property)
     graph.add(iri, DCTERMS.title, Literal(f"camera {camera.name} of {robot.name}"))
-    graph.add(iri, RDFS.seeAlso, sight.iri(robot_path(robot.name)))
+    graph.add(iri, RDFS.seeAlso, view.iri(robot_path(robot.name)))
     graph.add(iri, HYBRIT.blueprint, LF.CameraShape, NamedNode(iri.value + "/blueprint"))
-    graph.add(iri, SOSA.isHostedBy, sight.iri(link_path(robot.name, robot.model, camera.link)))
+    graph.add(iri, SOSA.isHostedBy, view.iri(link_path(robot.name, robot.model, camera.link)))
     graph.vector(iri, LF.position, camera.position_m, METRE)
     graph.quaternion(iri, LF.orientation, camera.orientation_xyzw)
     graph.add(iri, LF.imageWidth, integer(camera.width))
@@ -175,11 +175,11 @@ def _describe(graph: Graph, sight: RequestView, robot: Robot, camera: Camera) ->
     if not types:
         graph.add(iri, LF.reason, Literal(camera.unavailable or "The robot says of no kind of picture that we know."))
     if not robot.online:
-        Describer(sight.base).presence(graph, iri, robot)
+        Describer(view.base).presence(graph, iri, robot)
 
 
-def _in_layout(sight: RequestView, robot: Robot, camera: Camera, rest: Sequence[str]) -> Resource | None:
-    about = sight.iri(camera_path(robot.name, camera.name))
+def _in_layout(view: RequestView, robot: Robot, camera: Camera, rest: Sequence[str]) -> Resource | None:
+    about = view.iri(camera_path(robot.name, camera.name))
     path = layout_path(camera_path(robot.name, camera.name))
     layout = Resource(
         path,
@@ -189,7 +189,7 @@ def _in_layout(sight: RequestView, robot: Robot, camera: Camera, rest: Sequence[
         own=(path + "/blueprint",),
     )
     if rest == ["blueprint"]:
-        return blueprint_of(layout, sight.base, (LF.FrameLayoutShape,), _said(robot))
+        return blueprint_of(layout, view.base, (LF.FrameLayoutShape,), _said(robot))
     return None if rest else layout
 
 

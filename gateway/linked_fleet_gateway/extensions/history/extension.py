@@ -7,7 +7,7 @@ from prometheus_client.metrics_core import Metric
 
 from linked_fleet_gateway.extensions.history.http import read_past
 from linked_fleet_gateway.extensions.history.recorder import History
-from linked_fleet_gateway.extensions.history.resources import Past, history_branches
+from linked_fleet_gateway.extensions.history.resources import RecordedHistory, history_branches
 from linked_fleet_gateway.extensions.history.settings import HistorySettings
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.runtime.metrics import gauge
@@ -24,7 +24,7 @@ class HistoryExtension(Extension):
         async with History(core.live.fleet, float(settings.s), float(settings.hz), settings.mb * 10**6) as history:
             yield Mount(
                 branches=history_branches(history) if settings.s else (),
-                readers={Past: read_past},
+                readers={RecordedHistory: read_past},
                 formats={"csv": ("CSV", "text/csv"), "mcap": ("MCAP", "application/vnd.mcap")},
                 metrics=lambda: _metrics(history),
             )

@@ -8,7 +8,7 @@ from starlette.types import Receive, Scope, Send
 
 from linked_fleet_gateway.base.errors import Busy
 from linked_fleet_gateway.extensions.history.files import CSV, MCAP
-from linked_fleet_gateway.extensions.history.resources import Past
+from linked_fleet_gateway.extensions.history.resources import RecordedHistory
 from linked_fleet_gateway.extensions.history.span import parse_span
 from linked_fleet_gateway.http.links import Link, link_header
 from linked_fleet_gateway.http.preconditions import check_preconditions
@@ -21,7 +21,7 @@ _LINK_BYTES = 512
 _SUFFIXES = {CSV: "csv", MCAP: "mcap"}
 
 
-async def read_past(request: Request, _: Resource, past: Past) -> Response:
+async def read_past(request: Request, _: Resource, past: RecordedHistory) -> Response:
     """The part of a history that the query asks for, rendered in another thread; BadRequest, Busy."""
 
     def work(resource: Resource) -> Response:

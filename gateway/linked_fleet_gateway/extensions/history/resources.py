@@ -36,7 +36,7 @@ _FILE_BYTES = 8 * 2**20
 
 
 @dataclass(frozen=True)
-class Shown:
+class HistoryPage:
     """A history as a query has it: another thread may render it. Files show more at once than documents do."""
 
     resource: Resource
@@ -45,74 +45,74 @@ class Shown:
 
 
 @dataclass(frozen=True)
-class Past:
+class RecordedHistory:
     """A history, whose part is chosen by the query of the request (``extensions/history/http.py``)."""
 
     history: History
-    shown: Callable[[Span], Shown]
+    shown: Callable[[Span], HistoryPage]
 
 
 def history_branches(history: History) -> tuple[RobotBranch, PropertyBranch]:
     """That of each robot, and that of each of its measured properties."""
 
-    def of_robot(sight: RequestView, robot: Robot, rest: list[str]) -> Found:
-        found = _of_robot(history, sight, robot)
+    def of_robot(view: RequestView, robot: Robot, rest: list[str]) -> Found:
+        found = _of_robot(history, view, robot)
         if rest == ["blueprint"]:
-            return blueprint_of(found, sight.base, (LF.HistoryShape,))
+            return blueprint_of(found, view.base, (LF.HistoryShape,))
         return None if rest else found
 
-    def of_property(sight: RequestView, robot: Robot, owner: str, item: Property, rest: list[str]) -> Found:
-        found = _of_property(history, sight, robot, owner, item)
+    def of_property(view: RequestView, robot: Robot, owner: str, item: Property, rest: list[str]) -> Found:
+        found = _of_property(history, view, robot, owner, item)
         if rest == ["blueprint"]:
-            return blueprint_of(found, sight.base, (LF.HistoryShape,))
+            return blueprint_of(found, view.base, (LF.HistoryShape,))
         return None if rest else found
 
     in_robot = RobotBranch(SEGMENT, LF.history, of_robot, lambda robot: robot.model is not None)
     return in_robot, PropertyBranch(SEGMENT, of_property, remembers)
 
 
-def _of_robot(history: History, sight: RequestView, robot: Robot) -> Resource:
+def _of_robot(history: History, view: RequestView, robot: Robot) -> Resource:
     path, title = robot_path(robot.name) + SEGMENT, f"History of {robot.name}"
     own, source = (path + "/blueprint",), Source(robot=robot)
 
-    def shown(span: Span) -> Shown:
+    def shown(span: Span) -> HistoryPage:
         track, description = history.track(robot), robot.description
         joints = _joints(track, robot)
         page, file = page_of(track, span, span.observations), page_of(track, span, _most(track, span))
 
         def describe(graph: Graph) -> None:
-            parts = [(sight.iri(each), sight.iri(f"{each}/{SEGMENT}")) for each in _measured(robot)]
-            about = sight.iri(robot_path(robot.name))
-            describe_robot(graph, sight.iri(path), about, robot.name, history, page, parts)
+            parts = [(view.iri(each), view.iri(f"{each}/{SEGMENT}")) for each in _measured(robot)]
+            about = view.iri(robot_path(robot.name))
+            describe_robot(graph, view.iri(path), about, robot.name, history, page, parts)
 
         def csv() -> bytes:
             excerpt = _kept(file, joints)
             return table(all_columns(robot.name, excerpt.joints), samples(excerpt))
 
         def mcap() -> bytes:
-            return recording(_kept(file, joints), _urdf(robot.name, description, sight.base))
+            return recording(_kept(file, joints), _urdf(robot.name, description, view.base))
 
         documents = {CSV: csv, MCAP: mcap}
         resource = Resource(path, title, describe, source=source, own=own, documents=documents, followed=False)
-        return Shown(resource, page, file)
+        return HistoryPage(resource, page, file)
 
-    return Resource(path, title, None, source=source, own=own, remote=Past(history, shown))
+    return Resource(path, title, None, source=source, own=own, remote=RecordedHistory(history, shown))
 
 
-def _of_property(history: History, sight: RequestView, robot: Robot, owner: str, item: Property) -> Resource:
+def _of_property(history: History, view: RequestView, robot: Robot, owner: str, item: Property) -> Resource:
     of = f"{owner.rstrip('/')}/{item.segment}"
     path, title, source = f"{of}/{SEGMENT}", f"History of {item.title}", Source(robot=robot)
     whole = robot_path(robot.name) + SEGMENT
     own = (path + "/blueprint",)
 
-    def shown(span: Span) -> Shown:
+    def shown(span: Span) -> HistoryPage:
         track = history.track(robot)
         joints = _joints(track, robot)
         page, file = page_of(track, span, span.observations), page_of(track, span, _most(track, span))
         series = None if joints is None else _series(joints, robot, owner, item)
 
         def describe(graph: Graph) -> None:
-            iri, about, thing, robots = map(sight.iri, (path, of, owner, whole))
+            iri, about, thing, robots = map(view.iri, (path, of, owner, whole))
             describe_property(graph, iri, about, thing, robots, item, series, page)
 
         def csv() -> bytes:
@@ -121,9 +121,9 @@ def _of_property(history: History, sight: RequestView, robot: Robot, owner: str,
             return table(series.columns, series.samples(_kept(file, joints)))
 
         resource = Resource(path, title, describe, source=source, own=own, documents={CSV: csv}, followed=False)
-        return Shown(resource, page, file)
+        return HistoryPage(resource, page, file)
 
-    return Resource(path, title, None, source=source, own=own, remote=Past(history, shown))
+    return Resource(path, title, None, source=source, own=own, remote=RecordedHistory(history, shown))
 
 
 def _series(joints: Joints, robot: Robot, owner: str, item: Property) -> Series | None:

@@ -6,7 +6,7 @@ from linked_fleet_gateway.resources.branches import FleetBranch, RequestView
 from linked_fleet_gateway.resources.resource import Resource
 
 
-def _asset(sight: RequestView, rest: list[str]) -> Resource | None:
+def _asset(view: RequestView, rest: list[str]) -> Resource | None:
     found = assets().files.get("/".join(rest))
     if found is None:
         return None

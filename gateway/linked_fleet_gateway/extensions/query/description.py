@@ -31,10 +31,10 @@ _FORMATS = (
 
 @dataclass(frozen=True)
 class Endpoint:
-    """Describe the endpoint of queries; ``sight`` is that of the caller."""
+    """Describe the endpoint of queries; ``view`` is that of the caller."""
 
     queries: Queries
-    sight: RequestView
+    view: RequestView
 
 
 @dataclass(frozen=True)
@@ -52,10 +52,10 @@ def branch(queries: Queries) -> FleetBranch:
     return FleetBranch(PATH[1:], LF.query, partial(_resolve, queries))
 
 
-def _resolve(queries: Queries, sight: RequestView, rest: list[str]) -> Found:
+def _resolve(queries: Queries, view: RequestView, rest: list[str]) -> Found:
     if rest:
         return Redirect(PATH) if rest == [""] else None
-    return described(Endpoint(queries, sight), {})
+    return described(Endpoint(queries, view), {})
 
 
 def described(endpoint: Endpoint, counts: Mapping[str, int]) -> Resource:
@@ -63,7 +63,7 @@ def described(endpoint: Endpoint, counts: Mapping[str, int]) -> Resource:
     return Resource(
         PATH,
         "Query",
-        lambda graph: _describe(graph, endpoint.sight, counts),
+        lambda graph: _describe(graph, endpoint.view, counts),
         affords=PostQuery(endpoint),
         remote=endpoint,
         followed=False,
@@ -71,18 +71,18 @@ def described(endpoint: Endpoint, counts: Mapping[str, int]) -> Resource:
     )
 
 
-def _describe(graph: Graph, sight: RequestView, counts: Mapping[str, int]) -> None:
-    iri = sight.iri(PATH)
+def _describe(graph: Graph, view: RequestView, counts: Mapping[str, int]) -> None:
+    iri = view.iri(PATH)
     graph.a(iri, SD.Service)
     graph.add(iri, DCTERMS.title, Literal("Query the fleet"))
     graph.add(iri, RDFS.comment, Literal("SPARQL over the live fleet: every query is answered of one instant."))
-    graph.add(iri, RDFS.seeAlso, sight.iri("/"))
+    graph.add(iri, RDFS.seeAlso, view.iri("/"))
     graph.add(iri, SD.endpoint, iri)
     graph.add(iri, SD.supportedLanguage, SD.SPARQL11Query)
     graph.add(iri, SD.resultFormat, *_FORMATS)
     graph.add(iri, SD.feature, SD.UnionDefaultGraph)
     graph.add(iri, SD.extensionFunction, *FUNCTIONS, *(name for make in FURTHER for name in make().names))
-    _dataset(graph, iri, sight, counts)
+    _dataset(graph, iri, view, counts)
     for each in EXAMPLES:
         example = graph.blank(SH.SPARQLSelectExecutable)
         graph.add(iri, LF.example, example)
@@ -91,24 +91,24 @@ def _describe(graph: Graph, sight: RequestView, counts: Mapping[str, int]) -> No
         graph.add(example, SH.select, Literal(each.text))
 
 
-def _dataset(graph: Graph, iri: NamedNode, sight: RequestView, counts: Mapping[str, int]) -> None:
+def _dataset(graph: Graph, iri: NamedNode, view: RequestView, counts: Mapping[str, int]) -> None:
     dataset, union = graph.blank(SD.Dataset, VOID.Dataset), graph.blank(SD.Graph, VOID.Dataset)
     graph.add(iri, SD.defaultDataset, dataset)
     graph.add(dataset, VOID.sparqlEndpoint, iri)
-    graph.add(dataset, VOID.uriSpace, Literal(sight.base + "/"))
+    graph.add(dataset, VOID.uriSpace, Literal(view.base + "/"))
     graph.add(dataset, VOID.vocabulary, *map(NamedNode, PREFIXES.values()))
     graph.add(dataset, SD.defaultGraph, union)
     _count(graph, union, sum(counts.values()) if counts else None)
-    for path in _graphs(sight):
+    for path in _graphs(view):
         named, of = graph.blank(SD.NamedGraph), graph.blank(SD.Graph, VOID.Dataset)
         graph.add(dataset, SD.namedGraph, named)
-        graph.add(named, SD.name, sight.iri(path))
+        graph.add(named, SD.name, view.iri(path))
         graph.add(named, SD.graph, of)
-        _count(graph, of, counts.get(sight.base + path))
+        _count(graph, of, counts.get(view.base + path))
 
 
-def _graphs(sight: RequestView) -> Iterable[str]:
-    return "/", VOCABULARY, SHAPES, *map(robot_path, sight.robots)
+def _graphs(view: RequestView) -> Iterable[str]:
+    return "/", VOCABULARY, SHAPES, *map(robot_path, view.robots)
 
 
 def _count(graph: Graph, node: NamedNode | object, count: int | None) -> None:

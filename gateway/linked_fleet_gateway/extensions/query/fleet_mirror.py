@@ -5,7 +5,7 @@ import logging
 import msgspec
 
 from linked_fleet_agent.wire.codec import encode_state, read_header
-from linked_fleet_gateway.extensions.query.messages import Instead, Member, News, Said
+from linked_fleet_gateway.extensions.query.messages import Instead, Member, News, RobotFacts
 from linked_fleet_gateway.fleet.frames import Frames
 from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.robot import Robot
@@ -67,7 +67,7 @@ class Mirror:
         held.said += 1
 
 
-def _tell(held: Mirrored, said: Said) -> None:
+def _tell(held: Mirrored, said: RobotFacts) -> None:
     robot = held.robot
     if said.incarnation is not None and said.incarnation != robot.incarnation:
         robot.run(said.incarnation)

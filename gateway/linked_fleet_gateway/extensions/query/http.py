@@ -122,7 +122,7 @@ async def _answer(request: Request, endpoint: Endpoint, asked: _Asked) -> Respon
     query = await offload.run(partial(read, asked.query, request.base + PATH), len(asked.query), _SHORT)
     media_type = _chosen(request, query, asked.picked)
     body = await endpoint.queries.run(
-        query, request.base, endpoint.sight.sees, media_type, dataset=asked.dataset, client=request.caller_name
+        query, request.base, endpoint.view.sees, media_type, dataset=asked.dataset, client=request.caller_name
     )
     content_type = media_type + ("; charset=utf-8" if media_type.startswith("text/") else "")
     html = request.services.representations.html
@@ -145,11 +145,11 @@ def _chosen(request: Request, query: Query, picked: str | None) -> str:
 
 async def _counts(endpoint: Endpoint) -> dict[str, int]:
     """Triples by graph; none before anybody has asked anything, or while others keep the process busy."""
-    queries, sight = endpoint.queries, endpoint.sight
+    queries, view = endpoint.queries, endpoint.view
     if not queries.running:
         return {}
     try:
-        rows = await queries.select(_COUNTS, sight.base, sight.sees)
+        rows = await queries.select(_COUNTS, view.base, view.sees)
     except FleetError:
         return {}
     return {row["graph"].value: int(row["triples"].value) for row in rows}

@@ -15,7 +15,7 @@ Member = tuple[str, str]
 Kind = Literal["rows", "graph", "page"]
 
 
-class Said(Struct, frozen=True, kw_only=True):
+class RobotFacts(Struct, frozen=True, kw_only=True):
     """All that is known of a robot but its frame; ``last_seen_ns`` and the rest as ``fleet.robot`` has it."""
 
     name: str
@@ -58,7 +58,7 @@ class News(Struct, frozen=True, kw_only=True):
     ``forgotten``: robots that the fleet does not have any more.
     """
 
-    robots: list[Said]
+    robots: list[RobotFacts]
     frames: dict[str, bytes | None]
     forgotten: list[str] = []
 

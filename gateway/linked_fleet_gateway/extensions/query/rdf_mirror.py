@@ -42,7 +42,7 @@ class Labelled(Graph):
         return BlankNode(self._prefix + node.value)
 
 
-class Still(Describer):
+class StaticDescriber(Describer):
     """Describes things without their measured values, and notes which those are."""
 
     def __init__(self, base: str) -> None:
@@ -103,7 +103,7 @@ class Twin:
 
     def __init__(self, base: str) -> None:
         self.base, self.store = base, Store()
-        self._say = Still(base)
+        self._say = StaticDescriber(base)
         self._robots: dict[str, _Robot] = {}
         self._documents = 0
         graph = Labelled("v")
@@ -167,7 +167,9 @@ class Twin:
         describe_invocation(graph, self.base, None, one, others, answers)
         return graph.triples
 
-    def _invocation(self, robot: Robot, one: Invocation, others: dict[str, Invocation], _: Still, graph: Graph) -> None:
+    def _invocation(
+        self, robot: Robot, one: Invocation, others: dict[str, Invocation], _: StaticDescriber, graph: Graph
+    ) -> None:
         describe_invocation(graph, self.base, robot, one, others, {})
 
     def _write_parts(self, known: _Robot, robot: Robot) -> None:
@@ -180,13 +182,13 @@ class Twin:
             path = link_path(robot.name, robot.model, link.name)
             self._write(known, path, common, partial(_link, robot, link))
 
-    def _write(self, known: _Robot, name: str, key: object, describe: Callable[[Still, Graph], None]) -> None:
+    def _write(self, known: _Robot, name: str, key: object, describe: Callable[[StaticDescriber, Graph], None]) -> None:
         """Write the document ``name``, unless there it is for the same ``key``; None is never the same."""
         held = known.documents.get(name)
         if held is not None and key is not None and held.key == key:
             return
         prefix = self._fresh() if held is None else held.prefix
-        say, graph = Still(self.base), Labelled(prefix)
+        say, graph = StaticDescriber(self.base), Labelled(prefix)
         describe(say, graph)
         self._replace(known, name, _Of(key, prefix, graph.triples))
         if say.measured and name not in known.values:
@@ -249,9 +251,9 @@ def _quad(triple: Triple, graph: NamedNode) -> Quad:
     return Quad(triple.subject, triple.predicate, triple.object, graph)
 
 
-def _joint(robot: Robot, joint: Joint, say: Still, graph: Graph) -> None:
+def _joint(robot: Robot, joint: Joint, say: StaticDescriber, graph: Graph) -> None:
     say.joint(robot, joint, graph)
 
 
-def _link(robot: Robot, link: Link, say: Still, graph: Graph) -> None:
+def _link(robot: Robot, link: Link, say: StaticDescriber, graph: Graph) -> None:
     say.link(robot, link, graph)

@@ -113,7 +113,7 @@ class Queries:
         def make(feed: Feed) -> Ask:
             robots = RobotsInView(self._live.fleet.robots, sees)
             invocations = InvocationsInView(self._live.invocations, sees)
-            sight = RequestView(base, robots, invocations, sees)
+            view = RequestView(base, robots, invocations, sees)
             return Ask(
                 news=feed.news(),
                 query=query.text,
@@ -125,7 +125,7 @@ class Queries:
                 named=asked.named,
                 branches=[(term.value, path) for term, path in self._live.branches.linked()],
                 invocations=[each for each in feed.of_fleet() if invocations.get(each.id) is not None],
-                graphs=[(path, _n_triples(said)) for path, said in self._live.branches.graphs(sight)],
+                graphs=[(path, _n_triples(said)) for path, said in self._live.branches.graphs(view)],
                 media_type=media_type,
                 most_bytes=most,
                 limit_s=self._limit_s,

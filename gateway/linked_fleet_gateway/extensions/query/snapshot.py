@@ -5,7 +5,7 @@ from itertools import islice
 
 from pyoxigraph import Triple
 
-from linked_fleet_gateway.extensions.query.messages import Member, News, Said
+from linked_fleet_gateway.extensions.query.messages import Member, News, RobotFacts
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, Invocations
 from linked_fleet_gateway.fleet.robot import Robot
@@ -66,8 +66,8 @@ def _key(robot: Robot, invocations: list[Invocation], branches: object) -> tuple
     return *said, robot.lease, robot.settings, dict(robot.targets), known, branches
 
 
-def _said(robot: Robot, invocations: list[Invocation], branches: list[Member]) -> Said:
-    return Said(
+def _said(robot: Robot, invocations: list[Invocation], branches: list[Member]) -> RobotFacts:
+    return RobotFacts(
         name=robot.name,
         online=robot.online,
         incarnation=robot.incarnation,

@@ -9,7 +9,7 @@ from pyoxigraph import NamedNode
 
 from linked_fleet_agent.wire.messages import Move
 from linked_fleet_gateway.actions.action_handlers import motion_to
-from linked_fleet_gateway.actions.action_request import Asked
+from linked_fleet_gateway.actions.action_request import ActionRequest
 from linked_fleet_gateway.actions.plan import Later, Motion
 from linked_fleet_gateway.base.errors import Conflict, Offline, UnprocessableContent
 from linked_fleet_gateway.base.lazy_imports import Lazily
@@ -29,7 +29,7 @@ _UNIT_LENGTH = 1e-3  # how far a quaternion may be from length one
 Search = Callable[[], tuple[Mapping[str, float], Mapping[str, float]]]
 
 
-def reach(asked: Asked) -> Later:
+def reach(asked: ActionRequest) -> Later:
     """Bring a link to a pose: the search runs apart, because it takes milliseconds."""
     plain, search = motion_to(asked, Move({"": 0.0}), {}), reaching(asked)
 
@@ -40,7 +40,7 @@ def reach(asked: Asked) -> Later:
     return Later(compute)
 
 
-def reaching(asked: Asked) -> Search:
+def reaching(asked: ActionRequest) -> Search:
     """Gather what the search needs; the search itself gives targets (rad or m) and residuals (m, rad).
 
     It raises OutOfReach with the best residual. Raises Offline or Conflict when it is unknown where the robot is.
@@ -81,14 +81,14 @@ def reaching(asked: Asked) -> Search:
     return search
 
 
-def _vector(asked: Asked, node: Node | None) -> tuple[float, float, float]:
+def _vector(asked: ActionRequest, node: Node | None) -> tuple[float, float, float]:
     assert node is not None
     scale = asked.body.unit(node)
     x, y, z = (_number(asked, node, axis) * scale for axis in (MATHS.x, MATHS.y, MATHS.z))
     return x, y, z
 
 
-def _quaternion(asked: Asked, node: Node | None) -> tuple[float, float, float, float] | None:
+def _quaternion(asked: ActionRequest, node: Node | None) -> tuple[float, float, float, float] | None:
     if node is None:
         return None
     x, y, z, w = (_number(asked, node, axis) for axis in (MATHS.x, MATHS.y, MATHS.z, LF.w))
@@ -98,7 +98,7 @@ def _quaternion(asked: Asked, node: Node | None) -> tuple[float, float, float, f
     return x / length, y / length, z / length, w / length
 
 
-def _number(asked: Asked, node: Node, axis: NamedNode) -> float:
+def _number(asked: ActionRequest, node: Node, axis: NamedNode) -> float:
     value = asked.body.number(node, axis)
     assert value is not None
     return value

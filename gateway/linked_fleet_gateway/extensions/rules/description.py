@@ -57,34 +57,34 @@ def firings_path(rule: Rule) -> str:
     return f"{rule_path(rule)}/firings"
 
 
-def readable(known: Known, sight: RequestView) -> bool:
+def readable(known: Known, view: RequestView) -> bool:
     """Return True if the caller made the rule, or sees all that its creator sees: it tells them nothing more."""
-    rule, sees = known.rule, sight.sees
+    rule, sees = known.rule, view.sees
     return sees.covers(rule.view) or (bool(sees.name) and sees.name == rule.creator)
 
 
 def branch(rules: Mapping[str, Known]) -> FleetBranch:
     """``rules`` are those that there are, by id, at any moment."""
 
-    def resolve(sight: RequestView, rest: list[str]) -> Resource | None:
+    def resolve(view: RequestView, rest: list[str]) -> Resource | None:
         if not rest:
-            return _container(sight, rules)
+            return _container(view, rules)
         known = rules.get(rest[0])
-        if known is None or not readable(known, sight):
+        if known is None or not readable(known, view):
             return None
-        return _in_rule(sight, known, rules, rest[1:])
+        return _in_rule(view, known, rules, rest[1:])
 
     return FleetBranch(CONTAINER[1:], LF.rules, resolve)
 
 
-def _container(sight: RequestView, rules: Mapping[str, Known]) -> Resource:
+def _container(view: RequestView, rules: Mapping[str, Known]) -> Resource:
     def shown() -> list[Known]:
-        return sorted((each for each in rules.values() if readable(each, sight)), key=lambda each: each.rule.created_ns)
+        return sorted((each for each in rules.values() if readable(each, view)), key=lambda each: each.rule.created_ns)
 
     return Resource(
         CONTAINER,
         "Rules",
-        lambda graph: _describe_container(graph, sight, shown()),
+        lambda graph: _describe_container(graph, view, shown()),
         LDP_CONTAINER,
         Source(lambda: [_facts(each) for each in shown()]),
         own=tuple(rule_path(each.rule) for each in shown()),
@@ -96,71 +96,71 @@ def _facts(known: Known) -> tuple[object, ...]:
     return known.rule, known.suppressed, known.fault, known.suspended, known.begun, tuple(known.firings)
 
 
-def _in_rule(sight: RequestView, known: Known, rules: Mapping[str, Known], rest: list[str]) -> Resource | None:
+def _in_rule(view: RequestView, known: Known, rules: Mapping[str, Known], rest: list[str]) -> Resource | None:
     rule = known.rule
     path, firings = rule_path(rule), firings_path(rule)
     if not rest or rest == ["blueprint"]:
         whole = Resource(
             path,
             rule.title,
-            lambda graph: _describe_rule(graph, sight, known),
+            lambda graph: _describe_rule(graph, view, known),
             source=Source(lambda: _facts(known)),
             own=(path + "/blueprint", firings),
             affords=ChangeRule(known),
         )
-        return blueprint_of(whole, sight.base, (LF.RuleResourceShape,)) if rest else whole
+        return blueprint_of(whole, view.base, (LF.RuleResourceShape,)) if rest else whole
     if rest == ["firings"]:
         return Resource(
             firings,
             f"Firings of {rule.title}",
-            lambda graph: _describe_firings(graph, sight, known),
+            lambda graph: _describe_firings(graph, view, known),
             LDP_CONTAINER,
             Source(lambda: tuple(known.firings.items())),
             own=tuple(f"{firings}/{number}" for number in known.firings),
         )
-    return _in_firing(sight, known, rules, rest[1:]) if rest[0] == "firings" else None
+    return _in_firing(view, known, rules, rest[1:]) if rest[0] == "firings" else None
 
 
-def _in_firing(sight: RequestView, known: Known, rules: Mapping[str, Known], rest: list[str]) -> Resource | None:
+def _in_firing(view: RequestView, known: Known, rules: Mapping[str, Known], rest: list[str]) -> Resource | None:
     number = int(rest[0]) if rest[0].isdecimal() and rest[0].isascii() and len(rest[0]) < 16 else 0
     firing = known.firings.get(number)
     if firing is None or rest[0] != str(number) or rest[1:] not in ([], ["blueprint"]):
         return None
     path = f"{firings_path(known.rule)}/{number}"
-    causes = [rule_path(rules[id].rule) for id in firing.causes if id in rules and readable(rules[id], sight)]
+    causes = [rule_path(rules[id].rule) for id in firing.causes if id in rules and readable(rules[id], view)]
     whole = Resource(
         path,
         f"Firing {number} of {known.rule.title}",
-        lambda graph: _describe_firing(graph, sight, known.rule, number, firing, causes),
+        lambda graph: _describe_firing(graph, view, known.rule, number, firing, causes),
         source=Source(lambda: firing),
         own=(path + "/blueprint",),
     )
-    return blueprint_of(whole, sight.base, (LF.FiringShape,)) if rest[1:] else whole
+    return blueprint_of(whole, view.base, (LF.FiringShape,)) if rest[1:] else whole
 
 
-def _describe_container(graph: Graph, sight: RequestView, rules: Iterable[Known]) -> None:
-    iri = sight.iri(CONTAINER)
+def _describe_container(graph: Graph, view: RequestView, rules: Iterable[Known]) -> None:
+    iri = view.iri(CONTAINER)
     graph.a(iri, LDP.BasicContainer, LDP.Container)
     graph.add(iri, DCTERMS.title, Literal("Rules"))
-    graph.add(iri, RDFS.seeAlso, sight.iri("/"))
+    graph.add(iri, RDFS.seeAlso, view.iri("/"))
     # The shape's own IRI need not lead to this gateway, so the document that has it is linked as well.
     graph.add(iri, LDP.constrainedBy, LF.RuleShape)
-    graph.add(iri, LF.vocabulary, sight.iri("/vocabulary"))
+    graph.add(iri, LF.vocabulary, view.iri("/vocabulary"))
     for known in rules:
-        member = sight.iri(rule_path(known.rule))
+        member = view.iri(rule_path(known.rule))
         graph.add(iri, LDP.contains, member)
         graph.a(member, LF.Rule)
         graph.add(member, DCTERMS.title, Literal(known.rule.title))
         graph.add(member, LF.state, rule_state(known))
 
 
-def _describe_rule(graph: Graph, sight: RequestView, known: Known) -> None:
+def _describe_rule(graph: Graph, view: RequestView, known: Known) -> None:
     rule = known.rule
-    iri = sight.iri(rule_path(rule))
+    iri = view.iri(rule_path(rule))
     graph.a(iri, LF.Rule)
     graph.add(iri, DCTERMS.title, Literal(rule.title))
     graph.add(iri, DCTERMS.identifier, Literal(rule.id))
-    graph.add(iri, RDFS.seeAlso, sight.iri(CONTAINER))
+    graph.add(iri, RDFS.seeAlso, view.iri(CONTAINER))
     graph.add(iri, HYBRIT.blueprint, LF.RuleResourceShape, NamedNode(iri.value + "/blueprint"))
     graph.add(iri, DCTERMS.created, timestamp(rule.created_ns))
     creator = graph.blank(PROV.Agent)
@@ -178,7 +178,7 @@ def _describe_rule(graph: Graph, sight: RequestView, known: Known) -> None:
         if reason:
             graph.add(iri, LF.reason, Literal(reason))
     graph.add(iri, LF.suppressions, integer(known.suppressed))
-    graph.add(iri, LF.firings, sight.iri(firings_path(rule)))
+    graph.add(iri, LF.firings, view.iri(firings_path(rule)))
 
 
 def rule_state(known: Known) -> NamedNode:
@@ -216,11 +216,11 @@ def _copied(graph: Graph, body: str) -> Node:
     return root
 
 
-def _describe_firings(graph: Graph, sight: RequestView, known: Known) -> None:
-    iri = sight.iri(firings_path(known.rule))
+def _describe_firings(graph: Graph, view: RequestView, known: Known) -> None:
+    iri = view.iri(firings_path(known.rule))
     graph.a(iri, LDP.BasicContainer, LDP.Container)
     graph.add(iri, DCTERMS.title, Literal(f"Firings of {known.rule.title}"))
-    graph.add(iri, RDFS.seeAlso, sight.iri(rule_path(known.rule)))
+    graph.add(iri, RDFS.seeAlso, view.iri(rule_path(known.rule)))
     for number, firing in reversed(known.firings.items()):
         member = NamedNode(f"{iri.value}/{number}")
         graph.add(iri, LDP.contains, member)
@@ -230,27 +230,27 @@ def _describe_firings(graph: Graph, sight: RequestView, known: Known) -> None:
 
 
 def _describe_firing(
-    graph: Graph, sight: RequestView, rule: Rule, number: int, firing: Firing, causes: Iterable[str]
+    graph: Graph, view: RequestView, rule: Rule, number: int, firing: Firing, causes: Iterable[str]
 ) -> None:
-    iri = sight.iri(f"{firings_path(rule)}/{number}")
+    iri = view.iri(f"{firings_path(rule)}/{number}")
     graph.a(iri, LF.Firing, PROV.Activity)
     graph.add(iri, DCTERMS.title, Literal(f"Firing {number} of {rule.title}"))
     graph.add(iri, DCTERMS.identifier, Literal(str(number)))
-    graph.add(iri, RDFS.seeAlso, sight.iri(firings_path(rule)), sight.iri(rule_path(rule)))
+    graph.add(iri, RDFS.seeAlso, view.iri(firings_path(rule)), view.iri(rule_path(rule)))
     graph.add(iri, HYBRIT.blueprint, LF.FiringShape, NamedNode(iri.value + "/blueprint"))
     graph.add(iri, DCTERMS.created, timestamp(firing.at_ns))
     graph.add(iri, LF.state, _STATES[firing.state])
     if firing.reason:
         graph.add(iri, LF.reason, Literal(firing.reason))
-    graph.add(iri, LF.causedBy, *map(sight.iri, causes))
+    graph.add(iri, LF.causedBy, *map(view.iri, causes))
     for name, term in sorted(firing.bindings.items()):
         node = graph.blank()
         graph.add(iri, LF.binding, node)
         graph.add(node, LF.variable, Literal(name))
         graph.add(node, LF.value, _term(term))
     # What an invocation is kept for is shorter than what a firing is.
-    if firing.invocation and sight.invocations.get(firing.invocation.rpartition("/")[2]) is not None:
-        graph.add(iri, LF.invocation, sight.iri(firing.invocation))
+    if firing.invocation and view.invocations.get(firing.invocation.rpartition("/")[2]) is not None:
+        graph.add(iri, LF.invocation, view.iri(firing.invocation))
 
 
 def _term(text: str) -> Node | Literal:

@@ -21,7 +21,7 @@ from linked_fleet_gateway.extensions.rules.creators import may_have_rules
 from linked_fleet_gateway.extensions.rules.description import ChangeRule, MakeRule, rule_path
 from linked_fleet_gateway.extensions.rules.errors import TooManyRules
 from linked_fleet_gateway.extensions.rules.invoking import offered, path_in_fleet
-from linked_fleet_gateway.extensions.rules.request import CONTAINER, Wanted, check_variables, requested
+from linked_fleet_gateway.extensions.rules.request import CONTAINER, RuleRequest, check_variables, requested
 from linked_fleet_gateway.extensions.rules.rule import Known, Rule
 from linked_fleet_gateway.extensions.rules.service import Rules
 from linked_fleet_gateway.extensions.rules.store import Changed, Crowded, Full, StoreUnavailable
@@ -87,7 +87,7 @@ async def change_rule(rules: Rules, request: Request, afforded: ChangeRule) -> R
         known = latest
 
 
-def _changed(rules: Rules, request: Request, known: Known, wanted: Wanted, own: bool) -> Rule:
+def _changed(rules: Rules, request: Request, known: Known, wanted: RuleRequest, own: bool) -> Rule:
     rule = known.rule
     if own:
         _demand_rights(request.caller)
@@ -103,7 +103,7 @@ def _iri(rule: Rule) -> str:
     return rule.invokes if rule.variable else rule.base + rule.invokes
 
 
-async def _wanted(rules: Rules, request: Request, media_type: str, iri: str) -> Wanted:
+async def _wanted(rules: Rules, request: Request, media_type: str, iri: str) -> RuleRequest:
     wanted = await read_as(
         request, lambda body: requested(parse_body(body, media_type, iri, request.base), iri, request.base)
     )
@@ -115,7 +115,7 @@ async def _wanted(rules: Rules, request: Request, media_type: str, iri: str) -> 
     return wanted
 
 
-def _as_wanted(rules: Rules, request: Request, wanted: Wanted, id: str, created_ns: int) -> Rule:
+def _as_wanted(rules: Rules, request: Request, wanted: RuleRequest, id: str, created_ns: int) -> Rule:
     caller = request.caller
     invokes = wanted.invokes
     if not invokes.startswith("?"):
@@ -149,7 +149,7 @@ def _action(rules: Rules, request: Request, iri: str) -> str:
         raise UnprocessableContent(error.detail, constraint=request.base + CONTAINER) from error
 
 
-def _check_bound(rules: Rules, request: Request, wanted: Wanted) -> None:
+def _check_bound(rules: Rules, request: Request, wanted: RuleRequest) -> None:
     """UnprocessableContent for a condition that itself names a foreign resource as the action."""
     if not wanted.invokes.startswith("?"):
         return

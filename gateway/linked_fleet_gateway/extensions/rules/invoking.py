@@ -6,7 +6,7 @@ from urllib.parse import unquote
 
 from pyoxigraph import NamedNode
 
-from linked_fleet_gateway.actions.action_request import Asked
+from linked_fleet_gateway.actions.action_request import ActionRequest
 from linked_fleet_gateway.actions.admission import admit
 from linked_fleet_gateway.actions.caller import Caller
 from linked_fleet_gateway.actions.plan import Halt, Later, Moment, Motion
@@ -49,13 +49,13 @@ async def invoked(
     offer = offered(tree, path, creator)
     action = NamedNode(rule.base + offer.path)
     if not offer.takes_body:
-        halt = actions.plan(Asked(rule.base, Body((), action), offer.robot, offer.joint), offer)
+        halt = actions.plan(ActionRequest(rule.base, Body((), action), offer.robot, offer.joint), offer)
         assert isinstance(halt, Halt)
         asking = Caller(rule.client, stops=creator.over(Right.STOP), rule=rule.id)
         return await actions.halt(offer.path, halt, asking)
     body = admit(offer, filled(rule.body, row, action), rule.base)
     moment = None if offer.robot is None else moments.get(offer.robot.name)
-    plan = actions.plan(Asked(rule.base, body, offer.robot, offer.joint, moment), offer)
+    plan = actions.plan(ActionRequest(rule.base, body, offer.robot, offer.joint, moment), offer)
     if isinstance(plan, Later):
         plan = await actions.compute(plan)
     assert isinstance(plan, Motion)  # what takes a body moves

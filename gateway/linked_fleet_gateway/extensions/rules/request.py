@@ -28,7 +28,7 @@ INTERVAL_S = 1.0
 
 
 @dataclass(frozen=True)
-class Wanted:
+class RuleRequest:
     """The fields of ``Rule``; ``invokes`` is an IRI or ``?`` and a variable."""
 
     title: str
@@ -40,7 +40,7 @@ class Wanted:
     enabled: bool
 
 
-def requested(triples: Sequence[Triple], iri: str, base: str) -> Wanted:
+def requested(triples: Sequence[Triple], iri: str, base: str) -> RuleRequest:
     """Read the rule that ``triples``, sent to ``iri``, ask for; UnprocessableContent with the report of its shape."""
     container = base + CONTAINER
     focus = _focus(triples, iri)
@@ -55,7 +55,7 @@ def requested(triples: Sequence[Triple], iri: str, base: str) -> Wanted:
     said: dict[NamedNode, list[Node | Literal]] = {}
     for each in about:
         said.setdefault(each.predicate, []).append(each.object)  # type: ignore[arg-type]
-    return Wanted(
+    return RuleRequest(
         title=_text(said, DCTERMS.title),
         condition=_text(said, LF.condition),
         invokes=_invoked(triples, said[LF.invokes][0], container),
@@ -113,7 +113,7 @@ def _body(triples: Sequence[Triple], found: list[Node | Literal] | None, contain
         raise _refusal(error.detail, container) from error
 
 
-def check_variables(wanted: Wanted, selected: Collection[str], base: str) -> None:
+def check_variables(wanted: RuleRequest, selected: Collection[str], base: str) -> None:
     """UnprocessableContent for a rule that speaks of what its condition does not select."""
     used = variables(wanted.body) | set(wanted.told_apart_by)
     if wanted.invokes.startswith("?"):

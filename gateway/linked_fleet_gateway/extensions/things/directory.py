@@ -21,13 +21,13 @@ Place = tuple[Robot | None, Joint | Link | None]
 class Listing:
     """All things that the caller may see (``linked_fleet_gateway.extensions.things.http`` serves them)."""
 
-    sight: RequestView
+    view: RequestView
 
     def things(self) -> list[tuple[str, Place]]:
         """Each thing with its id, in code point order of the ids (Discovery, 7.3.2.3)."""
-        base = self.sight.base
+        base = self.view.base
         found: list[tuple[str, Place]] = [(base + "/", (None, None))]
-        for name, robot in self.sight.robots.items():
+        for name, robot in self.view.robots.items():
             found.append((base + robot_path(name), (robot, None)))
             if (model := robot.model) is not None:
                 for joint in model.joints.values():
@@ -38,30 +38,30 @@ class Listing:
 
     def version(self) -> bytes:
         """All that descriptions are made from: while this is the same, they are."""
-        facts: list[object] = [self.sight.base, self.sight.secured]
-        for name, robot in sorted(self.sight.robots.items()):
+        facts: list[object] = [self.view.base, self.view.secured]
+        for name, robot in sorted(self.view.robots.items()):
             said = robot.description
             known = None if said is None else (said.urdf, said.joints, said.base, said.capabilities)
             facts.append((name, robot.title, robot.model is None, known, robot.annotations))
         return repr(facts).encode()
 
     def description(self, place: Place) -> bytes:
-        return write_description(self.sight, *place)
+        return write_description(self.view, *place)
 
 
-def _entrance(sight: RequestView, rest: Sequence[str]) -> Found:
+def _entrance(view: RequestView, rest: Sequence[str]) -> Found:
     if list(rest) != ["wot"]:
         return None
-    documents = {TD: partial(write_description, sight, None, None)}
+    documents = {TD: partial(write_description, view, None, None)}
     return Resource("/.well-known/wot", "Thing Description", None, (LDP.Resource,), documents=documents)
 
 
-def _directory(sight: RequestView, rest: Sequence[str]) -> Found:
+def _directory(view: RequestView, rest: Sequence[str]) -> Found:
     """The listing, or what has the id that follows: the IRI of a thing."""
     if not rest:
-        return Resource(DIRECTORY, "Thing Descriptions", None, (LDP.Resource,), remote=Listing(sight), followed=False)
+        return Resource(DIRECTORY, "Thing Descriptions", None, (LDP.Resource,), remote=Listing(view), followed=False)
     id = "/".join(rest)
-    place = _place(sight, id.removeprefix(sight.base)) if id.startswith(sight.base + "/") else None
+    place = _place(view, id.removeprefix(view.base)) if id.startswith(view.base + "/") else None
     if place is None:
         return None
     return Resource(
@@ -69,16 +69,16 @@ def _directory(sight: RequestView, rest: Sequence[str]) -> Found:
         f"Thing Description of {id}",
         None,
         (LDP.Resource,),
-        documents={TD: partial(write_description, sight, *place)},
+        documents={TD: partial(write_description, view, *place)},
     )
 
 
-def _place(sight: RequestView, path: str) -> Place | None:
+def _place(view: RequestView, path: str) -> Place | None:
     if path == "/":
         return None, None
     head, _, part = path[1:].partition("/")
     try:
-        robot = sight.robots.get(robot_name(head))
+        robot = view.robots.get(robot_name(head))
         if robot is None or not part:
             return (robot, None) if robot is not None and path.endswith("/") else None
         if robot.model is None:

@@ -167,9 +167,9 @@ class Thing:
         return said | ({"input": form_of_input(offer, self.base).schema} if offer.takes_body else {})
 
 
-def write_description(sight: RequestView, robot: Robot | None, part: Joint | Link | None) -> bytes:
+def write_description(view: RequestView, robot: Robot | None, part: Joint | Link | None) -> bytes:
     """The Thing Description of the fleet (no robot), a robot, or a part of it."""
-    return thing_description(Thing(sight.base, sight.secured, robot, part), sight.robots)
+    return thing_description(Thing(view.base, view.secured, robot, part), view.robots)
 
 
 def thing_description(thing: Thing, robots: Iterable[str] = ()) -> bytes:

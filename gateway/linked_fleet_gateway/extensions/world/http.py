@@ -102,12 +102,12 @@ async def read_pose(world: World, request: Request, resource: Resource, asked: A
 def _posed(world: World, request: Request, resource: Resource, asked: AskPose) -> Resource:
     of, frame = _path(request, "of"), _path(request, "in")
     try:
-        found = seen_from(of, frame, asked.sight.robots, world.objects.known)
+        found = seen_from(of, frame, asked.view.robots, world.objects.known)
     except LookupError as error:
         named = str(error.args[0])[:_LONGEST_NAMED]
         raise NotFound(f"{named} is no place in the world: that is itself, robots, links and objects.") from error
     path = f"{POSES}?{request.url.query}"
-    iri = asked.sight.iri(path)
+    iri = asked.view.iri(path)
     describe = partial(describe_posed, iri=iri, of=request.base + of, frame=request.base + frame, posed=found)
     return replace(resource, path=path, title="Pose in a frame", describe=describe)
 

@@ -15,7 +15,7 @@ from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, MATHS
 
 
 @dataclass(frozen=True)
-class Standing:
+class PlacedRobot:
     """A robot in the world; addresses of what draws it, empty where it has not said what it is."""
 
     link: Link
@@ -36,14 +36,14 @@ def world(facts: Facts, iri: NamedNode) -> Part:
     return Part(more, {DCTERMS.hasPart}, done)
 
 
-def _standing(facts: Facts, iri: NamedNode, placement: Term | None) -> Standing:
+def _standing(facts: Facts, iri: NamedNode, placement: Term | None) -> PlacedRobot:
     def address(predicate: NamedNode) -> str:
         return path_below(getattr(facts.one(iri, predicate), "value", ""), facts.root)
 
     position = facts.one(placement, LF.position) if isinstance(placement, NamedNode) else None
     x = facts.one(position, MATHS.x) if isinstance(position, BlankNode) else None
     name = labels.place(iri.value, facts.root)
-    return Standing(
+    return PlacedRobot(
         facts.link(iri), name, address(LF.placement), x != LF.unknown, address(LF.model), address(LF.jointState),
         address(LF.pose),
     )  # fmt: skip

@@ -52,29 +52,29 @@ class PutObject:
 class AskPose:
     """A pose depends on the query: of what, and in which frame."""
 
-    sight: RequestView
+    view: RequestView
 
 
-def in_world(sight: RequestView, rest: list[str], objects: Mapping[str, SceneObject]) -> Found:
+def in_world(view: RequestView, rest: list[str], objects: Mapping[str, SceneObject]) -> Found:
     """``rest``: the segments below ``/world``."""
     if not rest:
-        return _world(sight)
+        return _world(view)
     if rest == [_BLUEPRINT]:
-        return blueprint_of(_world(sight), sight.base, (LF.WorldShape,))
+        return blueprint_of(_world(view), view.base, (LF.WorldShape,))
     if rest == ["pose"]:
         template = "Poses of things in the frames of others"
         return Resource(
-            POSES, template, lambda graph: describe_template(graph, sight.base), remote=AskPose(sight), followed=False
+            POSES, template, lambda graph: describe_template(graph, view.base), remote=AskPose(view), followed=False
         )
-    return _in_objects(sight, rest[1:], objects) if rest[0] == "objects" else None
+    return _in_objects(view, rest[1:], objects) if rest[0] == "objects" else None
 
 
-def _world(sight: RequestView) -> Resource:
-    robots = sight.robots
+def _world(view: RequestView) -> Resource:
+    robots = view.robots
     return Resource(
         WORLD,
         "World",
-        lambda graph: describe_world(graph, sight.base, robots.values()),
+        lambda graph: describe_world(graph, view.base, robots.values()),
         source=Source(
             lambda: [(r.name, r.title, r.description is None, r.settings.get(PLACEMENT)) for r in robots.values()]
         ),
@@ -83,25 +83,25 @@ def _world(sight: RequestView) -> Resource:
     )
 
 
-def _in_objects(sight: RequestView, rest: list[str], objects: Mapping[str, SceneObject]) -> Resource | None:
+def _in_objects(view: RequestView, rest: list[str], objects: Mapping[str, SceneObject]) -> Resource | None:
     if not rest or rest == [_BLUEPRINT]:
         container = Resource(
             OBJECTS,
             "Objects of the world",
-            lambda graph: describe_objects(graph, sight.base, objects),
+            lambda graph: describe_objects(graph, view.base, objects),
             CONTAINER,
             Source(lambda: list(objects.items()), digest=lambda: [(id, *_facts(each)) for id, each in objects.items()]),
             own=(f"{OBJECTS}/{_BLUEPRINT}",),
             parts=tuple(object_path(id) for id in objects),
             affords=PostObject(),
         )
-        return blueprint_of(container, sight.base, (LF.SceneObjectsShape, LF.SceneObjectInput)) if rest else container
+        return blueprint_of(container, view.base, (LF.SceneObjectsShape, LF.SceneObjectInput)) if rest else container
     thing = objects.get(rest[0])
-    return None if thing is None else _of_object(sight, rest[0], thing, rest[1:], objects)
+    return None if thing is None else _of_object(view, rest[0], thing, rest[1:], objects)
 
 
 def _of_object(
-    sight: RequestView, id: str, thing: SceneObject, rest: list[str], objects: Mapping[str, SceneObject]
+    view: RequestView, id: str, thing: SceneObject, rest: list[str], objects: Mapping[str, SceneObject]
 ) -> Resource | None:
     path, geometry = object_path(id), thing.geometry
     if not rest or rest == [_BLUEPRINT]:
@@ -109,12 +109,12 @@ def _of_object(
         whole = Resource(
             path,
             thing.title,
-            lambda graph: describe_object(graph, sight.base, id, thing),
+            lambda graph: describe_object(graph, view.base, id, thing),
             source=Source(lambda: objects.get(id), digest=lambda: _facts(objects.get(id))),
             own=(f"{path}/{_BLUEPRINT}", *mesh),
             affords=PutObject(id),
         )
-        return blueprint_of(whole, sight.base, (LF.SceneObjectShape, LF.SceneObjectInput)) if rest else whole
+        return blueprint_of(whole, view.base, (LF.SceneObjectShape, LF.SceneObjectInput)) if rest else whole
     if rest == ["mesh"] and isinstance(geometry, TriangleMesh):
         documents = {STL: lambda: geometry.stl}
         return Resource(

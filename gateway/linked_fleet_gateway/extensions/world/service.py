@@ -33,16 +33,16 @@ class World:
     @property
     def branch(self) -> FleetBranch:
         known = self.objects.known
-        return FleetBranch(WORLD[1:], LF.world, lambda sight, rest: in_world(sight, rest, known), graphs=self.triples)
+        return FleetBranch(WORLD[1:], LF.world, lambda view, rest: in_world(view, rest, known), graphs=self.triples)
 
-    def triples(self, sight: RequestView) -> Iterator[tuple[str, Sequence[Triple]]]:
+    def triples(self, view: RequestView) -> Iterator[tuple[str, Sequence[Triple]]]:
         """The whole world, for who asks many things of it at once; where robots stand is said with each of them."""
-        frame, key, known = Graph(), (sight.base, self.objects.changes), self.objects.known
-        describe_frame(frame, sight.base, sight.robots.values())
+        frame, key, known = Graph(), (view.base, self.objects.changes), self.objects.known
+        describe_frame(frame, view.base, view.robots.values())
         yield WORLD, frame.triples
         if self._described[0] != key:
             objects = Graph()
-            describe_objects(objects, sight.base, known, len(known))
+            describe_objects(objects, view.base, known, len(known))
             self._described = key, objects.triples
         yield OBJECTS, self._described[1]
 

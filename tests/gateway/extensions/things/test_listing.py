@@ -53,8 +53,8 @@ def _get(query: str = "", *, method: str = "GET", without: str = "", **fields: s
     assert isinstance(found, Resource) and isinstance(found.remote, Listing)
     listing = found.remote
     if without:
-        robots = {name: robot for name, robot in listing.sight.robots.items() if name != without}
-        listing = Listing(RequestView(BASE, robots, listing.sight.invocations, listing.sight.sees))
+        robots = {name: robot for name, robot in listing.view.robots.items() if name != without}
+        listing = Listing(RequestView(BASE, robots, listing.view.invocations, listing.view.sees))
     headers = [(name.replace("_", "-").encode(), value.encode()) for name, value in fields.items()]
     scope = {"type": "http", "method": method, "path": "/things", "query_string": query.encode(), "headers": headers}
     scope["state"] = {"base": BASE}

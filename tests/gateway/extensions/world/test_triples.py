@@ -23,18 +23,18 @@ def test_all_that_is_in_the_world_is_told_and_told_anew_when_it_changes(tmp_path
     settings = GatewaySettings()
     live = new_live(settings, ZenohNetwork().gateway("g"))
     world = World(live, "unix:///nowhere", settings.namespace, tmp_path)
-    sight = RequestView(BASE, live.fleet.robots, InvocationsInView(Invocations(), ALL), ALL)
+    view = RequestView(BASE, live.fleet.robots, InvocationsInView(Invocations(), ALL), ALL)
     where = Pose((0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0))
     for i in range(150):  # more than a page of them shows
         ball = SceneObject(title=f"ball {i}", kind="obstacle", pose=where, geometry=Sphere(0.1))
         world.objects._take(f"ball{i}", encode(ball))
-    told = dict(world.triples(sight))
+    told = dict(world.triples(view))
     assert {triple.subject for triple in told["/world"]} == {NamedNode(BASE + "/world")}
     titles = {t.object for t in told["/world/objects"] if t.predicate == DCTERMS.title}
     assert {Literal(f"ball {i}") for i in range(150)} <= titles
     listed = {t.object for t in told["/world/objects"] if t.predicate == LDP.contains}
     typed = {t.subject for t in told["/world/objects"] if t.predicate == RDF.type and t.object == LF.Obstacle}
     assert listed == typed
-    assert dict(world.triples(sight))["/world/objects"] is told["/world/objects"]
+    assert dict(world.triples(view))["/world/objects"] is told["/world/objects"]
     world.objects._take("ball0", None)
-    assert len(dict(world.triples(sight))["/world/objects"]) < len(told["/world/objects"])
+    assert len(dict(world.triples(view))["/world/objects"]) < len(told["/world/objects"])
