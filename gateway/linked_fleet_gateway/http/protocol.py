@@ -22,6 +22,8 @@ from linked_fleet_gateway.http.websocket_protocol import FAREWELL_S, WebSocketPr
 HTTP = "linked-fleet.http"
 """The key in ``scope["extensions"]`` of the protocol that serves an application."""
 _FULL = b"HTTP/1.1 503 Service Unavailable\r\nretry-after: 1\r\ncontent-length: 0\r\nconnection: close\r\n\r\n"
+_MOST_UNREAD = 64
+"""Pieces of ``MAX_HEAD_BYTES`` that wait for answers to requests before them."""
 _IDLE, _HEAD, _BODY, _WHOLE = "idle", "head", "body", "whole"
 """How much of the latest request has come: nothing, a part of its head, its head, all of it."""
 _REQUEST_LINE = re.compile(rb"([!#$%&'*+\-.^_`|~0-9A-Za-z]+) ([\x21-\x7e]+) HTTP/([0-9])\.([0-9])\r?\n")
@@ -93,8 +95,8 @@ class HttpProtocol(HttpToolsProtocol):
     # -- what comes ---------------------------------------------------------------------------------------------------
 
     def data_received(self, data: bytes) -> None:
-        if self._unread:
-            self._unread.append(data)
+        if self._unread or self.pipeline:
+            self._hold(data)
             return
         if len(data) <= MAX_HEAD_BYTES:
             self._feed(data)
@@ -102,6 +104,13 @@ class HttpProtocol(HttpToolsProtocol):
             self._feed_pieces([data[at : at + MAX_HEAD_BYTES] for at in range(0, len(data), MAX_HEAD_BYTES)])
         if self.transport.get_protocol() is self:
             self._await_request()
+
+    def _hold(self, data: bytes) -> None:
+        """Keep bytes until the requests before them are answered. An application that awaits a body reads on."""
+        self._unread += [data[at : at + MAX_HEAD_BYTES] for at in range(0, len(data), MAX_HEAD_BYTES)]
+        self.flow.pause_reading()
+        if len(self._unread) > _MOST_UNREAD:
+            self.transport.abort()
 
     def _feed_pieces(self, pieces: list[bytes]) -> None:
         """Parse the bytes piece by piece; more at once would be taken however long a head is."""
@@ -112,8 +121,9 @@ class HttpProtocol(HttpToolsProtocol):
             if protocol is not self:
                 cast(WebSocketProtocol, protocol).data_received(b"".join(pieces))
                 return
-            if self.pipeline:  # reading is paused; who sends many requests at once waits for the answers
+            if self.pipeline:  # who sends many requests at once waits for the answers
                 self._unread = pieces
+                self.flow.pause_reading()
                 return
             self._feed(pieces.pop(0))
 
@@ -261,13 +271,14 @@ class HttpProtocol(HttpToolsProtocol):
         self.server_state.total_requests += 1
         if self.transport.is_closing():
             return
-        self.flow.resume_reading()
         if self.pipeline:
             cycle, app = self.pipeline.pop()
             self._start_asgi_task(cycle, app)
-        elif self._unread:
+        if self._unread and not self.pipeline:
             pieces, self._unread = self._unread, []
             self._feed_pieces(pieces)
+        if not self._unread and not self.pipeline:
+            self.flow.resume_reading()
         if self._phase is _WHOLE and not self._is_answering():
             self._phase = _IDLE
         self._await_request()

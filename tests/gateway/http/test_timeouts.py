@@ -284,3 +284,32 @@ def test_places() -> None:
     assert len(sockets) == 2
     assert sockets.open("a3", "a")
     assert not sockets.open("a4", "a")
+
+
+def test_a_crowd_of_requests_at_once_waits_outside_and_is_answered() -> None:
+    """Of megabytes of requests on one connection a few are parsed, and the rest stays with the client."""
+    count = 100_000
+    go = asyncio.Event()
+    held = list[HttpProtocol]()
+
+    class Watched(HttpProtocol):
+        def __init__(self, *arguments: object, **named: object) -> None:
+            super().__init__(*arguments, **named)
+            held.append(self)
+
+    async def wait(scope: Scope, receive: Receive, send: Send) -> None:
+        await go.wait()
+        await Response(b"x")(scope, receive, send)
+
+    async def scenario() -> None:
+        async with serving(wait, http=Watched) as (_, port):
+            reader, writer = await connect(port, b"")
+            writer.write(_GET * count)
+            await until(lambda: bool(held and held[0].pipeline))
+            go.set()
+            for _ in range(1000):
+                assert (await reader.readuntil(b"\r\n\r\nx")).startswith(b"HTTP/1.1 200")
+                assert sum(map(len, held[0]._unread)) + len(_GET) * len(held[0].pipeline) <= 1 << 20
+            writer.transport.abort()
+
+    run(scenario)
