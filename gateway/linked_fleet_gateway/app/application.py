@@ -21,9 +21,11 @@ from linked_fleet_gateway.http.forwarded import Forwarded
 from linked_fleet_gateway.http.host import Authorities
 from linked_fleet_gateway.http.lazy_imports import Loading
 from linked_fleet_gateway.http.operator_endpoints import Front
-from linked_fleet_gateway.http.rates import Pace, Rates
+from linked_fleet_gateway.http.pace import Pace
+from linked_fleet_gateway.http.rates import Rates
 from linked_fleet_gateway.http.request import Gateway, Services
 from linked_fleet_gateway.http.sockets import Sockets, within_files
+from linked_fleet_gateway.http.stop_priority import Turns
 from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.link.transport import Opener
 from linked_fleet_gateway.link.zenoh_session import open_session as open_zenoh
@@ -94,7 +96,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
                 live, subscriptions, actions, requests, sampler, embedded, [each.metrics for each in mounts]
             )
             app.services = Services(
-                live, actions, subscriptions, audit, identities, embedded,
+                live, actions, subscriptions, audit, identities, embedded, turns=Turns(carriers), rates=rates,
                 representations=representations(mounts), registry=registry(numbers),
                 schemes=[each.scheme for each in mounts if each.scheme is not None],
                 not_ready=[each.not_ready for each in mounts],
@@ -103,14 +105,19 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
             yield
 
     requests, rates = Requests(), Rates(settings.requests_per_client)
+    carriers = [f"/{segment}" for each in extensions for segment in each.carriers]
     app = Gateway(
         middleware=[
             Middleware(Forwarded, fronts=settings.fronts),
             Middleware(Front, requests=requests, tracing=tracing),
-            *pages_elsewhere(settings.cors_origins),
+            *pages_elsewhere(
+                settings.cors_origins,
+                [name for each in extensions for name in each.request_fields],
+                [name for each in extensions for name in each.response_fields],
+            ),
             Middleware(Authorities, public_urls=settings.public_urls, pages=settings.cors_origins),
             Middleware(Callers),
-            Middleware(Pace, rates=rates),
+            Middleware(Pace, rates=rates, carriers=carriers),
             Middleware(Loading),
         ],
         lifespan=lifespan,

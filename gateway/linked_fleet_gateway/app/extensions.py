@@ -119,13 +119,13 @@ def install(extensions: Sequence[Extension]) -> None:
 
 
 def in_order(extensions: Sequence[Extension]) -> list[Extension]:
-    """The extensions, each after those that it needs. ValueError for one whose needs cannot be met."""
+    """The extensions, each after those that it needs or uses. ValueError for one whose needs cannot be met."""
     found: dict[str, Extension] = {}
-    waiting = list(extensions)
+    waiting, on = list(extensions), {each.name for each in extensions}
     while waiting:
-        able = [each for each in waiting if all(name in found for name in each.needs)]
+        able = [each for each in waiting if found.keys() >= {*each.needs, *on.intersection(each.uses)}]
         if not able:
-            needs = ", ".join(f"{each.name} needs {' and '.join(each.needs)}" for each in waiting)
+            needs = ", ".join(f"{each.name} needs {' and '.join((*each.needs, *each.uses))}" for each in waiting)
             raise ValueError(f"extensions lack others, or need each other: {needs}")
         found |= {each.name: each for each in able}
         waiting = [each for each in waiting if each not in able]
@@ -139,9 +139,12 @@ async def mount(extensions: Sequence[Extension], core: Core, stack: AsyncExitSta
             log.warning("The extension %s is off: %s is not installed.", extension.name, " and ".join(names))
     mounts: list[Mount] = []
     views = [view for each in extensions for view in each.views]
+    operations = [name for each in extensions for name in each.operations]
+    navigation = [entry for each in extensions for entry in each.navigation]
     for extension in extensions:
         services = [service for each in mounts for service in each.services]
-        found = await stack.enter_async_context(extension.start(replace(core, services=services, views=views)))
+        known = replace(core, services=services, views=views, operations=operations, navigation=navigation)
+        found = await stack.enter_async_context(extension.start(known))
         core.live.add(*found.branches)
         core.actions.handlers.update(found.handlers)
         if found.guard is not None:

@@ -89,6 +89,13 @@ class Invocations:
         """Those of one robot, newest first; of the fleet as a whole for ``FLEET``."""
         return self._of_robot.get(robot, [])[::-1]
 
+    def last_motion_ns(self, robot: str) -> int | None:
+        """When the last motion of one robot ended, of those that it accepted; None if none is remembered."""
+        for one in reversed(self._of_robot.get(robot, [])):
+            if one.stops is None and one.ended_ns is not None and one.accepted:
+                return one.ended_ns
+        return None
+
     def open_of(self, robot: str) -> list[Invocation]:
         """Those of one robot, or of the fleet as a whole, that are not over, newest first."""
         return _newest_first(_still_open(self._open, robot).values())

@@ -68,7 +68,7 @@ def with_audit(connection: Connection, resource: Resource) -> Resource:
 
 def _describe(graph: Graph, base: str, path: str, entries: list[tuple[str, Entry]]) -> None:
     iri = NamedNode(base + path)
-    graph.a(iri, LDP.BasicContainer, LDP.Container)
+    graph.a(iri, LF.Audit, LDP.BasicContainer, LDP.Container)
     graph.add(iri, DCTERMS.title, Literal("Audit"))
     graph.add(iri, RDFS.seeAlso, NamedNode(base + "/"))
     if len(entries) == PAGE:

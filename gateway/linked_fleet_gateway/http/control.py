@@ -1,9 +1,10 @@
 """The control lease and the settings of a robot: what is put there, and taken away (R0.5)."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING
 
-from pyoxigraph import Triple
+from pyoxigraph import NamedNode, Triple
 from starlette.responses import Response
 
 from linked_fleet_gateway.actions.replicated_invocations import Memory
@@ -41,12 +42,13 @@ async def control(request: Request, afforded: Control) -> Response:
             raise NotFound("Nobody has control at present.")
         return Response(status_code=204)
     iri = request.base + lease_path(robot.name)
-    media_type = body_type(request)
+    media_type = body_type(request, FORM_TYPES)
+    form = partial(_form, LF.ControlLeaseInput)
     lease = request.tree().resolve(lease_path(robot.name))
     present = shown(lease.whole(request.base)) if isinstance(lease, Resource) else frozenset()
 
     def read(content: bytes) -> Body:
-        return judged(parse_body(content, media_type, iri, request.base), LF.ControlLeaseInput, iri, present)
+        return judged(parse_form(content, media_type, iri, request.base, form), LF.ControlLeaseInput, iri, present)
 
     body = await read_as(request, read)
     holder, duration_s = body.text(body.root, LF.holder), body.number(body.root, LF.leaseDuration)
@@ -98,10 +100,11 @@ async def _read_setting(request: Request, setting: Setting) -> list[Triple]:
             request, lambda body: parse_body(body, media_type, iri, request.base, MAX_ANNOTATION_TRIPLES)
         )
 
-    def form() -> "Form":
-        from linked_fleet_gateway.resources.json_form import form_of
-
-        return form_of(shape)
-
-    media_type = body_type(request, FORM_TYPES)
+    media_type, form = body_type(request, FORM_TYPES), partial(_form, shape)
     return await read_as(request, lambda body: parse_form(body, media_type, iri, request.base, form))
+
+
+def _form(shape: NamedNode) -> "Form":
+    from linked_fleet_gateway.resources.json_form import form_of
+
+    return form_of(shape)

@@ -1,5 +1,7 @@
 """CORS: fields with which pages of other sites may use the fleet (WHATWG Fetch, "HTTP-CORS protocol")."""
 
+from collections.abc import Iterable
+
 from starlette.middleware import Middleware
 from starlette.middleware.cors import CORSMiddleware
 
@@ -14,14 +16,20 @@ _ANSWERED = (
 )  # fmt: skip
 
 
-def pages_elsewhere(origins: tuple[str, ...]) -> list[Middleware]:
-    """None without ``origins``. Cookies are never sent along: those pages have tokens of their own."""
+def pages_elsewhere(
+    origins: tuple[str, ...], asked: Iterable[str] = (), answered: Iterable[str] = ()
+) -> list[Middleware]:
+    """None without ``origins``. Cookies are never sent along: those pages have tokens of their own.
+
+    ``asked``, ``answered``: further fields that pages may send, and may read of answers.
+    """
     if not origins:
         return []
     return [
         Middleware(
             CORSMiddleware,
-            allow_origins=origins, allow_methods=_METHODS, allow_headers=_ASKED, expose_headers=_ANSWERED,
+            allow_origins=origins, allow_methods=_METHODS, allow_headers=(*_ASKED, *asked),
+            expose_headers=(*_ANSWERED, *answered),
             allow_credentials=False,
         )
     ]  # fmt: skip

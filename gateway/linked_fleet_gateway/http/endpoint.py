@@ -25,6 +25,7 @@ from linked_fleet_gateway.http.audit import NEEDS as AUDIT_NEEDS
 from linked_fleet_gateway.http.audit import audit_resource, is_audit, note, with_audit
 from linked_fleet_gateway.http.containers import preferred_part, shown_part
 from linked_fleet_gateway.http.control import control, put_setting
+from linked_fleet_gateway.http.conversation import Speaker, converse
 from linked_fleet_gateway.http.extension import Mount, Reader, Writer
 from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.health import store_warning
@@ -74,13 +75,15 @@ class Endpoint:
 
     def __init__(self, mounts: Iterable[Mount] = ()) -> None:
         self._readers, self._writers = dict(_READERS), dict(_WRITERS)
+        self._speakers: dict[type, Speaker] = {}
         for mount in mounts:
             self._readers.update(mount.readers)
             self._writers.update(mount.writers)
+            self._speakers.update(mount.speakers)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "websocket":
-            await _upgrade(WebSocket(scope, receive, send))
+            await self._upgrade(WebSocket(scope, receive, send))
             return
         services = gateway_of(scope).services
         try:
@@ -166,19 +169,26 @@ class Endpoint:
                 error.constrain(request.base + _constraints(resource))
             raise
 
+    async def _upgrade(self, websocket: WebSocket) -> None:
+        """A WebSocket on a resource; what speaks against it is answered in HTTP, before any handshake."""
+        try:
+            found = await _find(websocket)
+            if isinstance(found, Resource):
+                demand(websocket, found.path, (Right.READ,))
+                demand(websocket, found.path, (Right.SUBSCRIBE,))
+                await self._open(websocket, found)
+            else:
+                await websocket.send_denial_response(_moved(websocket, found))
+        except FleetError as error:
+            await websocket.send_denial_response(problem_response(websocket, error))
 
-async def _upgrade(websocket: WebSocket) -> None:
-    """A WebSocket on a resource; what speaks against it is answered in HTTP, before any handshake."""
-    try:
-        found = await _find(websocket)
-        if isinstance(found, Resource):
-            demand(websocket, found.path, (Right.READ,))
-            demand(websocket, found.path, (Right.SUBSCRIBE,))
-            await open_websocket(websocket, found)
-        else:
-            await websocket.send_denial_response(_moved(websocket, found))
-    except FleetError as error:
-        await websocket.send_denial_response(problem_response(websocket, error))
+    async def _open(self, websocket: WebSocket, resource: Resource) -> None:
+        for value in (resource.remote, resource.affords):
+            speaker = self._speakers.get(type(value))
+            if speaker is not None:
+                await converse(websocket, resource, speaker, value)
+                return
+        await open_websocket(websocket, resource)
 
 
 def _needed(request: Request, resource: Resource) -> Sequence[Right]:
@@ -197,7 +207,7 @@ async def _find(connection: Connection) -> Resource | Redirect:
         raise BadRequest(f"The request target is no path, such as /, and no URL below {connection.base}/.")
     if is_audit(path):
         demand(connection, path, AUDIT_NEEDS)
-        return await audit_resource(connection)
+        return _read_by(connection, await audit_resource(connection))
     # An encoded slash separates nothing (RFC 3986, 2.2), and no name in the tree has one, but the ids of things have.
     encoded = b"%2f" in connection.scope["raw_path"].lower()
     lost = encoded and not connection.services.live.branches.takes_slashes(path)
@@ -206,13 +216,22 @@ async def _find(connection: Connection) -> Resource | Redirect:
         raise NotFound(f"There is no resource at {path[:_LONGEST_NAMED]}; browse from {connection.base}/.")
     if isinstance(found, Redirect):
         return found
-    if connection.on_page:
-        found = replace(found, reader=connection.caller.name)
+    found = _read_by(connection, found)
     if not connection.caller.may_any(SEES_SUBSCRIPTIONS, robot_of(found.path)):
         found = replace(found, links_subscriptions=False)
     if warning := store_warning(connection.services.embedded):
         found = replace(found, warning=warning)
     return with_audit(connection, found)
+
+
+def _read_by(connection: Connection, found: Resource) -> Resource:
+    """The resource with what its page says of who reads it."""
+    caller, robot = connection.caller, robot_of(found.path)
+    rights = None
+    if connection.services.identities is not None:
+        rights = tuple(each.value for each in Right if caller.may(each, robot))
+    reader = caller.name if connection.on_page else ""
+    return replace(found, reader=reader, rights=rights, audited=caller.may_any(AUDIT_NEEDS, None))
 
 
 async def _shelf(connection: Connection, path: str) -> Shelf:

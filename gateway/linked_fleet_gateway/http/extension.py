@@ -14,10 +14,11 @@ from linked_fleet_gateway.actions.handler_table import Handler
 from linked_fleet_gateway.actions.service import Actions, MotionGuard
 from linked_fleet_gateway.base.settings import Section, SectionT, section
 from linked_fleet_gateway.http.authentication import Scheme
-from linked_fleet_gateway.http.html import HtmlWriter
+from linked_fleet_gateway.http.conversation import Speaker
+from linked_fleet_gateway.http.html import HtmlWriter, NavigationEntry
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.identity.service import Identities
-from linked_fleet_gateway.resources.branches import Branch
+from linked_fleet_gateway.resources.branches import Branch, RequestView
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.runtime.audit_log import Audit
 from linked_fleet_gateway.subscriptions.live import Live
@@ -26,6 +27,9 @@ Reader = Callable[[Request, Resource, Any], Awaitable[ASGIApp]]
 """Answers GET of a resource; the last argument is its ``remote``."""
 Writer = Callable[[Request, Any], Awaitable[ASGIApp]]
 """Answers any other method of a resource; the last argument is its ``affords``."""
+Operations = Callable[[RequestView], Mapping[str, Mapping[str, Any]]]
+"""Path items (OpenAPI 3.1, 4.8.9) by their templates, of what exists to who asks. Answers that any resource gives
+(304, 400, 401, 403, 404, 405, 406, 412, 421, 429, 500, 503) and security schemes are added to each operation."""
 T = TypeVar("T")
 
 
@@ -47,6 +51,10 @@ class Core:
     """Folder for files that outlive the process."""
     views: Sequence[str] = ()
     """The page views of all extensions, as ``module:attribute``."""
+    operations: Sequence[str] = ()
+    """The operations of all extensions, as ``module:attribute``."""
+    navigation: Sequence[NavigationEntry] = ()
+    """The links of all extensions that all pages have."""
     sections: Sequence[Section] = ()
     """Settings of the extensions."""
     services: Sequence[object] = ()
@@ -58,10 +66,14 @@ class Core:
 
     def service(self, kind: type[T]) -> T:
         """The service of this type that an extension named in ``needs`` has. Raises LookupError."""
-        for each in self.services:
-            if isinstance(each, kind):
-                return each
-        raise LookupError(f"no extension that was started before has a {kind.__name__}")
+        found = self.optional_service(kind)
+        if found is None:
+            raise LookupError(f"no extension that was started before has a {kind.__name__}")
+        return found
+
+    def optional_service(self, kind: type[T]) -> T | None:
+        """The service of this type that an extension named in ``uses`` has; None where that is off."""
+        return next((each for each in self.services if isinstance(each, kind)), None)
 
 
 @dataclass(frozen=True)
@@ -74,6 +86,9 @@ class Mount:
     """Readers by the type of a resource's ``remote``: each answers its GET."""
     writers: Mapping[type, Writer] = field(default_factory=dict)
     """Writers by the type of a resource's ``affords``: each answers its other methods."""
+    speakers: Mapping[type, Speaker] = field(default_factory=dict)
+    """Speakers by the type of a resource's ``remote`` or ``affords``: each serves WebSockets at it, in subprotocols of
+    its own."""
     formats: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     """Label and media type of further representations, by the word that picks one in ``?as=``."""
     html: HtmlWriter | None = None
@@ -98,12 +113,21 @@ class Extension:
     name: ClassVar[str]
     needs: ClassVar[tuple[str, ...]] = ()
     """Names of extensions that are started before."""
+    uses: ClassVar[tuple[str, ...]] = ()
+    """Names of extensions that are started before where they are on, and that may be off."""
     modules: ClassVar[tuple[str, ...]] = ()
     """Top-level modules of optional packages. The extension is off where one is not installed, and the log says so."""
     at_root: ClassVar[tuple[str, ...]] = ()
     """Segments below ``/`` that are the extension's, on or off: a robot of such a name is escaped."""
     public: ClassVar[tuple[str, ...]] = ()
     """Those of them that say nothing about any fleet, so that anybody may read what is below."""
+    carriers: ClassVar[tuple[str, ...]] = ()
+    """Those of them whose requests carry others in their bodies, which may be to stop a robot. They are counted for no
+    rate and wait for no turn before the extension, which has read the body, calls ``http.pace.in_turn``."""
+    request_fields: ClassVar[tuple[str, ...]] = ()
+    """Header fields, in lower case, that pages of other sites may send to it (CORS), if the operator permits them."""
+    response_fields: ClassVar[tuple[str, ...]] = ()
+    """Header fields that such pages may read of its answers."""
     in_robot: ClassVar[tuple[str, ...]] = ()
     """Segments below a robot that are the extension's, likewise."""
     kinds: ClassVar[tuple[Path, ...]] = ()
@@ -118,6 +142,10 @@ class Extension:
     """Section of its own, with a prefix of its own."""
     views: ClassVar[tuple[str, ...]] = ()
     """Page views, as ``module:attribute`` of a ``PageView``: loaded where there are pages."""
+    operations: ClassVar[tuple[str, ...]] = ()
+    """Operations on its resources, as ``module:attribute`` of an ``Operations``: loaded where they are described."""
+    navigation: ClassVar[tuple[NavigationEntry, ...]] = ()
+    """Links that all pages have, while the extension is on."""
 
     def start(self, core: Core) -> AbstractAsyncContextManager[Mount]:
         """Give what the extension adds, and end all that it has begun when the context is left."""

@@ -1,6 +1,7 @@
 """The seam towards pages: an extension may write resources and problems as HTML."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 from pyoxigraph import Triple
@@ -11,6 +12,15 @@ from linked_fleet_gateway.resources.resource import Resource
 HTML = "text/html"
 Formats = Mapping[str, tuple[str, str]]
 """Label and media type of each representation, by the word that picks it in ``?as=``."""
+
+
+@dataclass(frozen=True)
+class NavigationEntry:
+    """A link that all pages have. Entries stand in the order of ``rank``; the fleet has 0, the audit 90."""
+
+    title: str
+    path: str
+    rank: int = 50
 
 
 class HtmlWriter(Protocol):

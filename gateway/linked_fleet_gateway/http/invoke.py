@@ -47,7 +47,7 @@ MAX_BODY_BYTES = 256 * 1024
 MAX_TRIPLES = 5_000
 _TARGET = Terms({LF.value: Terms()})
 _KEY = re.compile(r'"([\x20\x21\x23-\x5b\x5d-\x7e]{1,255})"|([!-~]{1,255})')
-_TOKEN = re.compile(r"<?(urn:uuid:[0-9a-f-]{36})>?")
+_TOKEN = re.compile(r"<(urn:uuid:[0-9a-f-]{36})>|(urn:uuid:[0-9a-f-]{36})")
 
 
 async def invoke(request: Request, afforded: Invoke) -> Response:
@@ -109,13 +109,13 @@ def refuse_rehearsal(request: Request) -> None:
 
 def lock_token(request: Request) -> str:
     """The proof of having a control lease, as it came with it (``Lock-Token``, RFC 4918, 10.5); empty without one."""
-    said = field(request, "lock-token")
-    if said is None:
+    said = request.headers.getlist("lock-token")
+    if not said:
         return ""
-    match = _TOKEN.fullmatch(said.strip())
+    match = _TOKEN.fullmatch(", ".join(said).strip())
     if match is None:
         raise BadRequest("Lock-Token is what the control lease came with, such as <urn:uuid:...>.")
-    return match[1]
+    return match[1] or match[2]
 
 
 def _key(request: Request) -> str:
@@ -132,9 +132,10 @@ def _key(request: Request) -> str:
 
 def _prefer(request: Request, offer: Offer) -> Prefer:
     """Return the media type that the client prefers; NotAcceptable before the motion or never."""
-    prefer = parse_prefer(field(request, "prefer"))
-    if prefer.dry_run or (prefer.return_ == "representation" and choose(field(request, "accept"), (JSON,)) is None):
-        # As negotiable as the answer will be, but that an invocation is to be had in plain JSON too.
+    prefer, accept = parse_prefer(field(request, "prefer")), _accept(request)
+    wants_content = prefer.dry_run or prefer.return_ == "representation"
+    if wants_content and choose(accept, (JSON,)) is None:
+        # As negotiable as the answer will be, but that rehearsals and invocations are to be had in plain JSON too.
         _show(request, offer.path)
     return prefer
 
@@ -262,8 +263,15 @@ def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt, rehearsed: R
             graph, request.base, offer.path, offer.robot, targets, facts, rehearsed.duration_s, known, free
         )
 
-    rehearsal = Resource(offer.path, f"Rehearsal of {offer.name}", describe, ())
-    shown = request.services.representations.negotiated(field(request, "accept"), rehearsal, request.base)
+    def plain() -> bytes:
+        from linked_fleet_gateway.resources.plain_json import told
+
+        graph = Graph()
+        describe(graph)
+        return told(graph.triples, root(graph.triples, NamedNode(request.base + offer.path)), LF.RehearsalShape)
+
+    rehearsal = Resource(offer.path, f"Rehearsal of {offer.name}", describe, (), documents={JSON: plain})
+    shown = request.services.representations.negotiated(_accept(request), rehearsal, request.base)
     headers = {"content-type": shown.content_type, "cache-control": "no-store", "vary": "Accept, Prefer"}
     return Response(shown.body, 200, headers | {"preference-applied": "dry-run"})
 
@@ -271,7 +279,12 @@ def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt, rehearsed: R
 def _show(request: Request, path: str) -> Representation:
     found = request.tree().resolve(path)
     assert isinstance(found, Resource)
-    return request.services.representations.negotiated(field(request, "accept"), found, request.base)
+    return request.services.representations.negotiated(_accept(request), found, request.base)
+
+
+def _accept(request: Request) -> str | None:
+    """The value that stands for Accept; NotAcceptable for a word of ``?as=`` that picks nothing."""
+    return request.services.representations.preferred(field(request, "accept"), request.query_params.get("as"))
 
 
 async def _outcome(actions: Actions, invocation: Invocation, prefer: Prefer) -> tuple[int, list[str]]:

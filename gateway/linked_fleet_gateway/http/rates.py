@@ -1,17 +1,13 @@
 """How often one client may ask: a bucket of tokens for each, by any string that stands for it."""
 
-import math
 import time
 from collections import OrderedDict
 from collections.abc import Callable
 
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import Scope
 
 from linked_fleet_gateway.base.addresses import network_of
-from linked_fleet_gateway.base.errors import TooManyRequests
 from linked_fleet_gateway.http.authentication import Authenticated
-from linked_fleet_gateway.http.host import refuse
-from linked_fleet_gateway.http.stop_priority import URGENT
 
 BURST_S = 10.0
 """Seconds for which a client keeps what it has not used."""
@@ -61,22 +57,3 @@ def by_caller(scope: Scope) -> str:
         if client
         else ""
     )
-
-
-class Pace:
-    """ASGI middleware, inside of ``Callers``: refuses, before anything is read or found, what a client asks too often.
-
-    What stops robots is neither refused nor counted. ``who`` names the client of a request.
-    """
-
-    def __init__(self, app: ASGIApp, rates: Rates, who: Callable[[Scope], str] = by_caller) -> None:
-        self.app, self._rates, self._who = app, rates, who
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        urgent = scope.get("method") == "POST" and scope["path"].rpartition("/")[2] in URGENT
-        free = urgent or scope["type"] == "lifespan" or not self._rates.limited
-        wait_s = 0.0 if free else self._rates.take(self._who(scope))
-        if not wait_s:
-            await self.app(scope, receive, send)
-            return
-        await refuse(TooManyRequests(math.ceil(wait_s)), scope, send)

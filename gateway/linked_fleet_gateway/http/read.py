@@ -14,7 +14,7 @@ from linked_fleet_gateway.http.html import HTML
 from linked_fleet_gateway.http.links import Link, link_header
 from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.http.patch import PATCH_TYPES
-from linked_fleet_gateway.http.representation import Representation
+from linked_fleet_gateway.http.representation import Representation, typed
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.resources.paths import robot_of
@@ -127,7 +127,7 @@ def method_headers(resource: Resource, allow: Sequence[str]) -> dict[str, str]:
 def _link(resource: Resource, base: str) -> str:
     types = [Link(iri.value, "type") for iri in resource.interaction]
     layout = [] if resource.layout is None else [Link(base + resource.layout, "describedby")]
-    own = types + layout + [Link(base + path, "related") for path in resource.own]
+    own = types + layout + typed(resource, base) + [Link(base + path, "related") for path in resource.own]
     parts = [Link(base + path, "related") for path in resource.parts]
     linkset = base + resource.linkset if resource.has_linkset else None
     return link_header(own, parts, linkset, limit=_LINK_BYTES)

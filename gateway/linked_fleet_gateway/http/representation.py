@@ -110,6 +110,11 @@ class Representations:
         return (*rdf, *resource.documents)
 
 
+def typed(resource: Resource, base: str) -> list[Link]:
+    """The links of a resource that have relations of their own."""
+    return [Link(base + each.path, each.relation, each.media_type) for each in resource.links]
+
+
 def related(resource: Resource, base: str) -> list[Link]:
-    """A link to each associated sub-resource (R0.9)."""
-    return [Link(base + path, "related") for path in (*resource.own, *resource.parts)]
+    """All that its link set has: links with relations of their own, and one to each sub-resource (R0.9)."""
+    return typed(resource, base) + [Link(base + path, "related") for path in (*resource.own, *resource.parts)]

@@ -14,6 +14,7 @@ from linked_fleet_gateway.http.answers import Answers
 from linked_fleet_gateway.http.authentication import Authenticated, Scheme
 from linked_fleet_gateway.http.html import HtmlWriter
 from linked_fleet_gateway.http.offload import Offload
+from linked_fleet_gateway.http.rates import Rates
 from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.http.stop_priority import Turns
 from linked_fleet_gateway.identity.rights import EVERYBODY, Identity
@@ -39,6 +40,8 @@ class Services:
     embedded: Embedded | None
     offload: Offload = field(default_factory=Offload)
     turns: Turns = field(default_factory=Turns)
+    rates: Rates = field(default_factory=lambda: Rates(0.0))
+    """How often each client may ask."""
     answers: Answers = field(default_factory=Answers)
     representations: Representations = field(default_factory=Representations)
     registry: CollectorRegistry = field(default_factory=CollectorRegistry)

@@ -6,6 +6,7 @@ milliseconds of work, would keep a stop that comes next waiting for all of them.
 
 import asyncio
 from collections import deque
+from collections.abc import Collection
 
 from starlette.types import Scope
 
@@ -17,17 +18,29 @@ URGENT = _STOPS | {"cancel"}
 """The last segments of what stops robots."""
 
 
-class Turns:
-    """One turn each time around the event loop; who comes when it is taken waits, in the order of coming."""
+def is_urgent(scope: Scope) -> bool:
+    """Return True for a request that stops robots."""
+    return scope.get("method") == "POST" and scope["path"].rpartition("/")[2] in URGENT
 
-    def __init__(self) -> None:
+
+class Turns:
+    """One turn each time around the event loop; who comes when it is taken waits, in the order of coming.
+
+    ``carriers``: paths whose requests carry others in their bodies, and take their turn when those have been read.
+    """
+
+    def __init__(self, carriers: Collection[str] = ()) -> None:
+        self._carriers = frozenset(carriers)
         self._waiting: deque[asyncio.Future[None]] = deque()
         self._taken = False
 
     async def turn(self, scope: Scope) -> None:
         """Wait for the turn of a request; one that stops a robot waits for nobody."""
-        if scope.get("method") == "POST" and scope["path"].rpartition("/")[2] in URGENT:
-            return
+        if not is_urgent(scope) and scope["path"] not in self._carriers:
+            await self.take()
+
+    async def take(self) -> None:
+        """Wait for the next turn."""
         loop = asyncio.get_running_loop()
         if not self._taken:
             self._taken = True

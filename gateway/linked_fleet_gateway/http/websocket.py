@@ -27,14 +27,18 @@ _MEDIUM, _LONG = struct.Struct("!BBH"), struct.Struct("!BBQ")
 
 
 def framed(message: Message) -> bytes:
-    """One unmasked frame that is the whole message (RFC 6455, 5.2); Turtle and its like are text."""
-    first = _FIN | (Opcode.BINARY if message.media_type in BINARY_TYPES else Opcode.TEXT)
-    size = len(message.body)
+    """One frame that is the whole message; Turtle and its like are text."""
+    return frame(Opcode.BINARY if message.media_type in BINARY_TYPES else Opcode.TEXT, message.body)
+
+
+def frame(opcode: Opcode, body: bytes) -> bytes:
+    """One unmasked frame that is a whole message (RFC 6455, 5.2)."""
+    first, size = _FIN | opcode, len(body)
     if size < 126:
-        return b"%c%c%b" % (first, size, message.body)
+        return b"%c%c%b" % (first, size, body)
     if size < 1 << 16:
-        return _MEDIUM.pack(first, 126, size) + message.body
-    return _LONG.pack(first, 127, size) + message.body
+        return _MEDIUM.pack(first, 126, size) + body
+    return _LONG.pack(first, 127, size) + body
 
 
 class WebSocketOutlet:

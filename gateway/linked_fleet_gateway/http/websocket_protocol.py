@@ -17,6 +17,7 @@ WEBSOCKET = "linked-fleet.websocket"
 GRACE_S = 10.0
 """For the rest of a conversation that one side has ended."""
 FAREWELL_S = 0.5  # less than the server waits for its connections when it shuts down
+_NO_TEXT = "a text message must be UTF-8"
 _UNREADABLE = (
     b"HTTP/1.1 400 Bad Request\r\nContent-Type: text/plain; charset=utf-8\r\nContent-Length: 30\r\n"
     b"Connection: close\r\n\r\nInvalid HTTP request received."
@@ -24,7 +25,8 @@ _UNREADABLE = (
 
 
 class WebSocketProtocol(WebSocketsSansIOProtocol):
-    """A WebSocket that only sends, in frames made elsewhere, and that no peer can keep open by doing nothing.
+    """A WebSocket that sends frames made elsewhere, and that no peer can keep open by doing nothing. It takes messages
+    only after ``listen``.
 
     Frames of a server are not masked (RFC 6455, 5.1), so one framed buffer serves every connection. They go to the
     ``reader``, past the state machine of ``conn``, which has nothing to remember about an unfragmented data frame. All
@@ -38,6 +40,13 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
     on_lost: Callable[[], None] | None = None
     reader: Reader
     _failed = False
+    _listening = False
+
+    def listen(self, most_bytes: int) -> None:
+        """Take messages of at most ``most_bytes`` from now on: each waits until it is received, and nothing more is
+        read until then."""
+        self._listening = True
+        self.conn.max_message_size = most_bytes
 
     @property
     def open(self) -> bool:
@@ -92,18 +101,34 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
             self.reader.finish()
 
     def handle_text(self, event: Frame) -> None:
+        if self._listening:
+            super().handle_text(event)
+            return
         try:
             bytes(event.data).decode() if event.fin else ""
         except UnicodeDecodeError:
-            self._refuse(CloseCode.INVALID_DATA, "a text message must be UTF-8")
+            self._refuse(CloseCode.INVALID_DATA, _NO_TEXT)
         else:
             self._refuse(CloseCode.UNSUPPORTED_DATA, "this channel only sends")
 
     def handle_bytes(self, event: Frame) -> None:
-        self._refuse(CloseCode.UNSUPPORTED_DATA, "this channel only sends")
+        if self._listening:
+            super().handle_bytes(event)
+        else:
+            self._refuse(CloseCode.UNSUPPORTED_DATA, "this channel only sends")
 
     def handle_cont(self, event: Frame) -> None:
-        """Ignore further frames of a message that was refused with its first."""
+        """Take a further frame of a message, or ignore it if the message was refused with its first."""
+        if self._listening and not self._failed:
+            super().handle_cont(event)
+
+    def send_receive_event_to_app(self) -> None:
+        try:
+            b"".join(self.frames).decode() if self.curr_msg_data_type == "text" else ""
+        except UnicodeDecodeError:
+            self._refuse(CloseCode.INVALID_DATA, _NO_TEXT)
+        else:
+            super().send_receive_event_to_app()
 
     def handle_ping(self) -> None:
         if not self._failed:  # by a frame before it, in the same piece: nothing more can be written

@@ -7,8 +7,8 @@ Terms of ``ros`` and ``hybrit`` are those of the paper and its authors' implemen
 
 from linked_fleet_gateway.shacl.terms import Namespace
 
-RDF = Namespace("http://www.w3.org/1999/02/22-rdf-syntax-ns#", "type first rest nil")
-RDFS = Namespace("http://www.w3.org/2000/01/rdf-schema#", "seeAlso label comment")
+RDF = Namespace("http://www.w3.org/1999/02/22-rdf-syntax-ns#", "type first rest nil Property")
+RDFS = Namespace("http://www.w3.org/2000/01/rdf-schema#", "seeAlso label comment Class subClassOf")
 OWL = Namespace("http://www.w3.org/2002/07/owl#", "Ontology")
 XSD = Namespace(
     "http://www.w3.org/2001/XMLSchema#",
@@ -30,7 +30,7 @@ LDP = Namespace(
 )
 SH = Namespace(
     "http://www.w3.org/ns/shacl#",
-    "NodeShape property path targetClass targetNode minCount maxCount datatype minInclusive"
+    "NodeShape PropertyShape property path targetClass targetNode minCount maxCount datatype minInclusive"
     " minExclusive maxInclusive maxExclusive minLength maxLength nodeKind IRI in hasValue or and class alternativePath"
     " node name description"
     " SPARQLSelectExecutable select"
@@ -115,6 +115,7 @@ LF = Namespace(
     # predicates: what actions take and invocations tell
     " speed speedScale precondition tolerance tiedTo waypoint atTime ofLink poseName namedPose input duration progress"
     " preempts preemptedBy positionResidual orientationResidual answer ofRobot currentTask"
+    " lastMoved modelName Audit Directory InvocationList"
     # predicates: control and settings
     " things lease holder expires leaseDuration targetRotation targetTranslation annotations maximumSpeedScale"
     # predicates: subscriptions and their messages

@@ -41,6 +41,10 @@ class InvocationsInView:
     def open_of(self, robot: str) -> list[Invocation]:
         return self._seen(self._invocations.open_of(robot))
 
+    def last_motion_ns(self, robot: str) -> int | None:
+        """When the last motion that a robot was commanded to ended; None if none is remembered."""
+        return self._invocations.last_motion_ns(robot) if self._sees.sees(robot) else None
+
     def answers(self, invocation: Invocation) -> dict[str, str]:
         """The answer of each robot that is seen to an invocation of the fleet."""
         if self._sees.all:

@@ -87,9 +87,9 @@ def _invocations(offer: Offer, invocations: InvocationsInView, base: str) -> Res
     return Resource(
         offer.path + "/invocations",
         f"Invocations of {offer.name}",
-        lambda graph: describe_invocations(graph, base, offer.path, members),
+        lambda graph: describe_invocations(graph, base, offer.path, offer.robot, members),
         CONTAINER,
-        Source(lambda: [(each.id, each.state.value) for each in invocations.of(offer.path)]),
+        Source(lambda: [(each.id, each.state.value, each.reason) for each in invocations.of(offer.path)]),
         own=tuple(invocation_path(each) for each in members),
     )
 

@@ -112,7 +112,7 @@ class Control(_Writes):
 
     robot: Robot
     methods: ClassVar[tuple[str, ...]] = ("PUT", "DELETE")
-    body_types: ClassVar[tuple[str, ...]] = BODY_TYPES
+    body_types: ClassVar[tuple[str, ...]] = FORM_TYPES
     needs: ClassVar[tuple[Right, ...]] = (Right.ACT,)
 
 

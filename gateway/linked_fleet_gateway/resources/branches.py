@@ -14,7 +14,7 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.resources.access_filter import InvocationsInView
 from linked_fleet_gateway.resources.property import Property
-from linked_fleet_gateway.resources.resource import Redirect, Resource
+from linked_fleet_gateway.resources.resource import Redirect, Resource, TypedLink
 
 Found = Resource | Redirect | None
 
@@ -49,6 +49,8 @@ class FleetBranch:
     """True if segments behind its own may have encoded slashes."""
     graphs: Callable[[RequestView], Iterable[tuple[str, Sequence[Triple]]]] | None = None
     """All that its resources say, by their paths, for who copies the fleet as a whole."""
+    link: tuple[str, str] | None = None
+    """The relation by which ``/`` links ``/{segment}`` in its Link field and its link set, and the media type there."""
 
     @property
     def path(self) -> str:
@@ -147,6 +149,10 @@ class Branches:
     def linked(self) -> list[tuple[NamedNode, str]]:
         """Predicate and path of those that the fleet names."""
         return [(each.predicate, each.path) for each in self.of_fleet if each.predicate is not None]
+
+    def links(self) -> tuple[TypedLink, ...]:
+        """Links of the fleet to those that say by which relation."""
+        return tuple(TypedLink(each.link[0], each.path, each.link[1]) for each in self.of_fleet if each.link)
 
     def linked_from(self, robot: Robot, path: str) -> list[tuple[NamedNode, str]]:
         """Predicate and path of those that a robot at ``path`` names."""

@@ -1,6 +1,7 @@
 """Descriptions of fleet, robot, joint, link and property as triples (paper figures 2b and 3, R1.3 to R1.12)."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 from pyoxigraph import Literal, NamedNode
 
@@ -20,6 +21,14 @@ _SECOND_NS = 1_000_000_000
 Links = Iterable[tuple[NamedNode, str]]
 
 
+@dataclass(frozen=True)
+class Doing:
+    """Paths of the invocations that a robot is carrying out, and when its last motion ended."""
+
+    tasks: tuple[str, ...] = ()
+    moved_ns: int | None = None
+
+
 class Describer:
     """Describes things under one base URL (scheme and authority, no slash at the end)."""
 
@@ -31,7 +40,13 @@ class Describer:
 
     # -- the things -------------------------------------------------------------------------------------------------
 
-    def fleet(self, members: Mapping[str, Robot], links: Links, graph: Graph) -> None:
+    def fleet(
+        self,
+        members: Mapping[str, Robot],
+        links: Links,
+        graph: Graph,
+        doing: Callable[[Robot], Doing] = lambda robot: Doing(),
+    ) -> None:
         """``links``: predicate and path of what the fleet has besides."""
         root = self.iri("/")
         graph.a(root, HYBRIT.RoboticThing, LF.Fleet, LDP.BasicContainer, LDP.Container)
@@ -48,6 +63,11 @@ class Describer:
             graph.a(iri, HYBRIT.RoboticThing, LF.Robot)
             graph.add(iri, DCTERMS.title, Literal(robot.title))
             self.presence(graph, iri, robot)
+            self._model_name(graph, iri, robot)
+            does = doing(robot)
+            graph.add(iri, LF.currentTask, *(self.iri(task) for task in does.tasks))
+            if does.moved_ns is not None:
+                graph.add(iri, LF.lastMoved, timestamp(does.moved_ns, resolution_ns=_SECOND_NS))
 
     def robot(self, robot: Robot, tasks: Sequence[str], links: Links, graph: Graph) -> None:
         """``tasks``: paths of the invocations that are under way; ``links``: as of the fleet."""
@@ -68,6 +88,7 @@ class Describer:
         self._annotations(graph, iri, robot)
         if robot.model is None or robot.description is None:
             return
+        self._model_name(graph, iri, robot)
         graph.add(iri, LF.baseMobility, Literal(robot.description.base))
         graph.add(iri, LF.rootLink, self.iri(link_path(robot.name, robot.model, robot.model.root)))
         graph.add(iri, LF.model, self.iri(model_path(robot.name)))
@@ -144,6 +165,10 @@ class Describer:
             graph.add(iri, LF.lastSeen, LF.unknown if seen is None else timestamp(seen))
         if robot.fault is not None:
             graph.add(iri, LF.fault, Literal(robot.fault))
+
+    def _model_name(self, graph: Graph, iri: NamedNode, robot: Robot) -> None:
+        if robot.model is not None and robot.model.name:
+            graph.add(iri, LF.modelName, Literal(robot.model.name))
 
     def _presence_if_not_online(self, graph: Graph, iri: NamedNode, robot: Robot) -> None:
         if robot.presence != "online":

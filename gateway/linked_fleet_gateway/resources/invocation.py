@@ -25,6 +25,8 @@ _FACTS: dict[str, tuple[NamedNode, Unit]] = {
     "positionResidual": (LF.positionResidual, METRE),
     "orientationResidual": (LF.orientationResidual, RADIAN),
 }
+MOST_SUMMARISED = 100
+"""The members of a container of which it says more than their states."""
 ROOT = BlankNode("input")
 """The root of a body as it is remembered."""
 
@@ -116,10 +118,12 @@ def describe_cancel(graph: Graph, base: str, invocation: Invocation) -> None:
     graph.add(request, HTTP.requestURI, iri)
 
 
-def describe_invocations(graph: Graph, base: str, action: str, invocations: list[Invocation]) -> None:
+def describe_invocations(
+    graph: Graph, base: str, action: str, robot: Robot | None, invocations: list[Invocation]
+) -> None:
     """The LDP container of an action's invocations, newest first."""
     iri = NamedNode(f"{base}{action}/invocations")
-    graph.a(iri, LDP.BasicContainer, LDP.Container)
+    graph.a(iri, LF.InvocationList, LDP.BasicContainer, LDP.Container)
     graph.add(iri, DCTERMS.title, Literal(f"Invocations of {action}"))
     graph.add(iri, RDFS.seeAlso, NamedNode(base + action))
     for invocation in invocations:
@@ -127,6 +131,21 @@ def describe_invocations(graph: Graph, base: str, action: str, invocations: list
         graph.add(iri, LDP.contains, member)
         graph.a(member, PROV.Activity, LF.Invocation)
         graph.add(member, LF.state, STATES[invocation.state])
+    for invocation in invocations[:MOST_SUMMARISED]:
+        _summarise(graph, base, robot, invocation)
+
+
+def _summarise(graph: Graph, base: str, robot: Robot | None, invocation: Invocation) -> None:
+    member = NamedNode(base + invocation_path(invocation))
+    graph.add(member, DCTERMS.created, timestamp(invocation.created_ns))
+    if invocation.reason:
+        graph.add(member, LF.reason, Literal(invocation.reason))
+    if invocation.client:
+        client = graph.blank(PROV.Agent)
+        graph.add(member, PROV.wasAssociatedWith, client)
+        graph.add(client, DCTERMS.title, Literal(invocation.client))
+    if robot is not None:
+        positions(graph, member, LF.target, base, robot, invocation.targets)
 
 
 def _moved(base: str, robot: Robot, joints: Iterable[str]) -> list[NamedNode]:

@@ -36,7 +36,14 @@ def with_json(resource: Resource, shape: NamedNode, base: str) -> Resource:
 
 def document(describe: Callable[[Graph], None], iri: NamedNode, shape: NamedNode) -> bytes:
     """Return a description in JSON; ``null`` is unknown."""
-    return json.dumps(described(describe, iri, shape), ensure_ascii=False, allow_nan=False).encode()
+    graph = Graph()
+    describe(graph)
+    return told(graph.triples, iri, shape)
+
+
+def told(triples: Sequence[Triple], node: Node, shape: NamedNode) -> bytes:
+    """Return in JSON what ``triples`` say of a node."""
+    return json.dumps(_Teller(triples).object(form_of(shape), node), ensure_ascii=False, allow_nan=False).encode()
 
 
 def described(describe: Callable[[Graph], None], iri: NamedNode, shape: NamedNode) -> Json:

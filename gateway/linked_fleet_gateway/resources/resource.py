@@ -1,7 +1,7 @@
 """Resources: the results of resolving a path of the tree."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from pyoxigraph import NamedNode
 
@@ -41,6 +41,15 @@ class Alike:
 
 
 @dataclass(frozen=True)
+class TypedLink:
+    """A link whose relation is registered (RFC 8288), from a resource to ``path``; ``media_type`` is what is there."""
+
+    relation: str
+    path: str
+    media_type: str
+
+
+@dataclass(frozen=True)
 class Resource:
     """One resource; ``describe`` adds its triples, ``documents`` are its other representations by media type.
 
@@ -56,6 +65,7 @@ class Resource:
     source: Source = field(default_factory=Source)
     own: tuple[str, ...] = ()
     parts: tuple[str, ...] = ()
+    links: tuple[TypedLink, ...] = ()
     affords: Affordance | None = None
     documents: Mapping[str, Callable[[], bytes]] = field(default_factory=dict)
     constant: frozenset[str] = frozenset()
@@ -82,10 +92,18 @@ class Resource:
     """True if its page sends a form without a script."""
     reader: str = ""
     """The name of the person who has logged in and reads it as a page."""
+    rights: tuple[str, ...] | None = None
+    """The rights of who reads it over what it is about; None where nobody has to say who they are."""
+    audited: bool = False
+    """True if who reads it may read the audit."""
     links_subscriptions: bool = True
     """Its page links its Subscriptions container, which not everybody who reads the page may read."""
     warning: str = ""
     """One sentence about the gateway that its page shows."""
+
+    def read_as(self, other: "Resource") -> "Resource":
+        """This resource for the reader for whom ``other`` was found."""
+        return replace(self, reader=other.reader, rights=other.rights, audited=other.audited, warning=other.warning)
 
     def whole(self, base: str) -> Graph:
         """All that a representation in RDF says."""

@@ -21,7 +21,7 @@ from linked_fleet_gateway.resources.action_tree import in_actions, invocation_of
 from linked_fleet_gateway.resources.affordance import Control
 from linked_fleet_gateway.resources.binary_frames import frames_of, in_layout, is_framed, layout_path, related_layouts
 from linked_fleet_gateway.resources.branches import NONE, Branches, Found, RequestView
-from linked_fleet_gateway.resources.describe import Describer, part_paths
+from linked_fleet_gateway.resources.describe import Describer, Doing, part_paths
 from linked_fleet_gateway.resources.documents import context, vocabulary
 from linked_fleet_gateway.resources.geometry import in_geometry
 from linked_fleet_gateway.resources.invocation import invocation_path
@@ -112,7 +112,7 @@ class Tree:
         return Resource(
             "/",
             "Linked Fleet",
-            lambda graph: self._say.fleet(self._robots, self._branches.linked(), graph),
+            lambda graph: self._say.fleet(self._robots, self._branches.linked(), graph, self._doing),
             CONTAINER,
             # When a robot was last seen is what each gateway saw for itself.
             Source(
@@ -123,13 +123,20 @@ class Tree:
                 *(path for _, path in self._branches.linked()),
             ),
             parts=robots,
+            links=self._branches.links(),
             documents=self._branches.of_thing(self._view),
             constant=self._branches.constant,
             has_linkset=True,
         )
 
-    def _members(self) -> list[tuple[str, str, tuple[str, int | None, str | None]]]:
-        return [(name, robot.title, presence(robot)) for name, robot in self._robots.items()]
+    def _members(self) -> list[tuple[str, str, str, Doing, tuple[str, int | None, str | None]]]:
+        return [
+            (name, robot.title, robot.model.name if robot.model else "", self._doing(robot), presence(robot))
+            for name, robot in self._robots.items()
+        ]
+
+    def _doing(self, robot: Robot) -> Doing:
+        return Doing(tuple(self._tasks(robot)), self._invocations.last_motion_ns(robot.name))
 
     def _at_root(self, segment: str) -> Resource | None:
         if segment == "vocabulary":

@@ -49,6 +49,7 @@ class Live:
         self.objects: Callable[[], Mapping[str, FramedThing]] = dict
         """The things that stand in the world besides robots, by id."""
         self._listeners: dict[Callable[[str | None], None], None] = {}
+        self._invocation_listeners: dict[Callable[[Invocation], None], None] = {}
         self.fan_out.heard = self._tell_listeners
         self._branches = Branches()
         self._secured = secured
@@ -149,6 +150,18 @@ class Live:
         self._listeners.pop(hear, None)
         self.fleet.frames.heeded = bool(self._listeners)
 
+    def add_invocation_listener(self, hear: Callable[[Invocation], None]) -> None:
+        """Have ``hear`` called whenever anything of an invocation is different, and once more when it is forgotten.
+
+        It is always given the same object, whose fields change. Invocations of other gateways are told as well, and at
+        the start those that Redis has kept, most of which have ended long ago.
+        """
+        self._invocation_listeners[hear] = None
+
+    def remove_invocation_listener(self, hear: Callable[[Invocation], None]) -> None:
+        """Have ``hear`` called no more; nothing if it is no listener."""
+        self._invocation_listeners.pop(hear, None)
+
     def _tell_listeners(self, robot: str | None) -> None:
         for hear in list(self._listeners):
             hear(robot)
@@ -198,8 +211,10 @@ class Live:
             self.on_lost(change.robot)
 
     def tell(self, invocation: Invocation) -> None:
-        """An invocation is different now, and so are those that speak of it: its container, its robot, its joints."""
+        """An invocation is different now, and so are those that speak of it: its container, fleet, robot and joints."""
         paths = [invocation_path(invocation), invocations_path(invocation.action)]
+        if invocation.state.terminal or not invocation.progress:  # the fleet tells of beginnings and ends alone
+            paths.append("/")
         robot = self.fleet.robots.get(invocation.robot)
         if robot is not None:
             robot.tell_news()
@@ -211,6 +226,8 @@ class Live:
                 joint = joint_path(name, joint)
                 for path in (joint, f"{joint}/targetRotation", f"{joint}/targetTranslation"):
                     self.fan_out.touched(path)
+        for hear in list(self._invocation_listeners):
+            hear(invocation)
 
     def _retarget(self, name: str) -> set[str]:
         """Update the last commanded positions of its joints by the invocations; return the joints that changed."""

@@ -9,10 +9,11 @@ import httpx
 import pytest
 
 import linked_fleet_gateway.extensions
-from linked_fleet_gateway.app.extensions import BUILT_IN, ExtensionSettings, chosen
+from linked_fleet_gateway.app.extensions import BUILT_IN, ExtensionSettings, chosen, in_order
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.extensions.history.settings import HistorySettings
 from linked_fleet_gateway.extensions.rules.settings import RuleSettings
+from linked_fleet_gateway.http.extension import Extension
 from running import process
 from small_fleet import Place
 
@@ -89,6 +90,17 @@ def test_what_is_off_is_not_there_and_its_settings_can_stay() -> None:
         "things",
     }
     assert "history" not in [each.name for each in chosen(ExtensionSettings(extensions_off=("history",)))]
+
+
+def test_an_extension_comes_after_those_that_it_uses_and_needs_none_of_them() -> None:
+    class Camera(Extension):
+        name = "camera"
+
+    class Viewer(Extension):
+        name, uses = "viewer", ("camera", "map")
+
+    assert [each.name for each in in_order([Viewer(), Camera()])] == ["camera", "viewer"]
+    assert [each.name for each in in_order([Viewer()])] == ["viewer"]
 
 
 def test_a_built_in_extension_whose_package_is_not_installed_is_off(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,7 +5,14 @@ import json
 from hypothesis import given
 from hypothesis import strategies as st
 
+from linked_fleet_gateway.fleet.fleet import Fleet
+from linked_fleet_gateway.fleet.invocations import Invocations
 from linked_fleet_gateway.http.links import Link, link_header, linkset_json, linkset_text
+from linked_fleet_gateway.http.read import resource_headers
+from linked_fleet_gateway.http.representation import Representations
+from linked_fleet_gateway.resources.branches import Branches, FleetBranch
+from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.tree import Tree
 
 LINKS = st.lists(
     st.builds(Link, st.text(max_size=80), st.text(max_size=20), st.none() | st.text(max_size=20)), max_size=40
@@ -52,3 +59,15 @@ def test_link_set_documents() -> None:
         ]
     }
     assert linkset_text("/x", links[:1]) == b'</a>; rel="related"; type="text/turtle"; anchor="/x"'
+
+
+def test_the_fleet_links_what_an_extension_describes_it_in_by_a_relation_of_its_own() -> None:
+    """In the Link field and in the link set, with the media type that is there."""
+    branch = FleetBranch("api", None, lambda view, rest: None, link=("service-desc", "application/x-api"))
+    tree = Tree(Fleet(), Invocations(), "http://fleet.example", branches=Branches().having(branch))
+    fleet, linkset = tree.resolve("/"), tree.resolve("/linkset")
+    assert isinstance(fleet, Resource) and isinstance(linkset, Resource)
+    expected = '<http://fleet.example/api>; rel="service-desc"; type="application/x-api"'
+    assert expected in resource_headers(fleet, "http://fleet.example", '"1"')["link"]
+    (context,) = json.loads(Representations().negotiated(None, linkset, "http://fleet.example").body)["linkset"]
+    assert context["service-desc"] == [{"href": "http://fleet.example/api", "type": "application/x-api"}]

@@ -2,13 +2,18 @@
 
 import asyncio
 import json
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 from starlette.responses import Response
 
+from linked_fleet_gateway.base.errors import TooManyRequests
 from linked_fleet_gateway.http.authentication import Authenticated
-from linked_fleet_gateway.http.rates import BURST_S, MAX_CLIENTS, Pace, Rates, by_caller
+from linked_fleet_gateway.http.pace import Pace, in_turn
+from linked_fleet_gateway.http.rates import BURST_S, MAX_CLIENTS, Rates, by_caller
+from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.http.stop_priority import Turns
 from linked_fleet_gateway.identity.rights import NOBODY, Identity
 
 
@@ -80,6 +85,11 @@ def test_an_identity_is_one_client_wherever_it_is() -> None:
     )
 
 
+def _scope(method: str, path: str, kind: str = "http") -> dict[str, Any]:
+    scope = {"type": kind, "method": method, "path": path, "headers": [], "client": ("192.0.2.1", 1)}
+    return {**scope, "extensions": {"websocket.http.response": {}}}
+
+
 def _ask(pace: Pace, method: str, path: str, kind: str = "http") -> tuple[int, dict[str, str], bytes]:
     sent: list[dict[str, Any]] = []
 
@@ -89,9 +99,7 @@ def _ask(pace: Pace, method: str, path: str, kind: str = "http") -> tuple[int, d
     async def receive() -> Any:
         raise AssertionError("nothing is read")
 
-    scope = {"type": kind, "method": method, "path": path, "headers": [], "client": ("192.0.2.1", 1)}
-    scope["extensions"] = {"websocket.http.response": {}}
-    asyncio.run(pace(scope, receive, send))
+    asyncio.run(pace(_scope(method, path, kind), receive, send))
     assert sent[0]["type"].endswith("http.response.start")
     return sent[0]["status"], {name.decode(): value.decode() for name, value in sent[0]["headers"]}, sent[1]["body"]
 
@@ -110,3 +118,19 @@ def test_who_asks_too_often_is_told_when_to_come_back_and_stops_robots_all_the_s
     assert _ask(pace, "GET", "/ur5/actions/stop")[0] == 429
     clock.now_s = 10.0
     assert _ask(pace, "GET", "/")[0] == 200
+
+
+def test_requests_to_carriers_are_counted_when_their_bodies_have_been_read() -> None:
+    clock = Clock()
+    rates = Rates(0.1, clock)
+    pace = Pace(Response(b"served"), rates, carriers=["/calls"])
+    for _ in range(20):
+        assert _ask(pace, "POST", "/calls")[0] == 200
+    request = cast(
+        Request, SimpleNamespace(services=SimpleNamespace(rates=rates, turns=Turns()), scope=_scope("POST", "/calls"))
+    )
+    asyncio.run(in_turn(request))
+    with pytest.raises(TooManyRequests) as refused:
+        asyncio.run(in_turn(request))
+    assert refused.value.headers == {"Retry-After": "10"}
+    assert _ask(pace, "GET", "/calls/1")[0] == 429

@@ -16,7 +16,7 @@ def _served(first: list[dict[str, str]], then: dict[str, str]) -> list[str]:
     served: list[str] = []
 
     async def run() -> None:
-        turns = Turns()
+        turns = Turns(["/calls"])
         one_is_served = asyncio.Event()
 
         async def serve(scope: dict[str, str]) -> None:
@@ -47,6 +47,11 @@ def test_what_stops_robots_overtakes_those_that_wait(segment: str) -> None:
 @pytest.mark.parametrize("scope", [_scope("/r/actions/rotate"), _scope("/r/actions/stop", "GET")])
 def test_everything_else_waits_for_its_turn(scope: dict[str, str]) -> None:
     assert _served(_OTHERS, scope)[-1] == scope["path"]
+
+
+def test_a_carrier_takes_its_turn_later() -> None:
+    served = _served(_OTHERS, _scope("/calls"))
+    assert served.index("/calls") <= 2
 
 
 def test_one_that_goes_away_keeps_nobody_waiting() -> None:

@@ -1,0 +1,127 @@
+"""WebSockets on which both sides speak, in subprotocols of extensions (``Mount.speakers``).
+
+The bounds are those of every WebSocket: a client that reads slowly loses what is ``offered`` to it, one that reads
+nothing or answers no ping is given up, and while the messages of a client wait nothing more is read from it.
+"""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from typing import Any
+
+from websockets.frames import CloseCode, Opcode
+
+from linked_fleet_gateway.base.errors import NotAcceptable
+from linked_fleet_gateway.http.audit import note
+from linked_fleet_gateway.http.request import WebSocket
+from linked_fleet_gateway.http.websocket import frame
+from linked_fleet_gateway.http.websocket_protocol import WEBSOCKET, WebSocketProtocol
+from linked_fleet_gateway.identity.service import Identities
+from linked_fleet_gateway.resources.paths import robot_of
+from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.subscriptions.message import Ending
+
+
+class Ended(Exception):  # noqa: N818 - no error
+    """The connection has ended."""
+
+
+class Conversation:
+    """A WebSocket that has been opened, for the code that speaks on it."""
+
+    def __init__(self, websocket: WebSocket, protocol: WebSocketProtocol, subprotocol: str) -> None:
+        self.websocket, self.subprotocol = websocket, subprotocol
+        self._protocol = protocol
+        self._room = asyncio.Event()
+        self._lost = protocol.on_lost
+        protocol.on_drained, protocol.on_lost = self._room.set, self._wake
+
+    @property
+    def writable(self) -> bool:
+        """True if a message would leave without much waiting."""
+        return self._protocol.reader.writable()
+
+    def offer(self, frames: bytes) -> bool:
+        """Send whole frames, made by ``frame``, if the connection is ``writable``; whether they were sent."""
+        return self._protocol.reader.send(frames)
+
+    async def send(self, message: str | bytes) -> None:
+        """Send a message that must not be lost, as soon as the connection is ``writable``. Raises Ended."""
+        framed = frame(Opcode.TEXT, message.encode()) if isinstance(message, str) else frame(Opcode.BINARY, message)
+        while not self.offer(framed):
+            if not self._protocol.open:
+                raise Ended
+            self._room.clear()
+            await self._room.wait()
+
+    async def receive(self) -> str | bytes:
+        """Return the next message, after a turn of everybody else. Raises Ended."""
+        await asyncio.sleep(0)  # many messages may be there already
+        event = await self.websocket.receive()
+        if event["type"] == "websocket.disconnect":
+            raise Ended
+        text: str | None = event.get("text")
+        return event["bytes"] if text is None else text
+
+    def close(self, ending: Ending) -> None:
+        """End the conversation because its client has no right to it any more."""
+        self._protocol.close(CloseCode.POLICY_VIOLATION, ending.value)
+        self._room.set()
+
+    def end(self) -> None:
+        """Close the connection unless that is done, and have who waits for room see it."""
+        self._protocol.close(CloseCode.INTERNAL_ERROR, "the gateway failed")
+        self._protocol.on_drained, self._protocol.on_lost = None, self._lost
+        self._room.set()
+
+    def _wake(self) -> None:
+        self._room.set()
+        if self._lost is not None:
+            self._lost()
+
+
+@dataclass(frozen=True)
+class Speaker:
+    """Serves WebSockets in the ``subprotocols``. ``speak`` gets the ``remote`` or ``affords`` of the resource as well,
+    and returns, or raises Ended, once the connection has ended. ``most_bytes``: the longest message of a client."""
+
+    subprotocols: tuple[str, ...]
+    speak: Callable[[Conversation, Any], Awaitable[None]]
+    most_bytes: int = 64 * 1024
+
+
+async def converse(websocket: WebSocket, resource: Resource, speaker: Speaker, value: object) -> None:
+    """Serve a WebSocket at the resource, from the handshake on. Raises NotAcceptable before it."""
+    named = [each for each in websocket.scope["subprotocols"] if each in speaker.subprotocols]
+    if not named:
+        raise NotAcceptable(f"Name a subprotocol: {', '.join(speaker.subprotocols)}.", offered=())
+    protocol: WebSocketProtocol = websocket.scope["extensions"][WEBSOCKET]
+    protocol.listen(speaker.most_bytes)
+    note(websocket, "subscribe", 101)
+    conversation = Conversation(websocket, protocol, named[0])
+    try:
+        await websocket.accept(named[0])
+        protocol.reader.begin()
+        with _guarded(websocket, resource, conversation):
+            await speaker.speak(conversation, value)
+    except (Ended, OSError):
+        pass
+    finally:
+        conversation.end()
+        note(websocket, "unsubscribe", None)
+
+
+def _guarded(websocket: WebSocket, resource: Resource, conversation: Conversation) -> AbstractContextManager[None]:
+    """End the conversation as soon as its client has other rights: what was said in it depends on them all."""
+    identities: Identities | None = websocket.services.identities
+    caller = websocket.caller
+    if identities is None or caller.credential is None:
+        return nullcontext()
+    known, credential = identities.known, caller.credential
+
+    def holds() -> bool:
+        now = known(credential)
+        return websocket.holds() and now is not None and now.grants == caller.grants
+
+    return identities.guarding(caller, robot_of(resource.path), lambda: conversation.close(Ending.UNENTITLED), holds)

@@ -1,0 +1,89 @@
+"""Operations of OpenAPI 3.1, with which extensions say what can be asked of their resources.
+
+The names of components are those of ``extensions/openapi/components.py``.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from linked_fleet_gateway.http.patch import PATCH_TYPES
+from linked_fleet_gateway.rdf.serialise import JSON
+from linked_fleet_gateway.resources.json_form import Json
+
+JSONLD, TURTLE = "application/ld+json", "text/turtle"
+Parameters = Mapping[str, Json]
+"""Schemas of the parameters of a path by their names."""
+_ALWAYS = ("400", "404", "406", "421", "429", "500", "503")
+_READS, _WRITES = ("304", "412"), ("409", "412", "413", "415", "422", "504")
+DESCRIBED: Json = {JSONLD: {"schema": {"$ref": "#/components/schemas/JsonLd"}}, TURTLE: {}}
+
+
+def reading(id: str, summary: str, schema: Json | None = None, **more: Any) -> Json:
+    """GET of a resource that is described in RDF, and in plain JSON if there is a ``schema`` of that."""
+    words = ["jsonld"] if schema is None else ["json", "jsonld"]
+    picks = parameter("as", "query", {"type": "string", "enum": words, "default": words[0]}, PICKS)
+    plain = {} if schema is None else {JSON: {"schema": schema}}
+    return document(id, summary, {**plain, **DESCRIBED}, [picks, header("IfMatch"), header("IfNoneMatch")], **more)
+
+
+def document(id: str, summary: str, content: Json, parameters: Sequence[Json] = (), **more: Any) -> Json:
+    """GET of a resource with these media types."""
+    read = {"description": "A representation of the resource.", "headers": {"ETag": ref("headers", "ETag")}}
+    return {
+        "operationId": id,
+        "summary": summary,
+        "parameters": list(parameters),
+        "responses": {"200": {**read, "content": content}} | errors((*_ALWAYS, *_READS)),
+        **more,
+    }
+
+
+def writing(
+    id: str,
+    summary: str,
+    answers: Json,
+    body: Mapping[str, Json] | None = None,
+    parameters: Sequence[Json] = (),
+    **more: Any,
+) -> Json:
+    """Any other method; ``body``: media type objects."""
+    said: Json = {"operationId": id, "summary": summary, "parameters": list(parameters)}
+    if body is not None:
+        said["requestBody"] = {"required": True, "content": dict(body)}
+    return said | {"responses": answers | errors((*_ALWAYS, *_WRITES))} | more
+
+
+def patching(id: str, summary: str) -> Json:
+    """PATCH by a SPARQL update, of which no schema says the grammar."""
+    body = {PATCH_TYPES[0]: {"schema": {"type": "string", "minLength": 1}}}
+    done = {"204": {"description": "Changed."}}
+    return writing(id, summary, done, body, (header("IfMatch"), header("LockToken")))
+
+
+def errors(statuses: Iterable[str]) -> Json:
+    return {status: ref("responses", f"E{status}") for status in statuses}
+
+
+def ref(kind: str, name: str) -> Json:
+    return {"$ref": f"#/components/{kind}/{name}"}
+
+
+def header(name: str) -> Json:
+    return ref("parameters", name)
+
+
+def parameter(name: str, where: str, schema: Json, description: str = "", required: bool = False) -> Json:
+    said: Json = {"name": name, "in": where, "required": required, "schema": schema}
+    return said | ({"description": description} if description else {})
+
+
+def path_item(parameters: Parameters, **methods: Json) -> Json:
+    """The methods of one path. The first names of the parameters belong together: they are examples."""
+    said = [
+        parameter(name, "path", schema, required=True) | ({"example": schema["enum"][0]} if "enum" in schema else {})
+        for name, schema in parameters.items()
+    ]
+    return ({"parameters": said} if said else {}) | methods
+
+
+PICKS = "The format; without it, Accept picks one, and Turtle is sent to who says nothing."

@@ -1,0 +1,32 @@
+"""Extensions say which operations their resources have, and whoever describes the gateway finds them all."""
+
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
+from types import SimpleNamespace
+from typing import Any, ClassVar, cast
+
+from linked_fleet_gateway.app.extensions import mount
+from linked_fleet_gateway.http.extension import Core, Extension, Mount
+
+
+class _Gripper(Extension):
+    name = "gripper"
+    operations = ("acme.gripper:operations",)
+
+
+class _Describing(Extension):
+    name = "describing"
+    found: ClassVar[list[str]] = []
+
+    @asynccontextmanager
+    async def start(self, core: Core) -> AsyncIterator[Mount]:
+        self.found[:] = core.operations
+        yield Mount()
+
+
+async def test_who_describes_the_gateway_finds_operations_of_extensions_that_start_later() -> None:
+    live, actions = SimpleNamespace(add=lambda *_: None), SimpleNamespace(handlers={})
+    core = Core(*cast(Any, (live, actions, None, None, "", "", "", (), None)))
+    async with AsyncExitStack() as stack:
+        await mount([_Describing(), _Gripper()], core, stack)
+        assert _Describing.found == ["acme.gripper:operations"]
