@@ -1,0 +1,141 @@
+"""The tools that move and stop robots. Each asks the gateway as any other client does."""
+
+import asyncio
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from functools import partial
+from typing import Any
+
+import anyio
+from mcp_types import CallToolResult, ToolAnnotations
+from pydantic import Field
+
+from linked_fleet_gateway.extensions.mcp.asking import Asking
+from linked_fleet_gateway.extensions.mcp.replies import problem_of, refused, told
+from linked_fleet_gateway.extensions.mcp.tool import Progress, Target, Tool
+from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
+from linked_fleet_gateway.http.internal_request import Reply
+from linked_fleet_gateway.http.stop_priority import URGENT
+
+_JSON = "application/json"
+_PAUSE_S, _LOOK_S = 0.1, 1.0
+_LEASE = "the Lock-Token of the control lease of the robot, if you have it"
+
+
+class Rehearse(Tool):
+    """Have an action judged without a motion: shape, limits, lease, collisions. The answer says how long it would take,
+    or why it would be refused."""
+
+    action: Target = Field(description="IRI or path of an action, as find tells it")
+    body: dict[str, Any] = Field({}, description="what the action consumes, as body_schema of find says")
+    lock_token: str = Field("", max_length=200, description=_LEASE)
+
+    async def run(self, asking: Asking, progress: Progress) -> CallToolResult:
+        reply = await self._rehearsed(asking)
+        refusal = reply.status >= 400
+        return told(reply, "It would be refused." if refusal else "It would be accepted. Nothing has moved.")
+
+    async def _rehearsed(self, asking: Asking) -> Reply:
+        return await self._invoke(asking, "application/ld+json", {"prefer": "dry-run"})
+
+    async def _invoke(self, asking: Asking, accept: str, fields: Mapping[str, str]) -> Reply:
+        token = self.lock_token or asking.request.headers.get("lock-token", "")
+        own = {"content-type": _JSON, **({"lock-token": token} if token else {})}
+        return await asking.ask("POST", self.action, accept, {**fields, **own}, json.dumps(self.body).encode())
+
+
+class Act(Rehearse):
+    """Invoke an action and wait for its end. It is rehearsed first. Who cancels the request cancels the motion."""
+
+    hints = ToolAnnotations(read_only_hint=False, destructive_hint=True, open_world_hint=True)
+    rehearse: bool = Field(True, description="rehearse first, and move nothing if that is refused")
+    wait_s: float = Field(60, ge=0, le=600, allow_inf_nan=False, description="seconds to wait for the end")
+    idempotency_key: str = Field(
+        "", pattern=r"^[\w.:~-]{0,200}$", description="a key of yours: a call that is repeated with it moves nothing"
+    )
+
+    async def run(self, asking: Asking, progress: Progress) -> CallToolResult:
+        if self.rehearse:
+            rehearsed = await self._rehearsed(asking)
+            if rehearsed.status >= 400:
+                return refused(problem_of(rehearsed), "The rehearsal was refused. Nothing has moved.")
+        fields = {"prefer": "respond-async, return=representation"}
+        if self.idempotency_key:
+            fields["idempotency-key"] = f'"{self.idempotency_key}"'
+        with anyio.CancelScope(shield=True):  # who cancels now has to know what has begun
+            reply = await self._invoke(asking, _JSON, fields)
+        iri = reply.headers.get("location", "")
+        if reply.status >= 400 or not iri:
+            return told(reply, f"What is known of it is at {iri}." if iri else "")
+        try:
+            await _follow(asking, iri, self.wait_s, progress)
+        except asyncio.CancelledError:
+            if not asking.ending.is_set():  # a gateway that ends leaves motions to others
+                with anyio.CancelScope(shield=True):
+                    await asking.ask("POST", iri + "/actions/cancel", _JSON)
+            raise
+        return _ended(iri, await asking.ask("GET", iri, _JSON))
+
+
+class Stop(Tool):
+    """Stop a joint, a robot or all robots, or cancel an invocation, at once. It takes neither lease nor rehearsal."""
+
+    hints = ToolAnnotations(read_only_hint=False, destructive_hint=False, idempotent_hint=True, open_world_hint=True)
+    target: Target = Field("/", description="IRI or path of a robot, joint or invocation; / is all robots")
+
+    async def run(self, asking: Asking, progress: Progress) -> CallToolResult:
+        with anyio.CancelScope(shield=True):
+            for path in _stops("/" + self.target.removeprefix(asking.view.base).strip("/")):
+                reply = await asking.ask("POST", path, _JSON, {"prefer": "return=representation"})
+                if reply.status != 404:
+                    break
+        return told(reply, "" if reply.status >= 400 else f"Done: {path}")
+
+
+def _stops(path: str) -> Iterator[str]:
+    """Paths of what may stop the thing at ``path``: the first that is there is right, the robot's own the last."""
+    segments = path[1:].split("/")
+    if segments[-1] in URGENT:
+        yield path
+    elif path == "/":
+        yield "/actions/stopAll"
+    else:
+        if "invocations" in segments:
+            yield f"{path}/actions/cancel"
+        if len(segments) > 1:
+            yield f"/{segments[0]}/{segments[1]}/actions/hold"
+        yield f"/{segments[0]}/actions/stop"
+
+
+async def _follow(asking: Asking, iri: str, wait_s: float, progress: Progress) -> None:
+    """Tell the progress of an invocation until it has ended, or ``wait_s`` has gone by."""
+    invocation = asking.view.invocations.get(iri.rpartition("/")[2])
+    last = -1.0
+    with suppress(TimeoutError):
+        async with asyncio.timeout(wait_s):
+            while invocation is not None:
+                if invocation.progress > last:  # it has to increase with each notification
+                    last = invocation.progress
+                    await progress(last, 1.0, invocation.state.value)
+                if invocation.state.terminal:
+                    return
+                before = invocation.state, invocation.progress
+                await asking.waiting.at_leisure(invocation, partial(_differs, before), _LOOK_S)
+                await asyncio.sleep(_PAUSE_S)  # of many changes a client is told some
+
+
+def _differs(before: tuple[InvocationState, float], one: Invocation) -> bool:
+    return (one.state, one.progress) != before
+
+
+def _ended(iri: str, reply: Reply) -> CallToolResult:
+    """The invocation as it is now. One that came to another end than success is an error."""
+    if reply.status >= 400:
+        return told(reply)
+    found = {"iri": iri, **json.loads(reply.content)}
+    state = InvocationState(found["state"].rpartition("#")[2])
+    reason = f": {found['reason']}" if found.get("reason") else ""
+    result = told(reply, f"The motion is {state}{reason}." if state.terminal else f"It goes on ({state}); see {iri}.")
+    result.structured_content, result.is_error = found, state.terminal and state is not InvocationState.SUCCEEDED
+    return result

@@ -1,0 +1,34 @@
+"""Who asks in a message: the request that brought it, and the fleet as its caller sees it."""
+
+import asyncio
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from linked_fleet_gateway.actions.waiting import Waiting
+from linked_fleet_gateway.http.internal_request import Reply, ask
+from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.resources.branches import Branches, RequestView
+
+KEY = "linked-fleet.asking"
+"""The key in ``scope["extensions"]`` of the ``Asking`` of a message."""
+MAX_REPLY_BYTES = 256 * 1024
+PROBLEM = "application/problem+json"
+
+
+@dataclass(frozen=True)
+class Asking:
+    """The caller of one message. All that changes anything is asked of the gateway with the caller's credentials."""
+
+    request: Request
+    view: RequestView
+    branches: Branches
+    waiting: Waiting
+    ending: asyncio.Event
+    """Set when the gateway ends."""
+
+    async def ask(
+        self, method: str, target: str, accept: str, fields: Mapping[str, str] | None = None, content: bytes = b""
+    ) -> Reply:
+        """The answer of the gateway, whose refusals are JSON; BadRequest, ReplyTooLong."""
+        said = {"accept": f"{PROBLEM}, {accept}", **(fields or {})}
+        return await ask(self.request, method, target, fields=said, content=content, longest=MAX_REPLY_BYTES)

@@ -1,0 +1,105 @@
+"""The tool ``find``: robots, joints, links and actions by what they are called, and how to call them."""
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from itertools import islice
+from typing import Any, Literal
+
+from mcp_types import CallToolResult, TextContent
+from pydantic import Field
+
+from linked_fleet_gateway.extensions.mcp.asking import Asking
+from linked_fleet_gateway.extensions.mcp.tool import Progress, Tool
+from linked_fleet_gateway.fleet.model import Joint
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.resources.action_offer import Offer, fleet_offers, joint_offers, robot_offers
+from linked_fleet_gateway.resources.affordance import Invoke
+from linked_fleet_gateway.resources.joint_kinds import kind_of
+from linked_fleet_gateway.resources.json_form import form_of_input
+from linked_fleet_gateway.resources.paths import joint_path, link_path, robot_path
+from linked_fleet_gateway.resources.properties import joint_properties
+from linked_fleet_gateway.runtime.time_slices import sliced
+
+
+@dataclass(frozen=True)
+class Found:
+    """Something with a name. ``tell`` gives the rest, which takes time, of those alone that are told."""
+
+    kind: str
+    path: str
+    title: str
+    words: str
+    tell: Callable[[], dict[str, Any]] = dict
+
+    def has(self, words: list[str]) -> bool:
+        text = f"{self.path} {self.title} {self.words}".casefold()
+        return all(each in text for each in words)
+
+
+class Find(Tool):
+    """Find robots, joints, links and actions by words, kind and robot. An action comes with the JSON Schema of its
+    body, in which the limits of the joint at hand stand."""
+
+    text: str = Field("", max_length=200, description="words that name, title or description have; all of them")
+    kind: Literal["robot", "joint", "link", "action", "any"] = "any"
+    robot: str = Field("", max_length=200, description="name of the one robot to look at")
+    limit: int = Field(20, ge=1, le=50, description="the most that is told")
+
+    async def run(self, asking: Asking, progress: Progress) -> CallToolResult:
+        words, matching = self.text.casefold().split(), list[Found]()
+        async for each in sliced(_all(asking, self.robot)):
+            if self.kind in ("any", each.kind) and each.has(words):
+                matching.append(each)
+                if len(matching) > self.limit:
+                    break
+        items = []
+        async for each in sliced(islice(matching, self.limit)):
+            items.append({"kind": each.kind, "iri": asking.view.base + each.path, "title": each.title, **each.tell()})
+        value = {"items": items, "more": len(matching) > self.limit}
+        return CallToolResult(content=[TextContent(text=json.dumps(value))], structured_content=value)
+
+
+def _all(asking: Asking, name: str) -> Iterator[Found]:
+    """Robots before their parts: what is found first tells the way to the rest."""
+    robots = [robot for key, robot in sorted(asking.view.robots.items()) if name in ("", key)]
+    for robot in robots:
+        presence = {"name": robot.name, "online": robot.online, "fault": robot.fault}
+        yield Found("robot", robot_path(robot.name), robot.title, robot.name, presence.copy)
+    if not name:
+        yield from _actions(asking, fleet_offers())
+    for robot in robots:
+        yield from _actions(asking, robot_offers(robot))
+        yield from _parts(asking, robot)
+
+
+def _parts(asking: Asking, robot: Robot) -> Iterator[Found]:
+    if robot.model is None:
+        return
+    for joint in robot.model.joints.values():
+        path, kind = joint_path(robot.name, joint.name), kind_of(joint).type.value.rpartition("#")[2]
+        tell = partial(_values, asking, robot, joint, kind)
+        yield Found("joint", path, f"{joint.name} of {robot.title}", f"{robot.name} {kind}", tell)
+        yield from _actions(asking, joint_offers(robot, joint))
+    for link in robot.model.links.values():
+        yield Found("link", link_path(robot.name, robot.model, link.name), f"{link.name} of {robot.title}", robot.name)
+
+
+def _values(asking: Asking, robot: Robot, joint: Joint, kind: str) -> dict[str, Any]:
+    iri = asking.view.base + joint_path(robot.name, joint.name)
+    return {"type": kind, "values": [f"{iri}/{each.segment}" for each in joint_properties(robot, joint)]}
+
+
+def _actions(asking: Asking, offers: list[Offer]) -> Iterator[Found]:
+    """Those that the caller has the right to."""
+    for offer in offers:
+        if asking.request.caller.may_any(Invoke(offer).needs, offer.robot.name if offer.robot else None):
+            yield Found("action", offer.path, offer.name, offer.definition.comment, partial(_call, asking, offer))
+
+
+def _call(asking: Asking, offer: Offer) -> dict[str, Any]:
+    said = {"description": offer.definition.comment}
+    if not offer.takes_body:
+        return {**said, "call": {"tool": "stop", "arguments": {"target": asking.view.base + offer.path}}}
+    return {**said, "call": {"tool": "act"}, "body_schema": form_of_input(offer, asking.view.base).schema}

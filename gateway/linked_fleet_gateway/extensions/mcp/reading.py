@@ -1,0 +1,78 @@
+"""The tree as resources, and the tools that read it."""
+
+from typing import Literal
+
+import mcp_types as types
+from mcp.shared.exceptions import MCPError
+from pydantic import Field
+
+from linked_fleet_gateway.base.errors import FleetError
+from linked_fleet_gateway.extensions.mcp.asking import Asking
+from linked_fleet_gateway.extensions.mcp.replies import is_text, media_type_of, problem_of, told
+from linked_fleet_gateway.extensions.mcp.tool import Progress, Target, Tool
+from linked_fleet_gateway.http.internal_request import ReplyTooLong
+from linked_fleet_gateway.resources.paths import robot_path
+
+_JSONLD, _TURTLE = "application/ld+json", "text/turtle"
+_ACCEPT = {
+    "json": f"application/json, {_JSONLD};q=0.9, {_TURTLE};q=0.8, image/*;q=0.7, */*;q=0.1",
+    "jsonld": f"{_JSONLD}, */*;q=0.1",
+    "turtle": f"{_TURTLE}, */*;q=0.1",
+}
+
+
+class Read(Tool):
+    """Read a resource of the fleet: a value, a joint, a robot, an invocation, a picture."""
+
+    target: Target = Field(description="IRI or path of a resource, such as /")
+    format: Literal["json", "jsonld", "turtle"] = Field(
+        "json", description="json: plain values where there are any, else JSON-LD"
+    )
+
+    async def run(self, asking: Asking, progress: Progress) -> types.CallToolResult:
+        return told(await asking.ask("GET", self.target, _ACCEPT[self.format]))
+
+
+class Query(Tool):
+    """Ask the whole fleet in SPARQL 1.1, of one instant."""
+
+    query: str = Field(min_length=1, max_length=16_384)
+
+    async def run(self, asking: Asking, progress: Progress) -> types.CallToolResult:
+        accept = f"application/sparql-results+json, {_TURTLE};q=0.9"
+        fields = {"content-type": "application/sparql-query"}
+        return told(await asking.ask("POST", "/query", accept, fields, self.query.encode()))
+
+
+def resources(asking: Asking) -> list[types.Resource]:
+    """The fleet and its robots; the rest is found by links."""
+    named = [("fleet", "Linked Fleet", "/")]
+    named += [(name, robot.title, robot_path(name)) for name, robot in sorted(asking.view.robots.items())]
+    return [
+        types.Resource(name=name, title=title, uri=asking.view.base + path, mime_type=_JSONLD)
+        for name, title, path in named
+    ]
+
+
+def templates(asking: Asking) -> list[types.ResourceTemplate]:
+    uri, about = asking.view.base + "/{+path}", "a path of the tree, such as {robot}/ or {robot}/{joint}"
+    return [
+        types.ResourceTemplate(name="resource", uri_template=uri, description=about, mime_type=_JSONLD),
+        types.ResourceTemplate(name="turtle", uri_template=f"{uri}?as=turtle", description=about, mime_type=_TURTLE),
+    ]
+
+
+async def contents(asking: Asking, uri: str) -> types.TextResourceContents:
+    """The representation of a resource: JSON-LD, unless the URI says another. MCPError for what cannot be read."""
+    try:
+        reply = await asking.ask("GET", uri, _ACCEPT["jsonld"])
+    except (FleetError, ReplyTooLong) as error:
+        raise MCPError(types.INVALID_PARAMS, str(error), {"uri": uri}) from error
+    if reply.status != 200:
+        problem = problem_of(reply)
+        raise MCPError(
+            types.INVALID_PARAMS, f"{problem['title']}: {problem.get('detail', '')}", {"uri": uri, **problem}
+        )
+    if not is_text(kind := media_type_of(reply)):
+        raise MCPError(types.INVALID_PARAMS, f"This is {kind}; read it by HTTP.", {"uri": uri})
+    return types.TextResourceContents(uri=uri, mime_type=kind, text=reply.content.decode())

@@ -1,0 +1,59 @@
+"""Answers of the gateway as results of tools. A refusal has all that a client needs to mend its request."""
+
+import json
+from base64 import b64encode
+from typing import Any
+
+from mcp_types import CallToolResult, ContentBlock, ImageContent, TextContent
+
+from linked_fleet_gateway.extensions.mcp.asking import PROBLEM
+from linked_fleet_gateway.http.internal_request import Reply
+
+_TEXT = ("application/json", "application/ld+json", "application/td+json", "application/sparql-results+json", PROBLEM)
+
+
+def told(reply: Reply, note: str = "") -> CallToolResult:
+    """The content as it is, behind ``note``; a refusal if it is one."""
+    if reply.status >= 400:
+        return refused(problem_of(reply), note)
+    media_type, text = media_type_of(reply), ""
+    content: list[ContentBlock] = [TextContent(text=note)] if note else []
+    if media_type.startswith("image/"):
+        content.append(ImageContent(data=b64encode(reply.content).decode(), mime_type=media_type))
+    elif reply.content and not is_text(media_type):
+        return failed(f"This is {media_type} of {len(reply.content)} bytes; read it by HTTP.")
+    elif text := reply.content.decode():
+        content.append(TextContent(text=text))
+    value = json.loads(text) if text and "json" in media_type else None
+    return CallToolResult(content=content, structured_content=value if isinstance(value, dict) else None)
+
+
+def media_type_of(reply: Reply) -> str:
+    return reply.headers.get("content-type", "").partition(";")[0].strip().lower()
+
+
+def is_text(media_type: str) -> bool:
+    return media_type.startswith("text/") or media_type in _TEXT
+
+
+def problem_of(reply: Reply) -> dict[str, Any]:
+    """The problem details of a refusal."""
+    if media_type_of(reply) != PROBLEM:
+        return {"status": reply.status, "title": "Refused"}
+    found: dict[str, Any] = json.loads(reply.content)
+    return found
+
+
+def refused(problem: dict[str, Any], note: str = "") -> CallToolResult:
+    """An error of a tool, in sentences and as problem details."""
+    sentences = [note, f"{problem['title']} ({problem['status']}). {problem.get('detail', '')}"]
+    for result in problem.get("report", ()):
+        value = f" (it was {result['value']})" if "value" in result else ""
+        sentences.append(f"- {result.get('path', 'the body')}: {result.get('message', 'not allowed')}{value}")
+    if constraint := problem.get("constraint"):
+        sentences.append(f"{constraint} says what would be right.")
+    return failed("\n".join(each.strip() for each in sentences if each), problem)
+
+
+def failed(text: str, structured: dict[str, Any] | None = None) -> CallToolResult:
+    return CallToolResult(content=[TextContent(text=text)], structured_content=structured, is_error=True)

@@ -1,0 +1,123 @@
+"""The server of the SDK: its handlers, and the bounds of its sessions. It is imported when somebody first asks."""
+
+import logging
+from collections import Counter
+from json import loads
+from typing import Any, TypeAlias
+
+import mcp_types as types
+from mcp.server.auth.middleware.bearer_auth import AuthenticatedUser, AuthorizationContext
+from mcp.server.auth.provider import AccessToken
+from mcp.server.context import ServerRequestContext
+from mcp.server.lowlevel import Server
+from mcp.server.streamable_http import StreamableHTTPServerTransport
+from mcp.server.streamable_http_manager import StreamableHTTPSessionManager
+from mcp.shared.exceptions import MCPError
+from sse_starlette.sse import AppStatus
+from starlette.types import Receive, Scope, Send
+
+from linked_fleet_gateway.base.errors import FleetError
+from linked_fleet_gateway.extensions.mcp.acting import Act, Rehearse, Stop
+from linked_fleet_gateway.extensions.mcp.asking import KEY, Asking
+from linked_fleet_gateway.extensions.mcp.finding import Find
+from linked_fleet_gateway.extensions.mcp.reading import Query, Read, contents, resources, templates
+from linked_fleet_gateway.extensions.mcp.replies import failed, refused
+from linked_fleet_gateway.extensions.mcp.settings import McpSettings
+from linked_fleet_gateway.extensions.mcp.tool import Tool
+from linked_fleet_gateway.http.internal_request import ReplyTooLong
+from linked_fleet_gateway.http.problem import problem_body
+from linked_fleet_gateway.http.rates import by_caller
+
+MOST_CALLS = 32
+"""Calls of tools by one client that have not ended. Those that stop robots do not count."""
+TOOLS: tuple[type[Tool], ...] = (Find, Read, Query, Rehearse, Act, Stop)
+_BY_NAME = {each.published().name: each for each in TOOLS}
+_INSTRUCTIONS = """\
+Linked Fleet: robots as linked resources. Use find to learn which robots, joints and actions there are and which body an
+action takes; read for present values; rehearse to have an action judged without a motion; act to move and wait for the
+end; stop at any time. A refusal says which constraint was broken and what would be right; mend it and ask again.
+Values have units (IRIs of QUDT); an unknown value is null."""
+_Context: TypeAlias = ServerRequestContext[Any, Any]
+
+
+def _asking(context: _Context) -> Asking:
+    assert context.request is not None
+    found: Asking = context.request.scope["extensions"][KEY]
+    return found
+
+
+class Handlers:
+    """Answers requests, each with the rights of the caller who sent its message."""
+
+    def __init__(self) -> None:
+        self._calls: Counter[str] = Counter()
+
+    async def list_tools(self, context: _Context, params: object) -> types.ListToolsResult:
+        queries = _asking(context).branches.at_root("query") is not None
+        return types.ListToolsResult(tools=[each.published() for each in TOOLS if queries or each is not Query])
+
+    async def call_tool(self, context: _Context, params: types.CallToolRequestParams) -> types.CallToolResult:
+        asking, name = _asking(context), params.name
+        if name not in _BY_NAME:
+            raise MCPError(types.INVALID_PARAMS, f"Unknown tool: {name[:100]}")
+        client = "" if name == "stop" else by_caller(asking.request.scope)
+        if client and self._calls[client] >= MOST_CALLS:
+            return failed(f"{MOST_CALLS} calls of yours have not ended yet; wait for one of them.")
+        self._calls[client] += 1
+        try:
+            return await _BY_NAME[name].call(asking, params.arguments or {}, context.session.report_progress)
+        except FleetError as error:
+            return refused(loads(problem_body(error, None)[0]))
+        except ReplyTooLong as error:
+            return failed(f"{error} Read a part of it.")
+        finally:
+            self._calls -= Counter([client])
+
+
+async def _list_resources(context: _Context, params: object) -> types.ListResourcesResult:
+    return types.ListResourcesResult(resources=resources(_asking(context)))
+
+
+async def _list_templates(context: _Context, params: object) -> types.ListResourceTemplatesResult:
+    return types.ListResourceTemplatesResult(resource_templates=templates(_asking(context)))
+
+
+async def _read_resource(context: _Context, params: types.ReadResourceRequestParams) -> types.ReadResourceResult:
+    return types.ReadResourceResult(contents=[await contents(_asking(context), params.uri)])
+
+
+class Sessions(StreamableHTTPSessionManager):
+    """The sessions of all clients. Each is of the client that opened it, and one client has ``most_of_client``."""
+
+    most_of_client = 0
+
+    async def handle_request(self, scope: Scope, receive: Receive, send: Send) -> None:
+        user = AuthenticatedUser(AccessToken(token="", client_id=by_caller(scope), scopes=[]))
+        await super().handle_request({**scope, "user": user}, receive, send)
+
+    def _admit_session(self, requestor: AuthorizationContext | None) -> StreamableHTTPServerTransport | None:
+        own = sum(each == requestor for each in self._session_owners.values())
+        return None if own >= self.most_of_client else super()._admit_session(requestor)
+
+
+def new_manager(version: str, settings: McpSettings) -> Sessions:
+    # Streams are told of the end of their own gateway, not of that of the first server of the process.
+    AppStatus.enable_automatic_graceful_drain = AppStatus.should_exit = False
+    logging.getLogger("mcp").setLevel(logging.ERROR)  # ids of sessions, and what strangers send
+    handlers = Handlers()
+    server = Server[Any](
+        "linked-fleet",
+        version=version,
+        title="Linked Fleet",
+        instructions=_INSTRUCTIONS,
+        get_tool_input_schema=lambda name: {},  # none of its members is a header field
+        on_list_tools=handlers.list_tools,
+        on_call_tool=handlers.call_tool,
+        on_list_resources=_list_resources,
+        on_list_resource_templates=_list_templates,
+        on_read_resource=_read_resource,
+    )
+    server.middleware.clear()  # the gateway traces its requests itself
+    sessions = Sessions(server, session_idle_timeout=settings.idle_s, max_sessions=settings.sessions)
+    sessions.most_of_client = settings.sessions_per_client
+    return sessions

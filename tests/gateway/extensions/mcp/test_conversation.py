@@ -1,0 +1,337 @@
+"""The Model Context Protocol as a client speaks it: what it finds and moves, what it is refused, and what stops."""
+
+import json
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+
+from guarded import ALL, HIDDEN, SEEN, Guarded, guarded
+from parallel import pool
+from running import eventually
+from speaking import DEGREE, Speaker, speaking, text_of
+
+pytestmark = pytest.mark.virtual
+PAGE = "https://agent.example"
+SESSIONS = 3
+ELBOW = f"/{SEEN}/elbow_joint"
+ROTATE = ELBOW + "/actions/rotate"
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
+    bounds = ("--mcp-sessions-per-client", str(SESSIONS), "--mcp-idle-s", "30", "--cors-origins", PAGE)
+    with guarded(tmp_path_factory.mktemp("mcp"), *bounds) as one:
+        one.add("lab", "read", "act", robots=("lab-*",))
+        one.add("reader", "read")
+        one.add("stopper", "read", "stop")
+        for name in ("lab", "reader", "stopper"):
+            one.known(name)
+        yield one
+
+
+@pytest.fixture
+def lab(here: Guarded) -> Iterator[Speaker]:
+    with speaking(here.root, here.tokens["lab"]) as one:
+        yield one
+        one.end()
+
+
+def _degrees(value: float, **more: object) -> dict[str, object]:
+    return {"value": value, "unit": DEGREE, **more}
+
+
+def _moved_to(speaker: Speaker, value: float) -> None:
+    found = speaker.call("read", target=f"{ELBOW}/rotation")["structuredContent"]["value"]
+    assert found == pytest.approx(value * 3.14159265 / 180, abs=0.02)
+
+
+# -- what there is --------------------------------------------------------------------------------------------------
+
+
+def test_a_session_opens_with_what_the_server_can(here: Guarded) -> None:
+    speaker = Speaker(here.root, here.tokens["lab"])
+    opened = speaker.open()
+    assert opened["serverInfo"]["name"] == "linked-fleet" and "rehearse" in opened["instructions"]
+    assert set(opened["capabilities"]) >= {"tools", "resources"}
+    assert speaker.end() == 200
+    assert speaker.post({"jsonrpc": "2.0", "id": 1, "method": "ping"}).status_code == 404
+
+
+def test_tools_are_few_and_say_what_they_take(lab: Speaker) -> None:
+    tools = {each["name"]: each for each in lab.ask("tools/list")["result"]["tools"]}
+    assert [*tools] == ["find", "read", "query", "rehearse", "act", "stop"]
+    assert tools["act"]["inputSchema"]["required"] == ["action"]
+    assert tools["act"]["inputSchema"]["properties"]["rehearse"]["default"] is True
+    assert [name for name, each in tools.items() if not each["annotations"]["readOnlyHint"]] == ["act", "stop"]
+
+
+def test_what_is_found_can_be_called_and_is_what_the_caller_sees(lab: Speaker, here: Guarded) -> None:
+    robots = lab.call("find", kind="robot")["structuredContent"]["items"]
+    assert [each["name"] for each in robots] == [SEEN]
+    found = lab.call("find", text="elbow_joint absolute", kind="action")["structuredContent"]
+    (action,) = found["items"]
+    assert (action["iri"], found["more"]) == (here.root.rstrip("/") + ROTATE, False)
+    assert set(action["body_schema"]["required"]) == {"value", "unit"}
+    assert lab.call("act", action=action["iri"], body=_degrees(60))["isError"] is False
+    _moved_to(lab, 60)
+    assert lab.call("find", robot=HIDDEN)["structuredContent"]["items"] == []
+    assert lab.call("find", limit=2)["structuredContent"]["more"] is True
+
+
+def test_actions_are_found_by_who_has_the_right_to_them(here: Guarded) -> None:
+    def kinds(name: str) -> set[str]:
+        with speaking(here.root, here.tokens[name]) as one:
+            items = one.call("find", kind="action", robot=SEEN, limit=50)["structuredContent"]["items"]
+            one.end()
+            return {each["call"]["tool"] for each in items}
+
+    assert (kinds("reader"), kinds("stopper"), kinds("lab")) == (set(), {"stop"}, {"act", "stop"})
+
+
+def test_resources_are_the_tree(lab: Speaker, here: Guarded) -> None:
+    listed = lab.ask("resources/list")["result"]["resources"]
+    assert [each["uri"] for each in listed] == [here.root, f"{here.root}{SEEN}/"]
+    templates = lab.ask("resources/templates/list")["result"]["resourceTemplates"]
+    assert [each["mimeType"] for each in templates] == ["application/ld+json", "text/turtle"]
+    uri = here.root.rstrip("/") + ELBOW
+    (as_json,) = lab.ask("resources/read", {"uri": uri})["result"]["contents"]
+    assert as_json["mimeType"] == "application/ld+json" and json.loads(as_json["text"])
+    (as_turtle,) = lab.ask("resources/read", {"uri": uri + "?as=turtle"})["result"]["contents"]
+    assert as_turtle["mimeType"] == "text/turtle" and "elbow_joint" in as_turtle["text"]
+
+
+@pytest.mark.parametrize("path", [f"{HIDDEN}/", "nothing/", "nothing", "?as=nothing"])
+def test_what_cannot_be_read_is_an_error_of_the_protocol(lab: Speaker, here: Guarded, path: str) -> None:
+    error = lab.ask("resources/read", {"uri": here.root + path})["error"]
+    assert error["code"] == -32602 and error["data"]["status"] in (404, 406)
+
+
+def test_queries_are_those_of_the_fleet_that_the_caller_sees(lab: Speaker) -> None:
+    query = "SELECT ?robot { ?robot a <https://w3id.org/linked-fleet#Robot> }"
+    rows = lab.call("query", query=query)["structuredContent"]["results"]["bindings"]
+    assert len(rows) == 1 and rows[0]["robot"]["value"].endswith(f"/{SEEN}/")
+    assert "SPARQL" in text_of(lab.call("query", query="SELECT nothing"))
+
+
+def test_the_endpoint_describes_itself(here: Guarded) -> None:
+    with here.browsing("lab") as browser:
+        answer = browser.http.get(here.root + "mcp", headers={"accept": "text/turtle"})
+        assert answer.status_code == 200 and "Model Context Protocol" in answer.text
+        assert browser.http.get(here.root + "mcp/", headers={"accept": "text/turtle"}).status_code in (200, 308)
+        streams = browser.http.get(here.root + "mcp", headers={"accept": "text/event-stream"})
+        assert (streams.status_code, streams.headers["allow"]) == (405, "POST, DELETE")
+
+
+# -- what moves -----------------------------------------------------------------------------------------------------
+
+
+def test_a_motion_is_followed_to_its_end(lab: Speaker) -> None:
+    lab.call("act", action=ROTATE, body=_degrees(0))
+    result = lab.call("act", action=ROTATE, body=_degrees(90, speedScale=0.2))
+    assert result["isError"] is False and "succeeded" in text_of(result)
+    assert result["structuredContent"]["state"].endswith("#succeeded")
+    progress = [each["params"]["progress"] for each in lab.heard]
+    assert len(progress) > 2 and progress == sorted(set(progress)) and progress[-1] == 1.0
+    _moved_to(lab, 90)
+
+
+def test_who_does_not_wait_is_told_where_to_look(lab: Speaker) -> None:
+    result = lab.call("act", action=ROTATE, body=_degrees(0, speedScale=0.1), wait_s=0)
+    assert result["isError"] is False and "goes on" in text_of(result)
+    iri = result["structuredContent"]["iri"]
+    assert lab.call("stop", target=iri)["isError"] is False
+    eventually(
+        lambda: lab.call("read", target=iri)["structuredContent"]["state"].endswith("#cancelled"), "the end of it"
+    )
+
+
+def test_a_rehearsal_moves_nothing(lab: Speaker) -> None:
+    before = lab.call("read", target=f"{ELBOW}/rotation")["structuredContent"]["value"]
+    result = lab.call("rehearse", action=ROTATE, body=_degrees(45))
+    assert result["isError"] is False and "Nothing has moved" in text_of(result) and "Rehearsal" in text_of(result)
+    assert lab.call("read", target=f"{ELBOW}/rotation")["structuredContent"]["value"] == before
+
+
+@pytest.mark.parametrize("rehearse", [True, False])
+def test_a_refusal_has_the_reason_of_the_shape(lab: Speaker, rehearse: bool) -> None:
+    invocations = lab.call("read", target=f"{ROTATE}/invocations", format="turtle")
+    result = lab.call("act", action=ROTATE, body=_degrees(200), rehearse=rehearse)
+    assert result["isError"] is True and "200 must be at most 180" in text_of(result)
+    problem = result["structuredContent"]
+    assert problem["status"] == 422 and "at most" in problem["report"][0]["message"]
+    assert ROTATE in problem["constraint"]
+    assert lab.call("read", target=f"{ROTATE}/invocations", format="turtle") == invocations
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        ({"action": ROTATE, "body": {"value": 1}}, "unit"),
+        ({"action": ROTATE, "body": {"value": 1, "unit": DEGREE, "x": 1}}, "x is not known"),
+        ({"action": ROTATE, "body": [1]}, "body: Input should be a valid dictionary"),
+        ({"action": ROTATE, "x": 1}, "x: Extra inputs are not permitted"),
+        ({}, "action: Field required"),
+        ({"action": ELBOW, "body": _degrees(1)}, "405"),
+        ({"action": f"/{HIDDEN}/elbow_joint/actions/rotate", "body": _degrees(1)}, "404"),
+        ({"action": "https://evil.example/", "body": _degrees(1)}, "is no path"),
+        ({"action": ROTATE, "body": _degrees(1), "lock_token": "x"}, "Lock-Token"),
+        ({"action": ROTATE, "body": _degrees(1), "wait_s": 1e9}, "wait_s"),
+    ],
+)
+def test_a_call_that_is_wrong_says_how_to_mend_it(lab: Speaker, arguments: dict[str, object], reason: str) -> None:
+    result = lab.call("act", **arguments)
+    assert result["isError"] is True and reason in text_of(result)
+
+
+def test_rights_leases_and_the_audit_are_those_of_the_caller(here: Guarded, lab: Speaker) -> None:
+    with speaking(here.root, here.tokens["reader"]) as reader:
+        refusal = reader.call("act", action=ROTATE, body=_degrees(1))
+        assert refusal["isError"] is True and refusal["structuredContent"]["status"] == 403
+        assert reader.call("stop", target=f"/{SEEN}/")["structuredContent"]["status"] == 403
+        reader.end()
+    lease = {"content-type": "text/turtle"}
+    body = '<> <https://w3id.org/linked-fleet#holder> "other" ; <https://w3id.org/linked-fleet#leaseDuration> 60 .'
+    with here.browsing("root") as root:
+        taken = root.http.put(f"{here.root}{SEEN}/lease", content=body, headers=lease)
+        assert taken.status_code == 204, taken.text
+        token = taken.headers["lock-token"]
+        refusal = lab.call("act", action=ROTATE, body=_degrees(10))
+        assert refusal["isError"] is True and refusal["structuredContent"]["status"] == 409
+        assert lab.call("act", action=ROTATE, body=_degrees(10), lock_token=token)["isError"] is False
+        assert lab.call("stop", target=ELBOW)["isError"] is False
+        root.http.delete(f"{here.root}{SEEN}/lease", headers={"lock-token": token})
+        audit = root.http.get(f"{here.root}audit", headers={"accept": "text/turtle"}).text
+    assert f"POST {ROTATE}" in audit and '"lab"' in audit and "POST /mcp" not in audit
+
+
+def test_a_key_moves_once(lab: Speaker) -> None:
+    ends = [lab.call("act", action=ROTATE, body=_degrees(5), idempotency_key="once") for _ in range(2)]
+    assert len({each["structuredContent"]["iri"] for each in ends}) == 1
+
+
+# -- what stops -----------------------------------------------------------------------------------------------------
+
+
+def test_cancelling_the_request_cancels_the_motion(lab: Speaker) -> None:
+    lab.call("act", action=ROTATE, body=_degrees(0))
+    with pool(1) as beside:
+        slow = _degrees(120, speedScale=0.02)
+        params = {"name": "act", "arguments": {"action": ROTATE, "body": slow, "wait_s": 600}}
+        running = beside.submit(lab.ask, "tools/call", params, 77)
+        newest = eventually(lambda: _running(lab), "the motion")
+        cancelled = {"jsonrpc": "2.0", "method": "notifications/cancelled", "params": {"requestId": 77}}
+        assert lab.post(cancelled).status_code == 202
+        assert running.result()["error"]["code"] == -32800
+    found = lab.call("read", target=newest)["structuredContent"]
+    assert found["state"].endswith("#cancelled") and found["progress"]["value"] < 0.5
+
+
+def _running(speaker: Speaker) -> str | None:
+    """The IRI of the invocation of the action that runs."""
+    said = json.loads(text_of(speaker.call("read", target=f"{ROTATE}/invocations", format="jsonld")))
+    nodes = said.get("@graph", [said])
+    return next((str(each["@id"]) for each in nodes if each.get("lf:state") == {"@id": "lf:running"}), None)
+
+
+@pytest.mark.parametrize("target", ["/", f"/{SEEN}/", ELBOW, f"{ELBOW}/rotation", f"/{SEEN}/actions/stop", None])
+def test_whatever_is_named_stops(lab: Speaker, target: str | None) -> None:
+    lab.call("act", action=ROTATE, body=_degrees(0))
+    moving = lab.call("act", action=ROTATE, body=_degrees(120, speedScale=0.02), wait_s=0)["structuredContent"]["iri"]
+    result = lab.call("stop", **({} if target is None else {"target": target}))
+    assert result["isError"] is False and "Done" in text_of(result)
+    eventually(
+        lambda: lab.call("read", target=moving)["structuredContent"]["state"].endswith("#cancelled"), "the end of it"
+    )
+
+
+def test_reads_hold_up_no_stop(tmp_path: Path) -> None:
+    """The one who has asked too often is refused everything but stops."""
+    read = {"name": "read", "arguments": {"target": "/"}}
+    message = {"jsonrpc": "2.0", "id": 1, "method": "tools/call", "params": read}
+    with guarded(tmp_path, "--requests-per-client", "1") as one, speaking(one.root, one.tokens["root"]) as speaker:
+        answers = [speaker.post(message).status_code for _ in range(20)]
+        assert answers[0] == 200 and answers[-1] == 429
+        for _ in range(20):
+            assert speaker.call("stop", target=f"/{SEEN}/")["isError"] is False
+        assert speaker.post(message).status_code == 429
+
+
+# -- sessions and bounds ----------------------------------------------------------------------------------------------
+
+
+def test_a_session_is_of_who_opened_it(here: Guarded, lab: Speaker) -> None:
+    other = {"authorization": f"Bearer {here.tokens['reader']}"}
+    ping = {"jsonrpc": "2.0", "id": 1, "method": "ping"}
+    assert [lab.post(ping, **other).status_code, lab.post(ping).status_code] == [404, 200]
+    assert lab.post(ping, authorization="Bearer x").status_code == 401
+
+
+def test_sessions_are_bounded_in_number_and_time(here: Guarded) -> None:
+    speakers = [Speaker(here.root, here.tokens["stopper"]) for _ in range(SESSIONS)]
+    for each in speakers:
+        each.open()
+    one_more = Speaker(here.root, here.tokens["stopper"])
+    initialize = {"protocolVersion": "2025-11-25", "capabilities": {}, "clientInfo": {"name": "x", "version": "1"}}
+    message = {"jsonrpc": "2.0", "id": 1, "method": "initialize", "params": initialize}
+    assert one_more.post(message).status_code == 503
+    with speaking(here.root, here.tokens["reader"]) as other:
+        other.end()
+    time.sleep(29)
+    ping = {"jsonrpc": "2.0", "id": 1, "method": "ping"}
+    assert speakers[0].post(ping).status_code == 200
+    time.sleep(15)
+    assert [each.post(ping).status_code for each in speakers] == [200, 404, 404]
+    one_more.open()
+    assert [one_more.end(), speakers[0].end()] == [200, 200]
+
+
+@pytest.mark.parametrize(
+    ("content", "status", "code"),
+    [
+        (b"", 400, -32700),
+        (b"{", 400, -32700),
+        (b"\xff", 400, -32700),
+        (b'{"a": 1, "a": 2}', 400, -32700),
+        (b'{"a": NaN}', 400, -32700),
+        (b"[" * 100, 400, -32700),
+        (b"[" + b"1," * 30_000 + b"1]", 400, -32700),
+        (b"[]", 400, -32602),
+        (b"1", 400, -32602),
+        (b'{"jsonrpc": "1.0", "id": 1, "method": "ping"}', 400, -32602),
+        (b'{"jsonrpc": "2.0", "id": 1, "method": "nothing"}', 200, -32601),
+        (b'{"jsonrpc": "2.0", "id": 1, "method": "tools/call"}', 200, -32602),
+        (b'{"jsonrpc": "2.0", "id": 1, "method": "tools/call", "params": {"name": "nothing"}}', 200, -32602),
+        (b'{"jsonrpc": "2.0", "id": 1, "method": "resources/read", "params": {"uri": 1}}', 200, -32602),
+    ],
+)
+def test_bad_messages_get_the_errors_of_json_rpc(lab: Speaker, content: bytes, status: int, code: int) -> None:
+    answer = lab.post(content)
+    text = answer.text.rpartition("data: ")[2]
+    assert (answer.status_code, json.loads(text)["error"]["code"]) == (status, code)
+
+
+def test_what_is_no_message_is_refused_as_anywhere_else(lab: Speaker) -> None:
+    assert lab.post(b'"' + b"x" * 300_000 + b'"').status_code == 413
+    assert lab.post({}, **{"content-type": "text/turtle"}).status_code == 415
+    assert lab.post({}, **{"content-encoding": "gzip"}).status_code == 415
+    assert lab.post({"jsonrpc": "2.0", "id": 1, "method": "ping"}, accept="text/turtle").status_code == 406
+    assert lab.http.put(lab.url, headers=lab.fields, content=b"{}").status_code == 405
+
+
+def test_pages_of_other_sites_need_the_leave_of_the_operator(lab: Speaker) -> None:
+    ping = {"jsonrpc": "2.0", "id": 1, "method": "ping"}
+    assert lab.post(ping, origin="https://evil.example").status_code == 403
+    answer = lab.post(ping, origin=PAGE)
+    assert answer.status_code == 200 and "mcp-session-id" in answer.headers["access-control-expose-headers"]
+    names = "authorization, content-type, mcp-session-id, mcp-protocol-version"
+    asked = {"origin": PAGE, "access-control-request-method": "POST", "access-control-request-headers": names}
+    assert httpx.options(lab.url, headers=asked).status_code == 200
+
+
+def test_a_gateway_without_the_extension_has_no_such_resource(tmp_path: Path) -> None:
+    with guarded(tmp_path, "--extensions-off", "mcp", robots=False) as one, one.browsing("root") as browser:
+        one.add("all", *ALL)
+        assert browser.http.get(one.root + "mcp").status_code == 404
