@@ -1,0 +1,109 @@
+"""The description of a gateway (OpenAPI 3.1) as far as one caller sees it, and the descriptions that were made last."""
+
+import asyncio
+import json
+from collections import OrderedDict
+from collections.abc import Iterable, Mapping
+from hashlib import blake2b
+from pkgutil import resolve_name
+from typing import Any
+
+from linked_fleet_gateway.extensions.openapi.components import components
+from linked_fleet_gateway.extensions.openapi.fleet import FleetPaths
+from linked_fleet_gateway.http.extension import Operations
+from linked_fleet_gateway.http.operations import document, errors, path_item, reading, writing
+from linked_fleet_gateway.rdf.serialise import JSON
+from linked_fleet_gateway.resources.branches import RequestView
+from linked_fleet_gateway.resources.json_form import Json
+from linked_fleet_gateway.runtime.time_slices import sliced
+
+PATH = "/openapi.json"
+TYPE = "application/vnd.oai.openapi+json;version=3.1"
+VERSION = "3.1.0"
+_KEPT = 8
+_METHODS = ("get", "put", "post", "patch", "delete")
+_ALWAYS, _SECURED = ("400", "404", "406", "421", "429", "500", "503"), ("401", "403")
+
+
+class Documents:
+    """Makes descriptions, one at a time, and keeps those that were asked for last."""
+
+    def __init__(self, operations: Iterable[str]) -> None:
+        """``operations``: those of all extensions, as ``module:attribute``."""
+        self._operations: list[Operations] = [resolve_name(name) for name in operations]
+        self._made: OrderedDict[bytes, bytes] = OrderedDict()
+        self._turn = asyncio.Lock()
+
+    async def of(self, view: RequestView) -> bytes:
+        """The description of all that ``view`` shows."""
+        async with self._turn:
+            version = blake2b(await _facts(view), digest_size=16).digest()
+            if version not in self._made:
+                self._made[version] = await self._make(view)
+                if len(self._made) > _KEPT:
+                    self._made.popitem(last=False)
+            self._made.move_to_end(version)
+            return self._made[version]
+
+    async def _make(self, view: RequestView) -> bytes:
+        fleet = FleetPaths(view)
+        async for robot in sliced(list(view.robots.values())):
+            fleet.add(robot)
+        paths: dict[str, Mapping[str, Any]] = {}
+        for operations in self._operations:
+            paths |= operations(view)
+        # Schemas of hundreds of joints take a second; what they are made from is the same object until it changes.
+        return await asyncio.to_thread(_written, view.base, view.secured, fleet, paths)
+
+
+async def _facts(view: RequestView) -> bytes:
+    """All that a description is made from."""
+    facts = [repr((view.base, view.secured))]
+    async for name, robot in sliced(sorted(view.robots.items())):
+        said = robot.description
+        known = None if said is None else (said.urdf, said.joints, said.base, said.capabilities, said.cameras)
+        facts.append(repr((name, robot.model is None, known, robot.annotations)))
+    return "\n".join(facts).encode()
+
+
+def _written(base: str, secured: bool, fleet: FleetPaths, more: Mapping[str, Mapping[str, Any]]) -> bytes:
+    paths = {**_own_paths(), **dict(fleet.paths()), **more}
+    said: Json = {
+        "openapi": VERSION,
+        "info": {
+            "title": "Linked Fleet",
+            "version": "1",
+            "description": "Robots as Linked Data: their state is read, and their actions are invoked. This describes "
+            "the plain JSON of the gateway, and JSON-LD where a resource has no plain JSON. Numbers have the unit that "
+            "stands beside them. A body may say no more than its schema names. The schema of a body that many joints "
+            "take has the widest limits among them: the description of an action has those of its joint, and what is "
+            "beyond them is answered with 422.",
+        },
+        "servers": [{"url": base}],
+        "paths": {template: _completed(item, secured) for template, item in paths.items()},
+        "components": components(secured, fleet.schemas),
+    }
+    if secured:
+        said["security"] = [{"bearer": []}]
+    return json.dumps(said, ensure_ascii=False, allow_nan=False).encode()
+
+
+def _completed(item: Mapping[str, Any], secured: bool) -> Json:
+    """A path item with the answers that any resource gives."""
+    common = errors((*_ALWAYS, *(_SECURED if secured else ("403",))))
+    found = dict(item)
+    for method in _METHODS:
+        if method in found:
+            found[method] = found[method] | {"responses": common | found[method]["responses"]}
+    return found
+
+
+def _own_paths() -> dict[str, Json]:
+    status: Json = {JSON: {"schema": {"type": "object", "required": ["status"]}}}
+    live: Json = {"200": {"description": "Live.", "content": status}}
+    described: Json = {TYPE: {"schema": {"type": "object", "required": ["openapi"]}}, JSON: {}}
+    return {
+        PATH: path_item({}, get=document("readOpenApi", "This description", described)),
+        "/audit": path_item({}, get=reading("readAudit", "What was asked for, the newest first")),
+        "/health/live": path_item({}, get=writing("readLive", "The process serves", live)),
+    }

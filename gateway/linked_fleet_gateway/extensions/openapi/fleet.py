@@ -1,0 +1,216 @@
+"""Paths of the fleet, of robots, of joints and links, and of their properties: one for all that are alike."""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+
+from pyoxigraph import NamedNode
+
+from linked_fleet_gateway.extensions.openapi.actions import PICK, action_paths, begun, capitalized
+from linked_fleet_gateway.extensions.openapi.components import ANNOTATIONS, LOCK_TOKEN
+from linked_fleet_gateway.extensions.openapi.schemas import closed, example, hoisted, names, union, unnamed
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.http.links import LINKSET_TYPES
+from linked_fleet_gateway.http.operations import (
+    JSONLD,
+    Parameters,
+    document,
+    header,
+    parameter,
+    patching,
+    path_item,
+    reading,
+    ref,
+    writing,
+)
+from linked_fleet_gateway.rdf.serialise import JSON
+from linked_fleet_gateway.rdf.vocabulary import LF
+from linked_fleet_gateway.resources.action_offer import Offer, fleet_offers, joint_offers, robot_offers
+from linked_fleet_gateway.resources.branches import RequestView
+from linked_fleet_gateway.resources.json_form import Form, Json, form_of, form_of_input, form_of_target
+from linked_fleet_gateway.resources.paths import joint_path, link_path, robot_path
+from linked_fleet_gateway.resources.properties import joint_properties, link_properties, robot_properties
+from linked_fleet_gateway.resources.property import Property
+from linked_fleet_gateway.resources.setting import Setting
+
+_MOST_NAMED = 8
+"""The most robots whose joints are named in bodies."""
+_MOST_FORMS = 256
+_CHANGED: Json = {"204": {"description": "Changed."}}
+
+
+@dataclass
+class _Alike:
+    """Properties or actions of one name: of which robots and parts they are."""
+
+    robots: dict[str, None] = field(default_factory=dict)
+    parts: dict[str, None] = field(default_factory=dict)
+    kinds: dict[str, None] = field(default_factory=dict)
+    items: list[Property] = field(default_factory=list)
+    offers: list[Offer] = field(default_factory=list)
+
+    def note(self, robot: str, part: str = "", kind: str = "") -> None:
+        self.robots[robot] = None
+        if part:
+            self.parts[part], self.kinds[kind] = None, None
+
+    def parameters(self) -> Parameters:
+        robots = {"robot": names(self.robots)}
+        if not self.parts:
+            return robots
+        (name,) = self.kinds if len(self.kinds) == 1 else ("part",)
+        return robots | {name: names(self.parts)}
+
+    def template(self, end: str) -> str:
+        return "".join(f"/{{{name}}}" for name in self.parameters()) + end
+
+
+class FleetPaths:
+    """Collects what robots have, one robot after the other, and says then at which paths that is."""
+
+    def __init__(self, view: RequestView) -> None:
+        self._base = view.base
+        self._robots, self._parts = _Alike(), _Alike()
+        self._properties: dict[tuple[bool, str], _Alike] = {}
+        self._actions: dict[tuple[bool, str], _Alike] = {}
+        self.schemas: dict[str, Json] = {}
+        """Schemas of bodies by their names, once the paths have been made."""
+
+    def add(self, robot: Robot) -> None:
+        """Robots without a description that could be read have no parts and no properties."""
+        name = _segment(robot_path(robot.name))
+        self._robots.note(name)
+        if robot.model is None:
+            return
+        own = robot_properties(robot, lambda path: NamedNode(self._base + path))
+        self._note(name, "", "", own, robot_offers(robot))
+        for joint in robot.model.joints.values():
+            part = _segment(joint_path(robot.name, joint.name))
+            self._note(name, part, "joint", joint_properties(robot, joint), joint_offers(robot, joint))
+        for link in robot.model.links.values():
+            part = _segment(link_path(robot.name, robot.model, link.name))
+            self._note(name, part, "link", link_properties(robot, link), ())
+
+    def _note(self, robot: str, part: str, kind: str, items: Iterable[Property], offers: Iterable[Offer]) -> None:
+        if part:
+            self._parts.note(robot, part, kind)
+        for item in items:
+            found = self._properties.setdefault((bool(part), item.segment), _Alike())
+            found.note(robot, part, kind)
+            found.items.append(item)
+        for offer in offers:
+            found = self._actions.setdefault((bool(part), offer.definition.segment), _Alike())
+            found.note(robot, part, kind)
+            found.offers.append(offer)
+
+    def paths(self) -> Iterator[tuple[str, Json]]:
+        """Path items by their templates. Schemas of many joints are made: each takes about a millisecond."""
+        yield from _thing("/", {}, "Fleet")
+        for offer in fleet_offers():
+            name = capitalized(offer.definition.segment)
+            yield from action_paths(offer.path, name, {}, [offer], self._body(name, [offer], form_of_input)).items()
+        yield "/vocabulary", path_item({}, get=reading("readVocabulary", "Terms and shapes"))
+        context: Json = {JSONLD: {"schema": ref("schemas", "JsonLd")}}
+        yield "/context", path_item({}, get=document("readContext", "JSON-LD context", context))
+        if not self._robots.robots:
+            return
+        robots = self._robots.parameters()
+        yield from _thing("/{robot}/", robots, "Robot")
+        yield from _lease(robots)
+        if self._parts.parts:
+            yield from _thing(self._parts.template(""), self._parts.parameters(), "Part")
+        for (_, segment), alike in self._properties.items():
+            yield from self._property(alike, segment)
+        for (in_part, segment), alike in self._actions.items():
+            # A robot and its joints may have actions of one name.
+            name = capitalized(segment) + ("OfRobot" if not in_part and (True, segment) in self._actions else "")
+            body = self._body(name, alike.offers, form_of_input)
+            template, parameters = alike.template(f"/actions/{segment}"), alike.parameters()
+            yield from action_paths(template, name, parameters, alike.offers, body).items()
+
+    def _body(self, name: str, offers: list[Offer], form: Callable[[Offer, str], Form]) -> Json | None:
+        """The media type object of what all of ``offers`` take; None if they take nothing."""
+        if not offers[0].takes_body:
+            return None
+        alike, few = self._distinct(offers), len(self._robots.robots) <= _MOST_NAMED
+        forms = [form(each, self._base).schema for each in alike[:_MOST_FORMS]]
+        shown = forms if few else [unnamed(each, self._base) for each in forms]
+        known = len(alike) <= _MOST_FORMS
+        schema = closed(union(shown)) if known else {"type": "object"}
+        self.schemas[f"{name}Input"] = hoisted(schema, f"{name}Input", self.schemas)
+        return {"schema": ref("schemas", f"{name}Input"), "examples": {"first": {"value": example(forms[0])}}}
+
+    def _distinct(self, offers: Iterable[Offer]) -> list[Offer]:
+        """One of those whose bodies have the same schema: of joints with the same limits, and of robots that are alike
+        where their joints are not named."""
+        found: dict[tuple[object, ...], Offer] = {}
+        for each in offers:
+            robot, joint = each.robot, each.joint
+            own = (each.path,) if joint is None else (joint.kind, joint.limits)
+            if robot is not None and robot.description is not None and len(self._robots.robots) > _MOST_NAMED:
+                about = (robot.description.urdf, robot.description.joints, robot.annotations)
+                found.setdefault((about, *own[1:], own[0] if joint else ""), each)
+            else:
+                found.setdefault((robot and robot.name, *own), each)
+        return list(found.values())
+
+    def _property(self, alike: _Alike, segment: str) -> Iterator[tuple[str, Json]]:
+        item, parameters, template = alike.items[0], alike.parameters(), alike.template(f"/{segment}")
+        (*_, owner), form = parameters, form_of(item.shape)
+        of = capitalized(owner) + capitalized(segment)
+        schema = None
+        if form.fields:
+            self.schemas[of], schema = form.schema, ref("schemas", of)
+        methods = {"get": reading(f"read{of}", f"The {segment} of a {owner}", schema)}
+        if puts := [each.put for each in alike.items if isinstance(each.put, Offer)]:
+            body = self._body(of, puts, form_of_target)
+            answers = begun(capitalized(puts[0].definition.segment), parameters)
+            fields = [PICK, *map(header, ("Prefer", "IdempotencyKey", "LockToken", "IfMatch"))]
+            methods["put"] = writing(f"put{of}", "Command the joint to a position", answers, {JSON: body or {}}, fields)
+        elif isinstance(item.put, Setting):
+            methods |= self._setting(of, item.put)
+        yield template, path_item(parameters, **methods)
+        get = reading(f"read{of}Blueprint", "Shape of the property")
+        yield f"{template}/blueprint", path_item(parameters, get=get)
+
+    def _setting(self, of: str, setting: Setting) -> Mapping[str, Json]:
+        shape, fields = setting.shape, (header("IfMatch"), header("LockToken"))
+        self.schemas[f"{of}Input"] = ANNOTATIONS if shape is None else closed(form_of(shape).schema)
+        body = {JSONLD if shape is None else JSON: {"schema": ref("schemas", f"{of}Input")}}
+        found = {
+            "put": writing(f"put{of}", "Replace it", _CHANGED, body, fields),
+            "patch": patching(f"patch{of}", "Change it by a SPARQL update"),
+        }
+        removed = writing(f"delete{of}", "Take it back", _CHANGED, None, fields)
+        return found | ({"delete": removed} if setting.removable else {})
+
+
+def _segment(path: str) -> str:
+    return path.strip("/").rpartition("/")[2]
+
+
+def _thing(template: str, parameters: Parameters, kind: str) -> Iterator[tuple[str, Json]]:
+    stem, linkset = template.rstrip("/"), {LINKSET_TYPES[0]: {"schema": {"type": "object", "required": ["linkset"]}}}
+    yield template, path_item(parameters, get=reading(f"read{kind}", f"{kind}: what it is, has and can do"))
+    yield f"{stem}/blueprint", path_item(parameters, get=reading(f"read{kind}Blueprint", f"Shapes of a {kind.lower()}"))
+    get = document(f"read{kind}Links", f"Links of a {kind.lower()} (RFC 9264)", linkset)
+    yield f"{stem}/linkset", path_item(parameters, get=get)
+
+
+def _lease(robots: Parameters) -> Iterator[tuple[str, Json]]:
+    schema = closed(form_of(LF.ControlLeaseInput).schema)
+    taken = {"204": {"description": "Control is yours.", "headers": {"Lock-Token": ref("headers", "LockToken")}}}
+    body = {JSON: {"schema": schema, "examples": {"a minute": {"value": {"holder": "a planner", "duration": 60}}}}}
+    token, proof = (
+        header("LockToken"),
+        parameter("Lock-Token", "header", LOCK_TOKEN, "As it came.", required=True),
+    )
+    yield (
+        "/{robot}/lease",
+        path_item(
+            robots,
+            get=reading("readLease", "Control of a robot: who has it, and until when"),
+            put=writing("takeLease", "Take or renew control", taken, body, (token, header("IfMatch"))),
+            delete=writing("releaseLease", "Release control", {"204": {"description": "Released."}}, None, (proof,)),
+        ),
+    )
+    yield "/{robot}/lease/blueprint", path_item(robots, get=reading("readLeaseBlueprint", "Shape of a lease"))

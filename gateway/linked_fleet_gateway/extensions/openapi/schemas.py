@@ -1,0 +1,184 @@
+"""Schemas of several things as one: what any of them takes is taken; and values that a schema takes, as examples.
+
+The schemas themselves come from SHACL shapes (``resources.json_form``). A path of a description stands for many
+things, each of which has limits of its own.
+"""
+
+import json
+import re
+from collections.abc import Iterable
+from functools import reduce
+from typing import Any
+
+from linked_fleet_gateway.resources.json_form import Json
+
+MOST_NAMES = 256
+"""The most names that are listed for one parameter or member. Of more, only the form is said."""
+_MOST_BRANCHES = 16
+_LOWER, _UPPER = ("minimum", "exclusiveMinimum"), ("maximum", "exclusiveMaximum")
+_URI: Json = {"type": "string", "format": "uri"}
+
+
+def union(schemas: Iterable[Json]) -> Json:
+    """The schema of all that one of them takes at least. They have the same members, within different limits."""
+    return reduce(_widest, schemas)
+
+
+def unnamed(schema: Json, base: str) -> Json:
+    """The schema with any IRI in the place of those below ``base``, of which a large fleet has too many."""
+    found = {name: _unnamed_within(value, base) for name, value in schema.items()}
+    if "properties" in schema and "type" not in schema:  # a branch
+        named = {name: each for name, each in schema["properties"].items() if not _is_named(each, base)}
+        return found | {"properties": named}
+    return {name: value for name, value in found.items() if name != "enum"} | _URI if _is_named(schema, base) else found
+
+
+def closed(schema: Json) -> Json:
+    """The schema of a body: members that it does not name are refused.
+
+    Each alternative is a whole object, because generators of clients take no part of one for what it is.
+    """
+    if schema.get("type") != "object":
+        return {name: _closed_within(value) for name, value in schema.items()}
+    whole = {name: _closed_within(value) for name, value in schema.items() if name != "oneOf"}
+    whole["additionalProperties"] = False
+    if not (branches := _few(schema.get("oneOf", []))):
+        return whole
+    said = {"description": whole.pop("description")} if "description" in whole else {}
+    return said | {"oneOf": [whole | {"properties": _narrowed(whole["properties"], each)} for each in branches]}
+
+
+def hoisted(schema: Json, name: str, components: dict[str, Json]) -> Json:
+    """The schema with its alternatives among ``components``, because generators name classes by these.
+
+    An alternative is called by its unit, as in ``RotateInputRAD``.
+    """
+    found = dict(schema)
+    if "properties" in schema:
+        members = schema["properties"].items()
+        found["properties"] = {each: hoisted(value, name + each.capitalize(), components) for each, value in members}
+    if "items" in schema:
+        found["items"] = hoisted(schema["items"], name, components)
+    if any("properties" in each for each in schema.get("oneOf", ())):
+        found["oneOf"] = []
+        for each in schema["oneOf"]:
+            label = name + _unit(each)
+            label += str(sum(known.startswith(label) for known in components) or "")
+            components[label] = {}  # so that what is inside of it gets other names
+            components[label] = hoisted(each, label, components)
+            found["oneOf"].append({"$ref": f"#/components/schemas/{label}"})
+    return found
+
+
+def _unit(schema: Json) -> str:
+    members = schema["properties"].get("value", schema)
+    named = schema["properties"].get("unit") or members.get("properties", {}).get("unit") or {}
+    return re.sub(r"[^A-Za-z0-9]", "", named.get("enum", [""])[-1].rpartition("/")[2])
+
+
+def example(schema: Json) -> Any:
+    """A value with the required members, in the middle of the limits."""
+    if "enum" in schema:
+        return schema["enum"][-1]
+    if schema.get("type") == "object":
+        branch: Json = schema["oneOf"][-1]["properties"] if "oneOf" in schema else {}
+        members = schema["properties"]
+        return {name: example(members[name] | branch.get(name, {})) for name in schema.get("required", ())}
+    if schema.get("type") == "array":
+        return [example(schema["items"])]
+    if schema.get("type") in ("number", "integer"):
+        return _middle(schema)
+    return "Linked Fleet"
+
+
+def names(found: Iterable[str]) -> Json:
+    """The schema of a segment of a path: one of these."""
+    listed = list(dict.fromkeys(found))
+    return {"type": "string", "enum": listed} if 0 < len(listed) <= MOST_NAMES else {"type": "string", "minLength": 1}
+
+
+def _middle(schema: Json) -> float:
+    low, high = (next((schema[each] for each in side if each in schema), None) for side in (_LOWER, _UPPER))
+    if low is None or high is None:
+        return next((each for each in (low, high) if each is not None), 1)
+    return float(round(low + (high - low) * 0.4, 3))
+
+
+def _closed_within(value: Any) -> Any:
+    if isinstance(value, dict):
+        return closed(value)
+    return [_closed_within(each) for each in value] if isinstance(value, list) else value
+
+
+def _unnamed_within(value: Any, base: str) -> Any:
+    if isinstance(value, dict):
+        return unnamed(value, base)
+    return [_unnamed_within(each, base) for each in value] if isinstance(value, list) else value
+
+
+def _is_named(schema: Json, base: str) -> bool:
+    return any(each.startswith(base + "/") for each in schema.get("enum", ())[:1])
+
+
+def _narrowed(members: Json, branch: Json) -> Json:
+    return members | {name: members.get(name, {}) | each for name, each in branch["properties"].items()}
+
+
+def _few(branches: list[Json]) -> list[Json]:
+    """The branches, or those by units alone if there are many of joints."""
+    if len(branches) <= _MOST_BRANCHES:
+        return branches
+    return reduce(_branches, ([_without_joint(each)] for each in branches))
+
+
+def _without_joint(branch: Json) -> Json:
+    return branch | {"properties": {name: each for name, each in branch["properties"].items() if name != "joint"}}
+
+
+def _widest(one: Json, other: Json) -> Json:
+    if one == other:
+        return one
+    merged = {name: value for name, value in one.items() if other.get(name) == value}
+    for side, pick in ((_LOWER, min), (_UPPER, max)):
+        merged |= _limit(one, other, side, pick)
+    for name in ("properties", "items", "enum", "oneOf", "required"):
+        if name in one and name in other and name not in merged:
+            merged[name] = _MERGES[name](one[name], other[name])
+    return merged
+
+
+def _limit(one: Json, other: Json, side: tuple[str, str], pick: Any) -> Json:
+    """The wider of two limits; none if one has none."""
+    said = [(each[name], name) for each in (one, other) for name in side if name in each]
+    if len(said) < 2:
+        return {}
+    wider = pick(value for value, _ in said)
+    inclusive = any(said_here == (wider, side[0]) for said_here in said)
+    return {side[0] if inclusive else side[1]: wider}
+
+
+def _properties(one: Json, other: Json) -> Json:
+    shared = {name: _widest(one[name], other[name]) for name in one if name in other}
+    return one | other | shared
+
+
+def _branches(one: list[Json], other: list[Json]) -> list[Json]:
+    """The branches of both; those of the same joints and units are one."""
+    found: dict[str, Json] = {}
+    for branch in (*one, *other):
+        key = _key(branch)
+        found[key] = _widest(found[key], branch) if key in found else branch
+    return list(found.values())
+
+
+def _key(branch: Json) -> str:
+    return json.dumps({name: each.get("enum") for name, each in sorted(branch.get("properties", {}).items())})
+
+
+_MERGES: dict[str, Any] = {
+    "properties": _properties,
+    "items": _widest,
+    "enum": lambda one, other: list(dict.fromkeys((*one, *other))),
+    "oneOf": _branches,
+    "required": lambda one, other: [each for each in one if each in other],
+}

@@ -1,0 +1,27 @@
+"""Operations on Thing Descriptions and their directory, for who describes the gateway as a whole."""
+
+from linked_fleet_gateway.extensions.things.directory import MOST
+from linked_fleet_gateway.extensions.things.td import DIRECTORY, TD
+from linked_fleet_gateway.http.operations import JSONLD, document, errors, header, parameter, path_item
+from linked_fleet_gateway.rdf.serialise import JSON
+from linked_fleet_gateway.resources.branches import RequestView
+from linked_fleet_gateway.resources.json_form import Json
+
+_THING: Json = {"type": "object", "required": ["@context", "id", "title"]}
+_THINGS: Json = {"schema": {"type": "array", "items": _THING}}
+
+
+def operations(view: RequestView) -> dict[str, Json]:
+    """Reads of the fleet's description, of the directory by pages, and of one thing by its id."""
+    known = [header("IfNoneMatch")]
+    offset = parameter("offset", "query", {"type": "integer", "minimum": 0, "maximum": 999_999_999})
+    limit = parameter("limit", "query", {"type": "integer", "minimum": 1, "maximum": 999_999_999}, f"At most {MOST}.")
+    listed = document("readThings", "Thing Descriptions", {JSONLD: _THINGS, JSON: _THINGS}, [offset, limit, *known])
+    listed["responses"] |= errors(["501"])
+    one: Json = {TD: {"schema": _THING}}
+    id: Json = {"type": "string", "enum": [view.base + "/"]}
+    return {
+        "/.well-known/wot": path_item({}, get=document("readFleetThing", "Thing Description of the fleet", one, known)),
+        DIRECTORY: path_item({}, get=listed),
+        f"{DIRECTORY}/{{id}}": path_item({"id": id}, get=document("readThing", "One Thing Description", one, known)),
+    }

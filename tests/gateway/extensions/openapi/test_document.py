@@ -1,0 +1,123 @@
+"""The description is complete and true of the tree, and says nothing of robots that the caller does not see."""
+
+import asyncio
+import json
+from typing import Any
+
+import pytest
+from jsonschema import Draft202012Validator
+from schemathesis.specs.openapi.definitions import OPENAPI_31_VALIDATOR
+
+from every_kind import BASE, tree
+from linked_fleet_gateway.extensions.openapi.document import Documents
+from linked_fleet_gateway.http.read import allowed
+from linked_fleet_gateway.resources.branches import RequestView
+from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.tree import Tree
+
+_METHODS = {"get", "put", "post", "patch", "delete"}
+
+
+def _view(*hidden: str, secured: bool = False) -> RequestView:
+    found = tree().resolve("/things")
+    assert isinstance(found, Resource)
+    view: RequestView = found.remote.view  # type: ignore[union-attr]
+    robots = {name: robot for name, robot in view.robots.items() if name not in hidden}
+    return RequestView(BASE, robots, view.invocations, view.sees, secured)
+
+
+def _described(*hidden: str, secured: bool = False) -> dict[str, Any]:
+    return dict(json.loads(asyncio.run(Documents(()).of(_view(*hidden, secured=secured)))))
+
+
+@pytest.fixture(scope="module")
+def whole() -> dict[str, Any]:
+    return _described()
+
+
+def _paths(template: str, item: dict[str, Any]) -> list[str]:
+    """The template with each name that is listed for each of its parameters."""
+    paths = [template]
+    for parameter in item.get("parameters", ()):
+        names = parameter["schema"].get("enum", [])
+        paths = [path.replace(f"{{{parameter['name']}}}", name) for path in paths for name in names]
+    return paths
+
+
+def test_it_is_a_document_of_openapi_3_1(whole: dict[str, Any]) -> None:
+    """By the schema that schemathesis has of it."""
+    errors = [f"{each.instance_path}: {each.message[:200]}" for each in OPENAPI_31_VALIDATOR.iter_errors(whole)]
+    assert not errors, errors[:5]
+
+
+def test_every_path_is_in_the_tree_and_has_the_methods_that_are_described(whole: dict[str, Any]) -> None:
+    """Not every robot has each joint; each name that is listed belongs to something."""
+    resources: Tree = tree()
+    for template, item in whole["paths"].items():
+        if template in ("/openapi.json", "/audit", "/health/live") or "{invocation}" in template:
+            continue
+        found = [each for path in _paths(template, item) if isinstance(each := resources.resolve(path), Resource)]
+        assert found, template
+        for resource in found:
+            methods = {method.lower() for method in allowed(resource)} - {"head", "options"}
+            assert methods == _METHODS & item.keys(), f"{template}: {resource.path}"
+
+
+def test_every_reference_leads_to_a_component_and_operations_have_names_of_their_own(whole: dict[str, Any]) -> None:
+    text = json.dumps(whole)
+    operations = [item[method] for item in whole["paths"].values() for method in _METHODS & item.keys()]
+    names = [each["operationId"] for each in operations]
+    assert len(set(names)) == len(names)
+    for part in text.split('"$ref": "')[1:]:
+        _, kind, name = part.partition('"')[0].removeprefix("#/").split("/")
+        assert name in whole["components"][kind]
+    links = [
+        link
+        for each in operations
+        for answer in each["responses"].values()
+        for link in answer.get("links", {}).values()
+    ]
+    assert links and {link["operationId"] for link in links} <= set(names)
+
+
+def test_every_schema_is_one_and_takes_its_examples(whole: dict[str, Any]) -> None:
+    components = {"components": whole["components"]}
+    for schema in whole["components"]["schemas"].values():
+        Draft202012Validator.check_schema(schema)
+    bodies = [
+        body
+        for item in whole["paths"].values()
+        for method in _METHODS & item.keys()
+        for body in item[method].get("requestBody", {}).get("content", {}).values()
+    ]
+    examples = [(body["schema"], each["value"]) for body in bodies for each in body.get("examples", {}).values()]
+    assert len(examples) > 5
+    for schema, value in examples:
+        Draft202012Validator(components | schema).validate(value)
+
+
+@pytest.mark.parametrize("hidden", [("floating",), ("fixed", "floating"), ("fixed", "floating", "faulty", "mute")])
+def test_what_the_caller_does_not_see_is_not_in_the_description(hidden: tuple[str, ...]) -> None:
+    """Neither by name nor by the addresses of its joints; it is as if the robots were not there."""
+    text = json.dumps(_described(*hidden))
+    for name in hidden:
+        assert f"{BASE}/{name}/" not in text and f'"{name}"' not in text.replace('"const": "floating"', "")
+
+
+def test_who_has_to_say_who_they_are_is_told_how(whole: dict[str, Any]) -> None:
+    assert "security" not in whole and "securitySchemes" not in whole["components"]
+    secured = _described(secured=True)
+    assert secured["security"] == [{"bearer": []}]
+    assert secured["components"]["securitySchemes"]["bearer"] == {"type": "http", "scheme": "bearer"}
+    assert "401" in secured["paths"]["/"]["get"]["responses"]
+
+
+def test_a_description_is_made_once_while_nothing_changes() -> None:
+    async def run() -> None:
+        documents = Documents(())
+        first = await documents.of(_view())
+        assert await documents.of(_view()) is first
+        assert await documents.of(_view("floating")) != first
+        assert await documents.of(_view()) is first
+
+    asyncio.run(run())
