@@ -8,13 +8,15 @@ import time
 from fuzz.findings import Tally
 
 SHARES = {
-    "wire": 0.56,
+    "wire": 0.52,
     "bodies": 0.2,
     "http": 0.1,
     "sockets": 0.02,
+    "foxglove": 0.02,
     "robots": 0.05,
     "ros2": 0.05,
     "identities": 0.02,
+    "mcp": 0.02,
 }
 """Of the inputs: as many as get through in about the same time, and more where more can be got wrong."""
 

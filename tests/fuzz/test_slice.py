@@ -20,7 +20,17 @@ from linked_fleet_gateway.fleet.answers import read_description
 from linked_fleet_gateway.http.body import parse_body
 
 SEED = 7
-COUNTS = {"wire": 1500, "bodies": 800, "http": 500, "sockets": 250, "robots": 250, "ros2": 1500, "identities": 300}
+COUNTS = {
+    "wire": 1500,
+    "bodies": 800,
+    "http": 500,
+    "sockets": 250,
+    "robots": 250,
+    "ros2": 1500,
+    "foxglove": 250,
+    "identities": 300,
+    "mcp": 250,
+}
 PURE = {"wire", "bodies", "ros2"}
 SERVED = (pytest.mark.processes, pytest.mark.test_all)
 

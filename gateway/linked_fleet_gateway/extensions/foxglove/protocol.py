@@ -1,0 +1,131 @@
+"""The protocol of Foxglove (``foxglove.sdk.v1``, before it ``foxglove.websocket.v1``): messages from and to bytes."""
+
+import struct
+from base64 import b64encode
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta, Struct
+from websockets.frames import Opcode
+
+from linked_fleet_gateway.http.websocket import frame
+
+if TYPE_CHECKING:
+    from foxglove import Schema
+
+SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
+CAPABILITIES = ("parameters", "parametersSubscribe", "services")
+JSON = "json"
+_DATA, _CALL, _RESPONSE = 1, 2, 3
+_CALL_HEADER, _DATA_HEADER = struct.Struct("<BIII"), struct.Struct("<BIQ")
+_ANSWER = {"type": "object", "properties": {"status": {"type": "integer"}, "invocation": {"type": "string"}}}
+_UInt32 = Annotated[int, Meta(ge=0, lt=2**32)]
+
+
+class NotUnderstood(ValueError):  # noqa: N818
+    """A message of a client is none of this protocol, or asks for what the gateway does not do."""
+
+
+class Wanted(Struct, rename="camel"):
+    id: _UInt32
+    channel_id: _UInt32
+
+
+class Parameter(Struct, omit_defaults=True):
+    name: str
+    value: Any = None
+    type: str | None = None
+
+
+class Request(Struct, rename="camel"):
+    """A message of a client in JSON; each ``op`` has its own members, and the others are empty."""
+
+    op: Literal[
+        "subscribe", "unsubscribe", "getParameters", "setParameters",
+        "subscribeParameterUpdates", "unsubscribeParameterUpdates",
+    ]  # fmt: skip
+    subscriptions: list[Wanted] = []
+    subscription_ids: list[_UInt32] = []
+    parameter_names: list[str] = []
+    parameters: list[Parameter] = []
+    id: str | None = None
+
+
+@dataclass(frozen=True)
+class Call:
+    service: int
+    id: int
+    encoding: str
+    content: bytes
+
+
+@dataclass(frozen=True)
+class Channel:
+    """``robot``: None for what is not of one robot; ``what``: the last part of its topic, or a camera."""
+
+    id: int
+    topic: str
+    schema: "Schema"
+    robot: str | None
+    what: str
+
+    @property
+    def advertised(self) -> dict[str, Any]:
+        schema, encoding = b64encode(self.schema.data).decode(), self.schema.encoding
+        said = {"id": self.id, "topic": self.topic, "encoding": encoding, "schemaEncoding": encoding}
+        return said | {"schemaName": self.schema.name, "schema": schema}
+
+
+@dataclass(frozen=True)
+class Service:
+    """``action``: path of the action that a call invokes; ``request``: JSON Schema of the content of a call."""
+
+    id: int
+    action: str
+    robot: str | None
+    stops: bool
+    request: Mapping[str, Any]
+
+    @property
+    def advertised(self) -> dict[str, Any]:
+        name = self.action.replace("/actions/", "/")
+        kind = name.rpartition("/")[2]
+        said = {"id": self.id, "name": name, "type": kind}
+        for what, schema in (("request", self.request), ("response", _ANSWER)):
+            text = msgspec.json.encode(schema).decode()
+            form = {"encoding": JSON, "schemaName": f"{kind}_{what}", "schemaEncoding": "jsonschema", "schema": text}
+            said[what] = form
+        return said
+
+
+def parse(message: str | bytes) -> Request | Call:
+    """Raises NotUnderstood."""
+    try:
+        return _parse_call(message) if isinstance(message, bytes) else msgspec.json.decode(message, type=Request)
+    except (msgspec.DecodeError, RecursionError, struct.error, UnicodeDecodeError) as error:
+        raise NotUnderstood(f"This message is not understood: {error}"[:300]) from error
+
+
+def _parse_call(message: bytes) -> Call:
+    op, service, call, length = _CALL_HEADER.unpack_from(message)
+    content = message[_CALL_HEADER.size :]
+    if op != _CALL or length > len(content):
+        raise NotUnderstood("Of binary messages, whole calls of services are taken, and nothing else.")
+    return Call(service, call, content[:length].decode(), content[length:])
+
+
+def text(op: str, **said: Any) -> str:
+    """A message of the gateway in JSON."""
+    return msgspec.json.encode({"op": op, **said}).decode()
+
+
+def data(subscription: int, stamp_ns: int, content: bytes) -> bytes:
+    """A message of a channel, as a frame of a WebSocket."""
+    return frame(Opcode.BINARY, _DATA_HEADER.pack(_DATA, subscription, stamp_ns) + content)
+
+
+def response(call: Call, content: object) -> bytes:
+    header = _CALL_HEADER.pack(_RESPONSE, call.service, call.id, len(JSON))
+    return header + JSON.encode() + msgspec.json.encode(content)

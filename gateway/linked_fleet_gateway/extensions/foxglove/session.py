@@ -1,0 +1,189 @@
+"""One client: what it has subscribed to, and what it asks for. It acts by requests of its own (``ask``)."""
+
+import asyncio
+import itertools
+from collections.abc import Awaitable, Callable, Iterable, Mapping
+from contextlib import suppress
+
+import msgspec
+
+from linked_fleet_gateway.base.errors import FleetError
+from linked_fleet_gateway.extensions.foxglove import protocol
+from linked_fleet_gateway.extensions.foxglove.catalogue import SPEED, Catalogue, may_see, parameters
+from linked_fleet_gateway.extensions.foxglove.protocol import Call, Channel, NotUnderstood, Parameter, Request, Service
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.http.conversation import Conversation, Ended
+from linked_fleet_gateway.http.internal_request import Reply, ReplyTooLong, ask
+from linked_fleet_gateway.runtime.cancellation import end
+
+MOST_CALLS = 8
+"""Calls of one client under way, beside as many that stop."""
+ERROR = 2
+_AT_ONCE = 100  # channels in one message
+_FIELDS = {"content-type": "application/json", "accept": "application/json"}
+
+
+class _Problem(msgspec.Struct):
+    detail: str = ""
+
+
+class Session:
+    """``subscribed``: channels by the ids of its subscriptions; ``told``: the state that it was sent last, by channel.
+    ``rewatch`` is called when it has subscribed to something else."""
+
+    def __init__(
+        self, conversation: Conversation, catalogue: Catalogue, robots: Mapping[str, Robot], rewatch: Callable[[], None]
+    ) -> None:
+        self.conversation = conversation
+        self.subscribed: dict[int, int] = {}
+        self.told: dict[int, bytes] = {}
+        self.news = asyncio.Event()
+        self._caller, self._catalogue, self._robots = conversation.websocket.caller, catalogue, robots
+        self._rewatch = rewatch
+        self._seen: dict[str, set[int]] = {}
+        self._followed: dict[str, Parameter | None] = {}
+        self._calls: dict[asyncio.Task[None], bool] = {}
+
+    async def run(self) -> None:
+        """Serve the client until it is gone. Raises Ended."""
+        info = {"name": "Linked Fleet", "capabilities": protocol.CAPABILITIES, "supportedEncodings": [protocol.JSON]}
+        await self._say("serverInfo", **info, sessionId=f"{id(self):x}")
+        telling = asyncio.create_task(_until_ended(self._tell()), name="tell a client of Foxglove")
+        try:
+            while True:
+                await self._take(await self.conversation.receive())
+        finally:
+            await end([telling, *self._calls])
+
+    async def _say(self, op: str, **said: object) -> None:
+        await self.conversation.send(protocol.text(op, **said))
+
+    async def _tell(self) -> None:
+        """Tell of channels, services and parameters as they change."""
+        while True:
+            self.news.clear()
+            await self._advertise("advertise", "unadvertise", "channels", "channelIds", self._catalogue.channels)
+            services = self._catalogue.services
+            await self._advertise("advertiseServices", "unadvertiseServices", "services", "serviceIds", services)
+            found = self._parameters() if self._followed else {}
+            changed = {name: each for name, last in self._followed.items() if (each := found.get(name, last)) != last}
+            if changed:
+                self._followed |= changed
+                await self._say("parameterValues", parameters=list(changed.values()))
+            await self.news.wait()
+
+    async def _advertise(
+        self, new: str, gone: str, member: str, ids: str, all: Mapping[int, Channel] | Mapping[int, Service]
+    ) -> None:
+        found = {id: each for id, each in all.items() if may_see(self._caller, each.robot)}
+        seen = self._seen.setdefault(member, set())
+        if left := seen - found.keys():
+            seen -= left
+            await self._say(gone, **{ids: sorted(left)})
+        fresh = iter(sorted(found.keys() - seen))
+        while portion := list(itertools.islice(fresh, _AT_ONCE)):
+            seen.update(portion)
+            await self._say(new, **{member: [found[id].advertised for id in portion]})
+
+    def _parameters(self) -> dict[str, Parameter]:
+        seen = [each for each in self._robots.values() if each.model is not None and may_see(self._caller, each.name)]
+        return {each.name: each for robot in seen for each in parameters(robot)}
+
+    async def _take(self, message: str | bytes) -> None:
+        try:
+            request = protocol.parse(message)
+            await (self._call(request) if isinstance(request, Call) else self._do(request))
+        except NotUnderstood as error:
+            await self._say("status", level=ERROR, message=str(error))
+
+    async def _do(self, request: Request) -> None:
+        names = dict.fromkeys(request.parameter_names)
+        match request.op:
+            case "subscribe":
+                self._subscribe(request.subscriptions)
+            case "unsubscribe":
+                for id in request.subscription_ids:
+                    self.subscribed.pop(id, None)
+                self._rewatch()
+            case "getParameters":
+                await self._get(names, request.id)
+            case "setParameters":
+                await self._set(request)
+            case "subscribeParameterUpdates":
+                self._followed |= dict.fromkeys(self._parameters().keys() & names.keys())
+                self.news.set()
+            case "unsubscribeParameterUpdates":
+                self._followed = {name: each for name, each in self._followed.items() if name not in names}
+
+    def _subscribe(self, wanted: Iterable[protocol.Wanted]) -> None:
+        wrong, taken, seen = [], set(self.subscribed.values()), self._seen.get("channels", set())
+        for each in wanted:
+            if each.channel_id not in seen or each.channel_id in taken or each.id in self.subscribed:
+                wrong.append(each.channel_id)
+                continue
+            self.subscribed[each.id] = each.channel_id
+            self.told.pop(each.channel_id, None)
+            taken.add(each.channel_id)
+        self._rewatch()
+        if wrong:
+            raise NotUnderstood(f"There are no such channels, or they are subscribed to already: {wrong[:10]}.")
+
+    async def _get(self, names: Iterable[str], id: str | None) -> None:
+        found = self._parameters()
+        wanted = [found[name] for name in names if name in found] if names else list(found.values())
+        await self._say("parameterValues", parameters=wanted, **({} if id is None else {"id": id}))
+
+    async def _set(self, request: Request) -> None:
+        """Put the settings one after the other, and answer with what is set then."""
+        present, names = self._parameters(), dict.fromkeys(each.name for each in request.parameters)
+        if wrong := [name for name in names if name not in present or not name.endswith(f"/{SPEED}")]:
+            raise NotUnderstood(f"There are no such parameters that can be set: {wrong[:10]}"[:300])
+        for each in request.parameters:
+            reply = await self._ask("PUT", each.name, msgspec.json.encode({"value": {"value": each.value}}))
+            if isinstance(reply, str):
+                await self._say("status", level=ERROR, message=f"{each.name}: {reply}")
+        await self._get(names, request.id)
+
+    async def _call(self, call: Call) -> None:
+        service = self._catalogue.services.get(call.service) if call.service in self._seen.get("services", ()) else None
+        if service is None:
+            await self._fail(call, "There is no such service.")
+        elif call.encoding != protocol.JSON:
+            await self._fail(call, f"Services take {protocol.JSON}, not {call.encoding[:40]!r}.")
+        elif sum(stops == service.stops for stops in self._calls.values()) >= MOST_CALLS:
+            await self._fail(call, "Too many calls are under way; wait for their answers.")
+        else:
+            task = asyncio.create_task(_until_ended(self._answer(service, call)), name=f"call of {service.action}")
+            self._calls[task] = service.stops
+            task.add_done_callback(self._calls.pop)
+
+    async def _fail(self, call: Call, message: str) -> None:
+        await self._say("serviceCallFailure", serviceId=call.service, callId=call.id, message=message)
+
+    async def _answer(self, service: Service, call: Call) -> None:
+        reply = await self._ask("POST", service.action, b"" if service.stops else call.content or b"{}")
+        if isinstance(reply, str):
+            await self._fail(call, reply)
+            return
+        said = {"status": reply.status, "invocation": reply.headers.get("location", "")}
+        await self.conversation.send(protocol.response(call, said))
+
+    async def _ask(self, method: str, path: str, content: bytes) -> Reply | str:
+        """The answer of the gateway to a request of this client, or a sentence that says why it was refused."""
+        try:
+            reply = await ask(self.conversation.websocket, method, path, fields=_FIELDS, content=content)
+        except (FleetError, ReplyTooLong) as error:
+            return str(error)
+        if reply.status < 400:
+            return reply
+        try:
+            detail = msgspec.json.decode(reply.content, type=_Problem).detail
+        except msgspec.DecodeError:
+            detail = "refused"
+        return f"{reply.status}: {detail}"
+
+
+async def _until_ended(work: Awaitable[None]) -> None:
+    """Do it in a task of its own; that the client has gone meanwhile is no error, and the session sees it itself."""
+    with suppress(Ended):
+        await work

@@ -1,0 +1,242 @@
+"""Foxglove live, in process: channels, messages, parameters and services, with and without the rights to them."""
+
+import json
+import struct
+from base64 import b64decode
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+
+from connections import WebSocket, websocket
+from foxglove_messages import decoded
+from guarded import ALL, HIDDEN, SEEN, Guarded, guarded
+from linked_fleet_gateway.extensions.foxglove.protocol import SUBPROTOCOLS
+
+pytestmark = pytest.mark.virtual
+LAB = ("lab-*",)
+
+
+@dataclass
+class Client:
+    """A client of the protocol that keeps what it is told."""
+
+    socket: WebSocket
+    heard: list[dict[str, Any]] = field(default_factory=list)
+    channels: dict[str, dict[str, Any]] = field(default_factory=dict)
+    services: dict[str, dict[str, Any]] = field(default_factory=dict)
+    data: list[tuple[int, int, bytes]] = field(default_factory=list)
+    responses: list[tuple[int, Any]] = field(default_factory=list)
+
+    def take(self) -> None:
+        message = self.socket.recv()
+        if isinstance(message, bytes):
+            if message[0] == 1:
+                _, id, stamp = struct.unpack_from("<BIQ", message)
+                self.data.append((id, stamp, message[13:]))
+            else:
+                op, _, call, length = struct.unpack_from("<BIII", message)
+                assert (op, message[13 : 13 + length]) == (3, b"json")
+                self.responses.append((call, json.loads(message[13 + length :])))
+            return
+        said = json.loads(message)
+        self.heard.append(said)
+        self.channels |= {each["topic"]: each for each in said.get("channels", ())}
+        self.services |= {each["name"]: each for each in said.get("services", ())}
+        self.channels = {k: v for k, v in self.channels.items() if v["id"] not in said.get("channelIds", ())}
+
+    def until(self, condition: Any) -> Any:
+        while not (found := condition()):
+            self.take()
+        return found
+
+    def next(self, op: str) -> dict[str, Any]:
+        """The next message of this kind, which is taken out."""
+        found = self.until(lambda: next((each for each in self.heard if each["op"] == op), None))
+        self.heard.remove(found)
+        return dict(found)
+
+    def send(self, op: str, **said: Any) -> None:
+        self.socket.send(json.dumps({"op": op, **said}))
+
+    def subscribe(self, *topics: str) -> None:
+        wanted = [
+            {"id": id, "channelId": self.until(lambda t=t: self.channels.get(t))["id"]} for id, t in enumerate(topics)
+        ]
+        self.send("subscribe", subscriptions=wanted)
+
+    def message(self, id: int, topic: str) -> Any:
+        """A message of a subscription: the first one that has not been asked for."""
+        content = self.until(lambda: next((each[2] for each in self.data if each[0] == id), None))
+        self.data = [each for each in self.data if each[0] != id]
+        channel = self.channels[topic]
+        assert (channel["encoding"], channel["schemaEncoding"]) == ("protobuf", "protobuf")
+        return decoded(channel["schemaName"], b64decode(channel["schema"]), content)
+
+    def call(self, name: str, content: bytes = b"{}", id: int = 7, encoding: bytes = b"json") -> None:
+        service = self.until(lambda: self.services.get(name))["id"]
+        self.socket.send(struct.pack("<BIII", 2, service, id, len(encoding)) + encoding + content)
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
+    with guarded(tmp_path_factory.mktemp("guarded")) as one:
+        one.add("lab", *ALL, robots=LAB)
+        one.add("watcher", "read", "subscribe")
+        one.add("reader", "read")
+        one.known("reader")
+        yield one
+
+
+def opened(here: Guarded, name: str = "root", subprotocol: str = SUBPROTOCOLS[0]) -> Client:
+    return Client(websocket(f"{here.root}foxglove", {"authorization": f"Bearer {here.tokens[name]}"}, subprotocol))
+
+
+@pytest.mark.parametrize("subprotocol", SUBPROTOCOLS)
+def test_a_client_is_told_what_there_is_and_decodes_what_it_subscribes_to(here: Guarded, subprotocol: str) -> None:
+    client = opened(here, subprotocol=subprotocol)
+    with client.socket:
+        assert client.socket.subprotocol == subprotocol
+        info = client.next("serverInfo")
+        assert info["capabilities"] == ["parameters", "parametersSubscribe", "services"]
+        topics = [f"/{SEEN}/{each}" for each in ("joint_states", "tf", "pose", "log")] + ["/world/objects"]
+        client.subscribe(*topics)
+        states, transforms, pose, log, scene = (client.message(id, topic) for id, topic in enumerate(topics))
+        assert len(states.joints) == 6 and states.joints[0].name == "shoulder_pan_joint"
+        assert {each.parent_frame_id for each in transforms.transforms} == {f"{SEEN}/world"}
+        assert f"{SEEN}/wrist_3_link" in {each.child_frame_id for each in transforms.transforms}
+        assert pose.pose.orientation.w == 1.0
+        assert log.message == "online" and not scene.entities
+
+
+def test_a_robot_that_the_caller_does_not_see_has_no_channels(here: Guarded) -> None:
+    client = opened(here, "lab")
+    with client.socket:
+        client.subscribe(f"/{SEEN}/joint_states")
+        client.message(0, f"/{SEEN}/joint_states")
+        assert {each.split("/")[1] for each in client.channels} == {SEEN, "world"}
+        assert {each.split("/")[1] for each in client.services} == {SEEN, "stopAll"}
+        other = opened(here, "root")
+        with other.socket:
+            hidden = other.until(lambda: other.channels.get(f"/{HIDDEN}/tf"))["id"]
+        client.send("subscribe", subscriptions=[{"id": 9, "channelId": hidden}])
+        assert client.next("status")["level"] == 2
+        client.send("getParameters", parameterNames=[])
+        assert {each["name"].split("/")[1] for each in client.next("parameterValues")["parameters"]} == {SEEN}
+
+
+@pytest.mark.parametrize(("name", "subprotocol", "status"), [("reader", SUBPROTOCOLS[0], 403), ("root", "x", 406)])
+def test_the_handshake_is_refused(here: Guarded, name: str, subprotocol: str, status: int) -> None:
+    with pytest.raises(InvalidStatus) as refused:
+        opened(here, name, subprotocol)
+    assert refused.value.response.status_code == status
+
+
+def test_a_get_says_that_this_is_a_websocket(here: Guarded) -> None:
+    with here.browsing("root") as browser:
+        answer = browser.http.get(f"{here.root}foxglove", headers={"accept": "*/*"})
+    assert answer.status_code == 426 and "ws://" in answer.text
+
+
+def test_services_act_with_the_rights_of_the_caller(here: Guarded) -> None:
+    client = opened(here)
+    with client.socket:
+        client.subscribe(f"/{SEEN}/invocations")
+        client.call(f"/{SEEN}/stop")
+        client.until(lambda: client.responses)
+        ((id, said),) = client.responses
+        assert id == 7 and said["status"] == 204 and f"/{SEEN}/actions/stop/invocations/" in said["invocation"]
+        event = client.message(0, f"/{SEEN}/invocations")
+        assert {"action", "state"} <= {each.key for each in event.metadata}
+    watcher = opened(here, "watcher")
+    with watcher.socket:
+        watcher.call(f"/{SEEN}/stop")
+        failure = watcher.next("serviceCallFailure")
+        assert failure["callId"] == 7 and failure["message"].startswith("403: ")
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [(b'{"pose": "nowhere"}', "422: "), (b"{", "400: "), (b"[]", "422: "), (b"\xff", "400: "), (b"", "422: ")],
+)
+def test_a_pose_that_there_is_not_is_refused_with_the_reason(here: Guarded, content: bytes, reason: str) -> None:
+    client = opened(here)
+    with client.socket:
+        client.call(f"/{SEEN}/assumePose", content)
+        assert client.next("serviceCallFailure")["message"].startswith(reason)
+
+
+def test_a_named_pose_is_assumed(here: Guarded) -> None:
+    client = opened(here)
+    with client.socket:
+        service = client.until(lambda: client.services.get(f"/{SEEN}/assumePose"))
+        named = json.loads(service["request"]["schema"])["properties"]["pose"]["enum"]
+        client.call(f"/{SEEN}/assumePose", json.dumps({"pose": named[0], "speedScale": 0.5}).encode())
+        client.until(lambda: client.responses)
+        assert client.responses[0][1]["status"] in (200, 201, 202, 204)
+
+
+def test_parameters_are_read_set_and_followed(here: Guarded) -> None:
+    name = f"/{SEEN}/maximumSpeedScale"
+    client, other = opened(here), opened(here, "watcher")
+    with client.socket, other.socket:
+        other.send("subscribeParameterUpdates", parameterNames=[name])
+        client.send("getParameters", parameterNames=[name, "/nothing"], id="a")
+        said = client.next("parameterValues")
+        assert (said["id"], said["parameters"]) == ("a", [{"name": name, "value": 1.0, "type": "float64"}])
+        client.send("setParameters", parameters=[{"name": name, "value": 0.5}], id="b")
+        assert client.next("parameterValues")["parameters"][0]["value"] == 0.5
+        other.until(
+            lambda: any(
+                each["op"] == "parameterValues" and each["parameters"][0]["value"] == 0.5 for each in other.heard
+            )
+        )
+        client.send("setParameters", parameters=[{"name": name, "value": 7}])
+        assert "422" in client.next("status")["message"]
+        other.send("setParameters", parameters=[{"name": name, "value": 1}])
+        assert "403" in other.next("status")["message"]
+        client.send("setParameters", parameters=[{"name": f"/{SEEN}/title", "value": "x"}])
+        assert "/title" in client.next("status")["message"]
+
+
+BAD = [
+    "", "{", "[]", "null", '{"op": "advertise"}', '{"op": 1}', '{"op": "subscribe", "subscriptions": [{"id": -1}]}',
+    '{"op": "subscribe", "subscriptions": [{"id": 1, "channelId": 4294967296}]}', "[" * 60_000,
+    '{"op":"subscribe","x":' + "[" * 50_000,
+    '{"op": "setParameters", "parameters": [{"name": "x"}]}', b"", b"\x01\0\0\0\0x", b"\x02", b"\x02" + b"\xff" * 12,
+    b"\x02" + bytes(8) + struct.pack("<I", 1) + b"\xff",
+    '{"op": "subscribe", "subscriptions": [{"id": 1, "channelId": 999999}]}',
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("bad", BAD, ids=range(len(BAD)))
+def test_bad_input_gets_the_status_message_of_the_protocol(here: Guarded, bad: str | bytes) -> None:
+    client = opened(here)
+    with client.socket:
+        client.socket.send(bad)
+        assert client.next("status")["level"] == 2
+        client.send("getParameters", parameterNames=[f"/{SEEN}/title"])
+        assert client.next("parameterValues")["parameters"], "the connection goes on"
+
+
+def test_calls_of_what_is_no_service_fail(here: Guarded) -> None:
+    client = opened(here)
+    with client.socket:
+        client.socket.send(struct.pack("<BIII", 2, 999_999, 3, 4) + b"json{}")
+        assert client.next("serviceCallFailure")["callId"] == 3
+        client.call(f"/{SEEN}/stop", encoding=b"cdr")
+        assert "json" in client.next("serviceCallFailure")["message"]
+
+
+def test_a_revoked_token_ends_the_connection(here: Guarded) -> None:
+    here.add("short", *ALL)
+    here.known("short")
+    client = opened(here, "short")
+    with client.socket:
+        client.next("serverInfo")
+        here.revoke("short")
+        with pytest.raises(ConnectionClosed) as end:
+            client.until(lambda: False)
+    assert end.value.rcvd is not None and end.value.rcvd.code == 1008
