@@ -1,4 +1,4 @@
-"""Queries that the page of the endpoint offers and docs/QUERY.md tells of; the tests ask them of a real fleet."""
+"""Queries that the page of the endpoint offers and README.md tells of; the tests ask them of a real fleet."""
 
 from dataclasses import dataclass
 

@@ -7,16 +7,18 @@ from linked_fleet_gateway.extensions.query.description import Endpoint, PostQuer
 from linked_fleet_gateway.extensions.query.http import post_query, read_query
 from linked_fleet_gateway.extensions.query.service import Queries
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
+from linked_fleet_gateway.http.html import NavigationEntry
 
 
 class QueryExtension(Extension):
     name = "query"
     at_root = ("query",)
     views = ("linked_fleet_gateway.extensions.query.page:VIEW",)
+    navigation = (NavigationEntry("Query", "/query", 30),)
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
-        async with Queries(core.live) as queries:
+        async with Queries(core.live, navigation=core.navigation) as queries:
             yield Mount(
                 branches=(branch(queries),),
                 readers={Endpoint: read_query},

@@ -1,7 +1,7 @@
 """The SPARQL 1.1 Protocol (W3C Recommendation of 21 March 2013), its query operation; there is no update operation."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from urllib.parse import parse_qsl, urljoin
 
@@ -18,6 +18,7 @@ from linked_fleet_gateway.http.offload import Offload
 from linked_fleet_gateway.http.preconditions import await_preconditions
 from linked_fleet_gateway.http.read import read as read_resource
 from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES, Dataset, Query, read
 from linked_fleet_gateway.resources.resource import Resource
@@ -53,8 +54,7 @@ async def read_query(request: Request, resource: Resource, endpoint: Endpoint) -
     said = _pairs(request.scope["query_string"])
     if any(name in ("query", "update") for name, _ in said):
         return await _answer(request, endpoint, _asked(said, request.base))
-    answer = described(endpoint, await _counts(endpoint))
-    answer = replace(answer, reader=resource.reader, warning=resource.warning)
+    answer = described(endpoint, await _counts(endpoint)).read_as(resource)
     await await_preconditions(request, answer)
     return read_resource(request, answer)
 
@@ -122,7 +122,13 @@ async def _answer(request: Request, endpoint: Endpoint, asked: _Asked) -> Respon
     query = await offload.run(partial(read, asked.query, request.base + PATH), len(asked.query), _SHORT)
     media_type = _chosen(request, query, asked.picked)
     body = await endpoint.queries.run(
-        query, request.base, endpoint.view.sees, media_type, dataset=asked.dataset, client=request.caller_name
+        query,
+        request.base,
+        endpoint.view.sees,
+        media_type,
+        dataset=asked.dataset,
+        client=request.caller_name,
+        audited=request.caller.may(Right.ADMIN, None),
     )
     content_type = media_type + ("; charset=utf-8" if media_type.startswith("text/") else "")
     html = request.services.representations.html

@@ -75,6 +75,9 @@ class Ask(Struct, frozen=True, kw_only=True):
 
     news: News
     query: str
+    navigation: list[tuple[str, str, int]] = []
+    """The entries of extensions that a page of results has: title, path and rank."""
+    audited: bool = False
     base: str
     base_iri: str
     patterns: tuple[str, ...]

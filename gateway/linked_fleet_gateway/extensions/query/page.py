@@ -8,10 +8,12 @@ from urllib.parse import urlencode
 from pyoxigraph import BlankNode, Literal, NamedNode, QueryBoolean, QuerySolutions, Triple
 
 from linked_fleet_gateway.extensions.pages.labels import clean
+from linked_fleet_gateway.extensions.pages.navigation import places
 from linked_fleet_gateway.extensions.pages.page import render
 from linked_fleet_gateway.extensions.pages.values import Facts
 from linked_fleet_gateway.extensions.pages.views import PageView, Part, add_view
 from linked_fleet_gateway.extensions.query.messages import Ask, Refused, too_large
+from linked_fleet_gateway.http.html import NavigationEntry
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, RDFS, SD, SH
 
 _CELL_BYTES = 64
@@ -29,13 +31,13 @@ class Cell:
 def warm() -> None:
     """Load what pages take: afterwards no file can be opened."""
     add_view(VIEW)  # whose folder has the template
-    _page("", [], [], "", {})
+    _page(None, [], [], "", {})
 
 
 def page_of(result: QuerySolutions | QueryBoolean | Sequence[Triple], ask: Ask) -> bytes:
     """Refused when it would have too many bytes."""
     if isinstance(result, QueryBoolean):
-        return _page(ask.query, [], [], "Yes." if result else "No.", _formats(ask, ("json", "xml")))
+        return _page(ask, [], [], "Yes." if result else "No.", _formats(ask, ("json", "xml")))
     if isinstance(result, QuerySolutions):
         names, others = [each.value for each in result.variables], ("json", "xml", "csv", "tsv")
         rows = ([row[name] for name in names] for row in result)
@@ -43,7 +45,7 @@ def page_of(result: QuerySolutions | QueryBoolean | Sequence[Triple], ask: Ask) 
         names, others = ["subject", "predicate", "object"], ("turtle", "jsonld", "ntriples", "rdfxml")
         rows = ([each.subject, each.predicate, each.object] for each in result)
     shown = _bounded(rows, ask)
-    return _page(ask.query, names, shown, f"{len(shown)} rows" if len(shown) != 1 else "1 row", _formats(ask, others))
+    return _page(ask, names, shown, f"{len(shown)} rows" if len(shown) != 1 else "1 row", _formats(ask, others))
 
 
 def _bounded(rows: Iterable[Sequence[object]], ask: Ask) -> list[list[Cell]]:
@@ -76,9 +78,21 @@ def _formats(ask: Ask, keys: Sequence[str]) -> dict[str, str]:
 
 
 def _page(
-    query: str, names: Sequence[str], rows: Sequence[Sequence[Cell]], summary: str, formats: Mapping[str, str]
+    ask: Ask | None,
+    names: Sequence[str],
+    rows: Sequence[Sequence[Cell]],
+    summary: str,
+    formats: Mapping[str, str],
 ) -> bytes:
-    return render("results.html", query=clean(query), names=names, rows=rows, summary=summary, formats=formats)
+    query, shown = (
+        ("", [])
+        if ask is None
+        else (
+            clean(ask.query),
+            places("/query", ask.audited, entries=[NavigationEntry(*each) for each in ask.navigation]),
+        )
+    )
+    return render("results.html", query=query, places=shown, names=names, rows=rows, summary=summary, formats=formats)
 
 
 # -- the endpoint ------------------------------------------------------------------------------------------------------

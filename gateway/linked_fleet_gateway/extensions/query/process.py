@@ -1,4 +1,4 @@
-"""The query process of a gateway: started for the first query, told what is new, asked, replaced when it is gone."""
+"""The query process of a gateway: started for a query, told what is new, asked, replaced when gone, ended when idle."""
 
 import asyncio
 import logging
@@ -27,6 +27,8 @@ log = logging.getLogger(__name__)
 
 _BEGIN_S = 60.0  # to write the whole fleet down for the first time
 _GRACE_S = 1.0
+IDLE_S = 300.0
+"""Without a query, after which the process ends. A copy of the fleet in RDF takes more memory than the gateway."""
 _CHUNK = 256 * 1024
 # It copies itself, which leaves threads behind; and what one query computes is not worth any.
 _ALONE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
@@ -35,8 +37,11 @@ _ALONE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS"
 class QueryProcess:
     """``feed`` makes one that knows nothing of what a process was told before."""
 
-    def __init__(self, feed: Callable[[], Feed]) -> None:
-        self._new_feed = feed
+    def __init__(self, feed: Callable[[], Feed], idle_s: float = IDLE_S) -> None:
+        self._new_feed, self._idle_s = feed, idle_s
+        self._under_way = 0
+        self._idle_timer: asyncio.TimerHandle | None = None
+        self._ending: asyncio.Task[None] | None = None
         self._feed = feed()
         self._control: socket.socket | None = None
         self._worker = Worker("linked_fleet_gateway.extensions.query.worker", _ALONE)
@@ -44,6 +49,14 @@ class QueryProcess:
 
     async def ask(self, make: Callable[[Feed], Ask]) -> bytes:
         """The result of what ``make`` makes in the instant of which it is; FleetError."""
+        self._under_way += 1
+        try:
+            return await self._ask(make)
+        finally:
+            self._under_way -= 1
+            self._rest()
+
+    async def _ask(self, make: Callable[[Feed], Ask]) -> bytes:
         ours, theirs = socket.socketpair()
         with ours, theirs:
             ours.setblocking(False)
@@ -57,10 +70,26 @@ class QueryProcess:
         return self._control is not None
 
     async def close(self) -> None:
+        if self._idle_timer is not None:
+            self._idle_timer.cancel()
         if self._control is not None:
             self._control.close()
             self._control = None
         await self._worker.end()
+
+    def _rest(self) -> None:
+        """Begin to count the time without a query."""
+        if self._idle_timer is not None:
+            self._idle_timer.cancel()
+        self._idle_timer = asyncio.get_running_loop().call_later(self._idle_s, self._end_idle)
+
+    def _end_idle(self) -> None:
+        self._ending = asyncio.create_task(self._close_idle())
+
+    async def _close_idle(self) -> None:
+        async with self._telling:
+            if not self._under_way:
+                await self.close()
 
     async def _begin(self, make: Callable[[Feed], Ask], ours: socket.socket, theirs: socket.socket) -> float:
         """Have the process begin with it; the time that it has."""

@@ -18,6 +18,7 @@ from linked_fleet_gateway.extensions.query.messages import Ask, Instead, Placed
 from linked_fleet_gateway.extensions.query.process import QueryProcess
 from linked_fleet_gateway.extensions.query.snapshot import Feed
 from linked_fleet_gateway.extensions.query.turns import FairTurns
+from linked_fleet_gateway.http.html import HTML, NavigationEntry
 from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.rdf.sparql_syntax import Dataset, Query, check_select, read
 from linked_fleet_gateway.resources.access_filter import InvocationsInView, RobotsInView
@@ -37,8 +38,10 @@ Term = NamedNode | BlankNode | Literal
 class Queries:
     """An async context manager."""
 
-    def __init__(self, live: Live, limit_s: float = LIMIT_S) -> None:
+    def __init__(self, live: Live, limit_s: float = LIMIT_S, navigation: Sequence[NavigationEntry] = ()) -> None:
+        """``navigation``: the entries of extensions, for pages of results."""
         self._live, self._limit_s = live, limit_s
+        self._navigation = [(each.title, each.path, each.rank) for each in navigation]
         self._turns = FairTurns()
         self._process = QueryProcess(lambda: Feed(live.fleet, live.invocations, lambda: live.branches))
 
@@ -103,8 +106,10 @@ class Queries:
         instead: Sequence[Instead] = (),
         most: int = MAX_RESULT_BYTES,
         only_check: bool = False,
+        audited: bool = False,
     ) -> bytes:
         """The result in a media type that suits the query's form. ``dataset`` goes before the query's own.
+        ``audited``: who asks may read the audit.
 
         BadRequest, ResultTooLarge, QueryTooCostly, TooManyQueries, Busy.
         """
@@ -117,6 +122,7 @@ class Queries:
             return Ask(
                 news=feed.news(),
                 query=query.text,
+                navigation=self._navigation if media_type == HTML else [],
                 base=base,
                 base_iri=base + "/query",
                 patterns=sees.patterns,
@@ -133,6 +139,7 @@ class Queries:
                 objects={id: Placed(each.pose) for id, each in self._live.objects().items()},
                 instead=tuple(instead),
                 only_check=only_check,
+                audited=audited,
             )
 
         async with self._turns.turn(client if client is not None else "view " + sees.name):
