@@ -1,4 +1,4 @@
-"""docs/RULES.md is true: its rules are ones that are taken, and its numbers are those of the code."""
+"""The page of rules is true: its rules are ones that are taken, and its numbers are those of the code."""
 
 import re
 from pathlib import Path
@@ -10,7 +10,7 @@ from linked_fleet_gateway.extensions.rules.settings import RuleSettings
 from linked_fleet_gateway.rdf.serialise import parse
 from linked_fleet_gateway.rdf.sparql_syntax import check_select
 
-_PAGE = (Path(__file__).parents[2] / "docs/RULES.md").read_text()
+_PAGE = (Path(__file__).parents[2] / "gateway/linked_fleet_gateway/extensions/rules/README.md").read_text()
 _RULES = [text for text in re.findall(r"```turtle\n(.*?)```", _PAGE, re.S) if "a lf:Rule" in text]
 _BASE = "http://localhost:8000"
 

@@ -1,1 +1,1 @@
-"""Cameras: cameras of robots as resources, their pictures, and streams of them (docs/CAMERAS.md)."""
+"""Cameras: cameras of robots as resources, their pictures, and streams of them (README.md)."""

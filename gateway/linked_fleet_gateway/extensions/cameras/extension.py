@@ -20,5 +20,7 @@ class CamerasExtension(Extension):
     async def start(self, core: Core) -> AsyncIterator[Mount]:
         async with Pictures(core.live) as pictures:
             yield Mount(
-                branches=(cameras_branch(pictures.held),), readers={RobotCamera: partial(read_camera, pictures)}
+                branches=(cameras_branch(pictures.held),),
+                readers={RobotCamera: partial(read_camera, pictures)},
+                services=(pictures,),
             )

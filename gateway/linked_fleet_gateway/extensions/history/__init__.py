@@ -1,1 +1,1 @@
-"""History: the last minutes of each robot, in a bounded memory, decoded for who asks (docs/HISTORY.md)."""
+"""History: the last minutes of each robot, in a bounded memory, decoded for who asks (README.md)."""

@@ -26,6 +26,7 @@ class HistoryExtension(Extension):
                 branches=history_branches(history) if settings.s else (),
                 readers={RecordedHistory: read_past},
                 formats={"csv": ("CSV", "text/csv"), "mcap": ("MCAP", "application/vnd.mcap")},
+                services=(history,),
                 metrics=lambda: _metrics(history),
             )
 

@@ -21,7 +21,7 @@ _LINK_BYTES = 512
 _SUFFIXES = {CSV: "csv", MCAP: "mcap"}
 
 
-async def read_past(request: Request, _: Resource, past: RecordedHistory) -> Response:
+async def read_past(request: Request, found: Resource, past: RecordedHistory) -> Response:
     """The part of a history that the query asks for, rendered in another thread; BadRequest, Busy."""
 
     def work(resource: Resource) -> Response:
@@ -30,7 +30,7 @@ async def read_past(request: Request, _: Resource, past: RecordedHistory) -> Res
 
     shown = past.shown(parse_span(request.query_params.multi_items()))
     async with past.history.workers:
-        response = await asyncio.to_thread(work, replace(shown.resource, query=request.url.query))
+        response = await asyncio.to_thread(work, replace(shown.resource.read_as(found), query=request.url.query))
     media_type = response.headers.get("content-type", "").partition(";")[0]
     file = media_type in _SUFFIXES
     page, address = shown.file if file else shown.document, request.base + shown.resource.path

@@ -1,4 +1,4 @@
-"""Which frames are kept, for how long, and in how much memory (docs/HISTORY.md).
+"""Which frames are kept, for how long, and in how much memory (README.md).
 
 Nothing is done when a frame comes: a timer looks at the latest frame of each robot, as often as is asked for, and keeps
 the bytes that are there. They are decoded when somebody wants to know.

@@ -10,9 +10,7 @@ from linked_fleet_gateway.base.settings import Section, setting, whole_number
 class HistorySettings(Section):
     prefix: ClassVar[str] = "LINKED_FLEET_HISTORY_"
 
-    s: int = setting(
-        whole_number(0, 86_400), "300", "seconds of each robot that are remembered (docs/HISTORY.md); 0: none"
-    )
+    s: int = setting(whole_number(0, 86_400), "300", "seconds of each robot that are remembered; 0: none")
     hz: int = setting(
         whole_number(1, 100),
         "10",

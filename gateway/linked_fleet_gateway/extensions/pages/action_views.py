@@ -6,23 +6,24 @@ from typing import TYPE_CHECKING
 from pyoxigraph import BlankNode, NamedNode
 
 from linked_fleet_gateway.base.lazy_imports import Lazily
+from linked_fleet_gateway.extensions.pages import labels, sentences
 from linked_fleet_gateway.extensions.pages.thing_views import actions
-from linked_fleet_gateway.extensions.pages.values import Facts, Link, Number, Value
+from linked_fleet_gateway.extensions.pages.values import Facts, Link, Number, State, Value
 from linked_fleet_gateway.extensions.pages.views import Part
 from linked_fleet_gateway.rdf.turtle_layout import Term
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LDP, LF, RDFS
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LDP, LF, PROV, RDFS
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.pages import form
 else:
     form = Lazily("linked_fleet_gateway.extensions.pages.form")
 
-_PREDICATES_OF_SUBSCRIPTION = (HYBRIT.onResource, LF.deliveryState, LF.lastDelivery, LF.failures, LF.reason)
+_PREDICATES_OF_SUBSCRIPTION = (LF.deliveryState, LF.lastDelivery, LF.failures, LF.reason)
 
 
 def action(facts: Facts, iri: NamedNode) -> Part:
     more = {
-        "comment": facts.text(iri, RDFS.comment),
+        "comment": labels.sentence(facts.text(iri, RDFS.comment)),
         "form": form.form_of_action(facts, iri),
         "invocations": getattr(facts.one(iri, LF.invocations), "value", ""),
     }
@@ -52,13 +53,14 @@ def invocation(facts: Facts, iri: NamedNode) -> Part:
     joints = dict.fromkeys((*targets, *results))
     more = {
         **said,
+        "about": sentences.thing(iri.value, facts.root),
         "input": facts.values(iri, LF.input),
         "joints": [Targeted(facts.link(each), targets.get(each), results.get(each)) for each in joints],
         "actions": actions(facts, iri),
         "open": facts.one(iri, HYBRIT.action) is not None,
     }
     shown = {LF.state, LF.progress, LF.reason, LF.input, LF.target, LF.result, HYBRIT.action}
-    return Part(more, shown)
+    return Part(more, shown, title=_motion(facts, iri) if "/invocations/" in iri.value else "")
 
 
 def _positions(facts: Facts, iri: NamedNode, predicate: NamedNode) -> dict[NamedNode, Number]:
@@ -68,6 +70,48 @@ def _positions(facts: Facts, iri: NamedNode, predicate: NamedNode) -> dict[Named
         if isinstance(joint := facts.one(node, LF.ofJoint), NamedNode)
         and (value := facts.one(node, LF.value)) is not None
     }
+
+
+@dataclass(frozen=True)
+class Done:
+    """An invocation as its container lists it."""
+
+    link: Link
+    state: Value | None
+    reason: str
+    when: Value | None
+    who: str
+
+
+def invocations(facts: Facts, iri: NamedNode) -> Part:
+    members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
+    listed = [_done(facts, each) for each in members]
+    states = sorted({each.state.name for each in listed if isinstance(each.state, State)})
+    people = sorted({each.who for each in listed if each.who})
+    more = {"listed": listed, "choices": [("state-name", "State", states), ("who", "Who", people)]}
+    title = f"Invocations of {sentences.task(iri.value, facts.root)}"
+    return Part(more, {LDP.contains}, set(members), title)
+
+
+def _done(facts: Facts, iri: NamedNode) -> Done:
+    agent = facts.one(iri, PROV.wasAssociatedWith)
+    return Done(
+        Link(_motion(facts, iri), iri.value, iri.value),
+        _only(facts, iri, LF.state),
+        facts.text(iri, LF.reason),
+        _only(facts, iri, DCTERMS.created),
+        facts.text(agent, DCTERMS.title) if agent is not None else "",
+    )
+
+
+def _motion(facts: Facts, iri: NamedNode) -> str:
+    """What it does, in words, with the target if there is one."""
+    targets = {
+        labels.place(joint.value, facts.root): (float(number.value), number.name)
+        for joint, number in _positions(facts, iri, LF.target).items()
+        if number.value
+    }
+    return sentences.motion(iri.value, facts.root, targets)
 
 
 def _only(facts: Facts, iri: Term, predicate: NamedNode) -> Value | None:
@@ -85,7 +129,7 @@ class Watch:
     link: Link
     type: str
     receiver: str
-    resource: Value | None
+    resource: Link
     state: Value | None
     delivery: Value | None
     failures: Value | None
@@ -110,8 +154,10 @@ def subscriptions(facts: Facts, iri: NamedNode) -> Part:
 def _watch(facts: Facts, iri: NamedNode) -> Watch:
     types = [each for each in facts.types(iri) if each.iri not in (HYBRIT.Subscription.value, LF.Stream.value)]
     link = Link(facts.text(iri, DCTERMS.identifier)[:8], iri.value, iri.value)
-    resource, state, delivery, failures, reason = (_only(facts, iri, each) for each in _PREDICATES_OF_SUBSCRIPTION)
+    state, delivery, failures, reason = (_only(facts, iri, each) for each in _PREDICATES_OF_SUBSCRIPTION)
     receiver = facts.text(iri, HYBRIT.callbackURL)
+    watched = getattr(facts.one(iri, HYBRIT.onResource), "value", "")
+    resource = Link(sentences.thing(watched, facts.root), watched, watched)
     return Watch(link, types[0].text if types else "stream", receiver, resource, state, delivery, failures, reason)
 
 

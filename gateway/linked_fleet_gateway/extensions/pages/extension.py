@@ -8,6 +8,7 @@ from pyoxigraph import Triple
 
 from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.extensions.pages import page
+from linked_fleet_gateway.extensions.pages.navigation import set_entries
 from linked_fleet_gateway.extensions.pages.policy import FORMS, POLICY
 from linked_fleet_gateway.extensions.pages.resources import BRANCH
 from linked_fleet_gateway.extensions.pages.views import add_view
@@ -41,4 +42,5 @@ class PagesExtension(Extension):
     async def start(self, core: Core) -> AsyncIterator[Mount]:
         for name in core.views:
             add_view(resolve_name(name))
+        set_entries(core.navigation)
         yield Mount(branches=(BRANCH,), html=Pages())

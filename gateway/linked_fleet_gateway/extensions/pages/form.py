@@ -201,7 +201,7 @@ def _field(own: Field, shape: Shape) -> Leaf | Group:
     there = [found.shape for branch in branches if (found := branch.field(own.path)) and found.shape.fields]
     nested = merged([own.shape, *there])
     most = _MANY if own.max_count is None else own.max_count
-    name, hint = labels.words(own.name), labels.clean(own.description)
+    name, hint = labels.words(own.name), labels.sentence(labels.clean(own.description))
     inner = _asked(nested)
     if inner:
         fields = [_field(each, nested) for each in inner]

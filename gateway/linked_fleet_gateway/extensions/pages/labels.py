@@ -2,13 +2,17 @@
 
 import math
 import re
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING
 from zlib import crc32
 
+from pyoxigraph import Literal, NamedNode
+
 from linked_fleet_agent.wire.names import unescape
 from linked_fleet_gateway.base.lazy_imports import Lazily
-from linked_fleet_gateway.rdf.vocabulary import ROS, XHV
+from linked_fleet_gateway.rdf.shapes import load
+from linked_fleet_gateway.rdf.vocabulary import LF, RDFS, ROS, XHV
 from linked_fleet_gateway.resources.paths import reserved_at_root, reserved_in_robot
 
 if TYPE_CHECKING:
@@ -16,9 +20,15 @@ if TYPE_CHECKING:
 else:
     quantity = Lazily("linked_fleet_client.quantity")
 
-_LARGE, _SMALL, _DECIMALS = 1e6, 1e-4, 4
+_LARGE, _SMALL, _DECIMALS = 1e15, 1e-9, 4
+_DECIMALS_IN = {"N m": 2, "N": 2, "rad/s": 3, "m/s": 3, "kg": 3, "s": 3}
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _CONVERTED = {"rad": (180 / math.pi, "°", 1), "m": (1000.0, " mm", 1)}
-_WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z0-9.]+|[^A-Za-z0-9\s_-]+")
+_DIMENSIONS = re.compile(r"(?<=[a-z])(\d+D)(?![a-z])")
+_WORD = re.compile(r"\d+D(?![a-z])|[A-Z]+(?![a-z])|[A-Z]?[a-z0-9.]+|[^A-Za-z0-9\s_-]+")
+_TERM = re.compile(
+    r"\b(?:lf|hydra|maths|vom|sh|ros|hybrit|spatial|qudt|unit|xsd|prov|sosa|dcterms|ldp|rdfs?):[A-Za-z][\w-]*"
+)
 _CONTROL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ufffe\uffff]")
 _SPELT = {XHV.prev.value: "previous", ROS.preceedingLink.value: "preceding link"}
 _LINK_MARK = "~link"
@@ -29,13 +39,23 @@ def clean(text: str) -> str:
     return _CONTROL.sub("\ufffd", text)
 
 
-def number(value: float) -> str:
-    """At most four decimals; face/src/format.js writes the same."""
+def number(value: float, unit: str = "") -> str:
+    """As many decimals as make sense in ``unit``, and never e-notation; face/src/format.js writes the same."""
     size = abs(value)
-    if size >= _LARGE or 0 < size < _SMALL:
-        mantissa, exponent = f"{value:.{_DECIMALS}e}".split("e")
-        return f"{_trimmed(mantissa)}e{'-' if exponent[0] == '-' else '+'}{exponent[1:].lstrip('0') or '0'}"
-    return _rounded(value, _DECIMALS)
+    if not math.isfinite(value) or size >= _LARGE or 0 < size < _SMALL:
+        return _power(value)
+    decimals = _DECIMALS_IN.get(unit, _DECIMALS)
+    if 0 < size < 10**-decimals and not unit:
+        decimals = math.ceil(-math.log10(size)) + 1
+    return _rounded(value, decimals)
+
+
+def _power(value: float) -> str:
+    """A number beyond those that people read, as a power of ten."""
+    if not math.isfinite(value):
+        return str(value)
+    mantissa, _, exponent = f"{value:.2e}".partition("e")
+    return f"{_trimmed(mantissa)}·10{str(int(exponent)).translate(_RAISED)}"
 
 
 def converted(value: float, unit: str) -> str:
@@ -64,9 +84,36 @@ def unit(iri: str) -> str:
 @lru_cache(maxsize=4096)
 def words(iri: str) -> str:
     """A term in words: ``lf:lastSeen`` is "last seen"."""
-    local = iri.rstrip("#/").replace("#", "/").rpartition("/")[2]
-    said = [each if each.isupper() and len(each) > 1 else each.lower() for each in _WORD.findall(local)]
-    return _SPELT.get(iri) or clean(" ".join(said)) or clean(iri)
+    if said := _SPELT.get(iri) or described(iri)[0]:
+        return said
+    local = _DIMENSIONS.sub(r" \1", iri.rstrip("#/").replace("#", "/").rpartition("/")[2])
+    parts = [each if each.isupper() and len(each) > 1 else each.lower() for each in _WORD.findall(local)]
+    return clean(" ".join(parts)) or clean(iri)
+
+
+@lru_cache(maxsize=1)
+def _described() -> dict[str, tuple[str, str]]:
+    found = {}
+    for subject, triples in load("vocabulary.ttl").items():
+        if isinstance(subject, NamedNode):
+            said = {each.predicate: each.object.value for each in triples if isinstance(each.object, Literal)}
+            found[subject.value] = _inside(said.get(RDFS.label, "")), sentence(said.get(RDFS.comment, ""))
+    return found
+
+
+def described(iri: str) -> tuple[str, str]:
+    """The label and the comment that the vocabulary has for a term of ours; empty for any other."""
+    return _described().get(iri, ("", "")) if iri.startswith(LF.iri) else ("", "")
+
+
+def _inside(label: str) -> str:
+    """A label as it stands inside of a sentence."""
+    return label[:1].lower() + label[1:] if label[1:2].islower() and label[:9] != "WebSocket" else label
+
+
+def sentence(text: str) -> str:
+    """A comment for people: terms in it, such as ``lf:lastSeen``, become words."""
+    return _TERM.sub(lambda found: words(found[0].partition(":")[2]), text)
 
 
 def local_name(iri: str) -> str:
@@ -86,7 +133,20 @@ def segment_name(segment: str, depth: int) -> str:
 def place(iri: str, root: str) -> str:
     """Return the name of a resource of this fleet by its path; ``root`` ends with a slash."""
     segments = [each for each in iri.removeprefix(root).split("/") if each]
-    return segment_name(segments[-1], len(segments) - 1) if segments else "fleet"
+    if not segments:
+        return "fleet"
+    if is_ours(segments, len(segments) - 1):
+        return words(segments[-1])
+    return segment_name(segments[-1], len(segments) - 1)
+
+
+def is_ours(segments: Sequence[str], depth: int) -> bool:
+    """Return True for a segment that the gateway names, such as that of an action: no name of a robot or a part."""
+    reserved = reserved_in_robot() if depth else reserved_at_root()
+    if segments[depth] in reserved or segments[depth - 1 : depth] == ["actions"]:
+        return True
+    # Below a joint or a link of a robot all names are those of properties.
+    return depth >= 2 and segments[0] not in reserved_at_root() and segments[1] not in reserved_in_robot()
 
 
 def moment(lexical: str) -> str:
@@ -103,3 +163,12 @@ def named(iri: str) -> str:
 def mark(iri: str) -> str:
     """A short name for ids, the same for the same IRI: several forms may come to one page."""
     return f"f{crc32(iri.encode()):08x}"
+
+
+def foreign(iri: str) -> str:
+    """An IRI of another host by its last segment and the host; any that is not of the Web as it is."""
+    if not iri.lower().startswith(("http://", "https://")):
+        return clean(iri)
+    host, _, path = iri.partition("://")[2].partition("/")
+    name = path.rstrip("#/").replace("#", "/").rpartition("/")[2]
+    return clean(f"{name} at {host}" if name else host)

@@ -11,6 +11,7 @@ from pyoxigraph import Triple
 from linked_fleet_gateway.base.lazy_imports import Lazily
 from linked_fleet_gateway.extensions.pages.assets import assets
 from linked_fleet_gateway.extensions.pages.labels import clean
+from linked_fleet_gateway.extensions.pages.navigation import places
 from linked_fleet_gateway.extensions.pages.view import view_of
 from linked_fleet_gateway.extensions.pages.views import added_views
 from linked_fleet_gateway.http.html import Formats
@@ -31,13 +32,14 @@ def write(resource: Resource, triples: Sequence[Triple], base: str, formats: For
     """The page of a resource; ``base`` is scheme and authority. The same triples give the same bytes."""
     view = view_of(resource, triples, base, formats)
     data = embedded(jsonld.write(triples, PREFIXES))
-    return render(f"{view.kind}.html", view=view, data=data)
+    return render(f"{view.kind}.html", view=view, data=data, places=view.places)
 
 
 def render(template: str, **variables: object) -> bytes:
     """A template with what all pages need."""
     folders = tuple(dict.fromkeys(each.template.parent for each in added_views()))
-    return _templates(folders).get_template(template).render(entries=assets().entries, **variables).encode()
+    common = {"entries": assets().entries, "places": places()}
+    return _templates(folders).get_template(template).render(common | variables).encode()
 
 
 def embedded(json: str) -> Markup:

@@ -1,4 +1,4 @@
-"""Views of the fleet, of robots, joints, links and properties besides the facts that every page has."""
+"""Views of robots, joints, links and properties besides the facts that every page has."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 from pyoxigraph import BlankNode, NamedNode
 
 from linked_fleet_gateway.base.lazy_imports import Lazily
-from linked_fleet_gateway.extensions.pages import labels
+from linked_fleet_gateway.extensions.pages import labels, robot_panel
 from linked_fleet_gateway.extensions.pages.values import Address, Facts, Link, Number, Row, State, Time, Value, Vector
 from linked_fleet_gateway.extensions.pages.views import Part, constant
 from linked_fleet_gateway.rdf.turtle_layout import Subject, Term
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, RDF, RDFS, ROS, SOSA
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LF, RDF, RDFS, ROS, SOSA
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.pages import form
@@ -138,16 +138,6 @@ def actions(facts: Facts, iri: NamedNode) -> list[Link]:
     return [Link(labels.words(each), each, each) for each in found]
 
 
-# -- fleet ----------------------------------------------------------------------------------------------------------
-
-
-def fleet(facts: Facts, iri: NamedNode) -> Part:
-    members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
-    robots = [(facts.link(each), labels.place(each.value, facts.root), presence(facts, each)) for each in members]
-    more = {"robots": robots, "actions": actions(facts, iri)}
-    return Part(more, {LDP.contains, HYBRIT.action}, set(members))
-
-
 # -- robot ----------------------------------------------------------------------------------------------------------
 
 
@@ -168,9 +158,10 @@ class NamedPose:
 
 def robot(facts: Facts, iri: NamedNode) -> Part:
     joints, links = _parts(facts, iri)
-    samples = _samples(facts, iri)
+    samples = _samples(facts, facts.all(iri, LF.jointState, LF.sample))
     listed = [JointRow(facts.link(each), _kind_of_joint(facts, each), samples.get(each, ())) for each in joints]
     state = facts.one(iri, LF.jointState)
+    panel = robot_panel.panel(facts, iri)
     settings = [(each, of) for each, of in cards(facts, iri) if each != state]
     more = {
         "presence": presence(facts, iri),
@@ -184,7 +175,8 @@ def robot(facts: Facts, iri: NamedNode) -> Part:
         "objects": constant("objects"),
         "model": path_below(getattr(facts.one(iri, LF.model), "value", f"{iri.value}model"), facts.root),
         "tasks": [facts.link(each) for each in facts.all(iri, LF.currentTask) if isinstance(each, NamedNode)],
-        "actions": actions(facts, iri),
+        "panel": panel,
+        "actions": robot_panel.others(actions(facts, iri), panel),
         "poses": [_pose(facts, each) for each in facts.all(iri, LF.namedPose)],
         "cards": [of for _, of in settings],
         "comment": facts.text(iri, RDFS.comment),
@@ -206,10 +198,10 @@ def _kind_of_joint(facts: Facts, iri: NamedNode) -> str:
     return labels.words(types[0].value).removesuffix(" joint") if types else ""
 
 
-def _samples(facts: Facts, iri: NamedNode) -> dict[Term, list[Number]]:
+def _samples(facts: Facts, samples: Iterable[Term]) -> dict[NamedNode, list[Number]]:
     """Position, velocity and effort by joint; each is found backwards, from the joint to what is a sample of it."""
-    found: dict[Term, list[Number]] = {}
-    for sample in facts.all(iri, LF.jointState, LF.sample):
+    found: dict[NamedNode, list[Number]] = {}
+    for sample in samples:
         joint = facts.one(sample, LF.ofJoint)
         if isinstance(joint, NamedNode):
             at = Address(joint.value, f"^{LF.ofJoint.value}")
@@ -303,3 +295,13 @@ def property_(facts: Facts, iri: NamedNode) -> Part:
     if own.number is not None or own.time is not None:
         shown = set(facts.of.get(iri, {})) - {RDFS.seeAlso, HYBRIT.consumes}
     return Part({"presence": presence(facts, iri), "card": own, "form": form.form_of_setting(facts, iri)}, shown)
+
+
+def joint_state(facts: Facts, iri: NamedNode) -> Part:
+    samples = _samples(facts, facts.all(iri, LF.sample))
+    more = {
+        "presence": presence(facts, iri),
+        "joints": [JointRow(facts.link(each), "", numbers) for each, numbers in samples.items()],
+        "time": _first(facts, iri, SOSA.resultTime),
+    }
+    return Part(more, {*PRESENCE, *AROUND, LF.sample})

@@ -1,5 +1,6 @@
 """Terms of a graph as what a page shows: numbers with units, times, states, links, nests of facts."""
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
@@ -7,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from linked_fleet_gateway.base.lazy_imports import Lazily
-from linked_fleet_gateway.extensions.pages import labels
+from linked_fleet_gateway.extensions.pages import labels, sentences
 from linked_fleet_gateway.rdf.turtle_layout import Outline, Subject, Term
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, MATHS, NUMERIC, PREFIXES, QUDT, RDF, SOSA, VOM, XSD
 
@@ -17,12 +18,13 @@ else:
     quantity = Lazily("linked_fleet_client.quantity")
 
 _NUMERIC = frozenset(NUMERIC)
+_CODE = re.compile(r"://|\?\w+.*\{|^[0-9a-f-]{16,}$|^[a-z]+/[a-z0-9.+-]+$|^[a-z]+[A-Z]\w*$")
 _AXES = (MATHS.x, MATHS.y, MATHS.z, LF.w)
 _VOCABULARIES = tuple(PREFIXES.values())
 _STATES = frozenset({LF.presence, LF.state, LF.deliveryState})
-_TIMES = frozenset({LF.lastSeen, LF.lastFrame, LF.lastDelivery, SOSA.resultTime})
+_TIMES = frozenset({LF.lastSeen, LF.lastMoved, LF.lastFrame, LF.lastDelivery, SOSA.resultTime})
 # The other times come once, and something else of the page with them.
-_LIVE_TIMES = _TIMES - {LF.lastSeen}
+_LIVE_TIMES = _TIMES - {LF.lastSeen, LF.lastMoved}
 
 
 @dataclass(frozen=True)
@@ -70,14 +72,20 @@ class Text:
     language: str = ""
     kind: ClassVar[str] = "text"
 
+    @property
+    def is_code(self) -> bool:
+        """True for what is for programs: IRIs, templates of such, digests, queries."""
+        return _CODE.search(self.text) is not None
+
 
 @dataclass(frozen=True)
 class Link:
-    """``href`` is empty for an IRI that a browser cannot follow."""
+    """``href`` is empty for an IRI that a browser cannot follow; ``help`` is what the vocabulary says of a term."""
 
     text: str
     href: str
     iri: str
+    help: str = ""
     kind: ClassVar[str] = "link"
 
 
@@ -185,7 +193,7 @@ class Facts:
         if literal.datatype == XSD.dateTime:
             text = labels.clean(literal.value)
             return Time(labels.moment(text), text, at if predicate in _LIVE_TIMES else None)
-        return Text(labels.clean(literal.value), literal.language or "")
+        return Text(labels.sentence(labels.clean(literal.value)), literal.language or "")
 
     def _node(self, node: BlankNode, at: Address | None) -> Value:
         if not self.outline.is_nested(node):
@@ -225,7 +233,7 @@ class Facts:
         value = _float(term.value)
         if value is None:
             return Number(labels.clean(term.value), labels.clean(term.value), at, shown, name)
-        return Number(labels.number(value), term.value, at, shown, name, labels.converted(value, name))
+        return Number(labels.number(value, name), term.value, at, shown, name, labels.converted(value, name))
 
     # -- names and links --------------------------------------------------------------------------------------------
 
@@ -235,18 +243,18 @@ class Facts:
     def term(self, iri: NamedNode) -> Link:
         """A term of a vocabulary; our own terms are described here."""
         href = f"{self.root}vocabulary#{iri.value.removeprefix(LF.iri)}" if iri.value.startswith(LF.iri) else iri.value
-        return Link(labels.words(iri.value), href if _is_web(href) else "", iri.value)
+        return Link(labels.words(iri.value), href if _is_web(href) else "", iri.value, labels.described(iri.value)[1])
 
     def link(self, iri: NamedNode) -> Link:
         """A link with the title of what it leads to, as far as the triples know it."""
-        title = self.text(iri, DCTERMS.title) if iri in self.of else ""
+        title = sentences.plain(self.text(iri, DCTERMS.title), self.root) if iri in self.of else ""
         if iri.value.startswith(self.root):
             return Link(title or labels.place(iri.value, self.root), iri.value, iri.value)
         if title:
             return Link(title, iri.value if _is_web(iri.value) else "", iri.value)
         if iri.value.startswith(_VOCABULARIES):
             return self.term(iri)
-        return Link(labels.clean(iri.value), iri.value if _is_web(iri.value) else "", iri.value)
+        return Link(labels.foreign(iri.value), iri.value if _is_web(iri.value) else "", iri.value)
 
 
 def _is_web(iri: str) -> bool:

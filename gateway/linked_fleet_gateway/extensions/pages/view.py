@@ -8,26 +8,34 @@ from typing import Any
 from pyoxigraph import NamedNode, Triple
 
 from linked_fleet_gateway.extensions.pages import action_views as doings
-from linked_fleet_gateway.extensions.pages import labels
+from linked_fleet_gateway.extensions.pages import labels, sentences
 from linked_fleet_gateway.extensions.pages import thing_views as things
+from linked_fleet_gateway.extensions.pages.audit_view import audit
+from linked_fleet_gateway.extensions.pages.fleet_view import fleet
+from linked_fleet_gateway.extensions.pages.navigation import Place, places
 from linked_fleet_gateway.extensions.pages.thing_views import Described, described
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Row
 from linked_fleet_gateway.extensions.pages.views import Part, added_views
+from linked_fleet_gateway.extensions.pages.vocabulary_view import vocabulary
 from linked_fleet_gateway.http.html import Formats
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, PROV, RDF, ROS, XHV
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, OWL, PROV, RDF, ROS, SOSA, XHV
 from linked_fleet_gateway.resources.action_offer import robot_offers
-from linked_fleet_gateway.resources.paths import AUDIT, reserved_at_root
+from linked_fleet_gateway.resources.paths import reserved_at_root
 from linked_fleet_gateway.resources.resource import Resource
 
 # In this order: what is first found among the types of a resource is its kind.
 _KINDS: Mapping[NamedNode, tuple[str, Callable[[Facts, NamedNode], Part]]] = {
-    LF.Fleet: ("fleet", things.fleet),
+    LF.Fleet: ("fleet", fleet),
+    LF.Audit: ("audit", audit),
+    LF.InvocationList: ("invocations", doings.invocations),
+    OWL.Ontology: ("vocabulary", vocabulary),
     LF.Robot: ("robot", things.robot),
     LF.Joint: ("joint", things.joint),
     ROS.Link: ("link", things.link),
     LF.Invocation: ("invocation", doings.invocation),
     HYBRIT.Action: ("action", doings.action),
+    LF.JointState: ("joint_state", things.joint_state),
     HYBRIT.Property: ("property", things.property_),
     HYBRIT.Subscription: ("subscription", doings.subscription),
     LF.ControlLease: ("lease", doings.lease),
@@ -36,6 +44,8 @@ _KINDS: Mapping[NamedNode, tuple[str, Callable[[Facts, NamedNode], Part]]] = {
 _PLAIN_TYPES = frozenset(
     {HYBRIT.RoboticThing, HYBRIT.Property, HYBRIT.Action, HYBRIT.AsynchronousAction, LF.Joint, PROV.Activity}
     | {LDP.Container, LDP.BasicContainer, LDP.RDFSource}
+    | {LF.Fleet, LF.Audit, LF.Directory, LF.Invocation, LF.InvocationList, LF.JointState, OWL.Ontology}
+    | {SOSA.ObservableProperty, SOSA.Actuation}
 )
 # What the frame of the page shows already.
 _FRAME = frozenset({DCTERMS.title, HYBRIT.blueprint, HYBRIT.subscriptions, XHV.prev, XHV.next})
@@ -45,8 +55,8 @@ _NOT_SERVED = frozenset({"actions"})
 @dataclass(frozen=True)
 class View:
     """``crumbs`` are names with IRIs, the last without; ``stop`` is whom the Stop button stops, and by which action;
-    ``reader`` is who has logged in, ``audit`` where one who may reads what was done;
-    ``warning`` is about the gateway."""
+    ``places`` is the navigation; ``reader`` is who has logged in, with ``rights`` over what the page is about, None
+    where nobody has to; ``warning`` is about the gateway."""
 
     iri: str
     query: str
@@ -66,8 +76,9 @@ class View:
     more: Mapping[str, Any]
     rows: Sequence[Row]
     others: Sequence[Described]
+    places: Sequence[Place]
     reader: str
-    audit: str
+    rights: Sequence[str] | None
     warning: str
 
     @property
@@ -98,7 +109,7 @@ def view_of(resource: Resource, triples: Sequence[Triple], base: str, formats: F
         offered=formats,
         root=facts.root,
         kind=kind,
-        title=facts.text(iri, DCTERMS.title) or labels.clean(resource.title),
+        title=part.title or sentences.plain(facts.text(iri, DCTERMS.title) or labels.clean(resource.title), facts.root),
         types=[
             facts.term(each)
             for each in facts.all(iri, RDF.type)
@@ -114,8 +125,9 @@ def view_of(resource: Resource, triples: Sequence[Triple], base: str, formats: F
         more=part.more,
         rows=facts.rows(iri, without=_FRAME | part.shown),
         others=[described(facts, each) for each in facts.outline.headings if each != iri and each not in part.done],
+        places=places(resource.path, resource.audited, root=facts.root),
         reader=resource.reader,
-        audit=facts.root + AUDIT[1:] if AUDIT in resource.own else "",
+        rights=resource.rights,
         warning=resource.warning,
     )
 
@@ -151,8 +163,17 @@ def _crumbs(path: str, root: str) -> list[tuple[str, str]]:
         address = root + "/".join(segments[: depth + 1])
         robot = depth == 0 and segment not in reserved_at_root()
         if segment not in _NOT_SERVED:
-            crumbs.append((labels.segment_name(segment, depth), address + ("/" if robot else "")))
+            crumbs.append((_crumb(segments, depth), address + ("/" if robot else "")))
     return [*crumbs[:-1], (crumbs[-1][0], "")]
+
+
+def _crumb(segments: Sequence[str], depth: int) -> str:
+    """The name of a step; an id is called by what it is one of."""
+    if depth and sentences.is_id(segments[depth]):
+        return labels.words(segments[depth - 1]).removesuffix("s")
+    if labels.is_ours(segments, depth):
+        return labels.words(segments[depth])
+    return labels.segment_name(segments[depth], depth)
 
 
 def _stop(resource: Resource, root: str) -> tuple[str, str]:

@@ -13,11 +13,15 @@ from linked_fleet_gateway.rdf.turtle_layout import Subject
 
 @dataclass(frozen=True)
 class Part:
-    """``more`` is for the template; in it are ``shown``, predicates of the resource, and ``done``, other subjects."""
+    """``more`` is for the template; in it are ``shown``, predicates of the resource, and ``done``, other subjects.
+
+    ``title`` is the heading, where that of the resource says less to people.
+    """
 
     more: Mapping[str, Any] = field(default_factory=dict)
     shown: Set[NamedNode] = frozenset()
     done: Set[Subject] = frozenset()
+    title: str = ""
 
 
 @dataclass(frozen=True)

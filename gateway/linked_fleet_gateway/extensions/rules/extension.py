@@ -15,6 +15,7 @@ from linked_fleet_gateway.extensions.rules.service import Rules
 from linked_fleet_gateway.extensions.rules.settings import RuleSettings
 from linked_fleet_gateway.extensions.rules.store import RuleStore
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
+from linked_fleet_gateway.http.html import NavigationEntry
 from linked_fleet_gateway.runtime.metrics import counter, gauges
 
 
@@ -23,6 +24,7 @@ class RulesExtension(Extension):
     at_root = ("rules",)
     needs = ("query",)
     settings = RuleSettings
+    navigation = (NavigationEntry("Rules", "/rules", 20),)
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:

@@ -21,6 +21,7 @@ from linked_fleet_gateway.base.errors import (
     NotFound,
     StoreAway,
 )
+from linked_fleet_gateway.extensions.pages.navigation import places
 from linked_fleet_gateway.extensions.pages.page import render
 from linked_fleet_gateway.extensions.pages.policy import FORMS
 from linked_fleet_gateway.extensions.sessions.cookies import LOGIN, read_cookie, session_of, set_cookie
@@ -33,7 +34,7 @@ from linked_fleet_gateway.http.rates import Rates
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.identity.jwts import BadToken, verified
 from linked_fleet_gateway.identity.keys import endpoint
-from linked_fleet_gateway.identity.rights import Claims, Credential, Identity
+from linked_fleet_gateway.identity.rights import Claims, Credential, Identity, Right
 from linked_fleet_gateway.identity.roster import Issuer
 from linked_fleet_gateway.identity.web import IssuerSilent
 
@@ -101,7 +102,7 @@ class Login:
             found = await sessions.identities.bearer(token)
         except BadToken as error:
             self._failed(request, error)
-            return _page(sessions, then, None, f"The token is not accepted: {error}.", status=401)
+            return _page(sessions, then, None, f"This token is not accepted: {error}.", status=401)
         except IssuerSilent as error:
             raise IssuerAway("The issuer of this token cannot be asked for its keys; try again in a moment.") from error
         assert found.credential is not None
@@ -144,7 +145,7 @@ class Login:
             claims = await _claims(request, sessions, issuer, login)
         except BadToken as error:
             self._failed(request, error)
-            return _page(sessions, "/", None, f"You are not logged in: {error}.", status=401)
+            return _page(sessions, "/", None, failed=f"You are not logged in: {error}.", status=401)
         except IssuerSilent as error:
             log.warning("a login failed: %s", error)
             raise IssuerAway("The issuer does not answer as it should; try again in a moment.") from error
@@ -207,16 +208,52 @@ async def _log_out(request: Request, sessions: Sessions) -> Response:
     return response
 
 
-def _page(sessions: Sessions, then: str, caller: Identity | None, wrong: str = "", status: int = 200) -> Response:
+def _page(
+    sessions: Sessions,
+    then: str,
+    caller: Identity | None,
+    wrong: str = "",
+    status: int = 200,
+    failed: str = "",
+) -> Response:
+    """``wrong`` is about the token that was typed, ``failed`` about a login at an issuer."""
     issuers = [
         (each.name, "/login/start?" + urlencode({"issuer": each.name, "then": then}))
         for each in sessions.identities.roster.issuers.values()
         if each.client_id
     ]
-    page = render("login.html", name=caller.name if caller else "", issuers=issuers, then=then, wrong=wrong)
+    known = caller is not None and bool(caller.name)
+    page = render(
+        "login.html",
+        places=places(None, caller.may_any((Right.ADMIN,), None) if caller else False) if known else [],
+        name=caller.name if caller else "",
+        rights=_rights(caller) if caller else [],
+        issuers=issuers,
+        then=then,
+        wrong=wrong,
+        failed=failed,
+    )
     headers = _NO_STORE | {"content-security-policy": FORMS, "x-content-type-options": "nosniff", "vary": "Accept"}
     headers |= {"referrer-policy": "same-origin"}  # with less, browsers say "Origin: null" to us too
     return Response(page, status, headers, "text/html; charset=utf-8")
+
+
+_MEANINGS = {
+    Right.READ: "see robots, and all that is known of them",
+    Right.SUBSCRIBE: "follow changes, write rules and have messages sent",
+    Right.STOP: "stop robots",
+    Right.ACT: "have robots move, and take control of them",
+    Right.ADMIN: "change settings, see what others did",
+}
+
+
+def _rights(caller: Identity) -> list[tuple[str, str, str]]:
+    """Each right with what it means, and the robots that it is to: empty for none."""
+    found = []
+    for right, meaning in _MEANINGS.items():
+        robots = caller.over(right)
+        found.append((right.value, meaning, "all robots" if robots.all else ", ".join(robots.patterns)))
+    return found
 
 
 def _one(form: dict[str, list[str]], name: str) -> str:

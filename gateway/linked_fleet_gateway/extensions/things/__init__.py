@@ -1,1 +1,1 @@
-"""Things: Thing Descriptions and their directory (W3C Web of Things; docs/THINGS.md)."""
+"""Things: Thing Descriptions and their directory (W3C Web of Things; README.md)."""

@@ -7,11 +7,15 @@ from linked_fleet_gateway.extensions.things.directory import BRANCHES, Listing
 from linked_fleet_gateway.extensions.things.http import read_listing
 from linked_fleet_gateway.extensions.things.td import TD
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
+from linked_fleet_gateway.http.html import NavigationEntry
 
 
 class ThingsExtension(Extension):
     name = "things"
     at_root = (".well-known", "things")
+    views = ("linked_fleet_gateway.extensions.things.page:VIEW",)
+    navigation = (NavigationEntry("Things", "/things", 60),)
+    operations = ("linked_fleet_gateway.extensions.things.operations:operations",)
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:

@@ -1,17 +1,21 @@
-"""The directory of Thing Descriptions, as a whole or by pages (W3C WoT Discovery, 7.3.2.3)."""
+"""The directory of Thing Descriptions, as a whole or by pages (W3C WoT Discovery, 7.3.2.3), and in RDF by pages."""
 
 import re
 from collections.abc import AsyncIterator, Iterable, Sequence
+from dataclasses import replace
+from functools import partial
 
 from starlette.responses import Response, StreamingResponse
 
 from linked_fleet_gateway.base.errors import BadRequest, NotAcceptable, Unimplemented
 from linked_fleet_gateway.extensions.things.directory import MOST, Listing, Place
+from linked_fleet_gateway.extensions.things.list_page import MOST_LISTED, describe_page
 from linked_fleet_gateway.extensions.things.td import DIRECTORY
 from linked_fleet_gateway.http.conditional import etag, not_modified
 from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.links import Link, link_header
 from linked_fleet_gateway.http.negotiation import choose
+from linked_fleet_gateway.http.read import read
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.resources.resource import Resource
@@ -23,14 +27,23 @@ _COUNT = re.compile(r"[0-9]{1,9}", re.ASCII)
 
 
 async def read_listing(request: Request, resource: Resource, listing: Listing) -> Response:
-    """All descriptions; with ``limit`` a page of them, which links the next page and the whole."""
-    media_type = choose(field(request, "accept"), TYPES)
+    """All descriptions; with ``limit`` a page of them, which links the next page and the whole.
+
+    In other media types it lists things instead, by pages.
+    """
+    representations = request.services.representations
+    types = (*TYPES, *(each for each in representations.media_types if each not in TYPES))
+    accept = representations.preferred(field(request, "accept"), request.query_params.get("as"))
+    media_type = choose(accept, types)
     if media_type is None:
-        raise NotAcceptable(f"Available here: {', '.join(TYPES)}.", offered=TYPES)
+        raise NotAcceptable(f"Available here: {', '.join(types)}.", offered=types)
     if unsupported := [name for name in _SORTING if name in request.query_params]:
         raise Unimplemented(f"Descriptions are sorted by id, in ascending order; there is no {unsupported[0]}.")
     offset, limit = _count(request, "offset", 0) or 0, _count(request, "limit", 1)
     things = listing.things()
+    if media_type not in TYPES:
+        describe = partial(describe_page, listing.view, things, offset, min(limit or MOST_LISTED, MOST_LISTED))
+        return read(request, replace(resource, describe=describe, remote=None, query=request.url.query))
     links = [Link(iri.value, "type") for iri in resource.interaction]
     headers = {"vary": "Accept", "cache-control": "no-cache", "x-content-type-options": "nosniff"}
     content = {"content-type": media_type, "allow": "GET, HEAD, OPTIONS"}

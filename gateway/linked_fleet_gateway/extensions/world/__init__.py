@@ -1,4 +1,4 @@
-"""World: placements, objects and zones, poses between frames, and the collision check of motions (docs/WORLD.md).
+"""World: placements, objects and zones, poses between frames, and the collision check of motions (README.md).
 
 ``service``, ``resources``, ``describe``, ``page``: what is at ``/world``. ``store``, ``replicated_objects``: objects in
 Redis and this gateway's copy. ``checks``: the guard of motions; it asks ``worker``, a process of its own, through

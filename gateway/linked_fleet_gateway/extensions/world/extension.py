@@ -8,6 +8,7 @@ from linked_fleet_gateway.extensions.world.http import post_object, put_object, 
 from linked_fleet_gateway.extensions.world.resources import AskPose, PostObject, PutObject
 from linked_fleet_gateway.extensions.world.service import World
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
+from linked_fleet_gateway.http.html import NavigationEntry
 
 PREPARING = "the shapes of robots are being prepared for the check of their motions"
 
@@ -18,6 +19,7 @@ class WorldExtension(Extension):
     in_robot = ("placement",)
     robot_properties = ("linked_fleet_gateway.extensions.world.placement_property:placement",)
     views = ("linked_fleet_gateway.extensions.world.page:VIEW",)
+    navigation = (NavigationEntry("World", "/world", 10),)
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:

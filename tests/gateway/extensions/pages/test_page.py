@@ -129,15 +129,16 @@ def test_an_unknown_value_is_no_number() -> None:
 
 
 @pytest.mark.parametrize(
-    ("value", "text"),
+    ("value", "unit", "text"),
     [
-        (0.0, "0"), (-0.0, "0"), (-0.00001, "-1e-5"), (1.0, "1"), (0.52359877, "0.5236"), (-3.14159265, "-3.1416"),
-        (9999.9, "9999.9"), (86400.0, "86400"), (1234567.8, "1.2346e+6"), (1e20, "1e+20"),
-        (0.00012, "0.0001"), (100.0, "100"),
+        (0.0, "", "0"), (-0.0, "", "0"), (-0.00001, "", "-0.00001"), (1.0, "", "1"), (0.52359877, "rad", "0.5236"),
+        (-3.14159265, "rad", "-3.1416"), (9999.9, "", "9999.9"), (86400.0, "s", "86400"), (0.00012, "", "0.0001"),
+        (1234567.8, "", "1234567.8"), (1e20, "", "1·10²⁰"), (0.00001234, "", "0.000012"), (-2e-12, "", "-2·10⁻¹²"),
+        (100.0, "", "100"), (12.3456, "N m", "12.35"), (-0.0004, "rad/s", "0"), (0.00001, "rad", "0"),
     ],
 )  # fmt: skip
-def test_numbers_are_written_as_the_scripts_write_them(value: float, text: str) -> None:
-    assert labels.number(value) == text
+def test_numbers_are_written_as_the_scripts_write_them(value: float, unit: str, text: str) -> None:
+    assert labels.number(value, unit) == text
 
 
 def test_the_command_to_copy_is_quoted_for_a_shell() -> None:

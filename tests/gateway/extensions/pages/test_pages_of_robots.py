@@ -15,7 +15,21 @@ from linked_fleet_gateway.rdf.vocabulary import LF as OUR_TERMS
 
 pytestmark = pytest.mark.virtual
 
-KINDS = ("fleet", "robot", "joint", "link", "property", "action", "invocation", "subscriptions", "lease", "document")
+KINDS = (
+    "fleet",
+    "robot",
+    "joint",
+    "link",
+    "property",
+    "action",
+    "invocation",
+    "subscriptions",
+    "lease",
+    "document",
+    "vocabulary",
+    "invocations",
+    "joint_state",
+)
 
 
 @pytest.fixture(scope="module")
@@ -30,6 +44,7 @@ def addresses(browser: Browser) -> dict[str, list[str]]:
         *walker.graph.objects(walker.iri, HYBRIT.property),
     ]
     properties += list(link.graph.objects(link.iri, HYBRIT.property))
+    joint_state = walker.one(LF.jointState)
     actions = [*root.graph.objects(root.iri, HYBRIT.action), *baxter.graph.objects(baxter.iri, HYBRIT.action)]
     actions += list(turning.graph.objects(turning.iri, HYBRIT.action))
     held = browser.http.post(browser.action(turning, LF.Hold), headers={"prefer": "return=minimal"})
@@ -42,16 +57,17 @@ def addresses(browser: Browser) -> dict[str, list[str]]:
         "robot": [each.url for each in robots],
         "joint": [turning.url, sliding.url],
         "link": [link.url],
-        "property": [str(each) for each in properties],
+        "property": [str(each) for each in properties if each != joint_state],
         "action": [str(each) for each in actions],
         "invocation": [held.headers["location"]],
         "subscriptions": [str(each.one(HYBRIT.subscriptions)) for each in (root, baxter, turning)],
         "lease": [str(baxter.one(LF.lease))],
         "document": [
-            str(root.one(LF.vocabulary)),
             *map(str, blueprints),
-            *(f"{each}/invocations" for each in actions[:1]),
         ],
+        "vocabulary": [str(root.one(LF.vocabulary))],
+        "invocations": [f"{each}/invocations" for each in actions[:1]],
+        "joint_state": [str(baxter.one(LF.jointState))],
     }
 
 
@@ -71,9 +87,9 @@ def test_every_kind_has_a_page_of_its_own(browser: Browser, addresses: dict[str,
         assert (body["data-resource"], body["data-kind"], body["data-root"]) == (url, kind, browser.root)
         assert [each.tag for each in page.all("h1", "main", "header", "footer", "aside")] == [
             "header",
+            "aside",
             "main",
             "h1",
-            "aside",
             "footer",
         ]
         assert next(page.all("html"))["lang"] == "en"

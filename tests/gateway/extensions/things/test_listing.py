@@ -3,6 +3,7 @@
 import asyncio
 import json
 import re
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -12,6 +13,7 @@ from every_kind import BASE, tree
 from linked_fleet_gateway.base.errors import BadRequest, FleetError
 from linked_fleet_gateway.extensions.things.directory import MOST, Listing
 from linked_fleet_gateway.extensions.things.http import read_listing
+from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.resources.branches import RequestView
 from linked_fleet_gateway.resources.resource import Resource
@@ -47,6 +49,10 @@ class _Answer:
         return next((each for each in self.headers["link"].split(", <") if f'rel="{rel}"' in each), "")
 
 
+class _Services:
+    representations = Representations()
+
+
 def _get(query: str = "", *, method: str = "GET", without: str = "", **fields: str) -> _Answer:
     """``without``: a robot that is gone."""
     found = tree().resolve("/things")
@@ -57,7 +63,7 @@ def _get(query: str = "", *, method: str = "GET", without: str = "", **fields: s
         listing = Listing(RequestView(BASE, robots, listing.view.invocations, listing.view.sees))
     headers = [(name.replace("_", "-").encode(), value.encode()) for name, value in fields.items()]
     scope = {"type": "http", "method": method, "path": "/things", "query_string": query.encode(), "headers": headers}
-    scope["state"] = {"base": BASE}
+    scope |= {"state": {"base": BASE}, "app": SimpleNamespace(services=_Services())}
 
     async def run() -> _Answer:
         return await _Answer(await read_listing(Request(scope), found, listing)).read()
@@ -146,3 +152,15 @@ def test_a_page_that_cannot_be_is_refused(query: str) -> None:
 
 def test_head_describes_nothing() -> None:
     assert _get(method="HEAD").body == b"[]"
+
+
+def test_it_is_rdf_by_pages_too() -> None:
+    """The same things in the same order, for who prefers that to JSON."""
+    ids, found, query = _get().ids, [], "limit=20"
+    for _ in range(2):
+        answer = _get(query, accept="application/n-triples")
+        assert answer.headers["content-type"] == "application/n-triples"
+        lines = answer.body.decode().splitlines()
+        found += [line.split()[2].strip("<>") for line in lines if line.split()[1].endswith("ldp#contains>")]
+        query = next((line.split()[2].strip("<>").partition("?")[2] for line in lines if "vocab#next>" in line), "")
+    assert sorted(found) == ids and not query

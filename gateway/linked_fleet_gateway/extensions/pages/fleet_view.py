@@ -1,0 +1,64 @@
+"""The view of the fleet: a card for each robot, and what cards can be chosen by."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from pyoxigraph import NamedNode
+
+from linked_fleet_gateway.extensions.pages import labels, sentences
+from linked_fleet_gateway.extensions.pages.thing_views import Presence, actions, presence
+from linked_fleet_gateway.extensions.pages.values import Facts, Link, Time
+from linked_fleet_gateway.extensions.pages.views import Part
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF
+
+_PRESENCES = ("online", "faulty", "offline")
+
+
+@dataclass(frozen=True)
+class RobotCard:
+    """A robot as the fleet lists it; ``model`` is its kind, ``task`` what it is doing, in words, empty for nothing."""
+
+    link: Link
+    name: str
+    model: str
+    presence: Presence
+    task: str
+    moved: Time | None
+
+
+def fleet(facts: Facts, iri: NamedNode) -> Part:
+    members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
+    robots = [_card(facts, each) for each in members]
+    more = {
+        "robots": robots,
+        "counts": _counts(robots),
+        "kinds": sorted({each.model for each in robots if each.model}),
+        "actions": actions(facts, iri),
+    }
+    # The navigation leads to all else that the fleet links.
+    linked = {each for each in facts.of.get(iri, {}) if _leads_on(facts, iri, each)} - {DCTERMS.title}
+    return Part(more, {LDP.contains, HYBRIT.action, *linked}, set(members))
+
+
+def _card(facts: Facts, iri: NamedNode) -> RobotCard:
+    tasks = [each.value for each in facts.all(iri, LF.currentTask) if isinstance(each, NamedNode)]
+    moved = facts.values(iri, LF.lastMoved)
+    return RobotCard(
+        facts.link(iri),
+        labels.place(iri.value, facts.root),
+        facts.text(iri, LF.modelName),
+        presence(facts, iri),
+        sentences.task(tasks[0], facts.root) if tasks else "",
+        moved[0] if moved and isinstance(moved[0], Time) else None,
+    )
+
+
+def _counts(robots: Sequence[RobotCard]) -> list[tuple[str, int]]:
+    found = Counter(each.presence.state.name for each in robots if each.presence.state)
+    return [(name, found[name]) for name in _PRESENCES if found[name]]
+
+
+def _leads_on(facts: Facts, iri: NamedNode, predicate: NamedNode) -> bool:
+    values = facts.all(iri, predicate)
+    return all(isinstance(each, NamedNode) and each.value.startswith(facts.root) for each in values)

@@ -1,0 +1,68 @@
+"""What the page of a robot commands by: sliders, named poses, reach, the control lease, pictures of its cameras."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from pyoxigraph import BlankNode, NamedNode
+
+from linked_fleet_gateway.extensions.pages.values import Facts, Link
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LF
+
+_MOVE, _REACH = "/moveJoints", "/reach"
+_UNITS_OF_POSITION = frozenset({"rad", "m"})
+
+
+@dataclass(frozen=True)
+class Pose:
+    """``targets`` is JSON for `face/src/poses.js`: the position of each joint, in rad or m, by its IRI."""
+
+    name: str
+    targets: str
+
+
+@dataclass(frozen=True)
+class Panel:
+    """IRIs of actions and resources, empty where the robot has none."""
+
+    move: str
+    reach: str
+    lease: str
+    cameras: str
+    history: str
+    poses: Sequence[Pose]
+
+
+def panel(facts: Facts, iri: NamedNode) -> Panel:
+    actions = [each.value for each in facts.all(iri, HYBRIT.action) if isinstance(each, NamedNode)]
+    return Panel(
+        move=next((each for each in actions if each.endswith(_MOVE)), ""),
+        reach=next((each for each in actions if each.endswith(_REACH)), ""),
+        lease=_iri(facts, iri, LF.lease),
+        cameras=_iri(facts, iri, LF.cameras),
+        history=_iri(facts, iri, LF.history),
+        poses=[Pose(facts.text(each, DCTERMS.title), json.dumps(_targets(facts, each))) for each in _poses(facts, iri)],
+    )
+
+
+def others(actions: Sequence[Link], own: Panel) -> list[Link]:
+    """The actions that the panel has no form of its own for."""
+    return [each for each in actions if each.iri not in (own.move, own.reach)]
+
+
+def _iri(facts: Facts, iri: NamedNode, predicate: NamedNode) -> str:
+    found = facts.one(iri, predicate)
+    return found.value if isinstance(found, NamedNode) else ""
+
+
+def _poses(facts: Facts, iri: NamedNode) -> list[BlankNode]:
+    return [each for each in facts.all(iri, LF.namedPose) if isinstance(each, BlankNode)]
+
+
+def _targets(facts: Facts, pose: BlankNode) -> Mapping[str, float]:
+    found = {}
+    for each in facts.all(pose, LF.target):
+        joint, number = facts.one(each, LF.ofJoint), facts.scalar(each, None)
+        if isinstance(joint, NamedNode) and number.value and number.name in _UNITS_OF_POSITION:
+            found[joint.value] = float(number.value)
+    return found

@@ -1,0 +1,41 @@
+"""The page of the directory: a table of things, each with its description."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from pyoxigraph import NamedNode
+
+from linked_fleet_gateway.extensions.pages import labels, sentences
+from linked_fleet_gateway.extensions.pages.values import Facts, Link
+from linked_fleet_gateway.extensions.pages.views import PageView, Part
+from linked_fleet_gateway.rdf.vocabulary import LDP, LF
+
+
+@dataclass(frozen=True)
+class ListedThing:
+    """A thing, the robot that it is a part of, and where its Thing Description is."""
+
+    link: Link
+    kind: str
+    robot: str
+    description: str
+
+
+def directory(facts: Facts, iri: NamedNode) -> Part:
+    members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
+    things = [_thing(facts, each) for each in members]
+    choices = [
+        ("kind", "Kind", sorted({each.kind for each in things})),
+        ("robot", "Robot", sorted({each.robot for each in things if each.robot})),
+    ]
+    return Part({"things": things, "choices": choices}, {LDP.contains}, set(members))
+
+
+def _thing(facts: Facts, iri: NamedNode) -> ListedThing:
+    path = sentences.segments(iri.value, facts.root)
+    kinds = facts.types(iri)
+    robot = labels.segment_name(path[0], 0) if path else ""
+    return ListedThing(facts.link(iri), kinds[0].text if kinds else "", robot, iri.value + "?as=td")
+
+
+VIEW = PageView(LF.Directory, Path(__file__).parent / "templates" / "directory.html", directory)

@@ -1,0 +1,111 @@
+"""All kinds of pages of the demo, read as people read them: no IRIs, no property names, no e-notation."""
+
+import re
+from collections import Counter
+from urllib.parse import urldefrag, urljoin, urlsplit
+
+import pytest
+
+from browser import LF, Browser
+from dom import Element, parsed
+from linked_fleet_gateway.extensions.pages import labels, sentences
+from linked_fleet_gateway.resources.paths import reserved_at_root, reserved_in_robot
+from plain_words import for_programs
+
+pytestmark = pytest.mark.virtual
+
+ALIKE = 4
+"""The most pages whose paths differ in names alone."""
+KINDS = {
+    *("fleet", "robot", "joint", "link", "property", "joint_state", "action", "invocation", "invocations", "lease"),
+    *("subscriptions", "vocabulary", "directory", "audit", "world", "query", "document"),
+}
+
+
+def pattern(path: str) -> str:
+    """The path without the names of robots, joints and links, and without ids."""
+    known = reserved_at_root() | reserved_in_robot()
+    parts = [part if part in known or not part else "*" for part in path.split("/")]
+    actions = [n for n, part in enumerate(parts) if part == "actions"]
+    return "/".join(path.split("/")[n] if n - 1 in actions else part for n, part in enumerate(parts))
+
+
+def walked(browser: Browser) -> dict[str, Element]:
+    """Pages that are linked from pages, from the root on."""
+    found: dict[str, Element] = {}
+    seen: Counter[str] = Counter()
+    waiting = [browser.root]
+    while waiting:
+        url = waiting.pop(0)
+        path = urlsplit(url).path
+        if url in found or seen[pattern(path)] >= ALIKE:
+            continue
+        answer = browser.http.get(url, headers={"accept": "text/html"})
+        if answer.status_code in (404, 406) or not answer.headers["content-type"].startswith("text/html"):
+            continue  # gone, a mesh, a document that is no page
+        assert answer.status_code == 200, url
+        seen[pattern(path)] += 1
+        page = found[url] = parsed(answer.content)
+        links = [urldefrag(urljoin(url, each["href"])).url for each in page.all("a") if "href" in each.attributes]
+        waiting += [each for each in links if each.startswith(browser.root) and not urlsplit(each).query]
+    return found
+
+
+@pytest.fixture(scope="module")
+def pages(browser: Browser) -> dict[str, Element]:
+    turning = browser.part("ur5", "elbow_joint")
+    held = browser.http.post(browser.action(turning, LF.Hold), headers={"prefer": "return=minimal"})
+    assert held.is_success, held.text
+    return walked(browser) | walked_from(browser, f"{turning.url}/actions/hold/invocations")
+
+
+def walked_from(browser: Browser, url: str) -> dict[str, Element]:
+    answer = browser.http.get(url, headers={"accept": "text/html"})
+    return {url: parsed(answer.content)}
+
+
+def test_nobody_reads_what_is_for_programs(pages: dict[str, Element]) -> None:
+    assert {next(page.all("body"))["data-kind"] for page in pages.values()} >= KINDS
+    wrong = {url: found for url, page in pages.items() if (found := for_programs(page))}
+    assert not wrong, "\n".join(f"{url} {each}" for url, found in wrong.items() for each in found)
+
+
+def test_every_page_has_the_navigation_and_marks_one_entry(pages: dict[str, Element]) -> None:
+    for url, page in pages.items():
+        (nav,) = [each for each in page.all("nav") if each.get("class") == "sections"]
+        entries = {each.text: each.get("aria-current") for each in nav.all("a")}
+        assert list(entries)[:4] == ["Fleet", "World", "Rules", "Query"] and list(entries)[-1] == "Audit", url
+        marked = [name for name, current in entries.items() if current]
+        path = urlsplit(url).path
+        wanted = path.split("/")[1].capitalize() if path.split("/")[1].capitalize() in entries else "Fleet"
+        assert marked == [wanted], url
+
+
+def test_a_motion_is_a_sentence() -> None:
+    assert sentences.motion("/b/s1/actions/rotateBy/invocations/7", "/", {"s1": (-1.745329, "rad")}) == (
+        "Rotate by s1 to \N{MINUS SIGN}100°"
+    )
+    both = {"a": (0.0, "rad"), "b": (1.0, "m")}
+    assert sentences.motion("/b/actions/moveJoints/invocations/7", "/", both) == "Move joints (2 joints)"
+    assert sentences.motion("/actions/stopAll/invocations/7", "/", {}) == "Stop all"
+
+
+@pytest.mark.parametrize(
+    ("what", "path", "said"),
+    [
+        ("PUT", "/ur5/elbow/actions/rotate", "rotate elbow"),
+        ("PUT", "/ur5/maximumSpeedScale", "set maximum speed scale of ur5"),
+        ("subscribe", "/", "subscribe to the fleet"),
+        ("DELETE", "/ur5/elbow/actions/rotate/invocations/6f1d2c3b-aaaa", "stop rotate elbow"),
+        ("POST", "/world/objects", "add to world objects"),
+    ],
+)
+def test_what_was_asked_is_said_in_words(what: str, path: str, said: str) -> None:
+    assert sentences.done(what, path) == said
+
+
+def test_terms_are_words_and_have_help() -> None:
+    assert labels.words("http://vocab.arvida.de/2015/06/spatial/vocab#Rotation3D") == "rotation 3D"
+    assert labels.words(f"{LF}lastSeen") == "last seen"
+    assert labels.described(f"{LF}offline")[1] == "The agent is gone; see last seen."
+    assert not re.search(r"[a-z]:[a-z]", labels.sentence("see lf:lastSeen, maths:x"))
