@@ -45,19 +45,23 @@ function key(form, body) {
   return now;
 }
 
-function done(form, { graph, location }) {
+/** @param {HTMLFormElement} form @param {import("./request.js").Answer} got */
+function done(form, got) {
+  const { graph, location } = got;
   delete form.dataset.touched;
   const made = location && graph;
   if (made && graph.values(location, RDF_TYPE).some(({ value }) => value === lf("Invocation"))) {
-    follow(location, graph);
-    answer(form, "done", "Accepted.");
+    answer(form, "done", "");
+    follow(location, graph, form, () => form.dispatchEvent(new Event("over")));
   } else if (location) {
     answer(form, "done", "Done: ", link(location, graph?.value(location, TITLE)?.value ?? location));
   } else answer(form, "done", "Done.");
   refresh();
 }
 
-function refused(form, { problem, location }) {
+/** @param {HTMLFormElement} form @param {import("./request.js").Answer} got */
+function refused(form, got) {
+  const { problem, location } = got;
   const { title, detail, report = [] } = problem;
   const left = report.filter((result) => !mark(form, result));
   const parts = [strong(title), detail ? ` ${detail}` : ""];
@@ -65,11 +69,11 @@ function refused(form, { problem, location }) {
   if (messages.length) parts.push(list(messages));
   answer(form, "error", ...parts);
   // No word from the robot is no refusal: what becomes of it is seen there.
-  if (location) follow(location);
+  if (location) follow(location, undefined, form);
 }
 
 /** Whether the result of a validation report was said at the field that it is about. */
-function mark(form, { path, message, value }) {
+function mark(form, { path = "", message = "", value = undefined }) {
   if (!path || !message) return false;
   const fields = fieldsFor(form, path);
   const meant = fields.find((each) => value !== undefined && each.value === value) ?? (fields.length === 1 ? fields[0] : undefined);
@@ -77,7 +81,16 @@ function mark(form, { path, message, value }) {
   return Boolean(meant);
 }
 
-function rehearsed(form, graph) {
+/** What forms of other modules say of the answer to what they have sent. */
+export const outcome = {
+  waiting: (form) => answer(form, "waiting", "Asking…"),
+  none: (form) => answer(form, "", ""),
+  begun: (form, got) => (got.problem ? refused(form, got) : answer(form, "done", "")),
+  rehearsed: (form, got) => (got.problem ? refused(form, got) : rehearsed(form, got.graph, false)),
+};
+
+/** @param {boolean} full whether to say where each joint would be, which a scene shows as well */
+function rehearsed(form, graph, full = true) {
   const [root, facts] = [...(graph?.subjects ?? [])].find(([, each]) => each.get(RDF_TYPE)?.some(({ value }) => value === lf("Rehearsal"))) ?? [];
   if (!root) {
     answer(form, "done", "It would be done; nothing has moved.");
@@ -88,9 +101,10 @@ function rehearsed(form, graph) {
     const node = graph.value(root, lf(predicate));
     if (node) lines.push(`${name} ${quantity(graph, `_:${node.value}`)}`);
   }
-  for (const target of graph.values(root, lf("target"))) lines.push(targetOf(graph, `_:${target.value}`));
+  if (full) for (const target of graph.values(root, lf("target"))) lines.push(targetOf(graph, `_:${target.value}`));
   for (const { value } of facts.get(lf("preempts")) ?? []) lines.push(`it would end ${localName(value)}`);
   answer(form, "rehearsed", strong("It would work; nothing has moved."), list(lines));
+  form.dispatchEvent(new CustomEvent("rehearsed", { bubbles: true, detail: graph }));
 }
 
 function targetOf(graph, node) {

@@ -1,6 +1,9 @@
 // Times as ages, which are kept fresh.
 
 const PERIOD_MS = 500;
+const STILL_MS = 10000;
+const MEASURED = "sosa/resultTime";
+/** @type {[number, number, string][]} below which age, its unit in seconds, and the name of that */
 const SCALES = [
   [60, 1, "s"],
   [3600, 60, "min"],
@@ -9,20 +12,29 @@ const SCALES = [
 ];
 // Below this the clocks are taken to agree: a Date field has whole seconds.
 const AGREED_MS = 2500;
-const SECOND_MS = 1000;
+const HALF_SECOND_MS = 500;
+const KEPT = 10;
+/** @type {{tookMs: number, skewMs: number}[]} the latest round trips */
+const trips = [];
 let skewMs = 0;
 
 /**
- * Count ages from the clock of the gateway, which its answer tells.
+ * Count ages from the clock of the gateway, which its answers tell: that of the fastest of the last ten, whose Date was
+ * written nearest to the middle between request and answer.
  *
  * @param {Response} response
- * @param {number} sentMs when it was asked for: the answer was dated between then and now, and may have been slow
+ * @param {number} sentMs when it was asked for
  */
 export function agree(response, sentMs) {
   const theirs = Date.parse(response.headers.get("date") ?? "");
-  const [least, most] = [sentMs - theirs - SECOND_MS, Date.now() - theirs];
-  const off = least > 0 ? least : Math.min(most, 0);
-  skewMs = Math.abs(off) > AGREED_MS ? off : 0;
+  if (Number.isNaN(theirs)) return;
+  const now = Date.now();
+  trips.push({ tookMs: now - sentMs, skewMs: (sentMs + now) / 2 - (theirs + HALF_SECOND_MS) });
+  if (trips.length > KEPT) trips.shift();
+  const best = trips.reduce((least, each) => (each.tookMs < least.tookMs ? each : least));
+  // An answer that took longer says less: its Date may be of any moment in between.
+  const certainMs = AGREED_MS + best.tookMs / 2;
+  skewMs = Math.abs(best.skewMs) > certainMs ? best.skewMs : 0;
 }
 
 /** @param {number} seconds */
@@ -33,12 +45,20 @@ export function age(seconds) {
   return `${text} ${unit} ago`;
 }
 
+/** A value of which there is no news although somebody listens has not changed. */
+function past(time, agoMs) {
+  const { connection, presence } = document.body.dataset;
+  const heard = connection === "live" && presence !== "offline" && time.dataset.path?.endsWith(MEASURED);
+  const text = age(agoMs / 1000);
+  return heard && agoMs > STILL_MS ? `unchanged for ${text.replace(" ago", "")} · live` : text;
+}
+
 /** @param {HTMLTimeElement} time */
 export function refresh(time) {
   const stamp = Date.parse(time.dateTime);
   if (Number.isNaN(stamp)) return;
   const ahead = stamp - (Date.now() - skewMs);
-  const text = ahead > AGREED_MS ? `in ${age(-0 + ahead / 1000).replace(" ago", "")}` : age(-ahead / 1000);
+  const text = ahead > AGREED_MS ? `in ${age(ahead / 1000).replace(" ago", "")}` : past(time, -ahead);
   if (time.title !== time.dateTime) time.title = time.dateTime;
   if (time.textContent !== text) time.textContent = text;
 }

@@ -20,3 +20,8 @@ export function proof(iri) {
   }
   return {};
 }
+
+/** Whether this browser has taken the lease at this address and not given it back. */
+export function holds(iri) {
+  return localStorage.getItem(PREFIX + iri) !== null;
+}

@@ -1,15 +1,36 @@
 // Numbers as people read them; gateway/linked_fleet_gateway/extensions/pages/labels.py writes the same.
 
-const LARGE = 1e6;
-const SMALL = 1e-4;
+const LARGE = 1e15;
+const SMALL = 1e-9;
 const DECIMALS = 4;
+const DECIMALS_IN = { "N m": 2, N: 2, "rad/s": 3, "m/s": 3, kg: 3, s: 3 };
+const RAISED = "⁰¹²³⁴⁵⁶⁷⁸⁹";
 
-/** @param {number} value */
-export function number(value) {
+/**
+ * As many decimals as make sense in `unit`, and never e-notation.
+ *
+ * @param {number} value
+ * @param {string} [unit] as in `data-unit`
+ */
+export function number(value, unit = "") {
   if (!Number.isFinite(value)) return String(value);
   const size = Math.abs(value);
-  if (size >= LARGE || (size > 0 && size < SMALL)) return value.toExponential(DECIMALS).replace(/\.?0+e/, "e");
-  return String(Number(value.toFixed(DECIMALS)) + 0);
+  if (size >= LARGE || (size > 0 && size < SMALL)) return power(value);
+  let decimals = DECIMALS_IN[unit] ?? DECIMALS;
+  if (size > 0 && size < 10 ** -decimals && !unit) decimals = Math.ceil(-Math.log10(size)) + 1;
+  return trimmed((value + 0).toFixed(decimals));
+}
+
+function trimmed(text) {
+  const short = text.includes(".") ? text.replace(/\.?0+$/, "") : text;
+  return short === "-0" ? "0" : short;
+}
+
+/** A number beyond those that people read, as a power of ten. */
+function power(value) {
+  const [mantissa, exponent] = value.toExponential(2).split("e");
+  const raised = String(Number(exponent)).replace(/[0-9]/g, (digit) => RAISED[digit]).replace("-", "⁻");
+  return `${trimmed(mantissa)}·10${raised}`;
 }
 
 const CONVERTED = { rad: [180 / Math.PI, "°", 1], m: [1000, "mm", 1] };

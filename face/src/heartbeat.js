@@ -1,5 +1,7 @@
 // Whether the gateway answers. A connection to a gateway that hangs stays open, and no script sees the pings on it.
 
+import { agree } from "./age.js";
+
 const PERIOD_MS = 500;
 const ASK_AFTER_MS = 2000;
 export const SILENT_MS = 5000;
@@ -52,10 +54,14 @@ async function ask() {
   asking = true;
   try {
     const { pathname } = new URL(document.body.dataset.root, document.baseURI);
+    /** @type {RequestInit} */
     const fields = { method: "HEAD", cache: "no-store", headers: { accept: "text/event-stream" } };
-    const { status } = await fetch(pathname, { ...fields, signal: AbortSignal.timeout(SILENT_MS) });
+    const sentMs = Date.now();
+    const response = await fetch(pathname, { ...fields, signal: AbortSignal.timeout(SILENT_MS) });
     // A front answers in place of a gateway that does not.
-    if (status < 500) heard();
+    if (response.status >= 500) return;
+    agree(response, sentMs);
+    heard();
   } catch {
     // No answer is what `tick` looks for.
   } finally {

@@ -25,6 +25,7 @@ async function load(details) {
     ready(inserted);
     apply();
     details.dataset.included = "done";
+    inserted.dispatchEvent(new Event("included", { bubbles: true }));
   } catch (error) {
     delete details.dataset.included; // opening it again tries again
     fail(details, `The form could not be had: ${error.message}`);

@@ -2,6 +2,8 @@
 
 import { number } from "./format.js";
 
+const BOUNDLESS = 1e6;
+
 /**
  * @typedef {{when?: Record<string, string[]>, min?: number, max?: number, exclusive?: ("min"|"max")[]}} Limits
  */
@@ -14,7 +16,7 @@ export function applyLimits(form) {
       if (limits?.[end] === undefined) input.removeAttribute(end);
       else input.setAttribute(end, String(limits[end]));
     }
-    say(input, limits ? range(limits, unitOf(input)) : "");
+    say(input, limits && !boundless(limits) ? range(limits, unitOf(input)) : "");
   }
 }
 
@@ -30,8 +32,14 @@ export function outside(input) {
   return low || high ? `This must be ${range(limits, unitOf(input))}.` : "";
 }
 
+/** The ends of what a number can be say nothing to anybody. @param {Limits} limits */
+function boundless({ min, max }) {
+  return Math.abs(min) >= BOUNDLESS && Math.abs(max) >= BOUNDLESS;
+}
+
 function plainLimits(input) {
   if (input.type !== "number" && input.inputMode !== "decimal") return undefined;
+  /** @type {Limits} */
   const limits = {};
   for (const end of ["min", "max"]) if (input.getAttribute(end)) limits[end] = Number(input.getAttribute(end));
   return limits;
@@ -60,6 +68,7 @@ function unitOf(input) {
   return units[0]?.selectedOptions?.[0]?.textContent.trim() ?? units[0]?.dataset.label ?? "";
 }
 
+/** @param {Limits} limits */
 function range({ min, max, exclusive = [] }, unit) {
   const low = min === undefined ? "" : `${exclusive.includes("min") ? "more than" : "from"} ${number(min)}`;
   const high = max === undefined ? "" : `${exclusive.includes("max") ? "less than" : low ? "" : "at most"} ${number(max)}`.trim();

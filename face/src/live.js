@@ -2,61 +2,117 @@
 
 import { refresh as refreshAge } from "./age.js";
 import { converted, number } from "./format.js";
+import { fetchLayout, graphOfFrame } from "./frames.js";
 import { key } from "./ntriples.js";
 import { adopt, refresh } from "./region.js";
 import { rest } from "./shown.js";
 import { watch } from "./socket.js";
-import { UNKNOWN, localName } from "./vocabulary.js";
+import { RESULT_TIME, UNKNOWN, lf, localName } from "./vocabulary.js";
 
 const LIVE = "[data-subject][data-path]:not(figure)";
 // These change and cannot be observed: their page asks again.
-const ASKING = new Set(["subscriptions", "subscription", "lease"]);
+const ASKING = new Set(["audit", "subscriptions", "subscription", "lease"]);
 const ASK_AGAIN_MS = 3000;
+// What these are is watched apart from the values of their properties, which come as frames of some bytes.
+const THINGS = new Set(["robot", "joint", "link"]);
+const FRAMES_S = 0.033; // 30 Hz
+const SETTINGS_S = 0.1;
 
 /** @type {Map<Element, {subject: string, path: string[], shown?: string}>} */
 let elements = new Map();
 let pending = new Map();
-let latest;
-let before;
+/** @type {Map<string, import("./ntriples.js").Graph>} the latest message by what is watched */
+const latest = new Map();
+const before = new Map();
+/** @type {Map<string, () => void>} what ends the watching of a property */
+const watched = new Map();
 const followers = new Set();
 
 /** Be told of every message about what this page shows. */
 export function follow(follower) {
   followers.add(follower);
-  if (latest) follower(latest);
+  for (const graph of latest.values()) follower(graph);
 }
 
 export function start() {
   const { resource, observable, kind } = document.body.dataset;
   adopt(collect);
-  if (observable !== undefined) watch(resource, { interval: 0.1 }, take);
+  if (observable !== undefined && THINGS.has(kind)) {
+    watch(resource, { depth: "this" }, (graph) => take(resource, graph));
+    adopt(properties);
+  } else if (observable !== undefined) watch(resource, {}, (graph) => take(resource, graph));
   else if (ASKING.has(kind)) setInterval(() => document.hidden || refresh(), ASK_AGAIN_MS);
 }
 
 function collect() {
   const found = document.querySelectorAll(LIVE);
   elements = new Map([...found].map((each) => [each, elements.get(each) ?? address(each)]));
-  if (latest) show(latest);
+  for (const graph of latest.values()) show(graph);
+}
+
+/** Watch each property of a thing whose value the page shows: a measured one as frames, others when they change. */
+function properties() {
+  const { resource } = document.body.dataset;
+  const shown = new Map();
+  for (const { subject, path } of elements.values()) {
+    const below = subject !== resource && subject.startsWith(resource) && !path[0].startsWith("^");
+    if (below) shown.set(subject, shown.get(subject) || path.at(-1) === RESULT_TIME);
+  }
+  for (const [subject, end] of watched) {
+    if (shown.has(subject)) continue;
+    end();
+    watched.delete(subject);
+  }
+  for (const [subject, measured] of shown) if (!watched.has(subject)) watched.set(subject, property(subject, measured));
+}
+
+/** Watch a property of this thing; a joint state is watched with its scene. */
+function property(iri, measured) {
+  if (iri === document.querySelector("[data-state][data-model]")?.dataset.state) return () => {};
+  let end = () => {};
+  let over = false;
+  const begin = (layout) => {
+    if (over) return;
+    /** @type {import("./socket.js").Options} */
+    const options = layout ? { protocol: "lf.frame", interval: FRAMES_S } : { interval: SETTINGS_S };
+    end = watch(iri, options, (/** @type {any} */ message) => {
+      const graph = layout && graphOfFrame(layout, message);
+      if (graph) give(iri, graph);
+      else if (!layout) take(iri, message);
+    });
+  };
+  if (measured) fetchLayout(iri).then(begin, () => begin(undefined));
+  else begin(undefined);
+  return () => {
+    over = true;
+    end();
+    latest.delete(iri);
+  };
 }
 
 function address(element) {
   return { subject: element.dataset.subject, path: element.dataset.path.split(/\s+/) };
 }
 
-function take(graph) {
-  const first = !latest;
-  latest = graph;
+function take(iri, graph) {
+  const first = !before.has(iri);
+  const now = rest(graph, give(iri, graph));
+  // The page may be older than the first message.
+  if (first || now !== before.get(iri)) refresh();
+  before.set(iri, now);
+}
+
+/** Show what a message says, and tell it to those who follow; the pairs of subject and predicate that are shown. */
+export function give(iri, graph) {
+  latest.set(iri, graph);
   const shown = show(graph);
   for (const follower of followers) follower(graph);
-  const now = rest(graph, shown);
-  // The page may be older than the first message.
-  if (first || now !== before) refresh();
-  before = now;
+  return shown;
 }
 
 /** Note what has changed, to be written in the next frame; the pairs of subject and predicate that are shown. */
 function show(graph) {
-  const shown = new Set();
+  const shown = new Set([...document.querySelectorAll("[data-robot]")].map(({ dataset }) => `${dataset.robot} ${lf("currentTask")}`));
   for (const [element, live] of elements) {
     const found = reach(graph, live.subject, live.path);
     if (!found) continue;
@@ -75,9 +131,13 @@ function show(graph) {
  * several such, to the first from which the path goes on.
  *
  * @param {import("./ntriples.js").Graph} graph
+ * @param {import("./ntriples.js").Graph} graph
+ * @param {string} node
+ * @param {string[]} way
  * @returns {{node: string, term: import("./ntriples.js").Term}|undefined}
  */
-export function reach(graph, node, [hop, ...path]) {
+export function reach(graph, node, way) {
+  const [hop, ...path] = way;
   if (!path.length) {
     const term = graph.value(node, hop);
     return term && { node, term };
@@ -121,7 +181,7 @@ function writeMeter(meter, value) {
 function writeNumber(data, term) {
   const unknown = term.value === UNKNOWN;
   const value = unknown ? NaN : Number(term.value);
-  data.textContent = unknown ? "unknown" : Number.isNaN(value) ? term.value : number(value);
+  data.textContent = unknown ? "unknown" : Number.isNaN(value) ? term.value : number(value, data.dataset.unit);
   data.value = unknown ? "" : term.value;
   const next = data.parentElement?.querySelector(":scope > .converted");
   if (next) next.textContent = converted(value, data.dataset.unit);

@@ -39,6 +39,7 @@ export class Graph {
 
   /** @returns {Term|undefined} what is reached from a subject by one predicate after the other */
   follow(subject, predicates) {
+    /** @type {Term|undefined} */
     let term = { kind: "iri", value: subject };
     for (const predicate of predicates) {
       if (!term || term.kind === "literal") return undefined;
@@ -87,6 +88,7 @@ export function parse(text) {
   return graph;
 }
 
+/** @param {string[]} found @returns {Term} */
 function object([, , , , iri, blank, literal, datatype, language]) {
   if (iri !== undefined) return { kind: "iri", value: plain(iri) };
   if (blank !== undefined) return { kind: "blank", value: blank };

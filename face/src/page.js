@@ -14,14 +14,28 @@ import * as include from "./include.js";
 import * as remove from "./remove.js";
 import * as copy from "./copy.js";
 import * as camera from "./camera.js";
+import * as fleet from "./fleet.js";
+import * as rows from "./rows.js";
+import * as robotState from "./robot_state.js";
+import * as sliders from "./sliders.js";
+import * as poses from "./poses.js";
+import * as reach from "./reach.js";
+import * as lease from "./lease.js";
+import * as thumbnails from "./thumbnails.js";
 
-for (const part of [stop, notice, region, presence, live, age, connection, form, act, tasks, include, remove, copy, camera]) {
+const ROBOT = [robotState, sliders, poses, reach, lease, thumbnails];
+const FLEET = [fleet, rows];
+const PAGE = [stop, notice, region, presence, live, age, connection, form, act, tasks, include, remove, copy, camera];
+for (const part of [...PAGE, ...ROBOT, ...FLEET]) {
   try {
     part.start();
   } catch (error) {
     notice.notice(`Something on this page does not work: ${error.message}`);
   }
 }
+
+const chart = document.querySelector("figure.chart[data-history]");
+if (chart) import("./chart.js").then(({ start }) => start(chart), failed);
 
 let plotting;
 region.adopt((root) => {

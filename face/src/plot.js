@@ -1,15 +1,16 @@
-// The last minute of each measured number, drawn with uPlot while it is on the screen.
+// The last minutes of each measured number, from its history and then live, drawn with uPlot while it is on the screen.
 
 import uPlot from "uplot";
 
 import { number } from "./format.js";
+import { fetchPast, historyOf } from "./history.js";
 import { follow, reach } from "./live.js";
 import { adopt } from "./region.js";
+import { options, SPANS_S } from "./plot_options.js";
 import { onConnection } from "./socket.js";
-import { UNKNOWN } from "./vocabulary.js";
+import { UNKNOWN, localName } from "./vocabulary.js";
 
-const SPAN_S = 60;
-const MARKS_S = [60, 45, 30, 15, 0];
+const LONGEST_S = SPANS_S.at(-1);
 const PERIOD_MS = 100;
 const SPOKEN_MS = 2000;
 // Below this width, as in a table, there is no room for axes.
@@ -34,17 +35,27 @@ export function start() {
   follow(take);
   onConnection((state) => {
     live = state === "live";
-    if (!live) for (const each of series.values()) each.interrupt(Date.now() / 1000);
+    if (!live) interrupt();
   });
+  new MutationObserver(() => isOffline() && interrupt()).observe(document.body, { attributeFilter: ["data-presence"] });
   const slow = matchMedia("(prefers-reduced-motion: reduce)");
   let last = 0;
   setInterval(() => {
     const now = Date.now();
-    if (!live || document.hidden || (slow.matches && now - last < 1000)) return;
+    if (!live || isOffline() || document.hidden || (slow.matches && now - last < 1000)) return;
     last = now;
     requestAnimationFrame(() => visible.forEach((figure) => plots.get(figure)?.draw(Date.now() / 1000)));
   }, PERIOD_MS);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => plots.forEach((plot) => plot.renew()));
+}
+
+/** What a robot that is not there, or a gateway that is not heard, does not say is not drawn. */
+function isOffline() {
+  return document.body.dataset.presence === "offline";
+}
+
+function interrupt() {
+  for (const each of series.values()) each.interrupt(Date.now() / 1000);
 }
 
 function collect(root) {
@@ -82,6 +93,22 @@ class Series {
     this.path = path;
     this.times = [];
     this.values = [];
+    this.fill().catch((error) => console.debug("there is no past to be drawn:", error));
+  }
+
+  /** Put what is remembered before what has been seen. */
+  async fill() {
+    this.history = await historyOf(this.subject);
+    if (!this.history) return;
+    const { names, times, columns } = await fetchPast(this.history, LONGEST_S);
+    const name = this.path.map(localName).join(".");
+    const values = columns[Math.max(0, names.indexOf(name))];
+    const begin = this.times[0] ?? Infinity;
+    const older = times.findIndex((time) => time >= begin);
+    const count = older < 0 ? times.length : older;
+    this.times.unshift(...times.slice(0, count));
+    this.values.unshift(...(values ?? []).slice(0, count));
+    for (const plot of plots.values()) if (plot.data === this) plot.remembered();
   }
 
   take(graph, now) {
@@ -92,14 +119,14 @@ class Series {
     if (this.times.length && now - this.times.at(-1) > STILL_S) this.push(now - STILL_S / 10, this.values.at(-1));
     this.push(now, value);
     let old = 0;
-    while (this.times[old + 1] < now - SPAN_S) old++;
+    while (this.times[old + 1] < now - LONGEST_S) old++;
     this.times.splice(0, old);
     this.values.splice(0, old);
   }
 
   /** End the line: of what nobody heard nothing is drawn. */
   interrupt(now) {
-    if (this.times.length) this.push(now, null);
+    if (this.times.length && this.values.at(-1) !== null) this.push(now, null);
   }
 
   push(time, value) {
@@ -119,17 +146,35 @@ class Plot {
     this.figure = figure;
     this.data = data;
     this.spoken = 0;
-    figure.setAttribute("role", "img");
+    this.span = SPANS_S[1];
     this.canvas = document.createElement("div");
     this.canvas.className = "canvas";
+    this.canvas.setAttribute("role", "img");
     figure.append(this.canvas);
     this.renew();
+    if (data.history) this.remembered();
+  }
+
+  /** There is a past: how much of it is drawn can be chosen, and it can be had. */
+  remembered() {
+    if (this.bar || !this.wide) return;
+    const choose = Object.assign(document.createElement("select"), { ariaLabel: "how far back the plot reaches" });
+    for (const span of SPANS_S) choose.add(new Option(span < 60 ? `${span} s` : `${span / 60} min`, String(span), span === this.span, span === this.span));
+    choose.onchange = () => {
+      this.span = Number(choose.value);
+      this.draw(Date.now() / 1000);
+    };
+    const csv = Object.assign(document.createElement("a"), { href: `${this.data.history}?as=csv`, textContent: "CSV", download: "" });
+    this.bar = Object.assign(document.createElement("div"), { className: "plot-bar" });
+    this.bar.append(choose, csv);
+    this.figure.append(this.bar);
+    this.draw(Date.now() / 1000);
   }
 
   renew() {
     this.chart?.destroy();
     const { width, height } = this.size();
-    this.chart = new uPlot(options(width, height), this.data.until(Date.now() / 1000), this.canvas);
+    this.chart = new uPlot(options(width, height, width >= NARROW_PX), this.data.until(Date.now() / 1000), this.canvas);
     this.wide = width >= NARROW_PX;
     this.speak(Date.now());
   }
@@ -148,60 +193,27 @@ class Plot {
   draw(now) {
     const [times, values] = this.data.until(now);
     this.chart.setData([times, values], false);
-    this.chart.setScale("x", { min: now - SPAN_S, max: now });
+    this.chart.setScale("x", { min: now - this.span, max: now });
     this.figure.dataset.points = String(times.length);
     if (now * 1000 - this.spoken > SPOKEN_MS) this.speak(now * 1000);
   }
 
   speak(nowMs) {
     const { title = "value", unit = "" } = this.figure.dataset;
-    const known = this.data.values.filter((value) => value !== null);
+    const begin = nowMs / 1000 - this.span;
+    const known = this.data.values.filter((value, index) => value !== null && this.data.times[index] >= begin);
+    if (!known.length) known.push(...this.data.values.filter((value) => value !== null).slice(-1));
+    const span = this.span === 60 ? "minute" : this.span < 60 ? `${this.span} s` : `${this.span / 60} minutes`;
     const text = known.length
       ? `from ${number(Math.min(...known))} to ${number(Math.max(...known))}, now ${number(known.at(-1))} ${unit}`
       : "nothing measured yet";
     this.spoken = known.length ? nowMs : 0;
-    this.figure.setAttribute("aria-label", `${title}, last minute: ${text}`.trim());
+    this.canvas.setAttribute("aria-label", `${title}, last ${span}: ${text}`.trim());
   }
 
   end() {
     this.chart.destroy();
     this.canvas.remove();
+    this.bar?.remove();
   }
-}
-
-function colour(name, otherwise) {
-  return getComputedStyle(document.documentElement).getPropertyValue(name).trim() || otherwise;
-}
-
-function options(width, height) {
-  const line = colour("--plot-line", colour("--accent", "#0b6e6e"));
-  const text = colour("--plot-text", colour("--muted", "#767676"));
-  const grid = { stroke: colour("--plot-grid", "#8883"), width: 1 };
-  const axis = { stroke: text, grid, ticks: { show: false }, font: "11px system-ui" };
-  const splits = ({ scales }) => MARKS_S.map((past) => scales.x.max - past);
-  const ago = () => MARKS_S.map((past) => (past ? `-${past} s` : "now"));
-  const wide = width >= NARROW_PX;
-  return {
-    width,
-    height,
-    legend: { show: false },
-    cursor: { show: false },
-    padding: wide ? [8, 16, 0, 0] : [2, 0, 2, 0],
-    scales: { x: { time: false }, y: { range: (_, low, high) => room(low, high) } },
-    series: [{}, { stroke: line, width: 1.5, points: { show: false }, fill: colour("--plot-fill", undefined) }],
-    axes: wide
-      ? [
-          { ...axis, size: 20, splits, values: ago },
-          { ...axis, size: 56, values: (_, splits) => splits.map(number), space: 26 },
-        ]
-      : [{ show: false }, { show: false }],
-  };
-}
-
-/** So that noise of a joint at rest does not fill the plot. */
-function room(low, high) {
-  if (low === null || low === undefined) return [-1, 1];
-  const half = Math.max((high - low) * 0.55, Math.abs(high + low) * 0.005, 1e-3);
-  const middle = (low + high) / 2;
-  return [middle - half, middle + half];
 }

@@ -1,9 +1,15 @@
-// What cannot be done with a robot that is offline is closed, and says why.
+// What cannot be done with a robot that is offline, or of which nobody hears, is closed, and says why.
 
 import { adopt } from "./region.js";
+import { onConnection } from "./socket.js";
 
-const ACTIONS = "details.action form.invoke, [data-kind=action] form.invoke";
-const REASON = "The robot is offline: nothing can be sent to it.";
+const ACTIONS = "details.action form.invoke, [data-kind=action] form.invoke, form.motion";
+const OFFLINE = "The robot is offline: nothing can be sent to it.";
+const UNHEARD = {
+  silent: "The gateway does not answer: what this form shows may be wrong.",
+  lost: "The connection is lost: what this form shows may be wrong.",
+};
+let connection = "live";
 
 export function start() {
   const head = document.querySelector(".head");
@@ -11,19 +17,24 @@ export function start() {
   adopt(apply);
   const changes = { subtree: true, childList: true, attributes: true, attributeFilter: ["data-state"] };
   new MutationObserver(apply).observe(head, changes);
+  onConnection((state) => {
+    connection = state;
+    apply();
+  });
 }
 
-/** Mark the page, and open or close its forms of actions, as the robot is present. */
+/** Mark the page, and open or close its forms of actions, as the robot is present and the gateway heard. */
 export function apply() {
   const state = document.querySelector("#presence .state")?.dataset.state;
-  const offline = state === "offline";
   document.body.dataset.presence = state ?? "online";
-  for (const form of document.querySelectorAll(ACTIONS)) close(form, offline);
+  const reason = UNHEARD[connection] ?? (state === "offline" ? OFFLINE : "");
+  for (const form of document.querySelectorAll(ACTIONS)) close(form, reason);
 }
 
-function close(form, closed) {
-  for (const button of form.querySelectorAll("button[type=submit]")) button.disabled = closed;
+function close(form, reason) {
+  for (const button of form.querySelectorAll("button[type=submit]")) button.disabled = Boolean(reason);
   const said = form.querySelector(":scope > p.closed");
-  if (!closed) said?.remove();
-  else if (!said) form.append(Object.assign(document.createElement("p"), { className: "closed", textContent: REASON }));
+  if (!reason) said?.remove();
+  else if (!said) form.append(Object.assign(document.createElement("p"), { className: "closed", textContent: reason }));
+  else if (said.textContent !== reason) said.textContent = reason;
 }

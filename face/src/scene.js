@@ -3,18 +3,22 @@
 import { Vector3 } from "three";
 
 import { converted, number } from "./format.js";
+import { wantedGhost } from "./ghost.js";
+import { poseIn, tipsOf } from "./scene_links.js";
 import { build, complete, fetchModel, loadMeshes, meshesOf } from "./scene_model.js";
+import { Ghost } from "./scene_ghost.js";
 import { Motion } from "./scene_motion.js";
 import { Objects, poseOf, putInverse } from "./scene_objects.js";
 import { Panel } from "./scene_panel.js";
 import { load, Part, proximity, ramp } from "./scene_parts.js";
 import { Picker } from "./scene_pick.js";
 import { fetchBase, fetchState } from "./scene_state.js";
+import { Target } from "./scene_target.js";
 import { smooth, View } from "./scene_view.js";
 import { watch } from "./socket.js";
 import { lf } from "./vocabulary.js";
 
-const INTERVAL_S = 0.04;
+const INTERVAL_S = 0.033; // 30 Hz
 const RESOLUTION = 1e-4; // rad or m: what is less is noise to a reader
 const AHEAD = "400px"; // a section that is about to be scrolled to is made ready
 
@@ -96,6 +100,46 @@ class RobotScene {
     this.gather();
     this.frame();
     this.phase("ready");
+    this.ghost(wantedGhost());
+    this.section.dispatchEvent(new Event("drawn"));
+  }
+
+  /**
+   * Show where the robot would be.
+   *
+   * @param {{joints: Map<string, number>, refused: boolean}|undefined} wanted positions by the IRI of the joint
+   */
+  ghost(wanted) {
+    if (this.section.dataset.phase !== "ready") return;
+    if (wanted && this.translucent?.robot !== this.robot) {
+      this.translucent?.dispose();
+      this.translucent = new Ghost(this.robot, this.view.colours);
+    }
+    const named = wanted && new Map([...wanted.joints].map(([iri, position]) => [nameOf(iri) ?? iri, position]));
+    this.translucent?.show(named, wanted?.refused);
+    this.section.toggleAttribute("data-ghost", Boolean(wanted));
+    this.view.invalidate();
+  }
+
+  /**
+   * Have a target dragged.
+   *
+   * @param {(pose: import("./scene_target.js").Pose, done: boolean) => void} onDrag
+   */
+  target(onDrag) {
+    this.picker.quiet = () => target.busy;
+    const target = new Target(this.view, this.robot, onDrag);
+    return target;
+  }
+
+  /** @returns {import("./scene_target.js").Pose|undefined} where a link is drawn, in the frame of the robot's base */
+  poseOf(link) {
+    return this.robot && poseIn(this.robot, link);
+  }
+
+  /** @returns {string[]} the links that hold no other, those that are farthest from the base by joints last */
+  tips() {
+    return this.robot ? tipsOf(this.robot) : [];
   }
 
   arrived(done, of) {
@@ -149,7 +193,7 @@ class RobotScene {
     } else if (!this.stop && this.motion) {
       const { resource } = document.body.dataset;
       const frames = watch(this.section.dataset.state, { protocol: "lf.frame", interval: INTERVAL_S }, (frame) => this.take(frame));
-      const presence = watch(resource, { interval: 0.1 }, (graph) => this.presence(graph.value(resource, lf("presence"))?.value));
+      const presence = watch(resource, { depth: "this" }, (graph) => this.presence(graph.value(resource, lf("presence"))?.value));
       const around = this.surround();
       this.stop = () => [frames, presence, ...around].forEach((end) => end());
     }
@@ -304,6 +348,7 @@ class RobotScene {
     this.stop?.();
     this.stop = undefined;
     for (const part of this.parts) part.dispose();
+    this.translucent?.dispose();
     this.view?.dispose();
     this.panel?.leave();
     delete this.section.scene;

@@ -72,7 +72,7 @@ export class Budget {
    */
   spend(object, times) {
     let corners = 0;
-    object.traverse(({ isMesh, geometry }) => isMesh && (corners += geometry.index?.count ?? geometry.attributes.position?.count ?? 0));
+    object.traverse((/** @type {any} */ { isMesh, geometry }) => isMesh && (corners += geometry.index?.count ?? geometry.attributes.position?.count ?? 0));
     if (corners * times > this.#left) throw new Error("the robot has more triangles than can be drawn here");
     this.#left -= corners * times;
   }

@@ -44,8 +44,8 @@ export function build(urdf, address) {
   loader.parseCollision = true;
   loader.loadMeshCb = (url, _manager, material, done) =>
     meshes.push({ url, place: (mesh) => done(url.endsWith(".dae") ? mesh : painted(mesh, colour(material))) });
-  const robot = loader.parse(xml, "");
-  robot.traverse((each) => each.isMesh && colour(each.material));
+  const robot = loader.parse(xml);
+  robot.traverse((/** @type {any} */ each) => each.isMesh && colour(each.material));
   robot.userData.declared = declared;
   for (const joint of Object.values(robot.joints)) joint.ignoreLimits = true; // what is measured is true
   for (const collider of collidersOf(robot)) collider.visible = false;
@@ -173,7 +173,7 @@ export function meshesOf(link) {
 
 function collidersOf(robot) {
   const found = [];
-  robot.traverse((each) => each.isURDFCollider && found.push(each));
+  robot.traverse((/** @type {any} */ each) => each.isURDFCollider && found.push(each));
   return found;
 }
 

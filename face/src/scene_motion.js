@@ -24,7 +24,7 @@ export class Motion {
   }
 
   mimics(index) {
-    return Number(Boolean(this.joints[index]?.mimicJoint));
+    return Number(Boolean(/** @type {any} */ (this.joints[index])?.mimicJoint));
   }
 
   /** The latest values; `smooth` false puts the robot there at once. */

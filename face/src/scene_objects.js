@@ -45,7 +45,7 @@ export class Objects extends Group {
 
   /** @param {import("./ntriples.js").Graph} graph of the container at `iri` */
   show(graph, iri) {
-    for (const each of [...this.children]) {
+    for (const each of /** @type {any[]} */ ([...this.children])) {
       each.removeFromParent();
       each.geometry.dispose();
       each.material.dispose();

@@ -7,7 +7,14 @@ const DRAG_PX = 5;
 /** Pointer on the canvas to parts. `page` gives the address of a part's page by its kind and name. */
 export class Picker {
   constructor(view, label, { page, describe }) {
-    Object.assign(this, { view, label, page, describe, parts: [], over: undefined });
+    this.view = view;
+    this.label = label;
+    this.page = page;
+    this.describe = describe;
+    this.parts = [];
+    this.over = undefined;
+    /** Whether what is under the pointer is no part. */
+    this.quiet = () => false;
     this.caster = new Raycaster();
     const { canvas, ending } = view;
     const on = (target, type, listener) => target.addEventListener(type, listener, { signal: ending.signal });
@@ -100,7 +107,7 @@ export class Picker {
   up(event) {
     const { down } = this;
     this.down = undefined;
-    if (event.button !== 0 || !down || Math.hypot(event.clientX - down.clientX, event.clientY - down.clientY) > DRAG_PX) return;
+    if (this.quiet() || event.button !== 0 || !down || Math.hypot(event.clientX - down.clientX, event.clientY - down.clientY) > DRAG_PX) return;
     const part = this.at(event);
     // A finger cannot hover: its first tap tells what is there, and the label has the links.
     if (event.pointerType === "touch" && part !== this.over) this.point(part, event);

@@ -10,6 +10,8 @@ const RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#";
 const TYPES = {
   char2: [2, (view, at) => String.fromCharCode(view.getUint8(at), view.getUint8(at + 1))],
   uint16: [2, (view, at) => view.getUint16(at, true)],
+  uint32: [4, (view, at) => view.getUint32(at, true)],
+  float32: [4, (view, at) => view.getFloat32(at, true)],
   uint64: [8, (view, at) => view.getBigUint64(at, true)],
   int64: [8, (view, at) => view.getBigInt64(at, true)],
   float64: [8, (view, at) => view.getFloat64(at, true)],
@@ -17,8 +19,8 @@ const TYPES = {
 
 /**
  * @typedef {{position: number[], orientation: number[]}} Base of a robot in the world: metre, and a unit quaternion x y z w
- * @typedef {{positions: number[], efforts: number[], base?: Base, incarnation?: bigint}} Values of the joints of a state,
- *   in its order: rad or m, N m or N; NaN is unknown
+ * @typedef {{positions: number[], velocities?: number[], efforts: number[], base?: Base, incarnation?: bigint, wallNs?: bigint}} Values
+ *   of the joints of a state, in its order: rad or m, rad/s or m/s, N m or N; NaN is unknown
  */
 
 /** The description of a robot's joint state: `joints` are IRIs in the order of its values, `present` those it states. */
@@ -32,6 +34,8 @@ export class JointState {
       positions: samples.map((sample) => number(graph.value(sample, `${LF}position`))),
       efforts: samples.map((sample) => number(graph.value(sample, `${LF}effort`))),
     };
+    /** Local names of the units of the positions. */
+    this.units = samples.map((sample) => graph.value(sample, `${LF}positionUnit`)?.value.replace(/^.*[/#]/, "") ?? "");
     this.fields = layout(graph, iri);
     this.length = Math.max(0, ...[...this.fields.values()].map(({ type, offset, count }) => offset + TYPES[type][0] * count));
   }
@@ -47,9 +51,11 @@ export class JointState {
     const base = this.read(view, "base");
     return {
       positions: this.read(view, "positions"),
+      velocities: this.read(view, "velocities"),
       efforts: this.read(view, "efforts"),
       base: base.length >= 7 ? { position: base.slice(0, 3), orientation: base.slice(3, 7) } : undefined,
       incarnation: this.read(view, "incarnation")[0],
+      wallNs: this.read(view, "wall_ns")[0],
     };
   }
 
@@ -85,16 +91,33 @@ function number(term) {
 }
 
 function layout(graph, iri) {
-  const fields = new Map();
+  const nodes = [];
   const seen = new Set();
   let cell = graph.value(iri, `${LF}frameLayout`);
   while (cell?.kind === "blank" && !seen.has(cell.value)) {
     seen.add(cell.value);
-    const field = graph.value(key(cell), `${RDF}first`);
-    const of = (name) => field && graph.value(key(field), LF + name)?.value;
-    const [type, offset, count] = [of("fieldType"), Number(of("byteOffset")), Number(of("valueCount"))];
-    if (Object.hasOwn(TYPES, type) && offset >= 0 && count >= 0) fields.set(of("fieldName"), { type, offset, count });
+    nodes.push(graph.value(key(cell), `${RDF}first`));
     cell = graph.value(key(cell), `${RDF}rest`);
   }
-  return fields;
+  return new Map(layoutFields(graph, nodes).map((each) => [each.name, each]));
+}
+
+/**
+ * The fields of a frame that these nodes of a graph describe; what cannot be read is left out.
+ *
+ * @param {(import("./ntriples.js").Term|undefined)[]} nodes
+ * @returns {{node: string, name: string, type: string, offset: number, count: number}[]}
+ */
+export function layoutFields(graph, nodes) {
+  return nodes.flatMap((term) => {
+    const node = term ? key(term) : "";
+    const of = (name) => graph.value(node, LF + name)?.value;
+    const [name, type, offset, count] = [of("fieldName"), of("fieldType"), Number(of("byteOffset")), Number(of("valueCount"))];
+    return Object.hasOwn(TYPES, type) && offset >= 0 && count >= 0 ? [{ node, name, type, offset, count }] : [];
+  });
+}
+
+/** The value of this type at this byte. */
+export function valueOf(view, type, offset) {
+  return TYPES[type][1](view, offset);
 }

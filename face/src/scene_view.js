@@ -20,6 +20,7 @@ import {
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 
 import { detail } from "./scene_geometry.js";
+import { Pacing } from "./scene_pacing.js";
 
 const SHARPEST = 2; // device pixel ratio; more costs much and shows nothing
 // What moves on a machine that draws more slowly than this is a sketch: at first without shadows, then with coarser
@@ -50,6 +51,7 @@ export class View {
     this.level = 0; // how much of a sketch movement takes here
     this.sketch = 0; // how much of one is drawn now
     this.ending = new AbortController();
+    this.pacing = new Pacing(context, (now) => this.draw(now));
     this.renderer = new WebGLRenderer({ canvas, context, antialias: true, alpha: true });
     this.renderer.toneMapping = ACESFilmicToneMapping;
     this.renderer.shadowMap.enabled = true;
@@ -192,7 +194,7 @@ export class View {
     const apply = () => {
       const style = getComputedStyle(this.canvas);
       const of = (name) => new Color(style.getPropertyValue(`--scene-${name}`).trim() || "#808890");
-      this.colours = Object.fromEntries(["grid", "axis", "highlight", "none", "bone"].map((name) => [name, of(name)]));
+      this.colours = Object.fromEntries(["grid", "axis", "highlight", "none", "bone", "refused"].map((name) => [name, of(name)]));
       if (this.robot) this.regrid();
     };
     apply();
@@ -224,11 +226,7 @@ export class View {
   /** Something has changed; `moved` says that shadows have too. */
   invalidate(moved = false) {
     this.renderer.shadowMap.needsUpdate ||= moved;
-    if (this.pending || !this.seen || document.hidden || this.ending.signal.aborted) return;
-    this.pending = requestAnimationFrame((now) => {
-      this.pending = undefined;
-      this.draw(now);
-    });
+    if (this.seen && !document.hidden && !this.ending.signal.aborted) this.pacing.request();
   }
 
   draw(now) {
@@ -278,11 +276,11 @@ export class View {
   dispose() {
     this.ending.abort();
     clearTimeout(this.still);
-    cancelAnimationFrame(this.pending);
+    this.pacing.cancel();
     this.sizes.disconnect();
     this.root.disconnect();
     this.controls.dispose();
-    this.scene.traverse((each) => {
+    this.scene.traverse((/** @type {any} */ each) => {
       each.geometry?.dispose();
       for (const material of [each.material ?? []].flat()) material.dispose();
     });

@@ -10,7 +10,7 @@ import { fetchBase, fetchState } from "./scene_state.js";
 import { smooth, View } from "./scene_view.js";
 import { watch } from "./socket.js";
 
-const INTERVAL_S = 0.04;
+const INTERVAL_S = 0.033; // 30 Hz
 const ESCAPED = /~([0-9A-F]{2})/g;
 
 /**
@@ -91,9 +91,14 @@ class WorldScene {
 
 /** One robot; `place` is where it stands, and is not shown as long as nobody knows. */
 class Standing {
+  /** @param {DOMStringMap} data of the element of the page that names it */
   constructor({ stands, model, state, pose, placement }, world) {
     this.world = world;
-    Object.assign(this, { name: stands, model, state, pose, placement });
+    this.name = stands;
+    this.model = model;
+    this.state = state;
+    this.pose = pose;
+    this.placement = placement;
     this.place = new Group();
     this.place.name = stands;
     this.place.visible = false;

@@ -16,16 +16,22 @@ const VERSION = "https://w3id.org/linked-fleet#version";
 /** @type {Map<string, Channel>} */
 const channels = new Map();
 const listeners = new Set();
+/** @type {State} */
 let told = "live";
+
+/**
+ * @typedef {{protocol?: "lf.ntriples"|"lf.frame"|"lf.jpeg", interval?: number, depth?: "this"|"properties"|"subtree", onGone?: () => void}} Options
+ *   `interval`: the least time between two messages in seconds; `onGone` is called when there is no such resource
+ * @typedef {"live"|"lost"|"gone"|"cancelled"|"forbidden"|"silent"} State
+ */
 
 /**
  * Watch a resource of this origin. What it is at present comes first, then every change, conflated: each message is all
  * of it, so the last one is enough. It resumes by itself after an interruption.
  *
  * @param {string} iri of the resource, absolute or path-absolute
- * @param {{protocol?: "lf.ntriples"|"lf.frame"|"lf.jpeg", interval?: number, depth?: "this"|"properties"|"subtree", onGone?: () => void}} options
- *   `interval`: the least time between two messages in seconds; `onGone` is called when there is no such resource
- * @param {(message: import("./ntriples.js").Graph|ArrayBuffer) => void} onMessage gets a graph of `lf.ntriples`, parsed
+ * @param {Options} options
+ * @param {(message: any) => void} onMessage gets a graph of `lf.ntriples`, parsed
  *   once for all who watch, or the bytes of an `lf.frame` or `lf.jpeg`
  * @returns {() => void} which stops watching; the last one to stop closes the connection
  */
@@ -45,7 +51,7 @@ export function watch(iri, { protocol = "lf.ntriples", interval = 0.1, depth = "
  * again, for robots come back), `cancelled` by somebody else, `forbidden`, or `silent` while they are open and the
  * gateway does not answer. At once and when that changes.
  *
- * @param {(state: "live"|"lost"|"gone"|"cancelled"|"forbidden"|"silent") => void} listener
+ * @param {(state: State) => void} listener
  */
 export function onConnection(listener) {
   listeners.add(listener);
@@ -55,7 +61,9 @@ export function onConnection(listener) {
 function tell() {
   const states = new Set([...channels.values()].map((channel) => channel.state));
   const open = heartbeat.isSilent() ? "silent" : "live";
-  const now = ["lost", "gone", "cancelled", "forbidden"].find((state) => states.has(state)) ?? open;
+  /** @type {State[]} */
+  const worst = ["lost", "gone", "cancelled", "forbidden"];
+  const now = worst.find((state) => states.has(state)) ?? open;
   if (now === told) return;
   told = now;
   for (const listener of listeners) listener(now);

@@ -1,8 +1,8 @@
 // The stop button. It depends on nothing else of the page: whatever fails there, this works.
 
-const AGAIN_MS = 600;
+const AGAIN_MS = 2000;
 const ANSWER_MS = 3000;
-const HARDWARE = "Use the emergency stop at the robot itself.";
+const NO_ANSWER = "No answer — use the hardware stop.";
 let latest;
 
 export function start() {
@@ -16,11 +16,23 @@ export function start() {
   });
   const button = form.querySelector("button");
   if (button && !button.title) button.title = "or press Escape twice";
+  listen(form, output);
+}
+
+/** The first Escape, which dialogs and menus take as well, only announces what a second one does. */
+function listen(form, output) {
   let last = -Infinity;
+  let withdraw;
   addEventListener("keydown", ({ key, repeat, timeStamp }) => {
     if (key !== "Escape" || repeat) return;
-    if (timeStamp - last < AGAIN_MS) stop(form, output);
-    last = timeStamp;
+    clearTimeout(withdraw);
+    const again = timeStamp - last < AGAIN_MS;
+    last = again ? -Infinity : timeStamp;
+    if (again) stop(form, output);
+    else if (output.dataset.state !== "waiting") {
+      say(output, "announced", `Press Escape again to stop ${form.querySelector("bdi")?.textContent ?? ""}`.trim() + ".");
+      withdraw = setTimeout(() => output.dataset.state === "announced" && say(output, "", ""), AGAIN_MS);
+    }
   });
 }
 
@@ -29,7 +41,7 @@ async function stop(form, output) {
   const tell = (state, text) => mine === latest && say(output, state, text);
   tell("waiting", "Stopping…");
   // The request goes on: a late answer is told as well.
-  const late = setTimeout(() => tell("error", `Nobody has answered the stop for 3 s. ${HARDWARE}`), ANSWER_MS);
+  const late = setTimeout(() => tell("error", NO_ANSWER), ANSWER_MS);
   try {
     const response = await fetch(form.dataset.action, {
       method: "POST",
@@ -39,9 +51,9 @@ async function stop(form, output) {
       cache: "no-store",
     });
     if (response.ok) tell("done", `Stop accepted at ${new Date().toLocaleTimeString("en-GB")}.`);
-    else tell("error", `Not stopped: ${await reason(response)} ${HARDWARE}`);
+    else tell("error", `Not stopped: ${await reason(response)} Use the hardware stop.`);
   } catch {
-    tell("error", `Not stopped: the gateway did not answer. ${HARDWARE}`);
+    tell("error", NO_ANSWER);
   } finally {
     clearTimeout(late);
   }

@@ -1,4 +1,4 @@
-// Cards of what robots are at: progress, state, and a button that ends it.
+// Cards of what robots are at: progress, state, and a button that ends it; in the form that asked, else above the page.
 
 import { follow as followPage } from "./live.js";
 import { number } from "./format.js";
@@ -28,14 +28,29 @@ export function start() {
  *
  * @param {string} iri
  * @param {import("./ntriples.js").Graph} [graph] what is known of it
+ * @param {HTMLFormElement} [form] that asked for it, where the card of what it asked for before ends
+ * @param {() => void} [onOver] is called when it has ended
  */
-export function follow(iri, graph) {
-  const place = document.getElementById("tasks");
-  if (!place || cards.has(iri)) return;
-  const card = new Card(iri, place);
+export function follow(iri, graph, form, onOver) {
+  const place = form ? placeIn(form) : document.getElementById("tasks");
+  const known = cards.get(iri);
+  if (known && form) known.move(place, onOver);
+  if (!place || known) return;
+  const card = new Card(iri, place, onOver);
   cards.set(iri, card);
   store();
   if (graph) card.show(graph);
+}
+
+function placeIn(form) {
+  let place = form.querySelector(".outcome");
+  if (!place) {
+    place = Object.assign(document.createElement("div"), { className: "outcome" });
+    place.setAttribute("aria-live", "polite");
+    form.append(place);
+  }
+  for (const [, card] of cards) if (!card.open && card.element.parentElement === place) card.remove();
+  return place;
 }
 
 /** Those that go on are shown on the next page too. */
@@ -44,8 +59,9 @@ function store() {
 }
 
 class Card {
-  constructor(iri, place) {
+  constructor(iri, place, onOver = () => {}) {
     this.iri = iri;
+    this.onOver = onOver;
     this.open = true;
     this.element = document.createElement("article");
     this.element.className = "task";
@@ -63,6 +79,13 @@ class Card {
     place.append(this.element);
     // An invocation that was deleted is nobody's task.
     this.stop = watch(iri, { interval: INTERVAL_S, onGone: () => this.remove() }, (message) => this.show(message));
+  }
+
+  /** A page may hear of a task before the form that asked for it. */
+  move(place, onOver = () => {}) {
+    place.append(this.element);
+    this.onOver = onOver;
+    if (!this.open) onOver();
   }
 
   add(name, members) {
@@ -91,6 +114,7 @@ class Card {
 
   over(state) {
     this.open = false;
+    this.onOver();
     store();
     // Whoever watches is calling: they are let go of after that.
     queueMicrotask(() => this.stop());

@@ -24,3 +24,13 @@ export function localName(iri) {
   const end = iri.replace(/[#/]+$/, "");
   return decodeURIComponent(end.slice(Math.max(end.lastIndexOf("#"), end.lastIndexOf("/")) + 1).replace(/%(?![0-9A-Fa-f]{2})/g, "%25"));
 }
+
+/** The segments of the path of an IRI, decoded. */
+export function segments(iri) {
+  return new URL(iri, location.href).pathname.split("/").filter(Boolean).map(decodeURIComponent);
+}
+
+/** A name in camel case as words: `rotateBy` is "rotate by". */
+export function words(name) {
+  return name.replace(/([a-z0-9])([A-Z])/g, "$1 $2").toLowerCase();
+}

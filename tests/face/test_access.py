@@ -11,7 +11,7 @@ from conftest import RunningFleet
 
 pytestmark = pytest.mark.processes
 PHONE: ViewportSize = {"width": 360, "height": 740}
-IN_THE_DARK = ("fleet", "joint", "action", "subscriptions")
+IN_THE_DARK = ("fleet", "audit", "joint", "action", "subscriptions")
 
 
 @pytest.fixture(scope="module")
@@ -35,6 +35,10 @@ def pages(fleet: RunningFleet, browser: Browser) -> dict[str, str]:
         "blueprint": rotate.removesuffix("/actions/rotate") + "/blueprint",
         "vocabulary": str(browser.page(browser.root).one(LF.vocabulary)),
         "lease": str(robot.one(LF.lease)),
+        "joint state": str(robot.one(LF.jointState)),
+        "invocations": rotate + "/invocations",
+        "audit": browser.root + "audit",
+        "things": str(browser.page(browser.root).one(LF.things)),
         "nothing": browser.root + "nothing/of/this/name",
     }
 

@@ -71,7 +71,7 @@ def press(form: Locator, dry: bool = False) -> None:
 
 
 def task(page: Page) -> Locator:
-    return page.locator("#tasks .task").last
+    return page.locator(".task").last
 
 
 def test_a_joint_is_rotated_by_the_form(page: Page, form: Locator, ur5: Robot) -> None:
@@ -170,7 +170,7 @@ def test_stop_is_always_in_reach(page: Page, form: Locator, by: str) -> None:
         page.keyboard.press("Escape")
         page.keyboard.press("Escape")
     expect(page.locator("form.stop output")).to_contain_text("Stop accepted")
-    expect(page.locator("#tasks .task .state", has_text="cancelled")).to_be_visible()
+    expect(page.locator(".task .state", has_text="cancelled")).to_be_visible()
 
 
 def test_a_task_is_followed_on_the_next_page(page: Page, form: Locator, ur5: Robot) -> None:
@@ -198,7 +198,7 @@ def test_a_task_that_is_gone_is_forgotten(
     assert ur5.browser.http.delete(invocation).status_code == 204
     page.goto(ur5.browser.root)
     expect(page.locator("body[data-connection]")).to_have_count(1)
-    expect(page.locator("#tasks .task")).to_have_count(0)
+    expect(page.locator(".task")).to_have_count(0)
     expect(page.locator("#connection")).to_be_hidden()
     watched.forgive(REFUSED, "WebSocket connection")
 

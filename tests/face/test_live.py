@@ -43,7 +43,9 @@ def test_a_value_changes_without_reload(page: Page, watched: object, toy: tuple[
     expect(value.locator("xpath=../*[@class='converted']")).to_have_text("0.2°")
     expect(page.locator(f'time[data-subject="{one.rotation}"]').first).to_have_text(re.compile("s ago$"))
     expect(figure.locator("canvas")).to_be_visible()
-    expect(figure).to_have_attribute("aria-label", re.compile(r"rotation.*last minute: from 0.* to 0.*, now 0\.00"))
+    expect(figure.locator("[role=img]")).to_have_attribute(
+        "aria-label", re.compile(r"rotation.*last minute: from 0.* to 0.*, now 0\.00")
+    )
     assert _same(page)
 
 

@@ -66,6 +66,17 @@ def test_a_page_of_a_session_is_live(page: Page, watched: object, own: Guarded) 
     assert page.evaluate("window.marked") is True
 
 
+def test_every_page_says_what_one_may_do(page: Page, watched: object, own: Guarded) -> None:
+    """There over what the page is about, on the page of the account over everything."""
+    page.goto(f"{own.root}{SEEN}/")
+    _log_in(page, own, "lab")
+    page.locator(".reader summary").click()
+    expect(page.locator(".reader div")).to_contain_text("Here you may read, subscribe, stop, act and admin.")
+    page.get_by_role("link", name="Your account").click()
+    expect(page.get_by_role("row", name="act")).to_contain_text("lab-*")
+    expect(page.get_by_role("navigation", name="Sections").get_by_role("link", name="Audit")).to_have_count(0)
+
+
 def test_one_logs_out(page: Page, watched: object, own: Guarded) -> None:
     page.goto(own.root)
     _log_in(page, own, "lab")
@@ -79,7 +90,10 @@ def test_a_wrong_token_says_so(page: Page, watched: object, own: Guarded) -> Non
     page.goto(own.root + "login")
     page.get_by_label("Token", exact=True).fill("wrong")
     page.get_by_role("button", name="Log in").click()
-    expect(page.get_by_role("alert")).to_contain_text("not accepted")
+    field = page.get_by_label("Token", exact=True)
+    expect(field).to_have_attribute("aria-invalid", "true")
+    expect(field).to_have_accessible_description("This token is not accepted: it is unknown.")
+    expect(field).to_be_focused()
     watched.forgive(REFUSED)  # type: ignore[attr-defined]
 
 

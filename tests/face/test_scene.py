@@ -194,7 +194,7 @@ def test_colours_have_a_legend_in_words(page: Page, watched: object, ur5: tuple[
     page.get_by_label("limit proximity").check()
     expect(legend).to_contain_text("at a limit")
     expect(legend).to_contain_text("most: ")
-    page.get_by_label("effort").check()
+    page.get_by_role("radio", name="effort").check()
     expect(legend).to_contain_text("all that is allowed")
     page.get_by_label("appearance").check()
     expect(legend).to_be_hidden()
@@ -283,7 +283,12 @@ def test_nothing_is_asked_of_another_host(page: Page, watched: object, place: tu
 
 def test_without_webgl_the_page_says_so(page: Page, watched: object, ur5: tuple[Browser, Process]) -> None:
     browser, _ = ur5
-    page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
+    page.add_init_script("""
+        const own = HTMLCanvasElement.prototype.getContext;
+        HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
+            return kind.startsWith("webgl") ? null : own.call(this, kind, ...more);
+        };
+    """)
     _show(page, browser.robot("ur5").url, "failed")
     expect(page.locator("#scene [role=status]")).to_contain_text("no WebGL")
     expect(page.locator("#scene canvas")).to_have_count(0)

@@ -68,15 +68,15 @@ def test_from_the_root_to_a_joint_that_moves(
     page.get_by_role("link", name="right_s1", exact=True).click()
     page.evaluate("window.untouched = true")
     _rotate(page, "-60")
-    expect(page.locator("#tasks .state").first).to_have_text("succeeded")
+    expect(page.locator(".task .state").first).to_have_text("succeeded")
     expect(page.locator("#lead .figure .converted")).to_have_text(re.compile(r"^.(60|59\.9)"))
     page.mouse.wheel(0, -5000)
     picture(page, "joint", tmp_path)
 
     _rotate(page, "20", speed="0.05")
-    card = page.locator("#tasks .task[data-state=running]")
+    card = page.locator(".task[data-state=running]")
     card.get_by_role("button", name="Cancel").click()
-    expect(page.locator("#tasks .task[data-state=cancelled]")).to_be_visible()
+    expect(page.locator(".task[data-state=cancelled]")).to_be_visible()
     assert page.evaluate("window.untouched")
 
     page.get_by_role("link", name="baxter", exact=True).first.click()

@@ -73,13 +73,47 @@ def test_stop_says_that_nobody_answers(
         button.click()
         expect(said).to_have_text("Stopping…")
         assert button.bounding_box() == place
-        expect(said).to_contain_text("Nobody has answered the stop for 3 s. Use the emergency stop")
+        expect(said).to_contain_text("No answer — use the hardware stop")
         assert button.bounding_box() == place
     finally:
         one.process.send(signal.SIGCONT)
     expect(said).to_contain_text("Stop accepted")
     assert button.bounding_box() == place
     watched.forgive("Failed to load resource")
+
+
+def test_one_escape_announces_that_a_second_one_stops(page: Page, watched: object, toy: tuple[Hub, Gateway]) -> None:
+    """Menus and dialogs take the key too: the first sends nothing, and is forgotten after two seconds."""
+    _, one = toy
+    sent: list[str] = []
+    page.on("request", lambda request: sent.append(request.url) if request.method == "POST" else None)
+    page.clock.install()
+    page.goto(one.joint)
+    said = page.locator("form.stop output")
+    page.keyboard.press("Escape")
+    expect(said).to_contain_text("Press Escape again to stop")
+    page.clock.run_for(2000)
+    expect(said).to_have_text("")
+    assert sent == []
+    page.keyboard.press("Escape")
+    page.keyboard.press("Escape")
+    expect(said).to_contain_text("Stop accepted")
+    assert len(sent) == 1
+
+
+def test_the_whole_label_of_stop_is_seen_on_a_phone(page: Page, watched: object, toy: tuple[Hub, Gateway]) -> None:
+    """It says whom it stops; a longer name than the demo has takes a second line."""
+    _, one = toy
+    page.set_viewport_size({"width": 390, "height": 844})
+    page.goto(one.joint)
+    button = page.locator("form.stop button")
+    for name in ("toy", "warehouse_arm_17"):
+        button.locator("bdi").evaluate("(each, name) => (each.textContent = name)", name)
+        for each in (button, button.locator("bdi")):
+            assert each.evaluate(
+                "each => each.scrollWidth <= each.clientWidth && each.scrollHeight <= each.clientHeight + 1"
+            )
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
 
 
 def test_nothing_can_be_sent_to_a_robot_that_is_offline(page: Page, watched: object, tmp_path: Path) -> None:

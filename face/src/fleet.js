@@ -1,0 +1,90 @@
+// The cards of a fleet: what each robot is doing, and which cards are shown.
+
+import { refresh } from "./age.js";
+import { follow } from "./live.js";
+import { adopt } from "./region.js";
+import { lf, segments, words } from "./vocabulary.js";
+
+const CARDS = "#robots li[data-robot]";
+const PRESENCES = ["online", "faulty", "offline"];
+let filter;
+
+export function start() {
+  filter = document.querySelector("form[data-filters=robots]");
+  if (!filter) return;
+  filter.addEventListener("input", apply);
+  filter.addEventListener("submit", (event) => event.preventDefault());
+  follow(tell);
+  adopt(apply);
+  const changes = { subtree: true, attributes: true, attributeFilter: ["data-state"] };
+  new MutationObserver(apply).observe(document.querySelector("main"), changes);
+}
+
+/** Write tasks and times of motions into the cards: neither need be there, so neither has an address in the page. */
+function tell(graph) {
+  for (const card of document.querySelectorAll(CARDS)) {
+    const task = graph.value(card.dataset.robot, lf("currentTask"));
+    const said = card.querySelector("[data-activity]");
+    const text = task ? taskName(task.value) : "idle";
+    if (said.textContent !== text) said.textContent = text;
+    said.classList.toggle("busy", Boolean(task));
+    move(card.querySelector("[data-moved]"), graph.value(card.dataset.robot, lf("lastMoved"))?.value);
+  }
+}
+
+function move(element, stamp) {
+  const time = element.querySelector("time");
+  if (!stamp || time?.dateTime === stamp) return;
+  const fresh = Object.assign(document.createElement("time"), { dateTime: stamp });
+  refresh(fresh);
+  element.replaceChildren("moved ", fresh);
+}
+
+/** `…/arm/elbow/actions/rotateBy/invocations/1` is "rotate by elbow", as sentences.py has it. */
+function taskName(iri) {
+  const found = segments(iri);
+  const at = found.indexOf("actions");
+  if (at < 0 || at + 1 >= found.length) return found.at(-1) ?? "";
+  return [words(found[at + 1]), ...(at === 2 ? [found[1]] : [])].join(" ");
+}
+
+function apply() {
+  const { text, presence, kind } = Object.fromEntries(new FormData(filter));
+  const wanted = String(text).trim().toLowerCase().split(/\s+/);
+  const cards = /** @type {HTMLElement[]} */ ([...document.querySelectorAll(CARDS)]);
+  const counts = new Map();
+  offer(new Set(cards.map((card) => card.dataset.modelName).filter(Boolean)));
+  let shown = 0;
+  for (const card of cards) {
+    const state = card.querySelector(".state")?.dataset.state;
+    counts.set(state, (counts.get(state) ?? 0) + 1);
+    const said = `${card.dataset.name} ${card.querySelector("h3").textContent}`.toLowerCase();
+    const fits = (!presence || state === presence) && (!kind || card.dataset.modelName === kind);
+    const hidden = !fits || !wanted.every((word) => said.includes(word));
+    if (card.hidden !== hidden) card.hidden = hidden;
+    if (!hidden) shown += 1;
+  }
+  count(counts);
+  document.getElementById("shown").textContent = shown === cards.length ? "" : `${shown} of ${cards.length} shown`;
+  document.getElementById("none-shown").hidden = shown > 0 || !cards.length;
+}
+
+function count(counts) {
+  const text = PRESENCES.filter((name) => counts.has(name)).map((name) => [name, `${counts.get(name)} ${name}`]);
+  const box = document.getElementById("counts");
+  if (!box || box.textContent.trim().replace(/\s+/g, " ") === text.map(([, each]) => each).join(" ")) return;
+  box.replaceChildren(
+    ...text.flatMap(([name, each]) => {
+      const state = Object.assign(document.createElement("span"), { className: "state", textContent: each });
+      state.dataset.state = name;
+      return [state, " "];
+    }),
+  );
+}
+
+/** Robots that came since the page was served may be of a kind that it does not offer. */
+function offer(kinds) {
+  const select = filter.elements.kind;
+  const known = new Set([...select.options].map(({ value }) => value));
+  for (const kind of kinds) if (!known.has(kind)) select.add(new Option(kind));
+}

@@ -1,0 +1,73 @@
+// Who has control of this robot: seen, taken, renewed while the page is open, and given back.
+
+import { holds } from "./control.js";
+import { send } from "./request.js";
+import { write } from "./ntriples.js";
+import { lf, localName } from "./vocabulary.js";
+
+const ASK_MS = 3000;
+const LEASE_S = 120;
+const RENEW_BELOW_S = 60;
+const INTEGER = "http://www.w3.org/2001/XMLSchema#integer";
+
+export function start() {
+  const place = document.querySelector("[data-lease]");
+  if (place) new Control(place);
+}
+
+class Control {
+  constructor(place) {
+    this.iri = place.dataset.lease;
+    this.state = place.querySelector(".state");
+    this.text = place.querySelector(".holder");
+    this.button = place.querySelector("button");
+    this.problem = place.querySelector(".error");
+    this.button.onclick = () => (holds(this.iri) ? this.ask("DELETE") : this.take());
+    this.look();
+    setInterval(() => document.hidden || this.look(), ASK_MS);
+  }
+
+  async look() {
+    if (this.looking || this.asking) return;
+    this.looking = true;
+    const { graph } = await send("GET", this.iri);
+    this.looking = false;
+    if (!graph || this.asking) return;
+    const of = (name) => graph.value(this.iri, lf(name))?.value;
+    const left = (Date.parse(of("expires") ?? "") - Date.now()) / 1000;
+    this.show(localName(of("state") ?? lf("unknown")), of("holder") ?? "", left);
+    if (this.mine && left < RENEW_BELOW_S) this.take();
+  }
+
+  show(state, holder, left) {
+    this.state.textContent = this.state.dataset.state = state;
+    this.mine = state === "held" && holds(this.iri);
+    const until = left > 0 ? ` for ${Math.ceil(left)} s` : "";
+    this.text.textContent = state !== "held" ? "Nobody has it." : this.mine ? "You have control." : `${holder}${until}`;
+    this.button.hidden = state === "held" && !this.mine;
+    this.button.textContent = this.mine ? "Give back" : "Take control";
+  }
+
+  take() {
+    const holder = document.getElementById("who")?.textContent.trim() || "somebody at a browser";
+    /** @type {[string, import("./ntriples.js").Term][]} */
+    const says = [
+      [lf("holder"), { kind: "literal", value: holder }],
+      [lf("leaseDuration"), { kind: "literal", value: String(LEASE_S), datatype: INTEGER }],
+    ];
+    const lines = says.map(([predicate, object]) => `_:c ${write({ kind: "iri", value: predicate })} ${write(object)} .\n`);
+    return this.ask("PUT", lines.join(""));
+  }
+
+  async ask(method, body) {
+    if (this.asking) return;
+    this.asking = true;
+    this.button.disabled = true;
+    const { problem } = await send(method, this.iri, { body });
+    this.button.disabled = false;
+    this.asking = false;
+    this.problem.hidden = !problem;
+    this.problem.textContent = problem ? `${problem.title}. ${problem.detail}` : "";
+    this.look();
+  }
+}

@@ -1,0 +1,52 @@
+// How plots look: axes, room around a line, colours of the page's style.
+
+import { number } from "./format.js";
+
+/** What a picker offers, in seconds; the gateway remembers five minutes unless it was told otherwise. */
+export const SPANS_S = [10, 60, 300];
+const MARKS = 4;
+
+export function colour(name, otherwise) {
+  return getComputedStyle(document.documentElement).getPropertyValue(name).trim() || otherwise;
+}
+
+/** Of a plot with one line. @returns {import("uplot").Options} */
+export function options(width, height, wide) {
+  const line = { stroke: colour("--plot", "#0b6e6e"), width: 1.5, points: { show: false } };
+  return {
+    width,
+    height,
+    legend: { show: false },
+    cursor: { show: false },
+    padding: wide ? [8, 16, 0, 0] : [2, 0, 2, 0],
+    scales: { x: { time: false }, y: { range: (_, low, high) => room(low, high) } },
+    series: [{}, line],
+    axes: wide ? axes() : [{ show: false }, { show: false }],
+  };
+}
+
+/** Time before now, and the value. @returns {import("uplot").Axis[]} */
+export function axes() {
+  const grid = { stroke: colour("--line", "#8883"), width: 1 };
+  const axis = { stroke: colour("--soft", "#767676"), grid, ticks: { show: false }, font: "11px system-ui" };
+  const length = ({ scales }) => scales.x.max - scales.x.min;
+  const marks = (plot) => Array.from({ length: MARKS + 1 }, (_, index) => plot.scales.x.max - (length(plot) * (MARKS - index)) / MARKS);
+  const ago = (plot, splits) => splits.map((each) => before(plot.scales.x.max - each, length(plot)));
+  return [
+    { ...axis, size: 20, splits: marks, values: ago },
+    { ...axis, size: 56, values: (_, splits) => splits.map((each) => number(each)), space: 26 },
+  ];
+}
+
+function before(seconds, span) {
+  if (seconds < 0.01) return "now";
+  return span > 120 ? `-${number(Number((seconds / 60).toFixed(1)))} min` : `-${number(Number(seconds.toFixed(1)))} s`;
+}
+
+/** So that noise of a joint at rest does not fill the plot. @returns {[number, number]} */
+export function room(low, high) {
+  if (low === null || low === undefined) return [-1, 1];
+  const half = Math.max((high - low) * 0.55, Math.abs(high + low) * 0.005, 1e-3);
+  const middle = (low + high) / 2;
+  return [middle - half, middle + half];
+}

@@ -1,0 +1,66 @@
+// The joints of the robot of this page, as its frames tell of them: for the table, the sliders and whoever asks.
+
+import { give } from "./live.js";
+import { graphOfState } from "./frames.js";
+import { fetchState } from "./scene_state.js";
+import { watch } from "./socket.js";
+
+const INTERVAL_S = 0.033; // 30 Hz
+const AGAIN_MS = 2000;
+
+/** @typedef {import("./scene_state.js").JointState} JointState */
+/** @typedef {import("./scene_state.js").Values} Values */
+
+/** @type {Set<(state: JointState, values: Values) => void>} */
+const listeners = new Set();
+/** @type {JointState|undefined} */
+let state;
+/** @type {Values|undefined} */
+let latest;
+let incarnation;
+let fetching = false;
+
+/** Be told of the joints, at once if they are known, and with every frame. */
+export function onJoints(listener) {
+  listeners.add(listener);
+  if (state && latest) listener(state, latest);
+}
+
+export function start() {
+  const iri = document.querySelector("[data-state][data-model]")?.dataset.state;
+  if (!iri || document.body.dataset.kind !== "robot") return;
+  describe(iri).then(() => watch(iri, { protocol: "lf.frame", interval: INTERVAL_S }, (frame) => take(iri, frame)));
+}
+
+/** Another run of the agent may have brought other joints. */
+async function describe(iri) {
+  if (fetching) return;
+  fetching = true;
+  try {
+    state = await fetchState(iri);
+    incarnation = undefined;
+    tell(iri, state.present);
+  } catch (error) {
+    console.debug("the joint state cannot be had at present:", error);
+    setTimeout(() => describe(iri), AGAIN_MS);
+  } finally {
+    fetching = false;
+  }
+}
+
+function take(iri, frame) {
+  const values = state?.decode(frame);
+  if (!values || (incarnation !== undefined && values.incarnation !== incarnation)) {
+    describe(iri);
+    return;
+  }
+  ({ incarnation } = values);
+  tell(iri, values);
+}
+
+function tell(iri, values) {
+  latest = values;
+  // What the first description says of velocities stands on the page already.
+  if (values.velocities) give(iri, graphOfState(iri, state, values));
+  for (const listener of listeners) listener(state, values);
+}

@@ -1,0 +1,164 @@
+"""Commanding a robot on its page, counted in clicks and taps: sliders, named poses, reach, control, the past."""
+
+import re
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Browser, Locator, Page, Position, ViewportSize, expect
+
+from browser import LF
+from browser import Browser as Client
+from commanding import angle
+from running import PATIENCE_S, eventually
+from small_fleet import Place, live
+
+pytestmark = pytest.mark.processes
+JOINT = "wrist_3_joint"
+PHONE: ViewportSize = {"width": 390, "height": 844}
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
+    place = Place(tmp_path_factory.mktemp("state"))
+    with place.gateway() as (_, client), place.ur5():
+        live(client, "ur5")
+        yield client
+
+
+@pytest.fixture
+def robot(page: Page, watched: object, client: Client) -> Page:
+    page.goto(client.robot("ur5").url)
+    expect(page.locator("form.motion .slider")).to_have_count(6)
+    return page
+
+
+def slider(page: Page, client: Client, joint: str = JOINT) -> Locator:
+    return page.locator(f'.slider[data-joint="{client.part("ur5", joint).url}"]')
+
+
+def share(row: Locator, part: float) -> Position:
+    """A place on the track of a slider, from its lower to its upper end."""
+    box = row.locator("input[type=range]").bounding_box()
+    assert box is not None
+    return {"x": box["width"] * part, "y": box["height"] / 2}
+
+
+def test_a_joint_is_moved_with_two_clicks(robot: Page, client: Client) -> None:
+    """One on its slider, after which a dry run says what would happen, and one on Move; the result is in the form."""
+    row, form = slider(robot, client), robot.locator("form.motion")
+    before = angle(client, JOINT)
+    row.locator("input[type=range]").click(position=share(row, 0.55))
+    expect(form.locator(".answer")).to_contain_text(
+        re.compile(r"would work; nothing has moved.*it would take [\d.]+ s")
+    )
+    assert angle(client, JOINT) == pytest.approx(before, abs=0.01)
+    target = float(row.locator("input[type=number]").input_value())
+    assert 10 < target < 60
+    form.get_by_role("button", name="Move").click()
+    expect(form.locator(".task .state")).to_have_text("succeeded")
+    expect(robot.locator("#tasks .task")).to_have_count(0)
+    expect(row.locator("output")).to_have_text(re.compile(rf"^{round(target)}|^{round(target) - 1}\.\d"))
+    assert angle(client, JOINT) == pytest.approx(target * 3.14159 / 180, abs=0.02)
+
+
+def test_a_joint_is_moved_with_two_taps_on_a_phone(chromium: Browser, client: Client) -> None:
+    """Nothing has to be scrolled sideways, and forms stand before facts."""
+    context = chromium.new_context(viewport=PHONE, has_touch=True, is_mobile=True, reduced_motion="reduce")
+    context.set_default_timeout(PATIENCE_S * 1000)
+    page = context.new_page()
+    page.goto(client.robot("ur5").url)
+    row, form = slider(page, client), page.locator("form.motion")
+    expect(row).to_be_visible()
+    assert page.evaluate("document.documentElement.scrollWidth") == PHONE["width"]
+    order = page.evaluate("[...document.querySelectorAll('#move, #facts')].map((each) => each.id)")
+    assert order == ["move", "facts"]
+    row.locator("input[type=range]").tap(position=share(row, 0.45))
+    form.get_by_role("button", name="Move").tap()
+    expect(form.locator(".task .state")).to_have_text("succeeded")
+    context.close()
+
+
+def test_a_named_pose_aims_all_joints(robot: Page, client: Client) -> None:
+    """It moves nothing by itself; Reset lets the sliders follow the robot again."""
+    before = angle(client, "shoulder_lift_joint")
+    robot.get_by_role("button", name="upright").click()
+    form = robot.locator("form.motion")
+    expect(form.get_by_role("button", name="Move 6 joints")).to_be_visible()
+    expect(form.locator(".answer")).to_contain_text("nothing has moved")
+    form.get_by_role("button", name="Reset").click()
+    expect(form.locator(".slider[data-aimed]")).to_have_count(0)
+    assert angle(client, "shoulder_lift_joint") == pytest.approx(before, abs=0.01)
+
+
+def test_a_ghost_stands_where_the_robot_would_be(robot: Page, client: Client) -> None:
+    expect(robot.locator("#scene")).to_have_attribute("data-phase", "ready")
+    row = slider(robot, client)
+    row.locator("input[type=number]").fill("45")
+    expect(robot.locator("#scene[data-ghost]")).to_be_visible()
+    drawn = "name => document.getElementById('scene').scene.translucent.copy.joints[name].angle"
+    assert robot.evaluate(drawn, JOINT) == pytest.approx(0.785, abs=0.01)
+    robot.locator("form.motion").get_by_role("button", name="Reset").click()
+    expect(robot.locator("#scene[data-ghost]")).to_have_count(0)
+
+
+def test_reach_begins_at_the_tip_and_takes_numbers(robot: Page, client: Client) -> None:
+    """The dragged target and the numbers are one; what would happen is a ghost."""
+    expect(robot.locator("#scene")).to_have_attribute("data-phase", "ready")
+    details = robot.locator("details[data-reach]")
+    details.locator("summary").click()
+    form = details.locator("form.invoke")
+    height = form.locator(f'fieldset[data-path="{LF.position}"] input[data-path$="#z"]')
+    expect(height).to_have_value(re.compile(r"^0\.\d+"))
+    assert re.search(r"(ee_link|tool0)$", form.locator(f'select[data-path="{LF.ofLink}"]').input_value())
+    lower = f"{float(height.input_value()) - 0.05:.4f}"
+    height.fill(lower)
+    form.get_by_role("button", name="Try without moving").click()
+    expect(form.locator(".answer")).to_contain_text("It would work")
+    expect(robot.locator("#scene[data-ghost]")).to_be_visible()
+    form.get_by_role("button", name="reach", exact=True).click()
+    expect(form.locator(".task .state")).to_have_text("succeeded")
+
+
+def test_control_is_taken_and_given_back(robot: Page, client: Client) -> None:
+    control = robot.locator("#control")
+    control.get_by_role("button", name="Take control").click()
+    expect(control.locator(".state")).to_have_text("held")
+    expect(control).to_contain_text("You have control.")
+    lease = str(client.robot("ur5").one(LF.lease))
+    assert (client.page(lease).iri, LF.state, LF.held) in client.page(lease).graph
+    control.get_by_role("button", name="Give back").click()
+    expect(control.locator(".state")).to_have_text("free")
+
+
+def test_the_past_is_drawn_when_the_page_opens(robot: Page, client: Client) -> None:
+    figure = robot.locator("figure.chart")
+    figure.scroll_into_view_if_needed()
+    eventually(lambda: int(figure.get_attribute("data-remembered") or 0) > 5, "the past")
+    expect(figure.locator("fieldset input:checked")).to_have_count(3)
+    figure.get_by_label("wrist_1_joint").check()
+    expect(figure.locator("[role=img]")).to_have_attribute("aria-label", re.compile("wrist_1_joint"))
+    for name in ("CSV", "MCAP"):
+        with robot.expect_download() as download:
+            figure.get_by_role("link", name=name).click()
+        assert download.value.suggested_filename == f"ur5-history.{name.lower()}"
+
+
+def test_a_message_about_a_robot_is_small(page: Page, watched: object, client: Client) -> None:
+    """The page follows values as frames; what the robot is comes once, and again only when it changes."""
+    sizes: dict[str, list[int]] = {}
+    page.on(
+        "websocket",
+        lambda socket: socket.on(
+            "framereceived", lambda data: sizes.setdefault(socket.url.partition("?")[0], []).append(len(data))
+        ),
+    )
+    page.goto(client.robot("ur5").url)
+    state = client.robot("ur5").url.replace("http", "ws") + "jointState"
+
+    def framed() -> bool:
+        page.wait_for_timeout(100)  # which is when its events come
+        return bool(sizes.get(state))
+
+    eventually(framed, "frames")
+    assert max(sizes[state]) < 1000
+    assert len(sizes[client.robot("ur5").url.replace("http", "ws")]) == 1

@@ -1,0 +1,22 @@
+"""The types that the comments of the scripts declare, checked by the compiler of TypeScript."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+FACE = Path(__file__).parents[2] / "face"
+LONGEST_S = 180
+
+
+def test_the_scripts_of_the_pages_keep_their_types() -> None:
+    """Node.js is that of the machine, or the one that `face/build` has put beside Python."""
+    folders = (str(Path(sys.executable).parent), os.environ.get("PATH", ""))
+    node = shutil.which("node", path=os.pathsep.join(folders))
+    assert node is not None, "face/build has not been run"
+    compiler = FACE / "node_modules" / "typescript" / "lib" / "tsc.js"
+    checked = subprocess.run(
+        [node, str(compiler), "--project", str(FACE)], capture_output=True, text=True, timeout=LONGEST_S, check=False
+    )
+    assert checked.returncode == 0, checked.stdout[:4000]
