@@ -53,7 +53,7 @@ class _Commands(click.Group):
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @common
 def cli() -> None:
-    """Read a fleet, watch it and have it move; run a gateway, an agent or the demo.
+    """Read a fleet, watch it and have it move; run a gateway, an agent or the demo; check what is wrong.
 
     Exit codes: 0 done, 1 the action failed or was refused, 2 wrong usage, 3 the server cannot be reached or understood,
     4 there is no such thing, 130 interrupted.

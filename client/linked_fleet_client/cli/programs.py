@@ -13,6 +13,13 @@ import click
 GROUP = "linked_fleet.commands"
 """Entry points of programs: each names the function ``main`` of a module that ``python -m`` runs."""
 
+_ABOUT = {
+    "agent": "Connect robots to a fleet",
+    "demo": "Run five simulated robots and a gateway",
+    "doctor": "Check what a gateway needs here, and say what is wrong",
+    "gateway": "Serve a fleet",
+}
+
 
 def names() -> list[str]:
     """Return the names of the installed programs."""
@@ -27,7 +34,8 @@ def program(name: str) -> click.Command | None:
 
     @click.command(
         name,
-        help=f"Run the {name}; 'linked-fleet {name} --help' lists its options.",
+        help=f"{_ABOUT.get(name, f'Run the {name}')}; 'linked-fleet {name} --help' lists its options.",
+        short_help=f"{_ABOUT.get(name, f'Run the {name}')}.",
         add_help_option=False,
         context_settings={"ignore_unknown_options": True},
     )

@@ -1,0 +1,94 @@
+"""``linked-fleet doctor``: check all that a gateway with these settings needs, and say what is wrong.
+
+The settings are those of the gateway, as variables and as flags (linked-fleet gateway --help). Nothing is changed. Each
+line is a finding: ok, note or WRONG, with what to do. The exit code is 1 when something is wrong, else 0.
+"""
+
+import asyncio
+import os
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+
+from linked_fleet_agent.wire.trust import is_loopback, open_to_all
+from linked_fleet_gateway.app.doctor import certificates, clocks, ports, redis_server, zenoh_routers
+from linked_fleet_gateway.app.doctor.finding import Finding, lines, summary
+from linked_fleet_gateway.app.exposure import complaints
+from linked_fleet_gateway.app.settings import GatewaySettings
+
+_REDIS_S = 10.0
+
+
+def main() -> int:
+    if {"-h", "--help"} & set(sys.argv[1:]):
+        print(f"usage: linked-fleet doctor [flags of the gateway]\n\n{(__doc__ or '').strip()}")
+        return 0
+    findings = asyncio.run(examine(os.environ, sys.argv[1:]))
+    print(lines(findings))
+    print(summary(findings))
+    return int(any(each.wrong for each in findings))
+
+
+async def examine(environment: Mapping[str, str], arguments: Sequence[str]) -> list[Finding]:
+    """All findings for a gateway with these settings."""
+    try:
+        settings = GatewaySettings.read(environment, arguments)
+    except ValueError as error:
+        return [Finding("settings", str(error), "docs/SETTINGS.md has all settings")]
+    wire = list(_wire(settings))
+    found = [*_exposure(settings), *_ports(settings), *_tls(settings), *wire, clocks.this_machine()]
+    if settings.redis_url:
+        answers = redis_server.redis_server(settings.redis_url, settings.namespace)
+        found += await redis_server.every(answers, _REDIS_S)
+    else:
+        found.append(redis_server.embedded_server(settings.state_path))
+    if settings.zenoh_connect and not any(each.wrong for each in wire):
+        found.append(await zenoh_routers.link(settings.zenoh_connect, settings.trust, settings.namespace))
+    return found
+
+
+def _exposure(settings: GatewaySettings) -> Iterator[Finding]:
+    """What the gateway itself refuses at its start."""
+    try:
+        proof = settings.credentials if settings.zenoh_access else None
+    except ValueError:
+        proof = None  # _tls says it
+    for sentence in complaints(
+        exposed=not is_loopback(settings.host),
+        tls=bool(settings.tls_cert),
+        identities=bool(settings.identities),
+        open_endpoints=open_to_all(settings.listen_endpoints, proof),
+        allowed=settings.allow,
+    ):
+        reason, _, advice = sentence.partition(": ")
+        yield Finding("settings", reason, advice)
+
+
+def _ports(settings: GatewaySettings) -> Iterator[Finding]:
+    http = ports.http_port(settings.host, settings.port, bool(settings.tls_cert))
+    yield http
+    yield from ports.zenoh_ports(settings.listen_endpoints, "already" in http.sentence)
+
+
+def _tls(settings: GatewaySettings) -> Iterator[Finding]:
+    now = datetime.now(UTC)
+    if settings.tls_cert:
+        yield from certificates.http_certificate(
+            str(settings.tls_cert), str(settings.tls_key), settings.public_urls, now
+        )
+    ca, certificate, key = (str(each or "") for each in (settings.zenoh_ca, settings.zenoh_cert, settings.zenoh_key))
+    yield from certificates.wire_certificates(ca, certificate, key, now)
+
+
+def _wire(settings: GatewaySettings) -> Iterator[Finding]:
+    try:
+        credentials = settings.credentials
+        settings.trust  # noqa: B018 -- ValueError
+    except ValueError as error:
+        yield Finding("zenoh", f"no router is asked: {error}", "correct the files first")
+        return
+    yield from zenoh_routers.addresses(settings.zenoh_connect, credentials)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,36 @@
+"""Results of checks, and how they are shown. Pure."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+_WIDTH = 12
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One sentence about one subject. With ``advice`` something is wrong, unless it is only a ``note``."""
+
+    subject: str
+    sentence: str
+    advice: str = ""
+    note: bool = False
+
+    @property
+    def wrong(self) -> bool:
+        return bool(self.advice) and not self.note
+
+    def __str__(self) -> str:
+        level = "WRONG" if self.wrong else "note" if self.note else "ok"
+        said = f"{self.sentence}; {self.advice}" if self.advice else self.sentence
+        return f"{level:6}{self.subject:{_WIDTH}}{said}"
+
+
+def summary(findings: Sequence[Finding]) -> str:
+    wrong = sum(each.wrong for each in findings)
+    if not wrong:
+        return "nothing is wrong"
+    return "1 thing is wrong" if wrong == 1 else f"{wrong} things are wrong"
+
+
+def lines(findings: Iterable[Finding]) -> str:
+    return "\n".join(str(each) for each in findings)

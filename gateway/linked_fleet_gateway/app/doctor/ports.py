@@ -1,0 +1,78 @@
+"""Checks of the ports on which a gateway listens."""
+
+import http.client
+import json
+import re
+import socket
+import ssl
+from collections.abc import Iterator, Sequence
+
+from linked_fleet_gateway.app.doctor.finding import Finding
+
+_ANSWER_S = 3.0
+_MOST_BYTES = 65_536
+_LOCATOR = re.compile(r"(tcp|tls|quic|udp)/\[?(.*?)\]?:(\d+)(?:[?#].*)?")
+
+
+def http_port(host: str, port: int, tls: bool) -> Finding:
+    """The port of HTTP: free, or that of a gateway."""
+    taken = _taken(host, port, socket.SOCK_STREAM)
+    if not taken:
+        return Finding("port", f"{host}:{port} is free for HTTP")
+    if _is_gateway(host, port, tls):
+        return Finding("port", f"a gateway serves at {host}:{port} already")
+    return Finding("port", f"{host}:{port} cannot be listened on: {taken}", "choose another with --port and --host")
+
+
+def zenoh_ports(endpoints: Sequence[str], served: bool) -> Iterator[Finding]:
+    """Ports on which robots reach a gateway that listens for them; ``served`` if a gateway runs here already."""
+    for endpoint in endpoints:
+        match = _LOCATOR.fullmatch(endpoint)
+        if match is None:
+            yield Finding("zenoh", f"{endpoint} is not checked: it is no address of TCP or UDP", note=True)
+            continue
+        protocol, host, port = match.groups()
+        kind = socket.SOCK_STREAM if protocol in ("tcp", "tls") else socket.SOCK_DGRAM
+        taken = _taken(host, int(port), kind)
+        if not taken:
+            yield Finding("zenoh", f"{endpoint} is free to listen on")
+        elif served:
+            yield Finding("zenoh", f"{endpoint} is taken, as it is while a gateway serves")
+        else:
+            advice = "end that program, or choose another endpoint with --zenoh-listen"
+            yield Finding("zenoh", f"{endpoint} cannot be listened on: {taken}", advice)
+
+
+def _taken(host: str, port: int, kind: socket.SocketKind) -> str:
+    """The reason why this address cannot be listened on; empty if it can."""
+    try:
+        (family, _, _, _, address), *_ = socket.getaddrinfo(host, port, type=kind, flags=socket.AI_PASSIVE)
+        with socket.socket(family, kind) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind(address)
+            if kind == socket.SOCK_STREAM:
+                probe.listen(1)
+    except OSError as error:
+        return (error.strerror or str(error)).lower()
+    return ""
+
+
+def _is_gateway(host: str, port: int, tls: bool) -> bool:
+    """True if /health/ready answers as a gateway does, ready or not."""
+    # The address of this machine is asked, and the certificate names the fleet; whose it is is checked elsewhere.
+    context = ssl._create_unverified_context() if tls else None  # noqa: S323
+    reached = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)  # noqa: S104 -- it is not listened on
+    connection = (
+        http.client.HTTPSConnection(reached, port, timeout=_ANSWER_S, context=context)
+        if context
+        else http.client.HTTPConnection(reached, port, timeout=_ANSWER_S)
+    )
+    try:
+        connection.request("GET", "/health/ready")
+        answer = connection.getresponse()
+        said = json.loads(answer.read(_MOST_BYTES))
+    except (OSError, http.client.HTTPException, ValueError):
+        return False
+    finally:
+        connection.close()
+    return answer.status in (200, 503) and isinstance(said, dict)

@@ -1,0 +1,91 @@
+"""Checks of Redis: reached, willing, durable, and of the same time."""
+
+import asyncio
+import os
+import re
+import time
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+from linked_fleet_gateway.app.doctor.finding import Finding
+from linked_fleet_gateway.runtime.redis import BadUrl, Connection, StoreUnavailable
+from linked_fleet_gateway.subscriptions.redis_keys import Keys
+
+_PASSWORD = re.compile(r"(?<=://)[^@/]*@")
+_MOST_APART_S = 1.0
+
+
+async def redis_server(url: str, namespace: str) -> AsyncIterator[Finding]:
+    """The server at ``url``, of which nothing is changed."""
+    shown = _PASSWORD.sub("…@", url)
+    try:
+        connection = Connection(url, Keys(namespace).news)
+    except BadUrl as error:
+        yield Finding("redis", str(error), "write redis://HOST:PORT, rediss://, unix:// or redis+cluster://")
+        return
+    try:
+        asked_s = time.time()
+        told = await connection.one("TIME")
+        answered_s = time.time()
+        yield Finding("redis", f"{shown} answers within {(answered_s - asked_s) * 1000:.0f} ms")
+        yield _clock(told, asked_s, answered_s)
+        async for each in _durability(connection, shown):
+            yield each
+    except (StoreUnavailable, TimeoutError) as error:
+        yield Finding("redis", f"{shown} does not serve ({_PASSWORD.sub('…@', str(error))})", _advice(str(error)))
+    finally:
+        await connection.close()
+
+
+def embedded_server(folder: Path) -> Finding:
+    """The folder of the embedded server, which is used without REDIS_URL."""
+    existing = next(each for each in (folder, *folder.parents) if each.exists())
+    if not (existing.is_dir() and os.access(existing, os.W_OK | os.X_OK)):
+        return Finding("redis", f"{folder} cannot be written", "choose another folder with --state-dir")
+    return Finding("redis", f"without REDIS_URL the embedded server keeps its data in {folder}")
+
+
+def _clock(told: Any, asked_s: float, answered_s: float) -> Finding:
+    """The server's clock against this one. On a cluster each node tells its own, and one is judged."""
+    first = next(iter(told.values())) if isinstance(told, dict) else told
+    seconds, micros = (int(each) for each in first)
+    apart_s = seconds + micros / 1e6 - (asked_s + answered_s) / 2
+    if abs(apart_s) > _MOST_APART_S + (answered_s - asked_s):
+        word = "ahead of" if apart_s > 0 else "behind"
+        sentence = f"the clock of Redis is {abs(apart_s):.1f} s {word} that of this machine"
+        return Finding("clocks", sentence, "have both set by NTP")
+    return Finding("clocks", f"that of Redis is {apart_s * 1000:+.0f} ms from that of this machine")
+
+
+async def _durability(connection: Connection, shown: str) -> AsyncIterator[Finding]:
+    """Settings by which what was accepted could be lost."""
+    told = await connection.one("INFO")
+    if not isinstance(told, dict) or "maxmemory_policy" not in told:
+        return  # a cluster tells of each node
+    if told["maxmemory_policy"] != "noeviction":
+        sentence = f"{shown} forgets keys when its memory is full (maxmemory-policy {told['maxmemory_policy']})"
+        yield Finding("redis", sentence, "set maxmemory-policy noeviction")
+    if not told.get("aof_enabled"):
+        sentence = f"{shown} keeps nothing of the last seconds when it ends (appendonly no)"
+        yield Finding("redis", sentence, "set appendonly yes and appendfsync always", note=True)
+
+
+def _advice(error: str) -> str:
+    if "Authentication" in error or "NOAUTH" in error or "WRONGPASS" in error:
+        return "correct the name and the password in REDIS_URL"
+    if "certificate" in error.lower() or "ssl" in error.lower():
+        return "name the authority of its certificate in REDIS_URL: ?ssl_ca_certs=FILE"
+    return "start it, or correct the address in REDIS_URL"
+
+
+async def every(findings: AsyncIterator[Finding], at_most_s: float) -> list[Finding]:
+    """The findings of a check that takes no longer than this."""
+    found: list[Finding] = []
+    try:
+        async with asyncio.timeout(at_most_s):
+            async for each in findings:
+                found.append(each)
+    except TimeoutError:
+        found.append(Finding("redis", f"it did not answer within {at_most_s:.0f} s", "look at the server's log"))
+    return found
