@@ -1,4 +1,4 @@
-"""Every command of README.md and the pages in docs/, run against the demo as shipped."""
+"""Every command of README.md, of the pages in docs/ and of extensions, run against the demo as shipped."""
 
 import contextlib
 import os
@@ -15,10 +15,13 @@ from transcript import Command, Shell, matches, ports_of, steps
 
 pytestmark = pytest.mark.processes
 _DEMO_PORT = "8000"
-_PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-_ALONE = ("WORLD.md",)
+_EXTENSIONS = ROOT / "gateway/linked_fleet_gateway/extensions"
+_FIRST = (ROOT / "README.md", ROOT / "docs" / "TUTORIAL.md")
+"""They are run as a newcomer runs them: the UR5 still sways."""
+_PAGES = [*_FIRST, *sorted({*(ROOT / "docs").glob("*.md"), *_EXTENSIONS.glob("*/README.md")} - {*_FIRST})]
+_ALONE = (_EXTENSIONS / "world/README.md",)
 """It puts a thing next to a robot that other pages move."""
-_PAGES.sort(key=lambda page: page.name not in _ALONE)
+_PAGES.sort(key=lambda page: page not in _ALONE)
 
 
 def _commands(page: Path) -> list[Command]:
@@ -47,7 +50,7 @@ def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Demo]:
 
 @pytest.fixture
 def demo(page: Path, tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Iterator[Demo]:
-    if page.name in _ALONE:
+    if page in _ALONE:
         with _running(tmp_path_factory.mktemp("demo")) as demo:
             yield demo
     else:
@@ -64,7 +67,9 @@ def shell(demo: Demo, tmp_path: Path, page: Path) -> Iterator[Shell]:
         shell.close()
 
 
-@pytest.mark.parametrize("page", [page for page in _PAGES if _commands(page)], ids=lambda page: str(page.name))
+@pytest.mark.parametrize(
+    "page", [page for page in _PAGES if _commands(page)], ids=lambda page: str(page.relative_to(ROOT))
+)
 def test_commands_print_what_the_page_shows(page: Path, shell: Shell, demo: Demo) -> None:
     """Each command of the page succeeds, and its output is the one shown, times, ids and measurements masked."""
     wrong = []

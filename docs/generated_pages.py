@@ -1,0 +1,99 @@
+"""Reference pages that are generated from the code: terms, errors, the Python API."""
+
+import inspect
+import pkgutil
+from collections.abc import Callable, Iterable, Mapping
+from importlib import import_module
+from importlib.resources import files
+
+from pyoxigraph import Literal, NamedNode, RdfFormat, Store, parse
+
+import linked_fleet_gateway.extensions
+import linked_fleet_shapes
+from linked_fleet_gateway.base.errors import PROBLEMS, FleetError
+
+_RDF_TYPE = NamedNode("http://www.w3.org/1999/02/22-rdf-syntax-ns#type")
+_RDFS = "http://www.w3.org/2000/01/rdf-schema#"
+_TERMS = "https://w3id.org/linked-fleet#"
+_API = {
+    "The client": ("linked_fleet_client.fleet", "linked_fleet_client.thing", "linked_fleet_client.action",
+                   "linked_fleet_client.invocation", "linked_fleet_client.quantity", "linked_fleet_client.errors"),
+    "Drivers of robots": ("linked_fleet_agent.robot",),
+    "Extensions of gateways": ("linked_fleet_gateway.http.extension", "linked_fleet_gateway.http.internal_request",
+                               "linked_fleet_gateway.resources.resource", "linked_fleet_gateway.resources.branches"),
+}  # fmt: skip
+
+
+def vocabulary() -> str:
+    """A table of the terms that the vocabulary describes."""
+    store = Store()
+    store.extend(parse_terms())
+    rows = []
+    for iri in sorted({str(each.subject.value) for each in store if _is_term(each.subject)}):
+        term = NamedNode(iri)
+        kinds = ", ".join(_local(each.object.value) for each in store.quads_for_pattern(term, _RDF_TYPE, None, None))
+        rows.append((f"`lf:{_local(iri)}`", kinds, _text(store, term, "label"), _text(store, term, "comment")))
+    return (
+        "# Vocabulary\n\nThe prefix `lf:` is `" + _TERMS + "`. A gateway serves these terms at `/vocabulary`.\n\n"
+        + _table(("term", "type", "label", "meaning"), rows)
+    )  # fmt: skip
+
+
+def parse_terms() -> Iterable[object]:
+    """The statements of the vocabulary."""
+    return parse((files(linked_fleet_shapes) / "vocabulary.ttl").read_bytes(), format=RdfFormat.TURTLE)
+
+
+def errors() -> str:
+    """A table of the problem types, those of extensions too."""
+    for module in pkgutil.walk_packages(
+        linked_fleet_gateway.extensions.__path__, linked_fleet_gateway.extensions.__name__ + "."
+    ):
+        if module.name.endswith(".errors"):
+            import_module(module.name)
+    found = sorted({(each.status, each.code, each.title, _first_paragraph(each)) for each in _below(FleetError)})
+    rows = [(str(status), f"`{code}`", title, meaning) for status, code, title, meaning in found]
+    return (
+        "# Errors\n\nEvery error is a problem document (RFC 9457). Its `type` is `" + PROBLEMS + "` and the code.\n\n"
+        + _table(("status", "code", "title", "when"), rows)
+    )  # fmt: skip
+
+
+def api() -> str:
+    """The page that mkdocstrings fills with the public names of these modules."""
+    parts = ["# Python API\n"]
+    for title, modules in _API.items():
+        parts += [f"## {title}\n", *(f"::: {module}\n" for module in modules)]
+    return "\n".join(parts)
+
+
+PAGES: Mapping[str, Callable[[], str]] = {"vocabulary.md": vocabulary, "errors.md": errors, "api.md": api}
+"""The generated pages by their paths on the site."""
+
+
+def _below(kind: type[FleetError]) -> Iterable[type[FleetError]]:
+    for each in kind.__subclasses__():
+        yield each
+        yield from _below(each)
+
+
+def _first_paragraph(kind: type) -> str:
+    return " ".join((inspect.getdoc(kind) or "").partition("\n\n")[0].split()) if kind.__doc__ else ""
+
+
+def _is_term(subject: object) -> bool:
+    return isinstance(subject, NamedNode) and subject.value.startswith(_TERMS)
+
+
+def _local(iri: str) -> str:
+    return iri.replace("/", "#").rpartition("#")[2]
+
+
+def _text(store: Store, term: NamedNode, name: str) -> str:
+    found = (each.object for each in store.quads_for_pattern(term, NamedNode(_RDFS + name), None, None))
+    return next((each.value for each in found if isinstance(each, Literal)), "")
+
+
+def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
+    lines = ["| " + " | ".join(each.replace("|", "\\|") for each in row) + " |" for row in (head, *rows)]
+    return "\n".join([lines[0], "|---" * len(head) + "|", *lines[1:]]) + "\n"

@@ -1,0 +1,60 @@
+"""The pages of the project itself: their links lead somewhere, and what they say of versions is so."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+import yaml
+
+from linked_fleet_agent.wire.messages import WIRE_VERSION
+from running import ROOT
+
+_PAGES = ("CONTRIBUTING.md", "CODE_OF_CONDUCT.md", "SECURITY.md", "deploy/helm/README.md")
+
+
+@pytest.mark.parametrize("name", _PAGES)
+def test_links_lead_somewhere(name: str) -> None:
+    page = ROOT / name
+    targets = re.findall(r"\]\((?!https?:)([^)#]+)(?:#[^)]*)?\)", page.read_text())
+    assert [target for target in targets if not (page.parent / target).exists()] == []
+
+
+def test_make_has_the_commands_that_contributors_are_told() -> None:
+    rules = (ROOT / "Makefile").read_text()
+    told = re.findall(r"`make ([\w-]+)`", (ROOT / "CONTRIBUTING.md").read_text())
+    assert len(told) >= 4
+    assert [name for name in told if not re.search(rf"^{name}:", rules, re.M)] == []
+
+
+def test_files_that_contributors_are_told_exist() -> None:
+    told = re.findall(r"`((?:tests|gateway)/[\w/.]+)`", (ROOT / "CONTRIBUTING.md").read_text())
+    assert len(told) >= 4
+    assert [name for name in told if not (ROOT / name).exists()] == []
+
+
+def test_the_version_of_the_wire_is_that_of_the_code() -> None:
+    assert f"| wire, between agents and gateways | {WIRE_VERSION} |" in (ROOT / "CONTRIBUTING.md").read_text()
+
+
+def test_the_citation_names_the_paper_and_this_version() -> None:
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert citation["version"] == tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    paper = citation["preferred-citation"]
+    assert [author["family-names"] for author in paper["authors"]] == [
+        "Schubotz", "Vogelgesang", "Antakli", "Rubinstein", "Spieldenner",
+    ]  # fmt: skip
+    assert "doi" not in paper, "its DOI is not known"
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / ".github" / "ISSUE_TEMPLATE").glob("*.md")), ids=lambda path: path.name)
+def test_forms_of_issues_have_what_their_site_reads(path: Path) -> None:
+    _, head, body = path.read_text().split("---\n", 2)
+    assert {"name", "about", "labels"} <= yaml.safe_load(head).keys()
+    assert body.strip()
+
+
+def test_the_namespace_of_the_vocabulary_leads_to_where_gateways_have_it() -> None:
+    rules = (ROOT / "deploy" / "w3id" / ".htaccess").read_text()
+    (pattern, target) = re.findall(r"^RewriteRule (\S+) https://fleet\.example(\S+) \[R=303,L\]$", rules, re.M)[0]
+    assert re.match(pattern, "") and target == "/vocabulary"

@@ -1,0 +1,66 @@
+"""The documentation as a site: it is built whole, without a broken link, and has every page of the repository."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from running import ROOT
+
+_WORDS_OF_README = 500
+_APART = re.compile(r"\.github/|CODE_OF_CONDUCT\.md")
+"""Pages for those who work on the repository, at the places where forges look for them."""
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The built site. A strict build fails on a link, an anchor or a page of the navigation that does not exist."""
+    folder = tmp_path_factory.mktemp("site")
+    done = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "-q", "--strict", "-d", str(folder)],
+        cwd=ROOT, env=os.environ | {"NO_MKDOCS_2_WARNING": "1"}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    return folder
+
+
+def test_the_site_has_every_page(site: Path) -> None:
+    sys.path.insert(0, str(ROOT / "docs"))
+    try:
+        from site_hooks import OUTSIDE
+    finally:
+        sys.path.pop(0)
+    listed = subprocess.run(["git", "ls-files", "-co", "--exclude-standard", "*.md"], cwd=ROOT, capture_output=True, text=True, check=True)
+    pages = [path for path in listed.stdout.split() if not _APART.match(path) and (ROOT / path).exists()]
+    assert len(pages) > 30
+    for path in pages:
+        page = path.removeprefix("docs/") if path.startswith("docs/") else OUTSIDE[path]
+        assert page == "index.md" or (site / page.removesuffix(".md") / "index.html").exists(), path
+
+
+@pytest.mark.parametrize(
+    ("page", "words"),
+    [
+        ("vocabulary", ["lf:Fleet", "The root of the hierarchy"]),
+        ("errors", ["too-many-requests", "out-of-reach", "collision"]),
+        ("api", ["linked_fleet_client.fleet", "Mount", "quantity"]),
+        ("SETTINGS", ["LINKED_FLEET_EXTENSIONS"]),
+    ],
+)
+def test_reference_is_generated_from_the_code(site: Path, page: str, words: list[str]) -> None:
+    text = (site / page / "index.html").read_text()
+    assert [word for word in words if word not in text] == []
+
+
+def test_nothing_is_loaded_from_another_host(site: Path) -> None:
+    loaded = re.compile(
+        r"<(?:script|img|iframe|source)[^>]*\ssrc=\"https?:|<link[^>]*rel=\"(?:stylesheet|preload)\"[^>]*href=\"https?:"
+    )
+    assert [page for page in site.rglob("*.html") if loaded.search(page.read_text())] == []
+
+
+def test_the_front_page_is_short() -> None:
+    assert len((ROOT / "README.md").read_text().split()) <= _WORDS_OF_README
