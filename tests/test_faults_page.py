@@ -65,28 +65,28 @@ def test_threats_refer_to_the_bounds_and_repeat_none() -> None:
     ("page", "words", "file", "name", "unit"),
     [
         (
-            "docs/WORLD.md",
+            "gateway/linked_fleet_gateway/extensions/world/README.md",
             r"at most ([\d,]+) triangles",
             "gateway/linked_fleet_gateway/extensions/world/scene.py",
             "MAX_TRIANGLES",
             1,
         ),
         (
-            "docs/WORLD.md",
+            "gateway/linked_fleet_gateway/extensions/world/README.md",
             r"in a body of at most (\d+) KiB",
             "gateway/linked_fleet_gateway/extensions/world/http.py",
             "MAX_BODY_BYTES",
             2**10,
         ),
         (
-            "docs/RULES.md",
+            "gateway/linked_fleet_gateway/extensions/rules/README.md",
             r"at most (\d+) triples",
             "gateway/linked_fleet_gateway/extensions/rules/template.py",
             "MOST_TRIPLES",
             1,
         ),
         (
-            "docs/QUERY.md",
+            "gateway/linked_fleet_gateway/extensions/query/README.md",
             r"A result has at most (\d+) MiB",
             "gateway/linked_fleet_gateway/extensions/query/service.py",
             "MAX_RESULT_BYTES",
