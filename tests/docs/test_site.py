@@ -33,7 +33,8 @@ def test_the_site_has_every_page(site: Path) -> None:
         from site_hooks import OUTSIDE
     finally:
         sys.path.pop(0)
-    listed = subprocess.run(["git", "ls-files", "-co", "--exclude-standard", "*.md"], cwd=ROOT, capture_output=True, text=True, check=True)
+    listing = ["git", "ls-files", "-co", "--exclude-standard", "*.md"]
+    listed = subprocess.run(listing, cwd=ROOT, capture_output=True, text=True, check=True)
     pages = [path for path in listed.stdout.split() if not _APART.match(path) and (ROOT / path).exists()]
     assert len(pages) > 30
     for path in pages:
