@@ -36,6 +36,7 @@ PAGES = (
     "gateway/linked_fleet_gateway/extensions/cameras/README.md",
     "gateway/linked_fleet_gateway/extensions/mcp/README.md",
     "gateway/linked_fleet_gateway/extensions/foxglove/README.md",
+    "gateway/linked_fleet_gateway/extensions/recordings/README.md",
     "docs/BINARY.md",
     "gateway/linked_fleet_gateway/extensions/history/README.md",
     "gateway/linked_fleet_gateway/extensions/query/README.md",

@@ -1,1 +1,1 @@
-"""Foxglove live: robots, objects and cameras in the protocol of Foxglove, and recordings (README.md)."""
+"""Foxglove live: robots, objects and cameras in the protocol of Foxglove (README.md)."""

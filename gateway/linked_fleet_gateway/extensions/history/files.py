@@ -7,7 +7,9 @@ Foxglove, PlotJuggler and the tools of ROS 2 open it.
 import csv
 import io
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
 from typing import TYPE_CHECKING
 
 from linked_fleet_gateway.base.lazy_imports import Lazily
@@ -28,15 +30,16 @@ CSV, MCAP = "text/csv", "application/vnd.mcap"
 _UCUM = {"RAD": "rad", "M": "m", "RAD-PER-SEC": "rad/s", "M-PER-SEC": "m/s", "N-M": "N.m", "N": "N", "UNITLESS": "1"}
 
 _RULE = "=" * 80
-_HEADER = f"""{_RULE}
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-{_RULE}
+_TIME = f"""{_RULE}
 MSG: builtin_interfaces/Time
 int32 sec
 uint32 nanosec
 """
+_HEADER = f"""{_RULE}
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+{_TIME}"""
 _SCHEMAS = {
     "sensor_msgs/msg/JointState": f"""std_msgs/Header header
 string[] name
@@ -44,6 +47,14 @@ float64[] position
 float64[] velocity
 float64[] effort
 {_HEADER}""",
+    "rcl_interfaces/msg/Log": f"""builtin_interfaces/Time stamp
+uint8 level
+string name
+string msg
+string file
+string function
+uint32 line
+{_TIME}""",
     "std_msgs/msg/String": "string data\n",
     "tf2_msgs/msg/TFMessage": f"""geometry_msgs/TransformStamped[] transforms
 {_RULE}
@@ -70,6 +81,23 @@ float64 w
 }
 
 
+class Level(IntEnum):
+    """The severities of ``rcl_interfaces/msg/Log``."""
+
+    WARN = 30
+    ERROR = 40
+
+
+@dataclass(frozen=True)
+class LogMessage:
+    """A message of ``/rosout``; ``name``: who says it."""
+
+    stamp_ns: int
+    level: Level
+    name: str
+    text: str
+
+
 def table(columns: Sequence[tuple[str, Unit]], rows: Iterable[tuple[int, Numbers]]) -> bytes:
     """A column for the time and one for each number, with its unit; what is unknown is an empty field."""
     text = io.StringIO(newline="")
@@ -80,9 +108,15 @@ def table(columns: Sequence[tuple[str, Unit]], rows: Iterable[tuple[int, Numbers
     return text.getvalue().encode()
 
 
-def recording(excerpt: Excerpt, urdf: bytes) -> bytes:
+def recording(
+    excerpt: Excerpt,
+    urdf: bytes,
+    log: Iterable[LogMessage] = (),
+    metadata: Mapping[str, Mapping[str, str]] | None = None,
+) -> bytes:
     """``/joint_states``, ``/robot_description`` (the ``urdf``, at the time of the first sample), and of a floating base
-    its place in the world as ``/tf``; the times are those of the frames."""
+    its place in the world as ``/tf``; the times are those of the frames. ``log`` is ``/rosout``; ``metadata`` are
+    metadata records of MCAP by their names."""
     out, joints = io.BytesIO(), excerpt.joints
     file = mcap.Writer(out)
     file.start(profile="ros2", library="linked-fleet")
@@ -102,6 +136,12 @@ def recording(excerpt: Excerpt, urdf: bytes) -> bytes:
         for row in range(3):
             state.count(count).doubles(values[row * count : (row + 1) * count])
         file.add_message(states, stamp_ns, state.message, stamp_ns)
+    for said in log:
+        body = Cdr().stamp(said.stamp_ns).octet(said.level).string(said.name.encode()).string(said.text.encode())
+        body = body.string(b"").string(b"").count(0)
+        file.add_message(_channel(file, "/rosout", "Log"), said.stamp_ns, body.message, said.stamp_ns)
+    for name, members in (metadata or {}).items():
+        file.add_metadata(name, dict(members))
     file.finish()  # type: ignore[no-untyped-call]
     return out.getvalue()
 
@@ -129,6 +169,10 @@ class Cdr:
     def count(self, value: int) -> "Cdr":
         self._align(4)
         self._body += struct.pack("<I", value)
+        return self
+
+    def octet(self, value: int) -> "Cdr":
+        self._body.append(value)
         return self
 
     def stamp(self, stamp_ns: int) -> "Cdr":

@@ -10,19 +10,18 @@ from typing import Any
 
 import pytest
 from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
 from rdflib import URIRef
 
 from browser import DCTERMS, LDP, Browser
-from foxglove_messages import decoded
 from linked_fleet_agent.wire.codec import encode_state
 from linked_fleet_agent.wire.messages import State
 from linked_fleet_gateway.app.application import new_live
 from linked_fleet_gateway.app.settings import GatewaySettings
-from linked_fleet_gateway.extensions.foxglove import recordings
-from linked_fleet_gateway.extensions.foxglove.recordings import MOST_WAITING, TERMS, Job, Recordings, recording
-from linked_fleet_gateway.extensions.foxglove.template import LATEST_NS
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.track import Excerpt, Joints, joints_of
+from linked_fleet_gateway.extensions.recordings import recorder
+from linked_fleet_gateway.extensions.recordings.recorder import MOST_WAITING, TERMS, Job, Recorder
 from linked_fleet_gateway.fleet.invocation import FLEET, Invocation, InvocationState
 from linked_fleet_gateway.subscriptions.live import Live
 from running import eventually
@@ -45,7 +44,7 @@ def frame(number: int, wall_ns: int, position: float = 0.0) -> bytes:
     )  # fmt: skip
 
 
-class Bench(Recordings):
+class Bench(Recorder):
     """Recordings of robots ``r0``, ``r1`` …, that nobody writes."""
 
     def __init__(self, bench: Any, live: Live, folder: Path, robots: int) -> None:
@@ -95,7 +94,7 @@ def test_stops_in_a_row_are_one_recording(made: Bench) -> None:
     for _ in range(5):
         made.begin(stops=())
     assert made.begun == ["r0"]
-    time.sleep(recordings.PAUSE_S)
+    time.sleep(recorder.PAUSE_S)
     made.begin(stops=())
     assert made.begun == ["r0"]
 
@@ -118,31 +117,39 @@ def test_recordings_that_wait_are_bounded(made: Bench) -> None:
     assert len(made.begun) == MOST_WAITING
 
 
-def read(content: bytes) -> dict[str, list[Any]]:
-    found: dict[str, list[Any]] = {}
-    for schema, channel, message in make_reader(io.BytesIO(content)).iter_messages():
-        assert schema is not None and channel.message_encoding == "protobuf"
-        one = decoded(schema.name, schema.data, message.data)
-        found.setdefault(channel.topic, []).append((message.log_time, one))
+def read(content: bytes) -> dict[str, list[tuple[int, Any]]]:
+    """Messages of ROS 2 with their times, by topic."""
+    found: dict[str, list[tuple[int, Any]]] = {}
+    reader = make_reader(io.BytesIO(content), decoder_factories=[DecoderFactory()])
+    for _, channel, message, decoded in reader.iter_decoded_messages():
+        found.setdefault(channel.topic, []).append((message.log_time, decoded))
     return found
 
 
-def test_frames_that_cannot_be_read_are_skipped_and_absurd_stamps_are_clamped(bench: Any) -> None:
+def test_the_file_ends_with_what_became_of_the_invocation(bench: Any) -> None:
     joints = joints_of(bench.robot({"pan": ("continuous", "")}))
     assert isinstance(joints, Joints)
-    frames = (
-        frame(1, 5, 0.5),
-        b"",
-        b"x" * 64,
-        frame(2, 6, math.nan)[:-8] + b"\0\0\0\0\0\0\xf0\x7f",
-        frame(3, 2**63 - 1),
-    )
+    unmeasured = frame(2, 6, math.nan)[:-8] + b"\0\0\0\0\0\0\xf0\x7f"
+    frames = (frame(1, 5, 0.5), unmeasured, frame(3, 2**62))
+    one = Invocation("id", "r", "/r/actions/rotate", {}, 1, 2, client="c", state=FAILED, reason="outside limits")
+    content = Job("r", Excerpt(joints, frames), b"<robot/>", one, 7).content
+    found = read(content)
+    assert [(at, each.position) for at, each in found["/joint_states"]] == [(5, [0.5]), (2**62, [0.0])]
+    ((at, said),) = found["/rosout"]
+    assert (at, said.level, said.name) == (2**62, 40, "r")
+    assert said.msg == "/r/actions/rotate: failed, outside limits"
+    (about,) = make_reader(io.BytesIO(content)).iter_metadata()
+    assert about.metadata == {
+        "id": "id", "action": "/r/actions/rotate", "client": "c", "state": "failed", "reason": "outside limits",
+    }  # fmt: skip
+
+
+def test_a_robot_without_samples_has_a_file_with_the_invocation_alone(bench: Any) -> None:
+    joints = joints_of(bench.robot({"pan": ("continuous", "")}))
+    assert isinstance(joints, Joints)
     one = Invocation("id", "r", "/r/actions/stop", {}, 1, 2, stops=(), state=SUCCEEDED)
-    found = read(recording(Job("r", Excerpt(joints, frames), None, one, 2**63)))
-    assert [(at, each.joints[0].position) for at, each in found["/r/joint_states"]] == [(5, 0.5), (LATEST_NS, 0.0)]
-    assert len(found["/r/tf"]) == 2
-    ((_, event),) = found["/r/invocations"]
-    assert {each.key: each.value for each in event.metadata}["action"] == "/r/actions/stop"
+    ((at, said),) = read(Job("r", Excerpt(joints), b"", one, 7).content)["/rosout"]
+    assert (at, said.level) == (7, 30)
 
 
 @pytest.fixture
@@ -169,8 +176,8 @@ def test_a_recording_is_found_by_links_and_read_by_the_reader_of_mcap(robot: Bro
     assert str(robot.page(member).one(DCTERMS.format)) == "application/vnd.mcap"
     answer = robot.http.get(member, headers={"accept": "application/vnd.mcap"})
     assert answer.headers["content-type"] == "application/vnd.mcap"
-    states = read(answer.content)["/ur5/joint_states"]
-    assert len(states) > 30 and len(states[0][1].joints) == 6
+    states = read(answer.content)["/joint_states"]
+    assert len(states) > 30 and len(states[0][1].name) == 6
     assert len(list((tmp_path / "recordings").glob("*/*.mcap"))) == 1
     place = Place(tmp_path)
     with place.gateway() as (_, again), place.ur5():

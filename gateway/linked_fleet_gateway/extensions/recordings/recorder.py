@@ -1,8 +1,7 @@
-"""Recordings: the last 30 s of a robot as MCAP, kept when a motion of it fails or somebody stops it."""
+"""The recorder: it keeps the last 30 s of a robot as MCAP when a motion of it fails or somebody stops it."""
 
 import asyncio
 import hashlib
-import io
 import logging
 import time
 from collections import defaultdict
@@ -10,42 +9,29 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 from uuid import UUID
 
 from pyoxigraph import Literal, NamedNode
 
-from linked_fleet_agent.wire.codec import WireError
-from linked_fleet_gateway.base.lazy_imports import Lazily
-from linked_fleet_gateway.extensions.foxglove import messages
-from linked_fleet_gateway.extensions.foxglove.catalogue import topic
-from linked_fleet_gateway.extensions.foxglove.template import clamped
-from linked_fleet_gateway.extensions.history.files import MCAP
+from linked_fleet_gateway.extensions.history.files import MCAP, Level, LogMessage, recording
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.track import Excerpt, wall_ns
 from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
-from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph, timestamp
 from linked_fleet_gateway.rdf.serialise import NothingYet
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, RDFS
 from linked_fleet_gateway.resources.branches import Found, RequestView, RobotBranch
 from linked_fleet_gateway.resources.paths import robot_path
-from linked_fleet_gateway.resources.placement import placement_of
 from linked_fleet_gateway.resources.resource import CONTAINER, Resource
 from linked_fleet_gateway.resources.versioning import Source
 from linked_fleet_gateway.runtime.background import supervised
 from linked_fleet_gateway.runtime.cancellation import end
 from linked_fleet_gateway.subscriptions.live import Live
 
-if TYPE_CHECKING:
-    from mcap import writer as mcap
-else:
-    mcap = Lazily("mcap.writer")
-
 log = logging.getLogger(__name__)
 
-SEGMENT, TERMS = "recordings", "https://w3id.org/linked-fleet/foxglove#"
+SEGMENT, TERMS = "recordings", "https://w3id.org/linked-fleet/recordings#"
 SPAN_NS, PAUSE_S = 30 * 10**9, 5.0
 """How much is kept, and the shortest time between two recordings of a robot: who presses a stop presses it twice."""
 MOST_WAITING, MOST_OF_ROBOT, MOST_FRAMES, _MOST_KNOWN = 64, 8, 3001, 4096
@@ -57,12 +43,22 @@ class Job:
 
     robot: str
     excerpt: Excerpt
-    placement: Pose | None
+    urdf: bytes
     invocation: Invocation
     at_ns: int
 
+    @property
+    def content(self) -> bytes:
+        """The file: the frames, and at its end what became of the invocation."""
+        one, last_ns = self.invocation, max(map(wall_ns, self.excerpt.frames[-1:]), default=self.at_ns)
+        level = Level.ERROR if one.state is InvocationState.FAILED else Level.WARN
+        text = f"{one.action}: {one.state}" + (f", {one.reason}" if one.reason else "")
+        said = {"id": str(one.id), "action": one.action, "client": one.client, "state": one.state, "reason": one.reason}
+        about = {name: str(value) for name, value in said.items() if value}
+        return recording(self.excerpt, self.urdf, [LogMessage(last_ns, level, self.robot, text)], {"invocation": about})
 
-class Recordings:
+
+class Recorder:
     """``folder`` outlives the process. Files are named by the time and the invocation, in a folder for each robot."""
 
     def __init__(self, live: Live, history: History, folder: Path) -> None:
@@ -103,11 +99,14 @@ class Recordings:
     def _record(self, name: str, invocation: Invocation) -> None:
         robot, now_s = self._live.fleet.robots.get(name), time.monotonic()
         track = None if robot is None else self._history.track(robot)
-        if robot is None or track is None or track.ends is None or now_s < self._last_s.get(name, -PAUSE_S) + PAUSE_S:
+        if robot is None or robot.description is None or track is None or track.ends is None:
+            return
+        if now_s < self._last_s.get(name, -PAUSE_S) + PAUSE_S:
             return
         excerpt = track.between(track.ends[1] - SPAN_NS, None, MOST_FRAMES)
+        job = Job(name, excerpt, robot.description.urdf.encode(), replace(invocation), time.time_ns())
         try:
-            self.waiting.put_nowait(Job(name, excerpt, placement_of(robot), replace(invocation), time.time_ns()))
+            self.waiting.put_nowait(job)
             self._last_s[name] = now_s
         except asyncio.QueueFull:
             log.warning("robot %s is not recorded: %d recordings wait", name, MOST_WAITING, extra={"robot": name})
@@ -154,30 +153,6 @@ class Recordings:
         return Resource(f"{path}/{rest[0]}", title, describe_one, source=source, documents=documents, followed=False)
 
 
-def recording(job: Job) -> bytes:
-    """Frames in the schemas that are shown live, without those that cannot be read, and in the end the invocation."""
-    out, encoder = io.BytesIO(), messages.FrameEncoder(job.robot, job.excerpt.joints)
-    file = mcap.Writer(out)
-    file.start(library="linked-fleet")
-    channels, stamp_ns = {}, clamped(job.at_ns)
-    for what, schema in messages.schemas().items():
-        number = file.register_schema(schema.name, schema.encoding, schema.data)
-        channels[what] = file.register_channel(topic(job.robot, what), schema.encoding, number)
-    for frame in job.excerpt.frames:
-        try:
-            contents = encoder.contents(frame, job.placement)
-        except WireError:
-            continue
-        stamp_ns = clamped(wall_ns(frame))
-        for what, content in contents.items():
-            file.add_message(channels[what], stamp_ns, content, stamp_ns)
-    file.add_message(
-        channels[messages.EVENTS], stamp_ns, messages.event(job.robot, job.invocation, job.at_ns), stamp_ns
-    )
-    file.finish()  # type: ignore[no-untyped-call]
-    return out.getvalue()
-
-
 def _folder_name(robot: str) -> str:
     """A name of a robot may be anything, and long."""
     return hashlib.sha256(robot.encode()).hexdigest()
@@ -189,7 +164,7 @@ def _write(path: Path, job: Job, gone: list[Path]) -> None:
         each.unlink(missing_ok=True)
     path.parent.mkdir(parents=True, exist_ok=True)
     new = path.with_suffix(".new")
-    new.write_bytes(recording(job))
+    new.write_bytes(job.content)
     new.replace(path)
 
 
