@@ -145,6 +145,8 @@ class Endpoint:
         part = preferred_part(request, found)
         if part is not None:
             found = shown_part(found, part, request.base)
+        if request.method in ("GET", "HEAD") and field(request, "if-match") is not None:
+            read(request, found)  # a refusal for another reason comes before that of a precondition (RFC 9110, 13.2.1)
         await await_preconditions(request, found)
         if request.method not in READ:
             return await self._write(request, found)

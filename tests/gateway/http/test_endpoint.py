@@ -196,6 +196,13 @@ def test_writes_heed_if_none_match(browser: Browser, action: str) -> None:
     assert _moved(browser, action) == before
 
 
+def test_preconditions_of_a_read_that_is_refused_anyhow_are_ignored(browser: Browser, action: str) -> None:
+    """RFC 9110, 13.2.1."""
+    other = {"if-match": '"other"'}
+    assert browser.http.get(action, headers=other | {"accept": "image/png"}).status_code == 406
+    assert browser.http.get(action + "?as=nothing", headers=other).status_code == 406
+
+
 def test_unacceptable_answer_moves_nothing(browser: Browser, action: str) -> None:
     """Who wants the invocation in a type that there is not gets 406 before the robot moves, not after."""
     before = _moved(browser, action)
