@@ -133,11 +133,20 @@ def segment_name(segment: str, depth: int) -> str:
 def place(iri: str, root: str) -> str:
     """Return the name of a resource of this fleet by its path; ``root`` ends with a slash."""
     segments = [each for each in iri.removeprefix(root).split("/") if each]
-    if not segments:
-        return "fleet"
-    if is_ours(segments, len(segments) - 1):
-        return words(segments[-1])
-    return segment_name(segments[-1], len(segments) - 1)
+    return step(segments, len(segments) - 1) if segments else "fleet"
+
+
+def step(segments: Sequence[str], depth: int) -> str:
+    """Return the name of a segment of a path; an id is called by what it is one of."""
+    named = depth == 0 or (depth == 1 and segments[0] not in reserved_at_root())  # a robot, a joint or a link
+    if not named and is_id(segments[depth]):
+        return words(segments[depth - 1]).removesuffix("s")
+    return words(segments[depth]) if is_ours(segments, depth) else segment_name(segments[depth], depth)
+
+
+def is_id(segment: str) -> bool:
+    """Return True for a segment that is made by the gateway, such as a UUID, and says nothing to people."""
+    return len(segment) >= 8 and all(each in "0123456789abcdef-" for each in segment)
 
 
 def is_ours(segments: Sequence[str], depth: int) -> bool:

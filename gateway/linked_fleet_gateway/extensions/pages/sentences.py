@@ -34,12 +34,12 @@ def thing(iri: str, root: str) -> str:
     if not found:
         return "the fleet"
     if found[0] in reserved_at_root():
-        return " ".join(labels.words(each) for each in found if not is_id(each))
+        return " ".join(labels.words(each) for each in found if not labels.is_id(each))
     return _of_robot(found)
 
 
 def _of_robot(found: Sequence[str]) -> str:
-    robot, rest = labels.segment_name(found[0], 0), [each for each in found[1:] if not is_id(each)]
+    robot, rest = labels.segment_name(found[0], 0), [each for each in found[1:] if not labels.is_id(each)]
     if _ACTIONS in rest[:2] and rest[-1] != _ACTIONS:
         at = rest.index(_ACTIONS)
         parts = [labels.words(rest[at + 1]), *(labels.segment_name(each, 1) for each in rest[:at])]
@@ -59,11 +59,6 @@ def plain(text: str, root: str) -> str:
 
 def _ours(address: str, root: str) -> bool:
     return address.startswith((root, "/"))
-
-
-def is_id(segment: str) -> bool:
-    """Return True for a segment that is made by the gateway, such as a UUID, and says nothing to people."""
-    return len(segment) >= 8 and all(each in "0123456789abcdef-" for each in segment)
 
 
 # -- motions --------------------------------------------------------------------------------------------------------

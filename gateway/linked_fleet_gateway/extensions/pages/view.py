@@ -163,17 +163,8 @@ def _crumbs(path: str, root: str) -> list[tuple[str, str]]:
         address = root + "/".join(segments[: depth + 1])
         robot = depth == 0 and segment not in reserved_at_root()
         if segment not in _NOT_SERVED:
-            crumbs.append((_crumb(segments, depth), address + ("/" if robot else "")))
+            crumbs.append((labels.step(segments, depth), address + ("/" if robot else "")))
     return [*crumbs[:-1], (crumbs[-1][0], "")]
-
-
-def _crumb(segments: Sequence[str], depth: int) -> str:
-    """The name of a step; an id is called by what it is one of."""
-    if depth and sentences.is_id(segments[depth]):
-        return labels.words(segments[depth - 1]).removesuffix("s")
-    if labels.is_ours(segments, depth):
-        return labels.words(segments[depth])
-    return labels.segment_name(segments[depth], depth)
 
 
 def _stop(resource: Resource, root: str) -> tuple[str, str]:

@@ -109,3 +109,11 @@ def test_terms_are_words_and_have_help() -> None:
     assert labels.words(f"{LF}lastSeen") == "last seen"
     assert labels.described(f"{LF}offline")[1] == "The agent is gone; see last seen."
     assert not re.search(r"[a-z]:[a-z]", labels.sentence("see lf:lastSeen, maths:x"))
+
+
+def test_an_id_is_called_by_what_it_is_one_of() -> None:
+    one = "10421415-23b7-4b39-9e85-93fa4776e84d"
+    assert labels.place(f"/ur5/elbow/actions/hold/invocations/{one}", "/") == "invocation"
+    assert labels.place(f"/world/objects/{one}", "/") == "object"
+    assert labels.place(f"/ur5/elbow/actions/hold/invocations/{one}/blueprint", "/") == "blueprint"
+    assert labels.place("/ur5/12345678", "/") == "12345678"
