@@ -1,4 +1,4 @@
-"""The one error of every parser of documents from clients."""
+"""The errors of every parser of documents from clients."""
 
 
 class ParseError(Exception):
@@ -7,3 +7,7 @@ class ParseError(Exception):
     def __init__(self, message: str, line: int | None = None, column: int | None = None) -> None:
         super().__init__(message)
         self.message, self.line, self.column = message, line, column
+
+
+class TooMuchError(ParseError):
+    """A document of more triples than are taken."""

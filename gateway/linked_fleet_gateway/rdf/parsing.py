@@ -13,7 +13,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple
 from pyoxigraph import parse as oxigraph_parse
 
 from linked_fleet_gateway.rdf.jsonld_input import check_jsonld
-from linked_fleet_gateway.rdf.parse_error import ParseError
+from linked_fleet_gateway.rdf.parse_error import ParseError, TooMuchError
 from linked_fleet_gateway.rdf.turtle_layout import REST
 
 __all__ = ["MAX_LENGTH", "PARSEABLE", "ParseError", "parse"]
@@ -91,7 +91,7 @@ def _bounded(
         # fresh labels: `_:b0` of one document is not `_:b0` of another that it may be merged with
         for quad in oxigraph_parse(text, syntax, base_iri=base, without_named_graphs=True, rename_blank_nodes=True):
             if len(triples) == max_triples:
-                raise ParseError(f"more than {max_triples} triples")
+                raise TooMuchError(f"more than {max_triples} triples")
             triples.append(_plain(quad.triple, lengths))
     except SyntaxError as error:
         raise ParseError(_without_position(error.msg), error.lineno, error.offset) from error

@@ -12,7 +12,7 @@ from typing import Any
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-from linked_fleet_gateway.base.errors import BadRequest, UnprocessableContent
+from linked_fleet_gateway.base.errors import BadRequest, PayloadTooLarge, UnprocessableContent
 from linked_fleet_gateway.rdf.graph import Graph, Node, Term
 from linked_fleet_gateway.rdf.json_input import load_json
 from linked_fleet_gateway.rdf.parse_error import ParseError
@@ -96,7 +96,7 @@ class _Number(str):
 def triples_of(body: bytes, form: Form, iri: str, most: int) -> list[Triple]:
     """A body in JSON as triples about a blank node, which the shape has yet to judge.
 
-    BadRequest for what is no JSON or too much, UnprocessableContent for members that the form has no name for.
+    BadRequest for what is no JSON, PayloadTooLarge, UnprocessableContent for members that the form has no name for.
     """
     given = _parsed(body, most)
     if not isinstance(given, dict):
@@ -143,7 +143,7 @@ class _Taker:
 
     def _add(self, subject: BlankNode, predicate: NamedNode, value: Term) -> None:
         if len(self.triples) == self._most:
-            raise BadRequest(f"The body says more than {self._most} things.")
+            raise PayloadTooLarge(f"The body says more than {self._most} things.")
         self.triples.append(Triple(subject, predicate, value))
 
     def _values(self, field: Field, value: Any, where: str) -> Iterator[Term]:

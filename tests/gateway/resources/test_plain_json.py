@@ -2,7 +2,7 @@
 
 import pytest
 
-from linked_fleet_gateway.base.errors import BadRequest
+from linked_fleet_gateway.base.errors import BadRequest, PayloadTooLarge
 from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.json_form import form_of
 from linked_fleet_gateway.resources.plain_json import triples_of
@@ -26,3 +26,9 @@ def test_json_that_no_text_or_tree_can_hold_is_malformed(body: bytes, message: s
     with pytest.raises(BadRequest, match=message) as caught:
         triples_of(body, form_of(LF.TextInput), IRI, 100)
     caught.value.detail.encode()
+
+
+def test_json_of_too_many_triples_is_too_large() -> None:
+    """413, as for RDF: no schema says how many there may be in all."""
+    with pytest.raises(PayloadTooLarge, match="more than 1 things"):
+        triples_of(b'{"holder": "x", "duration": 60}', form_of(LF.ControlLeaseInput), IRI, 1)
