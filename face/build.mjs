@@ -3,9 +3,11 @@
 import { mkdir, readdir, readFile, rm, writeFile } from "node:fs/promises";
 import path from "node:path";
 import { fileURLToPath } from "node:url";
+import { brotliCompressSync, gzipSync } from "node:zlib";
 
 import { build } from "esbuild";
 
+const LEAST_BYTES = 1024; // shorter ones gain nothing
 const here = path.dirname(fileURLToPath(import.meta.url));
 const assets = path.join(here, "..", "gateway", "linked_fleet_gateway", "extensions", "pages", "assets");
 
@@ -38,6 +40,14 @@ await writeFile(path.join(assets, "manifest.json"), JSON.stringify(manifest, nul
 const { dependencies } = JSON.parse(await readFile(path.join(here, "package.json"), "utf8"));
 const notices = await Promise.all(Object.keys(dependencies).map(notice));
 await writeFile(path.join(assets, "LICENSES.txt"), notices.join(`\n${"-".repeat(80)}\n\n`));
+
+// Compressed once, as small as can be: these files never change.
+for (const file of await readdir(assets)) {
+  const content = await readFile(path.join(assets, file));
+  if (file === "manifest.json" || content.length < LEAST_BYTES) continue;
+  await writeFile(path.join(assets, `${file}.br`), brotliCompressSync(content));
+  await writeFile(path.join(assets, `${file}.gz`), gzipSync(content, { level: 9 }));
+}
 
 async function notice(name) {
   const folder = path.join(here, "node_modules", name);

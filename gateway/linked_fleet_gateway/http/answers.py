@@ -86,7 +86,7 @@ class Answer:
         if self._rendering is not None:
             self._write(self._rendering)
         content, coded = self._content, self._packed and takes_gzip
-        tag = tag_of(self._tag, coded)
+        tag = tag_of(self._tag, "gzip" if coded else "")
         if known is not None and not_modified(known, tag):
             return 304, [(b"etag", tag.encode()), *self._fields], b""
         headers = [(b"etag", tag.encode()), *self._of_content]

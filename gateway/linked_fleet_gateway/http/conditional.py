@@ -5,6 +5,7 @@ from collections.abc import Collection
 from hashlib import blake2b
 
 _TAG = re.compile(r'(W/)?("[\x21\x23-\x7e\x80-\xff]*")')
+_CODED = re.compile(r'-(?:gzip|br)"$')
 _LIST = re.compile(rf"[ \t,]*(?:{_TAG.pattern}[ \t]*(?:,[ \t,]*|$))*")
 
 
@@ -38,4 +39,4 @@ def _tags(field: str) -> list[tuple[str, str]]:
 
 def _plain(tag: str) -> str:
     """The tag of the representation without a content coding: who has read it in one may write as any other."""
-    return tag[:-6] + '"' if tag.endswith('-gzip"') else tag
+    return _CODED.sub('"', tag)

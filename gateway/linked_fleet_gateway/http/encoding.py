@@ -1,4 +1,6 @@
-"""Content coding gzip (RFC 9110, 8.4.1.3) for contents of a kilobyte and more, where the client takes it (12.5.3).
+"""Content codings (RFC 9110, 8.4.1) for contents of a kilobyte and more, where the client takes them (12.5.3).
+
+What is made for a request is coded in gzip; what never changes may be kept in other codings too (``Resource.coded``).
 
 Measured values and pages of somebody who has logged in are sent as they are: values change faster than it pays, and
 the length of compressed content could tell a secret beside what others have put in.
@@ -28,21 +30,27 @@ def expanded(content: bytes) -> bytes:
     return gzip.decompress(content)
 
 
-def tag_of(tag: str, coded: bool) -> str:
+def tag_of(tag: str, coding: str) -> str:
     """The entity tag of a representation in the coding: its bytes are others (RFC 9110, 8.8.3.3)."""
-    return tag[:-1] + '-gzip"' if coded else tag
+    return f'{tag[:-1]}-{coding}"' if coding else tag
+
+
+def takes_gzip(accept_encoding: bytes) -> bool:
+    """Tell whether an Accept-Encoding field takes gzip rather than no coding."""
+    return chosen(accept_encoding, ("gzip",)) == "gzip"
 
 
 @lru_cache(maxsize=256)
-def takes_gzip(accept_encoding: bytes) -> bool:
-    """Tell whether an Accept-Encoding field takes gzip rather than no coding."""
-    weights: dict[bytes, float] = {}
-    for member in accept_encoding.lower().split(b","):
-        coding, _, parameter = member.partition(b";")
-        name, _, value = parameter.strip().partition(b"=")
+def chosen(accept_encoding: bytes, offered: tuple[str, ...]) -> str:
+    """The coding of those ``offered`` that an Accept-Encoding field prefers, the first of several; empty for none."""
+    weights: dict[str, float] = {}
+    for member in accept_encoding.decode("latin-1").lower().split(","):
+        coding, _, parameter = member.partition(";")
+        name, _, value = parameter.strip().partition("=")
         try:
-            weights[coding.strip()] = float(value) if name.strip() == b"q" else 1.0
+            weights[coding.strip()] = float(value) if name.strip() == "q" else 1.0
         except ValueError:
-            return False
-    wanted = weights.get(b"gzip", weights.get(b"x-gzip", weights.get(b"*", 0.0)))
-    return wanted > 0 and wanted >= weights.get(b"identity", 0.0)
+            return ""
+    taken = {each: weights.get(each, weights.get(f"x-{each}", weights.get("*", 0.0))) for each in offered}
+    best = max(taken, key=taken.__getitem__, default="")
+    return best if best and 0 < taken[best] >= weights.get("identity", 0.0) else ""

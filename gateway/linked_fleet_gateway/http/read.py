@@ -8,7 +8,7 @@ from linked_fleet_gateway.base.errors import NotAcceptable, PreconditionFailed
 from linked_fleet_gateway.http.answers import Answer
 from linked_fleet_gateway.http.conditional import not_modified, precondition_holds
 from linked_fleet_gateway.http.containers import preferred_part
-from linked_fleet_gateway.http.encoding import compressed, pays, tag_of, takes_gzip
+from linked_fleet_gateway.http.encoding import chosen, compressed, pays, tag_of
 from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.html import HTML
 from linked_fleet_gateway.http.links import Link, link_header
@@ -45,20 +45,25 @@ def read(request: Request, resource: Resource) -> Response:
     of_content = {"content-type": representation.content_type} | method_headers(resource, allowed(resource))
     _keep(request, resource, representation, headers | of_content)
     body = representation.body
-    coding = (field(request, "accept-encoding") or "").encode("latin-1")
-    coded = _may_be_coded(resource, representation.media_type) and pays(body) and takes_gzip(coding)
-    headers["etag"] = tag_of(representation.etag, coded)
+    coding = chosen((field(request, "accept-encoding") or "").encode("latin-1"), _codings(resource, representation))
+    headers["etag"] = tag_of(representation.etag, coding)
     if not_modified(field(request, "if-none-match"), representation.etag):
         return Response(status_code=304, headers=headers)
-    if coded:
-        body, headers["content-encoding"] = compressed(body), "gzip"
+    if coding:
+        body, headers["content-encoding"] = resource.coded.get(coding) or compressed(body), coding
     # Starlette computes Content-Length from the body; the server itself leaves the body of a HEAD out.
     return Response(body, headers=headers | of_content)
 
 
-def _may_be_coded(resource: Resource, media_type: str) -> bool:
+def _codings(resource: Resource, representation: Representation) -> tuple[str, ...]:
+    """Content codings that there are of a representation."""
+    media_type = representation.media_type
+    if resource.coded:
+        return tuple(resource.coded)
     text = media_type.startswith("text/") or media_type.endswith(("json", "xml", "n-triples"))
-    return text and resource.measured is None and not (media_type == HTML and resource.reader)
+    secret = media_type == HTML and bool(resource.reader)
+    coded = text and resource.measured is None and not secret and pays(representation.body)
+    return ("gzip",) if coded else ()
 
 
 def _keep(request: Request, resource: Resource, representation: Representation, headers: Mapping[str, str]) -> None:

@@ -76,6 +76,8 @@ class Resource:
     layout: str | None = None
     """Path of what describes its binary frames."""
     immutable: bool = False
+    coded: Mapping[str, bytes] = field(default_factory=dict)
+    """Its only document in content codings, the preferred one first."""
     measured: Callable[[Graph, Sequence[Seen]], None] | None = None
     """``describe`` with other values than the present ones, of each of ``looks`` one; None where none is measured."""
     alike: Alike | None = None

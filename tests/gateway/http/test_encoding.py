@@ -1,10 +1,12 @@
 """Content codings: gzip where it is taken, entity tags of their own, and writes under either of them."""
 
+import re
+
 import httpx
 import pytest
 
 from browser import Browser
-from linked_fleet_gateway.http.encoding import takes_gzip
+from linked_fleet_gateway.http.encoding import chosen, takes_gzip
 
 _JOINT = "baxter/right_s1"
 
@@ -19,6 +21,35 @@ _JOINT = "baxter/right_s1"
 )  # fmt: skip
 def test_what_a_field_takes(field: bytes, takes: bool) -> None:
     assert takes_gzip(field) is takes
+
+
+@pytest.mark.parametrize(
+    ("field", "coding"),
+    [
+        (b"gzip, deflate, br, zstd", "br"), (b"gzip", "gzip"), (b"br;q=0.5, gzip", "gzip"), (b"*", "br"),
+        (b"br;q=0, *", "gzip"), (b"identity, br;q=0.5", ""), (b"deflate", ""), (b"", ""),
+    ],
+)  # fmt: skip
+def test_the_coding_that_is_preferred(field: bytes, coding: str) -> None:
+    assert chosen(field, ("br", "gzip")) == coding
+
+
+@pytest.mark.parametrize("coding", ["br", "gzip"])
+def test_scripts_are_kept_in_codings(browser: Browser, coding: str) -> None:
+    page = browser.http.get(browser.root, headers={"accept": "text/html"}).text
+    (path,) = re.findall(r"/(assets/page-\w+\.js)", page)
+    plain, coded = (_raw(browser, path, each) for each in ("identity", coding))
+    assert "content-encoding" not in plain.headers
+    assert (coded.headers["content-encoding"], coded.headers["vary"]) == (coding, plain.headers["vary"])
+    assert int(coded.headers["content-length"]) < int(plain.headers["content-length"]) / 2
+    assert coded.headers["etag"] == plain.headers["etag"][:-1] + f'-{coding}"'
+    again = browser.http.get(browser.root + path, headers={"if-none-match": coded.headers["etag"]})
+    assert again.status_code == 304
+
+
+def _raw(browser: Browser, path: str, coding: str) -> httpx.Response:
+    """The header fields alone: the client has no reader of each coding."""
+    return browser.http.head(browser.root + path, headers={"accept": "*/*", "accept-encoding": coding})
 
 
 def _get(browser: Browser, path: str, coding: str, **fields: str) -> httpx.Response:

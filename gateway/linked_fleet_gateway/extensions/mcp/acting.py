@@ -136,6 +136,8 @@ def _ended(iri: str, reply: Reply) -> CallToolResult:
     found = {"iri": iri, **json.loads(reply.content)}
     state = InvocationState(found["state"].rpartition("#")[2])
     reason = f": {found['reason']}" if found.get("reason") else ""
-    result = told(reply, f"The motion has ended: {state}{reason}." if state.terminal else f"It goes on ({state}); see {iri}.")
+    result = told(
+        reply, f"The motion has ended: {state}{reason}." if state.terminal else f"It goes on ({state}); see {iri}."
+    )
     result.structured_content, result.is_error = found, state.terminal and state is not InvocationState.SUCCEEDED
     return result

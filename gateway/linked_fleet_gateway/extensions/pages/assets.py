@@ -13,11 +13,24 @@ _FOLDER = Path(__file__).parent / "assets"
 _MEDIA_TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml", ".txt": "text/plain"}
 
 
+_CODINGS = {"br": ".br", "gzip": ".gz"}
+"""Suffixes of files in content codings, the shortest first (RFC 7932, RFC 1952)."""
+
+
+@dataclass(frozen=True)
+class Asset:
+    """A file; ``coded``: its content by content coding."""
+
+    media_type: str
+    content: bytes
+    coded: Mapping[str, bytes]
+
+
 @dataclass(frozen=True)
 class Assets:
-    """``files`` by name, with media type and content; ``entries`` are the names of what pages refer to, by source."""
+    """``files`` by name; ``entries`` are the names of what pages refer to, by source."""
 
-    files: Mapping[str, tuple[str, bytes]]
+    files: Mapping[str, Asset]
     entries: Mapping[str, str]
 
 
@@ -30,8 +43,13 @@ def assets() -> Assets:
         log.warning("the scripts and styles of the pages are not built: make assets")
         return Assets({}, {})
     files = {
-        path.name: (_MEDIA_TYPES[path.suffix], path.read_bytes())
+        path.name: Asset(_MEDIA_TYPES[path.suffix], path.read_bytes(), _coded(path))
         for path in _FOLDER.iterdir()
         if path.suffix in _MEDIA_TYPES
     }
     return Assets(files, entries)
+
+
+def _coded(path: Path) -> dict[str, bytes]:
+    files = {coding: path.with_name(path.name + suffix) for coding, suffix in _CODINGS.items()}
+    return {coding: file.read_bytes() for coding, file in files.items() if file.exists()}

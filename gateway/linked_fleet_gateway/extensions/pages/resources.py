@@ -10,9 +10,8 @@ def _asset(view: RequestView, rest: list[str]) -> Resource | None:
     found = assets().files.get("/".join(rest))
     if found is None:
         return None
-    media_type, content = found
-    path = "/assets/" + "/".join(rest)
-    return Resource(path, rest[-1], None, (LDP.Resource,), documents={media_type: lambda: content}, immutable=True)
+    path, documents = "/assets/" + "/".join(rest), {found.media_type: lambda: found.content}
+    return Resource(path, rest[-1], None, (LDP.Resource,), documents=documents, immutable=True, coded=found.coded)
 
 
 BRANCH = FleetBranch("assets", None, _asset)
