@@ -99,9 +99,16 @@ def _node(graph: Graph, container: Element, classes: str, everything: bool) -> B
             if everything or int(each["data-min"]) > 0:
                 below = _node(graph, each, each["data-classes"], everything)
                 graph.add((node, URIRef(each["data-path"]), below))
-        elif everything or "required" in each.attributes or each.get("type") == "hidden":
+        elif everything or needed(each) or each.get("type") == "hidden":
             graph.add((node, URIRef(each["data-path"]), _value(each, chosen)))
     return node
+
+
+def needed(control: Element) -> bool:
+    """Tell whether a field is always in the body. Of a select that is needed, something is chosen from the start."""
+    if control.tag == "select":
+        return all(option["value"] for option in control.all("option"))
+    return "required" in control.attributes
 
 
 def _parts(container: Element, everything: bool) -> Iterator[Element]:

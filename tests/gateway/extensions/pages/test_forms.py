@@ -9,7 +9,7 @@ import rdflib
 from rdflib import RDF, URIRef
 
 from browser import DCTERMS, HTTP, HYBRIT, LDP, LF, SH, Browser, Page
-from dom import Element, filled, limits_of, parsed
+from dom import Element, filled, limits_of, needed, parsed
 
 pytestmark = pytest.mark.virtual
 
@@ -79,7 +79,7 @@ def test_units_stand_once_with_degrees_first_and_limits_for_each(browser: Browse
     """Degree and radian have three IRIs each."""
     joint = browser.part("ur5", "elbow_joint")
     form = form_of(browser, browser.action(joint, LF.Rotate))
-    value, unit = [each for each in form.all("input", "select") if "required" in each.attributes][:2]
+    value, unit = [each for each in form.all("input", "select") if needed(each)][:2]
     options = [(each.text, each["value"]) for each in unit.all("option")]
     assert [text for text, _ in options] == ["°", "rad"]
     found = [limits_of(value, {unit["data-path"]: iri}) for _, iri in options]

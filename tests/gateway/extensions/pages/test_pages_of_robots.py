@@ -101,6 +101,8 @@ def test_every_kind_has_a_page_of_its_own(browser: Browser, addresses: dict[str,
         assert not [each for each in loaded if urlsplit(each).netloc] and not list(page.all("img", "iframe", "object"))
         ids = [each["id"] for each in page.with_attribute("id")]
         assert len(ids) == len(set(ids)), [each for each in ids if ids.count(each) > 1]
+        # HTML has no use for "required" where something is chosen from the start.
+        assert not [each for each in page.all("select") if "required" in each.attributes]
         (stop,) = [each for each in page.all("form") if each.get("class") == "stop"]
         assert OUR_TERMS.iri not in stop["data-action"] and stop["data-action"].startswith(browser.root)
 
