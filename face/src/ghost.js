@@ -14,6 +14,15 @@ export function ghost(joints, refused = false) {
   drawing()?.ghost(wanted);
 }
 
+/**
+ * Mark the place at which something would be met; without one, no longer.
+ *
+ * @param {number[]} [point] in the world, in metre
+ */
+export function contact(point) {
+  drawing()?.contact?.(point);
+}
+
 /** What is to be shown, for a scene that comes later. */
 export function wantedGhost() {
   return wanted;

@@ -1,6 +1,6 @@
 // The robot in 3D: drawn from its URDF in its present pose, moving, with parts that lead to their pages.
 
-import { Vector3 } from "three";
+import { Mesh, MeshBasicMaterial, SphereGeometry, Vector3 } from "three";
 
 import { converted, number } from "./format.js";
 import { wantedGhost } from "./ghost.js";
@@ -20,6 +20,7 @@ import { lf } from "./vocabulary.js";
 
 const INTERVAL_S = 0.033; // 30 Hz
 const RESOLUTION = 1e-4; // rad or m: what is less is noise to a reader
+const MARK = 0.04; // of the robot's size
 const AHEAD = "400px"; // a section that is about to be scrolled to is made ready
 
 /**
@@ -119,6 +120,27 @@ class RobotScene {
     this.translucent?.show(named, wanted?.refused);
     this.section.toggleAttribute("data-ghost", Boolean(wanted));
     this.view.invalidate();
+  }
+
+  /**
+   * Mark where the robot would meet something; without a point, nothing.
+   *
+   * @param {number[]} [point] in the world, in metre
+   */
+  contact(point) {
+    this.contacted?.removeFromParent();
+    this.contacted?.geometry.dispose();
+    this.contacted?.material.dispose();
+    this.contacted = undefined;
+    this.section.toggleAttribute("data-contact", Boolean(point && this.around?.visible));
+    if (point && this.around?.visible) {
+      const look = new MeshBasicMaterial({ color: this.view.colours.refused, depthTest: false, transparent: true, opacity: 0.85 });
+      this.contacted = new Mesh(new SphereGeometry(MARK * this.view.size, 24, 12), look);
+      this.contacted.renderOrder = 1;
+      this.contacted.position.copy(this.around.localToWorld(new Vector3(...point)));
+      this.view.scene.add(this.contacted);
+    }
+    this.view?.invalidate();
   }
 
   /**

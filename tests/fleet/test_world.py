@@ -116,6 +116,8 @@ def met(answer: httpx.Response) -> list[str]:
     assert problem(answer) == (409, "collision"), answer.text
     assert 0 <= answer.json()["share"] < 1
     things: list[str] = answer.json()["things"]
+    assert len(answer.json()["names"]) == len(things)
+    assert len(answer.json()["point"]) == 3
     return things
 
 

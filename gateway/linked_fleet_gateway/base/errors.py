@@ -41,7 +41,7 @@ from typing import ClassVar
 
 from pyoxigraph import Triple
 
-Members = dict[str, str | int | float | list[str]]
+Members = dict[str, str | int | float | list[str] | list[float]]
 PROBLEMS = "https://w3id.org/linked-fleet/problems#"
 REALM = "linked-fleet"
 _CONSTRAINED_BY = "http://www.w3.org/ns/ldp#constrainedBy"  # LDP 4.2.1.6

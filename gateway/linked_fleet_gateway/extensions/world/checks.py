@@ -183,7 +183,9 @@ class Checks:
         return Collides(
             f"{met.link} of {robot.name} would meet {what} {after}.",
             things=[link, *([] if other is None else [other])],
+            names=[f"{met.link} of {robot.name}", *([] if other is None else [what])],
             share=met.share,
+            point=met.point,
             reason=f"{met.link} would meet {kind} {after}",
         )
 

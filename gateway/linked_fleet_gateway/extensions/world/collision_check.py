@@ -19,12 +19,13 @@ import coal
 import numpy as np
 import numpy.typing as npt
 
-from linked_fleet_gateway.extensions.world.contact import Shape, depth, distance, is_inside
+from linked_fleet_gateway.extensions.world.contact import Shape, depth, distance, is_inside, meeting_point
 from linked_fleet_gateway.extensions.world.messages import Answer, Check, Free, Kind, Meets, Positions, Unable
 from linked_fleet_gateway.extensions.world.path import STEP_M, Path, Unknown, changed, path_of
 from linked_fleet_gateway.extensions.world.robot import Robot
 from linked_fleet_gateway.extensions.world.surfaces import Array
-from linked_fleet_gateway.extensions.world.surroundings import MARGIN_M, Mover, Thing, objects_of, others_of
+from linked_fleet_gateway.extensions.world.surroundings import MARGIN_M, Mover, Thing, objects_of, others_of, se3
+from linked_fleet_gateway.fleet.xml import Vector
 
 CLEARANCE_M = 0.001  # half a step, so that parts that keep it at two neighbouring places do not touch between them
 _TOUCHING_M = 1e-9  # rounding: what is further apart does not touch
@@ -69,6 +70,7 @@ class _Sweep:
 
     def __init__(self, asked: Check, robot: Robot, things: list[Thing], ends_s: float) -> None:
         self._ways, self._robot, self._things, self._ends_s = asked.ways, robot, things, ends_s
+        self._base = se3(asked.robot.base)
         start = asked.ways[0].start
         self._mover = Mover(robot, start)
         gone = self._furthest(start)
@@ -163,7 +165,7 @@ class _Sweep:
             if met is not None:
                 pair, at = met
                 link, kind, name, other = self._told(pair)
-                return Meets(link, kind, name, other, round(at / path.steps, 3))
+                return Meets(link, kind, name, other, round(at / path.steps, 3), self._point(pair))
         return Free(self._looks)
 
     def _along(self, path: Path) -> tuple[_Pair, int] | None:
@@ -246,6 +248,14 @@ class _Sweep:
     def _shapes(self, pair: _Pair) -> tuple[Shape, Shape]:
         other = self._mover.shape(pair.other) if pair.thing is None else pair.thing.shape
         return self._mover.shape(pair.body), other
+
+    def _point(self, pair: _Pair) -> Vector | None:
+        """The point in the world at which a pair meets, as the robot stands now."""
+        found = meeting_point(*self._shapes(pair))
+        if found is None:
+            return None
+        x, y, z = (round(float(each), 4) for each in self._base.act(found))
+        return x, y, z
 
     def _told(self, pair: _Pair) -> tuple[str, Kind, str, str]:
         bodies = self._robot.bodies

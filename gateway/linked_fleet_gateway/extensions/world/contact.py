@@ -5,6 +5,7 @@ from functools import cached_property
 
 import coal
 import numpy as np
+import numpy.typing as npt
 import pinocchio as pin
 
 from linked_fleet_gateway.extensions.world.path import STEP_M
@@ -47,6 +48,15 @@ def depth(one: Shape, other: Shape) -> float:
 
 def _distance(mine: coal.CollisionGeometry, one: Shape, yours: coal.CollisionGeometry, other: Shape) -> float:
     return float(coal.distance(mine, one.place, yours, other.place, _REQUEST, coal.DistanceResult()))
+
+
+def meeting_point(one: Shape, other: Shape) -> npt.NDArray[np.float64] | None:
+    """The middle between the nearest points of both; None where there are none, as in some meshes that cross."""
+    request, result = coal.DistanceRequest(True), coal.DistanceResult()
+    coal.distance(one.shape, one.place, other.shape, other.place, request, result)
+    middle = (np.array(result.getNearestPoint1()) + np.array(result.getNearestPoint2())) / 2
+    found: npt.NDArray[np.float64] = middle.reshape(3)
+    return found if np.isfinite(found).all() else None
 
 
 def is_inside(one: Shape, other: Shape) -> bool:

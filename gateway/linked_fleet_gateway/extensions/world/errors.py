@@ -6,26 +6,38 @@
 from collections.abc import Sequence
 
 from linked_fleet_gateway.base.errors import Members, MotionRefused
+from linked_fleet_gateway.fleet.xml import Vector
 
 
 class Collides(MotionRefused):
     """On its way the robot would meet something. ``things``: IRIs of its link and of what that meets, as far as who
-    asks may know it; ``share``: of the way that is free. ``reason`` names nothing but the robot's own."""
+    asks may know it, with ``names`` for people; ``share``: of the way that is free; ``point``: where in the world they
+    would meet, in metre, if it is known. ``reason`` names nothing but the robot's own."""
 
     status, code, title = 409, "collision", "The motion would end in a collision"
 
     def __init__(
-        self, detail: str, *, things: Sequence[str] = (), share: float | None = None, reason: str = ""
+        self,
+        detail: str,
+        *,
+        things: Sequence[str] = (),
+        names: Sequence[str] = (),
+        share: float | None = None,
+        point: Vector | None = None,
+        reason: str = "",
     ) -> None:
         super().__init__(detail, reason=reason)
-        self.things, self.share = list(things), share
+        self.things, self.names, self.share, self.point = list(things), list(names), share, point
 
     def locate(self, base: str) -> None:
         self.things = [base + path for path in self.things]
 
     @property
     def members(self) -> Members:
-        return {} if self.share is None else {"things": self.things, "share": self.share}
+        if self.share is None:
+            return {}
+        place = {} if self.point is None else {"point": list(self.point)}
+        return {"things": self.things, "names": self.names, "share": self.share, **place}
 
 
 class Unchecked(MotionRefused):

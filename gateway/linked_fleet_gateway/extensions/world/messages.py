@@ -6,6 +6,7 @@ from msgspec import Struct
 
 from linked_fleet_gateway.extensions.world.scene import Geometry
 from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_gateway.fleet.xml import Vector
 
 Positions = dict[str, float]
 Kind = Literal["self", "robot", "object"]
@@ -96,13 +97,17 @@ class Free(Struct, frozen=True, tag="free"):
 
 
 class Meets(Struct, frozen=True, tag="meets"):
-    """``link`` meets ``link`` of ``name``, or the object of that name, after ``share`` of the way."""
+    """``link`` meets ``link`` of ``name``, or the object of that name, after ``share`` of the way.
+
+    ``point``: where in the world, None if that is not known.
+    """
 
     link: str
     kind: Kind
     name: str
     other: str
     share: float
+    point: Vector | None = None
 
 
 class Unable(Struct, frozen=True, tag="unable"):

@@ -64,11 +64,11 @@ class Mover:
 
 
 def objects_of(asked: Check, objects: Mapping[str, coal.CollisionGeometry]) -> Iterator[Thing]:
-    root = _se3(asked.robot.base).inverse()
+    root = se3(asked.robot.base).inverse()
     for each in asked.objects:
         shape = objects[each.key]
         shape.computeLocalAABB()
-        at = root * _se3(each.base)
+        at = root * se3(each.base)
         centre = at.act(np.array(shape.aabb_center, dtype=float))
         hull = None if isinstance(shape, coal.BVHModelOBBRSS) else shape
         yield Thing("object", each.name, "", Shape(shape, hull, None, at), centre, float(shape.aabb_radius))
@@ -76,9 +76,9 @@ def objects_of(asked: Check, objects: Mapping[str, coal.CollisionGeometry]) -> I
 
 def others_of(asked: Check, robots: Mapping[str, Robot]) -> Iterator[Thing]:
     """Yield the parts of other robots that can be reached, in each of their stances."""
-    root, near = _se3(asked.robot.base).inverse(), robots[asked.robot.key].radius_m + MARGIN_M
+    root, near = se3(asked.robot.base).inverse(), robots[asked.robot.key].radius_m + MARGIN_M
     for each in asked.robots:
-        other, base = robots[each.key], root * _se3(each.base)
+        other, base = robots[each.key], root * se3(each.base)
         if float(np.linalg.norm(base.translation)) > near + other.radius_m:
             continue
         try:
@@ -101,7 +101,7 @@ def _shape(body: Body, at: pin.SE3) -> Shape:
     return Shape(body.shape, body.hull, body.surface, at)
 
 
-def _se3(pose: Pose) -> pin.SE3:
+def se3(pose: Pose) -> pin.SE3:
     return pin.SE3(np.array(rotation(pose.orientation_xyzw)), np.array(pose.position_m))
 
 

@@ -81,6 +81,17 @@ def test_where_on_its_way_it_meets_something(degrees: int) -> None:
     assert met.share * math.pi == pytest.approx(touching, abs=2 * MARGIN_M)
 
 
+@pytest.mark.parametrize(
+    "base", [Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), Pose((2.0, 3.0, 0.0), (0.0, 0.0, 1.0, 0.0))]
+)
+def test_the_point_where_it_would_meet_something_is_in_the_world(base: Pose) -> None:
+    sign = -1.0 if base.orientation_xyzw[2] else 1.0
+    x, y = base.position_m[0], base.position_m[1] + sign * 0.8
+    met = go({"turn": math.pi}, (Sphere(0.05), at(x, y)), base=base)
+    assert isinstance(met, Meets) and met.point is not None
+    assert math.dist(met.point, (x, y, 0.0)) == pytest.approx(0.05, abs=MARGIN_M)
+
+
 def test_nothing_is_so_thin_that_it_is_passed_by() -> None:
     for i in range(40):
         where = 0.3 + i * 0.03
