@@ -2,6 +2,7 @@
 
 import { complain, fieldsFor, read } from "./form.js";
 import { converted, number } from "./format.js";
+import { contact } from "./ghost.js";
 import { refresh } from "./region.js";
 import { fresh, send } from "./request.js";
 import { follow } from "./tasks.js";
@@ -27,6 +28,7 @@ async function submit(form, button) {
   const method = form.dataset.methods?.split(/\s+/)[0] || "POST";
   const headers = { Prefer: rehearsal ? "dry-run" : "return=representation" };
   if (!rehearsal && method !== "DELETE") headers["Idempotency-Key"] = key(form, body);
+  if (form.dataset.match) headers["If-Match"] = form.dataset.match;
   form.setAttribute("aria-busy", "true");
   answer(form, "waiting", rehearsal ? "Trying…" : "Asking…");
   const got = await send(method, form.dataset.action, { body, headers });
@@ -54,20 +56,28 @@ function done(form, got) {
     answer(form, "done", "");
     follow(location, graph, form, () => form.dispatchEvent(new Event("over")));
   } else if (location) {
-    answer(form, "done", "Done: ", link(location, graph?.value(location, TITLE)?.value ?? location));
+    answer(form, "done", "Done: ", link(location, graph?.value(location, TITLE)?.value ?? (titleIn(form) || location)));
   } else answer(form, "done", "Done.");
+  form.dispatchEvent(new Event("saved", { bubbles: true }));
   refresh();
+}
+
+/** How a form calls what it makes. */
+function titleIn(form) {
+  return form.querySelector(`input[data-path="${TITLE}"]`)?.value.trim();
 }
 
 /** @param {HTMLFormElement} form @param {import("./request.js").Answer} got */
 function refused(form, got) {
   const { problem, location } = got;
-  const { title, detail, report = [] } = problem;
+  const { title, detail, report = [], things = [], names = [], point } = problem;
   const left = report.filter((result) => !mark(form, result));
   const parts = [strong(title), detail ? ` ${detail}` : ""];
   const messages = [...new Set(left.map(({ message }) => message).filter(Boolean))].filter((each) => !detail?.includes(each));
   if (messages.length) parts.push(list(messages));
+  if (names.length) parts.push(list(things.map((iri, index) => link(iri, names[index] ?? localName(iri)))));
   answer(form, "error", ...parts);
+  contact(point);
   // No word from the robot is no refusal: what becomes of it is seen there.
   if (location) follow(location, undefined, form);
 }
@@ -132,6 +142,7 @@ function answer(form, state, ...parts) {
     output.setAttribute("role", "status");
     form.append(output);
   }
+  contact();
   output.dataset.state = state;
   output.replaceChildren(...parts);
 }
@@ -142,9 +153,10 @@ function strong(text) {
   return element;
 }
 
-function list(texts) {
+/** @param {(string|Node)[]} items */
+function list(items) {
   const element = document.createElement("ul");
-  element.append(...texts.map((text) => Object.assign(document.createElement("li"), { textContent: text })));
+  for (const item of items) element.appendChild(document.createElement("li")).append(item);
   return element;
 }
 

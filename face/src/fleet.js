@@ -3,7 +3,7 @@
 import { refresh } from "./age.js";
 import { follow } from "./live.js";
 import { adopt } from "./region.js";
-import { lf, segments, words } from "./vocabulary.js";
+import { lf, taskName } from "./vocabulary.js";
 
 const CARDS = "#robots li[data-robot]";
 const PRESENCES = ["online", "faulty", "offline"];
@@ -38,14 +38,6 @@ function move(element, stamp) {
   const fresh = Object.assign(document.createElement("time"), { dateTime: stamp });
   refresh(fresh);
   element.replaceChildren("moved ", fresh);
-}
-
-/** `…/arm/elbow/actions/rotateBy/invocations/1` is "rotate by elbow", as sentences.py has it. */
-function taskName(iri) {
-  const found = segments(iri);
-  const at = found.indexOf("actions");
-  if (at < 0 || at + 1 >= found.length) return found.at(-1) ?? "";
-  return [words(found[at + 1]), ...(at === 2 ? [found[1]] : [])].join(" ");
 }
 
 function apply() {

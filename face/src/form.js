@@ -24,7 +24,18 @@ function prepare(root) {
 export function ready(form) {
   // The browser's own check would ask for what stands in optional parts that nobody wants to fill.
   form.noValidate = true;
+  fit(form);
   applyLimits(form);
+}
+
+/** Ask for what is for the type of its node that is chosen, and for nothing else. */
+function fit(form) {
+  for (const part of form.querySelectorAll("[data-when]")) {
+    const type = part.parentElement.closest(`${NODE}, ${FORM}`).querySelector(`select[data-path="${RDF_TYPE}"]`);
+    const unfit = Boolean(type) && !part.dataset.when.split(" ").includes(type.value);
+    part.hidden = unfit;
+    for (const control of part.matches("fieldset") ? [part] : part.querySelectorAll(LEAF)) control.disabled = unfit;
+  }
 }
 
 function touched(control) {
@@ -32,6 +43,7 @@ function touched(control) {
   if (!form) return;
   form.dataset.touched = "";
   complain(control, "");
+  fit(form);
   applyLimits(form);
 }
 
@@ -99,6 +111,18 @@ export function read(form) {
   return said.wrong.length ? null : said.lines.join("");
 }
 
+/**
+ * What a form says so far, as N-Triples about `_:n0`; what is wrong is left out.
+ *
+ * @param {HTMLFormElement} form
+ * @returns {string}
+ */
+export function draft(form) {
+  const said = new Body(() => {});
+  said.node(form, form.dataset.classes);
+  return said.lines.join("");
+}
+
 /** Nothing can be seen, or get the focus, in what is folded away. */
 function open(element) {
   for (let details = element.closest("details"); details; details = details.parentElement.closest("details")) {
@@ -107,7 +131,8 @@ function open(element) {
 }
 
 class Body {
-  constructor() {
+  constructor(complaint = complain) {
+    this.complaint = complaint;
     this.lines = [];
     this.wrong = [];
     this.nodes = 0;
@@ -131,7 +156,7 @@ class Body {
   leaf(name, control) {
     const problem = wrongWith(control);
     if (problem) {
-      complain(control, problem);
+      this.complaint(control, problem);
       this.wrong.push(control);
     } else if (control.type === "checkbox" ? control.checked || control.required : control.value !== "") {
       this.say(name, control.dataset.path, term(control));

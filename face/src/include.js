@@ -9,18 +9,28 @@ export function start() {
   document.querySelectorAll("details[data-include][open]").forEach(load);
 }
 
+/** Fetch the form of a section anew. */
+export async function renew(details) {
+  details.querySelector(":scope > form")?.remove();
+  delete details.dataset.included;
+  await load(details);
+}
+
 async function load(details) {
   if (details.dataset.included) return;
   details.dataset.included = "waiting";
   const { include } = details.dataset;
   try {
-    const response = await fetch(include, { headers: { Accept: "text/html" } });
+    // Who replaces something replaces what they have seen: the tag is at most as new as the form.
+    const tag = "place" in details.dataset ? await tagOf(include) : null;
+    const response = await fetch(include, { headers: { Accept: "text/html" }, cache: "no-cache" });
     const page = new DOMParser().parseFromString(await response.text(), "text/html");
     const form = page.querySelector("form.invoke");
     if (!response.ok || !form) throw new Error(page.querySelector("main")?.textContent.trim().slice(0, 300) || response.statusText);
     const fragment = document.createDocumentFragment();
     fragment.append(document.importNode(form, true));
     const inserted = own(fragment).firstElementChild;
+    if (tag && inserted.dataset.methods === "PUT") inserted.dataset.match = tag;
     details.append(inserted);
     ready(inserted);
     apply();
@@ -30,6 +40,12 @@ async function load(details) {
     delete details.dataset.included; // opening it again tries again
     fail(details, `The form could not be had: ${error.message}`);
   }
+}
+
+/** The entity tag of the description, which pages with more around it do not have. */
+async function tagOf(iri) {
+  const response = await fetch(iri, { method: "HEAD", headers: { Accept: "application/n-triples" }, cache: "no-store" });
+  return response.headers.get("etag");
 }
 
 function fail(details, text) {

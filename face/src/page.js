@@ -19,12 +19,14 @@ import * as rows from "./rows.js";
 import * as robotState from "./robot_state.js";
 import * as sliders from "./sliders.js";
 import * as poses from "./poses.js";
+import * as arrange from "./arrange.js";
 import * as reach from "./reach.js";
 import * as lease from "./lease.js";
+import { whenWanted } from "./lazy_scene.js";
 import * as thumbnails from "./thumbnails.js";
 
 const ROBOT = [robotState, sliders, poses, reach, lease, thumbnails];
-const FLEET = [fleet, rows];
+const FLEET = [fleet, rows, arrange];
 const PAGE = [stop, notice, region, presence, live, age, connection, form, act, tasks, include, remove, copy, camera];
 for (const part of [...PAGE, ...ROBOT, ...FLEET]) {
   try {
@@ -43,7 +45,7 @@ region.adopt((root) => {
 });
 
 const scene = document.getElementById("scene");
-if (scene) drawing(scene).then(({ show }) => show(scene), failed);
+if (scene) whenWanted(scene, () => drawing(scene).then(({ show }) => show(scene), failed));
 
 function drawing({ dataset }) {
   return "world" in dataset ? import("./scene_world.js") : import("./scene.js");

@@ -3,13 +3,9 @@
 import { drawing, ghost } from "./ghost.js";
 import { targetsIn } from "./motion.js";
 import { applyLimits } from "./limits.js";
+import { PoseFields } from "./pose_fields.js";
 import { lf } from "./vocabulary.js";
 
-const MATHS = "http://vocab.arvida.de/2015/06/maths/vocab#";
-const METRE = "http://qudt.org/vocab/unit/M";
-const UNIT_PATH = "http://vocab.arvida.de/2015/06/vom/vocab#unit";
-const AXES = ["x", "y", "z"].map((axis) => MATHS + axis);
-const DECIMALS = 4;
 const ESCAPED = /~([0-9A-F]{2})/g;
 
 export function start() {
@@ -24,11 +20,10 @@ class Reach {
     this.details = details;
     this.form = form;
     this.link = form.querySelector(`select[data-path="${lf("ofLink")}"]`);
-    this.position = form.querySelector(`fieldset[data-path="${lf("position")}"]`);
-    this.orientation = form.querySelector(`fieldset[data-path="${lf("orientation")}"]`);
-    if (!this.link || !this.position) return;
+    this.fields = new PoseFields(form);
+    if (!this.link || !this.fields.position) return;
     this.link.addEventListener("change", () => this.begin());
-    this.position.addEventListener("input", () => this.placed());
+    this.fields.position.addEventListener("input", () => this.placed());
     this.offer();
     form.addEventListener("rehearsed", ({ detail }) => ghost(targetsIn(detail)));
     form.addEventListener("over", () => {
@@ -50,7 +45,7 @@ class Reach {
       made.dataset.mode = mode;
       return made;
     };
-    this.modes = modes.slice(0, this.orientation ? 3 : 1).map(button);
+    this.modes = modes.slice(0, this.fields.orientation ? 3 : 1).map(button);
     const bar = Object.assign(document.createElement("p"), { className: "buttons gizmo" });
     bar.append(...this.modes);
     this.form.prepend(bar);
@@ -66,7 +61,7 @@ class Reach {
 
   mode(mode) {
     this.turned = mode === "rotate" || (mode === "translate" && this.turned);
-    if (mode === "free") this.clear();
+    if (mode === "free") this.fields.clearOrientation();
     else if (this.turned && this.target) this.write(this.target.pose);
     if (this.target) this.target.mode = mode === "rotate" ? "rotate" : "translate";
     this.mark(mode === "free" ? "translate" : mode);
@@ -103,32 +98,15 @@ class Reach {
 
   /** Numbers that were typed move the target in the scene. */
   placed() {
-    const numbers = AXES.map((axis) => Number(field(this.position, axis)?.value));
-    const scale = field(this.position, UNIT_PATH)?.value === METRE ? 1 : 0.001;
-    if (this.target && numbers.every(Number.isFinite)) {
-      this.target.pose = { ...this.target.pose, position: numbers.map((value) => value * scale) };
-    }
+    const position = this.fields.readPosition();
+    if (this.target && position) this.target.pose = { ...this.target.pose, position };
   }
 
   write({ position, orientation }) {
-    set(this.position, UNIT_PATH, METRE);
-    AXES.forEach((axis, index) => set(this.position, axis, position[index].toFixed(DECIMALS)));
-    if (this.turned) [...AXES, lf("w")].forEach((axis, index) => set(this.orientation, axis, orientation[index].toFixed(DECIMALS)));
+    this.fields.writePosition(position);
+    if (this.turned) this.fields.writeOrientation(orientation);
     applyLimits(this.form);
   }
-
-  clear() {
-    for (const axis of [...AXES, lf("w")]) set(this.orientation, axis, "");
-  }
-}
-
-function field(fieldset, path) {
-  return fieldset?.querySelector(`[data-path="${path}"]`);
-}
-
-function set(fieldset, path, value) {
-  const control = field(fieldset, path);
-  if (control && control.value !== value) control.value = value;
 }
 
 /** The name of a link, as the last segment of its IRI spells it. */

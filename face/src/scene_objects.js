@@ -7,6 +7,9 @@ import { checkSize, stl } from "./scene_files.js";
 import { lf, NUMERICAL_VALUE, RDF_TYPE, TITLE } from "./vocabulary.js";
 
 const MATHS = "http://vocab.arvida.de/2015/06/maths/vocab#";
+const VOM_UNIT = "http://vocab.arvida.de/2015/06/vom/vocab#unit";
+const MILLIMETRE = "http://qudt.org/vocab/unit/MilliM";
+const DRAFT = "_:n0";
 const CONTAINS = "http://www.w3.org/ns/ldp#contains";
 
 /**
@@ -15,9 +18,10 @@ const CONTAINS = "http://www.w3.org/ns/ldp#contains";
  * @returns {{position: number[], orientation: number[]}|undefined} in metre; nothing while it is unknown
  */
 export function poseOf(graph, iri) {
-  const read = (path, axes) => axes.map((axis) => number(graph.follow(iri, [lf(path), axis])));
+  const read = (path, axes) => axes.map((axis) => length(graph, graph.follow(iri, [lf(path)]), axis));
   const xyz = ["x", "y", "z"].map((axis) => MATHS + axis);
-  const [position, orientation] = [read("position", xyz), read("orientation", [...xyz, lf("w")])];
+  const position = read("position", xyz);
+  const orientation = graph.value(iri, lf("orientation")) ? read("orientation", [...xyz, lf("w")]) : [0, 0, 0, 1];
   return [...position, ...orientation].every(Number.isFinite) ? { position, orientation } : undefined;
 }
 
@@ -45,26 +49,51 @@ export class Objects extends Group {
 
   /** @param {import("./ntriples.js").Graph} graph of the container at `iri` */
   show(graph, iri) {
-    for (const each of /** @type {any[]} */ ([...this.children])) {
-      each.removeFromParent();
-      each.geometry.dispose();
-      each.material.dispose();
-    }
-    for (const { value } of graph.values(iri, CONTAINS)) this.draw(graph, value);
+    for (const each of [...this.children]) if (!each.userData.draft) discard(each);
+    for (const { value } of graph.values(iri, CONTAINS)) this.draw(graph, value, value);
     this.changed();
   }
 
-  async draw(graph, iri) {
-    const pose = poseOf(graph, iri);
-    const geometry = graph.value(iri, lf("geometry"));
+  /**
+   * Draw what somebody is about to put there, or nothing more of that.
+   *
+   * @param {import("./ntriples.js").Graph} [graph] about the node `_:n0`
+   * @param {string} [instead] the object that it replaces
+   */
+  draft(graph, instead) {
+    this.drafted = graph && { graph, instead };
+    const former = this.children.filter(({ userData }) => userData.draft);
+    if (graph) this.draw(graph, DRAFT, instead, former);
+    else former.forEach(discard);
+    this.arrange();
+    this.changed();
+  }
+
+  /** What is about to be replaced is not shown. */
+  arrange() {
+    for (const each of this.children) each.visible = each.userData.draft || each.userData.iri !== this.drafted?.instead;
+  }
+
+  /**
+   * @param {import("./ntriples.js").Graph} graph
+   * @param {string} node that is described in it
+   * @param {string} iri of the object
+   * @param {any[]} former drawings that this one takes the place of
+   */
+  async draw(graph, node, iri, former = []) {
+    const pose = poseOf(graph, node);
+    const geometry = graph.value(node, lf("geometry"));
     if (!pose || !geometry) return;
-    const zone = graph.values(iri, RDF_TYPE).some(({ value }) => value === lf("KeepOutZone"));
+    const zone = graph.values(node, RDF_TYPE).some(({ value }) => value === lf("KeepOutZone"));
     const mesh = new Mesh(undefined, material(zone));
-    mesh.name = graph.value(iri, TITLE)?.value ?? "";
-    mesh.userData.zone = zone;
+    mesh.name = graph.value(node, TITLE)?.value ?? "";
+    mesh.userData = { zone, iri, draft: node === DRAFT };
+    if (mesh.userData.draft) Object.assign(mesh.material, { transparent: true, opacity: zone ? 0.35 : 0.75 });
     mesh.castShadow = mesh.receiveShadow = !zone;
     put(mesh, pose);
+    former.forEach(discard);
     this.add(mesh);
+    this.arrange();
     try {
       const made = form(graph, key(geometry)) ?? (await fetched(graph.value(key(geometry), lf("mesh"))?.value, this.signal));
       mesh.geometry.dispose();
@@ -72,9 +101,16 @@ export class Objects extends Group {
       this.changed();
     } catch (error) {
       mesh.removeFromParent();
-      if (!this.signal.aborted) console.warn(`${iri} is not drawn:`, error);
+      // What somebody is about to put there may not be complete.
+      if (!this.signal.aborted && node !== DRAFT) console.warn(`${iri} is not drawn:`, error);
     }
   }
+}
+
+function discard(mesh) {
+  mesh.removeFromParent();
+  mesh.geometry.dispose();
+  mesh.material.dispose();
 }
 
 function material(zone) {
@@ -85,11 +121,17 @@ function material(zone) {
 /** A primitive, or nothing for a mesh. */
 function form(graph, node) {
   const type = graph.value(node, RDF_TYPE)?.value;
-  const scalar = (name) => number(graph.follow(node, [lf(name), NUMERICAL_VALUE]));
+  const scalar = (name) => extent(length(graph, graph.value(node, lf(name)), NUMERICAL_VALUE));
+  const edge = (axis) => extent(length(graph, graph.value(node, lf("size")), MATHS + axis));
   if (type === lf("Sphere")) return new SphereGeometry(scalar("radius"), 32, 16);
   if (type === lf("Cylinder")) return new CylinderGeometry(scalar("radius"), scalar("radius"), scalar("length"), 32).rotateX(Math.PI / 2);
-  if (type === lf("Box")) return new BoxGeometry(...["x", "y", "z"].map((axis) => number(graph.follow(node, [lf("size"), MATHS + axis]))));
+  if (type === lf("Box")) return new BoxGeometry(edge("x"), edge("y"), edge("z"));
   return undefined;
+}
+
+function extent(value) {
+  if (!(value > 0)) throw new Error("its extent is unknown");
+  return value;
 }
 
 async function fetched(iri, signal) {
@@ -100,6 +142,13 @@ async function fetched(iri, signal) {
   const geometry = stl(await answer.arrayBuffer());
   geometry.computeVertexNormals();
   return geometry;
+}
+
+/** A number of a node in metre; as it is, if its unit is no other. */
+function length(graph, node, predicate) {
+  if (!node) return NaN;
+  const scale = graph.value(key(node), VOM_UNIT)?.value === MILLIMETRE ? 0.001 : 1;
+  return number(graph.value(key(node), predicate)) * scale;
 }
 
 function number(term) {

@@ -11,7 +11,7 @@ const SIZE = 0.8;
 export class Target {
   /**
    * @param {import("./scene_view.js").View} view
-   * @param {import("urdf-loader").URDFRobot} robot in whose frame the pose is
+   * @param {import("three").Object3D} robot in whose frame the pose is
    * @param {(pose: Pose, done: boolean) => void} onDrag
    */
   constructor(view, robot, onDrag) {

@@ -159,6 +159,25 @@ export class View {
     this.invalidate(true);
   }
 
+  /** Look at one thing of what is shown, from where the camera is. */
+  approach(thing) {
+    const ball = new Box3().setFromObject(thing).getBoundingSphere(new Sphere());
+    if (ball.isEmpty()) return;
+    const arm = this.camera.position.clone().sub(this.controls.target);
+    arm.setLength((ball.radius * 1.3) / Math.sin((this.camera.fov / 2) * (Math.PI / 180)));
+    this.controls.target.copy(ball.center);
+    this.camera.position.copy(ball.center).add(arm);
+    this.controls.update();
+    this.invalidate();
+  }
+
+  /** Move the camera, and what it looks at. */
+  shift(way) {
+    if (way.lengthSq() < 1e-12) return;
+    this.controls.target.add(way);
+    this.camera.position.add(way);
+  }
+
   /** How far from the robot's middle the camera sees all of it, with some air around. */
   distance(middle) {
     const up = Math.tan((this.camera.fov / 2) * (Math.PI / 180)) * 0.9;

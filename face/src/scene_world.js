@@ -2,20 +2,26 @@
 
 import { Group, Vector3 } from "three";
 
-import { build, complete, fetchModel, loadMeshes, meshesOf } from "./scene_model.js";
-import { Motion } from "./scene_motion.js";
-import { Objects, poseOf, put } from "./scene_objects.js";
-import { Part } from "./scene_parts.js";
-import { fetchBase, fetchState } from "./scene_state.js";
-import { smooth, View } from "./scene_view.js";
+import { adopt } from "./region.js";
+import { Labels } from "./scene_labels.js";
+import { Objects, poseOf } from "./scene_objects.js";
+import { Chooser } from "./scene_choice.js";
+import { Standing } from "./scene_standing.js";
+import { Target } from "./scene_target.js";
+import { View } from "./scene_view.js";
+import { parse } from "./ntriples.js";
 import { watch } from "./socket.js";
+import { lf } from "./vocabulary.js";
 
-const INTERVAL_S = 0.033; // 30 Hz
-const ESCAPED = /~([0-9A-F]{2})/g;
+const HAS_PART = "http://purl.org/dc/terms/hasPart";
+const AHEAD = "200px"; // a section that is about to be scrolled to is made ready
+const MOST_ROBOTS = 40; // each is a model to be fetched, and a stream of its frames
+const ABOVE_FLOOR_M = 0.2;
 
 /**
- * Draw the world in this section, from `data-objects` and from the robots that the page lists (`data-stands`).
- * `data-phase` says how far it is: loading, ready or failed; `section.scene` is the drawing.
+ * Draw the world in this section, as `data-world` describes it, with the objects of `data-objects`.
+ * `data-phase` says how far it is: loading, ready or failed; `section.scene` is the drawing. A click goes
+ * to what is clicked, or, with `data-arranged`, is the event `chosen`; a double click has the camera follow a robot.
  *
  * @param {HTMLElement} section
  */
@@ -28,11 +34,12 @@ class WorldScene {
     this.section = section;
     this.ending = new AbortController();
     this.all = new Group();
-    this.phase("loading");
-    this.robots = [...document.querySelectorAll("[data-stands]")].map((each) => new Standing(each.dataset, this));
+    /** @type {Map<string, Standing>} by IRI */
+    this.robots = new Map();
     this.objects = new Objects(this.ending.signal, () => this.frame());
-    this.all.add(this.objects, ...this.robots.map(({ place }) => place));
-    this.start();
+    this.all.add(this.objects);
+    this.phase("loading");
+    this.start().catch((error) => this.fail(error));
   }
 
   phase(phase) {
@@ -41,33 +48,83 @@ class WorldScene {
   }
 
   async start() {
-    const frame = document.createElement("div");
-    frame.className = "scene-view";
+    const frame = Object.assign(document.createElement("div"), { className: "scene-view" });
     const canvas = Object.assign(document.createElement("canvas"), { tabIndex: 0 });
     canvas.setAttribute("role", "img");
     canvas.setAttribute("aria-label", "3D drawing of the robots that are placed in the world, and of the objects in it");
     frame.append(canvas);
     const context = canvas.getContext("webgl2", { antialias: true, alpha: true, powerPreference: "low-power" });
     if (!context) return this.phase("failed"); // the page says what takes its place
-    for (const each of [...this.section.children]) each.hidden = true;
+    for (const each of /** @type {HTMLElement[]} */ ([...this.section.children])) each.hidden = true;
     this.section.append(frame);
     this.view = new View(canvas, context, (now) => this.animate(now));
+    this.view.seen = false;
     this.view.stage(this.all);
-    this.follow();
-    await Promise.all(this.robots.map((robot) => robot.load(this.ending.signal).catch((error) => this.lacks(robot, error))));
+    this.labels = new Labels(frame, this.view);
+    this.chooser = new Chooser(this.view, {
+      meshes: () => this.meshes(),
+      chosen: (iri) => this.choose(iri),
+      followed: (iri) => this.robots.has(iri) && this.follow(iri),
+    });
+    this.sight = new IntersectionObserver((entries) => this.seen(entries.at(-1).isIntersecting), { rootMargin: AHEAD });
+    this.sight.observe(this.section);
+    await this.meet();
     this.frame();
     this.phase("ready");
+    this.section.dispatchEvent(new Event("drawn"));
+    adopt(() => this.meet().catch((error) => console.debug("the world cannot be had at present:", error)));
+  }
+
+  fail(error) {
+    console.warn("the world is not drawn:", error);
+    for (const each of /** @type {HTMLElement[]} */ ([...this.section.children])) each.hidden = each.matches(".scene-view");
+    this.view?.dispose();
+    this.phase("failed");
+  }
+
+  /** Draw the robots that are in the world at present, and no others. */
+  async meet() {
+    const answer = await fetch(this.section.dataset.world, { headers: { Accept: "application/n-triples" }, signal: this.ending.signal });
+    if (!answer.ok) throw new Error(`${answer.status} ${answer.statusText}`);
+    const graph = parse(await answer.text());
+    const world = answer.url || this.section.dataset.world;
+    const all = graph.values(world, HAS_PART).map(({ value }) => value);
+    const drawable = all.filter((iri) => graph.value(iri, lf("model"))).slice(0, MOST_ROBOTS);
+    for (const [iri, robot] of this.robots) if (!drawable.includes(iri)) this.forget(iri, robot);
+    const fresh = drawable.filter((iri) => !this.robots.has(iri)).map((iri) => new Standing(graph, iri, this));
+    for (const robot of fresh) {
+      this.robots.set(robot.iri, robot);
+      this.all.add(robot.place);
+      this.labels.add(robot);
+    }
+    this.section.dataset.left = String(all.length - drawable.length);
+    this.listen();
+    await Promise.all(fresh.map((robot) => robot.load(this.ending.signal).catch((error) => this.lacks(robot, error))));
+  }
+
+  forget(iri, robot) {
+    robot.dispose();
+    this.labels.remove(robot);
+    this.robots.delete(iri);
   }
 
   lacks(robot, error) {
-    console.warn(`${robot.name} is not drawn:`, error);
+    if (!this.ending.signal.aborted) console.warn(`${robot.name} is not drawn:`, error);
   }
 
-  /** Follow what stands where. */
-  follow() {
+  /** What nobody can see is neither drawn nor followed. */
+  seen(seen) {
+    if (!this.section.isConnected) return this.dispose();
+    this.inSight = seen;
+    this.view.show(seen);
+    this.listen();
+  }
+
+  listen() {
     const iri = new URL(this.section.dataset.objects, document.baseURI).href;
-    watch(iri, { interval: 0.2 }, (graph) => this.objects.show(graph, iri));
-    for (const robot of this.robots) robot.follow();
+    if (this.inSight) this.stop ??= watch(iri, { interval: 0.2 }, (graph) => this.objects.show(graph, iri));
+    else this.stop = this.stop?.();
+    for (const robot of this.robots.values()) robot.listen(this.inSight);
   }
 
   /** All of the world is in the view as long as nobody has chosen another. */
@@ -77,77 +134,87 @@ class WorldScene {
   }
 
   animate(now) {
-    const moved = this.robots.map((robot) => robot.step(now)).some(Boolean);
+    const robots = [...this.robots.values()];
+    const moved = robots.map((robot) => robot.step(now)).some(Boolean);
     if (moved) this.view.moved(now);
-    return this.robots.some(({ motion }) => motion?.moving);
+    this.chase();
+    this.labels?.place();
+    return robots.some(({ motion }) => motion?.moving);
+  }
+
+  /** A page where things are arranged has their forms; from any other a click goes to the page of the thing. */
+  choose(iri) {
+    if ("arranged" in this.section.dataset) this.section.dispatchEvent(new CustomEvent("chosen", { detail: iri }));
+    else location.assign(iri);
+  }
+
+  /** Keep a robot in the middle of the view; without one, show all of the world again. */
+  follow(iri) {
+    this.followed = this.robots.get(iri);
+    this.before = undefined;
+    this.section.dataset.following = this.followed?.name ?? "";
+    this.leave?.remove();
+    if (!this.followed) return this.view.fit();
+    this.view.untouched = false;
+    this.view.approach(this.followed.place);
+    const text = `Following ${this.followed.title} · show all`;
+    this.leave = Object.assign(document.createElement("button"), { type: "button", className: "scene-following", textContent: text });
+    this.leave.onclick = () => this.follow();
+    this.labels.box.after(this.leave);
+  }
+
+  chase() {
+    if (!this.followed) return;
+    const now = this.followed.base();
+    this.view.shift(now.clone().sub(this.before ?? now));
+    this.before = now;
+  }
+
+  /** @returns {object[]} the meshes that can be chosen, each with `userData.iri` or below a group that has one */
+  meshes() {
+    return [this.objects, ...[...this.robots.values()].filter(({ place }) => place.visible).map(({ place }) => place)];
+  }
+
+  /** @returns {number[]} the place on the floor at which the camera looks, a little above it */
+  middle() {
+    const { x, y } = this.view.controls.target;
+    return [x, y, ABOVE_FLOOR_M];
+  }
+
+  /** Have a target dragged, in the frame of the world. */
+  target(onDrag) {
+    const target = new Target(this.view, this.all, onDrag);
+    this.chooser.quiet = () => target.busy;
+    return target;
+  }
+
+  /**
+   * Draw what somebody is about to change, or nothing of that any more.
+   *
+   * @param {import("./ntriples.js").Graph} [graph] about the node `_:n0`
+   * @param {string} [iri] of the object or the robot
+   * @param {boolean} [robot] whether it is a robot, of which only the place changes
+   */
+  draft(graph, iri, robot = false) {
+    this.moving?.draft();
+    this.moving = robot ? this.robots.get(iri) : undefined;
+    this.moving?.draft(poseOf(graph, "_:n0"));
+    this.objects.draft(robot ? undefined : graph, iri);
   }
 
   /** @returns {Record<string, [number, number, number]>} by title where each object is drawn, and each robot that is */
   standing() {
-    const things = [...this.objects.children, ...this.robots.filter(({ place }) => place.visible).map(({ place }) => place)];
+    const places = [...this.robots.values()].map(({ place }) => place);
+    const things = [...this.objects.children, ...places].filter(({ visible }) => visible);
     return Object.fromEntries(things.map((each) => [each.name, each.getWorldPosition(new Vector3()).toArray()]));
   }
-}
 
-/** One robot; `place` is where it stands, and is not shown as long as nobody knows. */
-class Standing {
-  /** @param {DOMStringMap} data of the element of the page that names it */
-  constructor({ stands, model, state, pose, placement }, world) {
-    this.world = world;
-    this.name = stands;
-    this.model = model;
-    this.state = state;
-    this.pose = pose;
-    this.placement = placement;
-    this.place = new Group();
-    this.place.name = stands;
-    this.place.visible = false;
+  dispose() {
+    this.ending.abort();
+    this.sight.disconnect();
+    this.inSight = false;
+    this.listen();
+    this.view?.dispose();
+    delete this.section.scene;
   }
-
-  async load(signal) {
-    const [urdf, state, base] = await Promise.all([
-      fetchModel(this.model, signal),
-      fetchState(new URL(this.state, document.baseURI).href, signal),
-      this.pose ? fetchBase(new URL(this.pose, document.baseURI).href, signal) : undefined,
-    ]);
-    const { robot, meshes } = build(urdf, this.model);
-    this.motion = new Motion(robot, state.joints.map(nameOf));
-    this.motion.accept({ ...state.present, base }, performance.now(), false);
-    this.motion.step(performance.now());
-    this.place.add(robot);
-    watch(this.state, { protocol: "lf.frame", interval: INTERVAL_S }, (frame) => this.take(state.decode(frame)));
-    await loadMeshes(meshes, () => {}, signal);
-    complete(robot, this.world.view.colours.bone);
-    this.parts = Object.values(robot.links).flatMap((link) => {
-      const shapes = meshesOf(link);
-      return shapes.length ? [new Part(link, shapes)] : [];
-    });
-    this.world.frame();
-  }
-
-  follow() {
-    const iri = new URL(this.placement, document.baseURI).href;
-    watch(iri, {}, (graph) => {
-      const pose = poseOf(graph, iri);
-      this.place.visible = Boolean(pose);
-      if (pose) put(this.place, pose);
-      this.world.frame();
-    });
-  }
-
-  take(values) {
-    if (!values) return; // of another run of the agent: the page, loaded anew, has its description
-    this.motion.accept(values, performance.now(), smooth());
-    this.world.view.invalidate();
-  }
-
-  step(now) {
-    return this.motion?.step(now) ?? false;
-  }
-}
-
-/** The name of a joint, as the last segment of its IRI spells it. */
-function nameOf(iri) {
-  const segment = iri.slice(iri.lastIndexOf("/") + 1);
-  return decodeURIComponent(segment.replace(ESCAPED, "%$1"));
 }

@@ -34,3 +34,11 @@ export function segments(iri) {
 export function words(name) {
   return name.replace(/([a-z0-9])([A-Z])/g, "$1 $2").toLowerCase();
 }
+
+/** `…/arm/elbow/actions/rotateBy/invocations/1` is "rotate by elbow", as sentences.py has it. */
+export function taskName(iri) {
+  const found = segments(iri);
+  const at = found.indexOf("actions");
+  if (at < 0 || at + 1 >= found.length) return found.at(-1) ?? "";
+  return [words(found[at + 1]), ...(at === 2 ? [found[1]] : [])].join(" ");
+}

@@ -30,7 +30,10 @@ _RDF_TYPE = rdflib.RDF.type
 
 @dataclass(frozen=True)
 class Leaf:
-    """One value. ``input`` is the type of its element; ``limits`` is JSON for `face/src/limits.js`, or empty."""
+    """One value. ``input`` is the type of its element; ``limits`` is JSON for `face/src/limits.js`, or empty.
+
+    ``when``: the types of its node that it is for, where it is not for all.
+    """
 
     path: str
     label: str
@@ -44,12 +47,16 @@ class Leaf:
     limits: str = ""
     step: str = ""
     most: int = 1
+    when: Sequence[str] = ()
     kind: ClassVar[str] = "leaf"
 
 
 @dataclass(frozen=True)
 class Group:
-    """A node of its own, with its classes; ``least`` and ``most`` say how often it may be there."""
+    """A node of its own, with its classes; ``least`` and ``most`` say how often it may be there.
+
+    ``filled``: it is sent even as it is. ``when``: as of Leaf.
+    """
 
     path: str
     label: str
@@ -58,6 +65,8 @@ class Group:
     least: int
     most: int
     fields: Sequence["Leaf | Group"]
+    filled: bool = False
+    when: Sequence[str] = ()
     kind: ClassVar[str] = "group"
 
     @property
@@ -102,7 +111,13 @@ def form_of_setting(facts: Facts, iri: NamedNode) -> Form | None:
     value = facts.one(iri, LF.value)
     number = value if isinstance(value, Literal) or value is None else facts.one(value, VOM.numericalValue)
     present = {each: number.value for each in (LF.value.value, VOM.numericalValue.value) if isinstance(number, Literal)}
-    return _form(iri.value, ["PUT"], "set", classes, _prefilled(fields, present))
+    return _form(iri.value, ["PUT"], "set", classes, _prefilled(_filled(fields, facts, iri), present))
+
+
+def form_of_shape(shape: NamedNode, action: str, method: str, name: str, facts: Facts, subject: Term) -> Form:
+    """The form of a published shape, filled in with what ``facts`` say of ``subject``."""
+    classes, fields = _fields(_blueprint(shape), str(shape))
+    return _form(action, [method], name, classes, _filled(fields, facts, subject))
 
 
 def form_of_subscription(container: str, owner: str) -> Form:
@@ -128,6 +143,23 @@ def _form(
 
 def _prefilled(fields: Iterable[Leaf | Group], values: Mapping[str, str]) -> list[Leaf | Group]:
     return [_with_value(each, values) if isinstance(each, Leaf) else _with_values(each, values) for each in fields]
+
+
+def _filled(fields: Iterable[Leaf | Group], facts: Facts, subject: Term) -> list[Leaf | Group]:
+    """The fields with what is said of ``subject`` and of the nodes below it."""
+    return [_filled_field(each, facts.all(subject, NamedNode(each.path)), facts) for each in fields]
+
+
+def _filled_field(own: Leaf | Group, said: Sequence[Term], facts: Facts) -> Leaf | Group:
+    if isinstance(own, Leaf):
+        offered = {value for value, _ in own.options}
+        known = [each.value for each in said if isinstance(each, Literal | NamedNode) and each != LF.unknown]
+        fitting = [each for each in known if each in offered or not offered]
+        return replace(own, value=fitting[0]) if fitting and own.input != "hidden" else own
+    if not said or not isinstance(said[0], BlankNode):
+        return own
+    fields = _filled(own.fields, facts, said[0])
+    return replace(own, fields=fields, filled=fields != list(own.fields))
 
 
 def _with_value(leaf: Leaf, values: Mapping[str, str]) -> Leaf:
@@ -188,8 +220,12 @@ def _classes(shape: Shape) -> str:
 
 
 def _asked(shape: Shape) -> list[Field]:
-    """Without the type, which the classes say."""
-    return [each for each in every_field(shape) if each.path != _RDF_TYPE]
+    """Without the type, which the classes say unless there is a choice that has to be made."""
+    return [each for each in every_field(shape) if each.path != _RDF_TYPE or _is_choice(each)]
+
+
+def _is_choice(own: Field) -> bool:
+    return own.min_count > 0 and len(own.allowed or ()) > 1
 
 
 def _branches(shape: Shape) -> list[Shape]:

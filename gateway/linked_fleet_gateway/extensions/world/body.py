@@ -26,7 +26,7 @@ from linked_fleet_gateway.resources.action_body import Body
 from linked_fleet_gateway.resources.placement import read_pose, read_vector
 from linked_fleet_gateway.resources.setting import judged
 
-_SAID_OF: dict[Node, tuple[NamedNode, ...]] = {
+PREDICATES_OF_GEOMETRY: dict[Node, tuple[NamedNode, ...]] = {
     LF.Box: (LF.size,),
     LF.Sphere: (LF.radius,),
     LF.Cylinder: (LF.radius, LF.length),
@@ -65,7 +65,7 @@ def _check_form(body: Body, node: Node, iri: str, present: SceneObject | None) -
     """The shape of geometries knows what any form of them has."""
     form = body.node(node, RDF.type)
     assert form is not None
-    other = {each for said in _SAID_OF.values() for each in said}.difference(_SAID_OF[form])
+    other = {each for said in PREDICATES_OF_GEOMETRY.values() for each in said}.difference(PREDICATES_OF_GEOMETRY[form])
     if present is None or any(each != NamedNode(iri + "/mesh") for each in body.nodes(node, LF.mesh)):
         other.add(LF.mesh)
     refuse([t for t in body.triples if t.subject == node and t.predicate in other], f"{iri}/blueprint")

@@ -18,7 +18,11 @@ class WorldExtension(Extension):
     at_root = ("world",)
     in_robot = ("placement",)
     robot_properties = ("linked_fleet_gateway.extensions.world.placement_property:placement",)
-    views = ("linked_fleet_gateway.extensions.world.page:VIEW",)
+    views = (
+        "linked_fleet_gateway.extensions.world.page:VIEW",
+        "linked_fleet_gateway.extensions.world.page:CONTAINER_VIEW",
+        "linked_fleet_gateway.extensions.world.page:OBJECT_VIEW",
+    )
     navigation = (NavigationEntry("World", "/world", 10),)
 
     @asynccontextmanager

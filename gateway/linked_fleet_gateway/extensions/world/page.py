@@ -1,30 +1,43 @@
-"""The page of the world: the robots that are placed in it, and the objects among them."""
+"""The pages of the world, of its objects, and of each: what stands where, and the forms that add and change it."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pyoxigraph import BlankNode, NamedNode
 
+from linked_fleet_gateway.base.lazy_imports import Lazily
 from linked_fleet_gateway.extensions.pages import labels
 from linked_fleet_gateway.extensions.pages.thing_views import path_below
-from linked_fleet_gateway.extensions.pages.values import Facts, Link
+from linked_fleet_gateway.extensions.pages.values import Facts, Link, Value
 from linked_fleet_gateway.extensions.pages.views import PageView, Part
-from linked_fleet_gateway.extensions.world.describe import OBJECTS
+from linked_fleet_gateway.extensions.world.body import PREDICATES_OF_GEOMETRY
+from linked_fleet_gateway.extensions.world.describe import OBJECTS, describe_object, object_path
+from linked_fleet_gateway.extensions.world.scene import Box, SceneObject
+from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.turtle_layout import Term
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, MATHS
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, LF, MATHS, RDF, RDFS
+
+if TYPE_CHECKING:
+    from linked_fleet_gateway.extensions.pages import form
+else:
+    form = Lazily("linked_fleet_gateway.extensions.pages.form")
+
+_KINDS = (LF.Obstacle, LF.KeepOutZone)
+_EDGE_M = 0.4
+_TEMPLATES = Path(__file__).parent / "templates"
 
 
 @dataclass(frozen=True)
 class PlacedRobot:
-    """A robot in the world; addresses of what draws it, empty where it has not said what it is."""
+    """A robot in the world and the address of its placement."""
 
     link: Link
-    name: str
     placement: str
     placed: bool
-    model: str
-    state: str
-    pose: str
 
 
 def world(facts: Facts, iri: NamedNode) -> Part:
@@ -37,16 +50,96 @@ def world(facts: Facts, iri: NamedNode) -> Part:
 
 
 def _standing(facts: Facts, iri: NamedNode, placement: Term | None) -> PlacedRobot:
-    def address(predicate: NamedNode) -> str:
-        return path_below(getattr(facts.one(iri, predicate), "value", ""), facts.root)
-
     position = facts.one(placement, LF.position) if isinstance(placement, NamedNode) else None
     x = facts.one(position, MATHS.x) if isinstance(position, BlankNode) else None
-    name = labels.place(iri.value, facts.root)
-    return PlacedRobot(
-        facts.link(iri), name, address(LF.placement), x != LF.unknown, address(LF.model), address(LF.jointState),
-        address(LF.pose),
-    )  # fmt: skip
+    return PlacedRobot(facts.link(iri), path_below(getattr(placement, "value", ""), facts.root), x != LF.unknown)
 
 
-VIEW = PageView(LF.World, Path(__file__).parent / "templates" / "world.html", world, constants={"objects": OBJECTS})
+# -- objects --------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Listed:
+    """An object as its container lists it."""
+
+    link: Link
+    kind: str
+    form: str
+    position: Value | None
+
+
+def container(facts: Facts, iri: NamedNode) -> Part:
+    members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
+    listed = [_listed(facts, each) for each in members]
+    more = {"listed": listed, "count": len(members), "form": _form(iri.value, "POST", "add", *_example())}
+    return Part(more, {LDP.contains, LDP.constrainedBy, RDFS.seeAlso}, set(members))
+
+
+def thing(facts: Facts, iri: NamedNode) -> Part:
+    return Part({"form": _form(iri.value, "PUT", "save", facts, iri)})
+
+
+def _listed(facts: Facts, iri: NamedNode) -> Listed:
+    kinds = [each for each in _KINDS if facts.is_a(iri, each)]
+    forms = [each for each in facts.all(iri, LF.geometry, RDF.type) if isinstance(each, NamedNode)]
+    positions = facts.values(iri, LF.position)
+    return Listed(
+        facts.link(iri),
+        labels.named(kinds[0].value) if kinds else "",
+        labels.named(forms[0].value) if forms else "",
+        positions[0] if positions else None,
+    )
+
+
+def _form(action: str, method: str, name: str, facts: Facts, subject: NamedNode) -> "form.Form":
+    """The frame is left out, because there is only that of the world; the kind is asked for."""
+    made = form.form_of_shape(LF.SceneObjectInput, action, method, name, facts, subject)
+    kind = form.Leaf(
+        path=RDF.type.value,
+        label="kind",
+        hint="",
+        required=True,
+        input="select",
+        iri=True,
+        datatype="",
+        value=next((each.value for each in _KINDS if facts.is_a(subject, each)), ""),
+        options=[(each.value, labels.named(each.value)) for each in _KINDS],
+    )
+    title, *others = sorted(made.needed, key=lambda each: each.path != DCTERMS.title.value)
+    further = [each for each in made.further if each.path not in (LF.inFrame.value, RDF.type.value)]
+    return replace(made, needed=[title, kind, *map(_by_type, others)], further=further)
+
+
+def _by_type(field: "form.Leaf | form.Group") -> "form.Leaf | form.Group":
+    """The geometry with what each of its types needs."""
+    if not isinstance(field, form.Group) or field.path != LF.geometry.value:
+        return field
+    fields = [replace(each, when=_types_with(each.path)) for each in field.fields if _is_asked(each)]
+    return replace(field, fields=fields)
+
+
+def _is_asked(field: "form.Leaf | form.Group") -> bool:
+    """The mesh that an object has already is kept, and not asked for."""
+    return field.path != LF.mesh.value or (isinstance(field, form.Leaf) and bool(field.value))
+
+
+def _types_with(path: str) -> Sequence[str]:
+    found = [type_ for type_, used in PREDICATES_OF_GEOMETRY.items() if NamedNode(path) in used]
+    return [each.value for each in found if isinstance(each, NamedNode)]
+
+
+@cache
+def _example() -> tuple[Facts, NamedNode]:
+    """A box on the floor, to begin with."""
+    graph, root = Graph(), "urn:example:"
+    edges = (_EDGE_M, _EDGE_M, _EDGE_M)
+    box = SceneObject(
+        title="", kind="obstacle", pose=Pose((0.0, 0.0, _EDGE_M / 2), (0.0, 0.0, 0.0, 1.0)), geometry=Box(edges)
+    )
+    describe_object(graph, root, "new", box)
+    return Facts(graph.triples, root), NamedNode(root + object_path("new"))
+
+
+VIEW = PageView(LF.World, _TEMPLATES / "world.html", world, constants={"objects": OBJECTS})
+CONTAINER_VIEW = PageView(LF.SceneObjects, _TEMPLATES / "scene_objects.html", container)
+OBJECT_VIEW = PageView(LF.SceneObject, _TEMPLATES / "scene_object.html", thing)

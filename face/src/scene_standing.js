@@ -1,0 +1,139 @@
+// One robot in the drawing of the world.
+
+import { Box3, Group, Vector3 } from "three";
+
+import { build, complete, fetchModel, loadMeshes, meshesOf } from "./scene_model.js";
+import { Motion } from "./scene_motion.js";
+import { poseOf, put } from "./scene_objects.js";
+import { Part } from "./scene_parts.js";
+import { fetchBase, fetchState } from "./scene_state.js";
+import { smooth } from "./scene_view.js";
+import { watch } from "./socket.js";
+import { lf, localName, TITLE } from "./vocabulary.js";
+
+const INTERVAL_S = 0.033; // 30 Hz
+const ESCAPED = /~([0-9A-F]{2})/g;
+
+/** `place` is where the robot stands; it is not shown as long as nobody knows. */
+export class Standing {
+  /**
+   * @param {import("./ntriples.js").Graph} graph the description of the world
+   * @param {string} iri
+   */
+  constructor(graph, iri, world) {
+    const link = (name) => graph.value(iri, lf(name))?.value;
+    this.world = world;
+    this.iri = iri;
+    this.name = localName(iri);
+    this.title = graph.value(iri, TITLE)?.value ?? this.name;
+    this.model = link("model");
+    this.state = link("jointState");
+    this.pose = link("pose");
+    this.placement = link("placement");
+    this.place = new Group();
+    this.place.name = this.name;
+    this.place.userData.iri = iri;
+    this.ends = [];
+    this.height = 0.5;
+    this.stand(poseOf(graph, this.placement));
+  }
+
+  async load(signal) {
+    const [urdf, state, base] = await Promise.all([
+      fetchModel(this.model, signal),
+      fetchState(this.state, signal),
+      this.pose ? fetchBase(this.pose, signal) : undefined,
+    ]);
+    const { robot, meshes } = build(urdf, this.model);
+    this.robot = robot;
+    this.motion = new Motion(robot, state.joints.map(nameOf));
+    this.motion.accept({ ...state.present, base }, performance.now(), false);
+    this.motion.step(performance.now());
+    this.decode = (frame) => state.decode(frame);
+    this.place.add(robot);
+    this.listen(this.world.inSight);
+    await loadMeshes(meshes, () => {}, signal);
+    complete(robot, this.world.view.colours.bone);
+    this.parts = Object.values(robot.links).flatMap((link) => {
+      const shapes = meshesOf(link);
+      return shapes.length ? [new Part(link, shapes)] : [];
+    });
+    this.measure();
+    this.world.frame();
+  }
+
+  /** Follow where it stands and how it moves, while somebody can see it. */
+  listen(wanted) {
+    if (!wanted) {
+      for (const end of this.ends.splice(0)) end();
+      this.moves = false;
+      return;
+    }
+    if (!this.ends.length) this.ends.push(watch(this.placement, {}, (graph) => this.stand(poseOf(graph, this.placement))));
+    if (this.decode && !this.moves) {
+      this.moves = true;
+      this.ends.push(watch(this.state, { protocol: "lf.frame", interval: INTERVAL_S }, (frame) => this.take(this.decode(frame))));
+    }
+  }
+
+  /** @param {import("./scene_target.js").Pose} [pose] */
+  stand(pose) {
+    this.stood = pose;
+    this.arrange();
+  }
+
+  /** Show it where it is about to be placed; without a pose, where it stands. */
+  draft(pose) {
+    this.drafted = pose;
+    this.arrange();
+  }
+
+  arrange() {
+    const pose = this.drafted ?? this.stood;
+    this.place.visible = Boolean(pose);
+    if (pose) put(this.place, pose);
+    this.place.updateMatrixWorld(true);
+    if (this.drafted) this.world.view?.invalidate(true);
+    else this.world.frame();
+  }
+
+  take(values) {
+    if (!values) return; // of another run of the agent: the page, loaded anew, has its description
+    this.motion.accept(values, performance.now(), smooth());
+    this.world.view.invalidate();
+  }
+
+  step(now) {
+    return this.motion?.step(now) ?? false;
+  }
+
+  /** @returns {Vector3} where its base is, which may move */
+  base() {
+    return (this.robot ?? this.place).getWorldPosition(new Vector3());
+  }
+
+  /** @returns {Vector3|undefined} above it, where its label stands */
+  top() {
+    if (!this.place.visible || !this.robot) return undefined;
+    const base = this.base();
+    return base.setZ(base.z + this.height);
+  }
+
+  /** How far it reaches above its base as it stands when it is complete. */
+  measure() {
+    const box = new Box3().setFromObject(this.robot);
+    if (!box.isEmpty()) this.height = box.max.z - this.base().z;
+  }
+
+  dispose() {
+    this.listen(false);
+    this.place.removeFromParent();
+    for (const part of this.parts ?? []) part.dispose();
+  }
+}
+
+/** The name of a joint, as the last segment of its IRI spells it. */
+function nameOf(iri) {
+  const segment = iri.slice(iri.lastIndexOf("/") + 1);
+  return decodeURIComponent(segment.replace(ESCAPED, "%$1"));
+}
