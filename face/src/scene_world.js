@@ -38,6 +38,8 @@ class WorldScene {
     this.robots = new Map();
     this.objects = new Objects(this.ending.signal, () => this.frame());
     this.all.add(this.objects);
+    /** @type {HTMLElement|undefined} */
+    this.left = undefined;
     this.phase("loading");
     this.start().catch((error) => this.fail(error));
   }
@@ -97,9 +99,16 @@ class WorldScene {
       this.all.add(robot.place);
       this.labels.add(robot);
     }
-    this.section.dataset.left = String(all.length - drawable.length);
+    this.tellLeft(all.filter((iri) => graph.value(iri, lf("model"))).length - drawable.length);
     this.listen();
     await Promise.all(fresh.map((robot) => robot.load(this.ending.signal).catch((error) => this.lacks(robot, error))));
+  }
+
+  /** Say how many robots are too many to be drawn. */
+  tellLeft(count) {
+    if (!this.left) this.labels.box.after((this.left = Object.assign(document.createElement("p"), { className: "scene-badge" })));
+    this.left.hidden = !count;
+    this.left.textContent = `${count} more robots are not drawn`;
   }
 
   forget(iri, robot) {
@@ -151,7 +160,7 @@ class WorldScene {
   /** Keep a robot in the middle of the view; without one, show all of the world again. */
   follow(iri) {
     this.followed = this.robots.get(iri);
-    this.before = undefined;
+    this.before = this.followed?.base();
     this.section.dataset.following = this.followed?.name ?? "";
     this.leave?.remove();
     if (!this.followed) return this.view.fit();
@@ -166,7 +175,7 @@ class WorldScene {
   chase() {
     if (!this.followed) return;
     const now = this.followed.base();
-    this.view.shift(now.clone().sub(this.before ?? now));
+    this.view.shift(now.clone().sub(this.before));
     this.before = now;
   }
 

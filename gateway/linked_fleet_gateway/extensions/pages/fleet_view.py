@@ -9,7 +9,7 @@ from pyoxigraph import NamedNode
 from linked_fleet_gateway.extensions.pages import labels, sentences
 from linked_fleet_gateway.extensions.pages.thing_views import Presence, actions, presence
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Time
-from linked_fleet_gateway.extensions.pages.views import Part
+from linked_fleet_gateway.extensions.pages.views import Part, constant
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF
 
 _PRESENCES = ("online", "faulty", "offline")
@@ -35,6 +35,8 @@ def fleet(facts: Facts, iri: NamedNode) -> Part:
         "counts": _counts(robots),
         "kinds": sorted({each.model for each in robots if each.model}),
         "actions": actions(facts, iri),
+        "world": getattr(facts.one(iri, LF.world), "value", ""),
+        "objects": constant("objects"),
     }
     # The navigation leads to all else that the fleet links.
     linked = {each for each in facts.of.get(iri, {}) if _leads_on(facts, iri, each)} - {DCTERMS.title}

@@ -1,0 +1,124 @@
+"""The front page: the world on top, drawn when it is wanted and while it is seen; a click leads to a robot."""
+
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Browser, Page, ViewportSize, expect
+
+from browser import LF
+from browser import Browser as Client
+from commanding import PREFIXES, TURTLE, of_joint, radian
+from running import PATIENCE_S, eventually
+from small_fleet import Place, live
+
+pytestmark = pytest.mark.processes
+PHONE: ViewportSize = {"width": 390, "height": 844}
+LOW: ViewportSize = {"width": 1280, "height": 320}
+MIDDLE = """() => {
+    const { view, robots } = document.getElementById("scene").scene;
+    const [robot] = robots.values();
+    robot.place.updateWorldMatrix(true, true);
+    let mesh;
+    robot.robot.links.base_link_inertia?.traverse((each) => (mesh ??= each.isMesh ? each : undefined));
+    robot.robot.traverse((each) => (mesh ??= each.isMesh ? each : undefined));
+    mesh.geometry.computeBoundingSphere();
+    const at = mesh.geometry.boundingSphere.center.clone().applyMatrix4(mesh.matrixWorld).project(view.camera);
+    const { left, top, width, height } = view.canvas.getBoundingClientRect();
+    return [left + ((at.x + 1) / 2) * width, top + ((1 - at.y) / 2) * height];
+}"""
+COUNT = """() => {
+    const { view } = document.getElementById("scene").scene;
+    const draw = view.draw;
+    window.drawn = 0;
+    view.draw = (...given) => {
+        window.drawn += 1;
+        draw.apply(view, given);
+    };
+}"""
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
+    place = Place(tmp_path_factory.mktemp("state"))
+    with place.gateway() as (_, client), place.ur5():
+        live(client, "ur5")
+        body = f"{PREFIXES}<> lf:position [ maths:x 0 ; maths:y 0 ; maths:z 0 ; vom:unit unit:M ] ."
+        assert client.http.put(str(client.robot("ur5").one(LF.placement)), content=body, headers=TURTLE).is_success
+        yield client
+
+
+@pytest.fixture
+def front(page: Page, watched: object, client: Client) -> Page:
+    page.goto(client.root)
+    expect(page.locator("#scene")).to_have_attribute("data-phase", "ready")
+    return page
+
+
+def test_the_world_is_drawn_with_what_each_robot_does(front: Page) -> None:
+    label = front.locator(".scene-names a")
+    expect(label).to_be_visible()
+    expect(label).to_contain_text("ur5")
+    expect(label).to_contain_text("online")
+
+
+def test_a_click_leads_to_the_robot(front: Page, client: Client) -> None:
+    x, y = front.evaluate(MIDDLE)
+    front.mouse.click(x, y)
+    front.wait_for_url(client.robot("ur5").url)
+
+
+def test_a_double_click_follows_the_robot(front: Page, client: Client) -> None:
+    x, y = front.evaluate(MIDDLE)
+    front.mouse.dblclick(x, y)
+    leave = front.get_by_role("button", name="show all")
+    expect(leave).to_be_visible()
+    expect(front.locator("#scene")).to_have_attribute("data-following", "ur5")
+    placement = str(client.robot("ur5").one(LF.placement))
+    before = front.evaluate("() => document.getElementById('scene').scene.view.controls.target.toArray()")
+    body = f"{PREFIXES}<> lf:position [ maths:x 2 ; maths:y 0 ; maths:z 0 ; vom:unit unit:M ] ."
+    assert client.http.put(placement, content=body, headers=TURTLE).is_success
+
+    def shifted() -> bool:
+        now = front.evaluate("() => document.getElementById('scene').scene.view.controls.target.toArray()")
+        return bool(abs(now[0] - before[0] - 2) < 0.01)
+
+    eventually(shifted, "the camera beside the robot")
+    assert front.url == client.root
+    leave.click()
+    expect(leave).to_have_count(0)
+    expect(front.locator("#scene")).to_have_attribute("data-following", "")
+
+
+def test_nothing_is_drawn_while_it_is_not_seen(front: Page, client: Client) -> None:
+    front.set_viewport_size(LOW)
+    front.evaluate("() => (document.querySelector('main').style.paddingBottom = '2000px')")
+    front.evaluate(COUNT)
+    front.evaluate("() => scrollTo(0, document.documentElement.scrollHeight)")
+    eventually(lambda: front.evaluate("() => !document.getElementById('scene').scene.inSight"), "out of sight")
+    # What was asked for before it went out of sight may still be drawn.
+    front.evaluate("() => new Promise((resolve) => setTimeout(resolve, 300))")
+    front.evaluate("() => (window.drawn = 0)")
+    answer = client.http.put(of_joint(client, "wrist_3_joint"), content=radian(0.4), headers=TURTLE)
+    assert answer.is_success, answer.text
+    moved = front.locator("#robots [data-moved] time")
+    expect(moved).to_have_count(1)
+    assert front.evaluate("() => window.drawn") == 0
+    front.evaluate("() => scrollTo(0, 0)")
+    eventually(lambda: front.evaluate("() => window.drawn") > 0, "a drawing")
+
+
+def test_a_phone_draws_the_world_when_it_is_asked_for(chromium: Browser, client: Client) -> None:
+    context = chromium.new_context(
+        viewport=PHONE, has_touch=True, is_mobile=True, reduced_motion="reduce", device_scale_factor=0.5
+    )
+    context.set_default_timeout(PATIENCE_S * 1000)
+    page = context.new_page()
+    fetched: list[str] = []
+    page.on("request", lambda request: fetched.append(request.url))
+    page.goto(client.root, wait_until="networkidle")
+    expect(page.locator("#robots .card")).to_have_count(1)
+    assert page.evaluate("document.documentElement.scrollWidth") == PHONE["width"]
+    assert not [each for each in fetched if "scene_world" in each]
+    page.get_by_role("button", name="Show the world").tap()
+    expect(page.locator("#scene")).to_have_attribute("data-phase", "ready")
+    context.close()
