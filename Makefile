@@ -10,6 +10,7 @@
 # make soak    an hour of everything at once, with faults (MINUTES=60)
 # make pictures  those of README.md, from the running demo
 # make fleet-check  the compose fleet, started and checked from outside (COMPOSE="docker compose")
+# make release  sdists, wheels, bills of materials and sums in dist/, checked, and images (ENGINE=podman; CONTRIBUTING.md)
 # make docs    the documentation as a site in build/site, with links checked
 # make docs-settings  the table of docs/SETTINGS.md, from the classes of the settings
 # make requirements  what images install, with hashes, from pyproject.toml and constraints.txt
@@ -26,6 +27,7 @@ LONG_ARGS ?=
 ONLY ?=
 MOTIONS ?= 1000
 COMPOSE ?=
+ENGINE ?=
 BENCH_ARGS ?=
 # A test with processes that fails is run once more, and named at the end (tests/second_try.py).
 SECOND_TRY := --second-try
@@ -52,7 +54,7 @@ $$python -c 'import ensurepip' 2>/dev/null || { echo "$$python has no venv: apt 
 $$python -m venv --clear $(1)
 endef
 
-.PHONY: architecture docs demo test test-long test-all check check-collisions docs-settings requirements fleet-check bench bench-robots fuzz mutants soak assets pictures node-wot shacl-suite chromium egl tools wrk caddy clean helm
+.PHONY: architecture docs demo release test test-long test-all check check-collisions docs-settings requirements fleet-check bench bench-robots fuzz mutants soak assets pictures node-wot shacl-suite chromium egl tools wrk caddy clean helm
 
 demo: .venv/stamp $(ASSETS)
 	@$(BIN)/python -m linked_fleet_demo --port $(PORT)
@@ -124,6 +126,11 @@ compose:
 # With docker compose where it works, else podman-compose, else the command that COMPOSE names. Always takes the fleet down.
 fleet-check: .venv/stamp compose
 	@$(BIN)/python deploy/fleet_check --compose '$(COMPOSE)'
+
+# Images with docker where it works, else with podman, else with the command that ENGINE names. Says which could not be built.
+release: .venv/stamp $(ASSETS)
+	@$(BIN)/python deploy/release.py --out dist
+	@$(BIN)/python deploy/release_images.py --engine '$(ENGINE)'
 
 # With which the bench asks, and the front that speaks HTTP/2 and 3. Caddy is unpacked and not installed: it would serve.
 # What cannot be had is left out, and the table says so.

@@ -62,8 +62,8 @@ def bill(parts: list[Part]) -> dict[str, Any]:
         "bomFormat": "CycloneDX",
         "specVersion": "1.6",
         "version": 1,
-        "metadata": {"component": {"type": "application", **_component(ours[0])}} if ours else {},
-        "components": [{"type": "library", **_component(part)} for part in parts if part not in ours],
+        "metadata": {"component": {"type": "application", **component(ours[0])}} if ours else {},
+        "components": [{"type": "library", **component(part)} for part in parts if part not in ours],
     }
 
 
@@ -74,7 +74,7 @@ def licences(parts: list[Part]) -> str:
     return f"Packages of third parties in this image, besides those of its base image.\n\n{listed}\n{texts}\n"
 
 
-def _component(part: Part) -> dict[str, Any]:
+def component(part: Part) -> dict[str, Any]:
     return {
         "bom-ref": part.purl,
         "name": part.name,

@@ -1,0 +1,224 @@
+"""Builds the packages of a release and checks them: make release
+
+Usage: PYTHON deploy/release.py [--out FOLDER]
+       PYTHON deploy/release.py --check FOLDER
+
+Sdists, the wheels that are built of them, a bill of materials (CycloneDX) for each, and SHA256SUMS. All is built a
+second time, elsewhere and of the contents of the sdists alone, and has to be the same to the byte. FOLDER gets what has
+passed every check, and is left as it was otherwise. ``--check`` does the checks with files that are there.
+"""
+
+import argparse
+import hashlib
+import json
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+import tomllib
+import zipfile
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from bill_of_materials import component, npm_parts
+from cyclonedx.schema import SchemaVersion
+from cyclonedx.validation.json import JsonStrictValidator
+from installer.records import parse_record_file
+from installer.sources import WheelFile
+
+ROOT = Path(__file__).parents[1]
+PROJECTS = {"linked-fleet-agent": ROOT / "agents", "linked-fleet": ROOT}
+SUMS = "SHA256SUMS"
+_REQUIREMENTS = {"linked-fleet-agent": "requirements-agent.txt", "linked-fleet": "requirements.txt"}
+_PAGES = "linked_fleet_gateway/extensions/pages/assets/manifest.json"
+_OURS = ("linked_fleet*", SUMS)
+_LONGEST_S = 600
+
+
+class ReleaseError(Exception):
+    """A release that must not be published; the message says why."""
+
+
+def time_of_last_commit() -> str:
+    """Seconds since 1970 for the times in archives; SOURCE_DATE_EPOCH if it is set."""
+    return os.environ.get("SOURCE_DATE_EPOCH") or _run("git", "log", "-1", "--format=%ct").strip()
+
+
+def make(out: Path) -> None:
+    """Build everything, check it, and put it into ``out`` in place of an earlier release."""
+    epoch = time_of_last_commit()
+    with tempfile.TemporaryDirectory() as folder:
+        first, second = Path(folder, "first"), Path(folder, "second")
+        for project in PROJECTS.values():
+            _build(project, first, epoch)
+        for sdist in sorted(first.glob("*.tar.gz")):
+            shutil.unpack_archive(sdist, folder)
+            _build(Path(folder, sdist.name.removesuffix(".tar.gz")), second, epoch, umask=0o077)
+        compare(first, second)
+        for name in PROJECTS:
+            (first / f"{_stem(name)}.cdx.json").write_text(bill_of_materials(name))
+        write_sums(first)
+        check(first)
+        out.mkdir(parents=True, exist_ok=True)
+        for earlier in (path for pattern in _OURS for path in out.glob(pattern)):
+            earlier.unlink()
+        for path in [*_files(first), first / SUMS]:
+            shutil.copyfile(path, out / path.name)
+
+
+def compare(first: Path, second: Path) -> None:
+    """Raises ReleaseError unless both folders hold the same files."""
+    names = {path.name for folder in (first, second) for path in _files(folder)}
+    differing = [name for name in sorted(names) if _digest(first / name) != _digest(second / name)]
+    if differing:
+        raise ReleaseError(f"a second build gives other bytes: {', '.join(differing)}")
+
+
+def bill_of_materials(name: str) -> str:
+    """The pinned requirements of a distribution, with hashes, and the npm packages that its pages are made of."""
+    project, requirements = PROJECTS[name], ROOT / "deploy" / _REQUIREMENTS[name]
+    flags = ("--sv", "1.6", "--of", "JSON", "--output-reproducible", "--mc-type", "application")
+    command = ("-m", "cyclonedx_py", "requirements", str(requirements), "--pyproject", str(project / "pyproject.toml"))
+    bill = json.loads(_run(sys.executable, *command, *flags))
+    if project == ROOT:
+        bill["components"] += [{"type": "library", **component(part)} for part in sorted(npm_parts(ROOT / "face"))]
+    text = json.dumps(bill, indent=1) + "\n"
+    error = JsonStrictValidator(SchemaVersion.V1_6).validate_str(text)
+    if error is not None:
+        raise ReleaseError(f"the bill of materials of {name} is no CycloneDX: {error}")
+    return text
+
+
+def write_sums(folder: Path) -> None:
+    """Write SHA256SUMS, as ``sha256sum --check`` reads it."""
+    (folder / SUMS).write_text("".join(f"{_digest(path)}  {path.name}\n" for path in _files(folder)))
+
+
+def check(folder: Path) -> None:
+    """Raises ReleaseError with everything that is wrong with the files of a release."""
+    wrong = [*_missing(folder), *_wrong_sums(folder)]
+    packages = [str(path) for path in _files(folder) if path.suffix in (".whl", ".gz")]
+    for wheel in sorted(folder.glob("*.whl")):
+        wrong += _wrong_wheel(wheel)
+    if not wrong:
+        wrong += _refused("twine", "check", "--strict", *packages)
+        for name, project in PROJECTS.items():
+            settings, wheel = project / "pyproject.toml", folder / f"{_stem(name)}-py3-none-any.whl"
+            wrong += _refused("check_wheel_contents", "--config", str(settings), str(wheel))
+            wrong += _refused("validate_pyproject", str(settings))
+    if wrong:
+        raise ReleaseError("\n".join(wrong))
+
+
+def version(name: str) -> str:
+    """The version of one of our distributions."""
+    return str(_settings(name)["version"])
+
+
+def _stem(name: str) -> str:
+    """The beginning of the names of its files."""
+    return f"{name.replace('-', '_')}-{version(name)}"
+
+
+def _settings(name: str) -> dict[str, Any]:
+    project: dict[str, Any] = tomllib.loads((PROJECTS[name] / "pyproject.toml").read_text())["project"]
+    return project
+
+
+def _missing(folder: Path) -> Iterable[str]:
+    """Both distributions have one version, and an sdist, a wheel and a bill of it."""
+    versions = {name: version(name) for name in PROJECTS}
+    if len(set(versions.values())) > 1:
+        yield f"the distributions have different versions: {versions}"
+    needed = re.findall(r"linked-fleet-agent\[\w+\]==([\d.\w]+)", " ".join(_settings("linked-fleet")["dependencies"]))
+    if needed != [versions["linked-fleet-agent"]]:
+        yield f"linked-fleet needs linked-fleet-agent {needed}, and not {versions['linked-fleet-agent']}"
+    for name in PROJECTS:
+        for ending in (".tar.gz", "-py3-none-any.whl", ".cdx.json"):
+            if not (folder / f"{_stem(name)}{ending}").is_file():
+                yield f"{_stem(name)}{ending} is missing"
+
+
+def _wrong_sums(folder: Path) -> Iterable[str]:
+    if not (folder / SUMS).is_file():
+        return [f"{SUMS} is missing"]
+    listed = dict(reversed(line.split("  ", 1)) for line in (folder / SUMS).read_text().splitlines())
+    found = {path.name: _digest(path) for path in _files(folder)}
+    return [f"{SUMS} does not agree with {name}" for name in sorted(dict(listed.items() ^ found.items()))]
+
+
+def _wrong_wheel(path: Path) -> list[str]:
+    """Hold the files of a wheel to its RECORD."""
+    try:
+        with WheelFile.open(path) as wheel:
+            wheel.validate_record(validate_contents=True)
+            listed = {name for name, _, _ in parse_record_file(wheel.read_dist_info("RECORD").splitlines())}
+        with zipfile.ZipFile(path) as archive:
+            names = set(archive.namelist())
+    except (ValueError, OSError, KeyError, zipfile.BadZipFile) as error:
+        return [f"{path.name} is damaged: {error}"]
+    if listed - names:
+        return [f"{path.name} is damaged: it has no {', '.join(sorted(listed - names))}"]
+    if path.name.startswith("linked_fleet-") and _PAGES not in names:
+        return [f"{path.name} has no scripts of the pages: make assets"]
+    return []
+
+
+def _refused(module: str, *arguments: str) -> list[str]:
+    try:
+        _run(sys.executable, "-m", module, *arguments)
+    except ReleaseError as error:
+        return [str(error)]
+    return []
+
+
+def _build(project: Path, out: Path, epoch: str, umask: int = 0o022) -> None:
+    """Build an sdist, and a wheel of it, by the pinned backend of this environment."""
+    environment = {**os.environ, "SOURCE_DATE_EPOCH": epoch}
+    command = (sys.executable, "-m", "build", "--no-isolation", "--outdir", str(out), str(project))
+    _run(*command, environment=environment, umask=umask)
+
+
+def _run(*words: str, environment: dict[str, str] | None = None, umask: int = -1) -> str:
+    """Return what a program prints. ReleaseError with all that it said if it fails."""
+    done = subprocess.run(  # noqa: S603 (our own words, no shell)
+        words, cwd=ROOT, env=environment, umask=umask, capture_output=True, text=True, timeout=_LONGEST_S, check=False
+    )
+    if done.returncode:
+        raise ReleaseError(f"{shlex.join(words)}\n{done.stdout}{done.stderr}".rstrip())
+    return done.stdout
+
+
+def _files(folder: Path) -> list[Path]:
+    """The files of a release but for the sums, in alphabetical order."""
+    return sorted(path for path in folder.iterdir() if path.match(_OURS[0]))
+
+
+def _digest(path: Path) -> str | None:
+    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else None
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="deploy/release.py", description="Build the packages of a release.")
+    parser.add_argument("--out", type=Path, default=ROOT / "dist", help="where they go (default: dist)")
+    parser.add_argument("--check", type=Path, metavar="FOLDER", help="check the files there and build nothing")
+    arguments = parser.parse_args()
+    folder = arguments.check or arguments.out
+    try:
+        check(folder) if arguments.check else make(folder)
+    except ReleaseError as error:
+        print(f"release: {error}", file=sys.stderr)
+        return 1
+    for path in [*_files(folder), folder / SUMS]:
+        print(f"{path.stat().st_size:>10,}  {path}")
+    if not arguments.check and _run("git", "status", "--porcelain"):
+        print("Not for publication: there are changes that are not committed.")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

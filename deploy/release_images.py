@@ -1,0 +1,93 @@
+"""Builds the images of a release for each processor, as far as the engine here can: make release
+
+Usage: PYTHON deploy/release_images.py [--engine COMMAND]
+
+Prints a line for each image: built, with its id, or not built, with the reason. An image for another processor than
+that of this machine needs a kernel that runs its programs (QEMU and binfmt_misc). Exit code 1 if one failed that this
+machine could have built.
+"""
+
+import argparse
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+IMAGES = {"gateway": "gateway.Dockerfile", "agent": "agent.Dockerfile", "agent-sim": "agent.Dockerfile"}
+"""Names, which are those of the targets too."""
+PROCESSORS = {"amd64": "x86_64", "arm64": "aarch64"}
+"""As images name them, and as the kernel does."""
+OF_THE_MACHINE = ("PIP_INDEX_URL", "PIP_EXTRA_INDEX_URL", "NPM_CONFIG_REGISTRY")
+"""Where packages come from: build arguments of the images."""
+_LONGEST_S = 3600
+_BINFMT = Path("/proc/sys/fs/binfmt_misc")
+
+
+def engine_command(given: str) -> list[str]:
+    """The words of ``given``; else docker or podman, whichever works; empty if none does."""
+    if given:
+        return shlex.split(given)
+    return next(([name] for name in ("docker", "podman") if shutil.which(name) and _runs([name, "info"])), [])
+
+
+def obstacle(processor: str, binfmt: Path = _BINFMT) -> str:
+    """Why this machine builds no images for a processor; empty if it does."""
+    name = PROCESSORS[processor]
+    if platform.machine() == name or (binfmt / f"qemu-{name}").exists():
+        return ""
+    return (
+        f"this machine is {platform.machine()} and its kernel runs no programs for {name} (no qemu-{name} in {binfmt})"
+    )
+
+
+def build(engine: list[str], image: str, processor: str, version: str) -> tuple[bool, str]:
+    """Build one image. Return True and its id, or False and the reason."""
+    tag = f"linked-fleet/{image}:{version}-{processor}"
+    given = [word for name in OF_THE_MACHINE if name in os.environ for word in ("--build-arg", name)]
+    command = [*engine, "build", "--platform", f"linux/{processor}", "--target", image,
+               "-f", f"deploy/{IMAGES[image]}", "-t", tag, *given, "."]  # fmt: skip
+    for words in (command, [*engine, "image", "inspect", "--format", "{{.Id}}", tag]):
+        try:
+            done = subprocess.run(  # noqa: S603 (the user's own engine, no shell)
+                words, cwd=ROOT, capture_output=True, text=True, errors="replace", timeout=_LONGEST_S, check=False
+            )
+        except (OSError, subprocess.TimeoutExpired) as error:
+            return False, str(error)
+        if done.returncode:
+            said = [line.strip() for line in (done.stderr or done.stdout).splitlines() if line.strip()]
+            return False, f"{shlex.join(words)}: {' | '.join(said[-3:]) or f'exit code {done.returncode}'}"
+    return True, done.stdout.strip()
+
+
+def _runs(words: list[str]) -> bool:
+    return subprocess.run(words, capture_output=True, check=False).returncode == 0  # noqa: S603 (no shell)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="deploy/release_images.py", description="Build the images of a release.")
+    parser.add_argument("--engine", default="", help="docker, podman or another command (default: whichever works)")
+    engine = engine_command(parser.parse_args().engine)
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    failed = missing = 0
+    for processor in PROCESSORS:
+        reason = obstacle(processor) if engine else "neither docker nor podman works here; name another: ENGINE=…"
+        for image in IMAGES:
+            built, said = (False, reason) if reason else build(engine, image, processor, version)
+            failed += not (built or reason)
+            missing += not built
+            print(
+                f"{'built    ' if built else 'not built'}  linked-fleet/{image}:{version}-{processor}: {said}",
+                flush=True,
+            )
+    if missing:
+        print(f"{missing} of {len(IMAGES) * len(PROCESSORS)} images are missing in this release.")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,210 @@
+"""The packages of a release: the same at every build, made of their own contents, and refused when they are damaged."""
+
+import hashlib
+import json
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import tarfile
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from running import ROOT
+
+pytestmark = pytest.mark.processes
+
+VERSION = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+GATEWAY, AGENT = (f"{name}-{VERSION}-py3-none-any.whl" for name in ("linked_fleet", "linked_fleet_agent"))
+
+
+def _release(*arguments: str | Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, ROOT / "deploy" / "release.py", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, **environment})
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("release")
+    done = _release("--out", folder)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return folder
+
+
+@pytest.fixture
+def copied(built: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(built, tmp_path / "release"))
+
+
+def test_a_release_has_an_sdist_a_wheel_and_a_bill_of_each_distribution(built: Path) -> None:
+    """The program ``sha256sum`` finds them as the list has them."""
+    assert sorted(path.name for path in built.iterdir()) == sorted(
+        ["SHA256SUMS"]
+        + [f"{name}-{VERSION}{ending}" for name in ("linked_fleet", "linked_fleet_agent")
+           for ending in (".cdx.json", ".tar.gz", "-py3-none-any.whl")]
+    )  # fmt: skip
+    listed = subprocess.run(
+        ["sha256sum", "--check", "SHA256SUMS"], cwd=built, capture_output=True, text=True, check=True
+    )
+    assert listed.stdout.count(": OK") == 6
+
+
+@pytest.mark.parametrize(("name", "wheel"), [("linked_fleet", GATEWAY), ("linked_fleet_agent", AGENT)])
+def test_another_build_of_an_sdist_gives_the_same_wheel(built: Path, tmp_path: Path, name: str, wheel: str) -> None:
+    """Another day, another zone and other rights of files change nothing: times are those of the last commit."""
+    shutil.unpack_archive(built / f"{name}-{VERSION}.tar.gz", tmp_path)
+    committed = subprocess.run(
+        ["git", "log", "-1", "--format=%ct"], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout.strip()
+    subprocess.run(
+        [sys.executable, "-m", "build", "-q", "--no-isolation", "--wheel", "--outdir", tmp_path / "again",
+         tmp_path / f"{name}-{VERSION}"],
+        env={**os.environ, "SOURCE_DATE_EPOCH": committed, "TZ": "Asia/Tokyo"}, umask=0o077, check=True,
+    )  # fmt: skip
+    assert (tmp_path / "again" / wheel).read_bytes() == (built / wheel).read_bytes()
+
+
+def test_a_build_that_differs_is_told(built: Path, copied: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "deploy"))
+    import release  # type: ignore[import-not-found]
+
+    release.compare(built, copied)
+    _replace(copied / AGENT, "linked_fleet_agent/robot.py", b"pass\n")
+    (copied / GATEWAY).unlink()
+    with pytest.raises(release.ReleaseError, match=f"{GATEWAY}, {AGENT}"):
+        release.compare(built, copied)
+
+
+def test_sdists_hold_all_that_their_wheels_are_made_of_and_no_tests(built: Path) -> None:
+    for wheel, name in ((GATEWAY, "linked_fleet"), (AGENT, "linked_fleet_agent")):
+        with tarfile.open(built / f"{name}-{VERSION}.tar.gz") as archive:
+            held = {path.partition("/")[2] for path in archive.getnames()}
+        with zipfile.ZipFile(built / wheel) as archive:
+            needed = {path for path in archive.namelist() if ".dist-info/" not in path}
+        assert needed and all(any(path == each or path.endswith(f"/{each}") for path in held) for each in needed)
+        assert not [path for path in held if path.startswith(("tests/", "deploy/")) or "node_modules" in path]
+
+
+def test_both_distributions_have_the_same_licence() -> None:
+    """As a file each: a link would lead out of the sdist, to nothing."""
+    licences = [ROOT / "LICENSE", ROOT / "agents" / "LICENSE"]
+    assert not any(path.is_symlink() for path in licences)
+    assert len({path.read_text() for path in licences}) == 1
+
+
+def test_the_bill_has_each_pinned_requirement_with_its_hash_and_what_pages_are_made_of(built: Path) -> None:
+    bill = json.loads((built / f"linked_fleet-{VERSION}.cdx.json").read_text())
+    parts = {part["purl"].partition("?")[0]: part for part in bill["components"]}
+    pinned = [line.split(" ")[0] for line in (ROOT / "deploy/requirements.txt").read_text().splitlines()[1:]]
+    assert {part["name"] + "==" + part["version"] for url, part in parts.items() if "pkg:pypi/" in url} == set(pinned)
+    assert "SHA-256" in json.dumps(next(part for url, part in parts.items() if url.startswith("pkg:pypi/msgspec@")))
+    wanted = json.loads((ROOT / "face/package.json").read_text())["dependencies"]
+    assert {part["name"] for url, part in parts.items() if url.startswith("pkg:npm/")} >= set(wanted)
+    assert bill["metadata"]["component"]["name"] == "linked-fleet"
+
+
+def _replace(wheel: Path, name: str, content: bytes | None) -> None:
+    """Write the wheel again with another content of one file, or without it."""
+    with zipfile.ZipFile(wheel) as archive:
+        files = {info: archive.read(info) for info in archive.infolist()}
+    with zipfile.ZipFile(wheel, "w") as archive:
+        for info, old in files.items():
+            if info.filename != name:
+                archive.writestr(info, old)
+            elif content is not None:
+                archive.writestr(info, content)
+
+
+def _summed(folder: Path) -> None:
+    """Let the list of sums agree with what is there."""
+    files = sorted(path for path in folder.iterdir() if path.name != "SHA256SUMS")
+    lines = [f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}\n" for path in files]
+    (folder / "SHA256SUMS").write_text("".join(lines))
+
+
+def test_what_was_built_passes(built: Path) -> None:
+    done = _release("--check", built)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_file_that_its_sum_does_not_fit_is_refused(copied: Path) -> None:
+    wheel = copied / AGENT
+    content = bytearray(wheel.read_bytes())
+    content[len(content) // 2] ^= 1
+    wheel.write_bytes(content)
+    done = _release("--check", copied)
+    assert done.returncode == 1 and f"SHA256SUMS does not agree with {AGENT}" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("wheel", "name", "content", "reason"),
+    [
+        (AGENT, "linked_fleet_agent/robot.py", b"import os\n", "robot.py"),
+        (GATEWAY, "linked_fleet_client/fleet.py", None, "fleet.py"),
+        (AGENT, f"linked_fleet_agent-{VERSION}.dist-info/RECORD", b"", "is damaged"),
+    ],
+    ids=["another content", "a file less", "no record"],
+)
+def test_a_damaged_wheel_is_refused(copied: Path, wheel: str, name: str, content: bytes | None, reason: str) -> None:
+    """By the hashes in the wheel itself, although the list of sums was written anew."""
+    _replace(copied / wheel, name, content)
+    _summed(copied)
+    done = _release("--check", copied)
+    assert done.returncode == 1, done.stdout
+    assert f"{wheel} is damaged" in done.stderr and reason in done.stderr
+
+
+def test_a_missing_file_is_refused(copied: Path) -> None:
+    (copied / GATEWAY).unlink()
+    _summed(copied)
+    done = _release("--check", copied)
+    assert done.returncode == 1 and f"{GATEWAY} is missing" in done.stderr
+
+
+_ENGINE = """#!/bin/sh
+case "$*" in
+  *$FAILS*) echo "no space left on device" >&2; exit 1 ;;
+  *inspect*) echo sha256:0123 ;;
+esac
+"""
+
+
+def _images(engine: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, ROOT / "deploy" / "release_images.py", "--engine", engine]
+    return subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, **environment})
+
+
+def test_images_that_could_not_be_built_are_told_with_the_reason(tmp_path: Path) -> None:
+    """A script in the place of the engine, which cannot build one image."""
+    engine = tmp_path / "engine"
+    engine.write_text(_ENGINE)
+    engine.chmod(0o755)
+    own = {"x86_64": "amd64", "aarch64": "arm64"}[platform.machine()]
+    done = _images(str(engine), FAILS=f"linked-fleet/gateway:{VERSION}-{own}")
+    assert done.returncode == 1
+    assert f"not built  linked-fleet/gateway:{VERSION}-{own}: " in done.stdout and "no space left" in done.stdout
+    assert f"built      linked-fleet/agent:{VERSION}-{own}: sha256:0123" in done.stdout
+
+
+def test_an_image_for_a_processor_whose_programs_do_not_run_here_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "deploy"))
+    import release_images  # type: ignore[import-not-found]
+
+    own, other = platform.machine(), "aarch64" if platform.machine() == "x86_64" else "x86_64"
+    names = {kernel: name for name, kernel in release_images.PROCESSORS.items()}
+    assert release_images.obstacle(names[own], tmp_path) == ""
+    assert f"runs no programs for {other}" in release_images.obstacle(names[other], tmp_path)
+    (tmp_path / f"qemu-{other}").touch()
+    assert release_images.obstacle(names[other], tmp_path) == ""
+
+
+def test_without_an_engine_no_image_is_built_and_that_is_told(tmp_path: Path) -> None:
+    done = _images("", PATH=str(tmp_path))
+    assert done.returncode == 0
+    assert done.stdout.count("not built") == 6 and "neither docker nor podman" in done.stdout
