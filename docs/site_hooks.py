@@ -31,6 +31,7 @@ OUTSIDE = {
     "client/README.md": "client.md",
     "deploy/README.md": "deploy.md",
     "deploy/helm/README.md": "helm.md",
+    "examples/README.md": "examples.md",
     "gateway/linked_fleet_gateway/actions/PROTOCOL.md": "actions.md",
     "gateway/linked_fleet_gateway/shacl/CONFORMANCE.md": "shacl.md",
     "gateway/linked_fleet_gateway/subscriptions/PROTOCOL.md": "subscriptions.md",

@@ -6,9 +6,11 @@ import signal
 import subprocess
 import sys
 import urllib.request
+from collections.abc import Iterator
 from pathlib import Path
 
-from running import PATIENCE_S, ROOT, free_port
+from browser import Browser, all_live
+from running import PATIENCE_S, ROOT, eventually, free_port
 
 ONLINE = b"<https://w3id.org/linked-fleet#presence> <https://w3id.org/linked-fleet#online>"
 
@@ -16,12 +18,12 @@ ONLINE = b"<https://w3id.org/linked-fleet#presence> <https://w3id.org/linked-fle
 class Demo:
     """The demo in a session of its own, so that it can be signalled as a terminal does and its processes be counted."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *arguments: str) -> None:
         self.port = free_port()
         self._folder, self._log = folder, folder / "output"
         with self._log.open("wb") as output:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "linked_fleet_demo", "--port", str(self.port)],
+                [sys.executable, "-m", "linked_fleet_demo", "--port", str(self.port), *arguments],
                 cwd=ROOT,
                 stdin=subprocess.DEVNULL,
                 stdout=output,
@@ -31,12 +33,16 @@ class Demo:
             )
 
     @property
+    def root(self) -> str:
+        return f"http://127.0.0.1:{self.port}/"
+
+    @property
     def output(self) -> str:
         return self._log.read_text(errors="replace")
 
     def robots_online(self) -> int:
         assert self.process.poll() is None, self.output
-        request = urllib.request.Request(f"http://127.0.0.1:{self.port}/", headers={"Accept": "application/n-triples"})
+        request = urllib.request.Request(self.root, headers={"Accept": "application/n-triples"})
         try:
             with urllib.request.urlopen(request, timeout=2) as answer:
                 return int(answer.read().count(ONLINE))
@@ -69,3 +75,18 @@ class Demo:
         """Ctrl-C: every process of the group gets the signal."""
         os.killpg(self.process.pid, signal.SIGINT)
         return self.process.wait(PATIENCE_S)
+
+
+@contextlib.contextmanager
+def running_demo(folder: Path, *arguments: str) -> Iterator[Demo]:
+    """The demo, with five robots that send frames."""
+    demo = Demo(folder, *arguments)
+    try:
+        eventually(lambda: "The fleet is at" in demo.output, lambda: demo.output)
+        with contextlib.closing(Browser(demo.root)) as browser:
+            eventually(lambda: all_live(browser, 5), "five robots that send frames")
+        yield demo
+    finally:
+        for pid in [*demo.members(), *demo.servers()]:
+            os.kill(pid, signal.SIGKILL)
+        demo.process.wait()

@@ -123,7 +123,7 @@ def complaint_about(port: int) -> str | None:
             probe.bind((HOST, port))
             probe.listen()
         except OSError as error:
-            return f"cannot serve on {HOST}:{port}: {error.strerror}; take another with make demo PORT=8123"
+            return f"cannot serve on {HOST}:{port}: {error.strerror}; take another: --port 8123, or make demo PORT=8123"
     return None
 
 
@@ -171,7 +171,7 @@ def _get(iri: str) -> str:
 _OPENER = urllib.request.build_opener(urllib.request.ProxyHandler({}))  # loopback is reached without any proxy
 
 
-def run(root: str, children: list[Child], zenoh: str) -> int:
+def run(root: str, children: list[Child], zenoh: str, cors_origins: str = "") -> int:
     """Start the tree and watch it until a child ends by itself; its exit code is the demo's."""
     say(f"Starting the gateway and {len(ROBOTS)} simulated robots: {', '.join(ROBOTS)}. Loading their models ...")
     port = root.rstrip("/").rpartition(":")[2]
@@ -180,6 +180,7 @@ def run(root: str, children: list[Child], zenoh: str) -> int:
     # Two demos on one machine are two fleets, and a receiver on this machine is what a first callback goes to.
     of_gateway = ["--host", HOST, "--port", port, "--zenoh-listen", zenoh]
     of_gateway += ["--namespace", namespace, "--callback-allow", "127.0.0.0/8,::1/128"]
+    of_gateway += ["--cors-origins", cors_origins]
     of_agents = [*names, "--connect", zenoh, "--namespace", namespace, "--sway", SWAYING]
     for name, module, arguments in (
         ("gateway", "linked_fleet_gateway", of_gateway),
@@ -275,11 +276,11 @@ def _ignore_signals() -> None:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(
-        prog="python -m linked_fleet_demo", description="Five simulated robots and their gateway."
-    )
+    parser = argparse.ArgumentParser(prog="linked-fleet demo", description="Five simulated robots and their gateway.")
     parser.add_argument("--port", type=int, default=8000, help="port of the gateway on loopback")
-    port = parser.parse_args().port
+    parser.add_argument("--cors-origins", default="", help="origins of other sites' pages that may use the fleet")
+    arguments = parser.parse_args()
+    port = arguments.port
     if not 0 < port < 65536:
         parser.error(f"a port is a number from 1 to 65535, not {port}")
     complaint = complaint_about(port)
@@ -290,7 +291,7 @@ def main() -> int:
     for number in _SIGNALS:
         signal.signal(number, _stop)
     try:
-        return run(f"http://{HOST}:{port}/", children, f"tcp/{HOST}:{free_port()}")
+        return run(f"http://{HOST}:{port}/", children, f"tcp/{HOST}:{free_port()}", arguments.cors_origins)
     except Stopped:
         say("\nEnding the demo.")
         return 0

@@ -1,16 +1,12 @@
 """Every command of README.md, of the pages in docs/ and of extensions, run against the demo as shipped."""
 
-import contextlib
-import os
-import signal
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from browser import Browser, all_live
-from demonstration import Demo
-from running import ROOT, eventually, free_port
+from demonstration import Demo, running_demo
+from running import ROOT, free_port
 from transcript import Command, Shell, matches, ports_of, steps
 
 pytestmark = pytest.mark.processes
@@ -28,30 +24,16 @@ def _commands(page: Path) -> list[Command]:
     return [step for step in steps(page.read_text()) if isinstance(step, Command)]
 
 
-@contextlib.contextmanager
-def _running(folder: Path) -> Iterator[Demo]:
-    demo = Demo(folder)
-    try:
-        eventually(lambda: "The fleet is at" in demo.output, lambda: demo.output)
-        with contextlib.closing(Browser(f"http://127.0.0.1:{demo.port}/")) as browser:
-            eventually(lambda: all_live(browser, 5), "five robots that send frames")
-        yield demo
-    finally:
-        for pid in [*demo.members(), *demo.servers()]:
-            os.kill(pid, signal.SIGKILL)
-        demo.process.wait()
-
-
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Demo]:
-    with _running(tmp_path_factory.mktemp("demo")) as demo:
+    with running_demo(tmp_path_factory.mktemp("demo")) as demo:
         yield demo
 
 
 @pytest.fixture
 def demo(page: Path, tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Iterator[Demo]:
     if page in _ALONE:
-        with _running(tmp_path_factory.mktemp("demo")) as demo:
+        with running_demo(tmp_path_factory.mktemp("demo")) as demo:
             yield demo
     else:
         yield request.getfixturevalue("shared")
