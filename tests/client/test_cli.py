@@ -246,3 +246,12 @@ def test_other_arguments_are_refused(argument: list[str]) -> None:
 
 def test_nothing_from_the_network_steers_the_terminal() -> None:
     assert clean("a\x1b[2J\r\n\u202eb\x07") == "a [2J   b "
+
+
+def test_the_help_lists_each_command_on_a_line_of_its_own() -> None:
+    """The front door of everything that is installed: no line is cut, and each says something."""
+    listed = run("http://127.0.0.1:1/", "--help").stdout.partition("Commands:\n")[2].splitlines()
+    said = dict(line.split(maxsplit=1) for line in listed)
+    assert {"demo", "gateway", "agent", "ls", "do", "watch", "conform", "doctor"} <= set(said)
+    assert [line for line in listed if line.endswith("...") or not line.endswith(".")] == []
+    assert all(len(about.split()) > 2 for about in said.values())

@@ -104,7 +104,7 @@ for _shell in (_Bash, _Zsh):
     add_completion_class(_shell)
 
 
-@click.command()
+@click.command(short_help="Print a script for tab completion in a shell.")
 @click.argument("shell", type=click.Choice(["bash", "fish", "zsh"]))
 @click.pass_context
 def completion(context: click.Context, shell: str) -> None:

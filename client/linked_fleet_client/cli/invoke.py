@@ -26,7 +26,7 @@ _BAR = 30
 _CANCEL_S = 10.0
 
 
-@click.command()
+@click.command(short_help="Have an action done, and wait for its end.")
 @click.argument("path", shell_complete=things)
 @click.argument("action", shell_complete=action_names)
 @click.argument("arguments", nargs=-1, metavar="[NAME=VALUE]...", shell_complete=inputs)
@@ -66,7 +66,7 @@ def _action(fleet: Fleet, path: str, name: str) -> Action:
     return here.actions[name]
 
 
-@click.command()
+@click.command(short_help="Stop a thing, or everything.")
 @click.argument("path", default="", shell_complete=things)
 @wait
 @longest

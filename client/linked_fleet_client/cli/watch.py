@@ -34,7 +34,7 @@ class Row:
     missed: bool
 
 
-@click.command()
+@click.command(short_help="Print values as they change.")
 @click.argument("paths", nargs=-1, required=True, metavar="PATH...", shell_complete=watched_paths)
 @click.option("--count", type=click.IntRange(min=1), help="End after so many changes.")
 @click.option("--interval", type=seconds, help="At least so many seconds between two changes.")
