@@ -3,8 +3,8 @@
 Usage: PYTHON deploy/release_images.py [--engine COMMAND]
 
 Prints a line for each image: built, with its id, or not built, with the reason. An image for another processor than
-that of this machine needs a kernel that runs its programs (QEMU and binfmt_misc). Exit code 1 if one failed that this
-machine could have built.
+that of this machine needs a kernel that runs its programs (QEMU and binfmt_misc). Exit code 1 if a build failed; what
+cannot be tried here, for want of an engine, of a base image or of such a kernel, is no failure.
 """
 
 import argparse
@@ -22,8 +22,8 @@ IMAGES = {"gateway": "gateway.Dockerfile", "agent": "agent.Dockerfile", "agent-s
 """Names, which are those of the targets too."""
 PROCESSORS = {"amd64": "x86_64", "arm64": "aarch64"}
 """As images name them, and as the kernel does."""
-OF_THE_MACHINE = ("PIP_INDEX_URL", "PIP_EXTRA_INDEX_URL", "NPM_CONFIG_REGISTRY")
-"""Where packages come from: build arguments of the images."""
+OF_THE_MACHINE = ("PYTHON_TAG", "PIP_INDEX_URL", "PIP_EXTRA_INDEX_URL", "NPM_CONFIG_REGISTRY")
+"""Where base images and packages come from: build arguments of the images."""
 _LONGEST_S = 3600
 _BINFMT = Path("/proc/sys/fs/binfmt_misc")
 
@@ -32,17 +32,21 @@ def engine_command(given: str) -> list[str]:
     """The words of ``given``; else docker or podman, whichever works; empty if none does."""
     if given:
         return shlex.split(given)
-    return next(([name] for name in ("docker", "podman") if shutil.which(name) and _runs([name, "info"])), [])
+    return next(([name] for name in ("docker", "podman") if shutil.which(name) and not _failure([name, "info"])), [])
 
 
-def obstacle(processor: str, binfmt: Path = _BINFMT) -> str:
-    """Why this machine builds no images for a processor; empty if it does."""
+def obstacle(engine: list[str], processor: str, binfmt: Path = _BINFMT) -> str:
+    """Why no images for a processor can be built here; empty if they can."""
+    if not engine:
+        return "neither docker nor podman works here; name another: ENGINE=…"
     name = PROCESSORS[processor]
-    if platform.machine() == name or (binfmt / f"qemu-{name}").exists():
-        return ""
-    return (
-        f"this machine is {platform.machine()} and its kernel runs no programs for {name} (no qemu-{name} in {binfmt})"
-    )
+    if platform.machine() != name and not (binfmt / f"qemu-{name}").exists():
+        return f"the kernel of this {platform.machine()} runs no programs for {name} (no qemu-{name} in {binfmt})"
+    base = f"python:{_python_tag()}"
+    if _failure([*engine, "image", "inspect", base]):
+        said = _failure([*engine, "pull", "--platform", f"linux/{processor}", base])
+        return said and f"its base image cannot be had: {said}"
+    return ""
 
 
 def build(engine: list[str], image: str, processor: str, version: str) -> tuple[bool, str]:
@@ -51,21 +55,33 @@ def build(engine: list[str], image: str, processor: str, version: str) -> tuple[
     given = [word for name in OF_THE_MACHINE if name in os.environ for word in ("--build-arg", name)]
     command = [*engine, "build", "--platform", f"linux/{processor}", "--target", image,
                "-f", f"deploy/{IMAGES[image]}", "-t", tag, *given, "."]  # fmt: skip
-    for words in (command, [*engine, "image", "inspect", "--format", "{{.Id}}", tag]):
-        try:
-            done = subprocess.run(  # noqa: S603 (the user's own engine, no shell)
-                words, cwd=ROOT, capture_output=True, text=True, errors="replace", timeout=_LONGEST_S, check=False
-            )
-        except (OSError, subprocess.TimeoutExpired) as error:
-            return False, str(error)
-        if done.returncode:
-            said = [line.strip() for line in (done.stderr or done.stdout).splitlines() if line.strip()]
-            return False, f"{shlex.join(words)}: {' | '.join(said[-3:]) or f'exit code {done.returncode}'}"
-    return True, done.stdout.strip()
+    if said := _failure(command):
+        return False, said
+    inspect = [*engine, "image", "inspect", "--format", "{{.Id}}", tag]
+    return True, subprocess.run(inspect, capture_output=True, text=True, check=True).stdout.strip()  # noqa: S603
 
 
-def _runs(words: list[str]) -> bool:
-    return subprocess.run(words, capture_output=True, check=False).returncode == 0  # noqa: S603 (no shell)
+def _python_tag() -> str:
+    """The tag of the base image: PYTHON_TAG, as for compose, or that of the Dockerfiles."""
+    (default,) = {
+        line.partition("=")[2]
+        for name in IMAGES.values()
+        for line in (ROOT / "deploy" / name).read_text().splitlines()
+        if line.startswith("ARG PYTHON_TAG=")
+    }
+    return os.environ.get("PYTHON_TAG") or default
+
+
+def _failure(words: list[str]) -> str:
+    """Run a command of the engine. Return the last of what it says if it fails; empty if it succeeds."""
+    try:
+        done = subprocess.run(  # noqa: S603 (the user's own engine, no shell)
+            words, cwd=ROOT, capture_output=True, text=True, errors="replace", timeout=_LONGEST_S, check=False
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        return str(error)
+    said = [line.strip() for line in (done.stderr or done.stdout).splitlines() if line.strip()]
+    return f"{shlex.join(words)}: {' | '.join(said[-2:]) or f'exit code {done.returncode}'}" if done.returncode else ""
 
 
 def main() -> int:
@@ -75,7 +91,7 @@ def main() -> int:
     version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
     failed = missing = 0
     for processor in PROCESSORS:
-        reason = obstacle(processor) if engine else "neither docker nor podman works here; name another: ENGINE=…"
+        reason = obstacle(engine, processor)
         for image in IMAGES:
             built, said = (False, reason) if reason else build(engine, image, processor, version)
             failed += not (built or reason)

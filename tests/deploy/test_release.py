@@ -198,10 +198,11 @@ def test_an_image_for_a_processor_whose_programs_do_not_run_here_is_told(
 
     own, other = platform.machine(), "aarch64" if platform.machine() == "x86_64" else "x86_64"
     names = {kernel: name for name, kernel in release_images.PROCESSORS.items()}
-    assert release_images.obstacle(names[own], tmp_path) == ""
-    assert f"runs no programs for {other}" in release_images.obstacle(names[other], tmp_path)
+    assert release_images.obstacle(["true"], names[own], tmp_path) == ""
+    assert f"runs no programs for {other}" in release_images.obstacle(["true"], names[other], tmp_path)
     (tmp_path / f"qemu-{other}").touch()
-    assert release_images.obstacle(names[other], tmp_path) == ""
+    assert release_images.obstacle(["true"], names[other], tmp_path) == ""
+    assert "base image cannot be had" in release_images.obstacle(["false"], names[own], tmp_path)
 
 
 def test_without_an_engine_no_image_is_built_and_that_is_told(tmp_path: Path) -> None:
