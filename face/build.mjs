@@ -37,8 +37,9 @@ for (const [output, { entryPoint }] of Object.entries(result.metafile.outputs)) 
 }
 await writeFile(path.join(assets, "manifest.json"), JSON.stringify(manifest, null, 1));
 
-const { dependencies } = JSON.parse(await readFile(path.join(here, "package.json"), "utf8"));
-const notices = await Promise.all(Object.keys(dependencies).map(notice));
+// All that is in the bundles, what the packages themselves need among it.
+const bundled = Object.keys(result.metafile.inputs).map((each) => /node_modules\/((?:@[^/]+\/)?[^/]+)\/(?!.*node_modules)/.exec(each)?.[1]);
+const notices = await Promise.all([...new Set(bundled.filter(Boolean))].sort().map(notice));
 await writeFile(path.join(assets, "LICENSES.txt"), notices.join(`\n${"-".repeat(80)}\n\n`));
 
 // Compressed once, as small as can be: these files never change.
@@ -54,5 +55,5 @@ async function notice(name) {
   const { version, license, homepage } = JSON.parse(await readFile(path.join(folder, "package.json"), "utf8"));
   const file = (await readdir(folder)).find((each) => /^licen[cs]e/i.test(each));
   const text = file ? await readFile(path.join(folder, file), "utf8") : "";
-  return `${name} ${version}, ${license}, ${homepage}\n\n${text.trim()}\n`;
+  return `${[`${name} ${version}`, license, homepage].filter(Boolean).join(", ")}\n\n${text.trim()}\n`;
 }

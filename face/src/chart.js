@@ -3,11 +3,9 @@
 import uPlot from "uplot";
 
 import { fetchPast } from "./history.js";
-import { axes, room, SPANS_S } from "./plot_options.js";
+import { axes, COLOURS, room, SPANS_S } from "./plot_options.js";
 import { onJoints } from "./robot_state.js";
 
-// Told apart in both themes and by most who see colours differently (after Okabe and Ito).
-const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8a7a00", "#7f7f7f"];
 const QUANTITIES = {
   position: { key: "positions", columns: ["rotation", "translation"] },
   velocity: { key: "velocities", columns: ["velocity"] },

@@ -24,11 +24,12 @@ import * as reach from "./reach.js";
 import * as lease from "./lease.js";
 import { whenWanted } from "./lazy_scene.js";
 import * as thumbnails from "./thumbnails.js";
+import * as query from "./query.js";
 
 const ROBOT = [robotState, sliders, poses, reach, lease, thumbnails];
 const FLEET = [fleet, rows, arrange];
 const PAGE = [stop, notice, region, presence, live, age, connection, form, act, tasks, include, remove, copy, camera];
-for (const part of [...PAGE, ...ROBOT, ...FLEET]) {
+for (const part of [...PAGE, ...ROBOT, ...FLEET, query]) {
   try {
     part.start();
   } catch (error) {
@@ -38,6 +39,9 @@ for (const part of [...PAGE, ...ROBOT, ...FLEET]) {
 
 const chart = document.querySelector("figure.chart[data-history]");
 if (chart) import("./chart.js").then(({ start }) => start(chart), failed);
+
+const areas = document.querySelectorAll("textarea[data-editor]");
+if (areas.length) import("./editor.js").then(({ edit }) => areas.forEach(edit), failed);
 
 let plotting;
 region.adopt((root) => {

@@ -4,6 +4,8 @@ import { number } from "./format.js";
 
 /** What a picker offers, in seconds; the gateway remembers five minutes unless it was told otherwise. */
 export const SPANS_S = [10, 60, 300];
+// Told apart in both themes and by most who see colours differently (after Okabe and Ito).
+export const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8a7a00", "#7f7f7f"];
 const MARKS = 4;
 
 export function colour(name, otherwise) {

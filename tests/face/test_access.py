@@ -11,7 +11,7 @@ from conftest import RunningFleet
 
 pytestmark = pytest.mark.processes
 PHONE: ViewportSize = {"width": 360, "height": 740}
-IN_THE_DARK = ("fleet", "audit", "joint", "action", "subscriptions")
+IN_THE_DARK = ("fleet", "audit", "results", "joint", "action", "subscriptions")
 
 
 @pytest.fixture(scope="module")
@@ -38,6 +38,8 @@ def pages(fleet: RunningFleet, browser: Browser) -> dict[str, str]:
         "joint state": str(robot.one(LF.jointState)),
         "invocations": rotate + "/invocations",
         "audit": browser.root + "audit",
+        "query": str(browser.page(browser.root).one(LF.query)),
+        "results": browser.root + "query?query=SELECT%20%3Fa%20%7B%20%3Fa%20a%20%3Fb%20%7D%20LIMIT%209",
         "things": str(browser.page(browser.root).one(LF.things)),
         "nothing": browser.root + "nothing/of/this/name",
     }

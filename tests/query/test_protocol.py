@@ -5,7 +5,9 @@ The cases are those of the W3C's protocol tests that apply to a service that onl
 
 import csv
 import io
+import re
 from collections.abc import Mapping
+from html import unescape
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -201,7 +203,7 @@ def test_the_fleet_leads_to_the_service_which_describes_itself(http: httpx.Clien
     assert int(str(service.graph.value(union, VOID.triples))) == int(counted["n"])
     assert "POST" in service.response.headers["allow"]
     examples = [str(each) for each in service.graph.objects(None, rdflib.SH.select)]
-    assert len(examples) == 3
+    assert len(examples) == 4
     for query in examples:
         response = ask(http, query)
         assert response.status_code == 200, response.text
@@ -210,8 +212,34 @@ def test_the_fleet_leads_to_the_service_which_describes_itself(http: httpx.Clien
 def test_its_page_asks_without_a_script(http: httpx.Client) -> None:
     page = http.get("/query", headers={"accept": "text/html"})
     assert "form-action 'self'" in page.headers["content-security-policy"]
-    assert page.text.count('<form method="get" action="/query">') == 4
+    assert page.text.count('<form method="get" action="/query">') == 5
     assert '<textarea name="query"' in page.text
+
+
+def test_the_page_keeps_a_query_that_is_refused(http: httpx.Client) -> None:
+    """Beside it stands the reason, and the place in the text is marked; programs get problem details as ever."""
+    query = "SELECT ?x {\n  ?x a nonsense\n}"
+    page = ask(http, query, accept="text/html")
+    assert (page.status_code, page.headers["cache-control"]) == (400, "no-store")
+    assert "form-action 'self'" in page.headers["content-security-policy"]
+    assert f">\n{query}</textarea>" in page.text and 'data-line="2"' in page.text
+    assert "This is no SPARQL query" in page.text
+    problem = ask(http, query, accept="application/json")
+    assert (problem.headers["content-type"], problem.json()["line"]) == ("application/problem+json", 2)
+
+
+def test_its_page_has_columns_as_they_were_selected(http: httpx.Client, root: str) -> None:
+    """IRIs are short and links, numbers are data with few digits, and the same rows are there as CSV and JSON."""
+    query = """PREFIX ros: <http://ros.org/#> SELECT ?z ?a ?n { VALUES (?z ?a ?n) {
+        (<ur5/> ros:Link 0.1234567891) (<https://example.org/some/thing> 'x'@de 'no number') } }"""
+    page = ask(http, query, accept="text/html").text
+    assert re.findall(r'<th scope="col">(\w)</th>', page) == ["z", "a", "n"]
+    assert f'<a href="{root}ur5/"><bdi>ur5/</bdi></a>' in page
+    assert "<bdi>ros:Link</bdi>" in page and "<bdi>thing at example.org</bdi>" in page
+    assert '<data value="0.1234567891">0.1235</data>' in page
+    for name in ("csv", "json"):
+        (href,) = re.findall(rf'<a href="([^"]+)" download="results.{name}">', page)
+        assert "0.1234567891" in http.get(unescape(href)).text
 
 
 def test_results_are_text_on_a_page(http: httpx.Client) -> None:

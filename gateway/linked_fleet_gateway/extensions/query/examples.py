@@ -25,6 +25,20 @@ class Example:
         return "".join(each for each in lines if each.split()[1] in self.body) + self.body
 
 
+POSITIONS = Example(
+    "Where every joint stands",
+    "Positions (rad, m) and limits of all joints: numbers, which the page draws over the rows.",
+    """SELECT ?robot ?joint ?position ?lower ?upper WHERE {
+  ?of a lf:Robot ; dcterms:title ?robot .
+  ?part dcterms:isPartOf ?of ; dcterms:title ?joint ; ros:rotation|lf:translation ?value .
+  ?value (spatial:rotationAngle|lf:displacement)/vom:numericalValue ?position .
+  OPTIONAL {
+    ?part lf:limits ?limits .
+    ?limits lf:lowerLimit/vom:numericalValue ?lower ; lf:upperLimit/vom:numericalValue ?upper .
+  }
+} ORDER BY ?robot ?joint
+""",
+)
 NEAR_LIMITS = Example(
     "Joints above 80 % of a limit",
     "Of the whole fleet: joints that stand beyond 80 % of their upper limit, or of their lower one.",
@@ -58,4 +72,4 @@ MOVING = Example(
 } ORDER BY ?robot
 """,
 )
-EXAMPLES = (NEAR_LIMITS, REACH, MOVING)
+EXAMPLES = (POSITIONS, NEAR_LIMITS, REACH, MOVING)

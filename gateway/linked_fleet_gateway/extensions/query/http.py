@@ -3,11 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING
 from urllib.parse import parse_qsl, urljoin
 
 from starlette.responses import Response
 
 from linked_fleet_gateway.base.errors import BadRequest, FleetError, NotAcceptable, UnsupportedMediaType
+from linked_fleet_gateway.base.lazy_imports import Lazily
 from linked_fleet_gateway.extensions.query.description import FORM, PATH, QUERY_TYPES, Endpoint, PostQuery, described
 from linked_fleet_gateway.extensions.query.service import JSON_RESULTS
 from linked_fleet_gateway.http.body import read_body
@@ -16,12 +18,18 @@ from linked_fleet_gateway.http.html import HTML
 from linked_fleet_gateway.http.negotiation import choose, parse_content_type
 from linked_fleet_gateway.http.offload import Offload
 from linked_fleet_gateway.http.preconditions import await_preconditions
+from linked_fleet_gateway.http.problem import PROBLEM_JSON, problem
 from linked_fleet_gateway.http.read import read as read_resource
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES, Dataset, Query, read
 from linked_fleet_gateway.resources.resource import Resource
+
+if TYPE_CHECKING:
+    from linked_fleet_gateway.extensions.query import page
+else:
+    page = Lazily("linked_fleet_gateway.extensions.query.page")
 
 _UPDATE = "application/sparql-update"
 _BOOLEANS = (JSON_RESULTS, "application/sparql-results+xml", "application/json", HTML)
@@ -118,6 +126,20 @@ def _asked(said: Sequence[tuple[str, str]], base: str) -> _Asked:
 
 
 async def _answer(request: Request, endpoint: Endpoint, asked: _Asked) -> Response:
+    """The result, or on the page of whoever reads one the query beside what is wrong with it."""
+    try:
+        return await _evaluated(request, endpoint, asked)
+    except FleetError as error:
+        html = request.services.representations.html
+        accept = field(request, "accept") if asked.picked is None else _PICKED.get(asked.picked)
+        if html is None or choose(accept, (PROBLEM_JSON, *RDF_TYPES, HTML)) != HTML:
+            raise
+        _, headers = problem(error, HTML, html=html)
+        body = page.refusal_page(asked.query, request.base, request.caller.may(Right.ADMIN, None), error)
+        return Response(body, error.status, headers | {"content-security-policy": html.policy(forms=True)})
+
+
+async def _evaluated(request: Request, endpoint: Endpoint, asked: _Asked) -> Response:
     offload: Offload = request.services.offload
     query = await offload.run(partial(read, asked.query, request.base + PATH), len(asked.query), _SHORT)
     media_type = _chosen(request, query, asked.picked)

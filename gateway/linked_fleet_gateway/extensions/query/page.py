@@ -1,5 +1,6 @@
 """The page of the endpoint, and results as a page: those are written in the query process, beside the event loop."""
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,45 +8,70 @@ from urllib.parse import urlencode
 
 from pyoxigraph import BlankNode, Literal, NamedNode, QueryBoolean, QuerySolutions, Triple
 
-from linked_fleet_gateway.extensions.pages.labels import clean
-from linked_fleet_gateway.extensions.pages.navigation import places
+from linked_fleet_gateway.base.errors import BadRequest, FleetError
+from linked_fleet_gateway.extensions.pages.labels import clean, foreign, number
+from linked_fleet_gateway.extensions.pages.navigation import Place, places
 from linked_fleet_gateway.extensions.pages.page import render
 from linked_fleet_gateway.extensions.pages.values import Facts
 from linked_fleet_gateway.extensions.pages.views import PageView, Part, add_view
+from linked_fleet_gateway.extensions.query.examples import EXAMPLES
 from linked_fleet_gateway.extensions.query.messages import Ask, Refused, too_large
 from linked_fleet_gateway.http.html import NavigationEntry
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, RDFS, SD, SH
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, NUMERIC, PREFIXES, RDFS, SD, SH
 
 _CELL_BYTES = 64
+_NUMERIC = frozenset(NUMERIC)
 
 
 @dataclass(frozen=True)
 class Cell:
-    """A term as it is shown, ``href`` empty for what a browser cannot follow."""
+    """A term as it is shown, ``href`` empty for what a browser cannot follow; ``number``: its value, if it has one."""
 
     text: str
     href: str = ""
     title: str = ""
+    number: str = ""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Why a query has no results; ``line`` and ``column`` count from 1, 0 for what is nowhere in its text."""
+
+    title: str
+    detail: str
+    line: int = 0
+    column: int = 0
 
 
 def warm() -> None:
     """Load what pages take: afterwards no file can be opened."""
     add_view(VIEW)  # whose folder has the template
-    _page(None, [], [], "", {})
+    _page("", "http://localhost", [])
 
 
 def page_of(result: QuerySolutions | QueryBoolean | Sequence[Triple], ask: Ask) -> bytes:
     """Refused when it would have too many bytes."""
+    entries = places("/query", ask.audited, entries=[NavigationEntry(*each) for each in ask.navigation])
     if isinstance(result, QueryBoolean):
-        return _page(ask, [], [], "Yes." if result else "No.", _formats(ask, ("json", "xml")))
+        summary, formats = "Yes." if result else "No.", _formats(ask, ("json", "xml"))
+        return _page(ask.query, ask.base, entries, summary=summary, formats=formats)
     if isinstance(result, QuerySolutions):
-        names, others = [each.value for each in result.variables], ("json", "xml", "csv", "tsv")
+        names, others = [each.value for each in result.variables], ("csv", "json", "tsv", "xml")
         rows = ([row[name] for name in names] for row in result)
     else:
         names, others = ["subject", "predicate", "object"], ("turtle", "jsonld", "ntriples", "rdfxml")
         rows = ([each.subject, each.predicate, each.object] for each in result)
     shown = _bounded(rows, ask)
-    return _page(ask, names, shown, f"{len(shown)} rows" if len(shown) != 1 else "1 row", _formats(ask, others))
+    summary = f"{len(shown)} rows" if len(shown) != 1 else "1 row"
+    formats = _formats(ask, others)
+    return _page(ask.query, ask.base, entries, summary=summary, names=names, rows=shown, formats=formats)
+
+
+def refusal_page(query: str, base: str, audited: bool, error: FleetError) -> bytes:
+    """The query as it was sent, beside the reason for which it was not answered."""
+    line, column = (error.line, error.column) if isinstance(error, BadRequest) else (None, None)
+    entries = places("/query", audited)
+    return _page(query, base, entries, problem=Problem(error.title, error.detail, line or 0, column or 0))
 
 
 def _bounded(rows: Iterable[Sequence[object]], ask: Ask) -> list[list[Cell]]:
@@ -63,10 +89,39 @@ def _bounded(rows: Iterable[Sequence[object]], ask: Ask) -> list[list[Cell]]:
 def _cell(term: object, root: str) -> Cell:
     if isinstance(term, NamedNode):
         href = term.value if term.value.startswith(("http://", "https://")) else ""
-        return Cell(clean(term.value.removeprefix(root) or "/"), href, clean(term.value))
+        return Cell(_shortened(term.value, root), href, clean(term.value))
     if isinstance(term, Literal):
-        return Cell(clean(term.value), "", clean(term.language or term.datatype.value))
+        value = _value(term)
+        text = clean(term.value) if value is None else number(value)
+        return Cell(text, "", _title(term, text), "" if value is None else repr(value))
     return Cell("" if term is None else clean(str(term)) if not isinstance(term, BlankNode) else "[]")
+
+
+def _shortened(iri: str, root: str) -> str:
+    """The path of a resource of this fleet, a term with its prefix, anything else by its name and host."""
+    if iri.startswith(root):
+        return clean(iri.removeprefix(root)) or "/"
+    for prefix, namespace in PREFIXES.items():
+        if iri.startswith(namespace) and len(iri) > len(namespace):
+            return clean(f"{prefix}:{iri.removeprefix(namespace)}")
+    return foreign(iri)
+
+
+def _value(term: Literal) -> float | None:
+    """The value of a number that can be drawn."""
+    if term.datatype not in _NUMERIC:
+        return None
+    try:
+        value = float(term.value)
+    except ValueError:  # of its datatype by name only
+        return None
+    return value if math.isfinite(value) else None
+
+
+def _title(term: Literal, text: str) -> str:
+    """Return what the text does not show: the digits that were rounded, the language, the datatype."""
+    kind = term.language or _shortened(term.datatype.value, "")
+    return clean(kind if text == term.value else f"{term.value} {kind}")
 
 
 def _formats(ask: Ask, keys: Sequence[str]) -> dict[str, str]:
@@ -78,21 +133,20 @@ def _formats(ask: Ask, keys: Sequence[str]) -> dict[str, str]:
 
 
 def _page(
-    ask: Ask | None,
-    names: Sequence[str],
-    rows: Sequence[Sequence[Cell]],
-    summary: str,
-    formats: Mapping[str, str],
+    query: str,
+    base: str,
+    entries: Sequence[Place],
+    *,
+    summary: str = "",
+    names: Sequence[str] = (),
+    rows: Sequence[Sequence[Cell]] = (),
+    formats: Mapping[str, str] = {},
+    problem: Problem | None = None,
 ) -> bytes:
-    query, shown = (
-        ("", [])
-        if ask is None
-        else (
-            clean(ask.query),
-            places("/query", ask.audited, entries=[NavigationEntry(*each) for each in ask.navigation]),
-        )
-    )
-    return render("results.html", query=query, places=shown, names=names, rows=rows, summary=summary, formats=formats)
+    return render(
+        "results.html", query=clean(query), root=f"{base}/", places=entries, summary=summary, names=names, rows=rows,
+        formats=formats, problem=problem, examples=EXAMPLES,
+    )  # fmt: skip
 
 
 # -- the endpoint ------------------------------------------------------------------------------------------------------
