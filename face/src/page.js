@@ -25,11 +25,12 @@ import * as lease from "./lease.js";
 import { whenWanted } from "./lazy_scene.js";
 import * as thumbnails from "./thumbnails.js";
 import * as query from "./query.js";
+import * as rules from "./rules.js";
 
 const ROBOT = [robotState, sliders, poses, reach, lease, thumbnails];
 const FLEET = [fleet, rows, arrange];
 const PAGE = [stop, notice, region, presence, live, age, connection, form, act, tasks, include, remove, copy, camera];
-for (const part of [...PAGE, ...ROBOT, ...FLEET, query]) {
+for (const part of [...PAGE, ...ROBOT, ...FLEET, query, rules]) {
   try {
     part.start();
   } catch (error) {

@@ -29,39 +29,52 @@ export function start() {
   offerChart();
 }
 
-let latest;
-
 async function ask(form) {
-  const mine = (latest = Symbol("query"));
   const area = form.querySelector("textarea");
   const query = area.value;
   const old = document.getElementById("results");
   old.setAttribute("aria-busy", "true");
-  let fresh;
-  try {
-    const response = await fetch(form.action, {
-      method: "POST",
-      headers: { Accept: "text/html" },
-      body: new URLSearchParams({ query }),
-      cache: "no-store",
-    });
-    const page = pages.parseFromString(await response.text(), "text/html");
-    fresh = page.getElementById("results");
-    if (!fresh) throw new Error(page.querySelector("main")?.textContent.trim() || response.statusText);
-    if (mine !== latest) return;
-    point(area, page.querySelector("textarea[name=query]"), fresh);
-  } catch (error) {
-    if (mine === latest) notice(`The query was not answered: ${error.message}`);
-    return;
-  } finally {
-    if (mine === latest) old.removeAttribute("aria-busy");
-  }
-  old.replaceWith(document.importNode(fresh, true));
+  const fresh = await solutions(area, form.action);
+  if (!fresh) return;
+  old.replaceWith(fresh);
   const address = `${form.action}?${new URLSearchParams({ query })}`;
   if (address.length < LONGEST_URL) history.replaceState(null, "", address);
   offerChart();
   // Where the results stand below the editor, they come into sight.
-  document.getElementById("results").scrollIntoView({ block: "nearest" });
+  fresh.scrollIntoView({ block: "nearest" });
+}
+
+let latest;
+
+/**
+ * Ask what a text area says, in which a mistake is marked.
+ *
+ * @param {HTMLTextAreaElement} area
+ * @param {string} endpoint
+ * @returns {Promise<HTMLElement|undefined>} the section of results; nothing if another query was asked meanwhile
+ */
+export async function solutions(area, endpoint) {
+  const mine = (latest = Symbol("query"));
+  try {
+    const response = await fetch(endpoint, {
+      method: "POST",
+      headers: { Accept: "text/html" },
+      body: new URLSearchParams({ query: area.value }),
+      cache: "no-store",
+    });
+    const page = pages.parseFromString(await response.text(), "text/html");
+    const fresh = page.getElementById("results");
+    if (!fresh) throw new Error(page.querySelector("main")?.textContent.trim() || response.statusText);
+    if (mine !== latest) return undefined;
+    point(area, page.querySelector("textarea[name=query]"), fresh);
+    return document.importNode(fresh, true);
+  } catch (error) {
+    if (mine === latest) {
+      notice(`The query was not answered: ${error.message}`);
+      document.getElementById("results")?.removeAttribute("aria-busy");
+    }
+    return undefined;
+  }
 }
 
 /** Mark where a query could not be read. */

@@ -90,6 +90,7 @@ LF = Namespace(
     " ScalarProperty Translation Limits Pose Twist Point Inertia Mimicry JointState JointSample FrameLayout FrameField"
     " Quaternion Problem Stream WebSocketStream EventStream ActionKind Rehearsal ControlLease TextProperty"
     " SpeedScale Annotations NamedPose JointTargets JointTrajectory TargetPosition Model Mesh Rule Firing"
+    " RuleList FiringList"
     # kinds of actions
     " Rotate RotateBy Translate TranslateBy Hold MoveJoints FollowTrajectory Reach AssumePose StopRobot StopAll"
     " CancelInvocation"
@@ -122,7 +123,8 @@ LF = Namespace(
     " depth minimumInterval deadband secret signed deliveryState lastDelivery lastStatus failures"
     " version previousVersion"
     # predicates: rules
-    " rules condition invokes body toldApartBy enabled firings causedBy suppressions variable binding invocation"
+    " rules condition invokes body toldApartBy enabled firings lastFiring causedBy suppressions variable binding"
+    " invocation"
     # predicates: quantities
     " value translation displacement translationAxis velocity effort limits lowerLimit upperLimit velocityLimit"
     " effortLimit damping pose twist mass centreOfMass inertia mimic mimicsJoint multiplier offset jointState sample"

@@ -89,11 +89,12 @@ def _container(view: RequestView, rules: Mapping[str, Known]) -> Resource:
         Source(lambda: [_facts(each) for each in shown()]),
         own=tuple(rule_path(each.rule) for each in shown()),
         affords=MakeRule(),
+        forms=True,
     )
 
 
 def _facts(known: Known) -> tuple[object, ...]:
-    return known.rule, known.suppressed, known.fault, known.suspended, known.begun, tuple(known.firings)
+    return known.rule, known.suppressed, known.fault, known.suspended, known.begun, tuple(known.firings.items())[-1:]
 
 
 def _in_rule(view: RequestView, known: Known, rules: Mapping[str, Known], rest: list[str]) -> Resource | None:
@@ -107,6 +108,7 @@ def _in_rule(view: RequestView, known: Known, rules: Mapping[str, Known], rest: 
             source=Source(lambda: _facts(known)),
             own=(path + "/blueprint", firings),
             affords=ChangeRule(known),
+            forms=True,
         )
         return blueprint_of(whole, view.base, (LF.RuleResourceShape,)) if rest else whole
     if rest == ["firings"]:
@@ -140,7 +142,7 @@ def _in_firing(view: RequestView, known: Known, rules: Mapping[str, Known], rest
 
 def _describe_container(graph: Graph, view: RequestView, rules: Iterable[Known]) -> None:
     iri = view.iri(CONTAINER)
-    graph.a(iri, LDP.BasicContainer, LDP.Container)
+    graph.a(iri, LF.RuleList, LDP.BasicContainer, LDP.Container)
     graph.add(iri, DCTERMS.title, Literal("Rules"))
     graph.add(iri, RDFS.seeAlso, view.iri("/"))
     # The shape's own IRI need not lead to this gateway, so the document that has it is linked as well.
@@ -152,6 +154,30 @@ def _describe_container(graph: Graph, view: RequestView, rules: Iterable[Known])
         graph.a(member, LF.Rule)
         graph.add(member, DCTERMS.title, Literal(known.rule.title))
         graph.add(member, LF.state, rule_state(known))
+        graph.add(member, LF.enabled, Literal(known.rule.enabled))
+        graph.add(member, LF.reason, *map(Literal, _reasons(known)))
+        if known.firings:
+            number, firing = next(reversed(known.firings.items()))
+            last = view.iri(f"{firings_path(known.rule)}/{number}")
+            graph.add(member, LF.lastFiring, last)
+            _summarise(graph, view, last, firing)
+
+
+def _reasons(known: Known) -> list[str]:
+    """Return why a rule is not evaluated, or not as it should be."""
+    return [each for each in (known.rule.reason, known.suspended, known.fault) if each]
+
+
+def _summarise(graph: Graph, view: RequestView, iri: NamedNode, firing: Firing) -> None:
+    """Describe a firing where others are listed with it."""
+    graph.a(iri, LF.Firing)
+    graph.add(iri, DCTERMS.created, timestamp(firing.at_ns))
+    graph.add(iri, LF.state, _STATES[firing.state])
+    if firing.reason:
+        graph.add(iri, LF.reason, Literal(firing.reason))
+    # What an invocation is kept for is shorter than what a firing is.
+    if firing.invocation and view.invocations.get(firing.invocation.rpartition("/")[2]) is not None:
+        graph.add(iri, LF.invocation, view.iri(firing.invocation))
 
 
 def _describe_rule(graph: Graph, view: RequestView, known: Known) -> None:
@@ -174,9 +200,7 @@ def _describe_rule(graph: Graph, view: RequestView, known: Known) -> None:
     graph.add(iri, LF.minimumInterval, _decimal(rule.interval_s))
     graph.add(iri, LF.enabled, Literal(rule.enabled))
     graph.add(iri, LF.state, rule_state(known))
-    for reason in (rule.reason, known.suspended, known.fault):
-        if reason:
-            graph.add(iri, LF.reason, Literal(reason))
+    graph.add(iri, LF.reason, *map(Literal, _reasons(known)))
     graph.add(iri, LF.suppressions, integer(known.suppressed))
     graph.add(iri, LF.firings, view.iri(firings_path(rule)))
 
@@ -218,15 +242,18 @@ def _copied(graph: Graph, body: str) -> Node:
 
 def _describe_firings(graph: Graph, view: RequestView, known: Known) -> None:
     iri = view.iri(firings_path(known.rule))
-    graph.a(iri, LDP.BasicContainer, LDP.Container)
+    graph.a(iri, LF.FiringList, LDP.BasicContainer, LDP.Container)
     graph.add(iri, DCTERMS.title, Literal(f"Firings of {known.rule.title}"))
     graph.add(iri, RDFS.seeAlso, view.iri(rule_path(known.rule)))
     for number, firing in reversed(known.firings.items()):
         member = NamedNode(f"{iri.value}/{number}")
         graph.add(iri, LDP.contains, member)
-        graph.a(member, LF.Firing)
-        graph.add(member, DCTERMS.created, timestamp(firing.at_ns))
-        graph.add(member, LF.state, _STATES[firing.state])
+        _summarise(graph, view, member, firing)
+        for name, term in sorted(firing.bindings.items()):
+            node = graph.blank()
+            graph.add(member, LF.binding, node)
+            graph.add(node, LF.variable, Literal(name))
+            graph.add(node, LF.value, _term(term))
 
 
 def _describe_firing(
@@ -238,19 +265,13 @@ def _describe_firing(
     graph.add(iri, DCTERMS.identifier, Literal(str(number)))
     graph.add(iri, RDFS.seeAlso, view.iri(firings_path(rule)), view.iri(rule_path(rule)))
     graph.add(iri, HYBRIT.blueprint, LF.FiringShape, NamedNode(iri.value + "/blueprint"))
-    graph.add(iri, DCTERMS.created, timestamp(firing.at_ns))
-    graph.add(iri, LF.state, _STATES[firing.state])
-    if firing.reason:
-        graph.add(iri, LF.reason, Literal(firing.reason))
+    _summarise(graph, view, iri, firing)
     graph.add(iri, LF.causedBy, *map(view.iri, causes))
     for name, term in sorted(firing.bindings.items()):
         node = graph.blank()
         graph.add(iri, LF.binding, node)
         graph.add(node, LF.variable, Literal(name))
         graph.add(node, LF.value, _term(term))
-    # What an invocation is kept for is shorter than what a firing is.
-    if firing.invocation and view.invocations.get(firing.invocation.rpartition("/")[2]) is not None:
-        graph.add(iri, LF.invocation, view.iri(firing.invocation))
 
 
 def _term(text: str) -> Node | Literal:

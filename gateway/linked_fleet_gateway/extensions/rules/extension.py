@@ -24,6 +24,11 @@ class RulesExtension(Extension):
     at_root = ("rules",)
     needs = ("query",)
     settings = RuleSettings
+    views = (
+        "linked_fleet_gateway.extensions.rules.page:RULES",
+        "linked_fleet_gateway.extensions.rules.page:RULE",
+        "linked_fleet_gateway.extensions.rules.page:FIRINGS",
+    )
     navigation = (NavigationEntry("Rules", "/rules", 20),)
 
     @asynccontextmanager

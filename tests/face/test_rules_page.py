@@ -1,0 +1,138 @@
+"""Rules on their pages, counted in clicks: made from an example, tried, seen to fire, switched off and on."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, Locator, Page, ViewportSize, expect
+
+from browser import LDP, LF
+from browser import Browser as Client
+from commanding import PREFIXES, TURTLE
+from running import PATIENCE_S, eventually
+from small_fleet import Place, live
+
+pytestmark = pytest.mark.processes
+DESK: ViewportSize = {"width": 1280, "height": 900}
+PHONE: ViewportSize = {"width": 390, "height": 844}
+TITLE = "The UR5 stands up when its wrist turns too far"
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
+    place = Place(tmp_path_factory.mktemp("state"))
+    with place.gateway() as (_, client), place.ur5():
+        live(client, "ur5")
+        yield client
+
+
+@pytest.fixture
+def rules(page: Page, watched: object, client: Client) -> Iterator[Page]:
+    """The page of all rules while there is none, and the wrist stands at 0."""
+    container = str(client.page(client.root).one(LF.rules))
+    turn(client, 0.0)
+    page.goto(container)
+    expect(page.locator(".editor")).to_have_count(2)
+    yield page
+    page.goto(client.root)
+    for rule in client.page(container).graph.objects(None, LDP.contains):
+        assert client.http.delete(str(rule)).status_code == 204
+
+
+def turn(client: Client, angle: float) -> None:
+    rotate = client.action(client.part("ur5", "wrist_3_joint"), LF.Rotate)
+    body = f"{PREFIXES} [] vom:numericalValue {angle} ; vom:unit unit:RAD ."
+    answer = client.http.post(rotate, content=body, headers=TURTLE | {"prefer": "wait=30"})
+    assert answer.status_code < 300, answer.text
+
+
+def row(page: Page) -> Locator:
+    return page.locator("#rules tbody tr")
+
+
+@pytest.mark.parametrize("size", [DESK, PHONE], ids=["desk", "phone"])
+def test_a_rule_is_made_with_one_click_and_seen_to_fire(rules: Page, client: Client, size: ViewportSize) -> None:
+    """From the example that stands in the editor; another click leads to what the firing did."""
+    rules.set_viewport_size(size)
+    rules.get_by_role("button", name="Save the rule").click()
+    expect(rules.locator("output.answer")).to_contain_text(f"Saved: {TITLE}")
+    expect(row(rules).locator(".state")).to_have_text("active")
+    expect(row(rules)).to_contain_text("never")
+    turn(client, 1.2)
+    expect(row(rules).locator(".state")).to_have_text(["active", "accepted"])
+    assert rules.evaluate("document.documentElement.scrollWidth") == size["width"]
+    row(rules).get_by_role("link", name=TITLE).click()
+    fired = rules.locator("#fired tbody tr")
+    expect(fired).to_contain_text("accepted")
+    expect(fired).to_contain_text("wrist_3_joint")
+    assert rules.evaluate("document.documentElement.scrollWidth") == size["width"]
+    fired.get_by_role("link", name="Assume pose").click()
+    expect(rules.locator("body")).to_have_attribute("data-kind", "invocation")
+
+
+def test_a_switch_disables_a_rule_and_enables_it(rules: Page, client: Client) -> None:
+    """What the rule says stays as it was."""
+    rules.get_by_role("button", name="Save the rule").click()
+    expect(row(rules).locator(".state")).to_have_text("active")
+    iri = row(rules).get_by_role("link", name=TITLE).get_attribute("href")
+    assert iri is not None
+    condition = client.page(iri).one(LF.condition)
+    switch = rules.get_by_role("switch", name=TITLE)
+    switch.click()
+    expect(switch).not_to_be_checked()
+    expect(row(rules).locator(".state")).to_have_text("disabled")
+    switch.click()
+    expect(switch).to_be_checked()
+    eventually(lambda: client.page(iri).one(LF.state) == LF.active, "evaluated again")
+    assert client.page(iri).one(LF.condition) == condition
+
+
+def test_a_condition_is_tried_before_it_is_saved(rules: Page, watched: Any, client: Client) -> None:
+    """Rows while it holds; a mistake is marked, and a refusal is told, with the text as it was."""
+    editor = rules.get_by_role("textbox", name="When this starts to hold (SPARQL)")
+    editor.fill("SELECT ?robot WHERE { ?robot a <https://w3id.org/linked-fleet#Robot> }")
+    rules.get_by_role("button", name="Try the condition").click()
+    expect(rules.locator("#results tbody td")).to_have_text(["ur5/"])
+    editor.fill("SELECT ?robot WHERE { ?robot nonsense }")
+    rules.get_by_role("button", name="Try the condition").click()
+    expect(rules.locator("#results .error")).to_contain_text("This is no SPARQL query")
+    expect(rules.locator(".cm-lintRange-error")).to_have_count(1)
+    rules.get_by_role("button", name="Save the rule").click()
+    expect(rules.locator("output.answer")).to_contain_text("condition")
+    expect(editor).to_contain_text("nonsense")
+    assert not list(client.page(str(client.page(client.root).one(LF.rules))).graph.objects(None, LDP.contains))
+    watched.forgive("400", "422")
+
+
+def test_examples_fill_the_editor(rules: Page) -> None:
+    rules.get_by_role("button", name="The UR5 stops when it comes near to the Panda").click()
+    expect(rules.get_by_label("Title")).to_have_value("The UR5 stops when it comes near to the Panda")
+    expect(rules.get_by_role("textbox", name="When this starts to hold (SPARQL)")).to_contain_text("lf:distance")
+    expect(rules.get_by_label("Invoke this action")).to_have_value("/ur5/actions/stop")
+    assert rules.locator("#rule-body").input_value() == ""
+
+
+def test_rules_are_read_and_conditions_tried_without_scripts(chromium: Browser, client: Client) -> None:
+    context = chromium.new_context(java_script_enabled=False)
+    context.set_default_timeout(PATIENCE_S * 1000)
+    page = context.new_page()
+    page.goto(str(client.page(client.root).one(LF.rules)))
+    expect(page.get_by_text("There are none so far.")).to_be_visible()
+    page.get_by_label("When this starts to hold (SPARQL)").fill("SELECT ?x { VALUES ?x { 7 } }")
+    page.get_by_role("button", name="Try the condition").click()
+    expect(page.locator("#results tbody td")).to_have_text(["7"])
+    context.close()
+
+
+def test_no_page_of_a_rule_shuts_anybody_out(rules: Page, axe: str) -> None:
+    """By light and in the dark; the list with its editor, a rule and its firings."""
+    rules.get_by_role("button", name="Save the rule").click()
+    expect(row(rules).locator(".state")).to_have_text("active")
+    iri = row(rules).get_by_role("link", name=TITLE).get_attribute("href")
+    for url in (rules.url, f"{iri}", f"{iri}/firings"):
+        for scheme in ("light", "dark"):
+            rules.emulate_media(color_scheme=scheme)  # type: ignore[arg-type]
+            rules.goto(url)
+            rules.evaluate(axe)
+            found = rules.evaluate("axe.run({ resultTypes: ['violations'] })")["violations"]
+            assert [(url, scheme, each["id"], each["nodes"][0]["html"]) for each in found] == []
