@@ -3,6 +3,8 @@
 import { watch } from "./socket.js";
 import { lf, localName, taskName } from "./vocabulary.js";
 
+const LONGEST_MS = 3000;
+
 export class Labels {
   /**
    * @param {HTMLElement} frame around the canvas
@@ -14,6 +16,11 @@ export class Labels {
     frame.append(this.box);
     /** @type {Map<import("./scene_standing.js").Standing, HTMLElement>} */
     this.of = new Map();
+    /** The first message about the fleet, or that none has come: who may read need not be allowed to subscribe. */
+    this.first = new Promise((resolve) => {
+      this.heard = resolve;
+      setTimeout(resolve, LONGEST_MS);
+    });
     view.ending.signal.addEventListener("abort", watch(document.body.dataset.root, {}, (graph) => this.tell(graph)));
   }
 
@@ -35,6 +42,7 @@ export class Labels {
   tell(graph) {
     this.known = [graph];
     for (const robot of this.of.keys()) this.write(robot, graph);
+    this.heard();
   }
 
   write(robot, graph) {
@@ -45,6 +53,7 @@ export class Labels {
     const state = localName(presence);
     const text = [state, task ? taskName(task) : ""].filter(Boolean).join(" · ");
     label.dataset.state = state;
+    robot.presence(state);
     if (label.lastChild.textContent !== text) label.lastChild.textContent = text;
   }
 

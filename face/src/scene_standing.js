@@ -35,7 +35,30 @@ export class Standing {
     this.place.userData.iri = iri;
     this.ends = [];
     this.height = 0.5;
+    this.offline = false;
+    this.met = false;
     this.stand(poseOf(graph, this.placement));
+  }
+
+  /** Draw it from now on: its presence is known, as far as it can be. */
+  meet() {
+    this.met = true;
+    return this.wake();
+  }
+
+  /** @param {string} state */
+  presence(state) {
+    const back = this.offline && state !== "offline";
+    this.offline = state === "offline";
+    if (back && !this.parts) this.begun = undefined;
+    this.wake();
+  }
+
+  /** Fetch it once it stands somewhere and can be had: its shapes come from its agent. */
+  wake() {
+    if (!this.met || this.offline || !(this.stood || this.drafted)) return undefined;
+    this.begun ??= this.load(this.world.ending.signal).catch((error) => this.world.lacks(this, error));
+    return this.begun;
   }
 
   async load(signal) {
@@ -89,6 +112,7 @@ export class Standing {
   }
 
   arrange() {
+    this.wake();
     const pose = this.drafted ?? this.stood;
     this.place.visible = Boolean(pose);
     if (pose) put(this.place, pose);
@@ -114,7 +138,7 @@ export class Standing {
 
   /** @returns {Vector3|undefined} above it, where its label stands */
   top() {
-    if (!this.place.visible || !this.robot) return undefined;
+    if (!this.place.visible) return undefined;
     const base = this.base();
     return base.setZ(base.z + this.height);
   }

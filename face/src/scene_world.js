@@ -91,7 +91,9 @@ class WorldScene {
     const graph = parse(await answer.text());
     const world = answer.url || this.section.dataset.world;
     const all = graph.values(world, HAS_PART).map(({ value }) => value);
-    const drawable = all.filter((iri) => graph.value(iri, lf("model"))).slice(0, MOST_ROBOTS);
+    const described = all.filter((iri) => graph.value(iri, lf("model")));
+    const placed = (iri) => Boolean(poseOf(graph, graph.value(iri, lf("placement"))?.value));
+    const drawable = [...described.filter(placed), ...described.filter((iri) => !placed(iri))].slice(0, MOST_ROBOTS);
     for (const [iri, robot] of this.robots) if (!drawable.includes(iri)) this.forget(iri, robot);
     const fresh = drawable.filter((iri) => !this.robots.has(iri)).map((iri) => new Standing(graph, iri, this));
     for (const robot of fresh) {
@@ -99,9 +101,10 @@ class WorldScene {
       this.all.add(robot.place);
       this.labels.add(robot);
     }
-    this.tellLeft(all.filter((iri) => graph.value(iri, lf("model"))).length - drawable.length);
+    this.tellLeft(described.length - drawable.length);
     this.listen();
-    await Promise.all(fresh.map((robot) => robot.load(this.ending.signal).catch((error) => this.lacks(robot, error))));
+    await this.labels.first;
+    await Promise.all(fresh.map((robot) => robot.meet()));
   }
 
   /** Say how many robots are too many to be drawn. */
