@@ -101,17 +101,18 @@ class WorldScene {
       this.all.add(robot.place);
       this.labels.add(robot);
     }
-    this.tellLeft(described.length - drawable.length);
+    this.tellLeft(described.length - drawable.length, described.filter((iri) => !placed(iri)).length);
     this.listen();
     await this.labels.first;
     await Promise.all(fresh.map((robot) => robot.meet()));
   }
 
-  /** Say how many robots are too many to be drawn. */
-  tellLeft(count) {
+  /** Say how many robots are not drawn: those that are too many, and those that nobody has placed. */
+  tellLeft(count, unplaced) {
     if (!this.left) this.labels.box.after((this.left = Object.assign(document.createElement("p"), { className: "scene-badge" })));
-    this.left.hidden = !count;
-    this.left.textContent = `${count} more robots are not drawn`;
+    const said = [count && `${count} more robots are not drawn`, unplaced && `Without a place in the world: ${unplaced} of the robots`];
+    this.left.hidden = !count && !unplaced;
+    this.left.textContent = said.filter(Boolean).join(" · ");
   }
 
   forget(iri, robot) {

@@ -1,6 +1,7 @@
 """The front page: the world on top, drawn when it is wanted and while it is seen; a click leads to a robot."""
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, Page, ViewportSize, expect
@@ -122,3 +123,16 @@ def test_a_phone_draws_the_world_when_it_is_asked_for(chromium: Browser, client:
     page.get_by_role("button", name="Show the world").tap()
     expect(page.locator("#scene")).to_have_attribute("data-phase", "ready")
     context.close()
+
+
+def test_robots_that_nobody_has_placed_are_counted(page: Page, watched: object, tmp_path: Path) -> None:
+    place = Place(tmp_path)
+    with place.gateway() as (_, client), place.ur5():
+        live(client, "ur5")
+        page.goto(client.root)
+        expect(page.locator(".scene-badge")).to_have_text("Without a place in the world: 1 of the robots")
+        body = f"{PREFIXES}<> lf:position [ maths:x 0 ; maths:y 0 ; maths:z 0 ; vom:unit unit:M ] ."
+        assert client.http.put(str(client.robot("ur5").one(LF.placement)), content=body, headers=TURTLE).is_success
+        page.reload()
+        expect(page.locator("#scene")).to_have_attribute("data-phase", "ready")
+        expect(page.locator(".scene-badge")).to_be_hidden()

@@ -5,6 +5,7 @@ import re
 import signal
 from collections.abc import Iterator
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import pytest
 from playwright.sync_api import Page, expect
@@ -13,6 +14,8 @@ from browser import Browser as Client
 from browser import all_live
 from commanding import angle
 from conftest import ROBOTS
+from linked_fleet_demo.tree import PLACES
+from linked_fleet_demo.tree import place as place_robot
 from running import Process, eventually, process
 from small_fleet import Place
 
@@ -28,6 +31,8 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Client, Pro
     agents = process("-m", "linked_fleet_agent", *others, "--connect", place.zenoh)
     with place.gateway() as (_, client), place.ur5() as ur5, agents:
         eventually(lambda: all_live(client, len(ROBOTS)), "five live robots")
+        for robot in client.robots():
+            place_robot(robot.url, PLACES[urlsplit(robot.url).path.strip("/")])
         yield client, ur5
 
 
@@ -59,9 +64,11 @@ def test_from_the_root_to_a_joint_that_moves(
     client, _ = demo
     page.goto(client.root)
     expect(page.locator("#robots .state[data-state=online]")).to_have_count(len(ROBOTS))
+    expect(page.locator("#scene")).to_have_attribute("data-phase", "ready")
+    expect(page.locator(".scene-names a:visible")).to_have_count(len(ROBOTS))
     picture(page, "fleet", tmp_path)
 
-    page.get_by_role("link", name="Baxter").click()
+    page.get_by_role("link", name="Baxter, a two-armed robot").click()
     expect(page.locator("#scene")).to_have_attribute("data-phase", "ready")
     picture(page, "robot", tmp_path)
 
@@ -70,7 +77,7 @@ def test_from_the_root_to_a_joint_that_moves(
     _rotate(page, "-60")
     expect(page.locator(".task .state").first).to_have_text("succeeded")
     expect(page.locator("#lead .figure .converted")).to_have_text(re.compile(r"^.(60|59\.9)"))
-    page.mouse.wheel(0, -5000)
+    page.evaluate("scrollTo({ top: 0, behavior: 'instant' })")
     picture(page, "joint", tmp_path)
 
     _rotate(page, "20", speed="0.05")
