@@ -37,6 +37,14 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
         yield client
 
 
+CRATE = """() => {
+    const { view, all } = document.getElementById("scene").scene;
+    const { left, top, width, height } = view.canvas.getBoundingClientRect();
+    const at = all.position.clone().set(2, 0, 0.2).project(view.camera);
+    return [left + ((at.x + 1) / 2) * width, top + ((1 - at.y) / 2) * height];
+}"""
+
+
 @pytest.fixture
 def world(page: Page, watched: Forgiving, client: Client) -> Page:
     page.goto(str(client.page(client.root).one(LF.world)))
@@ -76,6 +84,14 @@ def _standing(page: Page) -> dict[str, list[float]]:
     return {name: [round(each, 3) for each in where] for name, where in found.items()}
 
 
+def _over_the_gizmo(page: Page) -> bool:
+    """The gizmo can be taken hold of once it was drawn where it is."""
+    x, y = page.evaluate(CRATE)
+    page.mouse.move(x + 1, y)
+    page.mouse.move(x, y)
+    return bool(page.evaluate("() => document.getElementById('scene').scene.chooser.quiet()"))
+
+
 def _iri(item: Locator) -> str:
     iri = item.get_attribute("data-thing")
     assert iri is not None
@@ -90,15 +106,8 @@ def test_an_object_is_added_dragged_and_deleted(world: Page, client: Client) -> 
     item.locator("summary").click()
     form = item.locator("form.invoke")
     expect(_coordinate(form, "x")).to_have_value("2.0")
-    x, y = world.evaluate(
-        """() => {
-            const { view, all } = document.getElementById("scene").scene;
-            const { left, top, width, height } = view.canvas.getBoundingClientRect();
-            const at = all.position.clone().set(2, 0, 0.2).project(view.camera);
-            return [left + ((at.x + 1) / 2) * width, top + ((1 - at.y) / 2) * height];
-        }"""
-    )
-    world.mouse.move(x, y)
+    eventually(lambda: _over_the_gizmo(world), "the gizmo below the pointer")
+    x, y = world.evaluate(CRATE)
     world.mouse.down()
     world.mouse.move(x + 40, y, steps=4)
     world.mouse.up()
