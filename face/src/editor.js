@@ -92,12 +92,23 @@ export function edit(area) {
   mark(area, view);
 }
 
-/** Left to itself, Chromium joins lines of which a part is replaced by spans with inline styles, which the policy refuses. */
+/**
+ * Left to itself, Chromium joins lines of which a part is replaced by spans with inline styles, which the policy refuses.
+ * What is replaced is what the browser has selected: the state of the editor hears of a selection only later.
+ *
+ * @param {InputEvent} event
+ * @param {EditorView} view
+ */
 function replaceSelection(event, view) {
-  const { from, to } = view.state.selection.main;
-  if (event.inputType !== "insertText" || !event.data || from === to || view.composing) return false;
+  const root = /** @type {any} */ (view.root); // shadow roots have selections of their own in Chromium alone
+  const selected = root.getSelection?.() ?? document.getSelection();
+  if (event.inputType !== "insertText" || !event.data || view.composing || !view.contentDOM.contains(selected?.anchorNode)) return false;
+  const ends = [view.posAtDOM(selected.anchorNode, selected.anchorOffset), view.posAtDOM(selected.focusNode, selected.focusOffset)];
+  const [from, to] = [Math.min(...ends), Math.max(...ends)];
+  if (from === to) return false;
   event.preventDefault();
-  view.dispatch(view.state.replaceSelection(event.data), { userEvent: "input.type", scrollIntoView: true });
+  const insert = view.state.toText(event.data);
+  view.dispatch({ changes: { from, to, insert }, selection: { anchor: from + insert.length }, userEvent: "input.type", scrollIntoView: true });
   return true;
 }
 
