@@ -1,4 +1,4 @@
-"""What five robots at 100 Hz cost a gateway that shows all of them to two clients of Foxglove.
+"""Measures what five robots at 100 Hz cost a gateway that shows all of them to two clients of Foxglove.
 
 ``PYTHONPATH=.:tests:tests/requirements python -m bench.foxglove``
 """

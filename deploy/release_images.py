@@ -21,9 +21,9 @@ ROOT = Path(__file__).parents[1]
 IMAGES = {"gateway": "gateway.Dockerfile", "agent": "agent.Dockerfile", "agent-sim": "agent.Dockerfile"}
 """Names, which are those of the targets too."""
 PROCESSORS = {"amd64": "x86_64", "arm64": "aarch64"}
-"""As images name them, and as the kernel does."""
+"""Names of architectures in images, with those of the kernel."""
 OF_THE_MACHINE = ("PYTHON_TAG", "PIP_INDEX_URL", "PIP_EXTRA_INDEX_URL", "NPM_CONFIG_REGISTRY")
-"""Where base images and packages come from: build arguments of the images."""
+"""Build arguments of the images, which say where base images and packages come from."""
 _LONGEST_S = 3600
 _BINFMT = Path("/proc/sys/fs/binfmt_misc")
 

@@ -5,6 +5,8 @@ One in seven is not: torn, cut off, pipelined, with two lengths or in another pr
 
 import asyncio
 import re
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from random import Random
 
 from fuzz import bodies, mutation
@@ -122,23 +124,31 @@ def run(count: int, seed: int, first: int = 0) -> Tally:
         return in_batches("http", count, seed, first, there, crowd.send)
 
 
-class Crowd:
-    """A few clients that ask at the same time."""
+class Clients(ABC):
+    """A few clients that ask at the same time; each takes the next number."""
+
+    def send(self, tally: Tally, batch: range) -> None:
+        asyncio.run(self._all(tally, iter(batch)))
+
+    async def _all(self, tally: Tally, numbers: Iterator[int]) -> None:
+        await asyncio.gather(*(self._client(tally, numbers) for _ in range(AT_ONCE)))
+
+    @abstractmethod
+    async def _client(self, tally: Tally, numbers: Iterator[int]) -> None:
+        """Send the inputs of these numbers."""
+
+
+class Crowd(Clients):
+    """Clients that ask for resources."""
 
     def __init__(self, there: Living) -> None:
         self._port, self._paths = there.port, there.paths()
         self._subscription = there.subscribe()
 
-    def send(self, tally: Tally, batch: range) -> None:
-        asyncio.run(self._all(tally, iter(batch)))
-
-    async def _all(self, tally: Tally, numbers: "range | object") -> None:
-        await asyncio.gather(*(self._client(tally, numbers) for _ in range(AT_ONCE)))  # type: ignore[arg-type]
-
-    async def _client(self, tally: Tally, numbers: "asyncio.Queue[int]") -> None:
+    async def _client(self, tally: Tally, numbers: Iterator[int]) -> None:
         line = Line(self._port)
         try:
-            for number in numbers:  # type: ignore[attr-defined]  (shared: each takes the next)
+            for number in numbers:
                 random = random_of(tally.seed, number)
                 torn = random.random() < 0.14
                 said = self.broken(random) if torn else self.request(random)[1]

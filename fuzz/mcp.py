@@ -1,6 +1,5 @@
 """Messages of the Model Context Protocol, with sessions and without: JSON-RPC, changed by what it consists of."""
 
-import asyncio
 import json
 from collections.abc import Iterator
 from copy import deepcopy
@@ -9,7 +8,7 @@ from typing import Any
 
 from fuzz import mutation
 from fuzz.findings import Tally, random_of
-from fuzz.http import AT_ONCE, Line, _body, _head
+from fuzz.http import Clients, Line, _body, _head
 from fuzz.living import Living, in_batches, living
 
 _VERSIONS = ("2024-11-05", "2025-03-26", "2025-06-18", "2025-11-25", "2026-07-28")
@@ -45,17 +44,11 @@ def run(count: int, seed: int, first: int = 0) -> Tally:
         return in_batches("mcp", count, seed, first, there, crowd.send)
 
 
-class Crowd:
-    """A few clients that speak at the same time, each with a session that it opens again when it is lost."""
+class Crowd(Clients):
+    """Clients of which each has a session that it opens again when it is lost."""
 
     def __init__(self, there: Living) -> None:
         self._port = there.port
-
-    def send(self, tally: Tally, batch: range) -> None:
-        asyncio.run(self._all(tally, iter(batch)))
-
-    async def _all(self, tally: Tally, numbers: Iterator[int]) -> None:
-        await asyncio.gather(*(self._client(tally, numbers) for _ in range(AT_ONCE)))
 
     async def _client(self, tally: Tally, numbers: Iterator[int]) -> None:
         line = _Line(self._port)

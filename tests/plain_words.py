@@ -1,4 +1,4 @@
-"""What people do not read: bare IRIs, property names in camel case, e-notation. Found in the text of a page."""
+"""Finds what people do not read: bare IRIs, property names in camel case, e-notation."""
 
 import re
 from collections.abc import Iterator

@@ -90,7 +90,7 @@ def test_sdists_hold_all_that_their_wheels_are_made_of_and_no_tests(built: Path)
 
 
 def test_both_distributions_have_the_same_licence() -> None:
-    """As a file each: a link would lead out of the sdist, to nothing."""
+    """Each is a file: a link would lead out of the sdist, to nothing."""
     licences = [ROOT / "LICENSE", ROOT / "agents" / "LICENSE"]
     assert not any(path.is_symlink() for path in licences)
     assert len({path.read_text() for path in licences}) == 1

@@ -9,8 +9,10 @@ from urllib.parse import urlsplit
 import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Page, Request, ViewportSize, expect, sync_playwright
 
+from browser import Browser as Client
 from running import PATIENCE_S
 from several import Gateway, Hub, gateway, hub
+from small_fleet import Place, live
 
 CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-browser")
 _CALMLY = Path(__file__).with_name("calmly")
@@ -65,6 +67,15 @@ class Watched:
         home = urlsplit(self._page.url).netloc
         foreign = [each for each in self._asked if urlsplit(each).scheme in ("http", "https", "ws", "wss")]
         assert {urlsplit(each).netloc for each in foreign} <= {home}, foreign
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
+    """A gateway with one robot, a UR5 that is live."""
+    place = Place(tmp_path_factory.mktemp("state"))
+    with place.gateway() as (_, client), place.ur5():
+        live(client, "ur5")
+        yield client
 
 
 @pytest.fixture

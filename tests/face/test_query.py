@@ -1,7 +1,6 @@
 """Queries on their page, counted in clicks: the editor stays, with rows, charts and mistakes beside it."""
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,19 +10,10 @@ from playwright.sync_api import Browser, Page, ViewportSize, expect
 from browser import LF
 from browser import Browser as Client
 from running import PATIENCE_S
-from small_fleet import Place, live
 
 pytestmark = pytest.mark.processes
 DESK: ViewportSize = {"width": 1280, "height": 900}
 PHONE: ViewportSize = {"width": 390, "height": 844}
-
-
-@pytest.fixture(scope="module")
-def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
-    place = Place(tmp_path_factory.mktemp("state"))
-    with place.gateway() as (_, client), place.ur5():
-        live(client, "ur5")
-        yield client
 
 
 @pytest.fixture

@@ -1,7 +1,6 @@
 """Commanding a robot on its page, counted in clicks and taps: sliders, named poses, reach, control, the past."""
 
 import re
-from collections.abc import Iterator
 
 import pytest
 from playwright.sync_api import Browser, Locator, Page, Position, ViewportSize, expect
@@ -10,19 +9,10 @@ from browser import LF
 from browser import Browser as Client
 from commanding import angle
 from running import PATIENCE_S, eventually
-from small_fleet import Place, live
 
 pytestmark = pytest.mark.processes
 JOINT = "wrist_3_joint"
 PHONE: ViewportSize = {"width": 390, "height": 844}
-
-
-@pytest.fixture(scope="module")
-def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
-    place = Place(tmp_path_factory.mktemp("state"))
-    with place.gateway() as (_, client), place.ur5():
-        live(client, "ur5")
-        yield client
 
 
 @pytest.fixture

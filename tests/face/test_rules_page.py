@@ -10,20 +10,11 @@ from browser import LDP, LF
 from browser import Browser as Client
 from commanding import PREFIXES, TURTLE
 from running import PATIENCE_S, eventually
-from small_fleet import Place, live
 
 pytestmark = pytest.mark.processes
 DESK: ViewportSize = {"width": 1280, "height": 900}
 PHONE: ViewportSize = {"width": 390, "height": 844}
 TITLE = "The UR5 stands up when its wrist turns too far"
-
-
-@pytest.fixture(scope="module")
-def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
-    place = Place(tmp_path_factory.mktemp("state"))
-    with place.gateway() as (_, client), place.ur5():
-        live(client, "ur5")
-        yield client
 
 
 @pytest.fixture
@@ -71,7 +62,7 @@ def test_a_rule_is_made_with_one_click_and_seen_to_fire(rules: Page, client: Cli
 
 
 def test_a_switch_disables_a_rule_and_enables_it(rules: Page, client: Client) -> None:
-    """What the rule says stays as it was."""
+    """The switch leaves what the rule says as it was."""
     rules.get_by_role("button", name="Save the rule").click()
     expect(row(rules).locator(".state")).to_have_text("active")
     iri = row(rules).get_by_role("link", name=TITLE).get_attribute("href")

@@ -27,7 +27,7 @@ def _ask(http: httpx.Client, prefer: str, query: str = "?as=json", accept: str =
 
 
 def test_the_invocation_is_answered_in_the_format_that_the_address_picks(http: httpx.Client) -> None:
-    """As the representation of any resource: generated clients and links do not set Accept."""
+    """``as`` picks it, as for any resource: generated clients and links do not set Accept."""
     begun = _ask(http, "return=representation")
     assert (begun.status_code, begun.headers["content-type"]) == (201, "application/json")
     path = f"{ROTATE}/invocations/{begun.json()['id']}"

@@ -48,7 +48,7 @@ async def examine(environment: Mapping[str, str], arguments: Sequence[str]) -> l
 
 
 def _exposure(settings: GatewaySettings) -> Iterator[Finding]:
-    """What the gateway itself refuses at its start."""
+    """Return what the gateway itself refuses at its start."""
     try:
         proof = settings.credentials if settings.zenoh_access else None
     except ValueError:

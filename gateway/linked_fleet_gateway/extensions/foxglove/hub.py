@@ -1,4 +1,4 @@
-"""What all clients get: encoded once for all of them, and only while somebody has subscribed to it.
+"""Messages that all clients get: encoded once for all of them, and only while somebody has subscribed to it.
 
 The latest frame of a robot is looked at every 6 ms. So a frame costs nothing but its encoding, and one that comes
 sooner after another may be left out, as it is for a client that does not read fast enough.

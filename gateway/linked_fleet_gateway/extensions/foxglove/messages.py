@@ -29,7 +29,7 @@ WORLD_FRAME = "world"
 STATES, TRANSFORMS, POSE = FRAMES = "joint_states", "tf", "pose"
 LOG, EVENTS = "log", "invocations"
 MESH_BYTES = 4 * 2**20
-"""Of all meshes in one message; a mesh for which there is no room is left out."""
+"""Bytes of all meshes in one message; a mesh for which there is no room is left out."""
 Number = Callable[[], float]
 _VALUES_AT = next(field.offset for field in layout(1, False) if field.name == "positions")
 _BASE_VALUES = 13

@@ -1,4 +1,4 @@
-"""Who asks in a message: the request that brought it, and the fleet as its caller sees it."""
+"""The asker of a message: the request that brought it, and the fleet as its caller sees it."""
 
 import asyncio
 from collections.abc import Mapping

@@ -25,7 +25,7 @@ def action(facts: Facts, iri: NamedNode) -> Part:
     more = {
         "comment": labels.sentence(facts.text(iri, RDFS.comment)),
         "form": form.form_of_action(facts, iri),
-        "invocations": getattr(facts.one(iri, LF.invocations), "value", ""),
+        "invocations": facts.iri_of(iri, LF.invocations),
     }
     # Both requests of a binding refer to one body, which has nothing to say.
     bodies = {each for each in facts.all(iri, HYBRIT.binding, HTTP.body) if isinstance(each, BlankNode)}
@@ -105,7 +105,7 @@ def _done(facts: Facts, iri: NamedNode) -> Done:
 
 
 def _motion(facts: Facts, iri: NamedNode) -> str:
-    """What it does, in words, with the target if there is one."""
+    """Return what it does, in words, with the target if there is one."""
     targets = {
         labels.place(joint.value, facts.root): (float(number.value), number.name)
         for joint, number in _positions(facts, iri, LF.target).items()
@@ -142,11 +142,10 @@ def is_subscriptions(facts: Facts, iri: NamedNode) -> bool:
 
 def subscriptions(facts: Facts, iri: NamedNode) -> Part:
     members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
-    owner = facts.one(iri, RDFS.seeAlso)
     more = {
         "watches": [_watch(facts, each) for each in members if each in facts.of],
         "unlisted": [facts.link(each) for each in members if each not in facts.of],
-        "form": form.form_of_subscription(iri.value, owner.value if isinstance(owner, NamedNode) else ""),
+        "form": form.form_of_subscription(iri.value, facts.iri_of(iri, RDFS.seeAlso)),
     }
     return Part(more, {LDP.contains, LDP.constrainedBy, LF.vocabulary}, set(members))
 
@@ -156,7 +155,7 @@ def _watch(facts: Facts, iri: NamedNode) -> Watch:
     link = Link(facts.text(iri, DCTERMS.identifier)[:8], iri.value, iri.value)
     state, delivery, failures, reason = (_only(facts, iri, each) for each in _PREDICATES_OF_SUBSCRIPTION)
     receiver = facts.text(iri, HYBRIT.callbackURL)
-    watched = getattr(facts.one(iri, HYBRIT.onResource), "value", "")
+    watched = facts.iri_of(iri, HYBRIT.onResource)
     resource = Link(sentences.thing(watched, facts.root), watched, watched)
     return Watch(link, types[0].text if types else "stream", receiver, resource, state, delivery, failures, reason)
 

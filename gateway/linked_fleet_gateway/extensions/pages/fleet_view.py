@@ -35,7 +35,7 @@ def fleet(facts: Facts, iri: NamedNode) -> Part:
         "counts": _counts(robots),
         "kinds": sorted({each.model for each in robots if each.model}),
         "actions": actions(facts, iri),
-        "world": getattr(facts.one(iri, LF.world), "value", ""),
+        "world": facts.iri_of(iri, LF.world),
         "objects": constant("objects"),
     }
     # The navigation leads to all else that the fleet links.

@@ -40,7 +40,7 @@ def clean(text: str) -> str:
 
 
 def number(value: float, unit: str = "") -> str:
-    """As many decimals as make sense in ``unit``, and never e-notation; face/src/format.js writes the same."""
+    """Write as many decimals as make sense in ``unit``, and never e-notation; face/src/format.js writes the same."""
     size = abs(value)
     if not math.isfinite(value) or size >= _LARGE or 0 < size < _SMALL:
         return _power(value)

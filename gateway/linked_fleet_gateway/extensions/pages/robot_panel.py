@@ -1,4 +1,4 @@
-"""What the page of a robot commands by: sliders, named poses, reach, the control lease, pictures of its cameras."""
+"""Commands on the page of a robot: sliders, named poses, reach, the control lease, pictures of its cameras."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -38,9 +38,9 @@ def panel(facts: Facts, iri: NamedNode) -> Panel:
     return Panel(
         move=next((each for each in actions if each.endswith(_MOVE)), ""),
         reach=next((each for each in actions if each.endswith(_REACH)), ""),
-        lease=_iri(facts, iri, LF.lease),
-        cameras=_iri(facts, iri, LF.cameras),
-        history=_iri(facts, iri, LF.history),
+        lease=facts.iri_of(iri, LF.lease),
+        cameras=facts.iri_of(iri, LF.cameras),
+        history=facts.iri_of(iri, LF.history),
         poses=[Pose(facts.text(each, DCTERMS.title), json.dumps(_targets(facts, each))) for each in _poses(facts, iri)],
     )
 
@@ -48,11 +48,6 @@ def panel(facts: Facts, iri: NamedNode) -> Panel:
 def others(actions: Sequence[Link], own: Panel) -> list[Link]:
     """The actions that the panel has no form of its own for."""
     return [each for each in actions if each.iri not in (own.move, own.reach)]
-
-
-def _iri(facts: Facts, iri: NamedNode, predicate: NamedNode) -> str:
-    found = facts.one(iri, predicate)
-    return found.value if isinstance(found, NamedNode) else ""
 
 
 def _poses(facts: Facts, iri: NamedNode) -> list[BlankNode]:

@@ -114,7 +114,7 @@ def done(what: str, path: str) -> str:
 
 
 def outcome(status: int | None) -> tuple[str, str]:
-    """What a request came to, in words, and as a state; ``status`` is that of the answer, None without one."""
+    """Return what a request came to, in words, and as a state; ``status`` is that of the answer, None without one."""
     if status is None:
         return "ended", "idle"
     if status < 400:

@@ -170,8 +170,8 @@ def robot(facts: Facts, iri: NamedNode) -> Part:
         "links": [facts.link(each) for each in links],
         "state": getattr(state, "value", ""),
         "state_time": _first(facts, state, SOSA.resultTime),
-        "pose": getattr(facts.one(iri, LF.pose), "value", ""),
-        "placement": getattr(facts.one(iri, LF.placement), "value", ""),
+        "pose": facts.iri_of(iri, LF.pose),
+        "placement": facts.iri_of(iri, LF.placement),
         "objects": constant("objects"),
         "model": path_below(getattr(facts.one(iri, LF.model), "value", f"{iri.value}model"), facts.root),
         "tasks": [facts.link(each) for each in facts.all(iri, LF.currentTask) if isinstance(each, NamedNode)],
@@ -217,9 +217,8 @@ _SAMPLED = (
 
 
 def _sampled(facts: Facts, sample: Term, at: Address, predicate: NamedNode, unit: NamedNode) -> Number:
-    said = facts.one(sample, unit)
-    iri = said.value if isinstance(said, NamedNode) else ""
-    return facts.number(facts.one(sample, predicate) or LF.unknown, at.below(predicate), iri)
+    value = facts.one(sample, predicate) or LF.unknown
+    return facts.number(value, at.below(predicate), facts.iri_of(sample, unit))
 
 
 def _pose(facts: Facts, node: Term) -> NamedPose:

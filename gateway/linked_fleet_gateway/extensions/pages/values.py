@@ -147,6 +147,11 @@ class Facts:
         found = self.one(subject, predicate)
         return labels.clean(found.value) if isinstance(found, Literal) else ""
 
+    def iri_of(self, subject: Term, predicate: NamedNode) -> str:
+        """The IRI that is reached first; empty for none."""
+        found = self.one(subject, predicate)
+        return found.value if isinstance(found, NamedNode) else ""
+
     def is_a(self, subject: Term, *types: NamedNode) -> bool:
         return not set(types).isdisjoint(self.all(subject, RDF.type))
 

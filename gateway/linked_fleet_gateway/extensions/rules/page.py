@@ -47,13 +47,12 @@ def rules(facts: Facts, iri: NamedNode) -> Part:
 
 def rule(facts: Facts, iri: NamedNode) -> Part:
     """One rule: ``firings`` is the address of its firings, which their own page lists."""
-    firings = facts.one(iri, LF.firings)
     more = {
         "enabled": _enabled(facts, iri),
         "state": _first(facts, iri, LF.state),
         "reasons": [each.value for each in facts.all(iri, LF.reason) if isinstance(each, Literal)],
         "condition": facts.text(iri, LF.condition),
-        "firings": firings.value if isinstance(firings, NamedNode) else "",
+        "firings": facts.iri_of(iri, LF.firings),
     }
     return Part(more, {LF.condition, LF.enabled, LF.state, LF.reason, LF.firings})
 

@@ -44,7 +44,7 @@ def world(facts: Facts, iri: NamedNode) -> Part:
     robots = [each for each in facts.all(iri, DCTERMS.hasPart) if isinstance(each, NamedNode)]
     placements = {each: facts.one(each, LF.placement) for each in robots}
     standing = [_standing(facts, each, placements[each]) for each in robots]
-    more = {"robots": standing, "objects": path_below(getattr(facts.one(iri, LF.objects), "value", ""), facts.root)}
+    more = {"robots": standing, "objects": path_below(facts.iri_of(iri, LF.objects), facts.root)}
     done = {each for each in (*robots, *placements.values()) if isinstance(each, NamedNode)}
     return Part(more, {DCTERMS.hasPart}, done)
 

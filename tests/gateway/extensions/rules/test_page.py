@@ -1,4 +1,4 @@
-"""What the pages of rules show, from triples as the gateway describes them."""
+"""The pages of rules show what they should, from triples as the gateway describes them."""
 
 import pytest
 from pyoxigraph import NamedNode
