@@ -84,9 +84,10 @@ tools:
 	  { $$run apt-get update -qq && $$run apt-get install -qqy --no-install-recommends curl jq; } >/dev/null || \
 	  { echo "curl and jq are not here and cannot be installed: apt install curl jq"; exit 1; }; }
 
-# Clusters and long histories.
-test-long: .venv/stamp $(ASSETS)
-	$(BIN)/python -m pytest -n 2 --dist loadfile $(SECOND_TRY) -m test_all $(LONG_ARGS)
+# Clusters, long histories, most of what a browser, another program or many processes show, and all examples of each property.
+test-long: export LONG_TESTS := 1
+test-long: .venv/stamp $(ASSETS) $(NODE_WOT) chromium egl tools helm
+	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder $(SECOND_TRY) -m 'test_all or hypothesis' $(LONG_ARGS)
 
 test-all: test test-long fuzz soak fleet-check
 

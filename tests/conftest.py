@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import gc
 import inspect
 import logging
 import os
@@ -12,18 +13,19 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import hypothesis
 import pytest
 
 from browser import Browser, all_live
+from properties import load_profile
 from running import PATIENCE_S, Process, eventually, free_port, process
 from second_try import add_option, pytest_itemcollected, pytest_terminal_summary  # noqa: F401 - hooks
 from virtual.client import clients_in_memory
 from virtual.loop import virtual_time
 
-# How long an example takes says nothing on a machine that does other things too. Where runs must agree, they do.
-hypothesis.settings.register_profile("ours", deadline=None, derandomize="CI" in os.environ)
-hypothesis.settings.load_profile("ours")
+load_profile()
+
+# Collection makes hundreds of thousands of objects that stay until the end: no garbage collection looks at them.
+gc.disable()
 
 # Compiled once, and not again by each of hundreds of processes, whatever an image has set for its one.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
@@ -33,6 +35,7 @@ sys.dont_write_bytecode = False
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ROBOTS = ("baxter", "go2", "panda", "tiago", "ur5")
+MOST_WITH_PROCESSES = 120
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -111,6 +114,19 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         return not real, places[item.path]
 
     items.sort(key=rank)
+    short = [item for item in items if item.get_closest_marker("processes") and not item.get_closest_marker("test_all")]
+    if len(short) > MOST_WITH_PROCESSES:
+        raise pytest.UsageError(
+            f"{len(short)} tests of make test need processes, {MOST_WITH_PROCESSES} at most may: mark some test_all"
+        )
+
+
+def pytest_collection_finish() -> None:
+    """Collect garbage again, in what tests make alone, and less often: they make much that lives as long as they do."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(20_000, 20, 50)
+    gc.enable()
 
 
 @pytest.fixture(scope="module")

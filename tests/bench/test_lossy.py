@@ -10,7 +10,7 @@ import pytest
 from bench.lossy import lossy
 from bench.table import UnavailableError
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 
 COUNT = 400
 _SEND = """import socket, sys

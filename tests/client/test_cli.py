@@ -181,6 +181,7 @@ def test_completion_offers_what_is_there(other_tree: Any) -> None:
 
 
 @pytest.mark.processes
+@pytest.mark.test_all
 @pytest.mark.parametrize(
     ("words", "found"),
     [

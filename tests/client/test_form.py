@@ -15,6 +15,7 @@ from linked_fleet_client.form import asked, build
 from linked_fleet_client.quantity import Quantity
 from linked_fleet_client.shape import read_shape
 from linked_fleet_client.validation import validate
+from properties import examples
 
 EX = Namespace("https://example.org/ns#")
 HYBRIT = Namespace("https://hybr-it-projekt.de/ns/hybr-it#")
@@ -50,7 +51,7 @@ def built(graph: Graph, given_: dict[str, Any], node: Node = EX["in"]) -> Graph:
     return build(read_shape(graph, node), given_, nothing)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60))
 @given(st.floats(-100, 100) | st.sampled_from([-90, 45.5, -1.5, 0.8]), st.sampled_from(["deg", "rad"]))
 def test_what_is_built_conforms_and_what_is_refused_would_not(value: float, unit: str) -> None:
     """The form and pySHACL agree on every number."""

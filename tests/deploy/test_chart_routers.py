@@ -15,7 +15,7 @@ from commanding import WRIST, angle, begun, of_joint, put, radian
 from running import Process, free_port, process
 from small_fleet import live
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 _WIRE = "/etc/linked-fleet/wire/"
 _FILES = {"ca.crt": "ca.pem", "tls.crt": "router.pem", "tls.key": "router.key"}
 

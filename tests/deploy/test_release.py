@@ -16,7 +16,7 @@ import pytest
 
 from running import ROOT
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 
 VERSION = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
 GATEWAY, AGENT = (f"{name}-{VERSION}-py3-none-any.whl" for name in ("linked_fleet", "linked_fleet_agent"))

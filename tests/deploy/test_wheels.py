@@ -14,7 +14,7 @@ import pytest
 
 from running import ROOT, eventually, free_port
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 
 _PINS = str(ROOT / "constraints.txt")
 

@@ -9,7 +9,7 @@ from demonstration import Demo, running_demo
 from running import ROOT, free_port
 from transcript import Command, Shell, matches, ports_of, steps
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 _DEMO_PORT = "8000"
 _EXTENSIONS = ROOT / "gateway/linked_fleet_gateway/extensions"
 _FIRST = (ROOT / "README.md", ROOT / "docs" / "TUTORIAL.md")

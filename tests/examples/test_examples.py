@@ -20,7 +20,7 @@ from small_fleet import Place, live
 from wot import HERE as NEIGHBOURS
 from wot import node
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 
 EXAMPLES = ROOT / "examples"
 _MOST_LINES = 80

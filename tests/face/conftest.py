@@ -21,6 +21,12 @@ ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftsh
 QUIET = ["--disable-background-networking", "--disable-component-update", "--disable-sync", "--no-first-run"]
 PICTURES = os.environ.get("LINKED_FLEET_PICTURES")  # a folder for those of README.md, which are to be sharp
 DESK: ViewportSize = {"width": 1280, "height": 900}
+NO_WEBGL = """
+    const own = HTMLCanvasElement.prototype.getContext;
+    HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
+        return kind.startsWith("webgl") ? null : own.call(this, kind, ...more);
+    };
+"""
 
 
 @pytest.fixture(scope="module")
@@ -79,10 +85,16 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
 
 
 @pytest.fixture
-def page(chromium: Browser) -> Iterator[Page]:
-    """An empty page in a context of its own, with few pixels: where no graphics card is they are drawn by processor."""
+def page(chromium: Browser, request: pytest.FixtureRequest) -> Iterator[Page]:
+    """Open an empty page in a context of its own, with few pixels.
+
+    Without a graphics card the processor draws 3D, which takes most of the time of a test. So a page has WebGL only in
+    a test that is marked ``webgl``.
+    """
     context = chromium.new_context(viewport=DESK, reduced_motion="reduce", device_scale_factor=1 if PICTURES else 0.5)
     context.set_default_timeout(PATIENCE_S * 1000)
+    if request.node.get_closest_marker("webgl") is None:
+        context.add_init_script(NO_WEBGL)
     yield context.new_page()
     context.close()
 

@@ -9,7 +9,7 @@ from playwright.sync_api import Page, ViewportSize, expect
 from browser import DCTERMS, HYBRIT, LF, Browser
 from conftest import RunningFleet
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 PHONE: ViewportSize = {"width": 360, "height": 740}
 IN_THE_DARK = ("fleet", "audit", "results", "joint", "action", "subscriptions")
 

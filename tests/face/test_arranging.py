@@ -14,7 +14,7 @@ from graphs import read
 from running import PATIENCE_S, eventually
 from small_fleet import Place, live
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all, pytest.mark.webgl]
 DESK: ViewportSize = {"width": 1280, "height": 900}
 PHONE: ViewportSize = {"width": 390, "height": 844}
 REACH_M = 0.5

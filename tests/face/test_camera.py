@@ -12,7 +12,7 @@ from running import eventually
 from seer import BLIND, EYE, Seer
 from small_fleet import Place
 
-pytestmark = [pytest.mark.processes, pytest.mark.usefixtures("watched")]
+pytestmark = [pytest.mark.processes, pytest.mark.test_all, pytest.mark.usefixtures("watched")]
 Image = pytest.importorskip("PIL.Image")
 
 

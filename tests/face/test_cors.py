@@ -11,7 +11,7 @@ from playwright.sync_api import Page
 from browser import LF
 from guarded import ALL, SEEN, guarded
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 
 
 class _Twin(http.server.BaseHTTPRequestHandler):

@@ -12,7 +12,7 @@ from commanding import PREFIXES, TURTLE, of_joint, radian
 from running import PATIENCE_S, eventually
 from small_fleet import Place, live
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all, pytest.mark.webgl]
 PHONE: ViewportSize = {"width": 390, "height": 844}
 LOW: ViewportSize = {"width": 1280, "height": 320}
 MIDDLE = """() => {

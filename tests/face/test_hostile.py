@@ -13,7 +13,7 @@ from linked_fleet_agent.wire.codec import encode, layout
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Description, Mesh
 from small_fleet import Place, live
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 COLLADA = (
     '<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1"><asset><unit meter="1"/></asset>'
     "<library_nodes>{nodes}</library_nodes><library_visual_scenes><visual_scene id='s'><node id='top'>"
@@ -66,6 +66,7 @@ def _appear(session: zenoh.Session, name: str, file: str, media_type: str, conte
     actor.appear(encode(said)).stand(0.1)
 
 
+@pytest.mark.webgl
 @pytest.mark.parametrize("kind", FILES)
 def test_a_mesh_that_cannot_be_read_in_time_is_not_drawn(
     page: Page, gateway: tuple[zenoh.Session, Browser], kind: str

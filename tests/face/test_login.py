@@ -12,7 +12,7 @@ from issuer import Issuer, issuing
 from running import eventually
 from subscribers import members
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 REFUSED = "Failed to load resource"
 
 

@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 from playwright.sync_api import Page, Route
 
 from linked_fleet_gateway.extensions.pages import labels
+from properties import examples
 
 SOURCES = Path(__file__).parents[2] / "face" / "src"
 HOME = "http://face.test/"
-SLOWLY = settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+SLOWLY = settings(max_examples=examples(40), suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from browser import Browser as Client
 from commanding import angle
 from running import PATIENCE_S, eventually
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 JOINT = "wrist_3_joint"
 PHONE: ViewportSize = {"width": 390, "height": 844}
 
@@ -80,6 +80,7 @@ def test_a_named_pose_aims_all_joints(robot: Page, client: Client) -> None:
     assert angle(client, "shoulder_lift_joint") == pytest.approx(before, abs=0.01)
 
 
+@pytest.mark.webgl
 def test_a_ghost_stands_where_the_robot_would_be(robot: Page, client: Client) -> None:
     expect(robot.locator("#scene")).to_have_attribute("data-phase", "ready")
     row = slider(robot, client)
@@ -91,6 +92,7 @@ def test_a_ghost_stands_where_the_robot_would_be(robot: Page, client: Client) ->
     expect(robot.locator("#scene[data-ghost]")).to_have_count(0)
 
 
+@pytest.mark.webgl
 def test_reach_begins_at_the_tip_and_takes_numbers(robot: Page, client: Client) -> None:
     """The dragged target and the numbers are one; what would happen is a ghost."""
     expect(robot.locator("#scene")).to_have_attribute("data-phase", "ready")
@@ -152,3 +154,10 @@ def test_a_message_about_a_robot_is_small(page: Page, watched: object, client: C
     eventually(framed, "frames")
     assert max(sizes[state]) < 1000
     assert len(sizes[client.robot("ur5").url.replace("http", "ws")]) == 1
+
+
+def test_without_webgl_the_page_says_so(robot: Page) -> None:
+    robot.locator("#scene").scroll_into_view_if_needed()
+    expect(robot.locator("#scene")).to_have_attribute("data-phase", "failed")
+    expect(robot.locator("#scene [role=status]")).to_contain_text("no WebGL")
+    expect(robot.locator("#scene canvas")).to_have_count(0)

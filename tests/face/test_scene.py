@@ -18,7 +18,7 @@ from linked_fleet_gateway.fleet.model import RobotModel
 from running import Process, eventually, process
 from small_fleet import Place, live
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all, pytest.mark.webgl]
 TOLERANCE_M = 0.001
 XML = {"accept": "application/xml"}
 
@@ -44,10 +44,10 @@ def ur5(place: tuple[Place, Browser]) -> Iterator[tuple[Browser, Process]]:
         yield place[1], agent
 
 
-def _show(page: Page, url: str, phase: str = "ready") -> None:
+def _show(page: Page, url: str) -> None:
     page.goto(url)
     page.locator("#scene").scroll_into_view_if_needed()
-    expect(page.locator("#scene")).to_have_attribute("data-phase", phase)
+    expect(page.locator("#scene")).to_have_attribute("data-phase", "ready")
 
 
 def _drawn(page: Page, links: list[str]) -> Drawn:
@@ -279,16 +279,3 @@ def test_nothing_is_asked_of_another_host(page: Page, watched: object, place: tu
         expect(page.locator(".scene-label")).to_contain_text(f"link {name}")
         expect(page.locator(".scene-label img")).to_have_count(0)
     assert {urlsplit(each).netloc for each in asked} == {urlsplit(place[0].root).netloc}
-
-
-def test_without_webgl_the_page_says_so(page: Page, watched: object, ur5: tuple[Browser, Process]) -> None:
-    browser, _ = ur5
-    page.add_init_script("""
-        const own = HTMLCanvasElement.prototype.getContext;
-        HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
-            return kind.startsWith("webgl") ? null : own.call(this, kind, ...more);
-        };
-    """)
-    _show(page, browser.robot("ur5").url, "failed")
-    expect(page.locator("#scene [role=status]")).to_contain_text("no WebGL")
-    expect(page.locator("#scene canvas")).to_have_count(0)

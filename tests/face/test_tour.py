@@ -19,7 +19,7 @@ from linked_fleet_demo.tree import place as place_robot
 from running import Process, eventually, process
 from small_fleet import Place
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all, pytest.mark.webgl]
 PICTURES = os.environ.get("LINKED_FLEET_PICTURES")  # a folder; without it they are made and thrown away
 
 

@@ -15,7 +15,7 @@ from browser import DCTERMS, ROS, Browser
 from running import ROOT, process
 from small_fleet import Place, live
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 
 _LINES = "Array.from(document.querySelectorAll('line'), (line) => line.outerHTML).join()"
 

@@ -10,7 +10,7 @@ from commanding import PREFIXES, TURTLE
 from running import eventually
 from small_fleet import Place, live
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all, pytest.mark.webgl]
 
 
 @pytest.fixture(scope="module")

@@ -16,13 +16,14 @@ from pyoxigraph import RdfFormat, parse, serialize
 from rdflib import RDF
 
 from browser import DCTERMS, HYBRIT, LF, Browser
+from properties import examples
 from running import Process
 from small_fleet import Place, live
 
 pytestmark = pytest.mark.virtual
 
 _attack = settings(
-    derandomize=True, deadline=None, max_examples=100, database=None,
+    derandomize=True, max_examples=examples(100), database=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )  # fmt: skip
 _PREFIXES = """@prefix xsd: <http://www.w3.org/2001/XMLSchema#> . @prefix unit: <http://qudt.org/vocab/unit/> .

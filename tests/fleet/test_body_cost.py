@@ -41,7 +41,7 @@ from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.http.offload import SHORT_BYTES
 from running import eventually, free_port
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 
 MOST_S = 2 * FUZZ_MOST_S
 _REPETITIONS = 4

@@ -62,7 +62,13 @@ def metric(browser: Browser, name: str) -> float:
     return next(float(line.split()[1]) for line in lines if line.startswith(name + " "))
 
 
-@pytest.mark.parametrize("kind", ["bytes flipped in the middle", "a base of garbage", "a manifest of garbage"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "bytes flipped in the middle",
+        *(pytest.param(name, marks=pytest.mark.test_all) for name in ("a base of garbage", "a manifest of garbage")),
+    ],
+)
 def test_damaged_data_do_not_keep_a_gateway_from_stopping_robots(kind: str, scene: Scene, tmp_path: Path) -> None:
     """It is ready with a warning, which the log, the pages and a number say too; what was known is forgotten."""
     with scene.gateway(tmp_path) as (browser, _):
@@ -92,6 +98,7 @@ def test_a_tail_that_was_cut_off_costs_nothing(scene: Scene, tmp_path: Path) -> 
         assert eventually(lambda: _if_ready(browser), "readiness") == {"status": "ready"}
 
 
+@pytest.mark.test_all
 @pytest.mark.parametrize("types", [False, True], ids=["values", "types"])
 def test_values_that_nobody_wrote_do_not_keep_a_gateway_from_stopping_robots(
     types: bool, scene: Scene, tmp_path: Path

@@ -9,7 +9,7 @@ import pytest
 from running import eventually
 from tests.fleet.test_fault_clients import narrow
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 SOCKETS = 30
 
 

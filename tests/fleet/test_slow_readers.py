@@ -18,7 +18,7 @@ from receivers import Answer, receiving
 from running import PATIENCE_S, Process, eventually
 from small_fleet import Place, live, number, property_page
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 
 READERS = 50
 JOINTS = tuple(f"j{number}" for number in range(20))

@@ -85,7 +85,10 @@ def hub(folder: Path, by_router: bool) -> Iterator[tuple[str, tuple[str, ...]]]:
         yield endpoint, ("--zenoh-listen", endpoint, "--zenoh-access", str(folder / "access.json"))
 
 
-@pytest.fixture(scope="module", params=[True, False], ids=["router", "gateway"])
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(True, id="router", marks=pytest.mark.test_all), pytest.param(False, id="gateway")],
+)
 def scene(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
     folder = tmp_path_factory.mktemp("wire")
     port = free_port()

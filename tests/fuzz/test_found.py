@@ -9,7 +9,7 @@ from fuzz.bodies import path_of
 from fuzz.findings import Tally
 from fuzz.living import Living, living
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 
 
 @pytest.fixture(scope="module")

@@ -32,7 +32,7 @@ _OPTIONS = ("-x", "-q", "--assert=plain", "--hypothesis-profile=mutants", "-p", 
             "-p", "no:rerunfailures")  # fmt: skip
 # The same examples in every run; a failing one is enough, the shortest would take long to find.
 hypothesis.settings.register_profile(
-    "mutants", derandomize=True, deadline=None, phases=(hypothesis.Phase.explicit, hypothesis.Phase.generate)
+    "mutants", derandomize=True, phases=(hypothesis.Phase.explicit, hypothesis.Phase.generate)
 )
 
 

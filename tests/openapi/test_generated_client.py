@@ -13,7 +13,7 @@ from running import PATIENCE_S, eventually
 from simulated import simulated
 from small_fleet import Place, live
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 _NAME = "made_of_openapi"
 _SUCCEEDED = "https://w3id.org/linked-fleet#succeeded"
 _ELBOW = {"robot": "ur5", "joint": "elbow_joint"}

@@ -13,7 +13,7 @@ import pytest
 from simulated import simulated
 from small_fleet import Place, live
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 _HERE = Path(__file__).parent
 _BOUNDS_S = 240.0
 EXAMPLES = os.environ.get("OPENAPI_EXAMPLES", "")

@@ -20,7 +20,7 @@ from small_fleet import Place, live
 from subscribers import Theatre
 
 PAGE = ROOT / "docs" / "BINARY.md"
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 EARL = rdflib.Namespace("http://www.w3.org/ns/earl#")
 
 

@@ -13,6 +13,7 @@ from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF, VOM, XSD
 from linked_fleet_gateway.shacl import compile_graph
 from linked_fleet_gateway.shacl.check import MOST
 from linked_fleet_gateway.shacl.terms import RDF, RDFS, SHACL, Node, Term
+from properties import examples
 from shacl_findings import EX, compiled_finds, pyshacl_finds, pyshacl_reports, reported, to_rdflib, turtle
 
 
@@ -183,7 +184,7 @@ def _add_path(graph: Graph, path: object) -> Node:
     return node
 
 
-@settings(max_examples=400, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+@settings(max_examples=examples(400), suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 @given(_shapes(3), _bodies)
 def test_any_shape_finds_in_any_body_what_pyshacl_finds(shape: object, body: list[Triple]) -> None:
     """The same verdict, and the same focus, path, value and component of every result."""
@@ -279,7 +280,7 @@ _values = st.one_of(_numbers, _others, st.floats(-7, 7).map(lambda v: Literal(re
 
 
 @pytest.mark.parametrize("limits", [_REVOLUTE, _CONTINUOUS])
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=examples(80))
 @given(st.lists(_values, max_size=2), st.lists(_units, max_size=2))
 def test_the_shape_of_an_action_finds_what_pyshacl_finds(
     limits: tuple[str, ...], values: list[Term], units: list[Term]
@@ -319,7 +320,7 @@ _stated_targets = st.lists(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60))
 @given(_stated_targets)
 def test_a_shape_of_many_targets_finds_what_pyshacl_finds(
     targets: list[tuple[BlankNode, int, list[Term], list[Term]]],
@@ -346,7 +347,7 @@ _subscription = st.one_of(
 )  # fmt: skip
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100))
 @given(st.lists(_subscription, max_size=8))
 def test_the_shapes_of_subscriptions_find_what_pyshacl_finds(stated: list[tuple[NamedNode, Term]]) -> None:
     """Written by hand, shared among each other, with a choice of paths; as all of them together find it by targets."""

@@ -19,7 +19,7 @@ from linked_fleet_gateway.runtime import embedded_redis as embedded
 from linked_fleet_gateway.runtime.embedded_redis import Embedded
 from running import PATIENCE_S
 
-pytestmark = [pytest.mark.processes, pytest.mark.usefixtures("patient")]
+pytestmark = [pytest.mark.processes, pytest.mark.test_all, pytest.mark.usefixtures("patient")]
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from linked_fleet_gateway.extensions.foxglove.protocol import SUBPROTOCOLS
 from running import PATIENCE_S
 from wot import HERE, node
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 
 
 @pytest.fixture(scope="module")

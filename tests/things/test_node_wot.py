@@ -11,7 +11,7 @@ from running import PATIENCE_S
 from small_fleet import Place, live
 from wot import HERE, node
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 RAD = "http://qudt.org/vocab/unit/RAD"
 
 

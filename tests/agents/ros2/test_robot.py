@@ -18,7 +18,7 @@ from linked_fleet_agent.robots.ros2.robot import Ros2Robot
 from ros2_robot import URDF, RosRobot, joint_state, text
 from running import eventually, free_port
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 
 
 def endpoint() -> str:

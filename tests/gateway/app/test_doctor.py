@@ -22,7 +22,7 @@ from linked_fleet_gateway.app.doctor.redis_server import _clock
 from redis_servers import single
 from running import free_port, process
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 _ENDS = timedelta(days=90)
 
 

@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 from linked_fleet_gateway.fleet.invocation import FLEET, Invocation, InvocationState, word
 from linked_fleet_gateway.fleet.invocations import Invocations
 from linked_fleet_gateway.fleet.target_index import joints_of
+from properties import examples
 
 _TOOK = ("accepted", "running", "succeeded", "failed", "cancelled", "preempted")
 _JOINTS = ("elbow", "wrist")
@@ -65,7 +66,7 @@ def _invocations(draw: st.DrawFn, id: int) -> Invocation:
     )
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300))
 @given(data=st.data())
 def test_an_index_finds_what_a_look_through_all_finds(data: st.DataObject) -> None:
     invocations, plainly = Invocations(), Plainly()

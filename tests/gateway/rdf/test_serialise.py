@@ -16,6 +16,7 @@ from pyoxigraph import BlankNode, CanonicalizationAlgorithm, Dataset, Literal, N
 from rdflib.compare import isomorphic
 
 from linked_fleet_gateway.rdf.serialise import JELLY, RDF_TYPES, ParseError, parse, render
+from properties import examples
 
 BASE = "http://127.0.0.1:8000/baxter/right_s1"
 RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
@@ -99,7 +100,7 @@ def turtle(text: str) -> list[Triple]:
 
 
 @pytest.mark.parametrize("media_type", ["text/turtle", "application/ld+json", "application/n-triples"])
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=examples(400))
 @given(GRAPHS, BASES)
 def test_round_trip(media_type: str, triples: list[Triple], base: str) -> None:
     """Every graph, cyclic or odd, survives being written and read, whatever the base."""
@@ -108,7 +109,7 @@ def test_round_trip(media_type: str, triples: list[Triple], base: str) -> None:
     assert canonical(back) == canonical(triples), body.decode()
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200))
 @given(GRAPHS, XML_TEXT)
 def test_round_trip_rdf_xml(triples: list[Triple], text: str) -> None:
     """RDF/XML keeps all that XML can hold, and is well-formed to other parsers."""
@@ -120,7 +121,7 @@ def test_round_trip_rdf_xml(triples: list[Triple], text: str) -> None:
     assert canonical(parse(body, "application/rdf+xml", BASE, max_depth=1000)) == canonical(kept)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200))
 @given(GRAPHS)
 def test_round_trip_jelly(triples: list[Triple]) -> None:
     """Every graph survives being written in Jelly and read by somebody else."""
@@ -258,7 +259,7 @@ SNIPPETS = st.lists(
 
 
 @pytest.mark.parametrize("media_type", RDF_TYPES)
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=examples(400))
 @given(st.binary(max_size=60) | SNIPPETS)
 def test_garbage_is_only_ever_a_parse_error(media_type: str, body: bytes) -> None:
     """Whatever the bytes, the parser gives triples or a ParseError."""

@@ -20,7 +20,7 @@ def _scalar(text: str, datatype: NamedNode, unit: NamedNode | None) -> Body:
     return Body([number, *([Triple(_ROOT, VOM.unit, unit)] if unit else [])], _ROOT)
 
 
-@settings(derandomize=True, deadline=None)
+@settings(derandomize=True)
 @given(st.floats(-1e6, 1e6).filter(lambda x: x == 0 or abs(x) > 1e-300), st.sampled_from(list(UNITS)))
 def test_quantities_are_in_si(value: float, unit: NamedNode) -> None:
     """Whatever unit the body states; none is one."""

@@ -8,6 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from linked_fleet_gateway.resources.named_poses import poses
+from properties import examples
 
 _JOINTS = {
     "elbow": ("revolute", '<limit lower="-1" upper="2" velocity="1" effort="1"/>'),
@@ -113,7 +114,10 @@ def test_a_robot_without_description_has_no_poses(bench: Any) -> None:
 
 
 @settings(
-    derandomize=True, deadline=None, max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    derandomize=True,
+    deadline=None,
+    max_examples=examples(150),
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 @given(data=st.data())
 def test_no_annotation_is_an_error(bench: Any, data: st.DataObject) -> None:

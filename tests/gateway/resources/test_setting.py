@@ -29,6 +29,7 @@ from linked_fleet_gateway.resources.property import Property, Seen
 from linked_fleet_gateway.resources.settable import settable
 from linked_fleet_gateway.resources.setting import Setting
 from linked_fleet_gateway.resources.setting import settings as settings_of
+from properties import examples
 
 _BASE, _OTHER = "http://fleet.example:8000", "https://robots.example.org"
 _PREFIXES = "".join(f"@prefix {prefix}: <{iri}> .\n" for prefix, iri in PREFIXES.items())
@@ -89,7 +90,7 @@ def test_annotations_keep_other_authorities_and_words() -> None:
     assert shown == {(t.predicate, t.object) for t in triples}
 
 
-@settings(derandomize=True, deadline=None, max_examples=100)
+@settings(derandomize=True, max_examples=examples(100))
 @given(st.text(st.characters(codec="utf-8", exclude_characters="\x00"), max_size=40))
 def test_every_text_comes_back(text: str) -> None:
     """Quotes, brackets, line ends: a literal is shown as it was put."""

@@ -44,7 +44,7 @@ def _admitted(bench: Any, path: str, body: str) -> bool:
     return True
 
 
-@settings(derandomize=True, deadline=None)
+@settings(derandomize=True)
 @given(_ends, _ends, st.sampled_from([DEGREE, RADIAN, MILLIMETRE, METRE]))
 def test_bounds_are_rounded_inwards(one: float, other: float, unit: Any) -> None:
     """To a millionth of the unit, and never by more; a thousandth of that is forgiven to the binary fraction."""
@@ -58,7 +58,7 @@ def test_bounds_are_rounded_inwards(one: float, other: float, unit: Any) -> None
     assert limits == pytest.approx(stated, rel=5e-15)
 
 
-@settings(derandomize=True, deadline=None)
+@settings(derandomize=True)
 @given(st.integers(-400_000_000, 400_000_000))
 def test_a_limit_conforms_to_itself_as_every_type_of_number(millionths: int) -> None:
     """Validators compare exactly: 1.047 as a double is less than 1.047 as a decimal, and both must conform."""

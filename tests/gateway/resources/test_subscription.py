@@ -29,6 +29,7 @@ from linked_fleet_gateway.resources.subscription_resource import (
     requested,
     subscription_path,
 )
+from properties import examples
 
 _BASE = "http://example.org"
 _CONTAINER = f"{_BASE}/baxter/right_s1/subscriptions"
@@ -236,7 +237,7 @@ def test_a_description_can_be_posted(kind: Kind) -> None:
     assert found == Request(resource=_ROTATION, callback=callback, **options)  # type: ignore[arg-type]
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(30))
 @given(st.floats(0, 86400), st.floats(0, allow_infinity=False))
 def test_numbers_come_back_as_they_are(interval: float, deadband: float) -> None:
     """From a description as from a request."""

@@ -22,6 +22,7 @@ from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.subscription_resource import describe_version
 from linked_fleet_gateway.resources.template import Rendering, Versions, compiles
 from linked_fleet_gateway.resources.tree import Tree
+from properties import examples
 
 _BASE = "http://example.org"
 _URDF = """
@@ -84,7 +85,7 @@ def test_all_that_is_measured_compiles() -> None:
 
 
 @pytest.mark.parametrize(("path", "media_type"), list(itertools.product(_RESOURCES, TEXT_TYPES)))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=examples(20))
 @given(data=st.data())
 def test_it_says_what_the_description_says(path: str, media_type: str, data: st.DataObject) -> None:
     """Of one document after another: forms change, with what becomes unknown and known again."""

@@ -21,7 +21,7 @@ from receivers import Answer
 from running import Process, eventually, process
 from small_fleet import Place, live
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 ELBOW = "elbow_joint"
 CALLER = "b7ad6b7169203331"
 ROTATE, STOP = "POST /{robot}/{joint}/actions/rotate", "POST /{robot}/actions/stop"

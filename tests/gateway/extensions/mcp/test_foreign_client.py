@@ -11,7 +11,7 @@ from running import eventually, process
 from small_fleet import Place, live
 from speaking import DEGREE
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 JOINT = "/panda/panda_joint4"
 ROTATE = JOINT + "/actions/rotate"
 ERAS = ("legacy", "2026-07-28")

@@ -21,6 +21,7 @@ from linked_fleet_gateway.extensions.reach.inverse_kinematics import (
 )
 from linked_fleet_gateway.fleet.kinematics import ORIGIN, LinkPoses, placed
 from linked_fleet_gateway.fleet.model import ModelError, Pose, RobotModel
+from properties import examples
 
 CASES = [
     ("baxter", "left_gripper", True),
@@ -327,7 +328,7 @@ def test_limits_that_leave_no_position_are_refused(limits: tuple[float, float]) 
 ANY = st.floats(allow_nan=True, allow_infinity=True)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=examples(60))
 @given(st.tuples(ANY, ANY, ANY), st.none() | st.tuples(ANY, ANY, ANY, ANY), ANY, st.tuples(ANY, ANY))
 def test_hostile_numbers_end_in_an_answer_or_a_refusal(
     position: tuple[float, float, float],
@@ -347,7 +348,7 @@ def test_hostile_numbers_end_in_an_answer_or_a_refusal(
     assert found.iterations <= MAX_ITERATIONS
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=examples(40))
 @given(st.tuples(ANY, ANY, ANY), st.tuples(ANY, ANY, ANY, ANY))
 def test_hostile_bases_end_in_an_answer_or_a_refusal(
     at: tuple[float, float, float], turned: tuple[float, float, float, float]

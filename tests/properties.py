@@ -1,0 +1,22 @@
+"""Number of examples of property-based tests: fewer in ``make test``, all of them in ``make test-all``."""
+
+import os
+
+import hypothesis
+
+LONG = "LONG_TESTS" in os.environ
+"""Set by ``make test-long``, which runs every property-based test again."""
+_SHARE = 4
+
+
+def examples(count: int) -> int:
+    """Return how many of the ``count`` examples of a property this run tries."""
+    return count if LONG else max(count // _SHARE, 5)
+
+
+def load_profile() -> None:
+    """Leave out deadlines, which say nothing on a busy machine. Automatic runs draw the same examples each time."""
+    hypothesis.settings.register_profile(
+        "ours", deadline=None, derandomize="CI" in os.environ, max_examples=examples(100)
+    )
+    hypothesis.settings.load_profile("ours")
