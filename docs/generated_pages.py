@@ -1,4 +1,4 @@
-"""Reference pages that are generated from the code: terms, errors, the Python API."""
+"""Reference pages that are generated from the code: HTTP, terms, errors, the Python API."""
 
 import inspect
 import pkgutil
@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from importlib import import_module
 from importlib.resources import files
 
+from http_reference import http
 from pyoxigraph import Literal, NamedNode, RdfFormat, Store, parse
 
 import linked_fleet_gateway.extensions
@@ -67,7 +68,9 @@ def api() -> str:
     return "\n".join(parts)
 
 
-PAGES: Mapping[str, Callable[[], str]] = {"vocabulary.md": vocabulary, "errors.md": errors, "api.md": api}
+PAGES: Mapping[str, Callable[[], str]] = {
+    "http.md": http, "vocabulary.md": vocabulary, "errors.md": errors, "api.md": api,
+}  # fmt: skip
 """The generated pages by their paths on the site."""
 
 
