@@ -58,3 +58,12 @@ def test_the_namespace_of_the_vocabulary_leads_to_where_gateways_have_it() -> No
     rules = (ROOT / "deploy" / "w3id" / ".htaccess").read_text()
     (pattern, target) = re.findall(r"^RewriteRule (\S+) https://fleet\.example(\S+) \[R=303,L\]$", rules, re.M)[0]
     assert re.match(pattern, "") and target == "/vocabulary"
+
+
+def test_each_step_of_the_tutorial_has_a_picture() -> None:
+    parts = re.split(r"^## ", (ROOT / "docs" / "TUTORIAL.md").read_text(), flags=re.M)
+    steps = [part for part in parts if part[0].isdigit()]
+    assert len(steps) >= 6
+    for step in steps:
+        pictures = re.findall(r"!\[.+\]\((\S+)\)", step)
+        assert pictures and all((ROOT / "docs" / each).is_file() for each in pictures), step.splitlines()[0]
