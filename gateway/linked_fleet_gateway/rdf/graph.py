@@ -1,4 +1,4 @@
-"""Building blocks of a description: triples in reading order, blank nodes with stable labels, values with units."""
+"""Building blocks of descriptions: ordered triples, blank nodes with stable labels, values with units."""
 
 import math
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ Term = NamedNode | BlankNode | Literal
 
 
 class Graph:
-    """Triples in the order in which a person would read them; the same calls always give the same triples."""
+    """Triples in reading order. The same calls always give the same triples."""
 
     def __init__(self) -> None:
         self.triples: list[Triple] = []
@@ -38,7 +38,7 @@ class Graph:
         return node
 
     def collection(self, items: Sequence[Term]) -> Node:
-        """An RDF collection of ``items``."""
+        """Add an RDF collection of ``items`` and return its head."""
         if not items:
             return RDF.nil
         cells = [self.blank() for _ in items]
@@ -49,14 +49,14 @@ class Graph:
         return cells[0]
 
     def scalar(self, subject: Node, predicate: NamedNode, value: float | None, unit: Unit) -> None:
-        """A ``maths:Scalar`` as in Figure 3; the unit stands even where the value is unknown."""
+        """Add a ``maths:Scalar`` as in Figure 3; the unit is added even if the value is unknown."""
         node = self.blank(MATHS.Scalar)
         self.add(subject, predicate, node)
         self.add(node, VOM.numericalValue, number(value))
         self.unit(node, unit)
 
     def vector(self, subject: Node, predicate: NamedNode, xyz: Sequence[float] | None, unit: Unit | None) -> None:
-        """A ``maths:Vector3D`` as in Figure 3, with its unit where it has one."""
+        """Add a ``maths:Vector3D`` as in Figure 3, with its unit if there is one."""
         node = self.blank(MATHS.Vector3D)
         self.add(subject, predicate, node)
         for axis, value in zip((MATHS.x, MATHS.y, MATHS.z), xyz or (None, None, None), strict=True):
@@ -79,14 +79,14 @@ class Graph:
 
 
 def number(value: float | None) -> Term:
-    """xsd:float as in the figures, or ``lf:unknown``: never a zero that nobody measured."""
+    """Return an xsd:float as in the figures, or ``lf:unknown`` for None and NaN."""
     if value is None or math.isnan(value):
         return LF.unknown
     return Literal(lexical(value), datatype=XSD.float)
 
 
 def lexical(value: float) -> str:
-    """Return the lexical form of an xsd:float; -0.0 is 0.0."""
+    """Return the lexical form of an xsd:float; -0.0 becomes 0.0."""
     return repr(float(value) + 0.0)
 
 
@@ -95,7 +95,7 @@ def integer(value: int) -> Literal:
 
 
 def timestamp(wall_ns: int, *, resolution_ns: int = 1_000_000) -> Literal:
-    """xsd:dateTime in UTC of a time in nanoseconds since 1970, cut to the stated resolution."""
+    """Return an xsd:dateTime in UTC for nanoseconds since 1970, truncated to the resolution."""
     cut = wall_ns - wall_ns % resolution_ns
     stamp = datetime.fromtimestamp(cut // 1_000_000_000, UTC).replace(microsecond=cut % 1_000_000_000 // 1000)
     digits = "seconds" if resolution_ns >= 1_000_000_000 else "milliseconds"

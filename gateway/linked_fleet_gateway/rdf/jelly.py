@@ -1,6 +1,6 @@
-"""Jelly (https://w3id.org/jelly): triples as protobuf rows that say each IRI once.
+"""Jelly (https://w3id.org/jelly): triples as protobuf rows that state each IRI once.
 
-``rdf.serialise`` imports this module when the first document is asked for: with protobuf it takes 7 MB.
+``rdf.serialise`` imports this module with the first request for Jelly, because with protobuf it takes 7 MB.
 """
 
 from collections.abc import Iterable
@@ -26,14 +26,14 @@ class _Terms(TermEncoder):  # type: ignore[misc]  # pyjelly comes without types
             self.set_bnode_field(statement, slot, term.value)
             return ()
         assert isinstance(term, Literal)
-        # Of a literal with a language the datatype follows.
+        # A literal with a language has an implied datatype.
         datatype = None if term.language else term.datatype.value
         literal = self.get_literal_field(statement, slot)
         return self.encode_literal(lex=term.value, language=term.language, datatype=datatype, literal=literal)
 
 
 def write(triples: Iterable[Triple]) -> bytes:
-    """A delimited stream of triples, as files and HTTP have it; blank nodes keep their labels."""
+    """Return a delimited stream of triples, as in files and over HTTP; blank nodes keep their labels."""
     stream = TripleStream(encoder=_Terms(LookupPreset()), options=_OPTIONS)
     written = BytesIO()
     stream.enroll()

@@ -1,7 +1,7 @@
-"""JSON documents from clients, bounded in depth and size and without what two parsers could read differently.
+"""JSON documents from clients: bounded in depth and size, and unambiguous.
 
-``json`` keeps the last of two members of one name, other parsers the first. A lone surrogate is a Python string that no
-encoder takes. Both are refused here, for plain JSON and for JSON-LD alike.
+Of two members with one name ``json`` keeps the last, other parsers the first. A lone surrogate is a Python string that
+no encoder accepts. Both are refused here, for plain JSON and for JSON-LD alike.
 """
 
 import json
@@ -12,15 +12,15 @@ from typing import Any
 
 from linked_fleet_gateway.rdf.parse_error import ParseError
 
-# Matches the text up to the first escape of a lone surrogate. Possessive, so that one pass is all it takes.
+# Matches the text up to the first escape of a lone surrogate. Possessive quantifiers keep it to one pass.
 _PAIRED = re.compile(
     r"(?:[^\\]++|\\u[dD][89abAB][0-9a-fA-F]{2}\\u[dD][c-fC-F][0-9a-fA-F]{2}|\\u(?![dD][89a-fA-F])|\\[^u])*+"
 )
 
 
 def load_json(text: str, max_depth: int, max_values: int, number: Callable[[str], Any] | None = None) -> Any:
-    """The document, each number as ``number`` reads it; ParseError."""
-    # A bound on the number of values. Those within strings count too, for this is to cost next to nothing.
+    """Parse a document, with numbers converted by ``number``. Raises ParseError."""
+    # A cheap upper bound of the number of values; characters within strings count too.
     if text.count(",") + text.count("[") + text.count("{") > max_values:
         raise ParseError(f"JSON has more than {max_values} commas and opening brackets")
     try:
@@ -35,7 +35,7 @@ def load_json(text: str, max_depth: int, max_values: int, number: Callable[[str]
         raise _too_deep(max_depth) from error
     except json.JSONDecodeError as error:
         raise ParseError(error.msg, error.lineno, error.colno) from error
-    except ValueError as error:  # an integer of more digits than Python converts
+    except ValueError as error:  # an integer with more digits than Python converts
         raise ParseError(f"unacceptable JSON: {error}") from error
     _check_depth(document, max_depth)
     _refuse_lone_surrogates(text)
@@ -43,7 +43,7 @@ def load_json(text: str, max_depth: int, max_values: int, number: Callable[[str]
 
 
 def _check_depth(document: Any, max_depth: int) -> None:
-    """Count the levels of objects and arrays, one whole level at a time."""
+    """Count the levels of objects and arrays, one level at a time."""
     level, depth = [document], 0
     while level := [each for each in level if type(each) in (dict, list)]:
         depth += 1

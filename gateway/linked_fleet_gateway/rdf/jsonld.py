@@ -1,7 +1,7 @@
 """A JSON-LD 1.1 writer: compact, nested, with a context of exactly the prefixes in use.
 
-JSON-LD 1.1, sections 4.1.5 (compact IRIs), 4.2 (typed values, language), 4.3.1 (lists), and the JSON-LD API's
-section 8.6 (when a native number or boolean means exactly the literal that we hold).
+JSON-LD 1.1, sections 4.1.5 (compact IRIs), 4.2 (typed values, language), 4.3.1 (lists), and the JSON-LD API's section
+8.6 (conversion of native numbers and booleans to literals).
 """
 
 import json
@@ -21,7 +21,7 @@ _SCHEME = re.compile(r"([^:/?#]+):(?!//)")
 
 
 def write(triples: Sequence[Triple], prefixes: Mapping[str, str]) -> str:
-    """One node object when there is one subject, else ``@graph``."""
+    """Return one node object if there is one subject, else ``@graph``."""
     writer = _Writer(Outline(triples), Names(_unambiguous(prefixes, triples)))
     nodes = [writer.heading(subject) for subject in writer.outline.headings]
     body = nodes[0] if len(nodes) == 1 else {"@graph": nodes}
@@ -29,7 +29,7 @@ def write(triples: Sequence[Triple], prefixes: Mapping[str, str]) -> str:
 
 
 def _unambiguous(prefixes: Mapping[str, str], triples: Sequence[Triple]) -> dict[str, str]:
-    """Without the prefixes that look like the scheme of an IRI in the data: ``unit:x`` would be expanded."""
+    """Drop prefixes that equal the scheme of an IRI in the data: ``unit:x`` would be expanded."""
     schemes = {match[1] for triple in triples for iri in _iris(triple) if (match := _SCHEME.match(iri))}
     return {prefix: namespace for prefix, namespace in prefixes.items() if prefix and prefix not in schemes}
 
@@ -55,7 +55,7 @@ class _Writer:
         if types:
             members["@type"] = _single([self._iri(value) for value in types])
         for predicate, values in properties.items():
-            # `@type` takes IRIs only; whatever else is said to be a type stays an ordinary property
+            # `@type` accepts IRIs only; other types are written as an ordinary property
             rest = [v for v in values if not isinstance(v, NamedNode)] if predicate == TYPE else values
             if rest:
                 members[self._iri(predicate)] = _single([self._value(value) for value in rest])
@@ -90,7 +90,7 @@ def _single(values: list[Any]) -> Any:
 
 
 def _native(lexical: str, datatype: str) -> str | int | float | bool | None:
-    """The JSON value that means exactly this literal, or None."""
+    """Return the JSON value that converts to exactly this literal, or None."""
     if datatype == XSD + "string":
         return lexical
     if datatype == XSD + "boolean" and lexical in ("true", "false"):
@@ -103,7 +103,7 @@ def _native(lexical: str, datatype: str) -> str | int | float | bool | None:
 
 
 def _native_double(lexical: str) -> float | None:
-    """A fraction whose canonical form (JSON-LD API, 8.6) is the lexical form; whole numbers would become integers."""
+    """Return a fraction whose canonical form (JSON-LD API, 8.6) is ``lexical``; whole numbers would become integers."""
     number = float(lexical)
     if not math.isfinite(number) or number.is_integer():
         return None

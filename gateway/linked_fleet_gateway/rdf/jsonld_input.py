@@ -1,7 +1,7 @@
-"""The context of a JSON-LD document from a client, checked before anything is expanded.
+"""Checks of the context of a JSON-LD document from a client, before it is expanded.
 
-A parser processes a scoped or nested context again at every use, so that a few kilobytes cost minutes. One flat context
-at the top of the document is processed once.
+A parser processes a scoped or nested context again at every use, so a few kilobytes could take minutes. A single flat
+context at the top of the document is processed once.
 """
 
 import json
@@ -14,7 +14,7 @@ from linked_fleet_gateway.rdf.parse_error import ParseError
 
 MAX_TERMS = 100
 MAX_TERM_CHARACTERS = 256
-# Each use of a term repeats all that its chain of prefixes expands to, so the sum of all definitions is bounded.
+# Each use of a term repeats the expansion of its chain of prefixes, so the sum of all definitions is bounded.
 MAX_CONTEXT_CHARACTERS = 8192
 _CONTEXT = "@context"
 _OF_CONTEXT = ("@base", "@direction", "@language", "@protected", "@version", "@vocab")
@@ -23,7 +23,7 @@ _OF_TERM = ("@container", "@direction", "@id", "@index", "@language", "@nest", "
 
 
 def check_jsonld(text: str, base: str, contexts: Mapping[str, dict[str, Any]], max_depth: int, max_values: int) -> str:
-    """The document with known contexts in place of their IRIs; ParseError for any context that is not accepted."""
+    """Return the document with known contexts inlined. Raises ParseError for a context that is not accepted."""
     document = load_json(text, max_depth, max_values)
     top = document[0] if isinstance(document, list) and len(document) == 1 else document
     _refuse_nested(top, contexts)
@@ -31,11 +31,11 @@ def check_jsonld(text: str, base: str, contexts: Mapping[str, dict[str, Any]], m
         return text
     if isinstance(context, dict):
         _check_inline(context, contexts)
-        return text  # the parser then sees, and reports positions of, exactly what the client sent
+        return text  # unchanged, so that the parser reports positions in the client's text
     merged = _merged(context if isinstance(context, list) else [context], base, contexts)
     try:
         return json.dumps({**top, _CONTEXT: merged}, allow_nan=False)
-    except ValueError as error:  # a number that no float holds
+    except ValueError as error:  # a number outside the range of float
         raise ParseError(f"unacceptable JSON: {error}") from error
 
 
@@ -45,7 +45,7 @@ def _accepted(contexts: Mapping[str, dict[str, Any]]) -> str:
 
 
 def _refuse_nested(top: Any, contexts: Mapping[str, dict[str, Any]]) -> None:
-    """Refuse every ``@context`` but that of the object at the top."""
+    """Refuse every ``@context`` except that of the top object."""
     level: list[Any] = list(top.values()) if isinstance(top, dict) else [top]
     if isinstance(top, dict) and _CONTEXT in top:
         level = [value for name, value in top.items() if name != _CONTEXT]
@@ -62,7 +62,7 @@ def _refuse_nested(top: Any, contexts: Mapping[str, dict[str, Any]]) -> None:
 
 
 def _merged(written: list[Any], base: str, contexts: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
-    """One context of at most one known by reference and one inline, which counts for more."""
+    """Merge at most one known context and one inline context, which takes precedence."""
     merged: dict[str, Any] = {}
     kinds = [type(each) for each in written]
     if any(kind not in (str, dict) for kind in kinds) or len(set(kinds)) != len(kinds):
@@ -102,7 +102,7 @@ def _check_inline(context: Mapping[str, Any], contexts: Mapping[str, dict[str, A
 
 
 def _check_definition(term: str, definition: Any, contexts: Mapping[str, dict[str, Any]]) -> int:
-    """The number of characters in a definition of plain values; ParseError for one that brings a context along."""
+    """Return the number of characters in a definition of plain values. Raises ParseError for a scoped context."""
     members = definition if isinstance(definition, dict) else {"@id": definition}
     if _CONTEXT in members or _CONTEXT in members.values():
         raise ParseError(f"a scoped @context ({term[:50]}) is not accepted; {_accepted(contexts)}")

@@ -1,8 +1,8 @@
-"""The errors of every parser of documents from clients."""
+"""Errors of the parsers of documents from clients."""
 
 
 class ParseError(Exception):
-    """A refused document. ``line`` and ``column`` count from 1; None where the syntax does not give them."""
+    """A refused document. ``line`` and ``column`` count from 1; None if the syntax does not give them."""
 
     def __init__(self, message: str, line: int | None = None, column: int | None = None) -> None:
         super().__init__(message)
@@ -10,4 +10,4 @@ class ParseError(Exception):
 
 
 class TooMuchError(ParseError):
-    """A document of more triples than are taken."""
+    """A document with more triples than the limit."""

@@ -1,6 +1,6 @@
-"""Documents from clients nobody vouches for: bounded, offline, and wrong in only one way, ``ParseError``.
+"""Parsers of untrusted RDF documents: bounded, offline, with ``ParseError`` as the only error.
 
-pyoxigraph's parsers do not recurse, but whoever walks the result may; so depth is bounded here, once.
+pyoxigraph's parsers do not recurse, but code that walks the result may, so depth is bounded here.
 """
 
 import re
@@ -20,7 +20,7 @@ __all__ = ["MAX_LENGTH", "PARSEABLE", "ParseError", "parse"]
 
 MAX_TRIPLES = 1000
 MAX_LENGTH = 4096
-_JSON_VALUES = 8  # of JSON-LD, for each triple that may be said
+_JSON_VALUES = 8  # JSON-LD values for each permitted triple
 _FORMATS = {
     "text/turtle": RdfFormat.TURTLE,
     "application/ld+json": RdfFormat.JSON_LD,
@@ -29,9 +29,9 @@ _FORMATS = {
 }
 PARSEABLE = tuple(_FORMATS)
 
-# RFC 3987 has room for U+00A0 and its like; rdflib's reader of N-Triples has not, and a person takes them for a space.
+# RFC 3987 allows U+00A0 and similar characters. rdflib's N-Triples parser refuses them, and they look like spaces.
 _SPACE = re.compile(r"\s")
-# Each is resolved against the one before or compared with all others: the time grows with the square of their number.
+# Each declaration is resolved against the previous one or compared with all others, so the time grows quadratically.
 _MOST_DECLARATIONS = 256
 _DECLARATIONS = {
     "text/turtle": (re.compile(r"(?<![\w:.-])@?base(?=[\s<#])", re.IGNORECASE), "base IRIs"),
@@ -49,9 +49,10 @@ def parse(
     max_depth: int = 32,
     lengths: Mapping[NamedNode, int] | None = None,
 ) -> list[Triple]:
-    """The default graph, with fresh blank nodes. ``contexts``: JSON-LD contexts known by IRI; none is fetched.
+    """Return the default graph, with fresh blank nodes. JSON-LD ``contexts`` are known by IRI; none is fetched.
 
-    ``lengths``: by predicate, the characters that its literals may have; all other terms have at most MAX_LENGTH.
+    ``lengths`` gives the maximum number of characters of literals by predicate; all other terms have at most
+    MAX_LENGTH. Raises ParseError.
     """
     if media_type not in _FORMATS:
         raise ParseError(f"no parser for {media_type}; there are {', '.join(PARSEABLE)}")
@@ -59,7 +60,7 @@ def parse(
     if media_type == "application/ld+json":
         text = check_jsonld(text, base, contexts or {}, max_depth, max_triples * _JSON_VALUES)
     elif media_type == "application/rdf+xml" and "<!ENTITY" in text:
-        # entities of entities grow exponentially before the first triple can be counted
+        # nested entities grow exponentially before the first triple can be counted
         raise ParseError("entity declarations are not accepted; write the characters themselves")
     _check_declarations(text, media_type)
     triples = _bounded(text, _FORMATS[media_type], base, max_triples, lengths or {})
@@ -88,7 +89,7 @@ def _bounded(
 ) -> list[Triple]:
     triples: list[Triple] = []
     try:
-        # fresh labels: `_:b0` of one document is not `_:b0` of another that it may be merged with
+        # fresh labels, because `_:b0` of another document is another node
         for quad in oxigraph_parse(text, syntax, base_iri=base, without_named_graphs=True, rename_blank_nodes=True):
             if len(triples) == max_triples:
                 raise TooMuchError(f"more than {max_triples} triples")
@@ -103,7 +104,7 @@ def _without_position(message: str) -> str:
 
 
 def _plain(triple: Triple, lengths: Mapping[NamedNode, int]) -> Triple:
-    """The triple itself when RDF 1.1 can say it and no term is oversized."""
+    """Return the triple if RDF 1.1 allows it and no term is too long. Raises ParseError."""
     value = triple.object
     if isinstance(triple.subject, Triple) or isinstance(value, Triple):
         raise ParseError("triple terms (RDF 1.2) are not accepted")
@@ -124,7 +125,7 @@ def _plain(triple: Triple, lengths: Mapping[NamedNode, int]) -> Triple:
 
 
 def _check_depth(triples: list[Triple], max_depth: int) -> None:
-    """Bound the longest path over blank nodes; the length of a list is no depth, a cycle counts all its nodes."""
+    """Bound the longest path over blank nodes. Lists count as one level; a cycle counts all its nodes."""
     edges: dict[BlankNode, list[tuple[BlankNode, int]]] = {}
     incoming: Counter[BlankNode] = Counter()
     depth: dict[BlankNode, int] = {}

@@ -1,4 +1,4 @@
-"""Triples to bytes in every RDF media type that the gateway offers; the way back is ``rdf.parsing``.
+"""Serialization of triples in every RDF media type that the gateway offers; ``rdf.parsing`` is the inverse.
 
 The same triples in the same order give the same bytes, so that an ETag can be the hash of the body.
 """
@@ -22,24 +22,25 @@ RDF_TYPES = (*TEXT_TYPES, JELLY)
 
 _T = TypeVar("_T", bound=Term)
 
-# RDF/XML, 5.1.2: a predicate, and the type that pyoxigraph makes an element of, must end in an XML name.
+# RDF/XML, 5.1.2: predicates, and types that pyoxigraph writes as elements, must end in an XML name.
 _XML_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]*$")
-# XML 1.0, 2.2 has no way to write these characters, not even as references.
+# XML 1.0, 2.2 cannot represent these characters, not even as references.
 _NO_XML = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]")
 
 
 class WriteError(ValueError):
-    """The syntax cannot say these triples; another one can."""
+    """The syntax cannot represent these triples; another one can."""
 
 
-class NothingYet(WriteError):  # noqa: N818 -- it is a state, not a defect
-    """There is nothing to be said, but there will be: no fault that anybody need hear of."""
+class NothingYet(WriteError):  # noqa: N818 -- a state, not a defect
+    """There is no content yet, but there will be. This is not reported as an error."""
 
 
 def render(triples: Sequence[Triple], media_type: str, prefixes: Mapping[str, str], *, base: str) -> bytes:
-    """The document in one of ``RDF_TYPES``; ValueError for any other, HTML too: ``extensions.pages`` writes it.
+    """Return the document in one of ``RDF_TYPES``. Raises ValueError for other types, such as HTML
+    (``extensions.pages``).
 
-    ``base`` is the IRI it is served under.
+    ``base`` is the IRI of the document.
     """
     match media_type:
         case "text/turtle":
@@ -58,7 +59,7 @@ def render(triples: Sequence[Triple], media_type: str, prefixes: Mapping[str, st
 
 
 def _relabelled(triples: Sequence[Triple]) -> list[Triple]:
-    """By subject, with blank nodes b0, b1, … in order of appearance: parsers and builders give random labels."""
+    """Group triples by subject and rename blank nodes b0, b1, … in order of appearance, for stable output."""
     outline = Outline(triples)
 
     def named(term: _T) -> BlankNode | _T:
@@ -73,9 +74,9 @@ def _relabelled(triples: Sequence[Triple]) -> list[Triple]:
 
 
 def _rdf_xml(triples: Sequence[Triple], prefixes: Mapping[str, str]) -> bytes:
-    """RDF/XML with the prefixes of its predicates; characters that XML cannot hold become U+FFFD.
+    """Write RDF/XML with the prefixes of its predicates; characters that XML cannot hold become U+FFFD.
 
-    WriteError for a predicate or type that has no XML name: the syntax cannot say it.
+    Raises WriteError for a predicate or type without an XML name.
     """
     names = turtle.Names({prefix: namespace for prefix, namespace in prefixes.items() if prefix != "rdf"})
     for triple in triples:
@@ -88,7 +89,7 @@ def _rdf_xml(triples: Sequence[Triple], prefixes: Mapping[str, str]) -> bytes:
 
 
 def _oxigraph(triples: Sequence[Triple], syntax: RdfFormat, prefixes: dict[str, str]) -> bytes:
-    # no base_iri: pyoxigraph would shorten prefixes to scheme-relative `//host`
+    # without base_iri, because pyoxigraph would shorten prefixes to scheme-relative `//host`
     return serialize(triples, format=syntax, prefixes=prefixes) or b""  # None only when it writes to a file
 
 

@@ -1,4 +1,4 @@
-"""A published shape at work on bodies: what it refuses, in a sentence and as a validation report."""
+"""Validation of request bodies with a published shape; violations as a sentence and as a validation report."""
 
 from collections.abc import Iterable, Sequence
 
@@ -8,17 +8,19 @@ from linked_fleet_gateway.rdf.graph import Node
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.shacl import Data, Violation, compile_shape, report
 
-_MOST_TOLD = 5  # the report has them all
+_MOST_TOLD = 5  # the report contains all of them
 
 
 class ShaclValidator:
-    """The shape ``shape`` among ``triples``. Unsupported, with the reason, for one that cannot be compiled."""
+    """Validates with ``shape`` among ``triples``. Raises Unsupported, with the reason, if it cannot be compiled."""
 
     def __init__(self, triples: Iterable[Triple], shape: Node) -> None:
         self._shape = compile_shape(triples, shape, PREFIXES)
 
     def report(self, body: Sequence[Triple], focus: Node) -> tuple[str, list[Triple]] | None:
-        """None for a body that conforms; else in one sentence what is wrong, and the validation report (SHACL, 3.6)."""
+        """Return None if the body conforms, else a sentence about the violations and the validation report (SHACL,
+        3.6).
+        """
         violations = self._shape.check(Data(body), focus)
         if not violations:
             return None
@@ -27,7 +29,7 @@ class ShaclValidator:
 
 
 def _direct(violations: Sequence[Violation]) -> list[Violation]:
-    """Without those that others explain: of two units, or an unknown one, no branch of an ``sh:or`` holds."""
+    """Drop violations that others explain: with two units, or an unknown one, no branch of an ``sh:or`` holds."""
     said = {(each.focus, each.path) for each in violations if not each.detail}
     return [each for each in violations if not any((inner.focus, inner.path) in said for inner in each.detail)]
 

@@ -1,4 +1,4 @@
-"""The Turtle of shapes/: vocabulary and blueprints, loaded once from the package that ships them."""
+"""Turtle files of shapes/: vocabulary and blueprints, loaded once from their package."""
 
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
@@ -17,7 +17,7 @@ Complete = Callable[[Graph, Node, NamedNode], None]
 
 @cache
 def load(name: str) -> dict[Node, list[Triple]]:
-    """The triples of shapes/NAME by subject, in the order of the file. No other file has its blank node labels."""
+    """Return the triples of shapes/NAME by subject, in file order. Blank node labels are unique to the file."""
     return _read((resources.files("linked_fleet_shapes") / name).read_text(encoding="utf-8"), name.removesuffix(".ttl"))
 
 
@@ -25,9 +25,9 @@ _added: dict[str, tuple[Path, ...]] = {}
 
 
 def add_to_folder(name: str, files: Iterable[Path]) -> bool:
-    """Have ``load_folder`` read these Turtle files too, in this process, instead of those that were added before.
+    """Make ``load_folder`` read these Turtle files too in this process, in place of files added earlier.
 
-    Return True if they are others than before.
+    Return True if the set of files has changed.
     """
     before, _added[name] = _added.get(name, ()), tuple(files)
     if _added[name] == before:
@@ -37,13 +37,13 @@ def add_to_folder(name: str, files: Iterable[Path]) -> bool:
 
 
 def added_to_folder(name: str) -> tuple[Path, ...]:
-    """The files that were added."""
+    """Return the added files."""
     return _added.get(name, ())
 
 
 @cache
 def load_folder(name: str) -> dict[Node, list[Triple]]:
-    """The triples of all files in the folder shapes/NAME and of those that were added, as if they were one."""
+    """Return the triples of all files in the folder shapes/NAME and of the added ones, parsed as one document."""
     own = [each for each in (resources.files("linked_fleet_shapes") / name).iterdir() if each.name.endswith(".ttl")]
     files: list[Traversable] = [*own, *added_to_folder(name)]
     text = "\n".join(each.read_text(encoding="utf-8") for each in sorted(files, key=lambda each: each.name))
@@ -51,7 +51,7 @@ def load_folder(name: str) -> dict[Node, list[Triple]]:
 
 
 def _read(text: str, prefix: str) -> dict[Node, list[Triple]]:
-    """``prefix`` begins all blank node labels, so that files can be merged into one document."""
+    """Parse with ``prefix`` before all blank node labels, so that files can be merged into one document."""
     labels: dict[str, BlankNode] = {}
 
     def rename(term: object) -> object:
@@ -67,7 +67,9 @@ def _read(text: str, prefix: str) -> dict[Node, list[Triple]]:
 
 
 def copy(graph: Graph, shapes: Mapping[Node, list[Triple]], start: Node, complete: Complete) -> BlankNode:
-    """Add a shape as one nest of blank nodes; ``complete`` adds to each what is for its ``lf:completedBy`` to say."""
+    """Copy a shape as nested blank nodes; ``complete`` adds the constraints that each node's ``lf:completedBy``
+    names.
+    """
     node = graph.blank()
     completions: list[NamedNode] = []
     for triple in shapes[start]:
@@ -85,7 +87,7 @@ def copy(graph: Graph, shapes: Mapping[Node, list[Triple]], start: Node, complet
 
 
 def closure(graph: Graph, start: NamedNode, name: str = "blueprints.ttl") -> None:
-    """Add ``start`` and all that it refers to in the file: a shape with everything needed to validate with it."""
+    """Add ``start`` and everything in the file that it refers to, so that the shape is complete."""
     by_subject = load(name)
     pending: list[Node] = [start]
     done: set[Node] = set()
@@ -97,7 +99,7 @@ def closure(graph: Graph, start: NamedNode, name: str = "blueprints.ttl") -> Non
         triples = by_subject.get(node, [])
         for triple in triples:
             graph.add(node, triple.predicate, triple.object)  # type: ignore[arg-type]
-        # Blank nodes first, so that a shape stands together before the shapes that it names.
+        # Blank nodes first, so that a shape is written in one place, before the shapes that it refers to.
         objects: list[Node] = [
             t.object for t in triples if isinstance(t.object, NamedNode | BlankNode) and t.object in by_subject
         ]
@@ -109,10 +111,10 @@ def closure(graph: Graph, start: NamedNode, name: str = "blueprints.ttl") -> Non
 
 
 def blueprint(graph: Graph, iri: NamedNode, owner: NamedNode, shapes: Iterable[NamedNode]) -> None:
-    """A blueprint (paper 5.1, R1.11): the SHACL shape that ``owner`` conforms to, as one document.
+    """Add a blueprint (paper 5.1, R1.11): the SHACL shape that ``owner`` conforms to, as one document.
 
-    The first shape is that of ``owner`` and names it as target: by its class alone, a graph without it would conform.
-    The others say what can be sent to it.
+    The first shape is that of ``owner`` and has it as target node: with a target class alone, a graph without ``owner``
+    would conform. The other shapes describe the bodies that can be sent to it.
     """
     shapes = list(shapes)
     graph.a(iri, LF.Blueprint)

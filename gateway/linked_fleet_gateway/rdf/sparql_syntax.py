@@ -1,7 +1,7 @@
-"""Checks of a query by its tokens, before anything parses it (SPARQL 1.1 Query Language, 19).
+"""Lexical checks of a query before it is parsed (SPARQL 1.1 Query Language, 19).
 
-Whole queries are parsed where they are evaluated, in a process that may be lost: some
-take the parser, or its planner, a minute or the stack. Here one pass finds what it is, its dataset and its variables.
+Queries are parsed and evaluated in a worker process, because some take the parser or planner a minute or overflow its
+stack. This one pass over tokens finds the query form, its dataset and its variables.
 """
 
 import re
@@ -15,13 +15,13 @@ from linked_fleet_gateway.base.errors import BadRequest, PayloadTooLarge
 MAX_QUERY_BYTES = 32 * 1024
 MAX_DEPTH = 64
 MAX_DECLARATIONS = 256
-"""BASE, PREFIX and FROM of one query: each is resolved against the one before."""
+"""Most BASE, PREFIX and FROM in one query: each is resolved against the previous one."""
 MAX_IRI = 2048
 FORMS = ("SELECT", "ASK", "CONSTRUCT", "DESCRIBE")
 _UPDATES = frozenset({"INSERT", "DELETE", "LOAD", "CLEAR", "CREATE", "DROP", "COPY", "MOVE", "ADD", "WITH"})
 
-# Strings are swallowed whole, closed or not, so that one pass over hostile input stays one pass. For the same reason
-# prefixes are looked for up to 64 characters.
+# Strings are consumed whole, closed or not, so that hostile input takes one pass. Prefixes are limited to 64 characters
+# for the same reason.
 _TOKEN = re.compile(
     r"""(?P<space>[\x20\t\r\n]+|\#[^\r\n]*+)
     |(?P<iri><(?:[^<>"{}|^`\\\x00-\x20]|\\u[0-9A-Fa-f]{4}|\\U[0-9A-Fa-f]{8})*+>)
@@ -48,36 +48,36 @@ class Token(NamedTuple):
 
     @property
     def word(self) -> str:
-        """A keyword in capitals; empty for anything else."""
+        """The token as a keyword in capitals; empty for other tokens."""
         return self.text.upper() if self.kind == "word" else ""
 
 
 @dataclass(frozen=True)
 class Dataset:
-    """IRIs of the graphs that a query is asked of (SPARQL 1.1, 13.2); both None: of all that there is."""
+    """IRIs of the graphs of a query (SPARQL 1.1, 13.2); if both are None, the query is over all graphs."""
 
     default: tuple[str, ...] | None = None
     named: tuple[str, ...] | None = None
 
     @classmethod
     def of(cls, default: tuple[str, ...], named: tuple[str, ...]) -> "Dataset":
-        """The default graph and named graphs of a query; where either is said, what is not said is empty."""
+        """Return the dataset; if either part is given, the other is empty."""
         return cls(default, named) if default or named else cls()
 
 
 @dataclass(frozen=True)
 class Query:
-    """A query that may be evaluated: its text, which of ``FORMS`` it has, and the dataset that it says."""
+    """A query that may be evaluated: text, form (one of ``FORMS``) and dataset."""
 
     text: str
     form: str
     dataset: Dataset
     words: frozenset[str]
-    """The local parts of the names and IRIs in it, by which is known what it can call."""
+    """Local parts of the names and IRIs in the query, which tell the functions that it can call."""
 
 
 def read(text: str, base: str) -> Query:
-    """The query; PayloadTooLarge or BadRequest for one that nobody evaluates here. ``base``: of relative IRIs."""
+    """Check a query and return it. Raises PayloadTooLarge or BadRequest. ``base`` resolves relative IRIs."""
     tokens = tokens_of(text)
     first = next((each.word for each in tokens if each.word not in ("", "PREFIX", "BASE", "VERSION")), "")
     if first in _UPDATES:
@@ -92,10 +92,10 @@ def read(text: str, base: str) -> Query:
 
 
 def check_select(query: str) -> list[str]:
-    """The variables of a SELECT query, without question marks, in their order; BadRequest, PayloadTooLarge.
+    """Return the variables of a SELECT query in order, without question marks. Raises BadRequest, PayloadTooLarge.
 
-    They must be named: what ``*`` stands for is known only once it is parsed. That the rest of the query is SPARQL is
-    found by ``Queries.check``, in a process that may be lost.
+    Variables must be named, because ``*`` is resolved only by the parser. ``Queries.check`` finds other syntax errors
+    in a worker process.
     """
     found = read(query, "http://localhost/")
     if found.form != "SELECT":
@@ -111,8 +111,11 @@ def check_select(query: str) -> list[str]:
 
 
 def bound_to(query: str, variable: str, base: str) -> list[str]:
-    """The IRIs that a query itself binds to a variable, by ``<iri> AS ?variable`` or VALUES; ``base``: of relative
-    ones. What a pattern or a function binds is known only once it is evaluated."""
+    """Return the IRIs that a query binds to a variable by ``<iri> AS ?variable`` or VALUES; ``base`` resolves relative
+    IRIs.
+
+    Bindings by patterns or functions are known only after evaluation.
+    """
     tokens = tokens_of(query)
     base, prefixes = _declared(tokens, base)
     found = []
@@ -127,7 +130,7 @@ def bound_to(query: str, variable: str, base: str) -> list[str]:
 
 
 def _listed(tokens: list[Token], variable: str) -> Iterator[Token]:
-    """Yield the IRIs that the data block at the start of ``tokens`` lists for the variable."""
+    """Yield the IRIs for the variable in the data block at the start of ``tokens``."""
     start = next((index for index, each in enumerate(tokens) if each.text == "{"), len(tokens))
     names = [each.text[1:] for each in tokens[:start] if each.kind == "variable"]
     column = 0
@@ -143,13 +146,13 @@ def _listed(tokens: list[Token], variable: str) -> Iterator[Token]:
 
 
 def refusal(detail: str, text: str, token: Token) -> BadRequest:
-    """With line and column of the token, from 1."""
+    """Return an error with line and column of the token, from 1."""
     before = text[: token.start]
     return BadRequest(detail, line=before.count("\n") + 1, column=token.start - before.rfind("\n"))
 
 
 def tokens_of(text: str) -> list[Token]:
-    """All but white space and comments; bounded in length and nesting."""
+    """Return all tokens except white space and comments; bounded in length and nesting."""
     if len(text.encode("utf-8", "surrogatepass")) > MAX_QUERY_BYTES:
         raise PayloadTooLarge(f"The query has more than {MAX_QUERY_BYTES} bytes.")
     if _NO_TEXT.search(text):
@@ -169,7 +172,7 @@ def tokens_of(text: str) -> list[Token]:
 
 
 def _projected(tokens: list[Token]) -> Iterator[str]:
-    """Up to where the pattern or the dataset begins: variables, and what expressions are called."""
+    """Yield the selected variables and aliases up to the start of the pattern or dataset."""
     depth = 0
     for index, each in enumerate(tokens):
         if depth == 0 and (each.word in ("WHERE", "FROM") or each.text == "{"):
@@ -193,7 +196,7 @@ def _dataset(text: str, tokens: list[Token], base: str) -> Dataset:
 
 
 def _declared(tokens: list[Token], base: str) -> tuple[str, dict[str, str]]:
-    """The IRI that relative ones are resolved against, and the namespaces by prefix; PayloadTooLarge."""
+    """Return the base IRI and the namespaces by prefix. Raises PayloadTooLarge."""
     if sum(each.word in ("BASE", "PREFIX", "FROM") for each in tokens) > MAX_DECLARATIONS:
         raise PayloadTooLarge(f"The query has more than {MAX_DECLARATIONS} of BASE, PREFIX and FROM.")
     prefixes: dict[str, str] = {}

@@ -1,7 +1,7 @@
-"""SPARQL updates of one small graph (SPARQL 1.1 Update, 3.1): triples put in, taken out, and found by their patterns.
+"""SPARQL updates of one small graph (SPARQL 1.1 Update, 3.1).
 
-What is taken of the language are ``INSERT DATA``, ``DELETE DATA``, ``DELETE WHERE`` and ``DELETE … INSERT … WHERE``
-with patterns of triples alone. It is evaluated here, because every step is counted: the event loop waits meanwhile.
+Supported are ``INSERT DATA``, ``DELETE DATA``, ``DELETE WHERE`` and ``DELETE … INSERT … WHERE`` with triple patterns
+only. Updates run on the event loop, so every step counts towards a limit.
 """
 
 import secrets
@@ -15,18 +15,18 @@ from linked_fleet_gateway.rdf.parsing import ParseError, parse
 from linked_fleet_gateway.rdf.sparql_syntax import Token, refusal, tokens_of
 
 MAX_STEPS = 5_000
-"""Comparisons of a pattern with a triple, and triples that templates make."""
+"""Most comparisons of a pattern with a triple and triples built from templates."""
 MAX_TRIPLES = 1_000
 MAX_OPERATIONS = 16
 MAX_PROLOGUE = 4_096
-"""Characters of prefixes, which are read again with each block."""
-_WORDS = ("a", "true", "false")  # that Turtle has too
+"""Most characters of prefixes, which are parsed again with each block."""
+_WORDS = ("a", "true", "false")  # keywords shared with Turtle
 _DIRECTIVES = ("@prefix", "@base", "@version")
 
 
 @dataclass(frozen=True)
 class Variable:
-    """A variable, or a blank node of a pattern, which stands for anything too."""
+    """A variable, or a blank node of a pattern, which matches anything too."""
 
     name: str
 
@@ -38,7 +38,7 @@ Row = Mapping[Term, Term]
 
 @dataclass(frozen=True)
 class Operation:
-    """For each way to find ``where`` in the graph: ``delete`` goes, and then ``insert`` comes."""
+    """For each solution of ``where`` in the graph: remove ``delete``, then add ``insert``."""
 
     delete: Sequence[Pattern] = ()
     insert: Sequence[Pattern] = ()
@@ -46,12 +46,18 @@ class Operation:
 
 
 def read_update(text: str, base: str) -> list[Operation]:
-    """The operations in their order; BadRequest for any other update, PayloadTooLarge. ``base``: of relative IRIs."""
+    """Return the operations in order.
+
+    Raises BadRequest for unsupported updates, PayloadTooLarge. ``base``: for relative IRIs.
+    """
     return _Reader(text, base).operations()
 
 
 def updated(triples: Sequence[Triple], operations: Iterable[Operation]) -> list[Triple]:
-    """The graph after the operations, in the order of before; UnprocessableContent when that takes too long."""
+    """Return the graph after the operations, in stable order.
+
+    Raises UnprocessableContent if that takes too many steps.
+    """
     graph = dict.fromkeys(triples)
     budget = _Budget()
     for operation in operations:
@@ -102,7 +108,7 @@ def _match(pattern: Pattern, fact: Pattern, row: Row) -> Row | None:
 
 
 def _made(template: Sequence[Pattern], row: Row, budget: _Budget) -> list[Triple]:
-    """The triples of a template, with blank nodes of their own."""
+    """Return the triples of a template, with fresh blank nodes."""
     budget.spend(len(template))
     fresh: dict[Term, BlankNode] = {}
     return [Triple(*(_term(each, row, fresh) for each in pattern)) for pattern in template if _is_triple(pattern, row)]  # type: ignore[arg-type]
@@ -124,7 +130,7 @@ def _is_triple(pattern: Pattern, row: Row) -> bool:
 
 
 class _Reader:
-    """One pass over the tokens; the triples of a block are parsed as Turtle, with IRIs for the variables."""
+    """A one-pass parser. The triples of a block are parsed as Turtle, with placeholder IRIs for variables."""
 
     def __init__(self, text: str, base: str) -> None:
         self._text, self._base = text, base

@@ -1,4 +1,4 @@
-"""A Turtle writer: the same triples in the same order give the same bytes, nested as a person would write them.
+"""A Turtle writer. The same triples in the same order give the same bytes, nested as a person would write them.
 
 RDF 1.1 Turtle, sections 2.4 (relative IRIs), 2.5 (literals), 2.7 (nesting), 2.8 (lists), 6.5 (grammar).
 """
@@ -12,7 +12,7 @@ from linked_fleet_gateway.rdf import vocabulary as vocab
 from linked_fleet_gateway.rdf.turtle_layout import TYPE, Outline, Properties, Subject, Term
 
 XSD = vocab.XSD.iri
-# Narrower than PN_LOCAL: what it leaves out (escapes, ':', letters beyond ASCII) stays a full IRI, always right.
+# Narrower than PN_LOCAL: IRIs with escapes, ':' or non-ASCII letters are written in full.
 _LOCAL_NAME = re.compile(r"(?:[A-Za-z0-9_](?:[A-Za-z0-9_.-]*[A-Za-z0-9_-])?)?")
 _BARE = {
     XSD + "integer": re.compile(r"[+-]?[0-9]+"),
@@ -25,7 +25,7 @@ _ESCAPES = {code: f"\\u{code:04X}" for code in (*range(0x20), 0x7F)}
 _ESCAPES |= {ord(k): v for k, v in {'"': '\\"', "\\": "\\\\", "\n": "\\n", "\r": "\\r", "\t": "\\t"}.items()}
 _IRI_ESCAPES = {code: f"\\u{code:04X}" for code in (*range(0x21), *map(ord, '<>"{}|^`\\'))}
 _HIERARCHICAL = re.compile(r"(https?://[^/?#]+)(/[^?#]*)?", re.IGNORECASE)
-# RFC 3986, 4.2 and 5.2.4: no scheme look-alike, no network path, no dot segment, so that merging is concatenation.
+# RFC 3986, 4.2 and 5.2.4: no scheme, network path or dot segment, so that resolution is concatenation.
 _PLAIN_PATH = re.compile(
     r"(?!\.{1,2}(?:[/?#]|$))[\w.~%!$&'()*+,;=@-]+(?:/(?!\.{1,2}(?:[/?#]|$))[\w.~%!$&'()*+,;=:@-]*)*", re.A
 )
@@ -33,7 +33,7 @@ _TAIL = re.compile(r"(?:\?[\w.~%!$&'()*+,;=:@/?-]*)?(?:#[\w.~%!$&'()*+,;=:@/?-]*
 
 
 class Names:
-    """Shortens IRIs and remembers which prefixes, and whether the base, were needed."""
+    """Shortens IRIs and records the prefixes used, and if the base was."""
 
     def __init__(self, prefixes: Mapping[str, str], base: str = "") -> None:
         self.used: dict[str, str] = {}
@@ -50,14 +50,14 @@ class Names:
         return f"{prefix}:{iri[cut:]}"
 
     def relative(self, iri: str) -> str | None:
-        """The reference that RFC 3986, 5.2 resolves to exactly this IRI, when that needs no thought."""
+        """Return a reference that resolves to exactly this IRI (RFC 3986, 5.2), in the simple cases only."""
         reference = _relative(iri, self.base, self._folder) if self._folder else None
         self.base_used = self.base_used or reference is not None
         return reference
 
 
 def _split(base: str) -> tuple[str, str]:
-    """The base, with at least a root path, and the folder that relative references start in; empty when unusable."""
+    """Return the base, with at least a root path, and its folder for relative references; empty if unusable."""
     match = _HIERARCHICAL.fullmatch(base)
     if match is None or "/." in base or base.translate(_IRI_ESCAPES) != base:
         return "", ""
@@ -66,7 +66,7 @@ def _split(base: str) -> tuple[str, str]:
 
 
 def _relative(iri: str, base: str, folder: str) -> str | None:
-    # A query alone is a reference too, but one that rdflib takes to stand below the folder.
+    # A bare query is a valid reference too, but rdflib resolves it below the folder.
     if iri.startswith(base) and not iri.startswith("?", len(base)) and _TAIL.fullmatch(iri, len(base)):
         return iri[len(base) :]
     if not iri.startswith(folder):
@@ -78,7 +78,7 @@ def _relative(iri: str, base: str, folder: str) -> str | None:
 
 
 def write(triples: Sequence[Triple], prefixes: Mapping[str, str], base: str) -> str:
-    """The document, with exactly the ``@prefix`` and ``@base`` lines that it needs."""
+    """Return the document with exactly the ``@prefix`` and ``@base`` lines that it needs."""
     writer = _Writer(Outline(triples), Names(prefixes, base))
     blocks = [writer.block(subject) for subject in writer.outline.headings]
     head = [f"@base <{writer.names.base}> .\n"] if writer.names.base_used else []
@@ -97,7 +97,7 @@ class _Writer:
         return f"{name} {self._predicates(self.outline.properties[subject], '    ')} .\n"
 
     def _predicates(self, properties: Properties, indent: str) -> str:
-        """Predicates one a line, rdf:type first."""
+        """Write one predicate per line, rdf:type first."""
         types = {TYPE: properties[TYPE]} if TYPE in properties else {}
         lines = [
             f"{'a' if predicate == TYPE else self.iri(predicate)} {', '.join(self.term(v, indent) for v in values)}"

@@ -1,6 +1,6 @@
-"""The shape of a document before it is written: who is a heading, who nests inside, what is a list.
+"""The layout of a document: top-level subjects, nested nodes and lists.
 
-Turtle and JSON-LD share it. All walks are iterative, so no graph, however deep or cyclic, exhausts the stack.
+Turtle and JSON-LD share it. All walks are iterative, so that no graph, however deep or cyclic, overflows the stack.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ Properties = dict[NamedNode, list[Term]]
 
 
 class Outline:
-    """Subjects in order of appearance; blank nodes with exactly one reference nest where they are referred to."""
+    """Subjects in order of appearance. Blank nodes with exactly one reference are nested at that reference."""
 
     def __init__(self, triples: Sequence[Triple]) -> None:
         self.properties: dict[Subject, Properties] = {}
@@ -39,18 +39,18 @@ class Outline:
             self.references.setdefault(value, []).append((subject, predicate))
 
     def label(self, node: BlankNode) -> str:
-        """``b0``, ``b1``, … in order of first use in the document."""
+        """Return ``b0``, ``b1``, … in order of first use in the document."""
         return self._labels.setdefault(node, f"b{len(self._labels)}")
 
     def is_nested(self, node: Term) -> bool:
         return isinstance(node, BlankNode) and node in self._nested
 
     def is_anonymous(self, node: Subject) -> bool:
-        """Return True if nobody refers to the node, so that it needs no label."""
+        """Return True if nothing refers to the node, so that it needs no label."""
         return isinstance(node, BlankNode) and node not in self.references
 
     def list_items(self, node: Term) -> list[Term] | None:
-        """The items when the node is rdf:nil or the head of a well-formed list that nests here, else None."""
+        """Return the items if the node is rdf:nil or the head of a well-formed nested list, else None."""
         if not (node == NIL or (self.is_nested(node) and node in self._cells)):
             return None
         items = []
@@ -61,7 +61,7 @@ class Outline:
         return items
 
     def _list_cells(self) -> set[Subject]:
-        """Cells from which rdf:rest leads to rdf:nil over cells that have one reference and nothing to say besides."""
+        """Return cells from which rdf:rest leads to rdf:nil over cells with one reference and no other statements."""
         cells: set[Subject] = set()
         for subject, properties in self.properties.items():
             if properties.get(REST) != [NIL]:
@@ -84,7 +84,10 @@ class Outline:
         )
 
     def _arrange(self) -> list[Subject]:
-        """Decide who nests, and list the rest; a cycle is cut at its first subject, an abyss at MAX_NESTING."""
+        """Select nested nodes and return the top-level subjects.
+
+        Cycles are cut at their first subject, depth at MAX_NESTING.
+        """
         headings: dict[Subject, None] = {}
         for subject in self.properties:
             if not (isinstance(subject, BlankNode) and len(self.references.get(subject, ())) == 1):

@@ -1,4 +1,4 @@
-"""Units: the IRIs that are emitted and understood for each, and its size in SI."""
+"""Units: their IRIs for output, the IRIs accepted in input, and their size in SI."""
 
 import math
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from linked_fleet_gateway.rdf.vocabulary import MATHS, UNIT, VOM
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit as it is emitted (vom:unit, qudt:unit), every IRI that is understood for it, and its size in SI."""
+    """A unit: its IRIs for output (vom:unit, qudt:unit), all accepted IRIs, and its size in SI."""
 
     vom: NamedNode
     qudt: NamedNode
@@ -37,7 +37,7 @@ NEWTON_METRE_SECOND_PER_RADIAN, NEWTON_SECOND_PER_METRE = _qudt("N-M-SEC-PER-RAD
 
 @dataclass(frozen=True)
 class Dimension:
-    """The differences between turning and sliding joints."""
+    """Units that differ between revolute and prismatic joints."""
 
     position: Unit
     velocity: Unit
@@ -63,7 +63,7 @@ LINEAR = Dimension(
     (MILLIMETRE, METRE),
     (MILLIMETRE_PER_SECOND, METRE_PER_SECOND),
 )
-# What bodies of requests may state, by every IRI that is understood.
+# Units accepted in request bodies, by IRI.
 UNITS: dict[NamedNode, Unit] = {
     iri: unit
     for unit in (*ANGULAR.accepted, *LINEAR.accepted, *ANGULAR.speeds, *LINEAR.speeds, UNITLESS)

@@ -1,4 +1,4 @@
-"""Triples of a body that its reader does not use: a write refuses them, because it would lose them (LDP 4.2.4.4)."""
+"""Triples of a body that its reader does not use. A write refuses them, because it would lose them (LDP 4.2.4.4)."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,31 +18,31 @@ _LONGEST_IRI, _LONGEST_LITERAL = 200, 32
 
 @dataclass
 class Terms:
-    """The predicates and types that may stand at a node, and by predicate what may stand at the nodes it leads to."""
+    """The predicates and types allowed at a node and, by predicate, those allowed at the nodes it leads to."""
 
     inner: dict[NamedNode, "Terms"] = field(default_factory=dict)
     types: set[Term] = field(default_factory=set)
 
     @property
     def speaks(self) -> bool:
-        """Return True if any predicate or type may stand at such a node."""
+        """Return True if any predicate or type is allowed at such a node."""
         return bool(self.inner or self.types)
 
     @classmethod
     def of(cls, shapes: Mapping[Node, Sequence[Triple]], *of: Node) -> Self:
-        """All that the shapes ``of`` speak of, among ``shapes``, which do not refer to themselves."""
+        """Return all terms of the shapes ``of``, among ``shapes``, which are not recursive."""
         found = cls()
         for each in of:
             _Reader(shapes).add(found, each)
         return found
 
     def also(self, *predicates: NamedNode, types: Iterable[Term] = ()) -> Self:
-        """The same terms with these at the first node besides."""
+        """Return these terms with additional predicates and types at the first node."""
         return type(self)(self.inner | {each: Terms() for each in predicates}, self.types.union(types))
 
 
 class _Reader:
-    """From the triples of shapes to the terms in them."""
+    """Collects terms from the triples of shapes."""
 
     def __init__(self, shapes: Mapping[Node, Sequence[Triple]]) -> None:
         self._shapes = shapes
@@ -67,7 +67,7 @@ class _Reader:
                 self.add(terms.inner.setdefault(path, Terms()), shape)
 
     def _paths(self, shape: Node) -> list[NamedNode]:
-        """The predicate, or each of the alternatives."""
+        """Return the predicate of the path, or each of its alternatives."""
         paths = [value for predicate, value in self._stated(shape) if predicate == SH.path]
         ways = [value for path in paths for predicate, value in self._stated(path) if predicate == SH.alternativePath]
         found = [*paths, *(each for way in ways for each in self._items(way))]
@@ -95,9 +95,9 @@ class _Reader:
 
 
 def unused(body: Sequence[Triple], focus: Node, terms: Terms, present: frozenset[Triple] = frozenset()) -> list[Triple]:
-    """The triples that are neither about ``focus`` in these terms nor in ``present``."""
+    """Return the triples that are neither about ``focus`` in these terms nor in ``present``."""
     by_subject = subjects(body)
-    used: set[int] = set()  # by identity: to hash a triple takes longer than all the rest
+    used: set[int] = set()  # by identity, because hashing a triple takes longer than the rest of the loop
     pending, done = [(focus, terms)], set[tuple[Node, int]]()
     while pending:
         node, known = pending.pop()
@@ -119,7 +119,7 @@ def unused(body: Sequence[Triple], focus: Node, terms: Terms, present: frozenset
 
 
 def _goes_without_saying(predicate: object, value: object, known: Terms, about: Sequence[Triple], first: bool) -> bool:
-    """A type that the node has anyway, or its unit, which is said already, in the words of QUDT."""
+    """Return True for a type that the node has anyway, or a QUDT unit equal to the stated one."""
     if predicate == RDF.type:
         return value in known.types or (first and value in TYPES_OF_ALL)
     if predicate != QUDT.unit or VOM.unit not in known.inner or value not in UNITS:
@@ -129,9 +129,9 @@ def _goes_without_saying(predicate: object, value: object, known: Terms, about: 
 
 
 def renamed(triples: Iterable[Triple], node: Node, name: Node) -> list[Triple]:
-    """Return the triples with ``node`` called ``name`` wherever it is a subject or an object.
+    """Replace ``node`` by ``name`` where it is a subject or an object.
 
-    A node may be a predicate as well. It keeps its name there: predicates are no nodes, and cannot be blank.
+    Predicates are left alone: they are not nodes and cannot be blank.
     """
 
     def called(term: object) -> Any:
@@ -141,7 +141,7 @@ def renamed(triples: Iterable[Triple], node: Node, name: Node) -> list[Triple]:
 
 
 def subjects(triples: Iterable[Triple]) -> dict[Node, list[Triple]]:
-    """The triples by subject."""
+    """Return the triples by subject."""
     found: dict[Node, list[Triple]] = {}
     for triple in triples:
         found.setdefault(triple.subject, []).append(triple)  # type: ignore[arg-type]
@@ -161,12 +161,12 @@ def reachable(body: Iterable[Triple], focus: Node) -> list[Triple]:
 
 
 def shown(description: Graph) -> frozenset[Triple]:
-    """The triples of a description that can come back as they are: those without blank nodes."""
+    """Return the triples of a description that a client can send back unchanged: those without blank nodes."""
     return frozenset(t for t in description.triples if not any(isinstance(term, BlankNode) for term in t))
 
 
 def refuse(left: Sequence[Triple], constraint: str, why: str = "Nothing here uses") -> None:
-    """UnprocessableContent that names what is ``left`` of a body; nothing happens when nothing is."""
+    """Raise UnprocessableContent that names the triples ``left`` of a body, unless there are none."""
     if not left:
         return
     named = [f"{_term(t.subject)} {_term(t.predicate)} {_term(t.object)} ." for t in left[:_MOST_NAMED]]
@@ -176,7 +176,7 @@ def refuse(left: Sequence[Triple], constraint: str, why: str = "Nothing here use
 
 
 def _term(term: object) -> str:
-    """Write a term as in N-Triples, bounded. A long literal is cut, because it may be a secret."""
+    """Return a term as in N-Triples, shortened. Long literals are cut because they may be secrets."""
     if isinstance(term, Literal):
         text = term.value if len(term.value) <= _LONGEST_LITERAL else term.value[: _LONGEST_LITERAL // 4] + "…"
         return str(Literal(text))

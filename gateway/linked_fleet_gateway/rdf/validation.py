@@ -1,4 +1,4 @@
-"""Bodies from clients, as far as no shape judges them: their root, and what numbers and predicates look like."""
+"""Checks of request bodies that shapes do not cover: the root node, and lexical forms of numbers and predicates."""
 
 import math
 import re
@@ -10,8 +10,8 @@ from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.rdf.graph import Node
 from linked_fleet_gateway.rdf.vocabulary import NUMERIC, XSD
 
-# The lexical spaces of XML Schema 2, 3.2 and 3.3 (RDF 1.1 Concepts, 5.1), without the white space that only XML
-# collapses. Python's float takes more, such as 1_0.
+# The lexical spaces of XML Schema 2, 3.2 and 3.3 (RDF 1.1 Concepts, 5.1), without white space, which only XML
+# collapses. Python's float accepts more, such as 1_0.
 _INTEGER = re.compile(r"[+-]?[0-9]+")
 _DECIMAL = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)")
 _FLOAT = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
@@ -20,7 +20,7 @@ _XML_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]*\Z")
 
 
 def root(body: Sequence[Triple], request: NamedNode) -> Node:
-    """``<>``, else the only subject that is nobody's object (DESIGN: "body of an action")."""
+    """Return ``<>``, else the only subject that is not an object (DESIGN: "body of an action")."""
     subjects = dict.fromkeys(t.subject for t in body)
     if request in subjects:
         return request
@@ -37,7 +37,7 @@ def root(body: Sequence[Triple], request: NamedNode) -> Node:
 
 
 def check_writable(triples: Sequence[Triple], constraint: str) -> None:
-    """UnprocessableContent for a predicate that RDF/XML has no name for: who reads that could not read it back."""
+    """Raise UnprocessableContent for a predicate without an XML name, which could not be read as RDF/XML."""
     unwritable = [t.predicate.value for t in triples if not _XML_NAME.search(t.predicate.value)]
     if unwritable:
         raise UnprocessableContent(

@@ -1,8 +1,8 @@
-"""Every IRI of a vocabulary that the gateway emits or understands, spelt here and nowhere else.
+"""Every vocabulary IRI that the gateway emits or understands, spelt here and nowhere else.
 
-The namespaces are closed: a term that is not listed is an AttributeError, so a typo cannot become data.
-Terms of ``ros`` and ``hybrit`` are those of the paper and its authors' implementation; what no vocabulary has is
-``lf`` and described in shapes/linked_fleet_shapes/vocabulary.ttl.
+The namespaces are closed: a term that is not listed raises AttributeError, so that a typo cannot become data. Terms of
+``ros`` and ``hybrit`` are those of the paper and its authors' implementation. Terms missing from all vocabularies are
+in ``lf`` and described in shapes/linked_fleet_shapes/vocabulary.ttl.
 """
 
 from linked_fleet_gateway.shacl.terms import Namespace
@@ -21,7 +21,7 @@ NUMERIC = (
     XSD.nonNegativeInteger, XSD.positiveInteger, XSD.nonPositiveInteger, XSD.negativeInteger,
     XSD.unsignedLong, XSD.unsignedInt, XSD.unsignedShort, XSD.unsignedByte,
 )  # fmt: skip
-"""The types of numbers that bodies may use: 43.6 is a decimal in Turtle, a double in JSON-LD."""
+"""Datatypes of numbers accepted in bodies: 43.6 is a decimal in Turtle, a double in JSON-LD."""
 DCTERMS = Namespace("http://purl.org/dc/terms/", "title description identifier hasPart isPartOf format created")
 LDP = Namespace(
     "http://www.w3.org/ns/ldp#",
