@@ -1,16 +1,16 @@
-"""SHACL shapes as Python: what pySHACL finds in milliseconds, found in microseconds.
+"""A SHACL compiler: validates in microseconds with results equal to pySHACL, which takes milliseconds.
 
-``compile_shape`` makes a shape that judges the node it is given, ``compile_graph`` all shapes of a graph that have
-targets. Both raise Unsupported with the reason at whatever they do not know, and pass over nothing.
+``compile_shape`` compiles a shape for a given focus node, ``compile_graph`` all shapes of a graph that have targets.
+Both raise Unsupported with the reason for any unknown construct; none is ignored.
 
-Claimed of SHACL Core: targets, paths, severities, deactivated shapes and all components but those refused, as the
-suite of the W3C has them (CONFORMANCE.md). Refused: ``sh:lessThan``, ``sh:lessThanOrEquals``, siblings that are
-disjoint, inverses of paths that are no predicates, shapes that refer to themselves, datatypes whose lexical space is
-not known here, limits that are no numbers, blank nodes as values, flags of patterns other than ``i``, entailment,
-SPARQL, and components of one's own. Patterns are those of Python, as in pySHACL.
+Supported of SHACL Core: targets, paths, severities, deactivated shapes and all components but those refused, as tested
+by the W3C suite (CONFORMANCE.md). Refused: ``sh:lessThan``, ``sh:lessThanOrEquals``,
+``sh:qualifiedValueShapesDisjoint``, inverses of complex paths, recursive shapes, datatypes whose lexical space is
+unknown here, limits that are not numbers, blank nodes as values, pattern flags other than ``i``, entailment, SPARQL,
+and custom components. Patterns have Python's syntax, as in pySHACL.
 
-What is found is bounded (``check.MOST``), and so is the time: the data may be a stranger's, the shapes may not.
-The package knows pyoxigraph and nothing of the gateway.
+The number of results is bounded (``check.MOST``), and so is the time: data may be untrusted, shapes are trusted. The
+package depends on pyoxigraph and not on the gateway.
 """
 
 from linked_fleet_gateway.shacl.check import CompiledGraph, CompiledShape

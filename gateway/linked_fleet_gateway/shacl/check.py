@@ -1,7 +1,6 @@
-"""A compiled shape at work: first whether a node conforms, as fast as it can be said; only if not, why.
+"""Execution of a compiled shape: first a fast test of conformance, and only on failure the violations.
 
-Both are bounded whatever the data say: a node that many ways lead to is judged once, a report ends after MOST
-violations.
+Both are bounded for any data: a node reached by many paths is checked once, and a report ends after MOST violations.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -14,7 +13,7 @@ from linked_fleet_gateway.shacl.data import Data, Reach
 from linked_fleet_gateway.shacl.report import Violation, Words, brief
 from linked_fleet_gateway.shacl.terms import SHACL, Node, Term
 
-MOST = 25  # violations in a report; whoever sent more is not helped by a longer one
+MOST = 25  # violations in a report; more would not help its reader
 _MOST_DETAILS = 50
 
 Values = Sequence[Term]
@@ -24,7 +23,7 @@ _DISCRIMINATORS = (SHACL.HasValueConstraintComponent, SHACL.InConstraintComponen
 
 @dataclass
 class Run:
-    """The explanation of one refusal: how many details it may still take, and what is already explained."""
+    """The explanation of one refusal: its remaining number of details, and the explanations found so far."""
 
     words: Words
     room: int = _MOST_DETAILS
@@ -38,7 +37,7 @@ class Run:
 
 @dataclass(frozen=True, eq=False)
 class Count:
-    """A constraint on all the value nodes of a shape together."""
+    """A constraint on all value nodes of a shape together."""
 
     component: NamedNode
     expected: str
@@ -47,9 +46,9 @@ class Count:
 
 @dataclass(frozen=True, eq=False)
 class Relation:
-    """A constraint on what a focus node and the value nodes have to do with each other or with the data around them.
+    """A constraint on the relation of a focus node to its value nodes or to the surrounding data.
 
-    ``breaches`` yields the predicate and the value at fault, None for the path of the shape and for no value.
+    ``breaches`` yields the predicate and the value at fault; None stands for the path of the shape and for no value.
     """
 
     component: NamedNode
@@ -62,7 +61,7 @@ class Relation:
 
 @dataclass(frozen=True, eq=False)
 class Constraint:
-    """A constraint on each value node; ``inner`` are the shapes whose violations explain it."""
+    """A constraint on each value node; violations of the ``inner`` shapes explain it."""
 
     component: NamedNode
     expected: str
@@ -70,7 +69,7 @@ class Constraint:
     inner: tuple["Shape", ...] = ()
 
     def explain(self, data: Data, value: Term, run: Run) -> tuple[str, tuple[Violation, ...]]:
-        """The condition that does not hold, and the violations of the inner shapes."""
+        """Return the violated condition as text, and the violations of the inner shapes."""
         detail = tuple(found for shape in self.inner for found in run.detail(shape, data, value))
         told = "; ".join(found.message for found in detail)
         return brief(told or f"{run.words.shown(value)} must be {self.expected}"), detail
@@ -78,7 +77,7 @@ class Constraint:
 
 @dataclass(frozen=True, eq=False)
 class Either(Constraint):
-    """``sh:or``: explained by the one branch that was meant, where that can be told."""
+    """``sh:or``, explained by the intended branch if that can be determined."""
 
     def explain(self, data: Data, value: Term, run: Run) -> tuple[str, tuple[Violation, ...]]:
         found = [run.detail(shape, data, value) for shape in self.inner]
@@ -91,7 +90,7 @@ class Either(Constraint):
 
 @dataclass(frozen=True, eq=False)
 class Switch(Either):
-    """``sh:or`` whose branches each require certain values of one predicate: only those that apply are judged."""
+    """``sh:or`` whose branches each require certain values of one predicate; only branches that apply are checked."""
 
     predicate: NamedNode = field(kw_only=True)
     table: Mapping[Term, tuple["Shape", ...]] = field(kw_only=True)
@@ -112,8 +111,8 @@ class Switch(Either):
 class Shape:
     """A node shape (``path`` is None, its only value node is the focus) or a property shape.
 
-    ``requires`` has, by predicate, terms of which a conforming node must have one; ``remembers`` is set where several
-    ways may lead to the same focus.
+    ``requires`` maps predicates to terms, one of which a conforming node must have. ``remembers`` is set if several
+    paths may lead to the same focus, so that results are cached.
     """
 
     node: Node
@@ -197,14 +196,14 @@ class Shape:
 
 @dataclass(frozen=True, eq=False)
 class CompiledShape:
-    """A shape at work, with the triples of the shapes graph by subject (for ``report``)."""
+    """A compiled shape with the triples of its shapes graph by subject (for ``report``)."""
 
     shape: Shape
     triples: Mapping[Node, Sequence[Triple]]
     words: Words
 
     def check(self, data: Data, focus: Term) -> list[Violation]:
-        """The violations of ``focus``, at most MOST; none if it conforms."""
+        """Return at most MOST violations of ``focus``; none if it conforms."""
         if self.shape.conforms(data, focus):
             return []
         found = list(islice(self.shape.violations(data, focus, Run(self.words)), MOST))
@@ -214,12 +213,12 @@ class CompiledShape:
 
 @dataclass(frozen=True, eq=False)
 class CompiledGraph:
-    """The shapes of a graph that have targets, each with what finds its focus nodes in the data."""
+    """The shapes of a graph that have targets, each with a function that finds its focus nodes in data."""
 
     shapes: Sequence[tuple[CompiledShape, Callable[[Data], Iterable[Term]]]]
 
     def check(self, data: Data) -> list[Violation]:
-        """The violations of all focus nodes, at most MOST for each of them and each shape."""
+        """Return the violations of all focus nodes, at most MOST for each focus node and shape."""
         return [
             found for shape, targets in self.shapes for focus in targets(data) for found in shape.check(data, focus)
         ]

@@ -1,4 +1,4 @@
-"""From a shapes graph to shapes at work. Shapes are trusted: their patterns and paths cost what they cost."""
+"""Compilation of a shapes graph. Shapes are trusted: the cost of their patterns and paths is not bounded."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -33,9 +33,9 @@ _OF_GRAPHS = {SHACL.parameter: "constraint components of one's own", SHACL.entai
 def compile_shape(
     triples: Iterable[Triple] | Mapping[Node, Sequence[Triple]], shape: Node, prefixes: Mapping[str, str] = PREFIXES
 ) -> CompiledShape:
-    """``shape`` of a shapes graph, to judge whatever focus node it is given; ``prefixes`` shorten IRIs in messages.
+    """Compile ``shape`` of a shapes graph for any focus node, ignoring targets; ``prefixes`` shorten IRIs in messages.
 
-    Unsupported names what it cannot do. Targets are not looked at.
+    Raises Unsupported, which names the construct.
     """
     compiler = _Compiler(triples, prefixes)
     return compiler.compiled(shape)
@@ -44,7 +44,7 @@ def compile_shape(
 def compile_graph(
     triples: Iterable[Triple] | Mapping[Node, Sequence[Triple]], prefixes: Mapping[str, str] = PREFIXES
 ) -> CompiledGraph:
-    """All shapes of a graph that have targets. Unsupported names what it cannot do."""
+    """Compile all shapes of a graph that have targets. Raises Unsupported, which names the construct."""
     compiler = _Compiler(triples, prefixes)
     triples = [triple for about in compiler.triples.values() for triple in about]
     return CompiledGraph([(compiler.compiled(shape), find) for shape, find in targets(triples)])
@@ -73,7 +73,9 @@ class _Compiler:
         return CompiledShape(self.shape(shape, 0), self.triples, self.words)
 
     def shape(self, node: Term, depth: int) -> Shape:
-        """``node`` as a shape whose focus nodes are ``depth`` paths away from the first one (2: or more)."""
+        """Return ``node`` as a shape whose focus nodes are ``depth`` paths away from the first one (2 means two or
+        more).
+        """
         if isinstance(node, Literal) or node not in self.triples:
             raise Unsupported(f"{shown(node)} is not described as a shape")
         if node in self._open:
@@ -135,12 +137,12 @@ class _Compiler:
         return found
 
     def paths(self, properties: Iterable[Term]) -> Iterable[NamedNode]:
-        """The predicates that property shapes are about."""
+        """Return the predicates of property shapes."""
         found = (self.stated(each).get(SHACL.path, ()) for each in properties)
         return (path for some in found for path in some if isinstance(path, NamedNode))
 
     def items(self, head: Term) -> list[Term]:
-        """The members of an RDF collection."""
+        """Return the members of an RDF collection."""
         found: list[Term] = []
         seen = set()
         while head != RDF.nil:
@@ -173,7 +175,7 @@ class _Compiler:
         inner = one(stated, kind)
         if kind == SHACL.alternativePath:
             return alternative_path(self._ways(inner))
-        # Of an inverse sequence pySHACL turns the steps but not their order, so nobody should rely on one.
+        # pySHACL inverts the steps of an inverse sequence but not their order, so such paths are refused.
         if kind == SHACL.inversePath and isinstance(inner, NamedNode):
             return inverse_path(inner)
         if kind == SHACL.zeroOrOnePath:

@@ -1,6 +1,6 @@
-"""The constraints on values: from what a shape states to a test of each of them, or of all together.
+"""Compilation of constraints on values into tests of each value, or of all together.
 
-Each agrees with pySHACL in what it counts as well-formed; what pySHACL would not load is Unsupported here.
+Each accepts the same parameters as pySHACL; a shape that pySHACL would not load is Unsupported.
 """
 
 import re
@@ -16,7 +16,7 @@ from linked_fleet_gateway.shacl.report import brief, shown
 from linked_fleet_gateway.shacl.stated import Shapes, Stated, Unsupported, at_most_one, fixed, natural, one, text_of
 from linked_fleet_gateway.shacl.terms import SHACL, Term
 
-_FEWEST_BRANCHES = 4  # of an sh:or, below which looking up the one that applies does not pay
+_FEWEST_BRANCHES = 4  # branches of an sh:or; with fewer, a lookup of the applicable one does not pay
 _KINDS: Mapping[Term, tuple[tuple[type, ...], str]] = {
     SHACL.IRI: ((NamedNode,), "an IRI"),
     SHACL.BlankNode: ((BlankNode,), "a blank node"),
@@ -140,7 +140,7 @@ def _limit(
 
 
 def _rounded(bound: Number) -> str:
-    """A double as a person reads it: its last digits only say which binary fraction it is."""
+    """Return a double with 14 digits: the last ones only reflect its binary fraction."""
     return f"{bound:.14g}" if isinstance(bound, float) else ""
 
 
@@ -154,7 +154,7 @@ def _within(bound: Number, compare: Callable[[Number, Number], bool]) -> Callabl
 
 def _min_length(_shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Constraint]:
     least = natural(stated, SHACL.minLength)
-    # No length is too short for 0, not even that of a blank node, which has none: so has pySHACL.
+    # As in pySHACL, minLength 0 accepts everything, even a blank node, which has no length.
     yield Constraint(
         SHACL.MinLengthConstraintComponent,
         f"{least} or more characters long",
@@ -193,7 +193,7 @@ def _language_in(shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Constr
 
 
 def _speaking(ranges: Sequence[str]) -> Callable[[Data, Term], bool]:
-    """Basic filtering (RFC 4647, 3.3.1), as ``langMatches`` of SPARQL has it."""
+    """Return basic filtering (RFC 4647, 3.3.1), like ``langMatches`` of SPARQL."""
 
     def holds(_: Data, value: Term) -> bool:
         tag = (value.language or "").lower() if isinstance(value, Literal) else ""
@@ -258,7 +258,7 @@ def _or(shapes: Shapes, stated: Stated, depth: int) -> Iterable[Constraint]:
 
 def _conforming_to_any(members: tuple[Shape, ...]) -> Callable[[Data, Term], bool]:
     def holds(data: Data, value: Term) -> bool:
-        for shape in members:  # noqa: SIM110 - any() costs as much again as a short test
+        for shape in members:  # noqa: SIM110 - any() is twice as slow for a short test
             if shape.conforms(data, value):
                 return True
         return False

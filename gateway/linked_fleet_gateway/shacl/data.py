@@ -1,4 +1,4 @@
-"""The data graph of a compiled shape: triples by subject and predicate, and what paths lead to in them."""
+"""The data graph of a compiled shape: triples by subject and predicate, and evaluation of paths."""
 
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence, Set
@@ -12,14 +12,14 @@ Reach = Callable[["Data", Term], Collection[Term]]
 
 
 class Data:
-    """Triples, each once (by RDF term equality), and what was found out about them."""
+    """A set of triples (by RDF term equality) with cached results."""
 
     def __init__(self, triples: Sequence[Triple]) -> None:
         self._forward: dict[object, dict[NamedNode, list[Term]]] = {}
         self._backward: dict[tuple[object, NamedNode], list[Term]] | None = None
         self._numbers: dict[Literal, Number | None] = {}
         self._classes: dict[Term, Set[Term]] = {}
-        self.verdicts: dict[tuple[object, Term], bool] = {}  # by shape and focus: nobody is judged twice by one shape
+        self.verdicts: dict[tuple[object, Term], bool] = {}  # by shape and focus, so that each pair is checked once
         for triple in dict.fromkeys(triples):
             about = self._forward.setdefault(triple.subject, {})
             about.setdefault(triple.predicate, []).append(triple.object)  # type: ignore[arg-type]
@@ -41,30 +41,30 @@ class Data:
         return self._forward.get(subject, {})
 
     def nodes(self) -> Iterable[Node]:
-        """All that something is said about."""
+        """Return all subjects."""
         return self._forward  # type: ignore[return-value]
 
     def stated(self, predicate: Term) -> Iterable[tuple[Node, Term]]:
-        """The subjects and objects of a predicate."""
+        """Yield the subjects and objects of a predicate."""
         for subject, about in self._forward.items():
             for value in about.get(predicate, ()):  # type: ignore[arg-type]
                 yield subject, value  # type: ignore[misc]
 
     def is_a(self, node: Term, wanted: Term) -> bool:
-        """Return True for an instance of a class or of one that the data make a subclass of it (SHACL 1.1)."""
+        """Return True for an instance of a class or of a subclass according to the data (SHACL 1.1)."""
         types = self.objects(node, RDF.type)
         if not types or wanted in types:
             return bool(types)
         return not self.subclasses(wanted).isdisjoint(types)
 
     def subclasses(self, wanted: Term) -> Set[Term]:
-        """A class and those that the data make subclasses of it."""
+        """Return a class and its subclasses according to the data."""
         if wanted not in self._classes:
             self._classes[wanted] = frozenset(_subclasses(self, wanted))
         return self._classes[wanted]
 
     def number(self, literal: Literal) -> Number | None:
-        """The value of a well-typed number; None for any other literal."""
+        """Return the value of a well-typed numeric literal; None for other literals."""
         try:
             return self._numbers[literal]
         except KeyError:
@@ -73,7 +73,7 @@ class Data:
 
 
 def comparable(term: Term, data: Data) -> Number | None:
-    """The number that limits are about; None for what has no place among the numbers, NaN too."""
+    """Return the number that limits apply to; None for a term that is not comparable, such as NaN."""
     if not isinstance(term, Literal):
         return None
     value = data.number(term)
@@ -107,7 +107,7 @@ def optional_path(step: Reach) -> Reach:
 
 
 def repeated_path(step: Reach, *, with_focus: bool) -> Reach:
-    """``sh:zeroOrMorePath``, or ``sh:oneOrMorePath``: what repeated steps lead to, each node once."""
+    """Return the path ``sh:zeroOrMorePath`` or ``sh:oneOrMorePath``, which yields each reachable node once."""
 
     def reach(data: Data, focus: Term) -> Collection[Term]:
         found: dict[Term, None] = {focus: None} if with_focus else {}

@@ -1,8 +1,8 @@
-"""The values and the lexical spaces of literals, as far as shapes speak of them.
+"""Values and lexical spaces of the literals that shapes constrain.
 
-A literal is read by the lexical space of XML Schema 2, in which there is no white space, and compared as pySHACL
-compares: exactly, whatever the two types are, so that 0.1 as a double (which is a little more) exceeds 0.1 as a
-decimal, and an xsd:float is not rounded to 32 bits. As in pySHACL an xsd:long or xsd:unsignedLong has no upper end.
+Literals are read by the lexical space of XML Schema 2, without white space, and compared exactly across datatypes as in
+pySHACL: 0.1 as a double is a little more than 0.1 as a decimal, and an xsd:float is not rounded to 32 bits. As in
+pySHACL, xsd:long and xsd:unsignedLong have no upper bound.
 """
 
 import re
@@ -16,7 +16,7 @@ from linked_fleet_gateway.shacl.terms import RDF, RDFS, XSD
 
 Number = int | float | Decimal
 
-_MOST_DIGITS = 4300  # of an integer, above which Python refuses to convert it: the time grows with the square
+_MOST_DIGITS = 4300  # of an integer; Python refuses to convert longer ones, whose time would grow quadratically
 _INTEGER = re.compile(r"[+-]?[0-9]+")
 _DECIMAL = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)")
 _FLOAT = re.compile(r"(?:[+-]?(?:(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|INF)|NaN)")
@@ -45,7 +45,7 @@ _TIMES = {XSD.date: re.compile(_DAY + _ZONE), XSD.dateTime: re.compile(f"{_DAY}T
 
 
 def number(literal: Literal) -> Number | None:
-    """The value of a well-typed number, INF and NaN included; None for any other literal."""
+    """Return the value of a well-typed number, including INF and NaN; None for other literals."""
     datatype, text = literal.datatype, literal.value
     if datatype in _INTEGERS:
         return _integer(text, *_INTEGERS[datatype])
@@ -64,7 +64,7 @@ def _integer(text: str, low: int | None, high: int | None) -> int | None:
 
 
 def well_typed(datatype: NamedNode) -> Callable[[Literal], bool] | None:
-    """The test of a literal's form; None for a type of XML Schema or RDF whose forms are not known here."""
+    """Return a test of a literal's lexical form; None for XML Schema or RDF types whose forms are unknown here."""
     if datatype == XSD.boolean:
         return lambda literal: literal.value in _BOOLEANS
     if datatype in _TIMES:
@@ -75,7 +75,7 @@ def well_typed(datatype: NamedNode) -> Callable[[Literal], bool] | None:
 
 
 def _is_time(text: str, form: re.Pattern[str]) -> bool:
-    """February has 29 days every four years, but not every hundred: as calendars repeat, four digits tell."""
+    """Return True if the date exists. Leap years repeat every 400 years, so that four digits of the year suffice."""
     if not form.fullmatch(text):
         return False
     year, month, day = text.removeprefix("-").split("-")[:3]

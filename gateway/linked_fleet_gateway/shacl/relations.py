@@ -1,4 +1,4 @@
-"""The constraints on what a focus node, the values of a path and the data around them have to do with each other."""
+"""Compilation of constraints that relate a focus node, the values of a path and the surrounding data."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
@@ -19,7 +19,7 @@ def _unique_lang(_shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Relat
 
 
 def _repeated(_data: Data, _focus: Term, values: Values) -> Iterable[tuple[None, None]]:
-    """One breach for each language, however many texts it has."""
+    """Return one breach for each language that has several values."""
     tags = Counter(value.language.lower() for value in values if isinstance(value, Literal) and value.language)
     return ((None, None) for count in tags.values() if count > 1)
 

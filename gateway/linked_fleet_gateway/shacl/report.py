@@ -1,4 +1,4 @@
-"""Violations that a compiled shape finds, in words for people and as a SHACL report."""
+"""Violations of a compiled shape as text and as a SHACL report."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,16 +13,15 @@ from linked_fleet_gateway.shacl.terms import PREFIXES, RDF, SHACL, XSD, Node, Te
 _T = TypeVar("_T", NamedNode | BlankNode, NamedNode | BlankNode | Literal)
 _LONGEST = 80  # characters of one term in a message
 _LONGEST_TEXT = 300
-_LONGEST_VALUE = 1024  # of a term that is repeated as it came
+_LONGEST_VALUE = 1024  # of a value in the report
 _MOST_LISTED = 20
 
 
 @dataclass(frozen=True)
 class Violation:
-    """One result of validation; ``detail`` has those of the shapes that ``sh:node``, ``sh:or`` and the like refer to.
+    """One validation result; ``detail`` has the results of the shapes that ``sh:node``, ``sh:or`` and similar refer to.
 
-    ``path`` is the predicate or, for any other path, its node in the shapes graph; ``message`` says
-    what would be right.
+    ``path`` is the predicate or, for a complex path, its node in the shapes graph. ``message`` states the valid form.
     """
 
     focus: Term
@@ -36,9 +35,9 @@ class Violation:
 
 
 def report(violations: Sequence[Violation], shapes: Mapping[Node, Sequence[Triple]] | None = None) -> list[Triple]:
-    """A ``sh:ValidationReport``; with ``shapes`` (``CompiledShape.triples``) a path that is no predicate is spelt out.
+    """Return a ``sh:ValidationReport``; with ``shapes`` (``CompiledShape.triples``) complex paths are included.
 
-    Blank nodes get labels by where they come from, since those of the data and of a shape may be the same.
+    Blank nodes get labels by origin, because labels of the data and of a shape may coincide.
     """
     written = _Report(shapes or {})
     root = written.blank(SHACL.ValidationReport)
@@ -92,12 +91,12 @@ def _relabel(term: _T, origin: str) -> _T:
 
 @dataclass(frozen=True)
 class Words:
-    """Terms as a person reads them, with IRIs cut short by ``prefixes``."""
+    """Formats terms for people, shortening IRIs by ``prefixes``."""
 
     prefixes: Mapping[str, str]
 
     def shown(self, term: object) -> str:
-        """One term: vom:unit, 43.6, 'abc'."""
+        """Return one term as text: vom:unit, 43.6, 'abc'."""
         if isinstance(term, NamedNode):
             return self._compact(term.value)
         if isinstance(term, Literal):

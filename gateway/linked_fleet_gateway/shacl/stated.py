@@ -1,4 +1,4 @@
-"""Statements of a shape, read strictly: whatever is not as SHACL wants it is Unsupported."""
+"""Strict access to the statements of a shape: anything that SHACL does not allow is Unsupported."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,12 +13,12 @@ from linked_fleet_gateway.shacl.terms import XSD, Term
 Stated = Mapping[NamedNode, Sequence[Term]]
 
 
-class Unsupported(ValueError):  # noqa: N818 - named for what the shape is
-    """A shape uses what the compiler does not know, or is no well-formed shape. The message has the reason."""
+class Unsupported(ValueError):  # noqa: N818 - named for the state of the shape
+    """A shape is malformed or uses a construct that the compiler does not know. The message has the reason."""
 
 
 class Shapes(Protocol):
-    """The shapes graph, as far as constraints refer to it."""
+    """The part of the shapes graph that constraints refer to."""
 
     words: Words
 
@@ -50,7 +50,7 @@ def natural(stated: Stated, predicate: NamedNode) -> int:
 
 
 def true(stated: Stated, predicate: NamedNode) -> bool:
-    """``true`` or ``false``, not 1 or 0: the W3C suite has "1"^^xsd:boolean not be true."""
+    """Return a boolean. Only ``true`` and ``false`` are valid: in the W3C suite "1"^^xsd:boolean is not true."""
     term = one(stated, predicate)
     if term not in (_TRUE, _FALSE):
         raise Unsupported(f"{shown(predicate)} {shown(term)}")
@@ -58,7 +58,7 @@ def true(stated: Stated, predicate: NamedNode) -> bool:
 
 
 def fixed(terms: Iterable[Term]) -> list[Term]:
-    """``terms`` of a shape that may stand in a body: a blank node of the one is never that of the other."""
+    """Return ``terms`` of a shape that can equal terms of the data, which blank nodes cannot."""
     found = list(terms)
     if any(isinstance(term, BlankNode) for term in found):
         raise Unsupported("a blank node as value")

@@ -1,4 +1,4 @@
-"""The focus nodes of a shape that its targets find in the data (SHACL 2.1.3)."""
+"""Focus nodes in the data that the targets of a shape select (SHACL 2.1.3)."""
 
 from collections.abc import Callable, Iterable, Mapping
 
@@ -27,11 +27,11 @@ TARGETS: Mapping[NamedNode, Callable[[Data, Term], Iterable[Term]]] = {
     SHACL.targetSubjectsOf: _subjects_of,
     SHACL.targetObjectsOf: _objects_of,
 }
-_ANY = (*TARGETS, SHACL.target)  # the last one is not known: a shape that has it is refused
+_ANY = (*TARGETS, SHACL.target)  # a shape with sh:target is refused as unsupported
 
 
 def targets(triples: Iterable[Triple]) -> list[tuple[Node, Callable[[Data], Iterable[Term]]]]:
-    """The shapes of a graph that have targets, and for each what finds its focus nodes in data."""
+    """Return the shapes of a graph that have targets, each with a function that finds its focus nodes."""
     shapes = Data(list(triples))
     nodes = [
         node for node in shapes.nodes() if any(each in shapes.about(node) for each in _ANY) or _is_class(shapes, node)
@@ -40,7 +40,7 @@ def targets(triples: Iterable[Triple]) -> list[tuple[Node, Callable[[Data], Iter
 
 
 def _is_class(shapes: Data, node: Node) -> bool:
-    """Return True for a shape that is a class, whose instances it targets."""
+    """Return True for a shape that is also a class, whose instances are implicit targets."""
     is_shape = shapes.is_a(node, SHACL.NodeShape) or shapes.is_a(node, SHACL.PropertyShape)
     return is_shape and shapes.is_a(node, RDFS.Class)
 

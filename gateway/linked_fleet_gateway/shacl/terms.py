@@ -1,4 +1,4 @@
-"""The IRIs that the compiler knows, each spelt once; a term that is not listed is an AttributeError."""
+"""The IRIs that the compiler knows, each spelt once. A term that is not listed raises AttributeError."""
 
 from pyoxigraph import BlankNode, Literal, NamedNode
 
