@@ -1,4 +1,4 @@
-"""``python -m linked_fleet_gateway``: settings → socket → application; nothing else."""
+"""Command line of the gateway, ``python -m linked_fleet_gateway``."""
 
 import asyncio
 import gc
@@ -26,15 +26,15 @@ from linked_fleet_gateway.runtime.redis import BadUrl
 from linked_fleet_gateway.runtime.tracing import Tracing, open_tracing
 from linked_fleet_gateway.shacl import Unsupported
 
-# An Upgrade that is ignored, and each WebSocket that comes and goes.
+# Log messages of uvicorn about ignored upgrades and about each WebSocket that opens and closes.
 _ORDINARY = ("Unsupported upgrade request.", '%s - "WebSocket %s"', "connection open", "connection closed",
              "connection rejected", "HTTP response sent")  # fmt: skip
 _UNSENT_BYTES = 16 * 1024
-_BACKLOG = 2048  # uvicorn's
+_BACKLOG = 2048  # uvicorn's default
 
 
 _SWITCH_S = 0.0005
-_YOUNG = 10_000  # objects made and not unmade, after which those are looked through: a millisecond
+_YOUNG = 10_000  # net allocations after which the youngest generation is collected, which takes a millisecond
 
 
 def main() -> int:
@@ -52,7 +52,7 @@ def main() -> int:
     except TracingUnavailable as error:
         print(f"gateway: {error}", file=sys.stderr)
         return 2
-    # Plans are computed in threads; the event loop is not to wait 5 ms for each piece of their work.
+    # Plans are computed in threads. A shorter switch interval keeps the event loop from waiting 5 ms for them.
     sys.setswitchinterval(_SWITCH_S)
     try:
         return uvloop.run(_serve(settings, listener, certificate, tracing))
@@ -66,9 +66,9 @@ def main() -> int:
 
 
 def _refuse_exposure(settings: GatewaySettings) -> None:
-    """ValueError, in one line, for what may not be reached from other machines as it is, or proves nothing."""
-    settings.trust  # noqa: B018 -- ValueError
-    # Whom a certificate names does not matter where nobody has said what each of them may do.
+    """Raise ValueError, in one line, for an exposure without protection or for credentials that cannot be used."""
+    settings.trust  # noqa: B018 -- raises ValueError
+    # The name in a certificate has no effect unless the access list says what each name may do.
     proof = settings.credentials if settings.zenoh_access else None
     found = complaints(
         exposed=not is_loopback(settings.host),
@@ -86,7 +86,7 @@ def _certificate(settings: GatewaySettings) -> Certificate | None:
 
 
 def _is_news(record: logging.LogRecord) -> bool:
-    """Return True if a message of uvicorn is worth a line."""
+    """Return True if a message of uvicorn should be logged."""
     return not str(record.msg).startswith(_ORDINARY)
 
 
@@ -105,15 +105,18 @@ async def _serve(
 
 
 def _settle() -> None:
-    """Exempt what is there by now from garbage collection: looking through it held the event loop for 140 ms, and
-    with Python's own threshold hundreds of messages at once made it look several times a second."""
+    """Exempt present objects from garbage collection, and collect less often.
+
+    A full collection held the event loop for 140 ms, and with Python's default threshold hundreds of messages at once
+    caused several collections a second.
+    """
     gc.freeze()
     gc.set_threshold(_YOUNG)
 
 
 @asynccontextmanager
 async def _followed(certificate: Certificate | None) -> AsyncIterator[None]:
-    """Meanwhile a new certificate is taken when its files change, and at once on SIGHUP."""
+    """Reload the certificate when its files change, and at once on SIGHUP."""
     if certificate is None:
         yield
         return
@@ -126,18 +129,21 @@ async def _followed(certificate: Certificate | None) -> AsyncIterator[None]:
 
 
 def _listen(host: str, port: int) -> socket.socket:
-    """A listening socket; OSError with one clear sentence when the address is taken or not ours."""
+    """Return a listening socket.
+
+    Raises OSError with one clear sentence if the address is in use or not of this machine.
+    """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    # Spelt out, or asyncio does not know it for TCP and leaves Nagle's algorithm on: 40 ms an answer.
+    # With an explicit protocol asyncio sets TCP_NODELAY. With Nagle's algorithm an answer would take 40 ms.
     listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     if hasattr(socket, "TCP_NOTSENT_LOWAT"):
-        # Inherited by each connection: what is not on its way yet shall wait here, where a newer value replaces it,
-        # and not as megabytes of old values in the kernel.
+        # Accepted connections inherit this limit. Unsent messages then wait in this process, where newer values replace
+        # them, and not as megabytes of old values in the kernel.
         listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, _UNSENT_BYTES)
     try:
         listener.bind((host, port))
-        # At once: a bound port is not taken yet, and whoever reads "serving" may connect.
+        # Listen now: a bound port can still be taken by others, and clients connect as soon as "serving" is logged.
         listener.listen(_BACKLOG)
     except OSError as error:
         listener.close()
