@@ -1,8 +1,8 @@
-"""Fleet: live state of robots. Pure; clocks are handed in.
+"""Fleet: live state of robots. Pure; clocks are passed in.
 
-``fleet``: ``apply(event) -> changes``. ``frames``, ``inbox``: the hand-over from the threads of the transport.
-``robot``: one robot as the gateway knows it. ``presence``, ``silences``, ``description_queue``: tokens and descriptions
-of agents, bounded in memory, in questions and in time. ``model``, ``kinematics``, ``envelope``: the URDF as a tree,
-link poses from it (metre, radian), balls around all that joints can reach. ``invocations``, ``lease``: what became of
-actions, who has control. ``limits``, ``observation``: positions outside their limits, and what counts as change.
+``fleet``: ``apply(event) -> changes``. ``frames``, ``inbox``: hand-over from the threads of the transport. ``robot``:
+one robot as the gateway knows it. ``presence``, ``silences``, ``description_queue``: tokens and descriptions of agents,
+bounded in memory, queries and time. ``model``, ``kinematics``, ``envelope``: the URDF as a tree, link poses from it
+(metre, radian), and spheres that contain all reachable positions. ``invocations``, ``lease``: state of actions, and
+control of robots. ``limits``, ``observation``: positions outside their limits, and detection of changed values.
 """

@@ -1,4 +1,4 @@
-"""Answers of agents, judged: a message, or a sentence that says why it is none."""
+"""Validation of agents' replies: each function returns a message, or None and a sentence about the error."""
 
 from collections.abc import Collection
 
@@ -17,7 +17,7 @@ def read_reply(answer: bytes | str, id: str) -> tuple[Reply | None, str]:
 
 
 def read_mesh(answer: bytes | str, mesh: Mesh) -> tuple[bytes | None, str]:
-    """Judged by the length alone: a digest takes too long to be computed here."""
+    """Check a mesh by its length only; computing a digest here would take too long."""
     if isinstance(answer, str):
         return None, answer
     if len(answer) != mesh.size:
@@ -26,7 +26,7 @@ def read_mesh(answer: bytes | str, mesh: Mesh) -> tuple[bytes | None, str]:
 
 
 def read_description(answer: bytes | str, robot: str, runs: Collection[int]) -> tuple[Description | None, str]:
-    """``runs``: those of the robot that have a presence token."""
+    """Check a description. ``runs`` are the runs of the robot that have a presence token."""
     if isinstance(answer, str):
         return None, answer
     try:

@@ -1,4 +1,4 @@
-"""The cameras that a robot says it has, as far as that makes sense, and the pictures that it gives. Pure."""
+"""Valid cameras in the description of a robot, and the pictures from its agent. Pure."""
 
 import math
 from collections.abc import Mapping
@@ -18,19 +18,19 @@ FORMATS: Mapping[str, PictureFormat] = {
     FRAME_MEDIA_TYPE: "depth",
     "application/octet-stream": "depth",
 }
-"""By media type; a format of any other kind is as if it were not there."""
+"""Formats by media type; other formats are ignored."""
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture of a camera in one frame of state; ``content`` is a file, or of depth the frame with its header."""
+    """A camera picture of one state frame; ``content`` is an image file or, for depth, the frame with its header."""
 
     moment: Moment
     content: bytes
 
 
 def cameras_of(robot: Robot) -> dict[str, Camera]:
-    """By name; without those that contradict themselves or sit on no link, and the later ones of one name."""
+    """Return cameras by name, without invalid ones, those on unknown links, and repeated names."""
     said = robot.description.cameras if robot.description is not None else ()
     found: dict[str, Camera] = {}
     for camera in said:
@@ -40,19 +40,19 @@ def cameras_of(robot: Robot) -> dict[str, Camera]:
 
 
 def types_of(camera: Camera) -> tuple[str, ...]:
-    """The media types in which pictures of it can be had."""
+    """Return the available media types of a camera's pictures."""
     return () if camera.unavailable else tuple(each for each, format in FORMATS.items() if format in camera.formats)
 
 
 def size_limit(camera: Camera) -> int:
-    """Bytes of the longest answer: a depth for each pixel, of which no file has more either, and what is around."""
+    """Return the largest reply in bytes: four bytes per pixel, which also bounds image files, plus headers."""
     return HEADER.size + 4 * camera.width * camera.height + _AROUND_BYTES
 
 
 def read_picture(
     answer: bytes | str, camera: Camera, format: PictureFormat, incarnation: int | None
 ) -> tuple[Picture | None, str]:
-    """Judge the answer of an agent: the picture, or a sentence that says why it is none."""
+    """Check the reply of an agent. Return the picture, or None and a sentence about the error."""
     if isinstance(answer, str):
         return None, answer
     try:
@@ -70,7 +70,7 @@ def read_picture(
 
 
 def _sound(camera: Camera) -> bool:
-    """Return True if it can be, and can be said."""
+    """Return True if the values are consistent and within the limits of the resource tree."""
     values = (*camera.position_m, *camera.orientation_xyzw)
     return (
         len(camera.name.encode()) <= MAX_NAME_BYTES

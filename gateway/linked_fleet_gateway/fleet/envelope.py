@@ -1,7 +1,7 @@
-"""A ball that contains every place to which joints can bring the origin of a link. Metre and radian.
+"""A sphere that contains every reachable position of the origin of a link. Metre and radian.
 
-It takes microseconds, and says of most places that are out of reach that they are. A search for joint positions that do
-not exist takes a tenth of a second.
+It is computed in microseconds and excludes most unreachable positions. A failing inverse kinematics takes a tenth of a
+second.
 """
 
 import math
@@ -25,8 +25,10 @@ class Ball(NamedTuple):
 
 
 def envelope(model: RobotModel, link: str, movable: Collection[str]) -> Ball:
-    """In the frame of the root link. Joints that are not ``movable`` stand wherever they may; infinite where a joint
-    has more than one degree of freedom, or slides without limits."""
+    """Return the sphere in the frame of the root link. Joints that are not ``movable`` may have any position.
+
+    The radius is infinite if a joint has several degrees of freedom, or is prismatic without limits.
+    """
     ball = Ball((0.0, 0.0, 0.0), 0.0)
     while (parent := model.links[link].parent_joint) is not None:
         joint = model.joints[parent]
@@ -36,7 +38,7 @@ def envelope(model: RobotModel, link: str, movable: Collection[str]) -> Ball:
 
 
 def _moved(ball: Ball, joint: Joint, between: tuple[float, float]) -> Ball:
-    """Around the ball in all positions of the joint."""
+    """Return a sphere around ``ball`` in all positions of the joint."""
     if joint.kind is JointKind.FIXED:
         return ball
     if not joint.movable:
@@ -58,9 +60,9 @@ def _moved(ball: Ball, joint: Joint, between: tuple[float, float]) -> Ball:
 
 
 def _range(model: RobotModel, joint: Joint, movable: Collection[str]) -> tuple[float, float]:
-    """Positions that the joint can have."""
+    """Return the range of positions of the joint."""
     factor, offset = 1.0, 0.0
-    for _ in model.joints:  # a joint may follow one that follows another, and a hostile one itself
+    for _ in model.joints:  # mimic joints may form chains and, in a hostile URDF, cycles
         if joint.mimic is None:
             break
         offset += factor * joint.mimic.offset

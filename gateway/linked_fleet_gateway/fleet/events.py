@@ -1,4 +1,4 @@
-"""Events of the fleet: made by the link, consumed by ``Fleet.apply``."""
+"""Events of the fleet: created by the link, consumed by ``Fleet.apply``."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from linked_fleet_agent.wire import messages
 
 @dataclass(frozen=True)
 class Appeared:
-    """The presence token of one run of an agent was seen."""
+    """The presence token of one run of an agent has appeared."""
 
     robot: str
     incarnation: int
@@ -15,7 +15,7 @@ class Appeared:
 
 @dataclass(frozen=True)
 class Vanished:
-    """The presence token of one run of an agent is gone."""
+    """The presence token of one run of an agent has gone."""
 
     robot: str
     incarnation: int
@@ -23,14 +23,14 @@ class Vanished:
 
 @dataclass(frozen=True)
 class Described:
-    """An agent said what its robot is."""
+    """An agent has sent the description of its robot."""
 
     description: messages.Description
 
 
 @dataclass(frozen=True)
 class Undescribed:
-    """An agent is present, but what it says of its robot cannot be used."""
+    """An agent is present, but its description is unusable."""
 
     robot: str
     incarnation: int
@@ -39,7 +39,7 @@ class Undescribed:
 
 @dataclass(frozen=True)
 class Framed:
-    """A state frame came; nothing of it has been looked at."""
+    """A state frame has arrived; it is not yet decoded."""
 
     robot: str
     payload: bytes
@@ -47,7 +47,7 @@ class Framed:
 
 @dataclass(frozen=True)
 class Moved:
-    """Newer frames of a robot that somebody watches lie ready (``frames.Frames``)."""
+    """Newer frames of a watched robot are in ``frames.Frames``."""
 
     robot: str
 

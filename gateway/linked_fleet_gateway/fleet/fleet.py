@@ -1,10 +1,11 @@
 """The live fleet: ``apply(event, now) -> changes``. Pure; the clock is passed in as wall time in nanoseconds.
 
-A run of an agent is an incarnation. While several runs of one robot are present (a restart before the lease of the
-dead one ended), the highest incarnation is the present one.
+A run of an agent is an incarnation. While several runs of one robot are present (a restart before the lease of the dead
+one has expired), the highest incarnation is the present one.
 
-A robot that has described itself stays, as offline, when its agent has gone. One that never has is forgotten then, and
-only ``MAX_UNDESCRIBED`` of these are shown: of the others only the runs are kept, until they describe themselves.
+A robot that has described itself stays in the fleet, as offline, after its agent has gone. One that never has is then
+forgotten. At most ``MAX_UNDESCRIBED`` of these are shown; of the others only the runs are kept until they describe
+themselves.
 """
 
 import logging
@@ -42,7 +43,7 @@ __all__ = [
 
 MAX_ROBOTS = 10_000
 MAX_UNDESCRIBED = 64
-"""Robots at once that are shown although they have never described themselves."""
+"""Most robots that are shown without ever having described themselves."""
 _HIDDEN = "(undescribed)"
 _log = logging.getLogger(__name__)
 
@@ -59,19 +60,19 @@ class Change:
 
 @dataclass
 class _Entry:
-    """A robot, and the runs of its agent that are present, each with what it said (a reason when unusable)."""
+    """A robot and the present runs of its agent, each with its description, or the reason why that is unusable."""
 
     robot: Robot
     runs: dict[int, Description | str | None] = field(default_factory=dict)
     described: bool = False
-    """Some run of it has described itself usably."""
+    """True if any run of it has sent a usable description."""
     limits: LimitWatch = field(default_factory=LimitWatch)
 
 
 class _ByName(Mapping[str, Robot]):
-    """In the order of the names. Who goes through it is not disturbed by robots that come meanwhile.
+    """Robots in the order of their names. Iteration is not disturbed by robots that are added meanwhile.
 
-    A robot is given out with its latest frame.
+    A robot is returned with its latest frame.
     """
 
     def __init__(self) -> None:
@@ -91,7 +92,8 @@ class _ByName(Mapping[str, Robot]):
 
     def add(self, robot: Robot) -> None:
         self._robots[robot.name] = robot
-        insort(self._names, robot.name)  # to sort all of them for each that comes would cost most of its joining
+        # sorting the whole list for each new robot would dominate the cost of adding it
+        insort(self._names, robot.name)
 
     def remove(self, name: str) -> None:
         del self._robots[name], self._names[bisect_left(self._names, name)]
@@ -100,10 +102,8 @@ class _ByName(Mapping[str, Robot]):
 class Fleet:
     """Every robot that has described itself, and some that have not.
 
-    ``malformed`` and ``dropped`` count, by robot, what was not taken: malformed things are faults of the sender,
-    dropped ones (late, of another run) happen in good order.
-
-    ``frames`` is where frames that continue a run may be put without an event.
+    ``malformed`` and ``dropped`` count refused messages by robot: malformed ones are faults of the sender, dropped ones
+    (late, or of another run) are normal. ``frames`` receives frames that continue a run, without an event.
     """
 
     def __init__(self, frames: Frames | None = None) -> None:
@@ -127,7 +127,7 @@ class Fleet:
 
     @property
     def robots(self) -> Mapping[str, Robot]:
-        """By name, in the order of the names; a view that is never to be changed by the reader."""
+        """The robots by name, in the order of names; a read-only live view."""
         return self._robots
 
     @property
@@ -135,7 +135,7 @@ class Fleet:
         return self._complaints.counts
 
     def configure(self, robot: str, settings: Mapping[str, str]) -> list[Change]:
-        """Take over what clients have set, for a robot that may be yet to come; an unknown setting changes nothing."""
+        """Store settings made by clients, also for a robot that is not known yet. Unknown names have no effect."""
         self._settings[robot] = settings
         entry = self._entries.get(robot)
         if entry is None or entry.robot.settings == settings:
@@ -145,7 +145,7 @@ class Fleet:
         return [Change(robot, "configured")]
 
     def control(self, robot: str, lease: Lease | None) -> list[Change]:
-        """Take over who has control of a robot, which may be yet to come."""
+        """Store the control lease of a robot, which need not be known yet."""
         if lease is None:
             self._leases.pop(robot, None)
         else:
@@ -159,7 +159,7 @@ class Fleet:
 
     @property
     def settings(self) -> Mapping[str, Mapping[str, str]]:
-        """The settings by robot and name, also for robots that are not there."""
+        """The settings by robot and name, including robots that are not present."""
         return MappingProxyType(self._settings)
 
     @property
@@ -167,11 +167,11 @@ class Fleet:
         return MappingProxyType(self._leases)
 
     def apply(self, event: Event, now_ns: int) -> list[Change]:
-        """Take an event at gateway wall time ``now_ns`` and say what changed by it."""
+        """Apply an event at gateway wall time ``now_ns`` and return the changes."""
         return self._handlers[type(event)](event, now_ns)
 
     def judge_limits(self, now_ns: int) -> list[Change]:
-        """Compare the latest frame of each robot with the limits of its URDF."""
+        """Compare the latest frame of each robot with the limits in its URDF."""
         complain, entries = self._complaints.add, self._entries.values()
         judged = [(each.robot.name, each.limits.judge(each.robot, now_ns, complain)) for each in entries]
         return [Change(name, what) for name, what in judged if what is not None]
@@ -244,7 +244,7 @@ class Fleet:
             return self._show(said, now_ns)
         entry = self._entries.get(robot)
         if entry is None or incarnation not in entry.runs:
-            return []  # the run ended while it was being asked
+            return []  # the run ended while the query was running
         entry.robot.heard_ns = now_ns
         entry.runs[incarnation] = said
         changes = self._tell(entry) if incarnation == entry.robot.incarnation else []
@@ -254,7 +254,7 @@ class Fleet:
         return changes
 
     def _show(self, said: Description, now_ns: int) -> list[Change]:
-        """Let in a robot that was hidden; it is hidden again if its description cannot be used."""
+        """Show a hidden robot; hide it again if its description is unusable."""
         runs = self._hidden.pop(said.robot)
         entry, changes = self._enter(said.robot)
         if entry is None:
@@ -269,7 +269,7 @@ class Fleet:
         return [*changes, *told]
 
     def _tell(self, entry: _Entry) -> list[Change]:
-        """Bring what the present run said to the robot, if it is news."""
+        """Apply the description of the present run to the robot, if it differs."""
         robot = entry.robot
         said = None if robot.incarnation is None else entry.runs.get(robot.incarnation)
         if said is None or said == robot.description or (robot.description is None and said == robot.fault):
@@ -284,7 +284,7 @@ class Fleet:
         return [Change(robot.name, "described"), *self._early_frame(robot)]
 
     def _early_frame(self, robot: Robot) -> list[Change]:
-        """A frame may come before the description; only now can the two be compared."""
+        """Check a frame that arrived before the description."""
         if robot.header is None:
             return []
         reason = robot.refusal(robot.header)
@@ -325,7 +325,10 @@ class Fleet:
         return [Change(event.robot, "frame")] if entry.robot.header is not None else []
 
     def _enter(self, name: str) -> tuple[_Entry | None, list[Change]]:
-        """A new entry. Among too many robots the one that has been offline longest makes room, or there is none."""
+        """Return a new entry.
+
+        At the limit the robot that has been offline longest is removed; without one, return None.
+        """
         changes = list[Change]()
         if len(self._entries) >= MAX_ROBOTS:
             offline = [each for each in self._entries.values() if not each.robot.online]

@@ -1,7 +1,7 @@
-"""The latest frame of each robot, put by the transport's thread and looked at by the event loop when somebody asks.
+"""The latest frame of each robot, stored by the transport's thread and read by the event loop on demand.
 
-Of a frame that continues a run nothing is looked at when it comes but what would have it refused: so a robot that
-nobody watches costs next to nothing, and what is malformed, late or of another run never displaces a good frame.
+On arrival of a frame that continues a run only the fields that could invalidate it are checked. So a robot that nobody
+watches costs almost nothing, and malformed, late or foreign frames never replace a good one.
 """
 
 import struct
@@ -13,13 +13,14 @@ from linked_fleet_agent.wire.codec import layout
 _OFFSET = {field.name: field.offset for field in layout(1, False)}
 _TIMES = struct.Struct("<Qqq")  # sequence, monotonic and wall time
 _BEGIN = _OFFSET["sequence"]
-"""Bytes that are the same in all frames of one run and shape: magic, version, flags, joints, incarnation."""
+"""Length of the prefix that all frames of one run and shape share: magic, version, flags, joints, incarnation."""
 
 
 class Latest:
-    """The frames of one run with one shape. Written by one thread, read by another: each attribute is always whole.
+    """The latest frame of one run with one shape. One thread writes it, another reads; each attribute is replaced
+    atomically.
 
-    ``frame``: payload, and gateway wall time (ns) at which it came.
+    ``frame`` holds the payload and its gateway wall time of arrival (ns).
     """
 
     __slots__ = ("_begin", "_size", "frame", "robot", "rung", "sequence", "untold")
@@ -29,13 +30,13 @@ class Latest:
         self.sequence = sequence
         self.frame = (payload, now_ns)
         self.untold = False
-        """True if a frame came that who watches the robot was not told of."""
+        """True if the watchers of the robot have not been told of the frame."""
         self.rung = False
-        """True if the event loop is already on its way to look at it."""
+        """True if the event loop is already scheduled to read it."""
         self._begin, self._size = payload[:_BEGIN], len(payload)
 
     def put(self, payload: bytes, now_ns: int) -> bool:
-        """Take a frame that continues the run; any other is refused, and somebody has to look at it more closely."""
+        """Store a frame that continues the run. Return False for any other, which needs a full check."""
         if len(payload) != self._size or not payload.startswith(self._begin):
             return False
         sequence, monotonic_ns, wall_ns = _TIMES.unpack_from(payload, _BEGIN)
@@ -48,10 +49,10 @@ class Latest:
 
 
 class Frames:
-    """The latest frame of each robot. ``key_of`` makes a robot's name the key under which its frames come.
+    """The latest frame of each robot. ``key_of`` maps a robot's name to the key of its frames.
 
-    ``taken`` counts frames put here. Whose frames are to be told at once: those in ``watched`` and in ``awaited``, and
-    all while ``heeded``.
+    ``taken`` counts stored frames. Frames are reported at once for robots in ``watched`` or ``awaited``, and for all
+    while ``heeded``.
     """
 
     def __init__(self, key_of: Callable[[str], str] = str) -> None:
@@ -63,18 +64,18 @@ class Frames:
         self._latest: dict[str, Latest] = {}
 
     def open(self, latest: Latest) -> None:
-        """From now on frames that continue this run are put here."""
+        """Store frames that continue this run from now on."""
         self._latest[self._key_of(latest.robot)] = latest
 
     def close(self, robot: str) -> None:
         self._latest.pop(self._key_of(robot), None)
 
     def all(self) -> list[Latest]:
-        """The frames of each robot that has sent any, for the event loop, which alone opens and closes them."""
+        """Return the latest frames of all robots. Only the event loop, which opens and closes them, may call this."""
         return list(self._latest.values())
 
     def put(self, key: str, payload: bytes, now_ns: int) -> Latest | None:
-        """None for a frame that is not known to be good. Called by one thread at a time."""
+        """Store a frame; return None if it is not known to be valid. Called by one thread at a time."""
         latest = self._latest.get(key)
         if latest is None or not latest.put(payload, now_ns):
             return None
@@ -82,10 +83,10 @@ class Frames:
         return latest
 
     def urgent(self, latest: Latest) -> bool:
-        """Return True if somebody has to be told, who is not on the way to look already."""
+        """Return True if the event loop must be told and is not scheduled yet."""
         return not latest.rung and (self.heeded or latest.robot in self.watched or latest.robot in self.awaited)
 
     def untold(self, robot: str) -> bool:
-        """Return True if a frame came of which nobody was told, because nobody watched the robot then."""
+        """Return True if a frame has arrived that was not reported, because nobody watched the robot then."""
         latest = self._latest.get(self._key_of(robot))
         return latest is not None and latest.untold

@@ -1,4 +1,4 @@
-"""The geometry of a robot: the meshes that its agent hands out, and its URDF with their addresses. Pure."""
+"""The geometry of a robot: the meshes that its agent serves, and its URDF with their URLs. Pure."""
 
 from collections.abc import Mapping
 from xml.etree import ElementTree
@@ -9,7 +9,7 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.xml import parse_xml
 
 SUFFIXES: Mapping[str, str] = {"model/stl": "stl", "model/vnd.collada+xml": "dae", "model/obj": "obj"}
-"""By media type; a mesh of any other type is as if it were not there."""
+"""File suffixes by media type; meshes of other types are ignored."""
 MAX_DEPTH = 32
 
 
@@ -18,23 +18,24 @@ def file_name(mesh: Mesh) -> str:
 
 
 def meshes_of(robot: Robot) -> dict[str, Mesh]:
-    """The meshes that the robot's description names, by their URI in its URDF."""
+    """Return the meshes in the robot's description, by their URI in its URDF."""
     said = robot.description.meshes if robot.description is not None else ()
     return {mesh.uri: mesh for mesh in said if mesh.type in SUFFIXES}
 
 
 def drawable(urdf: str, addresses: Mapping[str, str]) -> bytes:
-    """The URDF in UTF-8 with each mesh at its address (by URI); visual or collision geometry without one is left out.
+    """Return the URDF in UTF-8 with the address of each mesh (by URI). Visual or collision geometry without one is
+    removed.
 
-    So is whatever makes a browser load or run something: textures, elements and attributes of other vocabularies.
-    The time is linear in the length. Raises ModelError for what is no XML.
+    Anything that makes a browser load or execute something is removed too: textures, and foreign elements and
+    attributes. The time is linear in the length. Raises ModelError if the text is not XML.
     """
     root = parse_xml(urdf)
     pending = [(root, 1)]
     while pending:
         element, depth = pending.pop()
         element.attrib = {name: value for name, value in element.attrib.items() if "}" not in name}
-        # All at once: to remove one after another would be quadratic.
+        # All at once, because removing children one by one would be quadratic.
         element[:] = [child for child in element if depth < MAX_DEPTH and _belongs(child, addresses)]
         pending += [(child, depth + 1) for child in element]
         if element.tag == "mesh":

@@ -1,4 +1,4 @@
-"""The hand-over between the threads of the transport and the event loop."""
+"""Hand-over of messages from the threads of the transport to the event loop."""
 
 import threading
 from collections import Counter, deque
@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 MAX_KEYS = 20_000
 MAX_TOKENS_OF_ONE = 64
-"""Several times as many as a robot has runs at once."""
+"""Several times the number of runs that a robot has at once."""
 MAX_PROGRESS_OF_ONE = 512
-"""Twice what an honest agent repeats at once to a gateway that comes."""
+"""Twice what a correct agent repeats at once to a new gateway."""
 MAX_PROGRESS = 10_000
 
 Payload = bytes | int  # of a payload that is too large only its size is kept
@@ -17,10 +17,11 @@ Payload = bytes | int  # of a payload that is too large only its size is kept
 
 @dataclass
 class Batch:
-    """Messages since the last batch: presence by key (True: there), the latest state by key of those that have to be
-    judged, robots that are watched and have newer frames, progress in order.
+    """Messages since the last batch.
 
-    ``told`` counts the progress by key, ``tokens`` those in ``presence`` by robot. ``presence_lost``: there was more.
+    ``presence`` by key (True: present), ``states``: the latest state by key of frames that need a full check,
+    ``moved``: watched robots with newer frames, ``progress`` in order. ``told`` counts progress by key, ``tokens`` the
+    entries of ``presence`` by robot. ``presence_lost`` says that some presence did not fit.
     """
 
     presence: dict[str, bool] = field(default_factory=dict)
@@ -33,12 +34,12 @@ class Batch:
 
 
 class Inbox:
-    """Filled by any thread, emptied by one reader, who is woken once per batch.
+    """Filled by any thread and emptied by one reader, who is woken once per batch.
 
-    Overflow policy: one presence and one state per key, the latest wins, new keys beyond ``MAX_KEYS`` are refused,
-    of presence those of one robot beyond ``MAX_TOKENS_OF_ONE``, and the reader is told that he has to list all tokens;
-    of progress that of one key is dropped beyond ``MAX_PROGRESS_OF_ONE``, and the oldest beyond ``MAX_PROGRESS``.
-    So however much one robot says, what others say is heard, and a batch is soon read.
+    Overflow policy: one presence and one state per key, the latest wins. New keys beyond ``MAX_KEYS`` are refused, and
+    so is presence of one robot beyond ``MAX_TOKENS_OF_ONE``; the reader is then told to list all tokens. Progress of
+    one key is dropped beyond ``MAX_PROGRESS_OF_ONE``, and the oldest beyond ``MAX_PROGRESS``. So no robot can suppress
+    others, and a batch is read in bounded time.
     """
 
     def __init__(self, wake: Callable[[], object]) -> None:
@@ -50,7 +51,8 @@ class Inbox:
     def put_presence(self, key: str, present: bool) -> None:
         with self._lock:
             batch, robot = self._batch, key.rpartition("/")[0]
-            known = batch.presence.pop(key, None) is not None  # so that the order is that of the latest change
+            # removed first, so that the order is that of the latest change
+            known = batch.presence.pop(key, None) is not None
             if known or (len(batch.presence) < MAX_KEYS and batch.tokens[robot] < MAX_TOKENS_OF_ONE):
                 batch.presence[key] = present
                 batch.tokens[robot] += not known
@@ -82,7 +84,7 @@ class Inbox:
             return batch
 
     def close(self) -> None:
-        """Nobody is woken from here on."""
+        """Stop waking the reader."""
         with self._lock:
             self._wake = None
 

@@ -1,16 +1,16 @@
-"""One invocation of an action: what is known of it, and what two copies of it know together."""
+"""One invocation of an action, and the merge of two copies of it."""
 
 import re
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
-FLEET = ""  # what stands for the robot of an invocation that is the whole fleet's
+FLEET = ""  # stands for the robot of an invocation of the whole fleet
 
 _WORD = re.compile(r"[a-z]*")
 
 
 class InvocationState(StrEnum):
-    """UNKNOWN: nobody answered the command, or the agent is gone; progress or the deadline will tell."""
+    """States. UNKNOWN: the agent did not answer or has gone; progress or the deadline will resolve it."""
 
     ACCEPTED = "accepted"
     RUNNING = "running"
@@ -25,7 +25,7 @@ class InvocationState(StrEnum):
         return self in TERMINAL
 
 
-# From the best to the worst: what a fleet's invocation comes to is the worst of what its robots came to.
+# From best to worst: the outcome of a fleet invocation is the worst of its robots.
 TERMINAL = (
     InvocationState.SUCCEEDED,
     InvocationState.CANCELLED,
@@ -39,17 +39,18 @@ ENDS = {**{state.value: state for state in TERMINAL}, "refused": InvocationState
 class Invocation:
     """One invocation of the action at ``action``, a path such as ``/baxter/right_s1/actions/rotate``.
 
-    ``targets`` are the commanded and ``result`` the last measured positions by joint, in rad or m. ``client`` is who
-    asked, as it is shown, ``body`` what was admitted, as N-Triples, ``lease`` the id of the lease that it ends with.
-    ``duration_s`` is what the agent expects, ``progress`` the share that is done, 0 to 1; of the fleet's invocations
-    the share of robots that have ended. ``facts`` are further numbers with the unit in their names (``residual_m``).
-    ``preempts`` are the ids that it ended, ``preempted_by`` is the one that ended it. ``stops`` are the joints that it
-    stops, all for none named; None for a motion. ``incarnation`` is the run of the agent that was asked, 0 for several.
-    ``refused`` is the code with which the agent refused it. ``expired``: it failed because nobody has reported its end
-    in time, which is a guess; whatever the robot says of it afterwards is true.
+    ``targets`` are the commanded and ``result`` the last measured positions by joint, in rad or m. ``client`` is the
+    displayed name of the caller, ``body`` the accepted body as N-Triples, ``lease`` the id of the lease whose end
+    cancels the invocation. ``duration_s`` is the agent's estimate. ``progress`` is the completed share, 0 to 1; for
+    invocations of the fleet it is the share of robots that have ended. ``facts`` are further numbers with the unit in
+    their names (``residual_m``). ``preempts`` are the ids of the invocations that it ended, ``preempted_by`` is the one
+    that ended it. ``stops`` are the joints that it stops, empty for all; None for a motion. ``incarnation`` is the run
+    of the agent, 0 for several. ``refused`` is the agent's refusal code. ``expired`` means that it failed because no
+    end was reported in time; a later report of the robot overrides this.
 
-    ``robots`` says of the fleet's invocations what each robot answered: a word, which is a state or ``refused``, and
-    perhaps what a human should know, as in ``failed: the joint is blocked``. Any other word is an open end.
+    ``robots`` has the answer of each robot to an invocation of the fleet: a word, which is a state or ``refused``,
+    optionally followed by details, as in ``failed: the joint is blocked``. Any other word means that the robot has not
+    ended.
     """
 
     id: str
@@ -79,19 +80,20 @@ class Invocation:
 
     @property
     def over(self) -> bool:
-        """True if it has ended for good."""
+        """True if it has ended and no report can change that."""
         return self.state.terminal and not self.expired
 
     @property
     def accepted(self) -> bool:
-        """True if the agent is known to have accepted it, whatever became of it."""
+        """True if the agent is known to have accepted it, whatever happened later."""
         return self.duration_s is not None or self.started_ns is not None
 
 
 def merged(held: Invocation, found: Invocation) -> Invocation:
-    """Merge two copies of one invocation; of two ends that were reported ``found`` is the one that counts.
+    """Merge two copies of one invocation. If both have a reported end, that of ``found`` wins.
 
-    Neither need be the later one: who heard the robot may not know yet what its agent answered to whom asked it.
+    Neither copy need be later: the gateway that receives progress may not know yet what the agent answered to another
+    gateway.
     """
     base, other = (found, held) if _newer(held, found) else (held, found)
     whole = replace(
@@ -111,7 +113,9 @@ def merged(held: Invocation, found: Invocation) -> Invocation:
 
 
 def _newer(held: Invocation, found: Invocation) -> bool:
-    """Return True if ``found`` says what became of it: an end over a guess, and the guess of who allowed more time."""
+    """Return True if ``found`` takes precedence: reported ends before expiry, and of two expiries the one with the
+    later deadline.
+    """
     if held.over or found.over:
         return found.over
     if held.expired or found.expired:
@@ -120,7 +124,7 @@ def _newer(held: Invocation, found: Invocation) -> bool:
 
 
 def gather(invocation: Invocation) -> None:
-    """Derive the state of the fleet's invocation from the answers of its robots."""
+    """Update the state of a fleet invocation from the answers of its robots."""
     words = [word(answer) for answer in invocation.robots.values()]
     ended = [ENDS[each] for each in words if each in ENDS]
     invocation.progress = len(ended) / len(words)
@@ -134,7 +138,7 @@ def gather(invocation: Invocation) -> None:
 
 
 def word(answer: str) -> str:
-    """The state that the answer of one robot begins with."""
+    """Return the state at the start of a robot's answer."""
     found = _WORD.match(answer)
     return found[0] if found else ""
 
@@ -144,5 +148,5 @@ def has_ended(answer: str) -> bool:
 
 
 def _weight(answer: str) -> int:
-    """An end outweighs everything, and anything that the robot is merely waited for."""
+    """Return the precedence of an answer: ends first, then anything but a mere acceptance."""
     return 2 if has_ended(answer) else int(word(answer) != InvocationState.ACCEPTED)

@@ -1,5 +1,8 @@
-"""The invocations of actions. Times are wall nanoseconds: of the gateway, except started and ended, which the
-agent reported (the gateway's own when a deadline ended the invocation)."""
+"""The invocations of actions.
+
+Times are gateway wall time in nanoseconds, except start and end, which the agent reports (the gateway's own time if a
+deadline ended the invocation).
+"""
 
 from bisect import bisect_left, insort_right
 from collections.abc import Iterable
@@ -19,18 +22,18 @@ _GONE = "the agent is gone; the last known state was"
 
 
 class Invocations:
-    """All invocations that are not over, and of each robot the last thousand that are."""
+    """All invocations that are not over, and the last ``MAX_TERMINAL`` of each robot that are."""
 
     def __init__(self) -> None:
         self._all: dict[str, Invocation] = {}
         self._of_action: dict[str, dict[str, Invocation]] = {}
         self._of_robot: dict[str, list[Invocation]] = {}  # oldest first
-        self._open: dict[str, dict[str, Invocation]] = {}  # by robot; some that have ended since, until they are seen
-        self._open_by: dict[str, dict[str, Invocation]] = {}  # motions by client, in the same way
+        self._open: dict[str, dict[str, Invocation]] = {}  # by robot; may contain ended ones until the next access
+        self._open_by: dict[str, dict[str, Invocation]] = {}  # motions by client, likewise
         self._commanded = Commanded()
 
     def add(self, invocation: Invocation) -> None:
-        """Remember an invocation. Raises ValueError when its id is taken."""
+        """Add an invocation. Raises ValueError if its id exists."""
         if invocation.id in self._all:
             raise ValueError(f"invocation {invocation.id!r} exists already")
         self._all[invocation.id] = invocation
@@ -41,10 +44,9 @@ class Invocations:
         self._forget(invocation.robot)
 
     def put(self, invocation: Invocation) -> Invocation | None:
-        """Take over what another gateway wrote; the invocation as it is remembered now, None when that is no news.
+        """Merge what another gateway wrote. Return the stored invocation, or None if nothing has changed.
 
-        One that is remembered stays the same object, whose fields change. Nothing that is known is lost to an older
-        copy.
+        A known invocation stays the same object, whose fields change. An older copy never overwrites newer facts.
         """
         held = self._all.get(invocation.id)
         if held is None:
@@ -62,14 +64,14 @@ class Invocations:
 
     @property
     def open(self) -> int:
-        """How many have not ended."""
+        """Number of invocations that have not ended."""
         return sum(not one.state.terminal for held in list(self._open.values()) for one in list(held.values()))
 
     def get(self, id: str) -> Invocation | None:
         return self._all.get(id)
 
     def remove(self, id: str) -> Invocation | None:
-        """Forget an invocation; None when there is none of that id."""
+        """Remove an invocation; return None if there is none of that id."""
         invocation = self._all.pop(id, None)
         if invocation is not None:
             self._commanded.remove(invocation)
@@ -82,32 +84,32 @@ class Invocations:
         return invocation
 
     def of(self, action: str) -> list[Invocation]:
-        """Those of one action, newest first."""
+        """Return the invocations of one action, newest first."""
         return _newest_first(self._of_action.get(action, {}).values())
 
     def of_robot(self, robot: str) -> list[Invocation]:
-        """Those of one robot, newest first; of the fleet as a whole for ``FLEET``."""
+        """Return the invocations of one robot, newest first; those of the fleet for ``FLEET``."""
         return self._of_robot.get(robot, [])[::-1]
 
     def last_motion_ns(self, robot: str) -> int | None:
-        """When the last motion of one robot ended, of those that it accepted; None if none is remembered."""
+        """Return the end of the last accepted motion of one robot (wall ns); None if none is stored."""
         for one in reversed(self._of_robot.get(robot, [])):
             if one.stops is None and one.ended_ns is not None and one.accepted:
                 return one.ended_ns
         return None
 
     def open_of(self, robot: str) -> list[Invocation]:
-        """Those of one robot, or of the fleet as a whole, that are not over, newest first."""
+        """Return the invocations of one robot, or of ``FLEET``, that are not over, newest first."""
         return _newest_first(_still_open(self._open, robot).values())
 
     def motions_by(self, client: str) -> int:
-        """How many motions that ``client`` asked for are not over; halts do not count."""
+        """Return the number of running motions of ``client``; stops do not count."""
         return len(_still_open(self._open_by, client))
 
     def apply(self, robot: str, progress: Progress) -> Invocation | None:
-        """Take news from a robot; None when it concerns nothing that is open: another's id, or one that is over.
+        """Apply progress from a robot. Return None if the id is unknown or the invocation is over.
 
-        One that failed because nothing was heard of it is open again, or ends as the robot says.
+        An expired invocation is reopened, or ends as the robot reports.
         """
         invocation = self._all.get(progress.id)
         if invocation is None or invocation.over:
@@ -128,15 +130,15 @@ class Invocations:
         return invocation
 
     def answer(self, invocation: Invocation, robot: str, answer: str) -> None:
-        """Note what a robot answered to an invocation of the fleet, unless it has told how it ended already."""
+        """Record a robot's answer to an invocation of the fleet, unless its end is already known."""
         if not invocation.state.terminal and not has_ended(invocation.robots.get(robot, "")):
             invocation.robots[robot] = answer
             gather(invocation)
 
     def lose(self, robot: str) -> list[Invocation]:
-        """Nobody knows any more what became of the open ones of a robot whose agent is gone; return them.
+        """Mark the open invocations of a robot whose agent has gone as unknown, and return them.
 
-        Those of the fleet in which it has a part are among them; they are unknown when nobody else's part is open.
+        Invocations of the fleet that involve it are included; they become unknown if no other robot's part is open.
         """
         lost = [one for one in self.open_of(robot) if one.state in _KNOWN]
         for one in lost:
@@ -151,21 +153,21 @@ class Invocations:
         return lost
 
     def late(self, now_ns: int) -> list[Invocation]:
-        """The invocations that are open after their deadline."""
+        """Return the open invocations past their deadline."""
         return [
             one for robot in list(self._open) for one in _still_open(self._open, robot).values()
             if now_ns > one.deadline_ns
         ]  # fmt: skip
 
     def expire(self, invocation: Invocation, now_ns: int) -> None:
-        """Fail one of which nobody has reported the end."""
+        """Fail an invocation whose end nobody has reported."""
         invocation.reason = (
             f"the robot reported no end before the deadline; the last known state was {invocation.state}"
         )
         invocation.state, invocation.expired, invocation.ended_ns = InvocationState.FAILED, True, now_ns
 
     def outlived(self, robot: str, incarnation: int, now_ns: int) -> list[Invocation]:
-        """Fail what earlier runs of the agent were asked for and return it: the present run knows nothing of it."""
+        """Fail and return the invocations of earlier runs of the agent, which the present run does not know."""
         old = [one for one in self.open_of(robot) if 0 < one.incarnation < incarnation]
         for one in old:
             one.reason = f"the agent was started anew; the last known state was {one.state}"
@@ -173,7 +175,7 @@ class Invocations:
         return old
 
     def targets(self, robot: str, incarnation: int | None) -> dict[str, float]:
-        """The last commanded positions of the joints of a robot (rad or m) in its present run, as far as that holds."""
+        """Return the valid target positions of a robot's joints (rad or m) in its present run."""
         return {} if incarnation is None else self._commanded.targets(robot, incarnation, self._all)
 
     def _reopen(self, invocation: Invocation) -> None:
@@ -188,7 +190,7 @@ class Invocations:
             del self._of_robot[invocation.robot]
 
     def _places(self, invocation: Invocation) -> tuple[tuple[dict[str, dict[str, Invocation]], str], ...]:
-        """The indexes and the key in each under which it is found."""
+        """Return the indexes that contain the invocation, each with its key."""
         return (self._of_action, invocation.action), *self._open_places(invocation)
 
     def _open_places(self, invocation: Invocation) -> tuple[tuple[dict[str, dict[str, Invocation]], str], ...]:
@@ -196,7 +198,7 @@ class Invocations:
         return (of_robot, by_client) if invocation.stops is None else (of_robot,)
 
     def _forget(self, robot: str) -> None:
-        """Drop the oldest that are over, if there are more than a thousand."""
+        """Remove the oldest invocations that are over, beyond ``MAX_TERMINAL``."""
         held = self._of_robot[robot]
         if len(held) <= MAX_TERMINAL:
             return
@@ -208,7 +210,7 @@ class Invocations:
 
 
 def _still_open(index: dict[str, dict[str, Invocation]], key: str) -> dict[str, Invocation]:
-    """The invocations that are indexed under a key, without those that have ended since by another's write."""
+    """Return the open invocations under a key, removing from the index those that have ended."""
     still = {id: one for id, one in index.get(key, {}).items() if not one.state.terminal}
     if still:
         index[key] = still

@@ -1,7 +1,7 @@
-"""Forward kinematics of one robot. Metre and radian; a pose that cannot be known is None.
+"""Forward kinematics of one robot. Metre and radian; an unknown pose is None.
 
-Written out rather than left to a library: where one link is watched only the joints above it are computed,
-and a gateway that plans nothing does not have to hold 60 MB of Pinocchio.
+Implemented here because only the joints above a watched link are computed, and a gateway without planning need not load
+Pinocchio (60 MB).
 """
 
 import math
@@ -13,14 +13,14 @@ from linked_fleet_gateway.fleet.xml import Quaternion, Vector
 
 ORIGIN = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
-_HALF_TURN = 0.1  # 168 degrees, at which no link is mounted
+_HALF_TURN = 0.1  # |w| at a rotation of 168 degrees, near which no link is mounted
 
 
 class LinkPoses:
-    """Poses of the links of a robot at given joint positions (rad or m), each computed when it is first asked for.
+    """Poses of the links of a robot at given joint positions (rad or m), computed on demand.
 
-    ``root`` is where the root link is: ``ORIGIN``, which makes its frame that of all poses, or ``placed(base)``.
-    A link is unknown behind a joint whose position is missing or NaN, or that has six or three degrees of freedom.
+    ``root`` is the pose of the root link: ``ORIGIN`` for a fixed base, or ``placed(base)``. A link is unknown behind a
+    joint whose position is missing or NaN, or that is floating or planar.
     """
 
     def __init__(self, model: RobotModel, positions: Mapping[str, float], root: Pose | None) -> None:
@@ -29,7 +29,7 @@ class LinkPoses:
         self._known: dict[str, Pose | None] = {model.root: root}
 
     def of(self, link: str) -> Pose | None:
-        """None as well for a link that there is not."""
+        """Return the pose of a link; None if it is unknown or does not exist."""
         above: list[Joint] = []
         while link not in self._known:
             parent = self._model.links[link].parent_joint if link in self._model.links else None
@@ -56,12 +56,12 @@ class LinkPoses:
                 orientation = _product(orientation, (sine * x, sine * y, sine * z, math.cos(moved / 2)))
         place = _sum(parent.position_m, _turned(position, parent.orientation_xyzw))
         if not math.isfinite(place[0] + place[1] + place[2]):
-            return None  # finite positions of absurd size overflow on the way
+            return None  # absurdly large finite positions overflow
         return Pose(place, _signed(_product(parent.orientation_xyzw, orientation)))
 
 
 def placed(base: Base | None) -> Pose | None:
-    """The pose of a floating base; None while it is unknown, or its orientation is none."""
+    """Return the pose of a floating base; None if it is unknown or its orientation is invalid."""
     if base is None:
         return None
     x, y, z, w = base.orientation_xyzw
@@ -72,13 +72,13 @@ def placed(base: Base | None) -> Pose | None:
 
 
 def compose(outer: Pose, inner: Pose) -> Pose:
-    """Compose two poses: that of a frame, ``outer``, and one in this frame, ``inner``."""
+    """Return the pose ``inner``, given in the frame at ``outer``, in the frame of ``outer``."""
     position = _sum(outer.position_m, _turned(inner.position_m, outer.orientation_xyzw))
     return Pose(position, _signed(_product(outer.orientation_xyzw, inner.orientation_xyzw)))
 
 
 def inverse(pose: Pose) -> Pose:
-    """Invert a pose: the pose of its frame, in the frame that stands at ``pose``."""
+    """Invert a pose."""
     x, y, z, w = pose.orientation_xyzw
     back = (-x, -y, -z, w)
     a, b, c = _turned(pose.position_m, back)
@@ -90,7 +90,7 @@ def _sum(a: Vector, b: Vector) -> Vector:
 
 
 def _turned(v: Vector, q: Quaternion) -> Vector:
-    """v + 2 w (q × v) + 2 q × (q × v)."""
+    """Rotate a vector: v + 2 w (q × v) + 2 q × (q × v)."""
     x, y, z, w = q
     a, b, c = v
     i, j, k = 2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)
@@ -109,8 +109,9 @@ def _product(a: Quaternion, b: Quaternion) -> Quaternion:
 
 
 def _signed(q: Quaternion) -> Quaternion:
-    """Choose one of the two quaternions of a rotation, or a link at rest would seem to turn: that with w
-    positive, and towards half a turn, where w is noise, that with the largest of the others positive.
+    """Choose one of the two quaternions of a rotation consistently, so that a link at rest does not seem to turn.
+
+    The one with positive w; near half a turn, where w is noise, the one whose largest other component is positive.
     """
     x, y, z, w = q
     lead = w if abs(w) > _HALF_TURN else max(x, y, z, key=abs)

@@ -1,13 +1,13 @@
-"""Control of a robot: who has it, and until when. Wall nanoseconds of Redis."""
+"""The control lease of a robot. Times are Redis wall time in nanoseconds."""
 
 from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
 class Lease:
-    """The control lease of one robot. The secret that proves it is never part of it.
+    """The control lease of one robot, without the secret that proves it.
 
-    ``left_s`` is what was left of it when Redis was asked, whatever the clock of who asks says.
+    ``left_s`` is the remaining time when Redis was asked, independent of the gateway's clock.
     """
 
     id: str

@@ -1,4 +1,4 @@
-"""How long the positions of one robot have been outside the limits of its URDF. Pure; times are handed in."""
+"""Detection of positions that stay outside the limits of the URDF. Pure; times are passed in."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from linked_fleet_gateway.fleet.robot import Robot
 
 @dataclass(slots=True)
 class LimitWatch:
-    """``outside_ns``: since when, in gateway wall time, each frame that was judged has been outside."""
+    """Watches one robot. ``outside_ns`` is the gateway wall time since which every checked frame was outside."""
 
     judged: bytes | None = None
     outside_ns: int | None = None
@@ -18,7 +18,7 @@ class LimitWatch:
     def judge(
         self, robot: Robot, now_ns: int, complain: Callable[[str, object], None]
     ) -> Literal["faulty", "recovered"] | None:
-        """Judge the latest frame of the robot, and set its ``limit_fault``. Return the change of it."""
+        """Check the latest frame and set ``limit_fault`` of the robot. Return the change, if any."""
         robot.look()
         payload = robot.payload if robot.online else None
         fresh, self.judged = payload is not self.judged, payload

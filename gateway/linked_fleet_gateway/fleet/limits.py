@@ -1,6 +1,6 @@
 """Positions in a frame that are outside the limits of the URDF. Pure.
 
-A joint at its stop may read a little beyond it, by its encoder or by a soft stop: that is within the tolerance.
+A joint at its stop may read slightly beyond it, because of its encoder or a soft stop. The tolerance covers that.
 """
 
 import math
@@ -20,7 +20,7 @@ _ENDLESS: Bounds = (-math.inf, math.inf)
 
 
 def bounds_of(model: RobotModel, joints: Sequence[str]) -> Mapping[str, Bounds]:
-    """Positions (rad or m) within the limits of each joint and the tolerance; endless where there is no limit."""
+    """Return the limits of each joint (rad or m) widened by the tolerance; infinite if there are none."""
     found = {}
     for name in joints:
         joint, (lower, upper) = model.joints[name], _ENDLESS
@@ -33,12 +33,15 @@ def bounds_of(model: RobotModel, joints: Sequence[str]) -> Mapping[str, Bounds]:
 
 
 def is_outside(value: float, bounds: Bounds) -> bool:
-    """NaN, which is unknown, is not; nor is infinity, with which a frame is malformed."""
+    """Return True for a position outside ``bounds``. NaN is unknown and infinity malformed, so both are not outside."""
     return math.isfinite(value) and not bounds[0] <= value <= bounds[1]
 
 
 def joints_outside(payload: bytes, floating: bool, bounds: Mapping[str, Bounds]) -> list[tuple[str, float]]:
-    """Joints with their positions. ``bounds`` are those of all joints of the frame, in its order."""
+    """Return the joints outside their limits with their positions.
+
+    ``bounds`` are those of all joints in frame order.
+    """
     positions = _positions(len(bounds)).unpack_from(payload, _offset(floating))
     if all([low <= value <= high for value, (low, high) in zip(positions, bounds.values(), strict=True)]):
         return []

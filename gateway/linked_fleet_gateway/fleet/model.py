@@ -1,7 +1,7 @@
-"""The tree of joints and links that a URDF describes. Lengths in metre, angles in radian, masses in kilogram.
+"""The tree of joints and links in a URDF. Lengths in metre, angles in radian, masses in kilogram.
 
-Source of the rules: https://wiki.ros.org/urdf/XML (joint, link, inertial). The text comes from an agent and is hostile
-until proven otherwise: sizes are bounded and nothing recurses over its depth.
+Source of the rules: https://wiki.ros.org/urdf/XML (joint, link, inertial). The text comes from an agent and is
+untrusted: sizes are bounded and nothing recurses over its depth.
 """
 
 import math
@@ -50,7 +50,7 @@ _MOVABLE = frozenset({JointKind.REVOLUTE, JointKind.CONTINUOUS, JointKind.PRISMA
 
 @dataclass(frozen=True)
 class Pose:
-    """A rigid placement; the quaternion is of unit length, in the order x y z w."""
+    """A rigid placement; the quaternion x y z w has unit length."""
 
     position_m: Vector
     orientation_xyzw: Quaternion
@@ -58,7 +58,7 @@ class Pose:
 
 @dataclass(frozen=True)
 class Limits:
-    """rad or m, rad/s or m/s, Nm or N; None where the URDF does not say, and for the ends of a continuous joint."""
+    """Limits in rad or m, rad/s or m/s, Nm or N; None if the URDF has none, and for positions of a continuous joint."""
 
     lower: float | None
     upper: float | None
@@ -68,7 +68,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Mimic:
-    """This joint stands at ``multiplier`` times the position of ``joint``, plus ``offset``."""
+    """The position of this joint is ``multiplier`` times that of ``joint``, plus ``offset``."""
 
     joint: str
     multiplier: float
@@ -77,7 +77,7 @@ class Mimic:
 
 @dataclass(frozen=True)
 class Joint:
-    """``origin`` places the joint in the parent link; ``axis`` is a unit vector in the frame of the joint."""
+    """A joint; ``origin`` is its pose in the parent link, ``axis`` a unit vector in its own frame."""
 
     name: str
     kind: JointKind
@@ -97,15 +97,15 @@ class Joint:
 
     @property
     def commandable(self) -> bool:
-        """True if it moves by itself rather than after another joint."""
+        """True if it takes commands, i.e. is movable and mimics no other joint."""
         return self.movable and self.mimic is None
 
 
 @dataclass(frozen=True)
 class Inertial:
-    """Inertia ixx ixy ixz iyy iyz izz about the centre of mass, in axes of the link; it is described, not judged.
+    """Inertia ixx ixy ixz iyy iyz izz about the centre of mass, in link axes, as stated in the file.
 
-    Real files (TIAGo) carry matrices that are not positive definite.
+    Real files (TIAGo) contain matrices that are not positive definite.
     """
 
     mass_kg: float
@@ -115,7 +115,7 @@ class Inertial:
 
 @dataclass(frozen=True)
 class Link:
-    """A rigid body; ``parent_joint`` is None for the root alone."""
+    """A rigid body; ``parent_joint`` is None for the root only."""
 
     name: str
     inertial: Inertial | None
@@ -125,7 +125,7 @@ class Link:
 
 @dataclass(frozen=True, eq=False)
 class RobotModel:
-    """A tree: one root, every other link below exactly one joint. Both mappings keep the order of the file."""
+    """A tree: one root, every other link below exactly one joint. Both mappings keep file order."""
 
     name: str
     root: str
@@ -134,12 +134,12 @@ class RobotModel:
 
     @cached_property
     def unknown(self) -> Mapping[str, float]:
-        """NaN for each joint that has one degree of freedom, by name."""
+        """NaN for each joint with one degree of freedom, by name."""
         return {joint.name: math.nan for joint in self.joints.values() if joint.movable}
 
     @classmethod
     def of(cls, urdf: str) -> "RobotModel":
-        """Return the model that ``parse`` gives; robots of one URDF share one, for as long as any of them has it."""
+        """Return the parsed model; robots with the same URDF share one while any of them uses it."""
         model = _shared.get(urdf)
         if model is None:
             model = _shared[urdf] = cls.parse(urdf)
@@ -147,7 +147,7 @@ class RobotModel:
 
     @classmethod
     def parse(cls, urdf: str) -> Self:
-        """Read a URDF. Raises ModelError, whose text says what is wrong and where."""
+        """Parse a URDF. Raises ModelError, whose text says what is wrong and where."""
         robot = parse_xml(urdf)
         if robot.tag != "robot":
             raise ModelError(f"the root element is <{robot.tag[:40]}>, not <robot>")
@@ -163,12 +163,12 @@ class RobotModel:
         return cls(name_of(robot, "the robot"), root, joints, links)
 
 
-# A fleet has many robots and few models, which are most of what a robot costs in memory and in joining.
+# A fleet has many robots but few models, which take most of a robot's memory and of its time to join.
 _shared: WeakValueDictionary[str, RobotModel] = WeakValueDictionary()
 
 
 def _inertials(robot: Element) -> dict[str, Inertial | None]:
-    """The inertial (or None) of every link, by name."""
+    """Return the inertial (or None) of every link, by name."""
     found: dict[str, Inertial | None] = {}
     for element in robot.findall("link"):
         name = name_of(element, f"link number {len(found) + 1}")
@@ -195,7 +195,7 @@ def _inertial(element: Element | None, where: str) -> Inertial | None:
 
 
 def _rotated(inertia: list[float], orientation: Quaternion) -> tuple[float, float, float, float, float, float]:
-    """R I Rᵀ: the tensor in the axes that ``orientation`` is expressed in."""
+    """Return R I Rᵀ: the tensor in the axes in which ``orientation`` is expressed."""
     xx, xy, xz, yy, yz, zz = inertia
     if orientation == (0.0, 0.0, 0.0, 1.0):
         return xx, xy, xz, yy, yz, zz  # the usual case stays exact
@@ -226,7 +226,7 @@ def _joint(element: Element, name: str) -> Joint:
     where = f"joint {name!r}"
     kind = _kind(element, where)
     dynamics = element.find("dynamics")
-    # Files put "0 0 0" on joints that have no axis; only where it means something does it have to be a direction.
+    # Files state the axis "0 0 0" for joints without one; it must be a direction only where it has a meaning.
     has_axis = kind in _MOVABLE or kind is JointKind.PLANAR
     axis = vector(element.find("axis"), "xyz", (1.0, 0.0, 0.0), where) if has_axis else (1.0, 0.0, 0.0)
     return Joint(
@@ -265,7 +265,7 @@ def _limits(element: Element | None, kind: JointKind, where: str) -> Limits:
     velocity, effort = (optional_number(element, name, where) for name in ("velocity", "effort"))
     if kind not in (JointKind.REVOLUTE, JointKind.PRISMATIC):
         return Limits(None, None, velocity, effort)
-    # An omitted end is zero by the specification.
+    # An omitted bound is zero by the specification.
     lower, upper = (optional_number(element, name, where) or 0.0 for name in ("lower", "upper"))
     if lower > upper:
         raise ModelError(f"{where} has a lower limit of {lower} above its upper limit of {upper}")
@@ -292,7 +292,7 @@ def _check_references(joints: dict[str, Joint], links: dict[str, Inertial | None
 
 
 def _parents(joints: dict[str, Joint]) -> dict[str, str]:
-    """The joint above each link that has one."""
+    """Return the joint above each link that has one."""
     above: dict[str, str] = {}
     for joint in joints.values():
         if joint.child in above:

@@ -1,4 +1,4 @@
-"""Changes of values: a value is held until it moves by at least the stated resolution."""
+"""Change detection: a value is held until it moves by at least the resolution."""
 
 import math
 from decimal import Decimal
@@ -7,13 +7,13 @@ from typing import NamedTuple
 
 from linked_fleet_gateway.fleet.limits import Bounds, is_outside
 
-MAX_HELD = 16_384  # several times what the largest robot has to observe
+MAX_HELD = 16_384  # several times the number of values of the largest robot
 
 
 class Observation(NamedTuple):
-    """Values rounded to the resolution, and the frame in which they last changed: agent's wall time (ns), sequence.
+    """Rounded values, and the wall time (ns, agent) and sequence of the frame in which they last changed.
 
-    ``outside``: the value is a position outside the limits of its joint.
+    ``outside`` says that the value is a position outside the limits of its joint.
     """
 
     values: tuple[float, ...]
@@ -23,7 +23,7 @@ class Observation(NamedTuple):
 
 
 class Observations:
-    """The held observation of each key; beyond the bound the key that was held first is forgotten."""
+    """The held observation of each key; beyond ``MAX_HELD`` the oldest key is forgotten."""
 
     def __init__(self) -> None:
         self._held: dict[str, Observation] = {}
@@ -54,19 +54,19 @@ class Observations:
 def _moved(old: tuple[float, ...], new: tuple[float, ...], resolution: float) -> bool:
     if len(old) != len(new):
         return True
-    # A decimal step such as 0.3 - 0.2 falls short of 0.1 by rounding; it is a whole step all the same.
+    # A decimal step such as 0.3 - 0.2 is less than 0.1 by rounding, but counts as a whole step.
     least = resolution * (1 - 1e-9)
     for a, b in zip(old, new, strict=True):
-        # Of NaN this asks last: it is no number, and nothing compares with it.
+        # NaN is tested last, because it is rare.
         if a != b and not abs(a - b) < least and not (math.isnan(a) and math.isnan(b)):
             return True
     return False
 
 
 def rounded(value: float, resolution: float) -> float:
-    """``value`` as the nearest decimal multiple of ``resolution``, which prints short; NaN stays NaN."""
+    """Return ``value`` rounded to a decimal multiple of ``resolution``, for short output; NaN stays NaN."""
     if not math.isfinite(value) or abs(value) > 1e15 * resolution or resolution <= 0:
-        return value  # beyond a float's digits there is nothing to round
+        return value  # nothing to round beyond the digits of a float
     return round(round(value / resolution) * resolution, _digits(resolution)) + 0.0  # + 0.0 turns -0.0 into 0.0
 
 

@@ -1,26 +1,26 @@
 """Liveliness tokens of agents, by robot and run, in bounded memory. Pure.
 
-A token is all that a peer needs to make up a robot, so the table has a bound for the runs of one robot and one for the
-robots that have not described themselves. Tokens beyond them are not kept; ``incomplete`` says that there are some.
+A peer can invent robots by declaring tokens, so the table bounds the runs of one robot and the number of robots without
+a description. Tokens beyond the bounds are not kept, and ``incomplete`` is set.
 """
 
 MAX_RUNS = 8
-"""Runs of one robot at once. The highest are kept: the highest is the present one."""
+"""Most runs of one robot at once. The highest are kept, because the highest is the present one."""
 MAX_UNDESCRIBED = 10_000
-"""Robots without a description at once: as many as a fleet that joins at one moment."""
+"""Most robots without a description: as many as a fleet that joins at one moment."""
 
 Token = tuple[str, int]
 """Robot and run."""
 
 
 class Presence:
-    """Tokens that are present. Not thread-safe."""
+    """The present tokens. Not thread-safe."""
 
     def __init__(self) -> None:
         self._runs: dict[str, set[int]] = {}
         self._undescribed: dict[str, None] = {}
         self.incomplete = False
-        """Some token is present that this table has refused or forgotten. The owner lists all tokens to find it."""
+        """True if a present token was refused or forgotten. The owner then lists all tokens to find it."""
 
     def __contains__(self, token: Token) -> bool:
         return token[1] in self._runs.get(token[0], ())
@@ -36,16 +36,17 @@ class Presence:
 
     @property
     def full(self) -> bool:
-        """No further robot without a description has room."""
+        """True if there is no room for another robot without a description."""
         return len(self._undescribed) >= MAX_UNDESCRIBED
 
     def runs(self, robot: str) -> frozenset[int]:
         return frozenset(self._runs.get(robot, ()))
 
     def add(self, token: Token, described: bool = False) -> Token | None:
-        """Keep a token. Return the one that made room for it: the lowest run of that robot, or ``token`` itself.
+        """Add a token. Return the one removed for it: the lowest run of that robot, or ``token`` itself.
 
-        ``described``: the robot has described itself before. Raises OverflowError for a robot that has no room.
+        ``described`` says that the robot has described itself before. Raises OverflowError if there is no room for the
+        robot.
         """
         robot, run = token
         runs = self._runs.get(robot)
@@ -74,7 +75,7 @@ class Presence:
             self._undescribed.pop(robot, None)
 
     def describe(self, robot: str) -> None:
-        """The robot has described itself."""
+        """Record that the robot has described itself."""
         self._undescribed.pop(robot, None)
 
     def forget(self, robot: str) -> frozenset[int]:

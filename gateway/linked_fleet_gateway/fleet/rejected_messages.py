@@ -1,4 +1,4 @@
-"""Counting what was refused, by sender, in bounded memory, with one log line per sender."""
+"""Counts of rejected messages by sender, in bounded memory, with one log line per sender."""
 
 import logging
 from collections import Counter
@@ -9,14 +9,14 @@ _OTHERS = "(others)"
 
 
 class Complaints:
-    """``counts`` by sender; senders beyond the bound share one entry, so that names cannot be used to fill memory."""
+    """Counts by sender. Senders beyond the bound share one entry, so that invented names cannot fill memory."""
 
     def __init__(self, log: logging.Logger) -> None:
         self.counts: Counter[str] = Counter()
         self._log = log
 
     def add(self, sender: str, reason: object) -> None:
-        sender = sender[:MAX_SENDER]  # of what is no robot it is a key
+        sender = sender[:MAX_SENDER]  # for a sender that is no robot, this is a key
         if sender not in self.counts and len(self.counts) >= MAX_SENDERS:
             sender = _OTHERS
         self.counts[sender] += 1
@@ -24,7 +24,7 @@ class Complaints:
             self._log.warning("%.200r sent something that is refused (logged once): %.500s", sender, reason)
 
     def forget(self, sender: str) -> None:
-        """Make room for another sender; the sum of the counts stays."""
+        """Free the entry of a sender; the sum of all counts stays."""
         count = self.counts.pop(sender, 0)
         if count:
             self.counts[_OTHERS] += count

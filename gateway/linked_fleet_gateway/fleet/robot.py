@@ -1,4 +1,4 @@
-"""One robot as the gateway knows it: who is present, what it said it is, and its latest frame."""
+"""One robot as the gateway knows it: presence, description and latest frame."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -15,12 +15,12 @@ from linked_fleet_gateway.fleet.model import ModelError, Pose, RobotModel
 from linked_fleet_gateway.fleet.observation import Observation, Observations
 
 Annotations = tuple[str, str]
-"""Turtle whose base is the IRI of the robot: what its agent says, and what clients say besides."""
+"""Turtle with the IRI of the robot as base: the annotations of its agent, and those of clients."""
 
 
 @dataclass(slots=True)
 class _Derived:
-    """Values derived from the present frame and description, at first use."""
+    """Values derived from the present frame and description, computed on demand."""
 
     header: Header | None = None
     decoded: bool = False
@@ -30,10 +30,10 @@ class _Derived:
 
 
 class Robot:
-    """Read by the gateway, changed by ``Fleet`` alone. Times in nanoseconds, values in SI units, NaN is unknown.
+    """One robot, changed by ``Fleet`` only. Times in nanoseconds, values in SI units, NaN is unknown.
 
-    While a restarted agent has not described itself yet, the description of the run before stays readable and every
-    value is unknown. While the robot is offline, its last frame stays.
+    Until a restarted agent has described itself, the description of the previous run stays readable and every value is
+    unknown. While the robot is offline, its last frame stays.
     """
 
     def __init__(self, name: str, complain: Callable[[str, object], None], frames: Frames) -> None:
@@ -43,18 +43,20 @@ class Robot:
         self.description: Description | None = None
         self.model: RobotModel | None = None
         self.heard_ns: int | None = None
-        """When its agent said anything but a frame, at the gateway's wall time."""
+        """Gateway wall time of the agent's last message other than a frame."""
         self.news = (0, 0)
-        """The last change that no frame brought: how many frames there had been, and which such change after that."""
+        """The last change not caused by a frame: the number of frames before it, and a counter of such changes since
+        then.
+        """
         self.lease: Lease | None = None
         self.settings: Mapping[str, str] = {}
-        """The settings by clients: ``title``, ``annotations`` (Turtle), ``maximumSpeedScale`` …"""
+        """Settings made by clients: ``title``, ``annotations`` (Turtle), ``maximumSpeedScale`` …"""
         self.targets: dict[str, float] = {}
-        """The positions to which joints were last commanded (rad or m), as far as that still holds."""
+        """The valid target positions of joints (rad or m)."""
         self._complain = complain
         self._fault: str | None = None
         self.limit_fault: str | None = None
-        """That positions have been outside the limits of the URDF for a while, as a sentence."""
+        """A sentence if positions have been outside the limits of the URDF for a while."""
         self._bounds: Mapping[str, Bounds] = {}
         self._observations = Observations()
         self._frames = frames
@@ -64,7 +66,7 @@ class Robot:
 
     @property
     def fault(self) -> str | None:
-        """Why this robot cannot be used fully, as a sentence; None when it can."""
+        """A sentence about what restricts this robot; None if nothing does."""
         return self._fault or self.limit_fault
 
     @property
@@ -83,19 +85,21 @@ class Robot:
 
     @property
     def speed_scale(self) -> float:
-        """The share of its speed that clients allow, above 0, at most 1."""
+        """The speed share that clients have set, above 0, at most 1."""
         return float(self.settings.get("maximumSpeedScale", 1.0))
 
     @property
     def last_seen_ns(self) -> int | None:
-        """When anything of its agent came, at the gateway's wall time; of frames this is so without ``look``."""
+        """Gateway wall time of the agent's last message; for frames it is current even without ``look``."""
         latest = self._latest
         frame_ns = None if latest is None else latest.frame[1]
         return max((each for each in (self.heard_ns, frame_ns) if each is not None), default=None)
 
     def look(self) -> bool:
-        """Take the latest frame for the present one, and say whether it is another. For the event loop alone: between
-        two looks everything about the robot is of one frame."""
+        """Make the latest frame the present one. Return True if it has changed.
+
+        For the event loop only: between two calls all properties of the robot refer to one frame.
+        """
         latest = self._latest
         if latest is None or latest.frame is self._frame:
             return False
@@ -115,13 +119,13 @@ class Robot:
 
     @property
     def payload(self) -> bytes | None:
-        """The present frame as it came over the wire."""
+        """The present frame as received."""
         frame = self._usable_frame()
         return None if frame is None else frame[0]
 
     @property
     def frame(self) -> State | None:
-        """The present frame, unpacked at first use; None before the first and while it is malformed inside."""
+        """The present frame, unpacked on demand; None before the first frame and if it is malformed."""
         derived = self._derived
         if not derived.decoded:
             derived.decoded = True
@@ -134,21 +138,21 @@ class Robot:
 
     @property
     def positions(self) -> Mapping[str, float]:
-        """rad or m by joint, for every movable joint of the model and every joint of the description."""
+        """Positions in rad or m for every movable joint of the model and every joint of the description."""
         return self._row("positions")
 
     @property
     def velocities(self) -> Mapping[str, float]:
-        """rad/s or m/s by joint."""
+        """Velocities in rad/s or m/s by joint."""
         return self._row("velocities")
 
     @property
     def efforts(self) -> Mapping[str, float]:
-        """Nm or N by joint."""
+        """Efforts in Nm or N by joint."""
         return self._row("efforts")
 
     def link_pose(self, link: str) -> Pose | None:
-        """Pose in the world frame (fixed base: the frame of the root link); None when it cannot be known."""
+        """Return the pose in the world frame (fixed base: the frame of the root link); None if unknown."""
         derived = self._derived
         if derived.poses is None:
             frame = self.frame
@@ -159,9 +163,9 @@ class Robot:
         return derived.poses.of(link)
 
     def observe(self, key: str, values: tuple[float, ...], resolution: float) -> Observation:
-        """Hold ``values`` under ``key``: the old ones and their stamp come back until one moves by ``resolution``.
+        """Return the held observation of ``key``, which changes only if a value moves by ``resolution``.
 
-        The stamp is the agent's wall time of the frame that moved it. A new incarnation or description starts anew.
+        The stamp is the agent's wall time of the frame with the change. A new incarnation or description resets it.
         """
         header = self.header
         if header is None:
@@ -169,23 +173,23 @@ class Robot:
         return self._observations.observe(key, values, resolution, header.wall_ns, header.sequence)
 
     def observe_position(self, joint: str, resolution: float) -> Observation:
-        """The position (rad or m) of a joint, marked when it is outside its limits."""
+        """Return the position (rad or m) of a joint, marked if it is outside its limits."""
         header, values = self.header, (self.positions.get(joint, math.nan),)
         wall_ns, sequence = (None, None) if header is None else (header.wall_ns, header.sequence)
         bounds = self._bounds.get(joint)
         return self._observations.observe(f"{joint}/position", values, resolution, wall_ns, sequence, bounds)
 
     def outside(self) -> list[tuple[str, float]]:
-        """Joints whose positions in the present frame are outside their limits."""
+        """Return the joints whose positions in the present frame are outside their limits."""
         frame = self._usable_frame()
         if frame is None or self.description is None:
             return []
         return joints_outside(frame[0], self.description.base == "floating", self._bounds)
 
-    # What follows is for Fleet alone.
+    # The following methods are for Fleet only.
 
     def run(self, incarnation: int) -> None:
-        """Begin another run of the agent: nothing measured by the run before is true any more."""
+        """Start another run of the agent: the values measured by the previous run are dropped."""
         self.incarnation = incarnation
         self.news = (0, 0)
         self.targets = {}
@@ -198,7 +202,7 @@ class Robot:
         self.tell_news()
 
     def describe(self, description: Description) -> None:
-        """Take a description; ``fault`` says afterwards whether it can be used."""
+        """Store a description; ``fault`` is set if it is unusable."""
         self.tell_news()
         self._close()
         old = self.description
@@ -213,12 +217,12 @@ class Robot:
             self._fault = _mismatch(description, self.model)
             self._bounds = {} if self._fault else bounds_of(self.model, description.joints)
             if self._fault:
-                self.model = None  # the frames cannot be read by this tree, so it is not shown as if they could
+                self.model = None  # frames do not match this tree, so it is not shown
         self._observations.clear()
         self._derived = _Derived()
 
     def undescribe(self, reason: str) -> None:
-        """Stay visible, as faulty: what the agent says of its robot cannot be used."""
+        """Become faulty because the description is unusable. The robot stays visible."""
         self.tell_news()
         self._close()
         self.description = self.model = None
@@ -227,20 +231,23 @@ class Robot:
         self._derived = _Derived()
 
     def take(self, header: Header, payload: bytes, now_ns: int) -> None:
-        """Store a frame without looking at its values; those that continue it are then put beside, for ``look``."""
+        """Store a frame without decoding its values.
+
+        Frames that continue it are then stored beside it, for ``look``.
+        """
         self._latest = Latest(self.name, header.sequence, payload, now_ns)
         self._frame = self._latest.frame
         self._derived = _Derived(header)
         self._frames.open(self._latest)
 
     def trust(self) -> None:
-        """The frame that came before the description fits it. Of what came before that nobody knows."""
+        """Accept the frame that arrived before the description. It has not been reported yet."""
         if self._latest is not None:
             self._latest = Latest(self.name, self._latest.sequence, *self._latest.frame)
             self._frames.open(self._latest)
 
     def tell(self) -> None:
-        """Note that those who watch are being told of all frames that have come."""
+        """Record that watchers are being told of all frames so far."""
         if self._latest is not None:
             self._latest.rung = self._latest.untold = False
             self.look()
@@ -251,11 +258,11 @@ class Robot:
 
     @property
     def described(self) -> bool:
-        """True if the present run of the agent has described itself usably."""
+        """True if the present run of the agent has sent a usable description."""
         return self.description is not None and self.description.incarnation == self.incarnation and not self._fault
 
     def refusal(self, header: Header) -> str | None:
-        """Why a frame does not fit the description; None when it does or while there is no description to fit."""
+        """Return why a frame does not match the description; None if it does or there is no description."""
         if not self.described or self.description is None:
             return None
         joints, floating = len(self.description.joints), self.description.base == "floating"
@@ -273,13 +280,13 @@ class Robot:
         self._derived = _Derived()
 
     def tell_news(self) -> None:
-        """Something is different that no frame brought."""
+        """Count a change that no frame caused."""
         self.look()
         frames, count = self.last_sequence() + 1, self.news[1]
         self.news = (frames, count + 1 if frames == self.news[0] else 1)
 
     def _close(self) -> None:
-        """Have the next frame judged before it is taken."""
+        """Make the next frame be checked fully before it is stored."""
         self.look()
         self._frames.close(self.name)
 
@@ -304,7 +311,7 @@ class Robot:
 
 
 def _mismatch(description: Description, model: RobotModel) -> str | None:
-    """Why the description contradicts its own URDF or the wire; None when it does not."""
+    """Return how the description contradicts its URDF or the wire protocol; None if it does not."""
     joints = description.joints
     if len(set(joints)) != len(joints) or len(joints) > MAX_JOINTS:
         return f"the description lists a joint twice, or more than {MAX_JOINTS} joints"

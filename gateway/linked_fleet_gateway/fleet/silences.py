@@ -1,8 +1,8 @@
-"""Runs of agents that have a presence token and send no frames. Pure: times in seconds are handed in.
+"""Agents with a presence token that send no frames. Pure: times in seconds are passed in.
 
-A token is no proof (Zenoh 1.10). In a mesh of routers, one that goes while a connection breaks may stay for ever, and
-the event loop of an agent may hang while Zenoh's threads keep its token. Nor is silence: routers may have lost the
-gateway's subscription to frames (``agents/linked_fleet_agent/renewal.py``). So the agent is asked.
+A token proves nothing (Zenoh 1.10): in a mesh of routers, a token that goes while a connection breaks may stay for
+ever, and Zenoh's threads keep the token of an agent whose event loop hangs. Silence proves nothing either: routers may
+have lost the gateway's subscription to frames (``agents/linked_fleet_agent/renewal.py``). So the agent is queried.
 """
 
 from collections.abc import Iterable
@@ -11,9 +11,9 @@ from typing import NamedTuple
 from linked_fleet_gateway.fleet.presence import Token
 
 SILENT_S = 5.0
-"""A run without a frame for so long is asked whether it is there, then after waiting times that double."""
+"""Time without a frame after which a run is queried; further queries follow after doubling delays."""
 RENEWALS = 3
-"""So often in one silence does the gateway declare itself anew for a robot that answers."""
+"""How often in one silence the gateway renews its declarations because of a robot that answers."""
 PERIOD_S = 1.0
 _LONGEST_S = 60.0
 
@@ -27,7 +27,7 @@ class Run(NamedTuple):
 
 
 class Doubt(NamedTuple):
-    """A run of which no frame comes. ``renew``: if it answers, the gateway has to declare itself anew."""
+    """A run that sends no frames. If ``renew`` is set and it answers, the gateway must renew its declarations."""
 
     token: Token
     renew: bool
@@ -40,7 +40,7 @@ class _Silence(NamedTuple):
 
 
 class Silences:
-    """Runs of which no frame comes. Time in which nobody called ``check`` does not count."""
+    """Runs that send no frames. Time in which ``check`` was not called does not count."""
 
     def __init__(self) -> None:
         self._silences: dict[str, _Silence] = {}
@@ -48,13 +48,12 @@ class Silences:
         self._ran_s = 0.0
 
     def check(self, now_s: float, runs: Iterable[Run]) -> list[Doubt]:
-        """Return those of ``runs``, which are all that are online, who have to be asked now; does nothing if called
-        again within ``PERIOD_S``."""
+        """Return those of ``runs`` (all that are online) to query now. Calls within ``PERIOD_S`` do nothing."""
         gap_s = PERIOD_S if self._checked_s is None else now_s - self._checked_s
         if gap_s < PERIOD_S:
             return []
         self._checked_s = now_s
-        self._ran_s += min(gap_s, 2 * PERIOD_S)  # what was sent while the gateway was paused is yet to be read
+        self._ran_s += min(gap_s, 2 * PERIOD_S)  # messages sent while the gateway was paused are still to be read
         before, doubts = self._silences, list[Doubt]()
         self._silences = {}
         for run in runs:

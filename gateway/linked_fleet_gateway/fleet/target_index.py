@@ -1,24 +1,25 @@
-"""An index of the positions to which joints were last commanded."""
+"""An index of the last target positions of joints."""
 
 from bisect import bisect_left, insort_left
 from collections.abc import Callable, Iterable, Sequence
 
 from linked_fleet_gateway.fleet.invocation import FLEET, Invocation, InvocationState, word
 
-_STOPPED = ("accepted", "running", "succeeded", "failed", "cancelled", "preempted")  # refused and unknown are not
+# a refused or unknown stop stops nothing
+_STOPPED = ("accepted", "running", "succeeded", "failed", "cancelled", "preempted")
 _Held = dict[tuple[str, int], dict[str, list[Invocation]]]
 
 
 class Commanded:
-    """Motions and stops that are remembered, by robot, run of its agent and joint, in the order of their beginning.
+    """Stored motions and stops by robot, run of its agent and joint, in order of creation.
 
-    Only who, when, what and of which run is taken from an invocation when it is added; what becomes of it is looked up.
+    Only constant fields of an invocation are copied when it is added; its state is read on access.
     """
 
     def __init__(self) -> None:
         self._motions: _Held = {}
-        self._stops: _Held = {}  # by "" what stops all joints
-        self._removed_ns: dict[str, dict[str, int]] = {}  # by robot and joint: the targets before do not hold again
+        self._stops: _Held = {}  # key "" for stops of all joints
+        self._removed_ns: dict[str, dict[str, int]] = {}  # by robot and joint: targets before this time stay invalid
 
     def add(self, invocation: Invocation) -> None:
         joints = self._of(invocation)
@@ -26,7 +27,7 @@ class Commanded:
             insort_left(joints.setdefault(joint, []), invocation, key=_begun)
 
     def remove(self, invocation: Invocation) -> None:
-        """An accepted command took the joints from those before it."""
+        """Remove an invocation. If it was accepted, earlier targets of its joints stay invalid."""
         joints = self._of(invocation)
         for joint in joints_of(invocation):
             held = joints[joint]
@@ -41,9 +42,9 @@ class Commanded:
             removed[joint] = max(removed.get(joint, 0), invocation.created_ns)
 
     def targets(self, robot: str, incarnation: int, successors: dict[str, Invocation]) -> dict[str, float]:
-        """rad or m by joint, of the present run, as far as that holds; ``successors`` are all invocations by id.
+        """Return valid targets of the present run in rad or m by joint; ``successors`` are all invocations by id.
 
-        That of a motion which was stopped, or has failed, holds no longer.
+        The target of a stopped or failed motion is not valid.
         """
         found = {}
         for joint, held in self._motions.get((robot, incarnation), {}).items():
@@ -55,7 +56,7 @@ class Commanded:
         return found
 
     def _stopped_ns(self, robot: str, incarnation: int, joint: str) -> int:
-        """When the joint was stopped last, in gateway wall time."""
+        """Return the gateway wall time of the joint's last stop."""
         removed, own = self._removed_ns.get(robot, {}), self._stops.get((robot, incarnation), {})
         fleet = self._stops.get((FLEET, 0), {})
         return max(
@@ -74,7 +75,7 @@ class Commanded:
 
 
 def joints_of(invocation: Invocation) -> Iterable[str]:
-    """Those that it moves or stops; "" for all."""
+    """Return the joints that it moves or stops; "" for all."""
     return invocation.targets if invocation.stops is None else invocation.stops or ("",)
 
 
@@ -91,6 +92,6 @@ def _latest_ns(held: Sequence[Invocation], counts: Callable[[Invocation], bool])
 
 
 def _ceded(motion: Invocation, joint: str, all_: dict[str, Invocation]) -> bool:
-    """Return True if another motion has the joint now, whichever of the two was asked for first."""
+    """Return True if another motion has taken over the joint, whichever was requested first."""
     successor = all_.get(motion.preempted_by)
     return successor is not None and successor.stops is None and joint in successor.targets

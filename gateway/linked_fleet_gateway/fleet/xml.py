@@ -1,4 +1,4 @@
-"""Reading numbers, vectors and names out of hostile URDF text; every failure is a ModelError with a clear sentence."""
+"""Parsing of numbers, vectors and names in untrusted URDF. Every error is a ModelError with a clear sentence."""
 
 import math
 import re
@@ -14,11 +14,14 @@ _NUMBER: Final = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
 class ModelError(ValueError):
-    """A URDF that does not describe one robot; the text is a sentence for a human."""
+    """A URDF that does not describe one robot; the text is a sentence for people."""
 
 
 def parse_xml(text: str) -> Element:
-    """Return the root element. Raises ModelError with the line; a document type is refused, so no entity expands."""
+    """Return the root element.
+
+    Raises ModelError with the line. Document types are refused, so that no entity expands.
+    """
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise ModelError("the URDF declares a document type or an entity, which no URDF needs and this reader refuses")
     try:
@@ -76,7 +79,9 @@ def unit_vector(given: Vector, where: str) -> Vector:
 
 
 def quaternion(rpy: Vector) -> Quaternion:
-    """Quaternion x y z w of fixed-axis roll, pitch, yaw in radian (https://wiki.ros.org/urdf/XML/joint, origin)."""
+    """Return the quaternion x y z w of fixed-axis roll, pitch, yaw in radian (https://wiki.ros.org/urdf/XML/joint,
+    origin).
+    """
     (sr, sp, sy), (cr, cp, cy) = ([f(angle / 2) for angle in rpy] for f in (math.sin, math.cos))
     return (
         sr * cp * cy - cr * sp * sy,
@@ -87,7 +92,7 @@ def quaternion(rpy: Vector) -> Quaternion:
 
 
 def rotation(q: Quaternion) -> tuple[Vector, Vector, Vector]:
-    """Rows of the rotation matrix of a unit quaternion x y z w."""
+    """Return the rows of the rotation matrix of a unit quaternion x y z w."""
     x, y, z, w = q
     return (
         (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
