@@ -1,6 +1,6 @@
-"""``python -m linked_fleet_gateway.identity NAME --scope read --robot 'lab-*'``: a new token, shown once.
+"""Command line that creates a token: ``python -m linked_fleet_gateway.identity NAME --scope read --robot 'lab-*'``.
 
-It prints the lines to add to the file of identities.
+It prints the token once, with the lines to add to the file of identities.
 """
 
 import argparse
@@ -12,7 +12,7 @@ from hashlib import sha256
 
 from linked_fleet_gateway.identity.rights import EVERY, Right
 
-_TOKEN_BYTES = 32  # 256 bits: nothing that is slower to hash would make it harder to guess
+_TOKEN_BYTES = 32  # with 256 bits a plain hash is as safe as a slow one
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -31,7 +31,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def new_token(name: str, scopes: Sequence[str], robots: Sequence[str], expires: str = "") -> tuple[str, str]:
-    """A token, and the table of the file that makes it one."""
+    """Return a token and its table for the file of identities."""
     token = "lf_" + secrets.token_urlsafe(_TOKEN_BYTES)
     lines = [
         "[[token]]",

@@ -1,4 +1,4 @@
-"""Tokens of issuers: what is verified about them before anything that they say is believed (RFC 8725)."""
+"""Verification of tokens of issuers, before any of their claims is used (RFC 8725)."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -15,12 +15,12 @@ LEEWAY_S = 30
 MOST_CHARACTERS = 16_384
 
 
-class BadToken(Exception):  # noqa: N818 -- it reads as what it is
-    """The token is none, or none for us, or not now; the text says which."""
+class BadToken(Exception):  # noqa: N818 -- named like the other outcomes
+    """The token is malformed, for another audience, or not valid now; the text says which."""
 
 
 def issuer_named(text: str) -> str | None:
-    """Which issuer a token claims to be of, which nobody has verified; None for what is no token."""
+    """Return the unverified issuer that a token claims; None if it is not a token."""
     if len(text) > MOST_CHARACTERS or text.count(".") != 2:
         return None
     try:
@@ -32,9 +32,9 @@ def issuer_named(text: str) -> str | None:
 
 
 async def verified(text: str, issuer: Issuer, keys: IssuerKeys, audience: str) -> dict[str, Any]:
-    """The claims of a token that ``issuer`` signed for ``audience``; BadToken, IssuerSilent.
+    """Return the claims of a token signed by ``issuer`` for ``audience``. Raises BadToken, IssuerSilent.
 
-    The key decides on the algorithm, which is always an asymmetric one: what the header of the token says must agree.
+    The key determines the algorithm, which is always asymmetric; the header of the token must agree.
     """
     try:
         header = jwt.get_unverified_header(text)
@@ -67,5 +67,6 @@ async def verified(text: str, issuer: Issuer, keys: IssuerKeys, audience: str) -
 
 
 def expiry_ns(said: dict[str, Any]) -> int:
-    """When the claims, which were verified, hold no longer; wall time."""
-    return (int(said["exp"]) + LEEWAY_S) * 1_000_000_000  # a float could not hold whatever an issuer may say
+    """Return the wall time in ns at which verified claims expire."""
+    # an int, because issuers may state times beyond the precision of a float
+    return (int(said["exp"]) + LEEWAY_S) * 1_000_000_000

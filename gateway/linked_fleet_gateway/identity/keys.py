@@ -1,4 +1,4 @@
-"""The keys of one issuer (OpenID Connect Discovery 1.0, RFC 7517), fetched when they are needed, and kept."""
+"""The keys of one issuer (OpenID Connect Discovery 1.0, RFC 7517), fetched on demand and cached."""
 
 import asyncio
 import time
@@ -14,16 +14,16 @@ if TYPE_CHECKING:
 else:
     jwt = Lazily("jwt")
 
-STALE_S = 600.0  # after which a key that the issuer has withdrawn is looked for
+STALE_S = 600.0  # age at which keys are fetched again, to notice a withdrawn one
 RETRY_S = 30.0
-FIRST_S = 2.0  # between two attempts as long as nothing is known
-# By the key, never by what a token says: a public key is not to be taken for a shared secret.
+FIRST_S = 2.0  # between two attempts while no key is known
+# Determined by the key and never by the token, so that a public key cannot be used as a shared secret.
 _ALGORITHMS = {("RSA", None): "RS256", ("EC", "P-256"): "ES256", ("OKP", "Ed25519"): "EdDSA"}
 _LEAST_RSA_BITS = 2048
 
 
 class IssuerKeys:
-    """``metadata`` is the discovery document of the issuer at ``url``, empty until it was fetched."""
+    """Cached keys; ``metadata`` is the discovery document of the issuer at ``url``, empty before the first fetch."""
 
     def __init__(self, web: Web, url: str) -> None:
         self._web, self._url = web, url
@@ -34,14 +34,15 @@ class IssuerKeys:
         self._refreshing: asyncio.Task[None] | None = None
 
     async def find(self, kid: str) -> "tuple[jwt.PyJWK, str] | None":
-        """A key and its one algorithm; None when the issuer has none of that id. IssuerSilent without any keys.
+        """Return a key and its only algorithm; None if the issuer has no such id. Raises IssuerSilent if no keys are
+        known.
 
-        An unknown id has the keys fetched again, but at most every 30 s; known ones outlive an issuer that is away.
+        An unknown id causes a new fetch, at most every 30 s. Known keys stay valid while the issuer is unreachable.
         """
         if kid not in self._keys:
             await self._fetch_again(kid)
         elif self._stale and (self._refreshing is None or self._refreshing.done()):
-            # Beside the request, which may be to stop a robot.
+            # In the background, because the request may be a stop.
             self._refreshing = asyncio.create_task(self._fetch_again(kid), name=f"keys of {self._url}")
         if not self._keys:
             raise IssuerSilent(f"the keys of {self._url} could not be fetched")
@@ -56,7 +57,7 @@ class IssuerKeys:
         return time.monotonic() - self._fetched_s > STALE_S
 
     async def described(self) -> dict[str, Any]:
-        """The discovery document; IssuerSilent."""
+        """Return the discovery document. Raises IssuerSilent."""
         async with self._turn:
             if not self.metadata:
                 if time.monotonic() - self._asked_s < FIRST_S:
@@ -90,7 +91,7 @@ class IssuerKeys:
 
 
 def endpoint(metadata: dict[str, Any], name: str, issuer: str) -> str:
-    """An address that the issuer names; as safe as its own. IssuerSilent."""
+    """Return an endpoint of the issuer, with a scheme as safe as the issuer's. Raises IssuerSilent."""
     url = metadata.get(name)
     if not isinstance(url, str) or urlsplit(url).scheme not in ("https", urlsplit(issuer).scheme):
         raise IssuerSilent(f"{issuer} names no usable {name}")
@@ -98,7 +99,7 @@ def endpoint(metadata: dict[str, Any], name: str, issuer: str) -> str:
 
 
 def _usable(said: dict[str, Any]) -> "dict[str, tuple[jwt.PyJWK, str]]":
-    """Keys by id; those for other purposes, of other kinds and without id are none of ours."""
+    """Return usable keys by id, without those for other purposes, of other types or without id."""
     found = {}
     listed = said.get("keys")
     for each in listed if isinstance(listed, list) else ():
@@ -108,7 +109,7 @@ def _usable(said: dict[str, Any]) -> "dict[str, tuple[jwt.PyJWK, str]]":
         try:
             found[each["kid"]] = (jwt.PyJWK(each, algorithm), algorithm)
         except (jwt.PyJWTError, ValueError, TypeError):
-            continue  # one broken key among good ones
+            continue  # skips a broken key among good ones
     return found
 
 

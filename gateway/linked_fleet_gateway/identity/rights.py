@@ -1,4 +1,4 @@
-"""Rights of callers to robots; pure values."""
+"""Rights of callers on robots; pure values."""
 
 import re
 from collections.abc import Iterable
@@ -9,7 +9,7 @@ from functools import cached_property, lru_cache
 
 
 class Right(StrEnum):
-    """Kinds of rights. ``ACT`` includes ``STOP``; nothing else includes anything."""
+    """Kinds of rights. ``ACT`` includes ``STOP``; no other right includes another."""
 
     READ = "read"
     SUBSCRIBE = "subscribe"
@@ -19,14 +19,14 @@ class Right(StrEnum):
 
 
 EVERY = "*"
-"""The pattern of all robots."""
+"""The pattern that matches all robots."""
 
 
 @dataclass(frozen=True)
 class View:
-    """Some of the robots, by patterns over their names, as ``name`` has them in view; all robots for ``ALL``.
+    """The robots that a caller sees, by name patterns; all robots for ``ALL``.
 
-    Views are compared: what is rendered for one is not shown to another. Make them by ``view``.
+    Views are compared, because what is rendered for one is not shown to another. Create them with ``view``.
     """
 
     patterns: tuple[str, ...]
@@ -40,12 +40,12 @@ class View:
         return self._patterns.match(robot) is not None
 
     def covers(self, other: "View") -> bool:
-        """Return True if it surely shows all that ``other`` does, by the patterns alone."""
+        """Return True if the patterns alone prove that it includes all robots of ``other``."""
         return self.all or set(other.patterns) <= set(self.patterns)
 
     @cached_property
     def _patterns(self) -> re.Pattern[str]:
-        # Case matters and nothing depends on the platform; without patterns nothing matches.
+        # Case-sensitive on every platform; without patterns nothing matches.
         return re.compile("|".join(map(translate, self.patterns)) or r"(?!)")
 
 
@@ -54,13 +54,13 @@ ALL = View((EVERY,))
 
 @lru_cache(maxsize=4096)
 def view(patterns: frozenset[str], name: str) -> View:
-    """The same object for the same robots; who sees them all sees what everybody sees who does."""
+    """Return the same object for the same robots; everybody who sees all robots shares ``ALL``."""
     return ALL if EVERY in patterns else View(tuple(sorted(patterns)), name)
 
 
 @dataclass(frozen=True)
 class Grant:
-    """Rights to robots, by patterns over their names."""
+    """Rights on robots, by name patterns."""
 
     scopes: frozenset[Right]
     robots: tuple[str, ...] = (EVERY,)
@@ -71,14 +71,14 @@ class Grant:
 
 @dataclass(frozen=True)
 class TokenHash:
-    """Stands for a static token: the SHA-256 of its text, as hexadecimal digits."""
+    """The proof of a static token: the SHA-256 of its text in hexadecimal."""
 
     sha256: str
 
 
 @dataclass(frozen=True)
 class Claims:
-    """Stands for what an issuer said of a subject. ``facts``: claims and values that grants ask for."""
+    """The proof of a token of an issuer. ``facts`` are the claims and values that grants refer to."""
 
     issuer: str
     subject: str
@@ -87,12 +87,12 @@ class Claims:
 
 
 Credential = TokenHash | Claims
-"""The proof of an identity, which can be held against the file again when that has changed."""
+"""The proof of an identity, which can be checked again after the file has changed."""
 
 
 @dataclass(frozen=True)
 class Identity:
-    """``name`` is unique among all that the file knows; ``expires_ns`` is wall time."""
+    """A caller; ``name`` is unique in the file of identities, ``expires_ns`` is wall time."""
 
     name: str
     grants: tuple[Grant, ...]
@@ -100,11 +100,14 @@ class Identity:
     credential: Credential | None = None
 
     def over(self, scope: Right) -> View:
-        """The robots to which it has the right."""
+        """Return the robots on which it has the right."""
         return self._views[scope]
 
     def may(self, scope: Right, robot: str | None) -> bool:
-        """Return True if it may do so to a robot; None is the fleet: to any robot, but ``ADMIN`` to all of them."""
+        """Return True if it has the right on a robot.
+
+        None means the fleet: any robot suffices, but ``ADMIN`` needs all.
+        """
         robots = self.over(scope)
         if robot is None:
             return robots.all if scope is Right.ADMIN else bool(robots.patterns)
@@ -115,7 +118,7 @@ class Identity:
 
     @property
     def sees(self) -> View:
-        """The robots that it may read; of the rest it does not find out that they are there."""
+        """The robots that it may read; others are invisible to it."""
         return self.over(Right.READ)
 
     @cached_property
@@ -128,6 +131,6 @@ class Identity:
 
 
 EVERYBODY = Identity("", (Grant(frozenset(Right)),))
-"""Whoever asks, where no identities are configured."""
+"""The caller if no identities are configured."""
 NOBODY = Identity("", ())
-"""The caller who has not said who they are, of a resource that needs no right."""
+"""The unauthenticated caller of a resource that needs no right."""

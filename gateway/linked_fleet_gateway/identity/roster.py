@@ -1,4 +1,4 @@
-"""The file of identities (docs/IDENTITIES.md): parsed into typed values, and asked who a credential stands for."""
+"""The file of identities (docs/IDENTITIES.md), parsed into typed values, and the lookup of identities."""
 
 import hmac
 import re
@@ -16,14 +16,14 @@ import msgspec.toml
 from linked_fleet_gateway.identity.rights import EVERY, Claims, Credential, Grant, Identity, Right, TokenHash
 
 _ScopeName = Literal["read", "subscribe", "stop", "act", "admin"]
-_NAME = re.compile(r"[A-Za-z0-9._-]{1,64}")  # no "@", which divides the names that issuers give
+_NAME = re.compile(r"[A-Za-z0-9._-]{1,64}")  # without "@", which separates subject and issuer in names
 _DIGEST = re.compile(r"[0-9a-f]{64}")
 _MOST_BYTES = 4 * 1024 * 1024
 _T = TypeVar("_T")
 
 
-class BadRoster(ValueError):  # noqa: N818 -- it reads as what it is
-    """The file means nothing. One line for a human."""
+class BadRoster(ValueError):  # noqa: N818 -- named like the other outcomes
+    """The file is invalid. One line for people."""
 
 
 class _Rights(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
@@ -59,7 +59,7 @@ class _File(msgspec.Struct, forbid_unknown_fields=True):
 
 @dataclass(frozen=True)
 class Condition:
-    """A grant to those of whom an issuer says that ``claim`` has ``value``; to all that it knows for no claim."""
+    """A grant to subjects whose ``claim`` has ``value``; without a claim, to all subjects of the issuer."""
 
     claim: str
     value: str
@@ -68,7 +68,7 @@ class Condition:
 
 @dataclass(frozen=True)
 class Issuer:
-    """``client_id`` is empty where browsers do not log in by it; ``client_secret`` for a public client."""
+    """An issuer of tokens. ``client_id`` is empty without browser login, ``client_secret`` for a public client."""
 
     url: str
     audience: str
@@ -79,7 +79,7 @@ class Issuer:
     conditions: tuple[Condition, ...]
 
     def claims(self, said: Mapping[str, Any], expires_ns: int) -> Claims | None:
-        """Return the claims of a verified token that matter here; None when it does not name its subject."""
+        """Return the relevant claims of a verified token; None if it does not name its subject."""
         subject = _found(said, self.name_claim)
         if not isinstance(subject, str) or not 0 < len(subject) <= 255 or not subject.isprintable():
             return None
@@ -90,23 +90,23 @@ class Issuer:
 
 @dataclass(frozen=True)
 class Roster:
-    """All that the file says."""
+    """The contents of the file."""
 
     tokens: Mapping[str, Identity]
-    """By the SHA-256 of the token, as hexadecimal digits."""
+    """Identities by the SHA-256 of their token in hexadecimal."""
     issuers: Mapping[str, Issuer]
-    """By URL."""
+    """Issuers by URL."""
 
     def token(self, text: str) -> TokenHash | None:
-        """Return the hash of a static token; None when there is no such token."""
+        """Return the hash of a static token; None if there is no such token."""
         digest, found = sha256(text.encode(errors="surrogatepass")).hexdigest(), None
-        for known in self.tokens:  # all of them, in a time that tells nothing
+        for known in self.tokens:  # compares with all tokens, in constant time
             if hmac.compare_digest(known, digest):
                 found = TokenHash(known)
         return found
 
     def identity(self, credential: Credential | None, now_ns: int) -> Identity | None:
-        """Return its identity at ``now_ns``, wall time; None when it has expired or the file does not have it."""
+        """Return the identity at ``now_ns``, wall time; None if it has expired or is not in the file."""
         if isinstance(credential, TokenHash):
             found = self.tokens.get(credential.sha256)
         elif isinstance(credential, Claims) and credential.issuer in self.issuers:
@@ -117,7 +117,7 @@ class Roster:
         return None if expired else found
 
     def holder(self, name: str, now_ns: int) -> Identity | None:
-        """The static token of that name, unless it has expired."""
+        """Return the identity of the static token with that name, unless it has expired."""
         found = next((each for each in self.tokens.values() if each.name == name), None)
         return None if found is None else self.identity(found.credential, now_ns)
 
@@ -130,7 +130,7 @@ def _issued(issuer: Issuer, claims: Claims) -> Identity:
 
 
 def _found(said: Mapping[str, Any], claim: str) -> Any:
-    """A claim by its name, or by the path to it: ``realm_access.roles``."""
+    """Return a claim by its name, or by a path such as ``realm_access.roles``."""
     if claim in said:
         return said[claim]
     here: Any = said
@@ -140,7 +140,7 @@ def _found(said: Mapping[str, Any], claim: str) -> Any:
 
 
 def _holds(said: object, value: str) -> bool:
-    """Lists hold their members, and a string the words in it, as in the claim ``scope``."""
+    """Return True if a claim contains ``value``: as a member of a list, or as a word of a string, like ``scope``."""
     if isinstance(said, str):
         return said == value or value in said.split()
     return isinstance(said, Sequence) and value in said
@@ -150,7 +150,7 @@ def _holds(said: object, value: str) -> bool:
 
 
 def read_roster(path: Path) -> Roster:
-    """BadRoster, with one line that says what is wrong and where."""
+    """Read the file. Raises BadRoster with one line that says what is wrong and where."""
     try:
         with path.open("rb") as file:
             content = file.read(_MOST_BYTES + 1)
@@ -160,12 +160,12 @@ def read_roster(path: Path) -> Roster:
     except OSError as error:
         where = f" {error.filename}" if error.filename != str(path) else ""
         raise BadRoster(f"{path}:{where} {error.strerror}") from error
-    except ValueError as error:  # of TOML, of its types, of UTF-8
+    except ValueError as error:  # from TOML, types or UTF-8
         raise BadRoster(f"{path}: {error}" if str(path) not in str(error) else str(error)) from error
 
 
 def parse_roster(text: str, folder: Path) -> Roster:
-    """``folder``: where file names in it begin. ValueError."""
+    """Parse the file; ``folder`` is the base of relative paths in it. Raises ValueError."""
     said = msgspec.toml.decode(text, type=_File)
     tokens = [_token(each) for each in said.token]
     issuers = [_issuer(each, folder) for each in said.issuer]

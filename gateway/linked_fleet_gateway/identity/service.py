@@ -1,4 +1,4 @@
-"""Identities: the file as it is now, tokens of issuers, and what ends when a right ends."""
+"""Identities: reloads the file, verifies tokens, and ends streams when a right ends."""
 
 import asyncio
 import logging
@@ -22,13 +22,13 @@ from linked_fleet_gateway.runtime.cancellation import end
 log = logging.getLogger(__name__)
 
 LOOK_S = 1.0
-"""Between two looks at the file and at what rights have ended."""
+"""Period of checks of the file and of expired rights."""
 _Stamp = tuple[int, int, int]
 
 
 @dataclass(frozen=True, eq=False)
 class _Guarded:
-    """Something that goes on for as long as ``identity`` may have it and its credentials hold."""
+    """A stream that must end when ``identity`` loses the right or its credentials become invalid."""
 
     identity: Identity
     robot: str | None
@@ -37,10 +37,13 @@ class _Guarded:
 
 
 class Identities:
-    """An async context manager. BadRoster when the file is unusable at first; later the one before it stays."""
+    """An async context manager.
+
+    Raises BadRoster if the file is unusable at the start; later the last good one is kept.
+    """
 
     def __init__(self, path: Path) -> None:
-        import_module("jwt")  # with identities it is needed for sure, and takes long for the first request to wait
+        import_module("jwt")  # needed with identities, and too slow to import within the first request
         self._path = path
         self._stamp = _stamp(path)
         self.roster: Roster = read_roster(path)
@@ -65,11 +68,11 @@ class Identities:
     # -- who ----------------------------------------------------------------------------------------------------------
 
     async def bearer(self, text: str) -> Identity:
-        """Return the identity of a token; BadToken, IssuerSilent."""
+        """Return the identity of a token. Raises BadToken, IssuerSilent."""
         return self._known(self.roster.token(text) or await self._issued(text))
 
     def known(self, credential: Credential) -> Identity | None:
-        """The identity of a credential that was verified before; None if it holds no more."""
+        """Return the identity of a credential verified before; None if it is no longer valid."""
         return self.roster.identity(credential, time.time_ns())
 
     def keys(self, issuer: Issuer) -> IssuerKeys:
@@ -97,8 +100,10 @@ class Identities:
     def guarding(
         self, identity: Identity, robot: str | None, end: Callable[[], None], holds: Callable[[], bool]
     ) -> Iterator[None]:
-        """Call ``end``, again and again, once ``identity`` may not subscribe any more, sees other robots, or ``holds``
-        is no longer true of its credentials."""
+        """Call ``end`` periodically once the caller must lose the stream.
+
+        That is when ``identity`` may no longer subscribe, sees other robots, or ``holds`` returns False.
+        """
         guarded = _Guarded(identity, robot, end, holds)
         self._guarded.add(guarded)
         try:
@@ -113,9 +118,9 @@ class Identities:
         return now is not None and _subscribes(now, guarded.robot, guarded.identity.sees)
 
     def vouches(self, creator: str, robot: str | None, sees: View) -> bool:
-        """Return True if a callback of ``creator`` may go on, who saw the robots of ``sees`` when he asked for it.
+        """Return True if a callback of ``creator``, who saw the robots of ``sees`` when creating it, may continue.
 
-        Who came with a token of an issuer is not asked again: nobody knows what the issuer would say now.
+        Subjects of issuers are not checked again, because only a new token would show their present rights.
         """
         subject, at, issuer = creator.rpartition("@")
         if at:
@@ -144,7 +149,7 @@ class Identities:
         log.info("identities read anew: %d tokens, %d issuers", len(self.roster.tokens), len(self.roster.issuers))
 
     def end_what_must(self) -> None:
-        """End all that goes on without a right to it."""
+        """End all streams whose caller has lost the right."""
         for each in list(self._guarded):
             if not self._lasts(each):
                 each.end()
@@ -155,7 +160,7 @@ def _subscribes(now: Identity, robot: str | None, sees: View) -> bool:
 
 
 def _stamp(path: Path) -> _Stamp:
-    """Read the file; BadRoster when there is none."""
+    """Return the stamp of the file. Raises BadRoster if it does not exist."""
     try:
         found = path.stat()
     except OSError as error:

@@ -1,4 +1,4 @@
-"""A client of issuers of tokens: documents and answers in JSON over HTTP, bounded in size and time."""
+"""HTTP client for issuers of tokens: JSON documents, bounded in size and time."""
 
 import asyncio
 import json
@@ -14,30 +14,30 @@ else:
     httpx = Lazily("httpx")
 
 
-_TIMEOUT_S = 5.0  # for a whole exchange
+_TIMEOUT_S = 5.0  # for a complete exchange
 _MOST_BYTES = 1024 * 1024
 
 
-class IssuerSilent(Exception):  # noqa: N818 -- a state of the world
+class IssuerSilent(Exception):  # noqa: N818 -- a state of the issuer, not a defect
     """No usable answer; the text says why."""
 
 
 class Web:
-    """Requests to issuers; redirects are not followed, and only objects of JSON are answers."""
+    """Requests to issuers. Redirects are not followed, and only JSON objects are accepted."""
 
     def __init__(self) -> None:
-        # No proxy of the environment: what is asked of an issuer goes to the issuer.
+        # Proxies of the environment are ignored, because answers must come from the issuer itself.
         self._client = httpx.AsyncClient(verify=ssl.create_default_context(), trust_env=False, timeout=_TIMEOUT_S)
 
     async def aclose(self) -> None:
         await self._client.aclose()
 
     async def get(self, url: str) -> dict[str, Any]:
-        """IssuerSilent."""
+        """Return a JSON document. Raises IssuerSilent."""
         return await self._ask("GET", url)
 
     async def post(self, url: str, form: Mapping[str, str], secret: tuple[str, str] | None) -> dict[str, Any]:
-        """A form; ``secret``: name and password of this client, if it has any. IssuerSilent."""
+        """Post a form; ``secret`` is the client id and password, if any. Raises IssuerSilent."""
         return await self._ask("POST", url, data=dict(form), auth=secret)
 
     async def _ask(self, method: str, url: str, **said: Any) -> dict[str, Any]:
