@@ -1,6 +1,6 @@
-"""The audit log: each command and each change of a subscription is a line of the log and an entry in Redis.
+"""The audit log: each command and each change of a subscription is a log record and an entry in Redis.
 
-Nobody waits for it: what Redis does not take now it is given later, as far as there is room to remember it.
+Requests do not wait for it. During an outage of Redis entries are buffered, up to a limit.
 """
 
 import asyncio
@@ -20,7 +20,7 @@ from linked_fleet_gateway.runtime.redis import GATHER_S, Connection
 log = logging.getLogger("gateway.audit")
 
 KEPT = 100_000
-"""Entries that Redis keeps, about; older ones are only in the log."""
+"""Approximate number of entries in Redis; older ones are only in the log."""
 PAGE = 100
 MOST_WAITING = 10_000
 _AT_ONCE = 256
@@ -29,9 +29,9 @@ _ID = re.compile(r"[0-9]{1,20}-[0-9]{1,20}", re.ASCII)
 
 @dataclass(frozen=True)
 class Entry:
-    """``what`` is the method, or what became of a stream; ``outcome`` the status of the answer, empty for an end.
+    """One entry. ``what`` is the method, or the event of a stream; ``outcome`` the response status, empty for an end.
 
-    ``result``: path of the invocation or subscription that it made. ``at_ns`` is wall time of the gateway.
+    ``result`` is the path of the created invocation or subscription. ``at_ns`` is gateway wall time.
     """
 
     at_ns: int
@@ -45,7 +45,7 @@ class Entry:
 
 
 class Audit:
-    """An async context manager."""
+    """Writes and reads the audit log; an async context manager."""
 
     def __init__(self, url: str, namespace: str) -> None:
         self._key = f"{namespace}:audit"
@@ -68,7 +68,7 @@ class Audit:
         await self._redis.close()
 
     def note(self, who: str, what: str, target: str, robot: str, outcome: str, request: str, result: str = "") -> None:
-        """Something was done now."""
+        """Record an event that has just happened."""
         entry = Entry(time.time_ns(), who, what, target, robot, outcome, request, result)
         said = {name: getattr(entry, name) for name in ("who", "what", "target", "robot", "outcome", "result")}
         log.info("%s: %s %s %s", who, what, target, outcome, extra={name: text for name, text in said.items() if text})
@@ -78,7 +78,10 @@ class Audit:
         self._news.set()
 
     async def page(self, before: str) -> list[tuple[str, Entry]]:
-        """The newest entries with their ids, or those before the id ``before``; StoreUnavailable, ValueError."""
+        """Return the newest entries with their ids, or those before the id ``before``.
+
+        Raises StoreUnavailable, ValueError.
+        """
         if before and not _ID.fullmatch(before):
             raise ValueError(f"{before[:50]!r} is no id of an entry")
         last = f"({before}" if before else "+"
@@ -92,11 +95,11 @@ class Audit:
         self._news.clear()
 
     async def _write(self) -> None:
-        """The oldest ones; after an outage perhaps a second time, since nobody knows whether Redis had them."""
+        """Write the oldest entries. After an outage some may be written twice, because the result was unknown."""
         batch = [self._waiting[n] for n in range(min(_AT_ONCE, len(self._waiting)))]
         await self._redis.all([("XADD", self._key, "MAXLEN", "~", KEPT, "*", *_written(each)) for each in batch])
         for each in batch:
-            if self._waiting and self._waiting[0] is each:  # the oldest may have been given up meanwhile
+            if self._waiting and self._waiting[0] is each:  # the oldest may have been dropped meanwhile
                 self._waiting.popleft()
 
 

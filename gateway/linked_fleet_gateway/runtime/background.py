@@ -1,4 +1,4 @@
-"""Background tasks that go on after a pause whatever happens in them, and what is still to be done at their end."""
+"""Background tasks that restart after errors, and last steps at shutdown."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
@@ -7,17 +7,17 @@ from logging import Logger
 from linked_fleet_gateway.runtime.redis import BACKOFF_S, StoreUnavailable
 
 RETRY_S, MOST_S = 0.5, 10.0
-"""The shortest pause after an unforeseen error; it doubles with each further one, up to the longest."""
+"""The shortest pause after an unexpected error; it doubles with each further one, up to the longest."""
 FINISH_S = 1.0
 
 
 def supervised(
     run: Callable[[], Awaitable[None]], name: str, log: Logger, failed: str, pause_s: float = RETRY_S
 ) -> asyncio.Task[None]:
-    """Start a task that calls ``run`` again and again, ``pause_s`` after it returned; ``end`` ends it.
+    """Start a task that calls ``run`` repeatedly, ``pause_s`` after each return; ``end`` stops it.
 
-    An unforeseen error is a line of ``log`` that begins with ``failed``. An outage of Redis is none: whoever renews a
-    lease reports it.
+    Unexpected errors are logged with ``failed`` as prefix. An outage of Redis is not logged here, because the lease
+    renewal reports it.
     """
     return asyncio.create_task(_repeat(run, log, failed, pause_s), name=name)
 
@@ -33,14 +33,14 @@ async def _repeat(run: Callable[[], Awaitable[None]], log: Logger, failed: str, 
             log.debug("%s: %s", failed, outage)
             rest_s = max(pause_s, BACKOFF_S)
         except Exception:
-            # The boundary of the task: without it nobody would ever do this again.
+            # The boundary of the task: without this it would never run again.
             log.exception("%s; it is tried again", failed)
             rest_s, retry_s = max(pause_s, retry_s), min(2 * retry_s, MOST_S)
         await asyncio.sleep(rest_s)
 
 
 async def finish(step: Awaitable[object], log: Logger, failed: str, limit_s: float = FINISH_S) -> None:
-    """Await a last step at Redis, but not for long; ``failed`` is logged if it was not taken."""
+    """Await a last step at Redis for at most ``limit_s``; log ``failed`` if it did not succeed."""
     try:
         async with asyncio.timeout(limit_s):
             await step

@@ -1,4 +1,4 @@
-"""Ending tasks for certain."""
+"""Reliable cancellation of tasks."""
 
 import asyncio
 from collections.abc import Iterable
@@ -9,8 +9,8 @@ _PAUSE_S = 0.1
 async def end(tasks: Iterable[asyncio.Task[None]]) -> None:
     """Cancel tasks until all of them are done.
 
-    Once is not enough: a request to Redis or to a receiver that ends at the moment of the cancellation can swallow it,
-    and who works in a loop goes on. Unlike the tasks this is interrupted when its own caller is cancelled.
+    Once is not enough: a request that completes at the moment of cancellation can swallow it, and a loop then
+    continues. Unlike the tasks, this call is interrupted when its own caller is cancelled.
     """
     pending = {task for task in tasks if not task.done()}
     while pending:

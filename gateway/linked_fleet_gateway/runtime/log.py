@@ -1,4 +1,4 @@
-"""Lines of the log, as text for people or as JSON for machines; one line a record, whatever names say."""
+"""Log records as text or JSON, one line each even if names contain control characters."""
 
 import json
 import logging
@@ -11,14 +11,14 @@ Form = Literal["text", "json"]
 FORMS: tuple[str, ...] = get_args(Form)
 _FIELDS = ("robot", "subscription", "who", "what", "target", "outcome", "result")
 _TEXT = "%(asctime)s %(levelname)s %(name)s: %(message)s"
-# Names come from the network: none of them begins a line of its own, or moves a cursor.
+# Names come from the network: they must not start a new line or control a terminal.
 _VISIBLE = {code: f"\\x{code:02x}" for code in (*range(0x20), *range(0x7F, 0xA0))} | {
     code: f"\\u{code:04x}" for code in (0x2028, 0x2029)
 }
 
 
 def configure(form: str) -> None:
-    """Have all that is logged from here on written to standard error."""
+    """Write all log records to standard error in this form."""
     handler = logging.StreamHandler()
     handler.setFormatter(formatter(form))
     logging.basicConfig(level=logging.INFO, handlers=[handler])
@@ -29,9 +29,9 @@ def formatter(form: str) -> logging.Formatter:
 
 
 class TextFormatter(logging.Formatter):
-    """The message, and at its end the id of the request that is being answered, and of its trace."""
+    """Text records, followed by the ids of the current request and its trace."""
 
-    def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 -- the name of the library
+    def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 -- named by the library
         asked = present()
         line = super().formatMessage(record).translate(_VISIBLE)
         if asked is None:
@@ -41,10 +41,10 @@ class TextFormatter(logging.Formatter):
 
 
 class JsonFormatter(logging.Formatter):
-    """``time`` (RFC 3339), ``level``, ``logger``, ``message``;
+    """JSON records: ``time`` (RFC 3339), ``level``, ``logger``, ``message``.
 
-    where known ``robot``, ``subscription``, ``request``, ``trace_id``, ``exception``;
-    of the audit ``who``, ``what``, ``target``, ``outcome``, ``result``.
+    If known, ``robot``, ``subscription``, ``request``, ``trace_id``, ``exception``; for audit records ``who``,
+    ``what``, ``target``, ``outcome``, ``result``.
     """
 
     def format(self, record: logging.LogRecord) -> str:

@@ -1,4 +1,4 @@
-"""Families of Prometheus metrics, named after the product."""
+"""Constructors of Prometheus metric families with the product's prefix."""
 
 from collections.abc import Iterable
 

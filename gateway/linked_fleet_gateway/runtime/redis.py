@@ -16,53 +16,52 @@ from redis.backoff import NoBackoff
 
 _log = logging.getLogger(__name__)
 
-_ANSWER_S = 2.0  # for a command, and to connect: what opens a connection is sent again after a second, if it was lost
-_PATIENCE_S = 3.0  # for one command in all, waiting for its turn and finding the nodes of a cluster included
-_TURNS = 64  # commands at once; redis-py refuses more than its 100 connections
+_ANSWER_S = 2.0  # for a command and for connecting; redis-py repeats a lost connection attempt after a second
+_PATIENCE_S = 3.0  # for one command in total, including its wait for a slot and the discovery of cluster nodes
+_TURNS = 64  # concurrent commands; redis-py refuses more than its 100 connections
 AT_ONCE = 256
-"""Commands in one go: some 25 ms of redis-py's time, in which nobody else is served."""
+"""Commands in one pipeline: about 25 ms of redis-py's time, in which nothing else runs."""
 UNHURRIED = 32
-"""Commands in one go of what is done again and again, and nobody waits for."""
-_WAITS = 16  # for replicas at once, beside the turns: a replica that hangs must not keep the leases from being renewed
-_REPLICA_MS = 1_000  # for a replica to confirm; below the timeout of a command
-_BLOCK_MS = 1_000  # of a read of the news; below the timeout of a command
+"""Commands in one pipeline of periodic work that nobody waits for."""
+# concurrent waits for replicas, counted separately: a replica that hangs must not block the renewal of leases
+_WAITS = 16
+_REPLICA_MS = 1_000  # wait for a replica's confirmation; less than the timeout of a command
+_BLOCK_MS = 1_000  # blocking time of a stream read; less than the timeout of a command
 BACKOFF_S = 0.2
-"""Between two tries to read, or to tell, the news during an outage."""
+"""Pause between two attempts to read or write the stream during an outage."""
 GATHER_S = 0.02
-"""In which what comes next is gathered where nobody waits for it: each command costs a third of a millisecond here,
-however little it says."""
+"""Time in which messages are collected if nobody waits, because each command costs a third of a millisecond."""
 _UNREACHABLE = (
     exceptions.ConnectionError, exceptions.TimeoutError, exceptions.ClusterError, exceptions.RedisClusterException,
     exceptions.ReadOnlyError, exceptions.OutOfMemoryError, exceptions.TryAgainError, exceptions.AskError,
     OSError, TimeoutError,
 )  # fmt: skip
-# Errors without a class. WRONGTYPE: our keys hold what we did not write, because the data are damaged or somebody else
-# uses them. The last two are those of a server that is no longer master.
+# Errors without a class of their own. WRONGTYPE: a key holds a foreign value, because data are damaged or shared. The
+# last two come from a server that is no longer master.
 _NOT_NOW = ("MISCONF", "NOREPLICAS", "BUSY ", "LOADING", "CLUSTERDOWN", "MASTERDOWN", "WRONGTYPE", "UNBLOCKED",
             "WAIT cannot")  # fmt: skip
-# Words for writing to a connection that has just been lost: uvloop's, and those of redis-py, whose client of a cluster
-# closes all connections when one of them fails, also those that others are about to write to.
+# Messages of errors when writing to a connection that was just lost: from uvloop, and from redis-py, whose cluster
+# client closes all connections when one fails, including those in use.
 _CLOSED = ("the handler is closed", "'NoneType' object has no attribute 'writelines'")
 _DURABLE = {"appendonly": "yes", "appendfsync": "always"}
 
 
-class StoreUnavailable(Exception):  # noqa: N818 -- a state of the world, not a defect
-    """Redis does not serve: unreachable, loading, read-only, with damaged data, or without memory or a replica that
-    should answer.
+class StoreUnavailable(Exception):  # noqa: N818 -- a state of the server, not a defect
+    """Redis does not serve: unreachable, loading, read-only, damaged, or without memory or a required replica.
 
-    Whether the command ran is unknown.
+    It is unknown if the command was executed.
     """
 
 
-class BadUrl(ValueError):  # noqa: N818 -- it reads as what it is, like the one above
-    """The URL of the server means nothing. One line for a human."""
+class BadUrl(ValueError):  # noqa: N818 -- named like the one above
+    """The URL of the server is invalid. One line for people."""
 
 
 class Connection:
-    """Commands one by one or many at once, each in bounded time; connects when it must, and again after an outage.
+    """Sends commands singly or in pipelines, in bounded time; connects on demand, also after an outage.
 
-    Nothing is sent twice: what to repeat is for those to say who know what may be repeated. ``stream`` is followed
-    from where it was at the first contact. BadUrl for a URL that means nothing.
+    Nothing is sent twice; callers decide what may be repeated. ``stream`` is followed from its position at the first
+    contact. Raises BadUrl for an invalid URL.
     """
 
     def __init__(self, url: str, stream: str) -> None:
@@ -82,7 +81,7 @@ class Connection:
 
     @property
     def served_s(self) -> float:
-        """Time since the last outage; endless without any."""
+        """Seconds since the last outage; infinite without one."""
         return time.monotonic() - self._failed_s
 
     async def close(self) -> None:
@@ -97,14 +96,14 @@ class Connection:
         return StoreUnavailable(f"{type(error).__name__}: {error}")
 
     async def one(self, *command: str | bytes | int) -> Any:
-        """The answer to one command; StoreUnavailable."""
+        """Send one command and return its answer. Raises StoreUnavailable."""
         async with self._contact(), self._turns:
             return await self._client.execute_command(*command)
 
     async def all(self, commands: Sequence[tuple[str | bytes | int, ...]], at_once: int = AT_ONCE) -> list[Any]:
-        """The answers to commands of any slots, many sent at once; in order only those to one slot. StoreUnavailable.
+        """Send commands for any slots in pipelines and return their answers. Raises StoreUnavailable.
 
-        Thousands are sent in parts, between which others have their turn.
+        Only commands for the same slot keep their order. Long lists are sent in parts, between which others are served.
         """
         answers: list[Any] = []
         for first in range(0, len(commands), at_once):
@@ -116,11 +115,11 @@ class Connection:
         return answers
 
     async def run(self, script: str, keys: tuple[str, ...], *arguments: str | bytes | int) -> Any:
-        """The answer of a script, whose keys are of one slot; StoreUnavailable."""
+        """Run a script, whose keys share one slot, and return its answer. Raises StoreUnavailable."""
         return await self.one("EVAL", script, len(keys), *keys, *arguments)
 
     async def elsewhere(self, key: str, others: Sequence[str]) -> list[str]:
-        """One of ``others`` for each master that has any of them and is not that of ``key``; StoreUnavailable."""
+        """Return one of ``others`` for each master that has any of them and not ``key``. Raises StoreUnavailable."""
         if not isinstance(self._client, redis.asyncio.RedisCluster):
             return []
         async with self._contact():
@@ -129,10 +128,11 @@ class Connection:
             return [other for other in masters.values() if other != key]
 
     async def replicated(self, script: str, key: str, *arguments: str) -> tuple[Any, bool]:
-        """The answer of a script that writes to ``key``, and whether a replica has that and all written before.
+        """Run a script that writes to ``key``. Return its answer, and True if a replica has this and all earlier
+        writes.
 
-        Both are asked in one go over one connection, to the server that is master of the key: WAIT knows the writes of
-        its own connection only. A server that is no longer master is not followed to the new one. StoreUnavailable.
+        Script and WAIT use one connection to the master of the key, because WAIT covers writes of its own connection
+        only. Redirections to a new master are not followed. Raises StoreUnavailable.
         """
         async with self._contact(), self._waits:
             target, once = {}, {}
@@ -146,13 +146,13 @@ class Connection:
             return answer, replicas > 0
 
     async def follow(self) -> list[dict[bytes, bytes]]:
-        """Return the entries of the stream since the last call, if any comes within a second; StoreUnavailable.
+        """Return the entries of the stream since the last call, waiting up to a second. Raises StoreUnavailable.
 
-        The first news are told at once, those that come hard upon them together.
+        After news, the next call first collects further entries for ``GATHER_S``.
         """
         heed_cancellation()
         await asyncio.sleep(self._rested_s - time.monotonic())
-        async with self._contact():  # takes no turn: it waits most of the time
+        async with self._contact():  # takes no slot, because it waits most of the time
             command = ("XREAD", "COUNT", 100, "BLOCK", _BLOCK_MS, "STREAMS", self._stream, self._position)
             answer = await self._client.execute_command(*command)
         entries = answer[0][1] if answer else []
@@ -162,15 +162,15 @@ class Connection:
         return [fields for _, fields in entries]
 
     async def news(self) -> AsyncGenerator[dict[bytes, bytes] | None, None]:
-        """Yield each entry that comes to the stream from the first contact on. Outages are waited out.
+        """Yield each entry of the stream from the first contact on. Outages are waited out.
 
-        None follows the outages that any method met, those before the first call included.
+        None is yielded after outages that any method met, including those before the first call.
         """
         seen = 0
         while True:
             try:
                 told = await self.follow()
-            except StoreUnavailable:  # not worth a line: whoever renews a lease meets the same outage
+            except StoreUnavailable:  # not logged, because the lease renewal reports the same outage
                 await asyncio.sleep(BACKOFF_S)
                 continue
             lost, seen = self.outages > seen, self.outages
@@ -181,10 +181,10 @@ class Connection:
 
     @asynccontextmanager
     async def _contact(self) -> AsyncIterator[None]:
-        """Bounds the time and gives errors one name; the first contact notes where the stream is."""
+        """Bound the time and translate errors; the first contact records the position of the stream."""
         try:
             async with asyncio.timeout(_PATIENCE_S):
-                async with self._opening:  # many commands at once are too much for redis-py before it knows the nodes
+                async with self._opening:  # redis-py cannot handle many concurrent commands before it knows the nodes
                     if not self._open:
                         await self._greet()
                         self._open = True
@@ -207,7 +207,7 @@ class Connection:
         self._position = last[0][0].decode() if last else "0-0"
         try:
             found = await self._client.config_get("append*")
-        except exceptions.ResponseError:  # many hosted servers forbid the question
+        except exceptions.ResponseError:  # many hosted servers forbid CONFIG
             return
         wrong = [f"{name} {found[name]}" for name, value in _DURABLE.items() if found.get(name, value) != value]
         if wrong:
@@ -215,7 +215,7 @@ class Connection:
 
 
 def _checked(answers: list[Any]) -> list[Any]:
-    """Raises the first error as the server said it; redis-py would put words before it by which it is not known."""
+    """Raise the first error unchanged; redis-py would prefix its text, so that it could not be recognized."""
     for answer in answers:
         if isinstance(answer, Exception):
             raise answer
@@ -225,7 +225,7 @@ def _checked(answers: list[Any]) -> list[Any]:
 def _client(url: str) -> Any:
     scheme, _, rest = url.partition("://")
     once = Retry(NoBackoff(), 0)
-    # RESP 2, so that answers look the same with every server.
+    # RESP 2, so that answers have one form with every server.
     options: dict[str, Any] = {"socket_connect_timeout": _ANSWER_S, "socket_timeout": _ANSWER_S, "protocol": 2}
     if scheme in ("redis", "rediss", "unix"):
         return redis.asyncio.Redis.from_url(url, retry=once, **options)
@@ -247,10 +247,10 @@ def _client(url: str) -> Any:
 
 
 async def _disconnect(client: Any) -> None:
-    """Have all nodes of a cluster connected anew.
+    """Reconnect all nodes of a cluster.
 
-    redis-py tells a dead connection before it uses it with one server, but not with a cluster, and closes a cluster's
-    connections only when the last command succeeded.
+    redis-py detects a dead connection before use with a single server but not with a cluster, and closes a cluster's
+    connections only if the last command succeeded.
     """
     if isinstance(client, redis.asyncio.RedisCluster):
         manager = client.nodes_manager
@@ -262,8 +262,11 @@ async def _disconnect(client: Any) -> None:
 
 
 def heed_cancellation() -> None:
-    """redis-py sends with ``asyncio.wait_for``, which before Python 3.12 loses a cancellation that comes as the sending
-    is done; without this whoever waits for the reader of the news to end would wait for ever."""
+    """Raise a pending cancellation.
+
+    redis-py sends with ``asyncio.wait_for``, which before Python 3.12 loses a cancellation that arrives when sending
+    completes. Without this, ending the reader of the stream could wait for ever.
+    """
     task = asyncio.current_task()
     if task is not None and task.cancelling():
         raise asyncio.CancelledError

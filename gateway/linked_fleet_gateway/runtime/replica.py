@@ -1,4 +1,4 @@
-"""State that gateways share through Redis: this one's copy, which is read whether or not Redis is there."""
+"""State that gateways share through Redis, as a local copy that stays readable during outages."""
 
 import asyncio
 from collections.abc import AsyncGenerator, Awaitable, Callable, Mapping
@@ -13,14 +13,14 @@ _T = TypeVar("_T")
 _Done = TypeVar("_Done")
 _News = TypeVar("_News")
 
-_PAUSE_S = 2.0  # after an unforeseen error, before everything is loaded anew
+_PAUSE_S = 2.0  # pause after an unexpected error, before everything is loaded again
 
 
 class Replica(Generic[_T]):
-    """Hands values to ``take`` as they are read, None for one that is not there any more.
+    """A local copy: passes each value to ``take`` as it is read, or None if it no longer exists.
 
-    Values are read one after another, so that none is taken after a newer one. ``load`` and ``read`` ask Redis; what
-    they raise is raised here.
+    Values are read one at a time, so that an older value never replaces a newer one. ``load`` and ``read`` query Redis;
+    their errors are raised here.
     """
 
     def __init__(
@@ -34,7 +34,7 @@ class Replica(Generic[_T]):
         self._reading = asyncio.Lock()
 
     async def load(self) -> None:
-        """Read everything anew."""
+        """Read all values again."""
         async with self._reading:
             found = await self._load()
             for id in {*self._ids, *found}:
@@ -42,14 +42,14 @@ class Replica(Generic[_T]):
             self._ids = set(found)
 
     async def refresh(self, id: str) -> None:
-        """Read one value anew."""
+        """Read one value again."""
         async with self._reading:
             value = await self._read(id)
             self._take(id, value)
             (self._ids.discard if value is None else self._ids.add)(id)
 
     async def write(self, id: str, step: Awaitable[_Done]) -> _Done:
-        """Await a step that writes a value under a condition, and read what is there now."""
+        """Await a step that writes a value conditionally, then read the value."""
         done = await step
         await self.refresh(id)
         return done
@@ -62,23 +62,23 @@ async def follow(
     hear: Callable[[_News], Awaitable[None]],
     news: Callable[[], AsyncGenerator[_News | None, None]],
 ) -> asyncio.Task[None]:
-    """Load a copy, or do without for now, and start the task that keeps it up to date.
+    """Load a copy, tolerating an outage, and start the task that keeps it up to date.
 
-    ``news`` yields None after an outage: then everything is loaded anew. ``what`` is a plural in lines of ``log``.
+    ``news`` yields None after an outage; everything is then loaded again. ``what`` is a plural noun for log messages.
     """
     whole = True
     try:
         await load()
-    except StoreUnavailable as outage:  # ``news`` says so as soon as Redis is there
+    except StoreUnavailable as outage:  # ``news`` reports when Redis is back
         log.warning("the store is away, %s are not known yet: %s", what, outage)
     except Exception:
-        # The boundary: whatever is in Redis, a gateway starts and stops robots.
+        # The boundary: whatever Redis contains, a gateway must start and stop robots.
         log.exception("%s cannot be read; the gateway starts without them", what)
         whole = False
 
     async def keep_up() -> None:
         nonlocal whole
-        if not whole:  # because of an unforeseen error
+        if not whole:  # after an unexpected error
             await load()
         whole = False
         async with aclosing(news()) as heard:

@@ -1,7 +1,7 @@
-"""The request that is being answered, for those far from it: what they log bears its id, and its beginning is known.
+"""The current request, for code far from the handler: its id for log records, and its start time.
 
-Whatever a request starts inherits its context, timers and turns of the fan-out too, and may live much longer. So the
-context is empty again from the moment the answer begins.
+Tasks, timers and fan-out turns started by a request inherit its context and may outlive it. So the context becomes
+empty when the response starts.
 """
 
 import random
@@ -18,7 +18,7 @@ _ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
 @dataclass
 class RequestContext:
-    """A request under way; ``begun_s`` is monotonic, ``trace`` is there if requests are traced."""
+    """A request in progress; ``begun_s`` is monotonic, ``trace`` is set if requests are traced."""
 
     id: str
     begun_s: float = field(default_factory=lambda: time.monotonic())
@@ -30,23 +30,23 @@ _asked: ContextVar[RequestContext | None] = ContextVar("asked", default=None)
 
 
 def begin(proposed: str) -> RequestContext:
-    """Make a request the present one. It keeps the id that it came with, if that is one."""
-    # Made for each request: no secret, so that it need not be asked of the kernel.
+    """Start a request. A valid proposed id is kept."""
+    # Created for each request; it is no secret, so a fast generator suffices.
     asked = RequestContext(proposed if proposed and _ID.fullmatch(proposed) else f"{random.getrandbits(128):032x}")
     _asked.set(asked)
     return asked
 
 
 def present() -> RequestContext | None:
-    """The request that is being answered; None outside of any."""
+    """Return the current request; None outside of one."""
     asked = _asked.get()
     return None if asked is None or asked.answered else asked
 
 
 def step(name: str, *, asks: bool = False, **attributes: str) -> AbstractContextManager[Step | None]:
-    """A span within that of the present request; None is entered where there is none.
+    """Return a span within that of the current request; without one, a context manager that yields None.
 
-    ``asks``: of another process, which what it is about is then known of the whole request.
+    ``asks`` marks a call to another process, whose attributes are then set on the whole request too.
     """
     trace = traced()
     if trace is None:
@@ -57,6 +57,6 @@ def step(name: str, *, asks: bool = False, **attributes: str) -> AbstractContext
 
 
 def traced() -> Trace | None:
-    """The trace of the request that is being answered."""
+    """Return the trace of the current request."""
     asked = present()
     return None if asked is None else asked.trace

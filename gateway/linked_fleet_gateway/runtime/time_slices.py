@@ -1,4 +1,4 @@
-"""Long work on the event loop, a few milliseconds at a time."""
+"""Long work on the event loop in slices of a few milliseconds."""
 
 import asyncio
 import time
@@ -10,7 +10,7 @@ SLICE_S = 0.002
 
 
 async def sliced(items: Iterable[_T]) -> AsyncIterator[_T]:
-    """Yield the items; the event loop serves everybody else each time that ``SLICE_S`` has gone by."""
+    """Yield the items, giving other tasks a turn whenever ``SLICE_S`` has passed."""
     until_s = time.monotonic() + SLICE_S
     for item in items:
         yield item

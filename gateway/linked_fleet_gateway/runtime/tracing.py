@@ -1,4 +1,4 @@
-"""Spans of requests, by OpenTelemetry, which is imported only where the environment asks for it."""
+"""OpenTelemetry spans of requests. OpenTelemetry is imported only if the environment enables it."""
 
 from collections.abc import Mapping
 from contextlib import AbstractContextManager, nullcontext
@@ -16,19 +16,19 @@ if TYPE_CHECKING:
 
 
 class Step:
-    """A span within that of a request, as a context manager; an error that leaves it is its outcome."""
+    """A span within that of a request, as a context manager; an exception that leaves it sets its error status."""
 
     def __init__(self, span: "Span") -> None:
         self._span = span
 
     @property
     def traceparent(self) -> bytes:
-        """The context that goes to an agent, so that its span is within this one."""
+        """The traceparent for an agent, whose span becomes a child of this one."""
         own = self._span.get_span_context()
         return str(TraceParent(own.trace_id, own.span_id, own.trace_flags.sampled)).encode()
 
     def replied(self, reply: Reply | None) -> None:
-        """Note the reply of the agent; None: it did not reply."""
+        """Record the reply of the agent; None means that there was none."""
         outcome = "silent" if reply is None else "refused" if isinstance(reply, Refused) else "accepted"
         self._span.set_attribute("linked_fleet.outcome", outcome)
         if isinstance(reply, Refused):
@@ -54,7 +54,7 @@ class Step:
 
 
 class Trace:
-    """The span of one request; attributes by the semantic conventions for HTTP servers."""
+    """The span of one request, with attributes by the semantic conventions for HTTP servers."""
 
     def __init__(self, tracer: "Tracer", span: "Span", method: str) -> None:
         self._tracer, self._span, self._method = tracer, span, method
@@ -64,16 +64,16 @@ class Trace:
         return f"{self._span.get_span_context().trace_id:032x}"
 
     def routed(self, route: str) -> None:
-        """``route``: the path with its names left open, of which there are few."""
+        """Set ``http.route``: the path with placeholders for names, to keep the number of values low."""
         self._span.set_attribute("http.route", route)
         self._span.update_name(f"{self._method} {route}")
 
     def about(self, attributes: Mapping[str, str]) -> None:
-        """Note what the request turns out to concern; ``linked_fleet.`` is put before each name."""
+        """Set attributes of the request's subject, with the prefix ``linked_fleet.``."""
         self._span.set_attributes({f"linked_fleet.{name}": value for name, value in attributes.items()})
 
     def step(self, name: str, asks: bool, attributes: Mapping[str, str]) -> Step:
-        """``asks``: of another process."""
+        """Start a child span; ``asks`` marks a call to another process."""
         from opentelemetry.trace import SpanKind, set_span_in_context
 
         span = self._tracer.start_span(
@@ -88,7 +88,7 @@ class Trace:
         from opentelemetry.trace import Status, StatusCode
 
         self._span.set_attribute("http.response.status_code", status)
-        if status >= 500:  # what the client did wrong is no error of the server
+        if status >= 500:  # client errors are no server errors
             self._span.set_attribute("error.type", str(status))
             self._span.set_status(Status(StatusCode.ERROR))
 
@@ -97,13 +97,13 @@ class Trace:
 
 
 class Tracing:
-    """Begins the spans of requests; ``close`` sends what is left."""
+    """Starts spans of requests; ``close`` exports the remaining ones."""
 
     def __init__(self, provider: "TracerProvider") -> None:
         self._provider, self._tracer = provider, provider.get_tracer(__name__)
 
     def begin(self, method: str, scheme: str, path: str, parents: list[str], request_id: str) -> Trace:
-        """``parents``: the fields ``traceparent`` of the request; of more than one none is believed."""
+        """Start a span; ``parents`` are the ``traceparent`` fields of the request, of which several are all ignored."""
         from opentelemetry.trace import SpanKind
 
         context = within(traceparent.parse(parents[0]) if len(parents) == 1 else None)
@@ -116,12 +116,12 @@ class Tracing:
         return Trace(self._tracer, self._tracer.start_span(method, context, SpanKind.SERVER, attributes), method)
 
     def close(self) -> None:
-        """Send what is left, for as long as a process that ends can wait. Blocks."""
+        """Export the remaining spans, for a bounded time. Blocks."""
         close_provider(self._provider)
 
 
 def open_tracing(environment: Mapping[str, str], instance: str) -> Tracing | None:
-    """None where nobody asks for spans; TracingUnavailable."""
+    """Return None if no collector is configured. Raises TracingUnavailable."""
     provider = open_provider(environment, {"service.name": "linked-fleet-gateway", "service.instance.id": instance})
     return None if provider is None else Tracing(provider)
 

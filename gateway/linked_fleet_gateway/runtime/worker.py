@@ -1,4 +1,4 @@
-"""Child processes that do what is hostile or takes long."""
+"""Child processes for untrusted input and long computations."""
 
 import asyncio
 import os
@@ -8,14 +8,14 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any
 
-# Nothing else of the environment: what is in there is none of their business.
+# Other environment variables are withheld from worker processes.
 _INHERITED = ("PATH", "PYTHONPATH", "PYTHONHOME", "LD_LIBRARY_PATH", "HOME", "LANG", "LC_ALL", "TMPDIR", "VIRTUAL_ENV")
 
 
 class Worker:
-    """A process ``python -m module``, which has its own part of the environment and no terminal.
+    """A process ``python -m module`` with a reduced environment and no terminal.
 
-    Whoever asks it bounds the time of an answer, and ends a process that gave none.
+    Its user bounds the time of an answer, and ends a process that gave none.
     """
 
     def __init__(self, module: str, environment: Mapping[str, str] | None = None) -> None:
@@ -28,15 +28,15 @@ class Worker:
 
     @property
     def process(self) -> Process:
-        """The process that runs now, or ran last."""
+        """The present process, or the last one."""
         assert self._process is not None
         return self._process
 
     async def start(self, *arguments: str, **pipes: Any) -> Process:
-        """Start a process in the place of the one before; ``pipes`` as for ``create_subprocess_exec``."""
+        """Start a process, ending the previous one; ``pipes`` as for ``create_subprocess_exec``."""
         await self.end()
         environment = {name: os.environ[name] for name in _INHERITED if name in os.environ}
-        # A session of its own: Ctrl-C is for the gateway, with whose end of the pipe the process ends.
+        # A session of its own, so that Ctrl-C goes to the gateway only; the process ends when its pipe closes.
         self._process = await asyncio.create_subprocess_exec(
             sys.executable, "-m", self._module, *arguments,
             env=environment | self._environment, start_new_session=True, **pipes,
