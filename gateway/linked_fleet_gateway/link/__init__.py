@@ -1,7 +1,7 @@
-"""Link: the gateway's end of Zenoh.
+"""Link: the gateway's side of Zenoh.
 
-``transport``: the seam, a protocol class; ``zenoh_session`` alone imports zenoh and implements it, tests have a network
-in memory. ``fleet_link``: presence, frames and progress in, commands and questions out. ``incoming``: from the threads
-of the session into the event loop. ``discovery``: which runs of which robots are there. ``heartbeat``: the gateway's
-own. ``questions``, ``meshes``: questions to agents, and the meshes that they hand out.
+``transport``: the interface to Zenoh, a protocol class. ``zenoh_session`` implements it and is the only importer of
+zenoh; tests use an in-memory network. ``fleet_link``: presence, frames and progress in, commands and queries out.
+``incoming``: hand-over from session threads to the event loop. ``discovery``: the runs of robots that are present.
+``heartbeat``: the gateway's own. ``questions``, ``meshes``: queries to agents, and their meshes.
 """

@@ -1,9 +1,9 @@
-"""Liveliness tokens and descriptions of agents: which runs of which robots are there, and what they say they are.
+"""Discovery of agents by their liveliness tokens and descriptions.
 
-A token costs its sender nothing, so that what it costs here is bounded: in memory by ``fleet.presence``, in
-questions by ``fleet.description_queue``. Robots that have described themselves before have their own queue, and
-so have those that send frames. To send a question takes Zenoh a time that grows with the number of tokens, a few
-milliseconds for 10,000: questions are paced by the time that they take.
+A token costs its sender nothing, so its cost here is bounded: in memory by ``fleet.presence``, in queries by
+``fleet.description_queue``. Robots that have described themselves before, and robots that send frames, have queues of
+their own. Sending a query takes Zenoh time proportional to the number of tokens, a few milliseconds for 10,000, so
+queries are paced by the time that they take.
 """
 
 import asyncio
@@ -24,29 +24,29 @@ _log = logging.getLogger(__name__)
 FEW = Bounds(open=64, repeated=16, repeats_hz=50)
 MANY = Bounds(open=256, repeated=16, repeats_hz=50)
 MAX_KNOWN = 20_000
-SILENT_QUESTIONS = 3  # before a robot that describes nothing is called faulty
-_STARTS = 8  # questions begun in one callback, for each of the queues
-_SHARE = 0.25  # of a processor for sending questions, as long as one takes less than _SHARE * _IDLE_S
+SILENT_QUESTIONS = 3  # before a robot without a description is called faulty
+_STARTS = 8  # queries started in one callback, for each queue
+_SHARE = 0.25  # share of a processor for sending queries, unless one takes longer than _SHARE * _IDLE_S
 _TICK_S = 0.004
 _IDLE_S = 0.05
-_HASTE_S = 1.0  # a robot that has described itself so lately waits before it is asked for its next run
+_HASTE_S = 1.0  # delay before a robot that has described itself this recently is queried for its next run
 _LEAVING_S = 0.05  # agents and gateways withdraw tokens and declare them again (agents/linked_fleet_agent/renewal.py)
 _RELIST_S = 5.0
-_RENEW_S = 5.0  # from one declaration of the gateway to the next
+_RENEW_S = 5.0  # between two renewals of the gateway's declarations
 _MAX_REASON = 500
-_MANY = 64  # robots without a description before the log says so, and again at each doubling
+_MANY = 64  # robots without a description that cause a log message, repeated at each doubling
 
 Judge = Callable[[bytes | str, str], list[Description] | None]
 Ask = Callable[[str, Judge], Awaitable[None]]
-"""Ask the agents of a robot once, and hand each answer to the judge until it returns something; raises TimeoutError."""
+"""Query the agents of a robot, and pass each reply to the judge until it returns a result. Raises TimeoutError."""
 ListTokens = Callable[[], Awaitable[tuple[Sequence[Token], bool]]]
-"""All tokens that are present, the highest run of each robot first, and whether these are surely all."""
+"""Returns all present tokens, the highest run of each robot first, and True if the list is certainly complete."""
 
 
 class Discovery:
-    """``tell`` gets the events, but for those that ``token`` returns. Used in the event loop; ``close`` ends it.
+    """Discovery of runs. ``tell`` gets the events, except those that ``token`` returns. Used on the event loop.
 
-    ``appeared`` is called for each new run, ``declare_anew`` when frames of a robot do not come although it is there.
+    ``appeared`` is called for each new run, ``declare_anew`` if frames of a live robot do not arrive.
     """
 
     def __init__(
@@ -72,15 +72,16 @@ class Discovery:
         self._reported: dict[str, str] = {}
         self._gone: set[Token] | None = None
         self._many = _MANY
-        self._taking = asyncio.Lock()  # a thousand descriptions at once are taken one by one, and others served between
+        # a thousand simultaneous descriptions are processed one by one, with turns for others between
+        self._taking = asyncio.Lock()
         self._tasks: set[asyncio.Task[None]] = set()
         self._relisting: asyncio.Task[None] | None = None
         self._relist_due = False
-        self._timer: asyncio.Handle | None = None  # of uvloop it has no ``when``
+        self._timer: asyncio.Handle | None = None  # uvloop's handle has no ``when``
 
     @property
     def undescribed(self) -> int:
-        """How many robots have a token and no description."""
+        """Number of robots with a token and no description."""
         return self._presence.undescribed
 
     async def close(self) -> None:
@@ -91,7 +92,7 @@ class Discovery:
         await end(self._tasks)
 
     def token(self, token: Token, present: bool) -> list[Event]:
-        """Take the news of one token. One that is declared again at once has not gone."""
+        """Apply a change of one token. A token that is declared again at once has not gone."""
         leaving = self._leaving.pop(token, None)
         if leaving is not None:
             leaving.cancel()
@@ -105,13 +106,13 @@ class Discovery:
         self._tell(self._remove(token))
 
     def heard(self, robot: str) -> None:
-        """A frame came that may be of a robot without a description."""
+        """Record a frame, perhaps of a robot without a description."""
         if robot in self._strangers:
             self._audible.add(robot, self._loop.time(), self._strangers.discard(robot))
             self._ask_soon(0)
 
     def doubt(self, doubt: Doubt) -> None:
-        """Ask a run that was described whether it is there. One that does not answer is told to have vanished."""
+        """Query if a described run is alive. A run that does not answer is reported as vanished."""
         robot, run = doubt.token
         if doubt.token in self._presence and run not in self._missing.get(robot, ()):
             self._doubts[doubt.token] = doubt
@@ -120,11 +121,11 @@ class Discovery:
             self._ask_soon(0)
 
     def sent(self, processor_s: float) -> None:
-        """It took so much processor time to send a question."""
+        """Record the processor time for sending a query, in seconds."""
         self._sending_s += (processor_s - self._sending_s) / 8
 
     def relist(self) -> None:
-        """News of tokens was lost: compare with all tokens soon."""
+        """Schedule a comparison with all tokens, because some changes were lost."""
         self._relist_due = True
         if self._relisting is None:
             self._relisting = self._start(self._relist())
@@ -171,7 +172,7 @@ class Discovery:
         return [Vanished(robot, run)]
 
     def _evict(self) -> list[Event]:
-        """Forget the robot that has most often not answered, although its token is there."""
+        """Forget the robot that most often has not answered, although its token is present."""
         robot = self._strangers.victim()
         if robot is None:
             return []
@@ -194,7 +195,7 @@ class Discovery:
         self._due_s, self._timer = due_s, self._loop.call_at(due_s, self._begin)
 
     def _begin(self) -> None:
-        """Begin questions, a few in one callback: a flood of tokens leaves time for everybody else."""
+        """Start queries, a few in one callback, so that a flood of tokens leaves time for other work."""
         self._timer, now_s, begun = None, self._loop.time(), 0
         queues = (self._known, self._audible, self._strangers)
         most = max(1, min(_STARTS, int(_SHARE * _TICK_S / self._sending_s))) if self._sending_s else _STARTS
@@ -222,7 +223,7 @@ class Discovery:
                 found.append(said)
             return found if found and found[-1].incarnation == max(missing) else None
 
-        with suppress(TimeoutError):  # what was found until then counts
+        with suppress(TimeoutError):  # results found before a timeout count
             await self._ask(robot, judge)
         for said in found:
             async with self._taking:
@@ -239,7 +240,7 @@ class Discovery:
             return
         reason = reasons[-1][:_MAX_REASON]
         told = self._reported.get(robot, "")
-        # Silence may be that of an agent under load; what was said wrongly is worth telling at once.
+        # Silence may come from an agent under load; an invalid description is reported at once.
         if not found and asked and ((reason and reason != told) or (asked >= SILENT_QUESTIONS and not told)):
             reason = reason or "the agent is present but does not answer when asked for its description"
             self._reported[robot] = reason
@@ -248,7 +249,7 @@ class Discovery:
     def _take(self, said: Description) -> None:
         robot, run = said.robot, said.incarnation
         if run not in self._missing.get(robot, ()):
-            return  # the run ended while it was being asked
+            return  # the run ended while the query was running
         doubt, silent = self._doubts.get((robot, run)), (robot, run) in self._silent
         self._unwant(robot, run)
         self._presence.describe(robot)
@@ -264,7 +265,7 @@ class Discovery:
             self._start(self._declare_anew())
 
     def _give_up(self, runs: set[Token]) -> None:
-        """Tell that runs have vanished that neither send nor answer; they are asked on as long as their token stays."""
+        """Report runs as vanished that neither send nor answer. They are still queried while their token is present."""
         lost = self._doubts.keys() & runs - self._silent
         self._silent |= lost
         if lost:
@@ -284,7 +285,7 @@ class Discovery:
 
     async def _relist(self) -> None:
         try:
-            while self._relist_due:  # again if a token went while the list was being taken over
+            while self._relist_due:  # again if a token went while the list was being processed
                 await asyncio.sleep(_RELIST_S)
                 self._relist_due = False
                 await self._take_list()
@@ -292,7 +293,7 @@ class Discovery:
             self._gone, self._relisting = None, None
 
     async def _take_list(self) -> None:
-        """Add tokens that were refused or lost, as far as there is room, and remove those that are gone."""
+        """Add refused or lost tokens while there is room, and remove those that are gone."""
         self._gone, before = set(), self._presence.tokens
         listed, complete = await self._list_tokens()
         gone, self._gone = self._gone, None

@@ -1,6 +1,6 @@
-"""The gateway's end of Zenoh: presence, frames and progress come in, commands and questions go out.
+"""The gateway's side of Zenoh: presence, frames and progress come in, commands and queries go out.
 
-It reaches Zenoh through a ``linked_fleet_gateway.link.transport.Session`` alone.
+It reaches Zenoh only through ``linked_fleet_gateway.link.transport.Session``.
 """
 
 import asyncio
@@ -45,11 +45,11 @@ MAX_REPLY_BYTES = 65_536
 DESCRIPTION_TIMEOUT_S = 2.0
 LISTING_TIMEOUT_S = 5.0
 ASK_AGAIN_S = 0.05
-"""Until a stop that a robot has not answered, or a command that reached nobody, is sent to it again."""
+"""Delay before a stop without reply, or a command that reached nobody, is sent again."""
 
 
-class NoAnswer(Exception):  # noqa: N818 -- it is an outcome, not a defect
-    """No usable answer came; whether a command was executed is unknown. ``reason`` is a sentence."""
+class NoAnswer(Exception):  # noqa: N818 -- an outcome, not a defect
+    """No usable reply arrived; it is unknown if a command was executed. ``reason`` is a sentence."""
 
     def __init__(self, reason: str) -> None:
         super().__init__(reason)
@@ -57,9 +57,9 @@ class NoAnswer(Exception):  # noqa: N818 -- it is an outcome, not a defect
 
 
 class FleetLink:
-    """An open link, as an async context manager. Raises on entry what ``open_session`` raises.
+    """An open link, as an async context manager. Entering raises what ``open_session`` raises.
 
-    ``on_events`` and ``on_progress`` are called in the event loop, one batch after another. ``frames`` may take frames
+    ``on_events`` and ``on_progress`` are called on the event loop, one batch at a time. ``frames`` may store frames
     without an event.
     """
 
@@ -82,17 +82,17 @@ class FleetLink:
 
     @property
     def joined(self) -> bool:
-        """True if robots can be heard: of a gateway that is to connect somewhere, whether anybody is connected."""
+        """True if robots can be heard; a gateway that connects to routers must be connected to one."""
         return self._listens and self._session.connected
 
     @property
     def malformed(self) -> dict[str, int]:
-        """How many messages were refused here, by robot or, where the key names none, by key."""
+        """Number of refused messages by robot or, for a key without one, by key."""
         return dict(self._incoming.complaints.counts)
 
     @property
     def undescribed(self) -> int:
-        """How many robots have a presence token, and have not described themselves."""
+        """Number of robots with a presence token that have not described themselves."""
         return self._discovery.undescribed
 
     async def __aenter__(self) -> Self:
@@ -106,9 +106,9 @@ class FleetLink:
         return self
 
     async def join(self) -> None:
-        """Be seen by the robots, and hear them; until then the link is open and silent.
+        """Become visible to robots and listen to them; until then the link is open but silent.
 
-        The order leaves no gap: whoever sees this gateway, or is seen by it, is already being listened to.
+        Subscriptions precede the token, so that no message is missed.
         """
         await self._incoming.declare(self._session)
         await self._session.declare_token(self._keys.gateway(self._gateway_name))
@@ -116,12 +116,12 @@ class FleetLink:
         self._heartbeat.start()
 
     def doubt(self, doubts: Iterable[Doubt]) -> None:
-        """Find out which of these runs are there."""
+        """Query which of these runs are alive."""
         for doubt in doubts:
             self._discovery.doubt(doubt)
 
     async def roll_call(self, timeout_s: float) -> set[str]:
-        """Names of the robots that are there now, as far as is known within ``timeout_s``."""
+        """Return the names of present robots, as far as known within ``timeout_s``."""
         tokens, _ = await self._list_tokens(timeout_s)
         return {robot for robot, _ in tokens}
 
@@ -135,10 +135,10 @@ class FleetLink:
             _log.warning("the Zenoh session did not close cleanly: %s", error)
 
     async def command(self, robot: str, command: Command, timeout_s: float) -> Reply:
-        """Send a command and return the agent's reply. Raises NoAnswer when none comes within ``timeout_s``.
+        """Send a command and return the agent's reply. Raises NoAnswer if none arrives within ``timeout_s``.
 
-        A command that reached nobody is sent once more after ``ASK_AGAIN_S``: an agent that declares itself anew has no
-        queryable for a moment. An agent executes a command once, however often it comes.
+        A command that reached nobody is sent once more after ``ASK_AGAIN_S``, because an agent that renews its
+        declarations has no queryable for a moment. An agent executes a command once, however often it arrives.
         """
         refusals: list[Reply] = []
         reasons = [f"no agent takes commands for robot {robot!r}"]
@@ -149,7 +149,7 @@ class FleetLink:
             answers += 1
             reply, reason = read_reply(answer, command.id)
             if isinstance(reply, Refused) and reply.code == "incarnation":
-                refusals.append(reply)  # of another run; the one that is meant may answer as well
+                refusals.append(reply)  # from another run; the addressed one may still answer
                 return None
             reasons.append(reason)
             return reply
@@ -189,11 +189,11 @@ class FleetLink:
     async def stop(
         self, robots: Collection[str] | None, stop: Stop, timeout_s: float, online: Collection[str] = ()
     ) -> dict[str, Reply]:
-        """Stop these robots, or all there are: what those of them replied that did within ``timeout_s``.
+        """Stop these robots, or all. Return the replies that arrive within ``timeout_s``, by robot.
 
-        All are asked at once, and none waits for another. Those that are named, or of all those that are ``online``,
-        are asked once more if they have not replied within ``ASK_AGAIN_S``: an agent that declares itself anew has no
-        queryable for a moment.
+        All are queried concurrently. The named ones or, for a stop of all, those ``online`` are queried once more if
+        they have not replied within ``ASK_AGAIN_S``, because an agent that renews its declarations has no queryable for
+        a moment.
         """
         replies: dict[str, Reply] = {}
         expected = online if robots is None else robots
@@ -237,7 +237,7 @@ class FleetLink:
         return replies
 
     async def mesh(self, robot: str, mesh: Mesh, timeout_s: float) -> bytes:
-        """The bytes, as many as ``mesh`` has, that the agent says are the mesh. Raises NoAnswer."""
+        """Return the content of a mesh, of the length in ``mesh``. Raises NoAnswer."""
         reasons = [f"no agent hands out meshes of robot {robot!r}"]
 
         def judge(answer: bytes | str, _: str) -> bytes | None:
@@ -248,7 +248,7 @@ class FleetLink:
         content: bytes | None = None
         key, asked = self._keys.robot(robot, "mesh"), mesh.sha256.encode()
         try:
-            # What moves and what is measured overtakes it.
+            # Commands and frames have higher priority.
             content = await ask(self._session, Question(key, asked, timeout_s, mesh.size, priority="background"), judge)
         except TimeoutError:
             reasons.append(f"robot {robot!r} did not answer within {timeout_s} s")
@@ -257,7 +257,7 @@ class FleetLink:
         return content
 
     async def picture(self, robot: Robot, camera: Camera, format: PictureFormat, timeout_s: float) -> Picture:
-        """Return a picture of a camera. Raises NoAnswer; what is no picture of that camera is counted besides."""
+        """Return a picture of a camera. Raises NoAnswer; an invalid picture is also counted as malformed."""
         reasons = [f"no agent shows what robot {robot.name!r} sees"]
 
         def judge(answer: bytes | str, sender: str) -> Picture | None:
@@ -281,20 +281,20 @@ class FleetLink:
         return picture
 
     async def _list_tokens(self, timeout_s: float = LISTING_TIMEOUT_S) -> tuple[list[Token], bool]:
-        """Tokens of all runs, the highest first, and whether these are all that there are."""
+        """Return the tokens of all runs, the highest first, and True if the list is certainly complete."""
         return await self._session.list_tokens(self._keys.all_presence, timeout_s, self._read_tokens)
 
     def _read_tokens(self, keys: Iterable[str]) -> list[Token]:
         found = list[Token]()
         for key in keys:
-            with contextlib.suppress(ValueError):  # who declared it was counted when it came
+            with contextlib.suppress(ValueError):  # the sender was counted when the token arrived
                 parsed = self._keys.parse(key)
                 if parsed.incarnation is not None:
                     found.append((parsed.robot, parsed.incarnation))
         return sorted(found, reverse=True)
 
     async def _ask_description(self, robot: str, judge: Judge) -> None:
-        """One question. Raises TimeoutError."""
+        """Send one query. Raises TimeoutError."""
         question = Question(self._keys.robot(robot, "description"), None, DESCRIPTION_TIMEOUT_S, MAX_DESCRIPTION_BYTES)
         if await ask(self._session, question, judge, self._discovery.sent) is not None:
             await self._session.keep_route(self._keys.robot(robot, "state"))

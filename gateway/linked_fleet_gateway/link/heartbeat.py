@@ -1,6 +1,6 @@
-"""The heartbeat of a gateway: messages by which its event loop shows to the agents that it runs.
+"""The heartbeat of a gateway: messages by which agents see that its event loop runs.
 
-Zenoh keeps a liveliness token by threads of its own, even while the event loop hangs. Heartbeats stop with the loop.
+Zenoh's own threads keep a liveliness token alive even while the event loop hangs. Heartbeats stop with the loop.
 """
 
 import asyncio
@@ -13,11 +13,11 @@ from linked_fleet_gateway.runtime.background import supervised
 
 _log = logging.getLogger(__name__)
 
-_SHORTEST_S = 0.1  # from one to the next, so that a thousand robots that come at once do not cost a thousand heartbeats
+_SHORTEST_S = 0.1  # shortest interval, so that a thousand robots that join at once do not cause a thousand heartbeats
 
 
 class Heartbeat:
-    """Sent on ``key`` by the event loop every ``HEARTBEAT_S``, from ``start`` to ``close``."""
+    """Sends on ``key`` from the event loop every ``HEARTBEAT_S``, from ``start`` to ``close``."""
 
     def __init__(self, session: Session, key: str) -> None:
         self._publish = session.declare_heartbeat(key)
@@ -30,7 +30,7 @@ class Heartbeat:
         self._task = supervised(self._beat, "heartbeat", _log, "no heartbeat can be sent", _SHORTEST_S)
 
     def hasten(self) -> None:
-        """Send the next one now, because somebody came who has heard none."""
+        """Send the next one now, for an agent that has just appeared."""
         self._wanted.set()
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""Presence, frames and progress that come in, brought from the threads of the session into the event loop."""
+"""Hand-over of presence, frames and progress from the session's threads to the event loop."""
 
 import asyncio
 import logging
@@ -22,9 +22,9 @@ TURN_S = 0.004
 
 
 class Incoming:
-    """``discovery``, ``on_events`` and ``on_progress`` are called in the event loop, in turns of a few milliseconds.
+    """Calls ``discovery``, ``on_events`` and ``on_progress`` on the event loop, in turns of a few milliseconds.
 
-    Frames that ``frames`` takes need no event until somebody watches their robot.
+    Frames that ``frames`` stores cause no event until somebody watches their robot.
     """
 
     def __init__(
@@ -47,13 +47,13 @@ class Incoming:
         self.complaints = Complaints(_log)
 
     async def declare(self, session: Session) -> None:
-        """Begin to listen, to frames first: whoever is seen is already being listened to."""
+        """Subscribe to frames first and to tokens last, so that no frame of a visible robot is missed."""
         await session.subscribe_frames(self._keys.all_states, MAX_STATE_BYTES, self._hear_state)
         await session.subscribe(self._keys.all_progress, MAX_PROGRESS_BYTES, self._inbox.put_progress)
         await session.subscribe_tokens(self._keys.all_presence, self._inbox.put_presence)
 
     def close(self) -> None:
-        """Nothing is told from here on."""
+        """Stop all reports."""
         self._inbox.close()
         self._work = None
 
@@ -77,7 +77,7 @@ class Incoming:
     # -- in the event loop ------------------------------------------------------------------------------------------
 
     def _drain(self) -> None:
-        """Tell of a message, after all that came before it."""
+        """Process new messages after all earlier ones."""
         if self._work is not None:
             self._more = True
             return
@@ -99,7 +99,7 @@ class Incoming:
                 self._loop.call_soon(self._drain)
 
     def _tell(self, batch: Batch) -> Iterator[None]:
-        """One message at a time; who came or went before what they sent."""
+        """Process one message per step; presence precedes the messages of the same batch."""
         for key, present in batch.presence.items():
             robot = self.parse(key)
             if robot is not None and robot.incarnation is not None:

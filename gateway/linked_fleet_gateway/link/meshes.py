@@ -1,4 +1,4 @@
-"""Meshes of robots: each is asked for once, checked by its digest, and kept in memory as long as there is room."""
+"""Meshes of robots: fetched once, verified by digest, and cached in memory within a bound."""
 
 import asyncio
 import hashlib
@@ -11,7 +11,7 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.link.fleet_link import NoAnswer
 
 MAX_HELD_BYTES = 64 * 2**20
-# A robot that does not answer must not keep others from being asked.
+# A robot that does not answer must not block requests to others.
 MAX_UNDER_WAY, MAX_UNDER_WAY_OF_A_ROBOT = 256, 64
 _AT_ONCE, _AT_ONCE_OF_A_ROBOT = 8, 2
 _TIMEOUT_S = 15.0
@@ -20,7 +20,7 @@ Ask = Callable[[str, Mesh, float], Awaitable[bytes]]
 
 
 class Meshes:
-    """``ask`` gets the bytes that a robot gives for a mesh, of the stated size, or raises NoAnswer."""
+    """The mesh cache. ``ask`` fetches a mesh of the stated size from a robot, or raises NoAnswer."""
 
     def __init__(self, ask: Ask) -> None:
         self._ask = ask
@@ -31,7 +31,7 @@ class Meshes:
         self._room_of = defaultdict[str, asyncio.Semaphore](lambda: asyncio.Semaphore(_AT_ONCE_OF_A_ROBOT))
 
     async def get(self, robot: Robot, mesh: Mesh) -> bytes:
-        """The bytes of a mesh that the description of ``robot`` names. Raises Offline, AgentSilent or Busy."""
+        """Return a mesh that the description of ``robot`` names. Raises Offline, AgentSilent or Busy."""
         if (held := self._held.get(mesh.sha256)) is not None:
             self._held.move_to_end(mesh.sha256)
             return held
@@ -45,7 +45,8 @@ class Meshes:
                 raise Busy("Too many meshes are being asked for; ask again in a moment.")
             task = self._under_way[key] = asyncio.create_task(self._fetch(robot.name, mesh))
             task.add_done_callback(lambda done: self._ended(key, done))
-        return await asyncio.shield(task)  # who goes away leaves it to those who also wait for it
+        # other requests may wait for the same fetch, so a cancelled one does not end it
+        return await asyncio.shield(task)
 
     def close(self) -> None:
         for task in self._under_way.values():
@@ -54,7 +55,7 @@ class Meshes:
     def _ended(self, key: tuple[str, str], task: asyncio.Task[bytes]) -> None:
         del self._under_way[key]
         if not task.cancelled():
-            task.exception()  # those who wait get it; perhaps nobody does any more
+            task.exception()  # retrieved even if nobody waits any more
 
     async def _fetch(self, robot: str, mesh: Mesh) -> bytes:
         async with self._room_of[robot], self._room:
@@ -62,7 +63,7 @@ class Meshes:
                 content = await self._ask(robot, mesh, _TIMEOUT_S)
             except NoAnswer as silence:
                 raise AgentSilent(f"The mesh could not be had: {silence.reason}.") from silence
-            # Large ones take long enough to hold up the event loop.
+            # Large ones take long enough to delay the event loop.
             digest = await asyncio.to_thread(lambda: hashlib.sha256(content).hexdigest())
         if digest != mesh.sha256:
             raise AgentSilent(f"Robot {robot!r} gave other bytes than those that its description names.")

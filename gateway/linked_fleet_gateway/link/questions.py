@@ -1,4 +1,4 @@
-"""Questions to agents, each answered by as many as are there."""
+"""Zenoh queries to agents, each answered by all matching queryables."""
 
 import asyncio
 from collections.abc import Callable
@@ -8,8 +8,8 @@ from linked_fleet_gateway.link.transport import Answer, Question, Session
 
 _T = TypeVar("_T")
 
-MAX_REPLIES = 8  # to one question: a robot and, for a moment, the run of its agent before
-MAX_STOP_REPLIES = 10_000  # to one question to all robots
+MAX_REPLIES = 8  # to one query: a robot and, briefly, the previous run of its agent
+MAX_STOP_REPLIES = 10_000  # to one query to all robots
 
 
 async def ask(
@@ -18,10 +18,10 @@ async def ask(
     judge: Callable[[bytes | str, str], _T | None],
     sent: Callable[[float], None] = lambda processor_s: None,
 ) -> _T | None:
-    """Ask, and return the first answer that ``judge`` makes something of; None when there are no more.
+    """Send a query and return the first result of ``judge`` that is not None; None if there are no more replies.
 
-    ``judge`` gets a payload, or a sentence why there is none, and the key of the answer. ``sent`` is told how much
-    processor time it took to send the question. Raises TimeoutError after the ``timeout_s`` of the question.
+    ``judge`` gets a payload, or a sentence why there is none, and the key of the reply. ``sent`` gets the processor
+    time in seconds for sending. Raises TimeoutError after the query's ``timeout_s``.
     """
     most = MAX_STOP_REPLIES if question.priority == "real time" else MAX_REPLIES
     answers: asyncio.Queue[Answer | None] = asyncio.Queue(1 + most)
@@ -29,7 +29,7 @@ async def ask(
     def put(answer: Answer | None) -> None:
         if answer is None and answers.full():
             answers.get_nowait()
-        if not answers.full():  # what comes beyond is nobody's honest answer
+        if not answers.full():  # further replies cannot be genuine
             answers.put_nowait(answer)
 
     async with asyncio.timeout(question.timeout_s):

@@ -1,4 +1,4 @@
-"""How the gateway's Zenoh session is set up, and what is said when it does not open. Pure."""
+"""Configuration of the gateway's Zenoh session, and messages for failures to open it. Pure."""
 
 import json
 from collections.abc import Mapping
@@ -9,7 +9,7 @@ from linked_fleet_agent.wire.trust import Credentials
 
 
 def trust(credentials: Credentials | None, access_file: str) -> dict[str, object]:
-    """Return the settings of mutual TLS. ValueError for a file that is none."""
+    """Return the settings of mutual TLS and access control. Raises ValueError for an unusable file."""
     values = credentials.configuration() if credentials is not None else {}
     if access_file:
         try:
@@ -22,7 +22,11 @@ def trust(credentials: Credentials | None, access_file: str) -> dict[str, object
 
 
 def settings(listen: tuple[str, ...], connect: tuple[str, ...], trust: Mapping[str, object]) -> dict[str, object]:
-    """Router mode, because a peer hears no other peer through a router and a client cannot open without one."""
+    """Return the session settings.
+
+    Router mode, because a peer receives nothing from other peers through a router, and a client cannot open without a
+    router.
+    """
     return {
         **TRANSPORT,
         **trust,
@@ -43,7 +47,7 @@ def port_is_taken(error: Exception) -> bool:
 
 
 def open_failure(error: Exception, listen: tuple[str, ...]) -> str:
-    """One line for a human."""
+    """Return one line for people."""
     if port_is_taken(error):
         return f"a port of {', '.join(listen)} is taken by another process"
     return f"Zenoh does not open: {str(error).splitlines()[0].partition(' at /')[0]}"

@@ -1,4 +1,4 @@
-"""The gateway's seam towards Zenoh: all that the link needs of a session, in plain Python.
+"""The interface to Zenoh that the link needs, in plain Python.
 
 ``gateway/linked_fleet_gateway/link/zenoh_session.py`` implements it. Keys are Zenoh key expressions.
 """
@@ -14,26 +14,25 @@ Priority = Literal["real time", "data", "background"]
 
 
 class LinkError(Exception):
-    """The session cannot be opened: a port that is taken or an endpoint that means nothing. One line for a human."""
+    """The session cannot be opened: a port in use or an invalid endpoint. One line for people."""
 
 
 class TransportError(Exception):
-    """The session refused a call, because it is closed or its connections are."""
+    """The session refused a call because it or its connections are closed."""
 
 
 class Answer(NamedTuple):
-    """One reply to a question; ``payload`` is None for an error reply."""
+    """One reply to a query; ``payload`` is None for an error reply."""
 
     payload: Payload | None
     key: str
 
 
 class Question(NamedTuple):
-    """A question to every queryable whose key matches.
+    """A query to every queryable whose key matches.
 
-    Answers have the ``priority`` of the question. Of an answer above ``limit`` bytes only the size is told. A question
-    that is not ``patient`` is given up where a connection is full, and is then not answered. ``traceparent`` is the
-    attachment.
+    Replies have the ``priority`` of the query. For a reply above ``limit`` bytes only its size is passed on. A query
+    that is not ``patient`` is dropped under congestion and then not answered. ``traceparent`` is the attachment.
     """
 
     key: str
@@ -46,15 +45,15 @@ class Question(NamedTuple):
 
 
 class Session(Protocol):
-    """An open session. Its methods are called in the event loop."""
+    """An open session. Its methods are called on the event loop."""
 
     @property
     def connected(self) -> bool:
-        """Robots can be heard: false for a session that connects to routers, and is connected to none."""
+        """True if robots can be heard. False for a session that connects to routers and is connected to none."""
         ...
 
     async def subscribe_frames(self, key: str, limit: int, hear: Callable[[str, Payload], None]) -> None:
-        """Call ``hear``, in any one thread, with key and payload of each publication. Frames may come in batches."""
+        """Call ``hear``, in a single thread, with key and payload of each publication. Frames may arrive in batches."""
         ...
 
     async def subscribe(self, key: str, limit: int, hear: Callable[[str, Payload], None]) -> None:
@@ -66,45 +65,48 @@ class Session(Protocol):
         ...
 
     async def declare_token(self, key: str) -> None:
-        """Declare a liveliness token, which lasts as long as the session."""
+        """Declare a liveliness token for the life of the session."""
         ...
 
     async def list_tokens(self, key: str, timeout_s: float, read: Callable[[Iterable[str]], _T]) -> tuple[_T, bool]:
-        """``read`` applied to the keys of all tokens, in a thread if there are threads, and whether these are all."""
+        """Return ``read`` of the keys of all tokens, called in a thread if possible, and True if the list is
+        complete.
+        """
         ...
 
     async def declare_anew(self) -> None:
-        """Withdraw subscriptions to publications and tokens of this session, and declare them again, in their order.
+        """Undeclare and declare again the subscriptions and tokens of this session, in order.
 
-        Routers that have lost such a declaration are told of it again.
+        This informs routers that have lost such a declaration.
         """
         ...
 
     def declare_heartbeat(self, key: str) -> Callable[[], None]:
-        """A function that publishes an empty message, drops it in congestion, never blocks; raises TransportError.
+        """Return a function that publishes an empty message without blocking and drops it under congestion.
 
-        No other publication has the priority of heartbeats: none delays them.
+        Only heartbeats have this priority, so no other message delays them. The function raises TransportError.
         """
         ...
 
     async def ask(self, question: Question, hear: Callable[[Answer | None], None]) -> float:
-        """Send a question, and return how many seconds of processor time that took.
+        """Send a query and return the processor time that this took, in seconds.
 
-        ``hear`` is called in the event loop with each answer, and with None at the end, at ``timeout_s`` at the latest.
+        ``hear`` is called on the event loop with each reply, and with None at the end, after ``timeout_s`` at the
+        latest.
         """
         ...
 
     async def keep_route(self, key: str) -> None:
-        """Have the route of a key kept, which otherwise is looked for among the keys of all robots each time."""
+        """Cache the route of a key, which otherwise is searched among the keys of all robots each time."""
         ...
 
     async def close(self) -> None:
-        """Withdraw all that was declared; do nothing if that is done. Raises TransportError."""
+        """Undeclare everything and close; may be called again. Raises TransportError."""
         ...
 
 
 class Opener(Protocol):
-    """Opens a session that listens on and connects to endpoints; ``trust`` is Zenoh's configuration of proofs.
+    """Opens a session that listens on and connects to endpoints; ``trust`` is Zenoh's TLS and access configuration.
 
     Raises LinkError.
     """

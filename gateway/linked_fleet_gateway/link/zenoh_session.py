@@ -1,7 +1,7 @@
-"""The gateway's session on Zenoh; the only module of the gateway that imports zenoh.
+"""The gateway's Zenoh session; the only module of the gateway that imports zenoh.
 
-Zenoh calls back on its threads. Calls that may block on a full connection are made in a small thread pool; the question
-of a command, for which a client waits, may not block: it is given up within a millisecond.
+Zenoh calls back on its own threads. Calls that may block on a congested connection run in a small thread pool. The
+query of a command, for which a client waits, may not block: it is dropped after a millisecond.
 """
 
 import asyncio
@@ -23,9 +23,9 @@ _T = TypeVar("_T")
 
 BIND_PATIENCE_S = 2.0
 _BIND_PAUSE_S = 0.1
-_WAITING = 4096  # frames that Zenoh keeps for the thread that reads them; above that its connections wait
+_WAITING = 4096  # frames that Zenoh buffers for the reading thread; beyond that its connections wait
 _NAP_S = 0.001
-"""So long frames are left to gather: to be woken for each costs as much as all that is done with it."""
+"""Wait this long for more frames, so that one wake-up of the thread serves a batch."""
 
 _PRIORITIES = {
     "real time": zenoh.Priority.REAL_TIME,
@@ -37,7 +37,7 @@ _PRIORITIES = {
 async def open_session(
     listen: tuple[str, ...], connect: tuple[str, ...], trust: Mapping[str, object]
 ) -> "ZenohSession":
-    """Open a router of Zenoh. Raises LinkError."""
+    """Open a Zenoh router. Raises LinkError."""
     config = zenoh.Config()
     for name, value in settings(listen, connect, trust).items():
         try:
@@ -50,22 +50,22 @@ async def open_session(
         try:
             return ZenohSession(await asyncio.to_thread(zenoh.open, config), connects=bool(connect))
         except zenoh.ZError as error:
-            # A gateway that was just replaced may hold the port for a moment longer.
+            # A gateway that was just replaced may hold the port a moment longer.
             if not port_is_taken(error) or loop.time() > patience:
                 raise LinkError(open_failure(error, listen)) from error
         await asyncio.sleep(_BIND_PAUSE_S)
 
 
 class ZenohSession:
-    """Implements ``linked_fleet_gateway.link.transport.Session``. Made and used in the event loop."""
+    """Implements ``linked_fleet_gateway.link.transport.Session``. Create and use it on the event loop."""
 
     def __init__(self, session: zenoh.Session, connects: bool) -> None:
         self._session, self._connects = session, connects
         self._loop = asyncio.get_running_loop()
         self._threads = ThreadPoolExecutor(max_workers=8, thread_name_prefix="link")
-        # A stop never waits behind a call that a full connection holds up.
+        # Stops have threads of their own, so that they never wait behind a call on a congested connection.
         self._stop_threads = ThreadPoolExecutor(max_workers=16, thread_name_prefix="stop")
-        self._declared: dict[Callable[[], Any], Any] = {}  # declarations last as long as they are kept
+        self._declared: dict[Callable[[], Any], Any] = {}  # declarations last as long as they are referenced
         self._token_subscribers: list[object] = []
         self._routes: dict[str, zenoh.KeyExpr] = {}
 
@@ -101,7 +101,7 @@ class ZenohSession:
 
     async def list_tokens(self, key: str, timeout_s: float, read: Callable[[Iterable[str]], _T]) -> tuple[_T, bool]:
         def ask() -> tuple[_T, bool]:
-            # Those that are known are told before ``get`` returns: a channel of Zenoh is full at 256, and blocks it.
+            # Known tokens are reported before ``get`` returns: a Zenoh channel is full at 256 and would block it.
             replies, over = list[zenoh.Reply](), threading.Event()
             handler: Any = zenoh.handlers.Callback(replies.append, drop=over.set, indirect=False)
             self._session.liveliness().get(key, handler, timeout=timeout_s)
@@ -120,8 +120,8 @@ class ZenohSession:
         await self._in_thread(again)
 
     def declare_heartbeat(self, key: str) -> Callable[[], None]:
-        # No other message has this priority. Its queue is therefore its own: a full connection neither delays a
-        # heartbeat nor holds up the event loop.
+        # No other message has this priority, so its queue is its own: congestion neither delays a heartbeat nor blocks
+        # the event loop.
         publisher = self._session.declare_publisher(
             key,
             congestion_control=zenoh.CongestionControl.DROP,
@@ -139,7 +139,7 @@ class ZenohSession:
 
     async def ask(self, question: Question, hear: Callable[[Answer | None], None]) -> float:
         def hand_over(answer: Answer | None) -> None:
-            with contextlib.suppress(RuntimeError):  # the loop was closed while the question was under way
+            with contextlib.suppress(RuntimeError):  # the loop was closed while the query was running
                 self._loop.call_soon_threadsafe(hear, answer)
 
         if not question.patient:
@@ -203,7 +203,7 @@ def _read(frames: Any, limit: int, hear: Callable[[str, Payload], None]) -> None
 
 
 def _bounded(payload: zenoh.ZBytes, limit: int) -> Payload:
-    """The payload, or its length when that is above the limit: such a payload is never copied."""
+    """Return the payload, or its length if that is above the limit, without copying it."""
     size = len(payload)
     return payload.to_bytes() if size <= limit else size
 
