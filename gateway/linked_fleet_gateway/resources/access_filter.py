@@ -1,4 +1,4 @@
-"""The part of the fleet that a caller may see: the tree looks at robots and invocations through these alone."""
+"""The part of the fleet that a caller may see. The tree accesses robots and invocations only through these views."""
 
 from collections.abc import Iterator, Mapping
 
@@ -8,7 +8,7 @@ from linked_fleet_gateway.identity.rights import View
 
 
 class RobotsInView(Mapping[str, Robot]):
-    """Robots by name. One that is not seen is looked for no further: nothing about it takes time."""
+    """Visible robots by name. An invisible name is rejected before any lookup, so that timing reveals nothing."""
 
     def __init__(self, robots: Mapping[str, Robot], sees: View) -> None:
         self._robots, self._sees = robots, sees
@@ -26,7 +26,9 @@ class RobotsInView(Mapping[str, Robot]):
 
 
 class InvocationsInView:
-    """Those of robots that are seen; those of the whole fleet that are one's own, or about such robots alone."""
+    """Invocations of visible robots, and those of the fleet that are the caller's own or concern visible robots
+    only.
+    """
 
     def __init__(self, invocations: Invocations, sees: View) -> None:
         self._invocations, self._sees = invocations, sees
@@ -42,11 +44,11 @@ class InvocationsInView:
         return self._seen(self._invocations.open_of(robot))
 
     def last_motion_ns(self, robot: str) -> int | None:
-        """When the last motion that a robot was commanded to ended; None if none is remembered."""
+        """Return the end of the robot's last accepted motion (wall ns); None if none is stored."""
         return self._invocations.last_motion_ns(robot) if self._sees.sees(robot) else None
 
     def answers(self, invocation: Invocation) -> dict[str, str]:
-        """The answer of each robot that is seen to an invocation of the fleet."""
+        """Return the answers of the visible robots to an invocation of the fleet."""
         if self._sees.all:
             return invocation.robots
         return {robot: answer for robot, answer in invocation.robots.items() if self._sees.sees(robot)}

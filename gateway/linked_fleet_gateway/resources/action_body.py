@@ -1,4 +1,4 @@
-"""Typed values of an admitted body, in SI units. The shape has judged it: what it demands is there."""
+"""Typed values of a validated body, in SI units. The shape guarantees that required values exist."""
 
 import re
 from collections.abc import Sequence
@@ -12,13 +12,13 @@ from linked_fleet_gateway.rdf.unused import renamed, subjects
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LDP, LF, MATHS, PROV, RDF, ROS, SH, SOSA, SPATIAL, VOM
 from linked_fleet_gateway.resources.invocation import ROOT
 
-_MAX_REMEMBERED = 32 * 1024  # characters; what is longer is carried out, and not shown with the invocation
+_MAX_REMEMBERED = 32 * 1024  # characters; a longer body is executed but not shown with the invocation
 _OURS = tuple(each.iri for each in (HYBRIT, LDP, LF, MATHS, PROV, ROS, SH, SOSA, SPATIAL, VOM))
-_NOT_ZERO = re.compile(r"[^eE]*[1-9]")  # a digit before the exponent
+_NOT_ZERO = re.compile(r"[^eE]*[1-9]")  # a non-zero digit before the exponent
 
 
 class Body:
-    """The triples of a body by subject and predicate, and the node at its root."""
+    """The triples of a body by subject and predicate, and its root node."""
 
     def __init__(self, triples: Sequence[Triple], root: Node) -> None:
         self.root = root
@@ -38,26 +38,27 @@ class Body:
         return next((each.value for each in found if isinstance(each, Literal)), None)
 
     def number(self, subject: Node, predicate: NamedNode, unit: float = 1.0) -> float | None:
-        """In SI, of a number in ``unit``; UnprocessableContent for one above or below zero that no float tells from it.
+        """Return a number in ``unit`` converted to SI.
 
-        A shape admits a speed of 1e-400, and zero would be something else.
+        Raises UnprocessableContent for a non-zero number that a float rounds to zero: a shape accepts a speed of
+        1e-400, but zero would mean something else.
         """
         text = self.text(subject, predicate)
         try:
             value = None if text is None else float(text) * unit
-        except ValueError as error:  # where no shape has seen to it
+        except ValueError as error:  # if no shape has validated it
             raise UnprocessableContent(f"{text!r:.80} of {predicate.value} is no number.") from error
         if text is not None and value == 0.0 and _NOT_ZERO.match(text):
             raise UnprocessableContent(f"{text[:80]} of {predicate.value} is too near zero; write 0 or more.")
         return value
 
     def unit(self, subject: Node) -> float:
-        """The size in SI of the unit that ``subject`` states; 1 where it states none."""
+        """Return the SI size of the unit that ``subject`` states; 1 without a unit."""
         unit = self.node(subject, VOM.unit)
         return UNITS[unit].si if isinstance(unit, NamedNode) else 1.0
 
     def quantity(self, subject: Node) -> float:
-        """``vom:numericalValue`` in the SI unit."""
+        """Return ``vom:numericalValue`` converted to the SI unit."""
         value = self.number(subject, VOM.numericalValue, self.unit(subject))
         assert value is not None
         return value
@@ -79,14 +80,14 @@ def own_part(triples: Sequence[Triple], root: Node) -> list[Triple]:
 
 
 def written(body: Body) -> str:
-    """Write the triples about the root and the blank nodes below it, as N-Triples about ``_:input``.
+    """Return the triples about the root and the blank nodes below it, as N-Triples about ``_:input``.
 
-    Nothing when it is too long to keep. Types of our own vocabularies are left out: they follow from where a node is,
-    and would have whoever validates take a part of an input for a thing.
+    Empty if it is too long to store. Types of our own vocabularies are omitted: they follow from the position of a
+    node, and a validator would take a part of an input for a thing.
     """
     about = [triple for triple in own_part(body.triples, body.root) if not _is_type(triple)]
     written = serialize(renamed(about, body.root, ROOT), format=RdfFormat.N_TRIPLES)
-    assert written is not None  # nothing is written to a file
+    assert written is not None  # None only when it writes to a file
     return written.decode() if len(written) <= _MAX_REMEMBERED else ""
 
 

@@ -1,4 +1,4 @@
-"""Conditions of the robot at hand under which a thing offers a kind of action (``lf:offeredIf``)."""
+"""Conditions on the robot under which a thing offers a kind of action (``lf:offeredIf``)."""
 
 from collections.abc import Callable
 
@@ -14,7 +14,7 @@ Condition = Callable[[Robot, Joint | None], bool]
 
 
 def _is_bounded(robot: Robot, joint: Joint | None) -> bool:
-    """Return True for a joint with limits whose commands the agent takes: those that its frames carry."""
+    """Return True for a joint that has limits and is in the agent's frames, which means that it takes commands."""
     listed = robot.description.joints if robot.description is not None else ()
     return joint is not None and bounded(joint) and joint.name in listed
 

@@ -1,4 +1,4 @@
-"""The kinds of actions there are: one Turtle file each in shapes/linked_fleet_shapes/actions, read once."""
+"""Kinds of actions, read once from one Turtle file each in shapes/linked_fleet_shapes/actions."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -15,8 +15,11 @@ FOLDER = "actions"
 
 @dataclass(frozen=True)
 class Definition:
-    """A kind of action. ``offered_by``: classes of things; ``offered_if``: conditions of the robot at hand;
-    ``capability``: what the agent must be able to do."""
+    """A kind of action.
+
+    ``offered_by`` are classes of things, ``offered_if`` conditions on the robot, ``capability`` is required of the
+    agent.
+    """
 
     iri: NamedNode
     segment: str
@@ -31,15 +34,14 @@ class Definition:
 
 
 def add_kinds(files: Iterable[Path]) -> None:
-    """Have this process know the kinds of actions of these Turtle files, written as those in actions, instead of
-    those that were added before."""
+    """Add the kinds of actions in these Turtle files to this process, in place of files added earlier."""
     if add_to_folder(FOLDER, files):
         definitions.cache_clear()
 
 
 @cache
 def definitions() -> tuple[Definition, ...]:
-    """All kinds, in the order of their files."""
+    """Return all kinds, in the order of their files."""
     shapes = load_folder(FOLDER)
     kinds = [node for node, triples in shapes.items() if any(t.object == LF.ActionKind for t in triples)]
     return tuple(_read(kind) for kind in kinds if isinstance(kind, NamedNode))

@@ -1,4 +1,4 @@
-"""Actions as things offer them (paper 5.4, figure 5a): the shape that describes what one consumes also guards it."""
+"""Actions as things offer them (paper 5.4, figure 5a). The shape that describes the input also validates it."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from linked_fleet_gateway.resources.shape_parameters import Scope, complete
 
 @dataclass(frozen=True)
 class Offer:
-    """One kind of action at one thing, whose path is ``thing``."""
+    """One kind of action at the thing with the path ``thing``."""
 
     definition: Definition
     thing: str
@@ -44,7 +44,7 @@ class Offer:
         return self.definition.consumes is not None
 
     def describe(self, graph: Graph, base: str) -> None:
-        """Figure 5a, corrected: limits on the value, per unit; bound to the methods that suit it."""
+        """Describe the action as in figure 5a, corrected: limits on the value, per unit, and suitable methods."""
         iri, definition = NamedNode(base + self.path), self.definition
         graph.a(iri, HYBRIT.Action, HYBRIT.AsynchronousAction, definition.iri)
         graph.add(iri, DCTERMS.title, Literal(self.name))
@@ -66,13 +66,13 @@ class Offer:
         graph.add(iri, LF.invocations, NamedNode(iri.value + "/invocations"))
 
     def consumes(self, graph: Graph, base: str) -> Node:
-        """Add the shape of the body, with the limits of this very thing."""
+        """Add the shape of the body, with the limits of this thing."""
         assert self.definition.consumes is not None
         scope = Scope(base, self.robot, self.joint)
         return copy(graph, load_folder(FOLDER), self.definition.consumes, complete(scope))
 
     def describe_result(self, graph: Graph, base: str) -> None:
-        """``hybrit:produces``: the shape of the invocation resource that an invocation creates."""
+        """Describe ``hybrit:produces``: the shape of the invocation resource that is created."""
         iri = NamedNode(f"{base}{self.path}/produceshape")
         graph.a(iri, SH.NodeShape)
         graph.add(iri, DCTERMS.title, Literal(f"What {self.name} produces"))
@@ -82,7 +82,7 @@ class Offer:
 
 
 def joint_offers(robot: Robot, joint: Joint) -> list[Offer]:
-    """The actions of a joint: none for one that takes no command, or of a robot that takes none."""
+    """Return the actions of a joint; none if it, or its robot, takes no commands."""
     kind = kind_of(joint).type
     return [Offer(each, joint_path(robot.name, joint.name), robot, joint) for each in _offered(kind, robot, joint)]
 

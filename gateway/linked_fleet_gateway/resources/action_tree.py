@@ -1,4 +1,4 @@
-"""The part of the tree below the actions of a thing: actions, what they produce, and their invocations."""
+"""The part of the tree below the actions of a thing: actions, shapes of their results, and invocations."""
 
 from collections.abc import Sequence
 
@@ -76,7 +76,7 @@ def _facts(invocation: Invocation) -> tuple[object, ...]:
 
 def _action(offer: Offer, source: Source, base: str) -> Resource:
     own = (offer.path + "/produceshape", offer.path + "/invocations")
-    # Neither an LDP resource nor a container: its PUT does not replace state, its POST creates no member.
+    # Neither an LDP resource nor a container: PUT does not replace state, POST does not create a member.
     return Resource(
         offer.path, offer.name, lambda graph: offer.describe(graph, base), (), source, own, affords=Invoke(offer)
     )

@@ -1,6 +1,6 @@
-"""Affordances of a resource besides reading it; one type each, by which requests are dispatched.
+"""Affordances: the methods of a resource other than reading. Requests are dispatched by their type.
 
-``needs`` are the rights of which one is needed for it.
+``needs`` lists rights, one of which suffices.
 """
 
 from dataclasses import dataclass
@@ -15,28 +15,28 @@ from linked_fleet_gateway.resources.setting import Setting
 from linked_fleet_gateway.resources.subscription import Record
 
 BODY_TYPES = TEXT_TYPES
-"""Media types of RDF that bodies may have. Not Jelly: its parser raises any exception at bytes from strangers."""
+"""RDF media types of bodies. Jelly is excluded, because its parser raises arbitrary exceptions on untrusted bytes."""
 FORM_TYPES = (*BODY_TYPES, JSON)
-"""Media types of a body where a shape says which members an object in plain JSON has."""
+"""Media types of bodies for which a shape also defines a plain JSON form."""
 
 
 class Affordance(Protocol):
-    """The attributes that all of them have. An extension brings its own, and the handler of it."""
+    """Attributes of all affordances. An extension brings its own type together with a handler."""
 
     @property
     def methods(self) -> tuple[str, ...]: ...
 
     @property
     def body_types(self) -> tuple[str, ...]:
-        """Media types of bodies that are taken; none if there is no body."""
+        """Accepted media types of bodies; empty if there is no body."""
 
     @property
     def needs(self) -> tuple[Right, ...]:
-        """Rights of which one is needed."""
+        """Rights, one of which is needed."""
 
     @property
     def reads(self) -> bool:
-        """Return True if its methods are safe (RFC 9110, 9.2.1), whatever they are called."""
+        """True if its methods are safe (RFC 9110, 9.2.1)."""
 
 
 class _Writes:
@@ -59,13 +59,13 @@ class Invoke(_Writes):
 
     @property
     def needs(self) -> tuple[Right, ...]:
-        """The rights that an action needs: one that takes a body moves, the others stop."""
+        """An action with a body is a motion and needs ``ACT``; one without stops and needs ``STOP``."""
         return (Right.ACT,) if self.offer.takes_body else (Right.STOP,)
 
 
 @dataclass(frozen=True)
 class EndInvocation(_Writes):
-    """Stop an invocation, by deleting it, or by its own action ``cancel``, after which it stays."""
+    """Stop an invocation: by DELETE, or by its action ``cancel``, which keeps the invocation."""
 
     invocation: Invocation
     keep: bool
@@ -82,7 +82,7 @@ class EndInvocation(_Writes):
 
 @dataclass(frozen=True)
 class PutSetting(_Writes):
-    """Replace the value of a property that clients may set, or take it back."""
+    """Replace the value of a property that clients may set, or remove it."""
 
     setting: Setting
     needs: ClassVar[tuple[Right, ...]] = (Right.ADMIN,)
@@ -98,7 +98,7 @@ class PutSetting(_Writes):
 
 @dataclass(frozen=True)
 class PutTarget(_Writes):
-    """Command a joint by its target property; the same motion as by ``offer``."""
+    """Command a joint through its target property, with the motion of ``offer``."""
 
     offer: Offer
     methods: ClassVar[tuple[str, ...]] = ("PUT",)
@@ -118,7 +118,7 @@ class Control(_Writes):
 
 @dataclass(frozen=True)
 class Subscribe(_Writes):
-    """Make a subscription of the thing at ``owner``."""
+    """Create a subscription of the thing at ``owner``."""
 
     owner: str
     methods: ClassVar[tuple[str, ...]] = ("POST",)
@@ -128,7 +128,7 @@ class Subscribe(_Writes):
 
 @dataclass(frozen=True)
 class ChangeSubscription(_Writes):
-    """Change the options of a subscription, or end it."""
+    """Change the options of a subscription, or delete it."""
 
     record: Record
     methods: ClassVar[tuple[str, ...]] = ("PATCH", "DELETE")

@@ -1,4 +1,4 @@
-"""Annotations that a client puts, from a body to what is remembered of them."""
+"""Annotations in a request body, converted to their stored form."""
 
 import re
 from collections.abc import Sequence
@@ -13,17 +13,18 @@ from linked_fleet_gateway.resources.annotations import about, beyond, is_own, of
 from linked_fleet_gateway.resources.named_poses import read_poses
 from linked_fleet_gateway.resources.paths import robot_path
 
-MAX_ANNOTATIONS = 65_536  # characters, as on the wire
-_TERM = re.compile(r'"(?:[^"\\]++|\\.)*+"|<[^>]*>')  # of N-Triples: what is in a literal is no IRI
+MAX_ANNOTATIONS = 65_536  # characters, as in the wire protocol
+# matches N-Triples terms, so that IRIs within literals are left alone
+_TERM = re.compile(r'"(?:[^"\\]++|\\.)*+"|<[^>]*>')
 
 
 def read_annotations(
     triples: Sequence[Triple], robot: Robot, base: str, iri: str, present: frozenset[Triple] = frozenset()
 ) -> str:
-    """The statements that are not the agent's own, without the authority, so that they hold under every base URL.
+    """Return the statements that are not the agent's, with IRIs relative to the fleet, valid under every base URL.
 
-    ``present`` describes the resource ``iri`` as it is. UnprocessableContent names what annotations do not take: terms
-    that are the gateway's to use, and statements to which nothing leads that is said of the robot.
+    ``present`` describes the resource ``iri`` as it is. Raises UnprocessableContent for terms reserved for the gateway,
+    and for statements that are not connected to the robot.
     """
     path, constraint = robot_path(robot.name), f"{iri}/blueprint"
     subject = NamedNode(base + path)
@@ -54,14 +55,14 @@ def read_annotations(
 
 
 def agents_part(described: Sequence[Triple], robot: Robot, base: str, iri: str) -> list[Triple]:
-    """Return the triples of the description of ``iri`` that clients do not own: its own and the agent's."""
+    """Return the triples in the description of ``iri`` that clients do not own: its own and the agent's."""
     subject = NamedNode(base + robot_path(robot.name))
     agents = set(about(of_agent(robot.annotations, subject.value), subject, subject.value))
     return [triple for triple in described if triple in agents or triple.subject == NamedNode(iri)]
 
 
 def _check_poses(text: str, robot: Robot, constraint: str) -> None:
-    """A pose that the robot names itself cannot be another one."""
+    """Refuse a pose whose title the robot's agent already uses."""
     taken = sorted(read_poses(text).keys() & read_poses(robot.annotations[0]).keys())
     if taken:
         raise UnprocessableContent(
@@ -70,7 +71,7 @@ def _check_poses(text: str, robot: Robot, constraint: str) -> None:
 
 
 def _relative(term: str, base: str, path: str) -> str:
-    """An IRI below the robot as seen from there, one elsewhere in the fleet by its path, any other term as it is."""
+    """Return an IRI below the robot as relative, one elsewhere in the fleet by its path, other terms unchanged."""
     if term.startswith(f"<{base}{path}"):
         return f"<./{term.removeprefix(f'<{base}{path}')}"
     return f"<{term.removeprefix(f'<{base}')}" if re.match(f"<{re.escape(base)}/(?!/)", term) else term

@@ -1,6 +1,6 @@
-"""Annotations of a robot in any vocabulary (R1.12): a layer of its agent, and one of clients above it.
+"""Annotations of a robot in any vocabulary (R1.12): a layer from its agent, and one from clients above it.
 
-Neither can pose as the gateway, and what clients say takes nothing away from what the agent says.
+Neither layer can add statements reserved for the gateway, and clients cannot remove statements of the agent.
 """
 
 import logging
@@ -18,23 +18,23 @@ from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, RDF, R
 
 log = logging.getLogger(__name__)
 
-# What these namespaces say of a robot is the gateway's to say: an annotation must not add an action or a value.
+# Statements with these namespaces are reserved for the gateway: an annotation must not add an action or a value.
 _OWN = tuple(namespace.iri for namespace in (HYBRIT, LDP, LF, ROS, SH, SOSA, XHV))
-# But a robot may say which poses it knows by name.
+# Exceptions, with which a robot may name poses.
 _ITS = frozenset({LF.namedPose, LF.target, LF.ofJoint})
 _OWN_TERMS = frozenset({DCTERMS.title, DCTERMS.identifier, DCTERMS.hasPart})
 BySubject = Mapping[Node, Sequence[Triple]]
 
 
 def annotate(graph: Graph, subject: NamedNode, said: Annotations, base: str) -> None:
-    """Add the annotations about ``subject``, with what they describe besides; ``base`` is the robot's IRI."""
+    """Add the annotations about ``subject`` and the nodes that they describe; ``base`` is the robot's IRI."""
     for layer in _layers(said, base):
         for triple in about(layer, subject, base):
             graph.add(triple.subject, triple.predicate, triple.object)  # type: ignore[arg-type]
 
 
 def about(layer: BySubject, subject: NamedNode, base: str) -> list[Triple]:
-    """The triples about ``subject``, and about the blank nodes and the resources outside the fleet that these lead to.
+    """Return the triples about ``subject``, and about the blank nodes and external resources that these lead to.
 
     ``base`` is the IRI of a robot of the fleet.
     """
@@ -44,7 +44,7 @@ def about(layer: BySubject, subject: NamedNode, base: str) -> list[Triple]:
     done: set[Node] = set()
     while pending:
         node = pending.pop()
-        if node in done:  # referred to more than once
+        if node in done:  # referenced more than once
             continue
         done.add(node)
         for triple in layer.get(node, ()):
@@ -56,12 +56,12 @@ def about(layer: BySubject, subject: NamedNode, base: str) -> list[Triple]:
 
 
 def of_agent(said: Annotations, base: str) -> BySubject:
-    """The layer that no client changes."""
+    """Return the agent's layer, which clients cannot change."""
     return _layers(said, base)[0]
 
 
 def beyond(layer: BySubject, lower: BySubject) -> dict[Node, list[Triple]]:
-    """``layer`` without the statements that ``lower`` makes as well; the contents of blank nodes are compared."""
+    """Return ``layer`` without the statements that ``lower`` has too; blank nodes are compared by content."""
     mine, theirs = _meanings(layer), _meanings(lower)
     said = {_key(triple, theirs) for triples in lower.values() for triple in triples}
     return {
@@ -75,7 +75,7 @@ def _key(triple: Triple, meanings: Mapping[BlankNode, str]) -> tuple[str, ...]:
 
 
 def _meanings(layer: BySubject) -> dict[BlankNode, str]:
-    """A digest of all that is said of each blank node: equal for equal trees, of its own where it is in a cycle."""
+    """Return a digest of the content of each blank node: equal for equal trees, unique for nodes in a cycle."""
     found: dict[BlankNode, str] = {}
     begun: set[BlankNode] = set()
     nodes = (term for triples in layer.values() for triple in triples for term in triple if isinstance(term, BlankNode))
@@ -96,7 +96,7 @@ def _meanings(layer: BySubject) -> dict[BlankNode, str]:
 
 @lru_cache(maxsize=256)
 def _layers(said: Annotations, base: str) -> tuple[BySubject, BySubject]:
-    """That of the agent, and what clients say beyond it."""
+    """Return the layer of the agent, and the statements of clients beyond it."""
     agents, clients = (subjects(_parsed(text, base)) for text in said)
     return agents, beyond(clients, agents)
 
@@ -115,7 +115,7 @@ def _parsed(turtle: str, base: str) -> Iterable[Triple]:
 
 
 def is_own(triple: Triple, base: str) -> bool:
-    """A statement with a term of the gateway, a type of its vocabularies, or a second name for what it has named.
+    """Return True for a reserved statement: a gateway's term or type, or another title for a resource that it names.
 
     ``base`` is the IRI of the robot, below which the gateway names everything.
     """

@@ -1,7 +1,7 @@
-"""Binary frames and their layouts in RDF (desideratum D5): the structure is read once, then come values alone.
+"""Binary frames and their layouts in RDF (desideratum D5): a client reads the layout once, then only values follow.
 
-The joint state has the frames of the robot's agent as they are. A measured property has a small frame of its own: a
-header and its numbers. What stands where, in which unit, and which property it is of, says the layout below each.
+The joint state uses the unchanged frames of the robot's agent. A measured property has a small frame of its own: a
+header and its numbers. The layout below each describes offsets, units and properties.
 """
 
 import struct
@@ -25,13 +25,13 @@ from linked_fleet_gateway.resources.resource import Resource, blueprint_of
 from linked_fleet_gateway.resources.versioning import Source, version_of
 
 FRAME_TYPES = (FRAME_MEDIA_TYPE, "application/octet-stream")
-"""Two names of the same bytes: ours, and the one that anybody may ask for."""
+"""Two media types of the same bytes: a specific and a generic one."""
 
 Path = tuple[NamedNode, ...]
 
 
 class Field(NamedTuple):
-    """A field of a frame; ``meaning`` where that is no measured number, which has a property to say it."""
+    """A field of a frame; ``meaning`` describes fields that are not measured numbers."""
 
     name: str
     type: str
@@ -51,7 +51,7 @@ _PATHS: Mapping[NamedNode, tuple[Path, ...]] = {
     LF.PoseShape: (*((LF.position, axis) for axis in _XYZ), *((LF.orientation, axis) for axis in _XYZW)),
     LF.TwistShape: (*((LF.linear, axis) for axis in _XYZ), *((LF.angular, axis) for axis in _XYZ)),
 }
-"""By the shape of a property: how to get from it to each of its measured numbers, in the order of its observation."""
+"""By shape of a property: the paths to its measured numbers, in the order of its observation."""
 
 _VALUE_HEADER = (
     Field("magic", "char2", 0, "The letters LV."),
@@ -75,22 +75,22 @@ _TIMES = frozenset({"time", "monotonic_ns", "wall_ns"})
 
 
 def is_framed(item: Property) -> bool:
-    """Return True if the property can be had as binary frames."""
+    """Return True if the property has binary frames."""
     return item.predicate == LF.jointState or (item.measured and item.shape in _PATHS)
 
 
 def layout_path(path: str) -> str:
-    """Return the path of the layout of the frames of the property at ``path``."""
+    """Return the path of the frame layout of the property at ``path``."""
     return path + "/layout"
 
 
 def related_layouts(path: str, item: Property) -> tuple[str, ...]:
-    """Layouts that everybody is told of: of single values there are too many, and describedby leads to those."""
+    """Return the layouts to link from a thing. Single values are too many; their layouts are linked by describedby."""
     return (layout_path(path),) if item.predicate == LF.jointState else ()
 
 
 def frames_of(robot: Robot, item: Property) -> dict[str, Callable[[], bytes]]:
-    """The frames of a property by media type. Joint state has none before the first: WriteError."""
+    """Return the frames of a property by media type. Joint state raises WriteError before the first frame."""
     if not is_framed(item):
         return {}
     whole = item.predicate == LF.jointState
@@ -98,7 +98,7 @@ def frames_of(robot: Robot, item: Property) -> dict[str, Callable[[], bytes]]:
 
 
 def value_frame(robot: Robot, seen: Observation) -> bytes:
-    """The frame of one observation: its version, its time, its numbers; NaN is unknown."""
+    """Return the frame of one observation: version, time, numbers; NaN is unknown."""
     incarnation, frame, change = version_of(robot, (seen,))
     wall_ns = -1 if seen.wall_ns is None else seen.wall_ns
     header = _HEADER.pack(_MAGIC, _VERSION, change, incarnation, frame, wall_ns)
@@ -115,7 +115,7 @@ def _state_frame(robot: Robot) -> bytes:
 
 
 class _Number(NamedTuple):
-    """One number in a frame: whose it is, how to get from that property to it, and its unit."""
+    """One number in a frame: its property, the path from the property to it, and its unit."""
 
     name: str
     of: NamedNode
@@ -124,7 +124,7 @@ class _Number(NamedTuple):
 
 
 def in_layout(say: Describer, robot: Robot, owner: str, item: Property, rest: Sequence[str]) -> Resource | None:
-    """The layout of the frames of a property, or its blueprint; ``rest``: the segments below the property."""
+    """Return the layout of the frames of a property, or its blueprint; ``rest`` are the segments below the property."""
     if not is_framed(item) or robot.description is None or rest[:1] != ["layout"]:
         return None
     path = layout_path(f"{owner.rstrip('/')}/{item.segment}")
@@ -159,7 +159,7 @@ def _describe(graph: Graph, say: Describer, robot: Robot, owner: str, item: Prop
 
 
 def begin_layout(graph: Graph, about: NamedNode, what: str, size: int) -> NamedNode:
-    """Say all but the fields of the layout of the binary frames ``about`` something, each of ``size`` bytes."""
+    """Add a layout of binary frames of ``size`` bytes without its fields."""
     iri = NamedNode(layout_path(about.value))
     graph.a(iri, LF.FrameLayout)
     graph.add(iri, DCTERMS.title, Literal(f"Layout of {what}"))
@@ -172,7 +172,7 @@ def begin_layout(graph: Graph, about: NamedNode, what: str, size: int) -> NamedN
 
 
 def add_field(graph: Graph, layout: NamedNode, field: Field, count: int = 1) -> BlankNode:
-    """A field that says what it means, and its unit where it is a time."""
+    """Add a field with its meaning and, for a time, its unit."""
     node = _field(graph, layout, field.name, field.type, field.offset, count)
     graph.add(node, DCTERMS.description, Literal(field.meaning))
     if field.name in _TIMES:
@@ -200,7 +200,7 @@ def _header_of_state(robot: Robot) -> tuple[Field, ...]:
 
 
 def _numbers(say: Describer, robot: Robot, owner: str, item: Property, within: str) -> Iterator[_Number]:
-    """The numbers of a property, with the units that its own description has; named by their paths below ``within``."""
+    """Yield the numbers of a property with the units in its description, named by their paths below ``within``."""
     path = f"{owner.rstrip('/')}/{item.segment}"
     iri, graph = say.iri(path), Graph()
     say.property(robot, owner, item, graph, Seen.of(item.look()))
@@ -216,7 +216,9 @@ def _numbers(say: Describer, robot: Robot, owner: str, item: Property, within: s
 
 
 def _numbers_of_state(say: Describer, robot: Robot) -> list[_Number]:
-    """In the order of the frame: pose and twist of a floating base, then a row each of the joints' three values."""
+    """Return the numbers in frame order: pose and twist of a floating base, then one row for each value of the
+    joints.
+    """
     assert robot.model is not None and robot.description is not None
     base = robot_path(robot.name)
     found: list[_Number] = []
@@ -226,7 +228,7 @@ def _numbers_of_state(say: Describer, robot: Robot) -> list[_Number]:
     columns = []
     for name in robot.description.joints:
         owner = joint_path(robot.name, name)
-        # position, velocity and effort stand first
+        # position, velocity and effort come first
         measured = [item for item in joint_properties(robot, robot.model.joints[name]) if is_framed(item)]
         columns.append([each for item in measured for each in _numbers(say, robot, owner, item, base)])
     return found + [each for row in zip(*columns, strict=True) for each in row]

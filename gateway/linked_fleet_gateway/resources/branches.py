@@ -1,6 +1,6 @@
-"""Branches of the tree: the resources that an extension adds to the fleet, to robots or to properties.
+"""Branches of the tree: resources that an extension adds to the fleet, to robots or to properties.
 
-The tree knows a branch by its segment alone. A branch resolves the path behind it within what the caller may see.
+The tree knows only the segment of a branch. The branch resolves the rest of the path for what the caller may see.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -21,14 +21,14 @@ Found = Resource | Redirect | None
 
 @dataclass(frozen=True)
 class RequestView:
-    """The fleet as it is to who asks: the robots and invocations that they may see, under one base URL."""
+    """The fleet as seen by a caller: visible robots and invocations, under one base URL."""
 
     base: str
     robots: Mapping[str, Robot]
     invocations: InvocationsInView
     sees: View
     secured: bool = False
-    """True if who asks has to say who they are."""
+    """True if callers must authenticate."""
 
     def iri(self, path: str) -> NamedNode:
         return NamedNode(self.base + path)
@@ -36,21 +36,21 @@ class RequestView:
 
 @dataclass(frozen=True)
 class FleetBranch:
-    """Resources at ``/{segment}`` and below it.
+    """Resources at ``/{segment}`` and below.
 
-    ``resolve`` gets the segments behind its own: none for ``/{segment}``, one empty one for ``/{segment}/``.
-    ``predicate``: by which the fleet's description names ``/{segment}``, or None where nothing leads there.
+    ``resolve`` gets the segments after its own: none for ``/{segment}``, one empty one for ``/{segment}/``.
+    ``predicate`` links ``/{segment}`` from the fleet's description; None for no link.
     """
 
     segment: str
     predicate: NamedNode | None
     resolve: Callable[[RequestView, list[str]], Found]
     takes_slashes: bool = False
-    """True if segments behind its own may have encoded slashes."""
+    """True if later segments may contain encoded slashes."""
     graphs: Callable[[RequestView], Iterable[tuple[str, Sequence[Triple]]]] | None = None
-    """All that its resources say, by their paths, for who copies the fleet as a whole."""
+    """All statements of its resources by path, for copies of the whole fleet."""
     link: tuple[str, str] | None = None
-    """The relation by which ``/`` links ``/{segment}`` in its Link field and its link set, and the media type there."""
+    """Relation and media type of a link from ``/`` to ``/{segment}`` in its Link field and link set."""
 
     @property
     def path(self) -> str:
@@ -59,7 +59,7 @@ class FleetBranch:
 
 @dataclass(frozen=True)
 class RobotBranch:
-    """Resources at ``/{robot}/{segment}`` and below it; ``has``: whether a robot has any."""
+    """Resources at ``/{robot}/{segment}`` and below; ``has`` selects the robots."""
 
     segment: str
     predicate: NamedNode | None
@@ -69,9 +69,9 @@ class RobotBranch:
 
 @dataclass(frozen=True)
 class PropertyBranch:
-    """Resources at ``{property}/{segment}`` and below it; ``has``: which properties have any.
+    """Resources at ``{property}/{segment}`` and below; ``has`` selects the properties.
 
-    ``resolve`` gets the path of the thing that has the property, the property, and the segments behind its own.
+    ``resolve`` gets the path of the property's owner, the property, and the segments after its own.
     """
 
     segment: str
@@ -81,9 +81,9 @@ class PropertyBranch:
 
 @dataclass(frozen=True)
 class ThingDocument:
-    """A further representation of the fleet, robots, joints and links, in which no value stands.
+    """A further representation of the fleet, robots, joints and links that contains no measured values.
 
-    ``write`` gets the robot, None for the fleet, and its joint or link, None for the robot itself.
+    ``write`` gets the robot (None for the fleet), and its joint or link (None for the robot itself).
     """
 
     media_type: str
@@ -95,7 +95,7 @@ Branch = FleetBranch | RobotBranch | PropertyBranch | ThingDocument
 
 @dataclass(frozen=True)
 class Branches:
-    """All that there are. Their segments are reserved in ``gateway/linked_fleet_gateway/resources/paths.py``."""
+    """All branches. Their segments are reserved in ``gateway/linked_fleet_gateway/resources/paths.py``."""
 
     of_fleet: tuple[FleetBranch, ...] = ()
     of_robots: tuple[RobotBranch, ...] = ()
@@ -103,7 +103,7 @@ class Branches:
     documents: tuple[ThingDocument, ...] = ()
 
     def having(self, *added: Branch) -> "Branches":
-        """These and those that are added."""
+        """Return these branches and the added ones."""
         return Branches(
             (*self.of_fleet, *(each for each in added if isinstance(each, FleetBranch))),
             (*self.of_robots, *(each for each in added if isinstance(each, RobotBranch))),
@@ -113,22 +113,22 @@ class Branches:
 
     @property
     def constant(self) -> frozenset[str]:
-        """Media types of representations of things in which no value stands."""
+        """Media types of representations of things without measured values."""
         return frozenset(each.media_type for each in self.documents)
 
     def of_thing(
         self, view: RequestView, robot: Robot | None = None, part: Joint | Link | None = None
     ) -> dict[str, Callable[[], bytes]]:
-        """The further representations of a thing by media type."""
+        """Return the further representations of a thing by media type."""
         return {each.media_type: partial(each.write, view, robot, part) for each in self.documents}
 
     def takes_slashes(self, path: str) -> bool:
-        """Return True if the path is below a branch whose segments may have encoded slashes."""
+        """Return True if the path is below a branch whose segments may contain encoded slashes."""
         branch = self.at_root(path[1:].partition("/")[0])
         return branch is not None and branch.takes_slashes
 
     def graphs(self, view: RequestView) -> Iterator[tuple[str, Sequence[Triple]]]:
-        """Statements of branches about their resources as a whole, by path."""
+        """Yield path and statements of the graphs of all branches."""
         for branch in self.of_fleet:
             if branch.graphs is not None:
                 yield from branch.graphs(view)
@@ -143,19 +143,19 @@ class Branches:
         return next((each for each in self.of_properties if each.segment == segment and each.has(item)), None)
 
     def related_to(self, path: str, item: Property) -> tuple[str, ...]:
-        """Paths of those that the property at ``path`` has."""
+        """Return the paths of the branches of the property at ``path``."""
         return tuple(f"{path}/{each.segment}" for each in self.of_properties if each.has(item))
 
     def linked(self) -> list[tuple[NamedNode, str]]:
-        """Predicate and path of those that the fleet names."""
+        """Return predicate and path of the branches that the fleet's description links."""
         return [(each.predicate, each.path) for each in self.of_fleet if each.predicate is not None]
 
     def links(self) -> tuple[TypedLink, ...]:
-        """Links of the fleet to those that say by which relation."""
+        """Return the links of the fleet to branches with a link relation."""
         return tuple(TypedLink(each.link[0], each.path, each.link[1]) for each in self.of_fleet if each.link)
 
     def linked_from(self, robot: Robot, path: str) -> list[tuple[NamedNode, str]]:
-        """Predicate and path of those that a robot at ``path`` names."""
+        """Return predicate and path of the branches that the description of a robot at ``path`` links."""
         named = [(each.predicate, each) for each in self.of_robots if each.predicate is not None]
         return [(predicate, path + each.segment) for predicate, each in named if each.has(robot)]
 

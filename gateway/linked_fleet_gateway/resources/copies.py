@@ -1,7 +1,7 @@
-"""Documents of resources that differ in their path alone: the first is written, the others are copies of its text.
+"""Copies of documents of resources that differ only in their path: the first is rendered, the others are copied.
 
-A fleet has thousands of blueprints, of a few dozen kinds. A copy has the very bytes that writing it would give: names
-of things are written as they stand in a path, in every syntax that is text.
+A fleet has thousands of blueprints of a few dozen kinds. A copy equals the rendered document byte for byte, because
+names of things are written unescaped in every text syntax.
 """
 
 import re
@@ -13,19 +13,19 @@ from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.resource import Alike, Resource
 
 MAX_KEPT = 512
-# No character that some syntax would escape, and no segment that could be taken for a prefix or a relative reference.
+# Excludes characters that some syntax escapes, and segments that look like a prefix or a relative reference.
 _PLAIN = re.compile(r"(/[A-Za-z0-9_~][A-Za-z0-9_~-]*)+/?", re.ASCII)
 
 
 class Copies:
-    """Texts to copy from, by kind, media type and base URL. The text that was kept first goes first."""
+    """Cached texts by kind, media type and base URL. The oldest is dropped first."""
 
     def __init__(self, most: int = MAX_KEPT) -> None:
         self._most = most
         self._kept: dict[tuple[object, str, str], list[str]] = {}
 
     def body(self, resource: Resource, media_type: str, base: str) -> bytes | None:
-        """Return the document; None if the resource is like no other, or has to be written. Raises WriteError."""
+        """Return the document; None if the resource has no kind or must be rendered. Raises WriteError."""
         alike = resource.alike
         if alike is None or media_type not in TEXT_TYPES or not _PLAIN.fullmatch(alike.owner):
             return None
@@ -39,7 +39,7 @@ class Copies:
 
 
 def _pieces(resource: Resource, alike: Alike, media_type: str, base: str) -> list[str]:
-    """The text of one of the kind, cut where the path of its owner stands."""
+    """Return the text of one resource of the kind, split at the path of its owner."""
     mark = f"/x{secrets.token_hex(8)}"
     slash = "/" if alike.owner.endswith("/") else ""
     path = mark + resource.path[len(alike.owner.rstrip("/")) :]

@@ -23,14 +23,14 @@ Links = Iterable[tuple[NamedNode, str]]
 
 @dataclass(frozen=True)
 class Doing:
-    """Paths of the invocations that a robot is carrying out, and when its last motion ended."""
+    """Paths of a robot's running invocations, and the end of its last motion (wall ns)."""
 
     tasks: tuple[str, ...] = ()
     moved_ns: int | None = None
 
 
 class Describer:
-    """Describes things under one base URL (scheme and authority, no slash at the end)."""
+    """Describes things under one base URL (scheme and authority, no trailing slash)."""
 
     def __init__(self, base: str) -> None:
         self.base = base
@@ -47,7 +47,7 @@ class Describer:
         graph: Graph,
         doing: Callable[[Robot], Doing] = lambda robot: Doing(),
     ) -> None:
-        """``links``: predicate and path of what the fleet has besides."""
+        """Describe the fleet; ``links`` are predicate and path of its further resources."""
         root = self.iri("/")
         graph.a(root, HYBRIT.RoboticThing, LF.Fleet, LDP.BasicContainer, LDP.Container)
         graph.add(root, DCTERMS.title, Literal("Linked Fleet"))
@@ -70,7 +70,7 @@ class Describer:
                 graph.add(iri, LF.lastMoved, timestamp(does.moved_ns, resolution_ns=_SECOND_NS))
 
     def robot(self, robot: Robot, tasks: Sequence[str], links: Links, graph: Graph) -> None:
-        """``tasks``: paths of the invocations that are under way; ``links``: as of the fleet."""
+        """Describe a robot; ``tasks`` are the paths of its running invocations, ``links`` as for the fleet."""
         path = robot_path(robot.name)
         iri = self.iri(path)
         graph.a(iri, HYBRIT.RoboticThing, LF.Robot)
@@ -100,7 +100,7 @@ class Describer:
             self._introduce_link(graph, robot, link.name)
 
     def joint(self, robot: Robot, joint: Joint, graph: Graph, seens: Sequence[Seen] | None = None) -> None:
-        """``seens``: other values than the present ones, one for each measured property."""
+        """Describe a joint; ``seens`` replaces its present values, one for each measured property."""
         assert robot.model is not None
         path, kind = joint_path(robot.name, joint.name), kind_of(joint)
         iri = self.iri(path)
@@ -123,7 +123,7 @@ class Describer:
         self._introduce_link(graph, robot, joint.child)
 
     def link(self, robot: Robot, link: Link, graph: Graph, seens: Sequence[Seen] | None = None) -> None:
-        """``seens``: as of joints."""
+        """Describe a link; ``seens`` as for joints."""
         assert robot.model is not None
         path = link_path(robot.name, robot.model, link.name)
         iri = self.iri(path)
@@ -149,7 +149,7 @@ class Describer:
             self._introduce_joint(graph, robot, robot.model.joints[name])
 
     def property(self, robot: Robot, owner: str, item: Property, graph: Graph, seen: Seen) -> None:
-        """A property as its own small document (Figure 3)."""
+        """Describe a property as a small document of its own (Figure 3)."""
         self._property(graph, owner, item, seen)
         self._presence_if_not_online(graph, self.iri(f"{owner.rstrip('/')}/{item.segment}"), robot)
 
@@ -175,7 +175,7 @@ class Describer:
             self.presence(graph, iri, robot)
 
     def _last_frame(self, graph: Graph, iri: NamedNode, robot: Robot) -> None:
-        # To the second only: a timestamp that moves a hundred times a second would make every ETag worthless.
+        # Whole seconds: a timestamp that changes a hundred times a second would make every ETag useless.
         frame = robot.frame
         value = LF.unknown if frame is None else timestamp(frame.wall_ns, resolution_ns=_SECOND_NS)
         graph.add(iri, LF.lastFrame, value)
@@ -224,7 +224,7 @@ class Describer:
 
 
 def part_paths(robot: Robot) -> list[str]:
-    """Paths of all joints and links, in the order of the URDF."""
+    """Return the paths of all joints and links, in URDF order."""
     if robot.model is None:
         return []
     joints = [joint_path(robot.name, name) for name in robot.model.joints]

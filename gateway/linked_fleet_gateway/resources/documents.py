@@ -1,4 +1,4 @@
-"""The documents that the gateway itself has at the root: vocabulary and JSON-LD context."""
+"""Documents of the gateway at the root: vocabulary and JSON-LD context."""
 
 import json
 from collections.abc import Iterable
@@ -27,7 +27,7 @@ def context() -> Resource:
 
 
 def describe_terms(base: str, graph: Graph) -> None:
-    """All terms of our own, and the shapes of what can be posted to containers."""
+    """Add all our own terms, and the shapes of bodies that containers accept."""
     iri = NamedNode(base + VOCABULARY)
     graph.a(iri, OWL.Ontology, LDP.RDFSource)
     graph.add(iri, DCTERMS.title, Literal("Terms and shapes of Linked Fleet"))
@@ -37,11 +37,11 @@ def describe_terms(base: str, graph: Graph) -> None:
 
 
 def _vocabulary(base: str, graph: Graph) -> None:
-    """All terms of our own, and all shapes that any document names.
+    """Add all our own terms, and all shapes that any document names.
 
-    Shapes of what clients send are here as a whole. Of the shapes that blueprints have this document says what they
-    are: each resource links the blueprint that has its own, and as targets of a class they would also apply to requests
-    and to things that a document only mentions.
+    Shapes of request bodies are included completely. Other blueprint shapes are only named and typed: each resource
+    links the blueprint with its own shape, and as class targets they would also apply to requests and to things that a
+    document only mentions.
     """
     describe_terms(base, graph)
     for node, triples in load("blueprints.ttl").items():

@@ -1,4 +1,4 @@
-"""Functions over the live fleet that extensions offer to languages of other extensions, such as SPARQL."""
+"""Functions over the live fleet that an extension offers to query languages of other extensions, such as SPARQL."""
 
 from collections.abc import Callable, Mapping
 from typing import Protocol
@@ -10,19 +10,19 @@ from linked_fleet_gateway.fleet.robot import Robot
 
 Term = NamedNode | BlankNode | Literal | Triple
 Function = Callable[..., Term | None]
-"""Gets terms and gives one; None is an error of the expression."""
+"""Maps terms to a term; None is an expression error."""
 
 
 class FleetFunctions(Protocol):
-    """A class with the functions of one extension; a process makes one instance."""
+    """The functions of one extension; a process creates one instance."""
 
     names: tuple[NamedNode, ...]
 
     def prepare(self) -> None:
-        """Load all that calls will need: afterwards no file can be opened."""
+        """Load everything that calls need: afterwards no file can be opened."""
 
     def bind(self, base: str, robots: Mapping[str, Robot]) -> Mapping[NamedNode, Function]:
-        """The functions for these robots and no others. ``base``: the public URL without slash."""
+        """Return the functions for these robots only. ``base`` is the public URL without trailing slash."""
 
 
 FUNCTIONS = Contributed[Callable[[], FleetFunctions]]()
@@ -30,7 +30,7 @@ FUNCTIONS = Contributed[Callable[[], FleetFunctions]]()
 
 
 def path_of(base: str, term: Term) -> str:
-    """The path of a term in the fleet under ``base``; empty for what is not of it."""
+    """Return the path of a term in the fleet under ``base``; empty for other terms."""
     if isinstance(term, NamedNode) and term.value.startswith(base + "/"):
         return term.value[len(base) :]
     return ""

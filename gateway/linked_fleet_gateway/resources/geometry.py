@@ -1,4 +1,4 @@
-"""The geometry of a robot as sub-resources (desideratum D5): its model, and the meshes that the model links."""
+"""The geometry of a robot as sub-resources (desideratum D5): its model, and the meshes that it links."""
 
 from pyoxigraph import Literal, NamedNode
 
@@ -14,7 +14,7 @@ MODEL_MEDIA_TYPE = "application/xml"
 
 
 def in_geometry(robot: Robot, rest: list[str], base: str) -> Resource | None:
-    """``rest``: the segments below the robot; none of this is there while nobody knows what the robot is."""
+    """Resolve ``rest``, the segments below the robot. None without a description of the robot."""
     if robot.model is None or robot.description is None:
         return None
     if rest[0] == "model":
@@ -70,5 +70,5 @@ def _describe(graph: Graph, robot: Robot, base: str) -> None:
 
 
 def _title(uri: str) -> str:
-    """The name of the file, or the whole URI where that is empty."""
+    """Return the file name, or the whole URI if that is empty."""
     return uri.rpartition("/")[2] or uri

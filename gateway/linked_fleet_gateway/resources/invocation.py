@@ -26,9 +26,9 @@ _FACTS: dict[str, tuple[NamedNode, Unit]] = {
     "orientationResidual": (LF.orientationResidual, RADIAN),
 }
 MOST_SUMMARISED = 100
-"""The members of a container of which it says more than their states."""
+"""Members of a container that are summarised; others are listed with their state only."""
 ROOT = BlankNode("input")
-"""The root of a body as it is remembered."""
+"""The root of a stored body."""
 
 
 def describe_invocation(
@@ -39,8 +39,11 @@ def describe_invocation(
     others: Mapping[str, Invocation],
     answers: Mapping[str, str],
 ) -> None:
-    """``others``: the invocations that this one ended, and the one that ended it, as far as they are known;
-    ``answers``: of the robots, to one of the fleet."""
+    """Describe an invocation.
+
+    ``others`` are the known invocations that it ended and the one that ended it. ``answers`` are those of the robots to
+    an invocation of the fleet.
+    """
     iri = NamedNode(base + invocation_path(invocation))
     graph.a(iri, PROV.Activity, LF.Invocation, SOSA.Actuation)
     graph.add(iri, DCTERMS.title, Literal(f"Invocation {invocation.id} of {invocation.action}"))
@@ -88,8 +91,10 @@ def describe_rehearsal(
     preempts: Iterable[Invocation],
     free: bool | None,
 ) -> None:
-    """Describe what the action would do, for the preference ``dry-run``. ``free``: whether the way was found free of
-    collisions, False where that could not be told; None of what does not move."""
+    """Describe the effect that the action would have, for the preference ``dry-run``.
+
+    ``free`` is True if the path is free of collisions, False if that could not be determined, None if nothing moves.
+    """
     iri = graph.blank(LF.Rehearsal)
     graph.add(iri, DCTERMS.title, Literal(f"Rehearsal of {action}; nothing has moved"))
     graph.add(iri, RDFS.seeAlso, NamedNode(base + action))
@@ -105,7 +110,7 @@ def describe_rehearsal(
 
 
 def describe_cancel(graph: Graph, base: str, invocation: Invocation) -> None:
-    """The action that stops an invocation; it consumes nothing."""
+    """Describe the action that stops an invocation; it takes no input."""
     iri, whole = NamedNode(base + cancel_path(invocation)), NamedNode(base + invocation_path(invocation))
     graph.a(iri, HYBRIT.Action, LF.CancelInvocation)
     graph.add(iri, DCTERMS.title, Literal(f"Cancel invocation {invocation.id}"))
@@ -121,7 +126,7 @@ def describe_cancel(graph: Graph, base: str, invocation: Invocation) -> None:
 def describe_invocations(
     graph: Graph, base: str, action: str, robot: Robot | None, invocations: list[Invocation]
 ) -> None:
-    """The LDP container of an action's invocations, newest first."""
+    """Describe the LDP container of an action's invocations, newest first."""
     iri = NamedNode(f"{base}{action}/invocations")
     graph.a(iri, LF.InvocationList, LDP.BasicContainer, LDP.Container)
     graph.add(iri, DCTERMS.title, Literal(f"Invocations of {action}"))
@@ -149,7 +154,7 @@ def _summarise(graph: Graph, base: str, robot: Robot | None, invocation: Invocat
 
 
 def _moved(base: str, robot: Robot, joints: Iterable[str]) -> list[NamedNode]:
-    """The positions that a motion acts on, of the joints that are known."""
+    """Return the position properties of the known joints of a motion."""
     known = robot.model.joints if robot.model else {}
     return [
         NamedNode(f"{base}{joint_path(robot.name, joint)}/{kind_of(known[joint]).position}")
@@ -161,7 +166,7 @@ def _moved(base: str, robot: Robot, joints: Iterable[str]) -> list[NamedNode]:
 def positions(
     graph: Graph, iri: Node, predicate: NamedNode, base: str, robot: Robot, values: Mapping[str, float]
 ) -> None:
-    """Positions of joints, with their units, as ``predicate`` of ``iri``."""
+    """Add joint positions with their units as values of ``predicate`` of ``iri``."""
     for joint, position in values.items():
         node = graph.blank()
         graph.add(iri, predicate, node)
@@ -181,7 +186,7 @@ def _times(graph: Graph, iri: NamedNode, invocation: Invocation) -> None:
 
 
 def _input(graph: Graph, iri: NamedNode, body: str) -> None:
-    """The body of the client, in its own words."""
+    """Add the body as the client sent it."""
     names: dict[BlankNode, Node] = {}
 
     def own(term: object) -> object:

@@ -8,7 +8,7 @@ from linked_fleet_gateway.fleet.model import Joint, JointKind
 from linked_fleet_gateway.rdf.units import ANGULAR, LINEAR, Dimension
 from linked_fleet_gateway.rdf.vocabulary import LF, ROS
 
-# What counts as change (docs/TREE.md): a value that moved by less is the same value.
+# Resolutions of change detection (docs/TREE.md): a value that moved by less counts as the same.
 POSITION_RESOLUTION = 1e-5  # rad or m
 VELOCITY_RESOLUTION = 1e-3  # rad/s or m/s
 EFFORT_RESOLUTION = 1e-2  # N m or N

@@ -1,8 +1,8 @@
-"""SHACL node shapes as JSON Schema (W3C WoT Thing Description 1.1, 5.3.2), for values that are plain JSON.
+"""JSON forms and JSON Schemas (W3C WoT Thing Description 1.1, 5.3.2) derived from SHACL node shapes.
 
-A property of a shape is a member of an object by its ``sh:name``; one that has no name, but whose value is a node with
-named properties, has these stand in its place; any other is left to RDF. ``sh:or`` between nodes becomes ``oneOf``,
-limits ``minimum`` and ``maximum``, ``sh:minCount`` ``required``, and ``lf:unknown`` beside a number ``null``.
+A property of a shape becomes a member named by its ``sh:name``. A property without a name is skipped, but the named
+properties of its value node become members in its place. ``sh:or`` between nodes becomes ``oneOf``, limits ``minimum``
+and ``maximum``, ``sh:minCount`` ``required``, and ``lf:unknown`` beside a number ``null``.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -45,9 +45,9 @@ class Value:
     scalar: Json = field(default_factory=dict)
     form: "Form | None" = None
     terms: Mapping[str, Term] = field(default_factory=dict)
-    """The terms of an enumeration by what stands for them."""
+    """The terms of an enumeration by their JSON texts."""
     unknown: bool = False
-    """True if it may be ``null``, which is ``lf:unknown``."""
+    """True if it may be ``null``, which means ``lf:unknown``."""
 
     @property
     def is_iri(self) -> bool:
@@ -60,7 +60,7 @@ class Value:
 
 @dataclass(frozen=True)
 class Field:
-    """One member of an object: how to get from the node to its values, and what these are."""
+    """One member of an object: its path from the node, and the form of its values."""
 
     name: str
     path: tuple[NamedNode, ...]
@@ -86,7 +86,7 @@ class Field:
 
 @dataclass(frozen=True)
 class Form:
-    """A node as a JSON object; one of ``branches``, where there are any, has to hold as well."""
+    """A node as a JSON object; if there are ``branches``, one of them must hold too."""
 
     fields: tuple[Field, ...] = ()
     branches: tuple["Form", ...] = ()
@@ -108,28 +108,28 @@ class Form:
 
 @lru_cache(maxsize=64)
 def form_of(shape: NamedNode) -> Form:
-    """The form of a shape of shapes/linked_fleet_shapes/blueprints.ttl."""
+    """Return the form of a shape in shapes/linked_fleet_shapes/blueprints.ttl."""
     return _Reader(chain.from_iterable(load("blueprints.ttl").values())).form(shape)
 
 
 def form_of_input(offer: Offer, base: str) -> Form:
-    """The form of what an action consumes, with the limits of the thing that offers it."""
+    """Return the form of an action's input, with the limits of the thing that offers it."""
     robot = offer.robot
     if robot is None or robot.description is None:
         return _form_of_input(offer, base, ())
     return _form_of_input(offer, base, (robot.model, robot.description.joints, robot.annotations))
 
 
-@lru_cache(maxsize=512)  # five robots have some three hundred actions
+@lru_cache(maxsize=512)  # five robots have about three hundred actions
 def _form_of_input(offer: Offer, base: str, known: tuple[object, ...]) -> Form:
-    """``known``: what the shape speaks of."""
+    """Cached by ``known``, the facts that the shape depends on."""
     graph = Graph()
     node = offer.consumes(graph, base)
     return form_in(graph.triples, node)
 
 
 def form_of_target(offer: Offer, base: str) -> Form:
-    """The form of what is put as the target of the joint that ``offer`` moves."""
+    """Return the form of the target property of the joint that ``offer`` moves."""
     graph, iri = Graph(), NamedNode(base + offer.path)
     describe_target_input(graph, iri, offer, base)
     return form_in(graph.triples, iri)
@@ -150,7 +150,9 @@ class _Reader:
             self._said.setdefault((triple.subject, triple.predicate), []).append(triple.object)  # type: ignore[arg-type]
 
     def form(self, shape: Node, names: Mapping[NamedNode, str] | None = None) -> Form:
-        """``names``: of the paths of the shape of which this is a branch, where names are not said again."""
+        """Return the form of a shape; ``names`` are inherited by a branch that does not repeat the names of its
+        paths.
+        """
         fields: dict[str, Field] = {}
         for node in (each for each in self._all(shape, SH.property) if isinstance(each, Node)):
             for found in self._fields(node, names or {}):
@@ -173,7 +175,7 @@ class _Reader:
         value = self._value(node)
         least, most = self._count(node, SH.minCount) or 0, self._count(node, SH.maxCount)
         if name is not None:
-            # A branch says again of a value what is special to it, and how many there are is said outside.
+            # A branch adds constraints to a value; its cardinality is stated by the outer shape.
             most = 1 if path in names else most
             yield Field(name, (path,), value, least, most, self._text(node, SH.description) or "")
         elif value.form is not None and most == 1:
@@ -205,7 +207,7 @@ class _Reader:
         return Value(scalar, None, terms, unknown)
 
     def _inner(self, node: Node) -> Iterator[Node]:
-        """All that the values have to conform to besides."""
+        """Yield all further shapes that the values must conform to."""
         for each in self._nodes(node):
             yield each
             yield from self._inner(each)
@@ -213,7 +215,7 @@ class _Reader:
     def _datatypes(self, node: Node) -> list[NamedNode]:
         stated = [self._one(each, SH.datatype) for each in (node, *self._alternatives(node))]
         found = [each for each in stated if isinstance(each, NamedNode)]
-        # Whole numbers alone only where no other number will do.
+        # Integers only if no other numeric type is allowed.
         return [each for each in found if each != XSD.integer] or found
 
     def _listed(self, node: Node) -> list[Term]:
@@ -251,6 +253,6 @@ class _Reader:
 
 
 def _number(text: str) -> int | float:
-    """A limit; the 15th digit and later ones only say which binary fraction it is."""
+    """Parse a limit with 14 digits: later ones only reflect its binary fraction."""
     value = float(f"{float(text):.14g}")
     return int(value) if value.is_integer() else value

@@ -1,4 +1,4 @@
-"""Statements about links that extensions add: predicates and the paths that they lead to."""
+"""Statements about links that extensions add: pairs of a predicate and a path."""
 
 from collections.abc import Callable, Iterable
 

@@ -1,4 +1,4 @@
-"""The body of a message: the representation that a GET would give, with the version of the resource that it shows."""
+"""The body of a message: the representation that GET returns, plus the version of the resource."""
 
 from pyoxigraph import NamedNode
 
@@ -9,14 +9,14 @@ from linked_fleet_gateway.resources.subscription_resource import describe_versio
 
 
 def message_types(resource: Resource) -> tuple[str, ...]:
-    """Media types in which messages about ``resource`` can be had: no pages, and Turtle first (R1.2)."""
+    """Return the media types of messages about ``resource``: no HTML, and Turtle first (R1.2)."""
     if not resource.observable:
         return ()
     return (*RDF_TYPES, *(each for each in resource.documents if each not in resource.constant))
 
 
 def message_body(resource: Resource, media_type: str, base: str, version: str, previous: str | None) -> bytes:
-    """The bytes of a message. Raises WriteError when the syntax cannot say these triples."""
+    """Return the bytes of a message. Raises WriteError if the syntax cannot represent the triples."""
     if media_type in resource.documents:
         return resource.documents[media_type]()
     if media_type not in RDF_TYPES:

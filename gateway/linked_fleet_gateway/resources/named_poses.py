@@ -1,4 +1,4 @@
-"""The poses that a robot's annotations name (``lf:namedPose``): joints and positions, by title."""
+"""Named poses in a robot's annotations (``lf:namedPose``): positions by joint, by title."""
 
 import math
 from collections.abc import Mapping
@@ -13,16 +13,17 @@ from linked_fleet_gateway.rdf.units import UNITS
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, VOM
 from linked_fleet_gateway.resources.paths import reserved_in_robot
 
-_BASE = "http://robot.invalid/r/"  # names of joints are read off IRIs below it, whatever the base of a request
+# base for parsing, below which IRIs contain the names of joints, independent of the request
+_BASE = "http://robot.invalid/r/"
 _LONGEST = 128
 
 
 def poses(robot: Robot) -> Mapping[str, Mapping[str, float]]:
-    """Positions (rad or m) by joint, by the title of the pose. Poses that the robot cannot take are left out."""
+    """Return positions (rad or m) by joint, by title of the pose. Poses outside the robot's limits are omitted."""
     if robot.model is None:
         return {}
     agents, clients = map(read_poses, robot.annotations)
-    named = {**clients, **agents}  # no client takes a pose away from the robot
+    named = {**clients, **agents}  # poses of the agent take precedence
     return {title: targets for title, targets in named.items() if _possible(robot, targets)}
 
 
@@ -39,10 +40,10 @@ def _possible(robot: Robot, targets: Mapping[str, float]) -> bool:
 
 @lru_cache(maxsize=256)
 def read_poses(annotations: str) -> Mapping[str, Mapping[str, float]]:
-    """Positions by joint, by title, of one layer of annotations."""
+    """Return positions by joint, by title, from one layer of annotations."""
     try:
         triples = parse(annotations.encode(), "text/turtle", _BASE)
-    except ParseError:  # ``annotate`` has said so in the log
+    except ParseError:  # already logged by ``annotate``
         return {}
     by_subject: dict[object, list[Triple]] = {}
     for triple in triples:

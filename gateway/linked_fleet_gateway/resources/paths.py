@@ -1,4 +1,4 @@
-"""Paths of the resource tree: built from names and resolved to names in one place (docs/TREE.md)."""
+"""Paths of the resource tree: the only place where they are built from names and parsed (docs/TREE.md)."""
 
 from collections.abc import Iterable
 from functools import lru_cache
@@ -16,10 +16,10 @@ _CORE_IN_ROBOT = frozenset(
     | {"meshes", "model", "pose", "subscriptions", "title", "twist"}
 )
 RESERVED_IN_CAMERAS = frozenset({"blueprint"})
-_LINK_MARK = "~link"  # no escape: "~l" is no hexadecimal digit, so the mark cannot be part of a name
+_LINK_MARK = "~link"  # no escape, because "~l" is not followed by hexadecimal digits; so it cannot be part of a name
 
-# A robot has over a hundred parts, each named in every description of it; and a fleet names all its robots in turn, of
-# which a cache that is too small for them holds none.
+# A robot has over a hundred parts, each named in every description of it, and a fleet names all robots in turn. A cache
+# too small for all of them would never hit.
 _segment = lru_cache(maxsize=32_768)(escape)
 
 
@@ -27,21 +27,21 @@ _at_root, _in_robot, _public = _CORE_AT_ROOT, _CORE_IN_ROBOT, frozenset[str]()
 
 
 def reserve(at_root: Iterable[str] = (), in_robot: Iterable[str] = (), public: Iterable[str] = ()) -> None:
-    """Have the tree of this process own more segments: robots, joints and links of such names are escaped.
+    """Reserve segments in the tree of this process: robots, joints and links with these names are escaped.
 
-    Below those of ``public`` nothing is said of any fleet, so that anybody may read it.
+    Resources below ``public`` segments contain nothing about a fleet, so that everybody may read them.
     """
     global _at_root, _in_robot, _public
     _at_root, _in_robot, _public = _at_root | set(at_root), _in_robot | set(in_robot), _public | set(public)
 
 
 def reserved_at_root() -> frozenset[str]:
-    """The segments below ``/`` that no robot has."""
+    """The segments below ``/`` that are not robots."""
     return _at_root
 
 
 def reserved_in_robot() -> frozenset[str]:
-    """The segments below a robot that no joint or link has."""
+    """The segments below a robot that are not joints or links."""
     return _in_robot
 
 
@@ -50,12 +50,12 @@ def robot_path(robot: str) -> str:
 
 
 def robot_name(segment: str) -> str:
-    """ValueError when ``segment`` is no robot's."""
+    """Return the name of a robot's segment. Raises ValueError if it is reserved or malformed."""
     return unescape(segment, _at_root)
 
 
 def robot_of(path: str) -> str | None:
-    """The robot whose resource is at ``path``, None for the fleet's own."""
+    """Return the robot whose resource is at ``path``; None for a resource of the fleet."""
     try:
         segment, slash, _ = path[1:].partition("/")
         return robot_name(segment) if slash else None
@@ -64,12 +64,12 @@ def robot_of(path: str) -> str | None:
 
 
 def is_public(path: str) -> bool:
-    """Return True if the resource at ``path`` says nothing about any fleet: anybody may read it."""
+    """Return True if the resource at ``path`` contains nothing about a fleet: everybody may read it."""
     return path in ("/vocabulary", "/context") or is_shared(path)
 
 
 def is_shared(path: str) -> bool:
-    """Return True if the answer is the same for everybody, so that shared caches may keep it."""
+    """Return True if the response is the same for everybody, so that shared caches may store it."""
     return path[1:].partition("/")[0] in _public
 
 
@@ -90,7 +90,7 @@ def camera_path(robot: str, camera: str) -> str:
 
 
 def is_in_cameras(path: str) -> bool:
-    """Return True if the resource at ``path`` is a camera, if it is any, or below one."""
+    """Return True if ``path`` is that of a camera or below."""
     return robot_of(path) is not None and path.split("/")[2:3] == ["cameras"]
 
 
@@ -103,12 +103,12 @@ def joint_path(robot: str, joint: str) -> str:
 
 
 def link_path(robot: str, model: RobotModel, link: str) -> str:
-    """A link that shares its name with a joint gets a mark; the joint keeps the plain segment."""
+    """Return the path of a link. A link that shares its name with a joint gets a mark."""
     return robot_path(robot) + _segment(link, _in_robot) + (_LINK_MARK if link in model.joints else "")
 
 
 def owner_path(path: str) -> str:
-    """The fleet, robot, joint or link that owns the resource at ``path``, which exists: the nearest at or above it."""
+    """Return the path of the fleet, robot, joint or link at or above the existing resource at ``path``."""
     robot, *rest = path[1:].split("/")
     if not rest or robot in _at_root:
         return "/"
@@ -116,12 +116,12 @@ def owner_path(path: str) -> str:
 
 
 def is_below(path: str, root: str) -> bool:
-    """Return True if the resource at ``path`` is the one at ``root`` or below it."""
+    """Return True if ``path`` equals ``root`` or is below it."""
     return path == root or path.startswith(root.rstrip("/") + "/")
 
 
 def part_of(segment: str, model: RobotModel) -> tuple[str | None, str | None]:
-    """(joint, None) or (None, link) that ``segment`` names in ``model``; ValueError when it names neither."""
+    """Return (joint, None) or (None, link) for a segment of ``model``. Raises ValueError if it is neither."""
     name = unescape(segment.removesuffix(_LINK_MARK), _in_robot)
     marked = segment.endswith(_LINK_MARK)
     if name in model.joints and not marked:

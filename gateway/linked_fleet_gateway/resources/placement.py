@@ -1,7 +1,7 @@
 """The placement of a robot in the world: its body, its record, its description. Pure; metre.
 
-A robot that nobody has placed has no known place: nothing is taken for granted. Of a robot with a floating base it is
-the frame of its odometry that is placed, in which its agent says where the base is.
+Without a placement the position of a robot is unknown; there is no default. For a floating base the placement is that
+of the odometry frame, in which its agent reports the base.
 """
 
 import math
@@ -21,7 +21,7 @@ from linked_fleet_gateway.resources.action_body import Body
 
 PLACEMENT = "placement"
 WORLD = "/world"
-_UNIT_LENGTH = 1e-3  # how far a quaternion may be from length one
+_UNIT_LENGTH = 1e-3  # tolerance of a quaternion's length
 _UPRIGHT: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
 
@@ -30,19 +30,19 @@ def read_placement(body: Body) -> str:
 
 
 def placement_of(robot: Robot) -> Pose | None:
-    """None for a robot that nobody has placed, as far as is known."""
+    """Return the placement of a robot; None if it has none."""
     said = robot.settings.get(PLACEMENT)
     return None if said is None else msgspec.json.decode(said, type=Pose)
 
 
 def pose_in_world(robot: Robot, link: str) -> Pose | None:
-    """None while either is unknown: where the robot stands, or where the link is in it."""
+    """Return the pose of a link in the world; None if the placement or the pose in the robot is unknown."""
     placement, pose = placement_of(robot), robot.link_pose(link)
     return None if placement is None or pose is None else compose(placement, pose)
 
 
 def read_pose(body: Body) -> Pose:
-    """Return the placement of an admitted body; without ``lf:orientation`` upright. UnprocessableContent."""
+    """Return the placement in a validated body; upright without ``lf:orientation``. Raises UnprocessableContent."""
     position, orientation = body.node(body.root, LF.position), body.node(body.root, LF.orientation)
     assert position is not None
     return Pose(read_vector(body, position), _UPRIGHT if orientation is None else _quaternion(body, orientation))

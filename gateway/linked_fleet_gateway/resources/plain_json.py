@@ -1,6 +1,6 @@
-"""Plain JSON of resources and of bodies, by the form that their SHACL shape has (``resources.json_form``).
+"""Plain JSON of resources and bodies, by the form of their SHACL shape (``resources.json_form``).
 
-What comes as JSON becomes the triples that would have come as RDF, and goes the same way from there.
+A JSON body is converted to the equivalent RDF triples and then handled like RDF.
 """
 
 import json
@@ -23,11 +23,11 @@ from linked_fleet_gateway.resources.json_form import Field, Form, Json, Value, f
 from linked_fleet_gateway.resources.resource import Resource
 
 _MAX_DEPTH = 16
-_VALUES = 4  # for each triple that may be said
+_VALUES = 4  # JSON values for each permitted triple
 
 
 def with_json(resource: Resource, shape: NamedNode, base: str) -> Resource:
-    """The resource with its values in plain JSON besides, if ``shape`` says which those are."""
+    """Return the resource with a plain JSON representation, if ``shape`` defines one."""
     if resource.describe is None or shape == LF.AnnotationsShape:
         return resource
     write = partial(document, resource.describe, NamedNode(base + resource.path), shape)
@@ -35,14 +35,14 @@ def with_json(resource: Resource, shape: NamedNode, base: str) -> Resource:
 
 
 def document(describe: Callable[[Graph], None], iri: NamedNode, shape: NamedNode) -> bytes:
-    """Return a description in JSON; ``null`` is unknown."""
+    """Return a description in JSON; ``null`` means unknown."""
     graph = Graph()
     describe(graph)
     return told(graph.triples, iri, shape)
 
 
 def told(triples: Sequence[Triple], node: Node, shape: NamedNode) -> bytes:
-    """Return in JSON what ``triples`` say of a node."""
+    """Return the statements about a node in JSON."""
     return json.dumps(_Teller(triples).object(form_of(shape), node), ensure_ascii=False, allow_nan=False).encode()
 
 
@@ -53,7 +53,7 @@ def described(describe: Callable[[Graph], None], iri: NamedNode, shape: NamedNod
 
 
 class _Teller:
-    """From triples to JSON."""
+    """Converts triples to JSON."""
 
     def __init__(self, triples: Sequence[Triple]) -> None:
         self._objects: dict[tuple[object, NamedNode], list[Term]] = {}
@@ -88,15 +88,15 @@ class _Teller:
 
 
 class _Number(str):
-    """A number of a JSON text, as it was written: what no float holds is for the guard to see."""
+    """A number as written in JSON: the validator must see numbers beyond the range of a float."""
 
     __slots__ = ()
 
 
 def triples_of(body: bytes, form: Form, iri: str, most: int) -> list[Triple]:
-    """A body in JSON as triples about a blank node, which the shape has yet to judge.
+    """Convert a JSON body to triples about a blank node, not yet validated by the shape.
 
-    BadRequest for what is no JSON, PayloadTooLarge, UnprocessableContent for members that the form has no name for.
+    Raises BadRequest for invalid JSON, PayloadTooLarge, UnprocessableContent for members without a name in the form.
     """
     given = _parsed(body, most)
     if not isinstance(given, dict):
@@ -116,7 +116,7 @@ def _parsed(body: bytes, most: int) -> Any:
 
 
 class _Taker:
-    """From JSON to triples."""
+    """Converts JSON to triples."""
 
     def __init__(self, iri: str, most: int) -> None:
         self.triples: list[Triple] = []
@@ -135,7 +135,7 @@ class _Taker:
         return node
 
     def _before(self, path: tuple[NamedNode, ...], between: dict[tuple[NamedNode, ...], BlankNode]) -> BlankNode:
-        """The node at the end of ``path``, which members of one object share."""
+        """Return the node at the end of ``path``, which members of one object share."""
         if path not in between:
             between[path] = BlankNode()
             self._add(self._before(path[:-1], between), path[-1], between[path])
@@ -156,7 +156,7 @@ class _Taker:
             yield self._term(field.value, each, f"{where}[{index}]")
 
     def _term(self, value: Value, given: Any, where: str) -> Term:
-        """Return the literal as it stands there: the shape says whether it is right."""
+        """Return the term for a JSON value. Literals keep their text, because the shape validates them."""
         if value.form is not None:
             if not isinstance(given, dict):
                 raise self._refused(where, "is an object")

@@ -1,4 +1,4 @@
-"""Properties (paper 5.2): for each kind of thing its properties, and how each is described with its present value."""
+"""Properties (paper 5.2): those of each kind of thing, and their descriptions with present values."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -39,7 +39,7 @@ FRAME_MEDIA_TYPE = "application/vnd.linked-fleet.frame"
 
 
 def scalar(segment: str, predicate: NamedNode, title: str, value: float | None, unit: Unit) -> Property:
-    """A constant of the URDF."""
+    """Return a property with a constant of the URDF."""
 
     def describe(graph: Graph, iri: NamedNode, _: Seen) -> None:
         graph.scalar(iri, LF.value, value, unit)
@@ -50,7 +50,7 @@ def scalar(segment: str, predicate: NamedNode, title: str, value: float | None, 
 def _measured(
     segment: str, predicate: NamedNode, joint: Joint, look: Callable[[], Observation], unit: Unit
 ) -> Property:
-    """A measured scalar of a joint, with the time of its frame."""
+    """Return a property with a measured scalar of a joint and the time of its frame."""
 
     def describe(graph: Graph, iri: NamedNode, seen: Seen) -> None:
         graph.scalar(iri, LF.value, seen.values[0], unit)
@@ -60,7 +60,7 @@ def _measured(
     return Property(segment, predicate, (LF.ScalarProperty,), shape, title, describe, lambda: (look(),))
 
 
-# The three measured values of a joint: every document that shows one shows the same observation.
+# Measured values of a joint. All documents that show one share the same observation.
 
 
 def _position(robot: Robot, joint: str) -> Observation:
@@ -94,7 +94,7 @@ def joint_properties(robot: Robot, joint: Joint) -> list[Property]:
             scalar("damping", LF.damping, f"damping of {joint.name}", joint.damping, dimension.damping),
         ]
     elif kind.type != LF.FixedJoint:
-        # A floating or planar joint inside the tree has no place in the wire's arrays: its pose is unknown.
+        # A floating or planar joint inside the tree is not in the wire's arrays, so its pose is unknown.
         found.append(_pose_property("pose", f"pose of {joint.name}", lambda: None, robot, f"{joint.name}/pose"))
     found += [target(robot, offer) for offer in joint_offers(robot, joint) if offer.definition.iri in ABSOLUTE]
     found.append(_reference_frame(robot, joint))
@@ -276,7 +276,7 @@ def _twist(graph: Graph, iri: NamedNode, seen: Seen) -> None:
 
 
 def _movable(robot: Robot) -> list[Joint]:
-    """The joints of the wire's arrays, in its order."""
+    """Return the joints of the wire's arrays, in order."""
     if robot.model is None or robot.description is None:
         return []
     joints = [robot.model.joints[name] for name in robot.description.joints]
@@ -288,7 +288,7 @@ def _joint_values(robot: Robot, joint: Joint) -> tuple[Observation, Observation,
 
 
 def _joint_state(graph: Graph, iri: NamedNode, robot: Robot, iri_of: Callable[[str], NamedNode], seen: Seen) -> None:
-    """Every joint of the wire's arrays with its values, and the layout of the same in one binary frame (D5)."""
+    """Describe every joint of the wire's arrays with its values, and the layout of the binary frame (D5)."""
     outside = seen.outside[::3] or (False,) * (len(seen.values) // 3)
     rows = zip(seen.values[::3], seen.values[1::3], seen.values[2::3], outside, strict=True)
     for joint, (position, velocity, effort, marked) in zip(_movable(robot), rows, strict=True):

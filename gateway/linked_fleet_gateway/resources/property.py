@@ -1,4 +1,4 @@
-"""One property of one thing (paper 5.2), whatever it is about."""
+"""One property of a thing (paper 5.2)."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -16,12 +16,12 @@ from linked_fleet_gateway.resources.setting import Setting
 
 
 class Seen(NamedTuple):
-    """Measured values, NaN where they are unknown, and the time of the latest frame that moved one of them."""
+    """Measured values (NaN if unknown) and the time of the latest frame that changed one of them."""
 
     values: tuple[float, ...] = ()
     wall_ns: int | None = None
     outside: tuple[bool, ...] = ()
-    """Return for each observation True if it is a position outside its limits."""
+    """For each observation, True if it is a position outside its limits."""
 
     @classmethod
     def of(cls, observations: Sequence[Observation]) -> Self:
@@ -38,11 +38,11 @@ Look = Callable[[], tuple[Observation, ...]]
 
 @dataclass(frozen=True)
 class Property:
-    """One property of one thing; ``describe`` adds what is special to it, with the values that it is given.
+    """One property of a thing; ``describe`` adds its specific statements for given values.
 
-    ``look`` observes what is measured: it alone makes a new frame news, and ``describe`` shows it as it is, so that a
-    description of other values is the same one with other numbers. ``facts`` gives what else is news. ``put``: what
-    clients may replace it by, the setting or the action of a motion.
+    ``look`` observes measured values. Only it makes a new frame a change, and ``describe`` depends on its values only,
+    so that descriptions differ in numbers only. ``facts`` returns everything else that counts as a change. ``put`` is
+    the setting or the action behind PUT.
     """
 
     segment: str
@@ -61,4 +61,4 @@ class Property:
 
 
 ROBOT_PROPERTIES = Contributed[Callable[[Robot], Property]]()
-"""Makers of further properties of robots."""
+"""Factories of further properties of robots."""

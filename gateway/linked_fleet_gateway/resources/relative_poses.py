@@ -1,4 +1,4 @@
-"""Poses of things of the world, seen from another. Pure; metre."""
+"""Poses of things in the world relative to each other. Pure; metre."""
 
 import math
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ _DECIMALS = round(-math.log10(POSE_RESOLUTION))
 
 
 class FramedThing(Protocol):
-    """An object, as far as its place matters."""
+    """An object with a pose in the world."""
 
     @property
     def pose(self) -> Pose: ...
@@ -24,7 +24,7 @@ class FramedThing(Protocol):
 
 @dataclass(frozen=True)
 class Posed:
-    """``pose``: None while it is unknown. ``moves``: whether a robot has part in it, whose frame is of ``wall_ns``."""
+    """A relative pose, None if unknown. ``moves`` says that a robot is involved, whose frame is of ``wall_ns``."""
 
     pose: Pose | None
     moves: bool
@@ -33,7 +33,7 @@ class Posed:
 
 @dataclass(frozen=True)
 class _Place:
-    """A thing that has a frame: its pose in the robot's own world if it is of one, else in the world itself."""
+    """A thing with a frame: its pose in the frame of its robot, or in the world if it has none."""
 
     robot: Robot | None
     pose: Pose | None
@@ -47,9 +47,10 @@ class _Place:
 
 
 def seen_from(of: str, frame: str, robots: Mapping[str, Robot], objects: Mapping[str, FramedThing]) -> Posed:
-    """``of`` and ``frame`` are paths of the world, a robot, a link or an object; LookupError, naming any other.
+    """Return the pose of ``of`` in ``frame``, paths of the world, a robot, a link or an object.
 
-    Two parts of one robot need no placement. The time is of the robot whose latest frame is older.
+    Parts of one robot need no placement. The time is that of the older frame. Raises LookupError naming an unknown
+    path.
     """
     what, where = _place(of, robots, objects), _place(frame, robots, objects)
     same = what.robot is not None and what.robot is where.robot
@@ -81,7 +82,7 @@ def _place(path: str, robots: Mapping[str, Robot], objects: Mapping[str, FramedT
 
 
 def _rounded(pose: Pose) -> Pose:
-    """To the resolution at which the pose of a link is news: below it is noise, and another ETag each time."""
+    """Round to the resolution of link poses; smaller changes are noise and would change the ETag."""
     x, y, z = map(rounded, pose.position_m)
     a, b, c, w = map(rounded, pose.orientation_xyzw)
     return Pose((x, y, z), (a, b, c, w))

@@ -1,4 +1,4 @@
-"""Compiled renderings of measured values, kept for the next read: one per resource, media type and base URL."""
+"""A cache of compiled renderings of measured values, by resource, media type and base URL."""
 
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.template import Rendering
@@ -7,14 +7,14 @@ MAX_KEPT = 4096
 
 
 class Renderings:
-    """Bounded: the oldest goes first. A rendering is made anew when the facts of its resource change."""
+    """Bounded, oldest dropped first. A rendering is compiled again when the facts of its resource change."""
 
     def __init__(self, most: int = MAX_KEPT) -> None:
         self._most = most
         self._kept: dict[tuple[str, str, str], tuple[object, Rendering]] = {}
 
     def of(self, resource: Resource, media_type: str, base: str) -> Rendering:
-        """The rendering of a resource of which ``compiles`` holds."""
+        """Return the rendering of a resource for which ``compiles`` is true."""
         key, facts = (base, resource.path, media_type), resource.source.facts()
         kept = self._kept.get(key)
         if kept is None or kept[0] != facts:

@@ -1,4 +1,4 @@
-"""Resources: the results of resolving a path of the tree."""
+"""Resources: the results of resolving a path in the tree."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -22,7 +22,7 @@ CONTAINER = (LDP.Resource, LDP.BasicContainer)
 
 @dataclass(frozen=True)
 class Remote:
-    """A mesh that ``robot`` has to be asked for; the rest is known without asking."""
+    """A mesh that must be fetched from ``robot``; its metadata are known."""
 
     robot: Robot
     mesh: Mesh
@@ -30,9 +30,9 @@ class Remote:
 
 @dataclass(frozen=True)
 class Alike:
-    """Resources of which one is written and the others are copied: their descriptions differ in the owner's path alone.
+    """A kind of resources whose descriptions differ only in the owner's path: one is rendered, the others are copied.
 
-    ``key`` is compared. ``describe`` describes the one whose owner is at the path that it is given.
+    ``key`` identifies the kind. ``describe`` describes the resource of the owner at the given path.
     """
 
     key: object
@@ -42,7 +42,7 @@ class Alike:
 
 @dataclass(frozen=True)
 class TypedLink:
-    """A link whose relation is registered (RFC 8288), from a resource to ``path``; ``media_type`` is what is there."""
+    """A link with a registered relation (RFC 8288) to ``path``, which has the given media type."""
 
     relation: str
     path: str
@@ -53,9 +53,9 @@ class TypedLink:
 class Resource:
     """One resource; ``describe`` adds its triples, ``documents`` are its other representations by media type.
 
-    ``remote``: what has to be asked for at each GET, where that is not known here, or depends on the request; by its
-    type ``http/endpoint.py`` finds who answers. ``affords`` says what can be done to it besides reading;
-    ``immutable``: what is at this path is never anything else.
+    ``remote`` is an object that must be fetched at each GET or depends on the request; ``http/endpoint.py`` selects the
+    reader by its type. ``affords`` has its methods other than reading. ``immutable`` says that the content at this path
+    never changes.
     """
 
     path: str
@@ -69,46 +69,48 @@ class Resource:
     affords: Affordance | None = None
     documents: Mapping[str, Callable[[], bytes]] = field(default_factory=dict)
     constant: frozenset[str] = frozenset()
-    """Media types of ``documents`` that are in no message, because no value stands in them."""
+    """Media types of ``documents`` without measured values, which are in no message."""
     remote: object | None = None
     linkset_of: "Resource | None" = None
     has_linkset: bool = False
     layout: str | None = None
-    """Path of what describes its binary frames."""
+    """Path of the layout of its binary frames."""
     immutable: bool = False
     coded: Mapping[str, bytes] = field(default_factory=dict)
     """Its only document in content codings, the preferred one first."""
     measured: Callable[[Graph, Sequence[Seen]], None] | None = None
-    """``describe`` with other values than the present ones, of each of ``looks`` one; None where none is measured."""
+    """``describe`` with given values instead of the present ones, one for each of ``looks``; None if none is
+    measured.
+    """
     alike: Alike | None = None
-    """Resources whose description is the same but for their path."""
+    """The kind of resources whose descriptions differ only in their path."""
     looks: tuple[Look, ...] = ()
-    """The measured values that it shows, in the order of its properties."""
+    """Observations of the measured values that it shows, in the order of its properties."""
     query: str = ""
-    """With which it was asked for, where that makes a difference."""
+    """The query of the request, if it makes a difference."""
     followed: bool = True
-    """True if anything follows it as it changes."""
+    """True if its changes can be followed."""
     news_in_documents: bool = False
-    """True if what is measured shows in ``documents`` alone, and is no news of the description."""
+    """True if measured values appear only in ``documents`` and do not change the description."""
     forms: bool = False
-    """True if its page sends a form without a script."""
+    """True if its page submits a form without a script."""
     reader: str = ""
-    """The name of the person who has logged in and reads it as a page."""
+    """Name of the person who is logged in and reads it as a page."""
     rights: tuple[str, ...] | None = None
-    """The rights of who reads it over what it is about; None where nobody has to say who they are."""
+    """The reader's rights on its subject; None if authentication is off."""
     audited: bool = False
-    """True if who reads it may read the audit."""
+    """True if the reader may read the audit log."""
     links_subscriptions: bool = True
-    """Its page links its Subscriptions container, which not everybody who reads the page may read."""
+    """True if its page links its Subscriptions container, which not every reader of the page may read."""
     warning: str = ""
-    """One sentence about the gateway that its page shows."""
+    """A sentence about the gateway that its page shows."""
 
     def read_as(self, other: "Resource") -> "Resource":
-        """This resource for the reader for whom ``other`` was found."""
+        """Return this resource with the reader of ``other``."""
         return replace(self, reader=other.reader, rights=other.rights, audited=other.audited, warning=other.warning)
 
     def whole(self, base: str) -> Graph:
-        """All that a representation in RDF says."""
+        """Return all triples of an RDF representation."""
         graph = Graph()
         if self.describe is not None:
             self.describe(graph)
@@ -116,10 +118,7 @@ class Resource:
         return graph
 
     def state_model(self, graph: Graph, base: str, path: str = "") -> None:
-        """Say in its description, too, that it is an RDF source, which nobody has to infer (R1.7).
-
-        Containers say themselves what they are.
-        """
+        """Add the type ldp:RDFSource, which clients need not infer (R1.7). Containers state their own types."""
         if LDP.RDFSource in self.interaction:
             graph.a(NamedNode(base + (path or self.path)), LDP.RDFSource)
 
@@ -129,12 +128,12 @@ class Resource:
 
     @property
     def observable(self) -> bool:
-        """True if it can be subscribed to. Subscriptions cannot: they change with every message about them."""
+        """True if it can be subscribed to. Subscriptions cannot, because they change with every message about them."""
         return self.describe is not None and self.followed and not isinstance(self.affords, _OF_SUBSCRIPTIONS)
 
     @property
     def subscription(self) -> Record | None:
-        """The subscription that it is."""
+        """The subscription that it represents, or None."""
         return self.affords.record if isinstance(self.affords, ChangeSubscription) else None
 
     @property
@@ -146,7 +145,7 @@ class Resource:
 def blueprint_of(
     resource: Resource, base: str, shapes: tuple[NamedNode, ...], source: Source | None = None
 ) -> Resource:
-    """The blueprint of a resource (paper 5.1); ``source``: what it follows from, if it is not always the same."""
+    """Return the blueprint of a resource (paper 5.1); ``source`` is given if it can change."""
 
     def describe(graph: Graph, owner: str) -> None:
         iri = NamedNode(base + owner.rstrip("/") + "/blueprint")
@@ -163,6 +162,6 @@ def blueprint_of(
 
 @dataclass(frozen=True)
 class Redirect:
-    """The one spelling of a path that has another (with or without the slash at its end)."""
+    """The canonical spelling of a path with a wrong trailing slash."""
 
     path: str

@@ -1,4 +1,4 @@
-"""Properties that clients may replace: settings of a robot, and the target of a joint."""
+"""Properties that clients may replace: settings of a robot, and targets of joints."""
 
 from pyoxigraph import Literal, NamedNode
 
@@ -16,11 +16,11 @@ from linked_fleet_gateway.resources.setting import Setting, settings
 from linked_fleet_gateway.resources.shape_parameters import Scope, complete
 
 ABSOLUTE = (LF.Rotate, LF.Translate)
-"""The actions by which a joint is brought to a target."""
+"""The actions that move a joint to a target."""
 
 
 def settable(robot: Robot) -> list[Property]:
-    """The settings of a robot that clients may change."""
+    """Return the settings of a robot that clients may change."""
     known = settings(robot)
 
     def title(graph: Graph, iri: NamedNode, _: Seen) -> None:
@@ -39,7 +39,7 @@ def settable(robot: Robot) -> list[Property]:
     return [
         Property(segment, predicate, (type_,), shape, f"{words} {named}", describe, put=known[segment])
         for segment, predicate, type_, shape, words, describe in (
-            # dcterms:title says the title itself (R1.5), so its property has no predicate of its own.
+            # dcterms:title states the title itself (R1.5), so its property has no predicate of its own.
             ("title", HYBRIT.property, LF.TextProperty, LF.TextPropertyShape, "title", title),
             ("annotations", LF.annotations, LF.Annotations, LF.AnnotationsShape, "annotations", annotations),
             (
@@ -55,7 +55,7 @@ def settable(robot: Robot) -> list[Property]:
 
 
 def target(robot: Robot, offer: Offer) -> Property:
-    """The position to which a joint was last commanded; to put it is to invoke ``offer``."""
+    """Return the last target position of a joint as a property; PUT invokes ``offer``."""
     joint = offer.joint
     assert joint is not None
     dimension = kind_of(joint).dimension
@@ -79,7 +79,7 @@ def target(robot: Robot, offer: Offer) -> Property:
 
 
 def describe_target_input(graph: Graph, iri: NamedNode, offer: Offer, base: str) -> None:
-    """The shape of what may be put as the target of a joint: one ``lf:value``, as the action takes it."""
+    """Describe the shape of a target's body: one ``lf:value``, as the action takes it."""
     value, scalar = graph.blank(), graph.blank()
     graph.a(iri, SH.NodeShape)
     graph.add(iri, SH.property, value)
@@ -93,7 +93,7 @@ def describe_target_input(graph: Graph, iri: NamedNode, offer: Offer, base: str)
 
 
 def describe_target_blueprint(blueprint: Resource, offer: Offer, base: str, graph: Graph) -> None:
-    """The blueprint of a target, and the shape of what can be put there, which depends on the joint."""
+    """Describe the blueprint of a target and the shape of its body, which depends on the joint."""
     assert blueprint.describe is not None
     blueprint.describe(graph)
     describe_target_input(graph, NamedNode(f"{base}{blueprint.path}#input"), offer, base)

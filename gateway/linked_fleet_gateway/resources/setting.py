@@ -1,4 +1,4 @@
-"""Settings of a robot by clients: title, annotations, maximum speed scale; from a body to the record."""
+"""Settings of a robot by clients: title, annotations, maximum speed scale; converted from bodies to records."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -21,28 +21,28 @@ from linked_fleet_gateway.resources.paths import robot_path
 
 @dataclass(frozen=True)
 class Setting:
-    """One setting of one robot; ``shape`` is what a body must conform to. Annotations have no form: they have none."""
+    """One setting of one robot; ``shape`` validates its body. Annotations have neither a shape nor a form."""
 
     robot: Robot
     name: str
     shape: NamedNode | None = None
     read: Callable[[Body], str] | None = None
     removable: bool = False
-    """True if clients may take it back, by DELETE."""
+    """True if clients may remove it by DELETE."""
 
     @property
     def path(self) -> str:
         return robot_path(self.robot.name) + self.name
 
     def admit(self, triples: Sequence[Triple], base: str, present: frozenset[Triple] = frozenset()) -> str:
-        """Return the value to store in place of ``present``; UnprocessableContent for an unusable body."""
+        """Return the value to store in place of ``present``. Raises UnprocessableContent for an unusable body."""
         iri = base + self.path
         if self.shape is None or self.read is None:
             return read_annotations(triples, self.robot, base, iri, present)
         return self.read(judged(triples, self.shape, iri, present))
 
     def managed(self, described: Sequence[Triple], base: str) -> list[Triple]:
-        """The statements of its description that are not for clients to take back."""
+        """Return the statements of its description that clients cannot remove."""
         iri = base + self.path
         if self.shape is None:
             return agents_part(described, self.robot, base, iri)
@@ -50,16 +50,17 @@ class Setting:
 
 
 def managed(described: Sequence[Triple], shape: NamedNode, iri: str) -> list[Triple]:
-    """The statements of a description of ``iri`` of which the shape of a body says nothing."""
+    """Return the statements in a description of ``iri`` that the shape of a body does not cover."""
     _, terms = _validator(shape)
     models = [each for each in described if each.predicate == RDF.type and each.object in TYPES_OF_ALL]
     return [*unused(described, NamedNode(iri), terms), *models]
 
 
 def judged(triples: Sequence[Triple], shape: NamedNode, iri: str, present: frozenset[Triple] = frozenset()) -> Body:
-    """A body to be put at ``iri``, which ``present`` describes as it is.
+    """Validate a body for ``iri``, which ``present`` describes as it is.
 
-    UnprocessableContent when the blueprint's shape refuses it, or says nothing of a part of it that is not ``present``.
+    Raises UnprocessableContent if the blueprint's shape refuses it, or does not cover a part of it that is not
+    ``present``.
     """
     focus = root(triples, NamedNode(iri))
     validator, terms = _validator(shape)

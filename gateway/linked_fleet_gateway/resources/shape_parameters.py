@@ -1,6 +1,6 @@
-"""Parameters of the shape of an action that only the robot at hand can say: its joints, limits, links and poses.
+"""Parts of action shapes that depend on the robot: its joints, limits, links and poses.
 
-A shape in shapes/linked_fleet_shapes/actions names, by ``lf:completedBy``, what is to be added to it here.
+A shape in shapes/linked_fleet_shapes/actions names the parts to add by ``lf:completedBy``.
 """
 
 import math
@@ -19,15 +19,15 @@ from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.named_poses import poses
 from linked_fleet_gateway.resources.paths import joint_path, lease_path, link_path
 
-_DIGITS = 6  # limits are rounded inwards to a millionth of the unit, so what the shape admits the robot admits
-MOST_TURNS = 10  # that a continuous joint makes at once
+_DIGITS = 6  # limits are rounded inwards to a millionth of the unit, so that the robot accepts what the shape accepts
+MOST_TURNS = 10  # most turns of a continuous joint in one motion
 _FASTEST = {ANGULAR: 10.0, LINEAR: 10.0}  # rad/s or m/s, stated for a joint without a velocity limit
-_FAR = 1_000_000  # no joint expects to be beyond, in any unit
+_FAR = 1_000_000  # no joint position is beyond this, in any unit
 
 
 @dataclass(frozen=True)
 class Scope:
-    """The owner of a shape: the fleet, a robot, or a joint of it."""
+    """The owner of a shape: the fleet, a robot, or a joint."""
 
     base: str
     robot: Robot | None = None
@@ -42,25 +42,25 @@ class Scope:
 
 
 def complete(scope: Scope) -> Callable[[Graph, Node, NamedNode], None]:
-    """Return the function that completes a shape at each ``lf:completedBy``. KeyError for one that is not known."""
+    """Return the function that completes a shape at each ``lf:completedBy``. It raises KeyError for an unknown one."""
     return lambda graph, node, completion: COMPLETIONS[completion](graph, node, scope)
 
 
 def bounded(joint: Joint) -> bool:
-    """Return True if it takes commands and its shape can say within which limits."""
+    """Return True if the joint takes commands and has limits for its shape."""
     ends = joint.kind is JointKind.CONTINUOUS or None not in (joint.limits.lower, joint.limits.upper)
     return joint.commandable and ends and kind_of(joint).dimension is not None
 
 
 def commandable(robot: Robot) -> list[Joint]:
-    """The joints that actions of the robot can name."""
+    """Return the joints that actions of the robot can name."""
     listed = robot.description.joints if robot.description is not None and robot.model is not None else ()
     joints = [robot.model.joints[name] for name in listed] if robot.model is not None else []
     return [joint for joint in joints if bounded(joint)]
 
 
 def bounds(joint: Joint, unit: Unit) -> tuple[float, float]:
-    """Lowest and highest admissible position in ``unit``; a continuous joint takes 0 up to, not including, one turn."""
+    """Return the lowest and highest position in ``unit``; a continuous joint has 0 up to, excluding, one turn."""
     if joint.kind is JointKind.CONTINUOUS:
         return 0.0, round(math.tau / unit.si, _DIGITS)
     low, high = joint.limits.lower, joint.limits.upper
@@ -95,7 +95,7 @@ def _joint_position(graph: Graph, node: Node, scope: Scope) -> None:
 
 
 def position_branch(graph: Graph, joint: Joint, unit: Unit) -> Node:
-    """The joint's limits in one unit."""
+    """Return the joint's limits in one unit."""
     return _branch(graph, unit, *bounds(joint, unit), open_end=joint.kind is JointKind.CONTINUOUS)
 
 
@@ -177,7 +177,7 @@ def _own_pose(graph: Graph, node: Node, scope: Scope) -> None:
 
 
 def moved_links(robot: Robot) -> list[str]:
-    """The links that some joint moves which takes commands."""
+    """Return the links moved by joints that take commands."""
     if robot.model is None:
         return []
     model, able = robot.model, {joint.name for joint in commandable(robot)}
@@ -208,7 +208,7 @@ COMPLETIONS: dict[NamedNode, Callable[[Graph, Node, Scope], None]] = {
 
 
 def _value_and_unit(graph: Graph, node: Node, units: Iterable[Unit], meaning: str) -> Node:
-    """A number and its unit, once each; the property of the number."""
+    """Add a number and its unit, once each. Return the property shape of the number."""
     value = _once(graph, VOM.numericalValue, "value", meaning)
     graph.add(value, SH.or_, graph.collection([_with(graph, SH.datatype, datatype) for datatype in NUMERIC]))
     unit = _once(graph, VOM.unit, "unit", "the unit of the value")
@@ -273,24 +273,24 @@ def _with(graph: Graph, predicate: NamedNode, value: NamedNode) -> Node:
 
 
 def at_least(value: float) -> Literal:
-    """``value``, of ``_DIGITS`` decimal places, as the lowest number that conforms."""
+    """Return ``value``, of ``_DIGITS`` decimal places, as the lowest conforming number."""
     return double(-_reaching(-value))
 
 
 def at_most(value: float) -> Literal:
-    """``value``, of ``_DIGITS`` decimal places, as the highest number that conforms."""
+    """Return ``value``, of ``_DIGITS`` decimal places, as the highest conforming number."""
     return double(_reaching(value))
 
 
 def double(value: float) -> Literal:
-    """A limit. As a decimal it would make pySHACL raise an exception on a NaN in the body."""
+    """Return a limit as a double. With a decimal limit pySHACL would raise an exception on a NaN in the body."""
     return Literal(lexical(value), datatype=XSD.double)
 
 
 def _reaching(value: float) -> float:
-    """The first double from ``value`` upwards that is not below what it and ``value`` are as decimals.
+    """Return the first double at or above ``value`` that is not below the decimal forms of itself and of ``value``.
 
-    Validators compare the two exactly, and half of all doubles are below the decimal that has their digits.
+    Validators compare a double and a decimal exactly, and half of all doubles are below the decimal with their digits.
     """
     stated = Decimal(f"{value:.{_DIGITS}f}")
     while Decimal(value) < max(stated, Decimal(repr(value))):

@@ -7,14 +7,14 @@ import hmac
 
 PREFIX = "whsec_"
 LEAST_BYTES, MOST_BYTES = 24, 64
-"""Bytes of a secret, 192 to 512 bits."""
+"""Length of a secret in bytes, 192 to 512 bits."""
 
 
 def headers(secret: str, id: str, timestamp_s: int, body: bytes) -> dict[str, str]:
-    """The headers that identify a delivery, and prove where it comes from if there is a secret.
+    """Return the header fields that identify a delivery and, with a secret, prove its origin.
 
-    ``id`` stays the same in every attempt, ``timestamp_s`` (Unix) is that of the attempt. Both are the gateway's own:
-    whoever could choose an id with a full stop in it could shift bytes between id, time and body. Raises as ``key``.
+    ``id`` is the same in every attempt, ``timestamp_s`` (Unix) is that of the attempt. Both are chosen by the gateway:
+    a chosen id with a full stop could shift bytes between id, time and body. Raises as ``key``.
     """
     identity = {"webhook-id": id, "webhook-timestamp": str(timestamp_s)}
     if not secret:
@@ -25,8 +25,11 @@ def headers(secret: str, id: str, timestamp_s: int, body: bytes) -> dict[str, st
 
 
 def key(secret: str) -> bytes:
-    """Decode a secret such as ``whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw``; ValueError says how to write one."""
-    # the message never repeats the secret: errors end up in logs and in answers
+    """Decode a secret such as ``whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw``.
+
+    Raises ValueError, which explains the format.
+    """
+    # the message never contains the secret, because errors appear in logs and responses
     right = f"a secret is {PREFIX} and the base64 of {LEAST_BYTES} to {MOST_BYTES} random bytes"
     if not secret.startswith(PREFIX):
         raise ValueError(f"The secret does not begin with {PREFIX}; {right}.")

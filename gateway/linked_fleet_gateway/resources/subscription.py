@@ -7,7 +7,7 @@ from linked_fleet_gateway.identity.rights import ALL, EVERY, View, view
 
 
 class Kind(StrEnum):
-    """How messages reach the subscriber. STREAM: made by POST and opened, by either protocol, at its own address."""
+    """The channel to the subscriber. STREAM: created by POST and opened, by either protocol, at its own URL."""
 
     CALLBACK = "callback"
     WEBSOCKET = "websocket"
@@ -16,12 +16,14 @@ class Kind(StrEnum):
 
     @property
     def streams(self) -> bool:
-        """True if its messages leave on a connection that the client opens; that lives no longer than its gateway."""
+        """True if messages are sent on a connection that the client opens, which lives no longer than its gateway."""
         return self is not Kind.CALLBACK
 
 
 class Depth(StrEnum):
-    """The extent of a subscription: the resource's own statements, the values of its properties too, or all below."""
+    """The extent of a subscription: the statements of the resource, also the values of its properties, or the
+    subtree.
+    """
 
     THIS = "this"
     PROPERTIES = "properties"
@@ -29,7 +31,7 @@ class Depth(StrEnum):
 
 
 class DeliveryState(StrEnum):
-    """WAITING: a stream that nobody has opened. FAILING: the receiver did not take the last attempt."""
+    """The delivery state. WAITING: a stream that nobody has opened. FAILING: the last attempt failed."""
 
     ACTIVE = "active"
     WAITING = "waiting"
@@ -40,7 +42,7 @@ class DeliveryState(StrEnum):
 
 @dataclass(frozen=True)
 class Changeable:
-    """The options of a subscription that may be changed while it lasts; their meaning is that in ``Subscription``."""
+    """The options of a subscription that can be changed, as described in ``Subscription``."""
 
     media_type: str
     depth: Depth
@@ -49,50 +51,52 @@ class Changeable:
     secret: str
 
     def begins_anew(self, before: "Changeable") -> bool:
-        """Return True if these options in place of ``before`` call for the present state of everything once more."""
+        """Return True if changing ``before`` to these options requires sending the present state of everything
+        again.
+        """
         return (self.media_type, self.depth) != (before.media_type, before.depth)
 
 
 @dataclass(frozen=True)
 class Subscription:
-    """The request of the client. ``Changeable`` has the options that PATCH changes; nothing else ever does."""
+    """A subscription as requested. PATCH changes the options in ``Changeable`` and nothing else."""
 
     id: str
     """A UUID."""
     owner: str
     """Path of the thing whose container lists it, such as ``/baxter/right_s1`` or ``/``."""
     resource: str
-    """Path of what is observed, such as ``/baxter/right_s1/rotation``."""
+    """Path of the observed resource, such as ``/baxter/right_s1/rotation``."""
     kind: Kind
     media_type: str
     """The media type of every message (R0.17)."""
     base: str
-    """Public URL under which the client asked, without slash; the IRIs in messages begin with it."""
+    """Public URL of the request, without trailing slash; IRIs in messages begin with it."""
     client: str
-    """Name or network address of who asked; its subscriptions are counted."""
+    """Name or network of the client, by which subscriptions are counted."""
     created_ns: int
     depth: Depth = Depth.PROPERTIES
     interval_s: float = 0.0
-    """The least time between two messages; values are conflated in between."""
+    """Least time between two messages in seconds; values in between are conflated."""
     deadband: float = 0.0
-    """In the SI unit of each value: it is no news until it has moved that far from what was last sent."""
+    """Deadband in the SI unit of each value: smaller changes since the last message are not sent."""
     callback: str = ""
-    """URL of the receiver; only a callback has one."""
+    """URL of the receiver; callbacks only."""
     secret: str = ""
-    """Standard Webhooks secret (``whsec_`` and base64); empty: deliveries are not signed. Never shown."""
+    """Standard Webhooks secret (``whsec_`` and base64); deliveries are unsigned if empty. Never shown."""
     creator: str = ""
-    """Name of the identity that asked for it; empty where none were configured."""
+    """Name of the identity that created it; empty if authentication was off."""
     sees: tuple[str, ...] = (EVERY,)
-    """Patterns of the robots that its creator may read: messages tell of no others."""
+    """Patterns of the robots that its creator may read; messages cover no others."""
     revision: int = 0
-    """The number of times that its options have been changed."""
+    """Number of changes of its options."""
 
     @property
     def options(self) -> Changeable:
         return Changeable(self.media_type, self.depth, self.interval_s, self.deadband, self.secret)
 
     def having(self, options: Changeable, revision: int) -> "Subscription":
-        """The same subscription with the options that it has after ``revision`` changes."""
+        """Return the subscription with the options after ``revision`` changes."""
         return replace(
             self,
             media_type=options.media_type,
@@ -110,26 +114,26 @@ class Subscription:
 
 @dataclass(frozen=True)
 class Delivery:
-    """The deliveries so far; times in wall nanoseconds."""
+    """The state of deliveries; times in wall nanoseconds."""
 
     state: DeliveryState = DeliveryState.ACTIVE
     last_ns: int | None = None
-    """When the last message was sent (streams) or the last attempt of a delivery ended (callbacks)."""
+    """Time of the last sent message (streams) or of the end of the last attempt (callbacks)."""
     last_status: int | None = None
-    """HTTP status of the last attempt; None without an answer."""
+    """HTTP status of the last attempt; None without a response."""
     failures: int = 0
-    """Failed attempts in a row."""
+    """Number of failed attempts in a row."""
     reason: str = ""
-    """Why it is failing, suspended or without consent, as a sentence."""
+    """A sentence that explains a failure, a suspension or a missing consent."""
     consented: bool = False
     """True if the receiver has agreed to deliveries (CloudEvents webhook handshake)."""
     allowed_interval_s: float = 0.0
-    """The least time between deliveries that the receiver asked for with its consent."""
+    """Least time between deliveries in seconds, as granted by the receiver."""
 
 
 @dataclass(frozen=True)
 class Record:
-    """A subscription as the store has it. ``holder`` is the run of the gateway that serves it."""
+    """A subscription as stored. ``holder`` is the run of the gateway that serves it."""
 
     subscription: Subscription
     delivery: Delivery
@@ -137,5 +141,5 @@ class Record:
 
     @property
     def lasts(self) -> bool:
-        """True if it outlives its gateway: a callback does, and a stream that waits to be opened."""
+        """True if it survives its gateway: callbacks, and streams that wait to be opened."""
         return not self.subscription.kind.streams or self.delivery.state is DeliveryState.WAITING

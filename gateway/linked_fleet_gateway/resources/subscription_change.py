@@ -1,4 +1,4 @@
-"""Changes of a subscription: its description as an update leaves it, judged by the shapes that guard its container."""
+"""Changes of a subscription: its updated description, validated by the shapes of its container."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,19 +14,19 @@ from linked_fleet_gateway.resources.subscription import Changeable, Subscription
 from linked_fleet_gateway.resources.subscription_resource import CALLBACKS, container_path, requested, subscription_path
 
 _FIXED = (RDF.type, HYBRIT.onResource, *CALLBACKS)
-"""Predicates that say which subscription it is."""
+"""Predicates that identify the subscription."""
 
 
 def managed(described: Sequence[Triple], iri: str) -> list[Triple]:
-    """The statements of a description that the gateway alone makes."""
+    """Return the statements of a description that only the gateway makes."""
     return [each for each in unused(described, NamedNode(iri), _terms()) if each.predicate not in _FIXED]
 
 
 def changed(before: Sequence[Triple], after: Sequence[Triple], subscription: Subscription, base: str) -> Changeable:
-    """The options that a description ``after`` an update asks for.
+    """Return the options in a description ``after`` an update.
 
-    An option that the description has lost is what it would be without having been asked for; ``media_type`` is empty
-    then. A secret that is not mentioned stays. UnprocessableContent, with the report, for what the shapes refuse.
+    A removed option gets its default; ``media_type`` is then empty. A secret that is not mentioned is kept. Raises
+    UnprocessableContent, with the report, if the shapes refuse the description.
     """
     container, iri = base + container_path(subscription.owner), NamedNode(base + subscription_path(subscription))
     _check_fixed(before, after, iri, subscription, container)
@@ -36,7 +36,7 @@ def changed(before: Sequence[Triple], after: Sequence[Triple], subscription: Sub
     def touched(predicate: NamedNode) -> bool:
         return _stated(before, iri, (predicate,)) != _stated(after, iri, (predicate,))
 
-    # What the update leaves alone is not read back from the description, whose numbers may be rounded.
+    # Unchanged options are not read back from the description, whose numbers may be rounded.
     return replace(
         kept,
         media_type=wanted.media_type if touched(HYBRIT.mediaType) else kept.media_type,
@@ -50,7 +50,7 @@ def changed(before: Sequence[Triple], after: Sequence[Triple], subscription: Sub
 def _check_fixed(
     before: Sequence[Triple], after: Sequence[Triple], iri: NamedNode, subscription: Subscription, container: str
 ) -> None:
-    """UnprocessableContent when the update makes another subscription of it, and names what cannot be changed."""
+    """Raise UnprocessableContent, naming the predicates, if the update changes the identity of the subscription."""
     fixed = _FIXED if not subscription.kind.streams else (*_FIXED, HYBRIT.mediaType)
     differs = _stated(before, iri, fixed) ^ _stated(after, iri, fixed)
     if differs:

@@ -1,4 +1,4 @@
-"""Subscriptions as resources, and the request for one (paper 5.3, figure 4; R1.8)."""
+"""Subscriptions as resources, and the parsing of requests for them (paper 5.3, figure 4; R1.8)."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -40,7 +40,7 @@ _STATES = {
     DeliveryState.SUSPENDED: LF.suspended,
 }
 MAX_DESCRIBED = 100
-"""Subscriptions that a container describes and not only lists: each takes half a millisecond."""
+"""Subscriptions that a container describes; others are only listed. Each description takes half a millisecond."""
 CALLBACKS = (HYBRIT.callbackURL, HYBRIT.callbackUrl)
 _READ = (*CALLBACKS, HYBRIT.onResource, HYBRIT.mediaType, LF.depth, LF.minimumInterval, LF.deadband, LF.secret)
 _SHOWN = (
@@ -64,7 +64,7 @@ _READ_TYPES = {HYBRIT.Subscription, *(each for types in _TYPES.values() for each
 
 @dataclass(frozen=True)
 class Request:
-    """The request of a posted subscription; ``resource`` is an IRI of this fleet, "" stands for what it left open."""
+    """A posted subscription; ``resource`` is an IRI of this fleet, "" stands for an omitted value."""
 
     resource: str
     callback: str = ""
@@ -91,13 +91,13 @@ def resume_path(subscription: Subscription) -> str:
 
 
 def resumable(record: Record) -> bool:
-    """Return True if there is anything to resume: a callback that waits, for a repetition, for consent or for good."""
+    """Return True for a callback that waits for a repetition or for consent, or is suspended."""
     waits = (DeliveryState.FAILING, DeliveryState.SUSPENDED, DeliveryState.AWAITING_CONSENT)
     return not record.subscription.kind.streams and record.delivery.state in waits
 
 
 def describe_subscription(graph: Graph, base: str, record: Record) -> None:
-    """Figure 4, then what was asked for, then what became of it; the secret never leaves."""
+    """Describe a subscription: Figure 4, its options, and its state, without the secret."""
     subscription, delivery = record.subscription, record.delivery
     iri = NamedNode(base + subscription_path(subscription))
     graph.a(iri, HYBRIT.Subscription, *_TYPES[subscription.kind])
@@ -126,7 +126,7 @@ def describe_subscription(graph: Graph, base: str, record: Record) -> None:
 
 
 def describe_resume(graph: Graph, base: str, record: Record) -> None:
-    """The action that tries a callback again at once; it consumes nothing."""
+    """Describe the action that retries a callback at once; it takes no input."""
     iri = NamedNode(base + resume_path(record.subscription))
     graph.a(iri, HYBRIT.Action)
     graph.add(iri, DCTERMS.title, Literal(f"Resume subscription {record.subscription.id}"))
@@ -140,15 +140,12 @@ def describe_resume(graph: Graph, base: str, record: Record) -> None:
 
 
 def describe_subscriptions(graph: Graph, base: str, owner: str, records: Iterable[Record]) -> None:
-    """The LDP container of the thing at the path ``owner`` (R1.8), with each subscription described as in Figure 4.
-
-    Of a crowd only the first are: whoever wants to know more of the others follows their links.
-    """
+    """Describe the LDP container of the thing at ``owner`` (R1.8); its first members are described as in Figure 4."""
     iri, records = NamedNode(base + container_path(owner)), list(records)
     graph.a(iri, LDP.BasicContainer, LDP.Container)
     graph.add(iri, DCTERMS.title, Literal(f"Subscriptions of {owner}"))
     graph.add(iri, RDFS.seeAlso, NamedNode(base + owner))
-    # The shape's own IRI need not lead to this gateway, so the document that has it is linked as well.
+    # The shape's IRI need not lead to this gateway, so its document is linked as well.
     graph.add(iri, LDP.constrainedBy, LF.SubscriptionShape)
     graph.add(iri, LF.vocabulary, NamedNode(f"{base}/vocabulary"))
     graph.add(iri, LDP.contains, *(NamedNode(base + subscription_path(each.subscription)) for each in records))
@@ -157,14 +154,14 @@ def describe_subscriptions(graph: Graph, base: str, owner: str, records: Iterabl
 
 
 def describe_request_shape(graph: Graph) -> None:
-    """The shapes that guard a container, for the vocabulary document."""
+    """Add the shapes that validate posted subscriptions to the vocabulary document."""
     for triples in load("subscriptions.ttl").values():
         for triple in triples:
             graph.add(triple.subject, triple.predicate, triple.object)  # type: ignore[arg-type]
 
 
 def describe_version(graph: Graph, iri: NamedNode, version: str, previous: str | None) -> None:
-    """Add to a representation what a message says besides: without it nobody could see that values were conflated."""
+    """Add the versions of a message to a representation, by which clients see that values were conflated."""
     graph.add(iri, LF.version, Literal(version))
     if previous is not None:
         graph.add(iri, LF.previousVersion, Literal(previous))
@@ -179,7 +176,7 @@ def _decimal(value: float) -> Literal:
 
 
 def requested(body: Sequence[Triple], container_iri: str, base: str) -> Request:
-    """Read what ``body`` asks of the container; UnprocessableContent, with the report, if the shape refuses it."""
+    """Parse a posted subscription. Raises UnprocessableContent, with the report, if the shape refuses it."""
     focus = _focus(body, NamedNode(container_iri))
     about = _about(body, focus)
     check_lexical_forms(about, container_iri)
@@ -207,7 +204,7 @@ def requested(body: Sequence[Triple], container_iri: str, base: str) -> Request:
 
 
 def _focus(body: Sequence[Triple], container: NamedNode) -> Node:
-    """The one hybrit:Subscription, so that Figure 4 can be posted as it is; else the root, as of an action's body."""
+    """Return the only hybrit:Subscription, so that Figure 4 can be posted unchanged; else the root of the body."""
     typed = list(dict.fromkeys(t.subject for t in body if t.predicate == RDF.type and t.object == HYBRIT.Subscription))
     if len(typed) == 1:
         return typed[0]  # type: ignore[return-value]
@@ -219,19 +216,19 @@ def _focus(body: Sequence[Triple], container: NamedNode) -> Node:
 
 
 def _left(body: Sequence[Triple], focus: Node, container: NamedNode) -> list[Triple]:
-    """Refuse unused triples, except those about the container: Figure 4 can be posted as it is."""
+    """Return unused triples except those about the container, so that Figure 4 can be posted unchanged."""
     left = unused(body, focus, _terms())
     return [t for t in left if t.subject != container or t.subject == focus or t.predicate not in _OF_CONTAINER]
 
 
 @cache
 def _terms() -> Terms:
-    """Return the terms of the shape and of a subscription: a description can be posted to make another one."""
+    """Return the terms of the shape and of descriptions, so that a description can be posted to create another one."""
     return Terms.of(load("subscriptions.ttl"), LF.SubscriptionShape).also(*_SHOWN, types=_READ_TYPES)
 
 
 def _about(body: Sequence[Triple], focus: Node) -> list[Triple]:
-    """The focus nodes of the shapes."""
+    """Return the triples that the shapes validate."""
     about = [t for t in body if t.subject == focus]
     types = [t for t in about if t.predicate == RDF.type and t.object in _READ_TYPES]
     return list(dict.fromkeys(types + [t for t in about if t.predicate in _READ]))
@@ -243,9 +240,9 @@ def _text(triple: Triple) -> str:
 
 
 def _violations(about: Sequence[Triple], focus: Node) -> list[Violation]:
-    """Validate by the shape of a subscription, whatever type the body states, and by the others with their targets.
+    """Validate with the shape of a subscription, whatever type is stated, and with others by their targets.
 
-    The report does not repeat a secret.
+    The report does not contain a secret.
     """
     data, (subscription, others) = Data(about), validators()
     found = dict.fromkeys([*subscription.check(data, focus), *others.check(data)])
@@ -259,7 +256,7 @@ def validators() -> tuple[CompiledShape, CompiledGraph]:
 
 
 def _refusal(violations: Sequence[Violation], container_iri: str) -> UnprocessableContent:
-    """Every constraint has a sentence of its own."""
+    """Return the error, with the message of every violated constraint."""
     messages = sorted({each.message for each in violations})
     detail = "The body does not conform to the shape of a subscription: " + "; ".join(messages)
     about = report(violations, validators()[0].triples)
@@ -267,7 +264,7 @@ def _refusal(violations: Sequence[Violation], container_iri: str) -> Unprocessab
 
 
 def _check_secret(secret: str, container_iri: str) -> None:
-    """Check what no pattern can tell: whether a key of the right length can be decoded."""
+    """Check that the secret can be decoded and has a valid length, which a pattern cannot express."""
     try:
         if secret:
             key(secret)

@@ -18,7 +18,7 @@ from linked_fleet_gateway.resources.subscription_resource import (
 
 
 def in_subscriptions(thing: Resource, rest: list[str], records: Sequence[Record], base: str) -> Resource | None:
-    """The container of ``thing``, a subscription of it, or the action of one; ``records`` are those to be found."""
+    """Return the container of ``thing``, a subscription in it, or its action; ``records`` are the visible ones."""
     if not rest:
         return Resource(
             container_path(thing.path),

@@ -1,7 +1,7 @@
-"""Descriptions of measured values, compiled: what stays is written once, and what changes has its place in it.
+"""Compiled descriptions of measured values: constant text with places for the values.
 
-Nothing but ``Resource.measured`` is known of a description: it is written once with values that occur nowhere else, and
-where those stand in the document is where others belong. So the slow way and this one cannot say different things.
+A description is rendered once by ``Resource.measured`` with random marker values; their positions in the document are
+the places. So both ways of rendering always give the same document.
 """
 
 import math
@@ -22,9 +22,9 @@ from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.subscription_resource import describe_version
 
 _MILLISECOND_NS = 1_000_000
-_FAR_NS = 189_000_000_000 * 1_000_000_000  # in the year 7959
-_UNKNOWN = lexical(math.nan)  # never written: ``lf:unknown`` is, which belongs to the form
-_random = random.SystemRandom()  # or a robot could describe itself with the numbers that stand for others
+_FAR_NS = 189_000_000_000 * 1_000_000_000  # a time in the year 7959
+_UNKNOWN = lexical(math.nan)  # never written, because ``lf:unknown`` stands for it, which is part of the form
+_random = random.SystemRandom()  # unpredictable, so that a robot cannot describe itself with the marker values
 
 
 class Versions(NamedTuple):
@@ -35,8 +35,10 @@ class Versions(NamedTuple):
 
 
 class _Form(NamedTuple):
-    """The state on which the form of a document depends: which values are unknown or outside their limits, and
-    what is said at all; a tuple for each of ``Resource.looks``."""
+    """The state that determines the constant text: unknown values, values outside limits, and optional statements.
+
+    Each field has one tuple for each of ``Resource.looks``.
+    """
 
     unknown: tuple[tuple[bool, ...], ...]
     outside: tuple[tuple[bool, ...], ...]
@@ -47,11 +49,11 @@ class _Form(NamedTuple):
 class _Template(NamedTuple):
     text: str
     places: tuple[int, ...]
-    """Which of the texts of values, time and versions stands there; one may stand nowhere, or twice."""
+    """Index of the value, time or version text at each place; an index may occur any number of times."""
 
 
 class Rendering:
-    """A measured resource in one media type, under one base URL, as long as its facts stay what they are."""
+    """A measured resource in one media type under one base URL, valid while its facts do not change."""
 
     def __init__(self, resource: Resource, media_type: str, base: str) -> None:
         self._resource, self._media_type, self._base = resource, media_type, base
@@ -60,11 +62,11 @@ class Rendering:
         self._template = _Template("", ())
 
     def present(self) -> bytes:
-        """The document with the present values; WriteError when the syntax cannot say it."""
+        """Return the document with the present values. Raises WriteError if the syntax cannot represent it."""
         return self.body([Seen.of(look()) for look in self._resource.looks])
 
     def of(self, observations: Sequence[Observation], versions: Versions | None = None) -> bytes:
-        """The document with the observations of a reading, which are those of all looks one after the other."""
+        """Return the document with the observations of a reading, which are those of all looks in sequence."""
         if len(self._resource.looks) == 1:
             return self.body([Seen.of(observations)], versions)
         if sum(self._counts) != len(observations):
@@ -73,7 +75,10 @@ class Rendering:
         return self.body([Seen.of(observations[at:to]) for at, to in pairwise(ends)], versions)
 
     def body(self, seens: Sequence[Seen], versions: Versions | None = None) -> bytes:
-        """The document with these values, one for each of ``Resource.looks``; WriteError as ``present``."""
+        """Return the document with these values, one for each of ``Resource.looks``.
+
+        Raises WriteError as ``present``.
+        """
         said = 0 if versions is None else 1 if versions.previous is None else 2
         form = _Form(
             tuple([tuple([value != value for value in seen.values]) for seen in seens]),
@@ -92,13 +97,13 @@ class Rendering:
     def _compile(self, form: _Form) -> _Template:
         marks, document = self._marked(form)
         document = document.replace("%", "%%")
-        for mark, place in marks.items():  # no document has a NUL
+        for mark, place in marks.items():  # no document contains a NUL
             document = document.replace(mark, f"\0{place}\0")
         pieces = document.split("\0")
         return _Template("%s".join(pieces[::2]), tuple(map(int, pieces[1::2])))
 
     def _marked(self, form: _Form) -> tuple[dict[str, int], str]:
-        """The document with values that are found nowhere else, and as what those stand there."""
+        """Return the document with unique marker values, and the places by marker text."""
         first = _random.randrange(100_000, 900_000)
         numbers = count(first)
         seens = [
@@ -125,7 +130,7 @@ class Rendering:
 
 
 def compiles(resource: Resource, media_type: str) -> bool:
-    """Return True if there is a ``Rendering`` of it: what is binary says how long its texts are."""
+    """Return True if a ``Rendering`` is possible. Binary syntaxes are excluded, because they store text lengths."""
     return resource.measured is not None and bool(resource.looks) and media_type in TEXT_TYPES
 
 
@@ -135,6 +140,6 @@ def _second(second: int) -> str:
 
 
 def _stamp(wall_ns: int) -> str:
-    """Write a time as ``timestamp`` does: most of it is the same for a whole second."""
+    """Format a time as ``timestamp`` does, with a cached part per second."""
     second, rest_ns = divmod(wall_ns, 1_000_000_000)
     return f"{_second(second)}{rest_ns // _MILLISECOND_NS:03d}Z"

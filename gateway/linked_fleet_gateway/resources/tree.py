@@ -1,4 +1,4 @@
-"""The resource tree: a path is resolved to a resource here, and nowhere else (docs/TREE.md)."""
+"""The resource tree, the only place where a path is resolved to a resource (docs/TREE.md)."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -49,13 +49,13 @@ from linked_fleet_gateway.resources.subscription_tree import in_subscriptions
 from linked_fleet_gateway.resources.versioning import Source, presence
 
 Shelf = Mapping[str, Sequence[Record]]
-"""Subscriptions by the path of their owner, as far as somebody has fetched them."""
+"""Subscriptions by the path of their owner, as far as they have been fetched."""
 EMPTY: Shelf = MappingProxyType({})
 _OF_THINGS = ("subscriptions", "blueprint", "linkset")
 
 
 class Tree:
-    """Resolves paths against what ``sees`` shows of the live fleet, for descriptions under one base URL."""
+    """Resolves paths for what ``sees`` shows of the live fleet, for descriptions under one base URL."""
 
     def __init__(
         self,
@@ -76,11 +76,13 @@ class Tree:
         self._view = RequestView(base, self._robots, self._invocations, sees, secured)
 
     def resolve(self, path: str) -> Found:
-        """The resource at ``path`` (percent-decoded, starting with a slash), its other spelling, or None."""
+        """Return the resource at ``path`` (percent-decoded, with leading slash), a redirect to its canonical path, or
+        None.
+        """
         if path == "/":
             return self._fleet_resource()
         head, *rest = path[1:].split("/")
-        # Only such paths can name what the fleet itself owns; the links of all robots are made for nobody else.
+        # Only these paths can be resources of the fleet itself, whose links to all robots are costly.
         reserved = head in reserved_at_root() and rest in ([], [""])
         if reserved and (found := self._at_root(head)) is not None:
             return Redirect(found.path) if rest else found
@@ -114,7 +116,7 @@ class Tree:
             "Linked Fleet",
             lambda graph: self._say.fleet(self._robots, self._branches.linked(), graph, self._doing),
             CONTAINER,
-            # When a robot was last seen is what each gateway saw for itself.
+            # The last-seen time of a robot differs between gateways.
             Source(
                 self._members, digest=lambda: [(*named, here, fault) for *named, (here, _, fault) in self._members()]
             ),
@@ -148,7 +150,7 @@ class Tree:
     # -- robot and its parts ----------------------------------------------------------------------------------------
 
     def _in_robot(self, robot: Robot, rest: list[str]) -> Found:
-        # No part has a reserved segment, and the robot itself has a hundred links: only those who ask wait for them.
+        # Reserved segments are not parts. The robot's own resource, with its hundred links, is built only when needed.
         if rest == [""] or rest[0] in reserved_in_robot():
             if rest == [""] or rest[0] in _OF_THINGS:
                 thing = self._robot_resource(robot)
@@ -169,7 +171,7 @@ class Tree:
         return self._in_link(robot, robot.model.links[link], rest[1:])
 
     def _of_robot(self, robot: Robot, rest: list[str]) -> Resource | None:
-        """Resources that robots have besides those of all things: actions of several joints, and the control lease."""
+        """Return resources that only robots have: actions of several joints, and the control lease."""
         if rest[0] == "actions" and len(rest) > 1:
             return in_actions(robot_offers(robot), rest[1:], self._invocations, _about(robot), self._base)
         if rest[0] != "lease":
@@ -207,7 +209,7 @@ class Tree:
         )
 
     def _tasks(self, robot: Robot) -> list[str]:
-        """Paths of the invocations that the robot is carrying out (D4)."""
+        """Return the paths of the robot's running invocations (D4)."""
         return [invocation_path(each) for each in self._invocations.open_of(robot.name)]
 
     def _in_joint(self, robot: Robot, joint: Joint, rest: list[str]) -> Found:
@@ -289,7 +291,7 @@ class Tree:
 
     def _measurement(self, robot: Robot, owner: str, item: Property) -> Resource:
         path = f"{owner.rstrip('/')}/{item.segment}"
-        # What a new description leaves as it was is no news to a value: its constants are those of the model.
+        # A new description is no change of a value unless its model differs, which holds the constants.
         source = Source(lambda: (presence(robot), robot.model, item.facts(), robot.settings), item.look, robot)
 
         def measured(graph: Graph, seens: Sequence[Seen]) -> None:
@@ -312,10 +314,10 @@ class Tree:
     # -- all that is below ------------------------------------------------------------------------------------------
 
     def below(self, path: str) -> Iterator[tuple[Resource, bool]]:
-        """Yield the resources that a subtree subscription to ``path`` covers, and if values count as change of each.
+        """Yield the resources that a subtree subscription to ``path`` covers, and True if their values count as change.
 
-        Every value once: of things their own statements, then each property. The joint state, which repeats the
-        values of the joints, is left out. Invocations are there until they have ended.
+        Each value occurs once: a thing has its own statements, followed by each property. The joint state is omitted,
+        because it repeats the values of joints. Invocations are included until they have ended.
         """
         root = self.resolve(path)
         if not isinstance(root, Resource):
@@ -346,7 +348,7 @@ class Tree:
     def _things(
         self, robot: Robot, joint: str | None, link: str | None
     ) -> Iterator[tuple[Resource, Sequence[Property]]]:
-        """One joint or link with its properties, or the robot and all of its parts."""
+        """Yield one joint or link with its properties, or the robot with all of its parts."""
         assert robot.model is not None
         if joint is None and link is None:
             own = [each for each in self._say.robot_properties(robot) if each.predicate != LF.jointState]
@@ -359,7 +361,7 @@ class Tree:
                 yield self._link(robot, one), link_properties(robot, one)
 
     def may_come(self, path: str) -> bool:
-        """Return True if there may be a resource at ``path`` as soon as its robot has said what it is."""
+        """Return True if a resource may exist at ``path`` once its robot has described itself."""
         try:
             robot = self._robots.get(robot_name(path[1:].partition("/")[0]))
         except ValueError:
@@ -368,7 +370,7 @@ class Tree:
 
 
 def _thing(robot: Robot, properties: Sequence[Property], also: Callable[[], object] = tuple) -> Source:
-    """A thing shows its properties: their values are news of it, and so is all that its robot says of itself."""
+    """Return the source of a thing, which changes with its properties' values and with its robot's description."""
     looks = _looks(properties)
     look = (lambda: tuple(chain.from_iterable(look() for look in looks))) if looks else tuple
     facts = [each.facts for each in properties if each.facts is not tuple]
@@ -382,7 +384,7 @@ def _looks(properties: Sequence[Property]) -> tuple[Look, ...]:
 
 
 def _following(source: Source) -> Source:
-    """The source of what follows from the description alone."""
+    """Return the source of a resource that depends on the description only."""
     return Source() if source.robot is None else _about(source.robot)
 
 
@@ -391,6 +393,6 @@ def _about(robot: Robot) -> Source:
 
 
 def _own(path: str, properties: list[Property], actions: tuple[str, ...] = ()) -> tuple[str, ...]:
-    """Sub-resources in the order of the Link field: subscriptions, blueprint, actions, properties."""
+    """Return sub-resources in the order of the Link field: subscriptions, blueprint, actions, properties."""
     stem = path.rstrip("/")
     return (stem + "/subscriptions", stem + "/blueprint", *actions, *(f"{stem}/{each.segment}" for each in properties))

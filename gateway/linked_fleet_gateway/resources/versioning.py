@@ -1,9 +1,9 @@
-"""Changes of resources, and the version that each has (docs/TREE.md, "What counts as change").
+"""Changes of resources, and their versions (docs/TREE.md, "What counts as change").
 
-The version of what belongs to a robot names the robot's incarnation and the frame that brought the change, counted
-from 1. What no frame brings (presence, a description) counts on from the frame before. The version of anything else
-is a digest of its facts. A gateway that begins to look later names a later frame for the same value, so versions are
-compared for being the same and for nothing else.
+The version of a robot's resource is the robot's incarnation and the frame that brought the change, counted from 1.
+Changes without a frame (presence, a description) are counted after the frame before them. The version of other
+resources is a digest of their facts. A gateway that starts watching later may name a later frame for the same value, so
+versions can only be compared for equality.
 """
 
 import math
@@ -19,18 +19,18 @@ from linked_fleet_gateway.fleet.robot import Robot
 
 
 class Reading(Struct):
-    """A resource at a moment: ``facts`` are compared whole, ``observations`` value by value. Nobody changes it."""
+    """The state of a resource at a moment: ``facts`` are compared as a whole, ``observations`` by value. Immutable."""
 
     facts: Any
     observations: tuple[Observation, ...] = ()
     version: str = ""
 
     def same(self, other: "Reading", deadband: float = 0.0) -> bool:
-        """Return True if nothing changed, but for values within ``deadband``; a timestamp alone is no change."""
+        """Return True if nothing changed except values within ``deadband``; a new timestamp alone is no change."""
         return self.facts == other.facts and not self._moved(other, deadband)
 
     def _moved(self, other: "Reading", deadband: float) -> bool:
-        """Return True if some value differs by more than nothing and by at least ``deadband`` (SI units)."""
+        """Return True if some value differs by at least ``deadband`` (SI units)."""
         if len(self.observations) != len(other.observations):
             return True
         for ours, theirs in zip(self.observations, other.observations, strict=True):
@@ -52,18 +52,18 @@ def _apart(ours: tuple[float, ...], theirs: tuple[float, ...], deadband: float) 
 
 @dataclass(frozen=True)
 class Source:
-    """The source of the readings of a resource. ``robot``: its owner; None for what belongs to no single robot."""
+    """The source of readings of a resource. ``robot`` is its owner; None if it belongs to no single robot."""
 
     facts: Callable[[], Any] = tuple
     look: Callable[[], tuple[Observation, ...]] = tuple
     robot: Robot | None = None
     digest: Callable[[], Any] | None = None
-    """The facts that every gateway sees alike, where these are not all."""
+    """The facts that are equal on all gateways, if that is not true of ``facts``."""
     ended: Callable[[], bool] = bool
-    """True if it will never change again."""
+    """Returns True if the resource will never change again."""
 
     def read(self, values: bool = True) -> Reading:
-        """The present reading; without ``values`` of the facts alone."""
+        """Return the present reading; without ``values`` only its facts."""
         facts, observations = self.facts(), self.look() if values else ()
         if self.robot is not None:
             incarnation, frame, change = version_of(self.robot, observations)
@@ -74,17 +74,17 @@ class Source:
 
     @property
     def measured(self) -> bool:
-        """True if a frame can be news."""
+        """True if frames can change it."""
         return self.look is not tuple
 
 
 def presence(robot: Robot) -> tuple[str, int | None, str | None]:
-    """Return what descriptions say of the presence of a robot."""
+    """Return the presence facts that descriptions of a robot contain."""
     return robot.presence, None if robot.online else robot.last_seen_ns, robot.fault
 
 
 def version_of(robot: Robot, observations: tuple[Observation, ...]) -> tuple[int, int, int]:
-    """The version of what is a robot's: incarnation, the frame counted from 1, and the changes since without one."""
+    """Return the version: incarnation, frame counted from 1, and number of later changes without a frame."""
     frame, change = robot.news
     for seen in observations:
         if seen.sequence is not None and seen.sequence >= frame:
