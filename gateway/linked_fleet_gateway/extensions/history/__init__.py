@@ -1,1 +1,1 @@
-"""History: the last minutes of each robot, in a bounded memory, decoded for who asks (README.md)."""
+"""History: recent frames of each robot in bounded memory, decoded on demand (README.md)."""

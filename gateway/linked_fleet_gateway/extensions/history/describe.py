@@ -1,7 +1,7 @@
-"""Histories as Linked Data: what there is of a robot, and observations (SOSA) of one of its properties.
+"""Histories as Linked Data: the extent of a robot's history, and observations (SOSA) of one of its properties.
 
-Clients build no addresses: each description has those of the last seconds and of the next page, and says by a template
-(Hydra) how any other part is asked for.
+Clients build no URLs: each description links the last seconds and the next page, and has a template (Hydra) for any
+other part.
 """
 
 from collections.abc import Sequence
@@ -30,7 +30,9 @@ _VARIABLES = {
 
 @dataclass(frozen=True)
 class Page:
-    """One page of a history, and the queries that lead on; ``ends`` and ``count`` are of all there is."""
+    """One page of a history, and the queries of adjacent pages; ``ends`` and ``count`` are those of the whole
+    history.
+    """
 
     span: Span
     excerpt: Excerpt | None = None
@@ -39,7 +41,7 @@ class Page:
 
     @property
     def next(self) -> str:
-        """The query of what comes after it in a span that has a beginning; empty if nothing does."""
+        """The query of the following page of a span with a beginning; empty if there is none."""
         after = None if self.excerpt is None else self.excerpt.after
         if after is None or not self.span.forward:
             return ""
@@ -48,7 +50,7 @@ class Page:
 
     @property
     def previous(self) -> str:
-        """The query of what came before it where the newest were asked for."""
+        """The query of the preceding page if the newest samples were requested; empty if there is none."""
         excerpt = self.excerpt
         if excerpt is None or excerpt.before is None or self.span.forward:
             return ""
@@ -60,7 +62,7 @@ class Page:
 
 
 def page_of(track: Track | None, span: Span, most: int) -> Page:
-    """The part of a track that is asked for, ``most`` samples of it."""
+    """Return the requested part of a track, with at most ``most`` samples."""
     if track is None or track.ends is None:
         return Page(span)
     excerpt = track.between(span.begin(track.ends[1]), span.end_ns, most)
@@ -71,8 +73,10 @@ def describe_robot(
     graph: Graph, iri: NamedNode, robot: NamedNode, title: str, history: History, page: Page,
     parts: Sequence[tuple[NamedNode, NamedNode]],
 ) -> None:  # fmt: skip
-    """How far back the memory of a robot goes, what files there are, and where its properties' are (``parts``: each
-    property and its history)."""
+    """Describe the history of a robot: its extent, its files, and the histories of its properties.
+
+    ``parts`` are pairs of a property and its history.
+    """
     graph.a(iri, LF.History)
     graph.add(iri, DCTERMS.title, Literal(f"History of {title}"))
     graph.add(iri, RDFS.seeAlso, robot)
@@ -95,7 +99,7 @@ def describe_property(
     graph: Graph, iri: NamedNode, of: NamedNode, thing: NamedNode, whole: NamedNode, item: Property,
     series: Series | None, page: Page,
 ) -> None:  # fmt: skip
-    """Observations of the property ``of`` as ``page`` shows them; ``whole`` is the history of the robot."""
+    """Describe the observations of the property ``of`` on ``page``; ``whole`` is the history of the robot."""
     graph.a(iri, LF.History, SOSA.ObservationCollection)
     graph.add(iri, DCTERMS.title, Literal(f"History of {item.title}"))
     graph.add(iri, RDFS.seeAlso, of, whole)
@@ -121,7 +125,7 @@ def describe_property(
 
 
 def _result(graph: Graph, one: BlankNode, item: Property, values: Numbers) -> None:
-    """A number is the whole result; what has more of them is said as the property says it."""
+    """Add a result: a single number as simple result, several numbers as in the description of the property."""
     if len(values) == 1:
         graph.add(one, SOSA.hasSimpleResult, number(values[0]))
         return
@@ -136,7 +140,7 @@ def _result(graph: Graph, one: BlankNode, item: Property, values: Numbers) -> No
 
 
 def _extent(graph: Graph, iri: NamedNode, page: Page) -> None:
-    """From when to when there are samples, and how many."""
+    """Add the times of the oldest and newest sample, and the number of samples."""
     for term, end in ((LF.oldestSample, 0), (LF.newestSample, 1)):
         graph.add(iri, term, LF.unknown if page.ends is None else timestamp(page.ends[end]))
     graph.add(iri, LF.sampleCount, integer(page.count))
@@ -151,7 +155,7 @@ def _view(graph: Graph, iri: NamedNode, query: str, title: str, media_type: str 
 
 
 def _search(graph: Graph, iri: NamedNode) -> None:
-    """RFC 6570, in the words of Hydra."""
+    """Add an RFC 6570 template in the Hydra vocabulary."""
     template = graph.blank(HYDRA.IriTemplate)
     graph.add(iri, HYDRA.search, template)
     graph.add(template, HYDRA.template, Literal(f"{iri.value}{{?{','.join(_VARIABLES)}}}"))

@@ -1,4 +1,4 @@
-"""The extension ``history``: the last minutes of each robot, and of each property that is measured."""
+"""The extension ``history``: recent values of each robot, and of each measured property."""
 
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager

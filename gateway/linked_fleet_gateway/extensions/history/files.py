@@ -1,7 +1,7 @@
-"""Histories as files: values separated by commas (RFC 4180), and MCAP with the messages of ROS 2.
+"""Histories as files: CSV (RFC 4180), and MCAP with ROS 2 messages.
 
-What stands in MCAP is what ``ros2 bag record /joint_states /robot_description /tf`` would have written, so that
-Foxglove, PlotJuggler and the tools of ROS 2 open it.
+The MCAP files equal those of ``ros2 bag record /joint_states /robot_description /tf``, so that Foxglove, PlotJuggler
+and ROS 2 tools can open them.
 """
 
 import csv
@@ -26,7 +26,7 @@ else:
 CSV, MCAP = "text/csv", "application/vnd.mcap"
 """RFC 7111; registered with IANA in October 2026."""
 
-# UCUM (the units of the columns), by the local names of QUDT.
+# UCUM units of the columns, by the local names of QUDT.
 _UCUM = {"RAD": "rad", "M": "m", "RAD-PER-SEC": "rad/s", "M-PER-SEC": "m/s", "N-M": "N.m", "N": "N", "UNITLESS": "1"}
 
 _RULE = "=" * 80
@@ -82,7 +82,7 @@ float64 w
 
 
 class Level(IntEnum):
-    """The severities of ``rcl_interfaces/msg/Log``."""
+    """Severities of ``rcl_interfaces/msg/Log``."""
 
     WARN = 30
     ERROR = 40
@@ -90,7 +90,7 @@ class Level(IntEnum):
 
 @dataclass(frozen=True)
 class LogMessage:
-    """A message of ``/rosout``; ``name``: who says it."""
+    """A message of ``/rosout``; ``name`` is its source."""
 
     stamp_ns: int
     level: Level
@@ -99,7 +99,7 @@ class LogMessage:
 
 
 def table(columns: Sequence[tuple[str, Unit]], rows: Iterable[tuple[int, Numbers]]) -> bytes:
-    """A column for the time and one for each number, with its unit; what is unknown is an empty field."""
+    """Return CSV with a column for time and one for each number with its unit; unknown values are empty."""
     text = io.StringIO(newline="")
     write = csv.writer(text, lineterminator="\r\n")
     write.writerow(["time", *(f"{name} ({_UCUM[unit.qudt.value.rpartition('/')[2]]})" for name, unit in columns)])
@@ -114,9 +114,12 @@ def recording(
     log: Iterable[LogMessage] = (),
     metadata: Mapping[str, Mapping[str, str]] | None = None,
 ) -> bytes:
-    """``/joint_states``, ``/robot_description`` (the ``urdf``, at the time of the first sample), and of a floating base
-    its place in the world as ``/tf``; the times are those of the frames. ``log`` is ``/rosout``; ``metadata`` are
-    metadata records of MCAP by their names."""
+    """Return an MCAP file with the frames of an excerpt, at the times of the frames.
+
+    It has ``/joint_states``, ``/robot_description`` (the ``urdf``, at the time of the first sample) and, for a floating
+    base, its pose in the world as ``/tf``. ``log`` is written as ``/rosout``; ``metadata`` are MCAP metadata records by
+    name.
+    """
     out, joints = io.BytesIO(), excerpt.joints
     file = mcap.Writer(out)
     file.start(profile="ros2", library="linked-fleet")
@@ -152,7 +155,7 @@ def _channel(file: "mcap.Writer", topic: str, kind: str) -> int:
 
 
 class Cdr:
-    """A message in the plain CDR of OMG, little-endian (DDS-XTypes 1.3, 7.4.1): numbers at multiples of their size."""
+    """Writes a message in plain OMG CDR, little-endian (DDS-XTypes 1.3, 7.4.1): numbers are aligned to their size."""
 
     _BEGIN = b"\x00\x01\x00\x00"
 

@@ -1,4 +1,4 @@
-"""Reads of histories: in a thread beside the event loop, in pieces as the client takes them, and links that lead on."""
+"""Reads of histories: rendered in a thread, sent at the pace of the client, with links to adjacent pages."""
 
 import asyncio
 from dataclasses import replace
@@ -22,7 +22,7 @@ _SUFFIXES = {CSV: "csv", MCAP: "mcap"}
 
 
 async def read_past(request: Request, found: Resource, past: RecordedHistory) -> Response:
-    """The part of a history that the query asks for, rendered in another thread; BadRequest, Busy."""
+    """Return the requested part of a history, rendered in a thread. Raises BadRequest, Busy."""
 
     def work(resource: Resource) -> Response:
         check_preconditions(request, resource)
@@ -38,7 +38,7 @@ async def read_past(request: Request, found: Resource, past: RecordedHistory) ->
     if leads:
         response.headers.append("link", link_header(leads, [], limit=_LINK_BYTES))
     if file:
-        name = shown.resource.path[1:].replace("/", "-")  # nothing that would have to be quoted
+        name = shown.resource.path[1:].replace("/", "-")  # contains nothing that would need quoting
         response.headers["content-disposition"] = f'attachment; filename="{name}.{_SUFFIXES[media_type]}"'
     if len(response.body) <= _PIECE_BYTES:
         return response
@@ -48,7 +48,7 @@ async def read_past(request: Request, found: Resource, past: RecordedHistory) ->
 
 
 class _Pieces(Response):
-    """A response sent as fast as the client takes it, and counted until then: the bytes are in memory so long."""
+    """A response sent at the pace of the client. It occupies a slot until then, because its bytes stay in memory."""
 
     def __init__(self, response: Response, slots: asyncio.Semaphore) -> None:
         self.status_code, self.raw_headers, self.body = response.status_code, response.raw_headers, response.body

@@ -1,7 +1,7 @@
-"""Which frames are kept, for how long, and in how much memory (README.md).
+"""Recording of frames: sampling, retention and memory (README.md).
 
-Nothing is done when a frame comes: a timer looks at the latest frame of each robot, as often as is asked for, and keeps
-the bytes that are there. They are decoded when somebody wants to know.
+Arriving frames cause no work: a timer samples the latest frame of each robot at the configured rate and stores its
+bytes. They are decoded on request.
 """
 
 import asyncio
@@ -21,15 +21,20 @@ from linked_fleet_gateway.runtime.time_slices import sliced
 log = logging.getLogger(__name__)
 
 _ROOM = 0.75
-"""The share of the memory that a track keeps when it has outgrown it: or it would do so with each frame."""
+"""Share of its memory limit to which a track is reduced when it exceeds it; without slack it would do so with each
+frame.
+"""
 FILES = 16
-"""Files that may be sent at once; the next one has to wait (503)."""
+"""Files sent concurrently; further requests get 503."""
 _WORKERS = 2
 
 
 class History:
-    """An async context manager that records. ``span_s``: how far back; ``rate_hz``: samples a second and robot at most;
-    ``most_bytes``: of all robots together, each of which may have its equal share when there is not enough."""
+    """Records histories; an async context manager.
+
+    ``span_s`` is the retention time, ``rate_hz`` the highest number of samples per second and robot, ``most_bytes`` the
+    memory of all robots together. If it is short, each robot gets an equal share.
+    """
 
     def __init__(self, fleet: Fleet, span_s: float, rate_hz: float, most_bytes: int) -> None:
         self.span_s, self.rate_hz, self.most_bytes = span_s, rate_hz, most_bytes
@@ -55,7 +60,7 @@ class History:
         return sum(map(len, list(self._tracks.values())))
 
     def track(self, robot: Robot) -> Track | None:
-        """Return the track of a robot, if it is still of the joints that the robot has."""
+        """Return the track of a robot, if its joints are still those of the robot."""
         track = self._tracks.get(robot.name)
         return track if track is not None and robot.model is track.joints.model else None
 
@@ -84,7 +89,7 @@ class History:
                 self.bytes += track.bytes
 
     def sample(self, latest: Latest) -> None:
-        """Keep the frame that is the latest now, unless it is kept already, or nobody knows yet what it is of."""
+        """Store the latest frame, unless it is stored already or its joints are unknown."""
         track = self._tracks.get(latest.robot)
         if track is None or track.run is not latest:
             track = self._begin(latest, track)
@@ -95,7 +100,7 @@ class History:
             self.bytes += track.bytes
 
     def _begin(self, latest: Latest, before: Track | None) -> Track | None:
-        """Another run of an agent, or another description: other joints are another history."""
+        """Start a track for another run or description; other joints start a new history."""
         robot = self._fleet.robots.get(latest.robot)
         joints = None if robot is None else joints_of(robot)
         if robot is None or joints is None:

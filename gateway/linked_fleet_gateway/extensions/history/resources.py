@@ -1,4 +1,4 @@
-"""Histories in the tree: ``/{robot}/history``, and one below each property that is measured."""
+"""Histories in the tree: ``/{robot}/history``, and one below each measured property."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -32,12 +32,12 @@ from linked_fleet_gateway.resources.versioning import Source
 
 SEGMENT = "history"
 _FILE_BYTES = 8 * 2**20
-"""Bytes of frames in one file at most; a longer history is had in several."""
+"""Most bytes of frames in one file; a longer history needs several files."""
 
 
 @dataclass(frozen=True)
 class HistoryPage:
-    """A history as a query has it: another thread may render it. Files show more at once than documents do."""
+    """A history as selected by a query, ready to be rendered in a thread. Files have longer pages than documents."""
 
     resource: Resource
     document: Page
@@ -46,14 +46,14 @@ class HistoryPage:
 
 @dataclass(frozen=True)
 class RecordedHistory:
-    """A history, whose part is chosen by the query of the request (``extensions/history/http.py``)."""
+    """A history, whose part is selected by the query of the request (``extensions/history/http.py``)."""
 
     history: History
     shown: Callable[[Span], HistoryPage]
 
 
 def history_branches(history: History) -> tuple[RobotBranch, PropertyBranch]:
-    """That of each robot, and that of each of its measured properties."""
+    """Return the branch of robots and that of measured properties."""
 
     def of_robot(view: RequestView, robot: Robot, rest: list[str]) -> Found:
         found = _of_robot(history, view, robot)
@@ -137,7 +137,7 @@ def _series(joints: Joints, robot: Robot, owner: str, item: Property) -> Series 
 
 
 def _measured(robot: Robot) -> Iterator[str]:
-    """Paths of the properties that frames say something of."""
+    """Yield the paths of properties whose values frames contain."""
     model, description = robot.model, robot.description
     if model is None or description is None:
         return
@@ -154,14 +154,14 @@ def _joints(track: Track | None, robot: Robot) -> Joints | None:
 
 
 def _most(track: Track | None, span: Span) -> int:
-    """Samples that go into one file."""
+    """Return the number of samples that fit into one file."""
     newest = None if track is None else track.newest
     fit = 1 if newest is None else max(1, _FILE_BYTES // len(newest))
     return fit if span.limit is None else min(span.limit, fit)
 
 
 def _kept(page: Page, joints: Joints | None) -> Excerpt:
-    """Nothing yet is an empty file."""
+    """Return the frames of a page; without any, an empty excerpt."""
     if page.excerpt is not None:
         return page.excerpt
     if joints is None:
@@ -170,7 +170,7 @@ def _kept(page: Page, joints: Joints | None) -> Excerpt:
 
 
 def _urdf(robot: str, description: Description | None, base: str) -> bytes:
-    """With the addresses of its meshes, at which anybody finds them."""
+    """Return the URDF with public URLs of its meshes."""
     if description is None:
         raise WriteError(f"{robot} has not said what it is")
     meshes = [each for each in description.meshes if each.type in SUFFIXES]

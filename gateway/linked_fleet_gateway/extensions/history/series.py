@@ -1,4 +1,4 @@
-"""Series of numbers: those of one property, or all of a robot, sample by sample."""
+"""Series of numbers: those of one property, or all of a robot, by sample."""
 
 import math
 import struct
@@ -30,7 +30,7 @@ _SHAPES = frozenset({SPATIAL.AxisAngleShape, LF.TranslationShape, LF.ScalarPrope
 
 @dataclass(frozen=True)
 class Series:
-    """The numbers of one property: their names and units, and how they are had from all those of a frame."""
+    """The numbers of one property: names and units, and their extraction from all numbers of a frame."""
 
     columns: tuple[tuple[str, Unit], ...]
     of: Callable[[Numbers], Numbers]
@@ -40,12 +40,12 @@ class Series:
 
 
 def remembers(item: Property) -> bool:
-    """Return True if a property has a history of its own; that of the joint state is the robot's."""
+    """Return True if the property has a history of its own; that of the joint state is the robot's."""
     return item.measured and item.shape in _SHAPES
 
 
 def samples(excerpt: Excerpt) -> Iterator[tuple[int, Numbers]]:
-    """Stamp and all numbers of each frame but those that were never taken for a measurement: they hold an infinity."""
+    """Yield stamp and numbers of each frame, without frames that contain an infinity, which are invalid."""
     count = 13 * excerpt.joints.floating + 3 * len(excerpt.joints.names)
     unpack = struct.Struct(f"<{count}d").unpack_from
     for frame in excerpt.frames:
@@ -55,7 +55,7 @@ def samples(excerpt: Excerpt) -> Iterator[tuple[int, Numbers]]:
 
 
 def all_columns(robot: str, joints: Joints) -> list[tuple[str, Unit]]:
-    """The series of a whole frame, in its order; named by the paths below the robot."""
+    """Return the columns of a whole frame in order, named by paths below the robot."""
     base = [(f"pose.{name}", unit) for name, unit in _POSE] + [(f"twist.{name}", unit) for name, unit in _TWIST]
     found = base if joints.floating else []
     for row in _ROWS:
@@ -66,14 +66,14 @@ def all_columns(robot: str, joints: Joints) -> list[tuple[str, Unit]]:
 
 
 def of_base(item: Property) -> Series:
-    """Pose or twist of a floating base."""
+    """Return the pose or twist of a floating base."""
     if item.shape == LF.PoseShape:
         return Series(_POSE, lambda numbers: numbers[:7])
     return Series(_TWIST, lambda numbers: numbers[7:13])
 
 
 def of_joint(joints: Joints, joint: str, item: Property) -> Series | None:
-    """None for a joint of which frames say nothing."""
+    """Return the series of a joint; None if frames do not contain it."""
     if joint not in joints.names:
         return None
     row = item.segment if item.segment in _ROWS else "position"
@@ -83,7 +83,7 @@ def of_joint(joints: Joints, joint: str, item: Property) -> Series | None:
 
 
 def of_link(joints: Joints, link: str) -> Series:
-    """Poses, from the positions of the joints above."""
+    """Return poses computed from the positions of the joints above."""
     first, count = 13 * joints.floating, len(joints.names)
 
     def pose(numbers: Numbers) -> Numbers:

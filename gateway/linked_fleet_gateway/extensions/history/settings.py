@@ -1,4 +1,4 @@
-"""The section of the extension ``history``."""
+"""Settings of the extension ``history``."""
 
 from dataclasses import dataclass
 from typing import ClassVar

@@ -1,4 +1,4 @@
-"""Which part of a history is asked for: the query of its address, parsed and written."""
+"""The part of a history that a request selects: its query, parsed and written."""
 
 import re
 from collections.abc import Iterable
@@ -9,9 +9,9 @@ from urllib.parse import quote
 from linked_fleet_gateway.base.errors import BadRequest
 
 MOST = 1000
-"""Observations in one answer at most; a file has more."""
+"""Most observations in one response; files have more."""
 _NEWEST = 10
-"""Observations in an answer where nothing is said of the time."""
+"""Observations in a response to a query without a time."""
 _SECOND_NS = 1_000_000_000
 _LATEST_NS = 2**63 - 1  # no frame has a later stamp, nor one before 1970
 _VARIABLES = ("from", "to", "last", "limit")
@@ -23,7 +23,7 @@ _DURATION = re.compile(
 
 @dataclass(frozen=True)
 class Span:
-    """From ``begin_ns`` on and before ``end_ns`` (since 1970); ``last_ns``: this long before the newest sample."""
+    """From ``begin_ns`` on and before ``end_ns`` (since 1970); ``last_ns`` is the length up to the newest sample."""
 
     begin_ns: int | None = None
     end_ns: int | None = None
@@ -32,12 +32,12 @@ class Span:
 
     @property
     def forward(self) -> bool:
-        """True if it has a beginning: then the oldest come first, and otherwise the newest are meant."""
+        """True if it has a beginning. Pages then start with the oldest samples, otherwise they end with the newest."""
         return self.begin_ns is not None or self.last_ns is not None
 
     @property
     def observations(self) -> int:
-        """How many are shown at once."""
+        """Number of observations on a page."""
         whole = self.forward or self.end_ns is not None
         return min(self.limit or (MOST if whole else _NEWEST), MOST)
 
@@ -46,7 +46,7 @@ class Span:
 
 
 def parse_span(query: Iterable[tuple[str, str]]) -> Span:
-    """BadRequest for what is no time, no duration, or said twice. ``as`` is none of its business."""
+    """Parse a query. Raises BadRequest for an invalid or repeated parameter. ``as`` is ignored here."""
     given = [(name, value) for name, value in query if name != "as"]
     said = dict(given)
     if len(said) < len(given) or said.keys() - set(_VARIABLES):
@@ -65,14 +65,16 @@ def parse_span(query: Iterable[tuple[str, str]]) -> Span:
 
 
 def moment(stamp_ns: int) -> str:
-    """An xsd:dateTime in UTC with all of its digits, so that what is read from it is the same time."""
+    """Return an xsd:dateTime in UTC with all digits, so that parsing it gives the same time."""
     seconds = datetime.fromtimestamp(stamp_ns // _SECOND_NS, UTC).strftime("%Y-%m-%dT%H:%M:%S")
     return f"{seconds}.{stamp_ns % _SECOND_NS:09}Z"
 
 
 def query(**said: str | int) -> str:
-    """Write a time for an address, without colons, which in a relative one some take for the end of a scheme;
-    ``from_`` is from, for Python has a meaning of its own for that."""
+    """Return a query string without colons, because in a relative reference a colon may look like the end of a scheme.
+
+    ``from_`` stands for from, which is a Python keyword.
+    """
     return "&".join(f"{name.rstrip('_')}={quote(str(value), safe='')}" for name, value in said.items())
 
 
@@ -81,7 +83,7 @@ def _time(name: str, text: str) -> int:
     try:
         if found is None:
             raise ValueError
-        # a plus sign that nobody escaped is a space by the time that it comes here
+        # an unescaped plus sign has been decoded to a space
         whole = datetime.fromisoformat(found[1] + found[3].replace(" ", "+"))
         stamp_ns = int(whole.timestamp()) * _SECOND_NS + int((found[2] or "0").ljust(9, "0"))
         return min(max(stamp_ns, 0), _LATEST_NS)

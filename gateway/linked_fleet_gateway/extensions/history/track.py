@@ -1,4 +1,4 @@
-"""The track of one robot: its frames as they came over the wire, the oldest first. Pure; times in nanoseconds."""
+"""The track of one robot: its frames as received, oldest first. Pure; times in nanoseconds."""
 
 import struct
 import sys
@@ -12,32 +12,35 @@ from linked_fleet_gateway.fleet.robot import Robot
 
 _WALL = struct.Struct("<q")
 _WALL_AT = next(field.offset for field in layout(1, False) if field.name == "wall_ns")
-_SLOT_BYTES = 8  # in the list
+_SLOT_BYTES = 8  # of the list
 _FINEST = 1 / 2048
-"""The share of its age within which samples are left out, if any have to be."""
+"""The smallest share of its age by which thinned samples are spaced."""
 
 
 def wall_ns(frame: bytes) -> int:
-    """When the agent read its robot, by its own clock, since 1970."""
+    """Return the agent's time of the reading, since 1970."""
     stamp: int = _WALL.unpack_from(frame, _WALL_AT)[0]
     return stamp
 
 
 @dataclass(frozen=True)
 class Joints:
-    """The meaning of the numbers of frames: ``names`` in the order of their rows."""
+    """The layout of the numbers in frames: ``names`` in the order of their rows."""
 
     model: RobotModel
     names: tuple[str, ...]
     floating: bool
 
     def is_of(self, other: "Joints") -> bool:
-        """Return True if frames of both mean the same; a model is compared by identity, for it is read once."""
+        """Return True if frames of both have the same meaning.
+
+        Models are compared by identity, because they are shared.
+        """
         return self.model is other.model and self.names == other.names and self.floating == other.floating
 
 
 def joints_of(robot: Robot) -> Joints | None:
-    """The layout of its frames; None before it has said so."""
+    """Return the layout of the robot's frames; None before it has described itself."""
     if not robot.described or robot.model is None or robot.description is None:
         return None
     return Joints(robot.model, robot.description.joints, robot.description.base == "floating")
@@ -45,9 +48,9 @@ def joints_of(robot: Robot) -> Joints | None:
 
 @dataclass(frozen=True)
 class Excerpt:
-    """Frames in the order of their times, all different; another thread may read it while the track goes on.
+    """Immutable frames in temporal order with distinct stamps, which another thread may read while the track grows.
 
-    ``before`` and ``after``: the stamps of the nearest frames beyond its ends that were asked for and had no place.
+    ``before`` and ``after`` are the stamps of the nearest requested frames that did not fit.
     """
 
     joints: Joints
@@ -57,7 +60,7 @@ class Excerpt:
 
 
 class Track:
-    """The frames of one robot, all of the same joints. ``run``: whose frames are taken at present."""
+    """The frames of one robot, all with the same joints. ``run`` is the source of new frames."""
 
     def __init__(self, run: Latest, joints: Joints) -> None:
         self.run = run
@@ -79,9 +82,9 @@ class Track:
         return (wall_ns(self._frames[0]), wall_ns(self._frames[-1])) if self._frames else None
 
     def take(self, frame: bytes, keep_ns: int) -> None:
-        """Add the newest frame, and let go of those that are older than it by more than ``keep_ns``.
+        """Add the newest frame, and drop those that are older by more than ``keep_ns``.
 
-        Where the agent's clock was set back, what it had called later is let go as well: no two times are told as one.
+        If the agent's clock was set back, frames with later stamps are dropped too, so that stamps stay distinct.
         """
         frames, now_ns = self._frames, wall_ns(frame)
         while frames and wall_ns(frames[-1]) >= now_ns:
@@ -93,8 +96,10 @@ class Track:
         del frames[:old]
 
     def thin(self, most_bytes: float) -> None:
-        """Leave out samples until the rest takes at most ``most_bytes``, but for the newest: the older they are, the
-        farther apart they stay, by the same share of their age all along."""
+        """Drop samples until the rest takes at most ``most_bytes``; the newest is kept.
+
+        The spacing of the remaining samples is proportional to their age.
+        """
         self._share = max(_FINEST, self._share / 4)
         while self.bytes > most_bytes and len(self._frames) > 1:
             self._frames = _spaced(self._frames, self._share) if len(self._frames) > 2 else self._frames[-1:]
@@ -102,8 +107,10 @@ class Track:
             self._share *= 2
 
     def between(self, begin_ns: int | None, end_ns: int | None, most: int) -> Excerpt:
-        """At most ``most`` frames from ``begin_ns`` on and before ``end_ns``: the first ones of these, or without a
-        beginning the last ones."""
+        """Return at most ``most`` frames from ``begin_ns`` on and before ``end_ns``.
+
+        These are the first ones or, without a beginning, the last ones.
+        """
         frames = self._frames
         low = 0 if begin_ns is None else bisect_left(frames, begin_ns, key=wall_ns)
         high = len(frames) if end_ns is None else max(low, bisect_left(frames, end_ns, key=wall_ns))
@@ -122,8 +129,10 @@ def _size(frame: bytes) -> int:
 
 
 def _spaced(frames: list[bytes], share: float) -> list[bytes]:
-    """The oldest, and from it on each that is apart from the one kept before by ``share`` of its own age or more: the
-    newest is always among them."""
+    """Return the oldest frame, and each one whose distance to the previously kept one is at least ``share`` of its age.
+
+    The newest is always included.
+    """
     newest_ns, last_ns = wall_ns(frames[-1]), wall_ns(frames[0])
     kept = [frames[0]]
     for frame in frames[1:]:
