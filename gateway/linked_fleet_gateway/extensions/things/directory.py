@@ -13,18 +13,18 @@ from linked_fleet_gateway.resources.paths import joint_path, link_path, part_of,
 from linked_fleet_gateway.resources.resource import Resource
 
 MOST = 50
-"""The most descriptions that one page has."""
+"""Most descriptions on one page."""
 Place = tuple[Robot | None, Joint | Link | None]
 
 
 @dataclass(frozen=True)
 class Listing:
-    """All things that the caller may see (``linked_fleet_gateway.extensions.things.http`` serves them)."""
+    """All things that the caller may see, as served by ``linked_fleet_gateway.extensions.things.http``."""
 
     view: RequestView
 
     def things(self) -> list[tuple[str, Place]]:
-        """Each thing with its id, in code point order of the ids (Discovery, 7.3.2.3)."""
+        """Return each thing with its id, in code point order of the ids (Discovery, 7.3.2.3)."""
         base = self.view.base
         found: list[tuple[str, Place]] = [(base + "/", (None, None))]
         for name, robot in self.view.robots.items():
@@ -37,7 +37,7 @@ class Listing:
         return sorted(found, key=lambda each: each[0])
 
     def version(self) -> bytes:
-        """All that descriptions are made from: while this is the same, they are."""
+        """Return a key of all facts that descriptions depend on: while it is equal, they are."""
         facts: list[object] = [self.view.base, self.view.secured]
         for name, robot in sorted(self.view.robots.items()):
             said = robot.description
@@ -57,7 +57,7 @@ def _entrance(view: RequestView, rest: Sequence[str]) -> Found:
 
 
 def _directory(view: RequestView, rest: Sequence[str]) -> Found:
-    """The listing, or what has the id that follows: the IRI of a thing."""
+    """Return the listing or, if an id follows, the description of the thing with that IRI."""
     if not rest:
         return Resource(DIRECTORY, "Thing Descriptions", None, (LDP.Resource,), remote=Listing(view), followed=False)
     id = "/".join(rest)

@@ -1,4 +1,4 @@
-"""The directory of Thing Descriptions, as a whole or by pages (W3C WoT Discovery, 7.3.2.3), and in RDF by pages."""
+"""The directory of Thing Descriptions, complete or by pages (W3C WoT Discovery, 7.3.2.3), and in RDF by pages."""
 
 import re
 from collections.abc import AsyncIterator, Iterable, Sequence
@@ -27,9 +27,9 @@ _COUNT = re.compile(r"[0-9]{1,9}", re.ASCII)
 
 
 async def read_listing(request: Request, resource: Resource, listing: Listing) -> Response:
-    """All descriptions; with ``limit`` a page of them, which links the next page and the whole.
+    """Return all descriptions or, with ``limit``, a page of them that links the next page and the complete list.
 
-    In other media types it lists things instead, by pages.
+    In other media types it lists things by pages.
     """
     representations = request.services.representations
     types = (*TYPES, *(each for each in representations.media_types if each not in TYPES))
@@ -49,7 +49,8 @@ async def read_listing(request: Request, resource: Resource, listing: Listing) -
     content = {"content-type": media_type, "allow": "GET, HEAD, OPTIONS"}
     if limit is None:
         headers["link"] = link_header([*links, *_canonical(things, request.base, paged=offset > 0)], [])
-        headers["etag"] = "W/" + etag(b"%d " % offset + listing.version())  # the body is known when it has been sent
+        # weak, because the body is known only after it was sent
+        headers["etag"] = "W/" + etag(b"%d " % offset + listing.version())
         if not_modified(field(request, "if-none-match"), headers["etag"]):
             return Response(status_code=304, headers=headers)
         places = [place for _, place in things[offset:]]
@@ -66,7 +67,10 @@ async def read_listing(request: Request, resource: Resource, listing: Listing) -
 
 
 def _canonical(things: Sequence[tuple[str, Place]], base: str, *, paged: bool) -> list[Link]:
-    """The link of a page to the collection. Its etag changes when things come or go, which moves the pages."""
+    """Return the link of a page to the collection.
+
+    Its etag changes when things are added or removed, which moves pages.
+    """
     if not paged:
         return []
     state = etag("\n".join(id for id, _ in things).encode()).strip('"')
@@ -74,7 +78,7 @@ def _canonical(things: Sequence[tuple[str, Place]], base: str, *, paged: bool) -
 
 
 async def _array(listing: Listing, places: Iterable[Place]) -> AsyncIterator[bytes]:
-    """A JSON array of descriptions, each of which takes milliseconds to write."""
+    """Yield a JSON array of descriptions, each of which takes milliseconds to render."""
     separator = b"["
     async for place in sliced(places):
         yield separator + listing.description(place)

@@ -13,7 +13,7 @@ from linked_fleet_gateway.resources.branches import RequestView
 from linked_fleet_gateway.resources.joint_kinds import kind_of
 
 MOST_LISTED = 200
-"""The most things that one page has."""
+"""Most things on one page."""
 
 
 def describe_page(

@@ -1,4 +1,4 @@
-"""Operations on Thing Descriptions and their directory, for who describes the gateway as a whole."""
+"""Operations on Thing Descriptions and their directory, for the OpenAPI description of the gateway."""
 
 from linked_fleet_gateway.extensions.things.directory import MOST
 from linked_fleet_gateway.extensions.things.td import DIRECTORY, TD
@@ -12,7 +12,7 @@ _THINGS: Json = {"schema": {"type": "array", "items": _THING}}
 
 
 def operations(view: RequestView) -> dict[str, Json]:
-    """Reads of the fleet's description, of the directory by pages, and of one thing by its id."""
+    """Return the operations: read the fleet's description, the directory by pages, and one thing by its id."""
     known = [header("IfNoneMatch")]
     offset = parameter("offset", "query", {"type": "integer", "minimum": 0, "maximum": 999_999_999})
     limit = parameter("limit", "query", {"type": "integer", "minimum": 1, "maximum": 999_999_999}, f"At most {MOST}.")

@@ -1,4 +1,4 @@
-"""The page of the directory: a table of things, each with its description."""
+"""The page of the directory: a table of things with links to their descriptions."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +13,7 @@ from linked_fleet_gateway.rdf.vocabulary import LDP, LF
 
 @dataclass(frozen=True)
 class ListedThing:
-    """A thing, the robot that it is a part of, and where its Thing Description is."""
+    """A thing, its robot, and the URL of its Thing Description."""
 
     link: Link
     kind: str

@@ -1,6 +1,6 @@
 """Thing Descriptions (W3C WoT Thing Description 1.1) of the fleet, robots, joints and links.
 
-The same resources as in RDF, told to clients that speak the Web of Things: each form is a request that is answered.
+They describe the same resources as the RDF, for Web of Things clients. Every form is a working request.
 """
 
 import json
@@ -26,7 +26,7 @@ from linked_fleet_gateway.resources.properties import joint_properties, link_pro
 from linked_fleet_gateway.resources.property import Property, Seen
 
 TD, DIRECTORY = "application/td+json", "/things"
-"""Media type of a Thing Description, and path of their directory."""
+"""Media type of a Thing Description, and path of the directory."""
 CONTEXT = "https://www.w3.org/2022/wot/td/v1.1"
 DISCOVERY = "https://www.w3.org/2022/wot/discovery"
 _BEYOND = {
@@ -35,7 +35,7 @@ _BEYOND = {
     "maximum": "exclusiveMinimum",
     "exclusiveMaximum": "minimum",
 }
-"""Values beyond a limit."""
+"""Converts a limit into the range beyond it."""
 _ID = {"type": "string", "description": "of an invocation: the id that invoking gave"}
 
 
@@ -45,7 +45,7 @@ class Thing:
 
     base: str
     secured: bool
-    """True if who asks has to say who they are."""
+    """True if callers must authenticate."""
     robot: Robot | None = None
     part: Joint | Link | None = None
 
@@ -65,7 +65,7 @@ class Thing:
         return self.base + self.path
 
     def td(self, robots: Iterable[str]) -> Json:
-        """``robots``: by name those that who asks may see, of the fleet alone."""
+        """Return the description. ``robots`` are the visible robots, for the fleet only."""
         scheme = {"scheme": "bearer", "in": "header"} if self.secured else {"scheme": "nosec"}
         said: Json = {
             "@context": [CONTEXT, {"@language": "en"}],
@@ -131,7 +131,7 @@ class Thing:
             "readOnly": item.put is None,
             "observable": item.measured or item.put is not None,
         }
-        if not form_of(item.shape).fields:  # anybody's vocabulary, of which nothing is known
+        if not form_of(item.shape).fields:  # an open vocabulary without known fields
             return said | {"forms": _forms(href, "text/turtle", item)}
         if isinstance(item.put, Offer):
             return said | _target(item.put, self.base) | {"forms": _forms(href, JSON, item)}
@@ -168,7 +168,7 @@ class Thing:
 
 
 def write_description(view: RequestView, robot: Robot | None, part: Joint | Link | None) -> bytes:
-    """The Thing Description of the fleet (no robot), a robot, or a part of it."""
+    """Return the Thing Description of the fleet (no robot), a robot, or a part of it."""
     return thing_description(Thing(view.base, view.secured, robot, part), view.robots)
 
 
@@ -182,7 +182,7 @@ def _describe(item: Property, iri: NamedNode, graph: Any) -> None:
 
 
 def _link(rel: str, href: str) -> Json:
-    """To the Thing Description of another thing, for those too who say nothing by Accept (as node-wot 0.9)."""
+    """Return a link to another Thing Description, also usable without Accept (as in node-wot 0.9)."""
     return {"rel": rel, "href": href + "?as=td", "type": TD}
 
 
@@ -191,7 +191,7 @@ def _turtle(rel: str, href: str) -> Json:
 
 
 def _forms(href: str, media_type: str, item: Property) -> list[Json]:
-    """To read; to write where that is possible; to observe what changes, as events of a stream and by WebSocket."""
+    """Return forms to read, to write if possible, and to observe changes by event stream and WebSocket."""
     name = "json" if media_type == JSON else "turtle"
     forms: list[Json] = [{"href": href, "op": "readproperty", "contentType": media_type, "htv:methodName": "GET"}]
     if item.put is not None:
@@ -204,10 +204,10 @@ def _forms(href: str, media_type: str, item: Property) -> list[Json]:
 
 
 def _target(offer: Offer, base: str) -> Json:
-    """The schema of the target of a joint: what can be written, or else what can only be read.
+    """Return the schema of a joint's target: what can be written, or else what can only be read.
 
-    A target is unknown before the first command. It is beyond the written limits by rounding (they have six decimal
-    places), or by turns of a joint without ends.
+    A target is unknown before the first command. By rounding (written limits have six decimal places), or by whole
+    turns of a continuous joint, a read target may be beyond the limits for writing.
     """
     assert offer.joint is not None
     dimension = kind_of(offer.joint).dimension
@@ -229,7 +229,7 @@ def _target(offer: Offer, base: str) -> Json:
 
 
 def _in_units(schema: Json, present: Mapping[str, Any]) -> Json:
-    """The schema of a value as it is now, with the unit in which it always is (5.3.2.1, ``unit``)."""
+    """Return the schema of a value with its constant unit (5.3.2.1, ``unit``), taken from the present value."""
     said = schema | {"properties": {**schema["properties"]}}
     members: dict[str, Json] = said["properties"]
     for name, member in members.items():
@@ -248,7 +248,7 @@ def _is_number(schema: Json) -> bool:
 
 
 def _directory(base: str, said: Json) -> Json:
-    """The fleet as a directory of its things (W3C WoT Discovery, 7.3): what is read of one."""
+    """Return the fleet as a directory of its things (W3C WoT Discovery, 7.3)."""
     index: Json = {"type": "integer", "minimum": 0}
     things: Json = {
         "title": "the Thing Descriptions of all things",
