@@ -1,4 +1,4 @@
-"""GET of a camera in a media type of pictures: the robot is asked, and the answer is of one moment."""
+"""GET of a camera in an image media type: the robot is queried for the present picture."""
 
 from email.utils import formatdate
 
@@ -16,12 +16,15 @@ from linked_fleet_gateway.http.read import READ, method_headers, read, resource_
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.resources.resource import Resource
 
-# A file from elsewhere: should a browser take it for a document, it is one that can do nothing.
+# Pictures come from elsewhere: a browser that takes one for a document must not execute anything.
 _HEADERS = {"cache-control": "no-store", "content-security-policy": "sandbox; default-src 'none'"}
 
 
 def _picture_type(request: Request, resource: Resource) -> str | None:
-    """The media type of pictures that is asked for, None for RDF. NotAcceptable with why there are no pictures."""
+    """Return the requested image media type; None for RDF.
+
+    Raises NotAcceptable with the reason if there are no pictures.
+    """
     if "as" in request.query_params:
         return None
     accept, source = field(request, "accept"), resource.remote
@@ -38,7 +41,7 @@ def _picture_type(request: Request, resource: Resource) -> str | None:
 
 
 async def read_camera(pictures: Pictures, request: Request, resource: Resource, source: RobotCamera) -> Response:
-    """RDF as of any resource, or what the camera sees. Raises NotAcceptable, Offline, AgentSilent and Busy."""
+    """Return the RDF of the camera or a picture. Raises NotAcceptable, Offline, AgentSilent and Busy."""
     media_type = _picture_type(request, resource)
     if media_type is not None:
         return await _picture(pictures, request, resource, source, media_type)
@@ -49,12 +52,12 @@ async def read_camera(pictures: Pictures, request: Request, resource: Resource, 
 async def _picture(
     pictures: Pictures, request: Request, resource: Resource, source: RobotCamera, media_type: str
 ) -> Response:
-    """The robot is asked only for a client that gets the bytes."""
+    """Query the robot for a picture, for GET only."""
     headers = resource_headers(resource, request.base, "") | method_headers(resource, READ)
     headers |= _HEADERS | {"content-type": media_type}
     if request.method == "HEAD":
         answer = Response(headers={name: value for name, value in headers.items() if name != "etag"})
-        del answer.headers["content-length"]  # nobody knows yet
+        del answer.headers["content-length"]  # unknown without the picture
         return answer
     format = FORMATS[media_type]
     found = await pictures.get(source, format)

@@ -11,7 +11,7 @@ from linked_fleet_gateway.rdf.vocabulary import LF
 
 
 def camera(facts: Facts, iri: NamedNode) -> Part:
-    """The picture, which is at the address of the camera, or why there is none."""
+    """Show the picture, which has the URL of the camera, or the reason for having none."""
     there = facts.one(iri, LF.picture) == iri
     more = {
         "presence": presence(facts, iri),

@@ -1,4 +1,4 @@
-"""Pictures of cameras: asked for once for all who want one, and again and again while somebody follows it."""
+"""Camera pictures: one query to the robot serves all clients, and is repeated while a client follows the camera."""
 
 import asyncio
 import logging
@@ -23,11 +23,11 @@ from linked_fleet_gateway.subscriptions.watcher import Watcher
 
 log = logging.getLogger(__name__)
 
-# A robot that does not answer must not keep others from being asked.
+# A robot that does not answer must not block queries to others.
 MAX_UNDER_WAY, MAX_UNDER_WAY_OF_A_ROBOT = 256, 16
 _PERIOD_S = 1 / MAX_RATE_HZ
 _AT_ONCE, _AT_ONCE_OF_A_ROBOT = 32, 2
-_TIMEOUT_S = 20.0  # the first picture of a robot has its renderer started
+_TIMEOUT_S = 20.0  # the first picture of a robot starts its renderer
 _AGAIN_S = 1.0
 
 _Key = tuple[str, str, PictureFormat]
@@ -35,7 +35,7 @@ _Key = tuple[str, str, PictureFormat]
 
 @dataclass
 class _Followed:
-    """A camera that somebody watches: by whom, what it saw last, and what keeps that fresh."""
+    """A followed camera: its subscriptions, its last pictures, and the task that refreshes them."""
 
     watchers: dict[Watcher, PictureFormat] = field(default_factory=dict)
     pictures: dict[str, Picture] = field(default_factory=dict)
@@ -48,7 +48,7 @@ class _Followed:
 
 
 class Pictures:
-    """An async context manager; it asks robots for pictures while somebody follows them."""
+    """An async context manager; it queries robots for pictures while clients follow them."""
 
     def __init__(self, live: Live) -> None:
         self._live = live
@@ -70,12 +70,12 @@ class Pictures:
             asking.cancel()
 
     def held(self, robot: str, camera: str) -> dict[str, Picture]:
-        """Pictures for those who follow a camera, by format; none where nobody does."""
+        """Return the last pictures of a followed camera by format; empty if nobody follows it."""
         followed = self._followed.get(camera_path(robot, camera))
         return followed.pictures if followed is not None else {}
 
     async def get(self, source: RobotCamera, format: PictureFormat, *, anew: bool = False) -> Picture:
-        """A picture at most a moment old, or a new one. Raises Offline, AgentSilent or Busy."""
+        """Return a recent picture, or a new one if ``anew``. Raises Offline, AgentSilent or Busy."""
         key = (source.robot.name, source.camera.name, format)
         if not source.robot.online:
             raise Offline(f"Robot {source.robot.name!r} is offline: nobody knows what its cameras see.")
@@ -89,10 +89,11 @@ class Pictures:
                 raise Busy("Too many pictures are being asked for; ask again in a moment.")
             task = self._under_way[key] = asyncio.create_task(self._fetch(key, source))
             task.add_done_callback(lambda done: self._ended(key, done))
-        return await asyncio.shield(task)  # who goes away leaves it to those who also wait for it
+        # other requests may wait for the same query, so a cancelled one does not end it
+        return await asyncio.shield(task)
 
     def follow(self, watcher: Watcher) -> None:
-        """Keep the pictures fresh that a subscription is about, if it is about any."""
+        """Start refreshing the pictures of a subscription, if it is about a camera."""
         path, format = watcher.subscription.resource, FORMATS.get(watcher.subscription.media_type)
         if format is None or not is_in_cameras(path):
             return
@@ -104,7 +105,7 @@ class Pictures:
             followed.task = supervised(partial(self._keep, path, followed), f"watch {path}", log, failed, _AGAIN_S)
 
     def leave(self, watcher: Watcher) -> None:
-        """The opposite; harmless when it is done already."""
+        """Undo ``follow``; may be repeated."""
         path = watcher.subscription.resource
         followed = self._followed.get(path)
         if followed is None or followed.watchers.pop(watcher, None) is None or followed.watchers:
@@ -114,7 +115,7 @@ class Pictures:
             followed.task.cancel()
 
     async def _keep(self, path: str, followed: _Followed) -> None:
-        """Ask for all formats that are followed, tell, and wait; who joins does not wait for the interval of others."""
+        """Query all followed formats, report, and wait. A new follower is served without waiting for the interval."""
         loop = asyncio.get_running_loop()
         while True:
             due_s, wanted = loop.time() + _PERIOD_S, set(followed.watchers.values())
@@ -135,7 +136,7 @@ class Pictures:
         return found.remote if isinstance(found, Resource) and isinstance(found.remote, RobotCamera) else None
 
     async def _see(self, path: str, wanted: set[PictureFormat]) -> dict[str, Picture]:
-        """Return the pictures that can be had now, by path; the camera may refuse, and the robot be away."""
+        """Return the available pictures by format; errors of the camera or robot are ignored."""
         source, seen = self._find(path), dict[str, Picture]()
         for format in sorted(wanted) if source is not None else ():
             assert source is not None
@@ -146,7 +147,7 @@ class Pictures:
     def _ended(self, key: _Key, task: asyncio.Task[Picture]) -> None:
         del self._under_way[key]
         if not task.cancelled():
-            task.exception()  # those who wait get it; perhaps nobody does any more
+            task.exception()  # retrieved even if nobody waits any more
 
     async def _fetch(self, key: _Key, source: RobotCamera) -> Picture:
         async with self._room_of[key[0]], self._room:

@@ -1,7 +1,7 @@
-"""Cameras as properties of their robot (desideratum D5): what they are in RDF, and what they see.
+"""Cameras as properties of their robot (desideratum D5): their RDF and their pictures.
 
-The RDF of a camera says nothing of its pictures, so it changes only when its robot does. A picture is known here only
-while somebody follows it; else whoever answers a GET has to ask for it.
+The RDF of a camera does not describe its pictures, so it changes only with its robot. A picture is cached only while a
+client follows it; otherwise a GET queries the robot.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -27,7 +27,7 @@ from linked_fleet_gateway.resources.resource import CONTAINER, Resource, bluepri
 from linked_fleet_gateway.resources.versioning import Source, presence
 
 MAX_RATE_HZ = 10.0
-"""How often a camera is asked at most, however many want its pictures."""
+"""Highest rate of queries to one camera, however many clients want its pictures."""
 _SEGMENT = "cameras"
 _DEPTH_HEADER = (
     Field("magic", "char2", 0, "The letters LD."),
@@ -47,25 +47,25 @@ _DEPTHS = Field(
 )  # fmt: skip
 
 Held = Callable[[str, str], dict[str, Picture]]
-"""The pictures of a camera that are followed, by format; of a robot and a camera by their names."""
+"""Returns the last pictures of a followed camera by format, given the names of robot and camera."""
 
 
 @dataclass(frozen=True)
 class RobotCamera:
-    """A camera of ``robot`` that has to be asked for its pictures."""
+    """A camera of ``robot``, which is queried for pictures."""
 
     robot: Robot
     camera: Camera
 
 
 def hosted(robot: Robot, link: Link) -> list[tuple[NamedNode, str]]:
-    """The cameras that are mounted on a link."""
+    """Return the cameras that are mounted on a link."""
     mounted = [each.name for each in cameras_of(robot).values() if each.link == link.name]
     return [(SOSA.hosts, camera_path(robot.name, name)) for name in mounted]
 
 
 def cameras_branch(held: Held) -> RobotBranch:
-    """``/{robot}/cameras``, and below it each camera."""
+    """Return the branch ``/{robot}/cameras`` with its cameras."""
 
     def resolve(view: RequestView, robot: Robot, rest: list[str]) -> Resource | None:
         return _resolve(held, view, robot, rest)
