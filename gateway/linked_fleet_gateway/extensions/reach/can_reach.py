@@ -1,4 +1,4 @@
-"""The function ``lf:canReach``: whether joints within their limits bring the origin of a link to a place."""
+"""The function ``lf:canReach``: True if joints within their limits can bring the origin of a link to a point."""
 
 import logging
 import math
@@ -36,14 +36,16 @@ class CanReach:
 
     def prepare(self) -> None:
         import_module(_SOLVER)
-        import_module("numpy.random")  # which numpy imports when it is first used
+        import_module("numpy.random")  # numpy imports it lazily
 
     def bind(self, base: str, robots: Mapping[str, Robot]) -> dict[NamedNode, Function]:
         known: dict[tuple[str, Vector], bool] = {}
 
         def can_reach(*said: Term) -> Literal | None:
-            """In the frame of the robot's root link (m), in the world if its base floats. Obstacles do not count.
-            An error of the expression where the answer is unknown."""
+            """Coordinates are in the frame of the robot's root link (m), or in the world for a floating base.
+
+            Obstacles are ignored. An unknown answer is an expression error.
+            """
             found = _link(base, robots, said[0]) if len(said) == 4 else None
             x, y, z = map(_metres, said[1:]) if len(said) == 4 else (None, None, None)
             if found is None or x is None or y is None or z is None:
@@ -100,14 +102,14 @@ def _reaches(robot: Robot, link: str, place: Vector) -> bool | None:
     except (ModelError, ValueError):
         return None
     except Exception:
-        # Raised again: but the store takes whatever is raised for an error of the expression, and tells nobody.
+        # Logged here, because the store takes any exception for an expression error and reports nothing.
         log.exception("lf:canReach failed")
         raise
     return True
 
 
 def _beyond(robot: Robot, link: str, movable: Collection[str], place: Vector) -> bool:
-    """Return True if the robot is too short to reach the point, whatever its joints do."""
+    """Return True if the point is outside the sphere of reachable positions."""
     assert robot.model is not None and robot.description is not None and robot.frame is not None
     root = placed(robot.frame.base) if robot.description.base == "floating" else ORIGIN
     if root is None:

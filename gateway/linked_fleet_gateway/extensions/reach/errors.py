@@ -7,7 +7,7 @@ from linked_fleet_gateway.base.errors import Members, UnprocessableContent
 
 
 class OutOfReach(UnprocessableContent):
-    """No joint positions bring the link there: how far off it would stay (m, and rad if an orientation was asked)."""
+    """No joint positions reach the pose; the residuals are in m and rad (0 without a target orientation)."""
 
     code, title = "out-of-reach", "The pose cannot be reached"
 

@@ -1,4 +1,4 @@
-"""``reach``: joint positions for an admitted body, by inverse kinematics."""
+"""The action ``reach``: joint positions for a validated body, by inverse kinematics."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
 else:
     solver = Lazily("linked_fleet_gateway.extensions.reach.inverse_kinematics", "pinocchio", "numpy")
 
-_UNIT_LENGTH = 1e-3  # how far a quaternion may be from length one
+_UNIT_LENGTH = 1e-3  # tolerance of a quaternion's length
 
 Search = Callable[[], tuple[Mapping[str, float], Mapping[str, float]]]
 
 
 def reach(asked: ActionRequest) -> Later:
-    """Bring a link to a pose: the search runs apart, because it takes milliseconds."""
+    """Bring a link to a pose. The search takes milliseconds, so it runs in a worker."""
     plain, search = motion_to(asked, Move({"": 0.0}), {}), reaching(asked)
 
     def compute() -> Motion:
@@ -41,9 +41,9 @@ def reach(asked: ActionRequest) -> Later:
 
 
 def reaching(asked: ActionRequest) -> Search:
-    """Gather what the search needs; the search itself gives targets (rad or m) and residuals (m, rad).
+    """Prepare the search, which returns targets (rad or m) and residuals (m, rad).
 
-    It raises OutOfReach with the best residual. Raises Offline or Conflict when it is unknown where the robot is.
+    The search raises OutOfReach with the best residual. Raises Offline or Conflict if the pose of the robot is unknown.
     """
     robot, body, root = asked.of_robot(), asked.body, asked.body.root
     description, frame = robot.description, robot.frame

@@ -1,8 +1,8 @@
-"""Inverse kinematics of one link on Pinocchio: where joints have to stand to bring it to a pose. Metre and radian.
+"""Inverse kinematics of one link on Pinocchio: joint positions that bring it to a pose. Metre and radian.
 
-Damped least squares between the joint limits, from the present positions first and then from seeded ones around them.
+Damped least squares within the joint limits, started from the present positions and then from seeded ones around them.
 The damping grows with the square of the error, after T. Sugihara, "Solvability-Unconcerned Inverse Kinematics by the
-Levenberg-Marquardt Method", IEEE Transactions on Robotics 27(5), 2011; a step that makes the error larger is not taken.
+Levenberg-Marquardt Method", IEEE Transactions on Robotics 27(5), 2011; steps that increase the error are rejected.
 """
 
 import math
@@ -27,20 +27,21 @@ Limits = Mapping[str, tuple[float, float]]
 TOLERANCE_M, TOLERANCE_RAD = 5e-5, math.radians(0.01)
 MAX_ITERATIONS = 1500  # below 100 ms on one core
 _PER_START = 300
-# An orientation error counts as the position error that is as far beyond its tolerance.
+# An orientation error is weighted so that both tolerances are equal.
 _M_PER_RAD = TOLERANCE_M / TOLERANCE_RAD
-_PULL_M = 0.5  # an error beyond this sets the direction of a step only
+_PULL_M = 0.5  # a larger error determines only the direction of a step
 _LONGEST_STEP = 0.5  # rad or m, of the joint that moves most
-# A start is given up when so many iterations take less than this part off its error.
+# A start is abandoned if this many iterations reduce its error by less than this share.
 _PATIENCE, _PROGRESS = 15, 0.003
-_FAR, _STEEPEST = 1e6, 1e3  # m or rad, and of a mimic: no robot has more, and squares of these are far from overflow
+# m or rad, and factor of a mimic joint: no robot has more, and squares of these cannot overflow
+_FAR, _STEEPEST = 1e6, 1e3
 
 
 @dataclass(frozen=True)
 class Reached:
-    """Positions (rad or m) of the joints that are to move, and what is left of the error there.
+    """Positions (rad or m) of the movable joints, and the residual errors.
 
-    ``residual_rad`` is 0 when no orientation was asked for.
+    ``residual_rad`` is 0 without a target orientation.
     """
 
     positions: dict[str, float]
@@ -49,8 +50,10 @@ class Reached:
     iterations: int
 
 
-class Unreachable(Exception):  # noqa: N818  a finding rather than a fault
-    """No positions within the limits were found; ``best`` come nearest, the message says how near and why."""
+class Unreachable(Exception):  # noqa: N818 a result rather than a fault
+    """No positions within the limits were found; ``best`` is the nearest result, the message gives distance and
+    reason.
+    """
 
     def __init__(self, message: str, best: Reached) -> None:
         super().__init__(message)
@@ -69,15 +72,15 @@ def reach(
     base: Base | None,
     frame: Literal["base", "world"],
 ) -> Reached:
-    """Find positions of ``movable`` joints that bring ``link`` within 0.05 mm and 0.01° of a pose; near ``start``.
+    """Find positions of ``movable`` joints, near ``start``, that bring ``link`` within 0.05 mm and 0.01° of a pose.
 
-    ``base`` is the frame of the root link, which never moves; ``world`` differs from it only if the robot floats, and
-    then needs its present pose. A joint without ``limits`` has none, one outside them is brought inside, and a
-    continuous one makes half a turn at most. A joint that mimics a movable one, even through others, follows it, and
-    bounds it if it has limits; one that mimics itself, or by a factor or offset above 1000, stays where it is.
+    ``base`` is the frame of the root link; ``world`` differs from it only for a floating base, whose present pose is
+    then needed. A joint without ``limits`` is unbounded, a position outside them is clamped, and a continuous joint
+    makes half a turn at most. A joint that mimics a movable one, also indirectly, follows it, and its limits apply. A
+    joint that mimics itself, or with a factor or offset above 1000, does not move.
 
-    Raises Unreachable; ModelError when the robot is too large to compute; ValueError naming what is unknown or no
-    finite number: a joint between root and link, the base, the target, a limit.
+    Raises Unreachable; ModelError if the robot is too large to compute; ValueError naming an unknown or non-finite
+    number: a joint between root and link, the base, the target, a limit.
     """
     task = _Task(_chain(urdf, floating, link), start, limits, movable)
     task.aim(position_m, orientation_xyzw, floating and frame == "world", base)
@@ -109,7 +112,7 @@ def _rotation(what: str, xyzw: Quaternion) -> Array:
 
 @dataclass(frozen=True)
 class _Joint:
-    """Stands at ``factor`` times the position of ``driver``, itself unless it mimics, plus ``offset``."""
+    """A joint at ``factor`` times the position of ``driver`` (itself unless it mimics) plus ``offset``."""
 
     name: str
     kind: JointKind
@@ -120,7 +123,7 @@ class _Joint:
 
 @dataclass(frozen=True)
 class _Chain:
-    """The joints between root and link, from the root on. Threads share it: never written to."""
+    """The joints between root and link, in order. Shared by threads and immutable."""
 
     model: pin.Model
     frame: int
@@ -134,7 +137,7 @@ def _chain(urdf: str, floating: bool, link: str) -> _Chain:
     if link not in robot.links:
         raise ValueError(f"the robot has no link {link[:128]!r}")
     body = whole.frames[whole.getFrameId(link, pin.FrameType.BODY)]
-    # Not by buildReducedModel, which refuses a joint that shares its name with a link. The base's free joint is first.
+    # buildReducedModel refuses a joint that shares its name with a link. The free joint of the base comes first.
     above = [i for i in whole.supports[body.parentJoint] if i > int(floating)]
     model, last = pin.Model(), 0
     for i in above:
@@ -149,7 +152,10 @@ def _chain(urdf: str, floating: bool, link: str) -> _Chain:
 
 @lru_cache(maxsize=16)
 def _whole(urdf: str, floating: bool) -> tuple[RobotModel, pin.Model]:
-    """To read it takes longer than most searches. Threads share it: never written to."""
+    """Return the parsed robot, cached because parsing takes longer than most searches.
+
+    Shared by threads and immutable.
+    """
     return RobotModel.of(urdf), build_model(urdf, floating)
 
 
@@ -176,7 +182,7 @@ def _known(name: str, start: Positions) -> float:
 
 
 def _bounds(chain: _Chain, name: str, present: float, limits: Limits) -> tuple[float, float]:
-    """Return the limits of a joint, by its own and by those of the joints that follow it."""
+    """Return the limits of a joint, including those of the joints that mimic it."""
     ends = [_limits(name, limits)]
     for joint in chain.joints:
         if joint.driver == name and joint.factor:
@@ -198,14 +204,14 @@ def _limits(name: str, limits: Limits) -> tuple[float, float]:
 
 
 def _turns_freely(chain: _Chain, name: str) -> bool:
-    """Return True if whole turns of this joint leave the link where it is."""
+    """Return True if whole turns of this joint leave the link in place."""
     followers = [joint for joint in chain.joints if joint.driver == name and joint.factor]
     return all(joint.kind is not JointKind.PRISMATIC and joint.factor.is_integer() for joint in followers)
 
 
 @dataclass(frozen=True)
 class _Try:
-    """Positions, the error there and its derivative; both in metre, or in what counts as one."""
+    """Positions with their error and its derivative, weighted in metre."""
 
     x: Array
     error: Array
@@ -214,9 +220,9 @@ class _Try:
 
 
 class _Task:
-    """One target and what may move towards it. Owns Pinocchio's scratch memory, which threads must not share.
+    """One target and the movable joints. Owns Pinocchio's scratch memory, which threads must not share.
 
-    The joints of the chain stand at ``gear @ x + shift``, where x are the positions of ``names``.
+    The joints of the chain are at ``gear @ x + shift``, where x are the positions of ``names``.
     """
 
     def __init__(self, chain: _Chain, start: Positions, limits: Limits, movable: Collection[str]) -> None:
@@ -233,11 +239,11 @@ class _Task:
         self._model, self._frame, self._data = chain.model, chain.frame, chain.model.createData()
         self._q = pin.neutral(chain.model)
         self._at = np.array([joint.idx_q for joint in list(chain.model.joints)[1:]], dtype=np.intp)
-        # Pinocchio keeps an unbounded rotation as a point on the circle.
+        # Pinocchio stores an unbounded rotation as a point on the unit circle.
         self._circular = np.array([joint.kind is JointKind.CONTINUOUS for joint in joints], dtype=np.bool_)
 
     def aim(self, position: Vector, orientation: Quaternion | None, in_world: bool, base: Base | None) -> None:
-        """Set the target, turned into the frame of the root link."""
+        """Set the target, transformed into the frame of the root link."""
         _check_finite("the target position", position)
         self.position = np.array(position)
         self.rotation = None if orientation is None else _rotation("the target orientation", orientation)
@@ -252,11 +258,11 @@ class _Task:
         self.rotation = None if self.rotation is None else inverse @ self.rotation
 
     def nearest(self, x: Array) -> Array:
-        """Clamped to the limits."""
+        """Return positions clamped to the limits."""
         return np.clip(x, self.lower, self.upper)
 
     def try_at(self, x: Array) -> _Try:
-        """Forward kinematics at these positions."""
+        """Compute the forward kinematics at these positions."""
         joints = self._gear @ x + self._shift
         self._q[self._at] = np.where(self._circular, np.cos(joints), joints)
         self._q[self._at[self._circular] + 1] = np.sin(joints[self._circular])
@@ -265,7 +271,7 @@ class _Task:
         jacobian = np.empty((6, 0))
         if self._model.nv:  # without a joint Pinocchio reads outside its memory
             jacobian = pin.getFrameJacobian(self._model, self._data, self._frame, pin.LOCAL_WORLD_ALIGNED)
-        jacobian = jacobian.reshape(6, self._model.nv) @ self._gear  # Pinocchio makes a vector of one column
+        jacobian = jacobian.reshape(6, self._model.nv) @ self._gear  # Pinocchio returns a vector for a single column
         error = self.position - placement.translation
         if self.rotation is None:
             jacobian = jacobian[:3]
@@ -275,7 +281,7 @@ class _Task:
         return _Try(x, error, jacobian, math.sqrt(error @ error))
 
     def solved(self, found: _Try) -> bool:
-        """Return True if position and orientation are both within their tolerance."""
+        """Return True if position and orientation are within their tolerances."""
         return all(math.sqrt(part @ part) <= TOLERANCE_M for part in (found.error[:3], found.error[3:]))
 
     def named(self, x: Array) -> dict[str, float]:
@@ -286,7 +292,7 @@ class _Task:
         return Reached(self.named(self._unwound(found.x)), *residuals, iterations)
 
     def _unwound(self, x: Array) -> Array:
-        """The same pose with the fewest whole turns between here and the start that the limits allow."""
+        """Return the same pose with as few whole turns from the start as the limits allow."""
         unwound = x.copy()
         for i in np.flatnonzero(self._turning):
             turns = round((x[i] - self.start[i]) / math.tau)
@@ -297,7 +303,7 @@ class _Task:
 
 
 def _search(task: _Task) -> tuple[_Try, int]:
-    """The first solution, or of all tries the one that comes nearest, and the iterations that it took."""
+    """Return the first solution, or the nearest result of all starts, and the number of iterations."""
     centre = task.nearest(task.start)
     lower, upper = np.maximum(task.lower, centre - math.pi), np.minimum(task.upper, centre + math.pi)
     seeded = np.random.default_rng(0)
@@ -313,7 +319,7 @@ def _search(task: _Task) -> tuple[_Try, int]:
 
 
 def _descend(task: _Task, x: Array, limit: int) -> tuple[_Try, int]:
-    """Go downhill from x until the target is reached, little more is gained or the iterations are used up."""
+    """Iterate from x until the target is reached, progress stalls, or ``limit`` iterations are used."""
     best, caution = task.try_at(x), 1.0
     before = best.size
     for iteration in range(1, limit):
@@ -332,7 +338,7 @@ def _descend(task: _Task, x: Array, limit: int) -> tuple[_Try, int]:
 
 
 def _step(task: _Task, here: _Try, caution: float) -> Array:
-    """One damped step, with the joints left out that would only press against their limits."""
+    """Return one damped step, without the joints that would press against their limits."""
     downhill = here.jacobian.T @ here.error
     pressed = ((here.x <= task.lower) & (downhill < 0)) | ((here.x >= task.upper) & (downhill > 0))
     jacobian = np.where(pressed, 0.0, here.jacobian)
