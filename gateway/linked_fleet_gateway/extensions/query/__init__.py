@@ -1,5 +1,5 @@
-"""Query: SPARQL 1.1 over the live fleet, each query of one instant (README.md).
+"""Query: SPARQL 1.1 over the live fleet, each query on a consistent snapshot (README.md).
 
-``service`` asks ``worker``, a process that mirrors the fleet as RDF (``fleet_mirror``, ``rdf_mirror``) and gives each
-query a copy of itself (``evaluation``). ``http``: the protocol. ``functions``: functions beside SPARQL's own.
+``service`` sends queries to ``worker``, a process that mirrors the fleet as RDF (``fleet_mirror``, ``rdf_mirror``) and
+forks for each query (``evaluation``). ``http``: the SPARQL protocol. ``functions``: extension functions.
 """

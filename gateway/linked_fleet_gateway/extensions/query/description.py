@@ -1,4 +1,4 @@
-"""The query resource itself: what it is, for machines (SPARQL 1.1 Service Description, VoID) and on its page."""
+"""The query endpoint as a resource: its service description (SPARQL 1.1 Service Description, VoID) and page."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ _FORMATS = (
 
 @dataclass(frozen=True)
 class Endpoint:
-    """Describe the endpoint of queries; ``view`` is that of the caller."""
+    """The endpoint of queries; ``view`` is that of the caller."""
 
     queries: Queries
     view: RequestView
@@ -39,7 +39,7 @@ class Endpoint:
 
 @dataclass(frozen=True)
 class PostQuery:
-    """Ask by POST, which changes nothing."""
+    """A query by POST, which is safe."""
 
     endpoint: Endpoint
     methods: ClassVar[tuple[str, ...]] = ("POST",)
@@ -59,7 +59,7 @@ def _resolve(queries: Queries, view: RequestView, rest: list[str]) -> Found:
 
 
 def described(endpoint: Endpoint, counts: Mapping[str, int]) -> Resource:
-    """``counts``: triples by the IRI of the graph, as far as they are known."""
+    """Return the resource; ``counts`` are numbers of triples by graph IRI, as far as known."""
     return Resource(
         PATH,
         "Query",

@@ -4,19 +4,19 @@
 ``QueryTooCostly`` (503, query-too-costly).
 """
 
-# ruff: noqa: N818  (the names say what is wrong, as those of linked_fleet_gateway.base.errors)
+# named like the errors of linked_fleet_gateway.base.errors
 
 from linked_fleet_gateway.base.errors import FleetError, PayloadTooLarge
 
 
 class ResultTooLarge(PayloadTooLarge):
-    """A result is given whole or not at all."""
+    """The result exceeds the limit. Results are never truncated."""
 
     code, title = "result-too-large", "The result of the query is too large"
 
 
 class TooManyQueries(FleetError):
-    """RFC 6585, 4; some of the client's own are waiting already."""
+    """Too many queries of the client are waiting (RFC 6585, 4)."""
 
     status, code, title = 429, "too-many-queries", "The client has too many queries waiting"
 
@@ -25,6 +25,6 @@ class TooManyQueries(FleetError):
 
 
 class QueryTooCostly(FleetError):
-    """A query was ended at its limit of time or memory; nothing else was disturbed. The same again fares no better."""
+    """A query was ended at its limit of time or memory. Other requests are not affected; repeating it does not help."""
 
     status, code, title = 503, "query-too-costly", "The query takes too much time or memory"

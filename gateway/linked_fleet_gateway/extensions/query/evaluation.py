@@ -1,4 +1,4 @@
-"""One query on a store: parsed, evaluated and written, in a process that is there for nothing else and may be lost."""
+"""Evaluation of one query on a store, in a process of its own that may be killed."""
 
 import io
 import logging
@@ -33,7 +33,7 @@ ROWS: Mapping[str, QueryResultsFormat] = {
     "text/tab-separated-values": QueryResultsFormat.TSV,
 }
 """Media types of solutions (SPARQL 1.1 Query Results JSON, XML, CSV and TSV)."""
-_TERM_BYTES = 200  # that a triple takes at least, as it is counted
+_TERM_BYTES = 200  # lower bound of the size of a triple, for counting
 _LONGEST = 400
 _POSITION = re.compile(r"error at (\d+):(\d+): (.*)", re.DOTALL)
 
@@ -44,7 +44,7 @@ Function = Callable[..., Any]
 
 @dataclass(frozen=True)
 class Seen:
-    """The graphs that the caller may see, by name; ``whole`` if the store has nothing else."""
+    """The graphs that the caller may see; ``whole`` if the store has no others."""
 
     graphs: Sequence[NamedNode]
     whole: bool
@@ -52,7 +52,7 @@ class Seen:
 
 @cache
 def warm(media_type: str) -> None:
-    """Load what writes it: afterwards no file can be opened."""
+    """Load the writer of a media type: afterwards no file can be opened."""
     if media_type in RDF_TYPES:
         render([Triple(LF.Fleet, RDF.type, LF.Fleet)], media_type, PREFIXES, base="http://localhost/")
     elif media_type not in ROWS:
@@ -60,7 +60,7 @@ def warm(media_type: str) -> None:
 
 
 def evaluate(store: Store, ask: Ask, seen: Seen, functions: Mapping[NamedNode, Function]) -> bytes:
-    """The result in ``ask.media_type``; Refused."""
+    """Return the result in ``ask.media_type``. Raises Refused."""
     try:
         result = store.query(
             ask.query,
@@ -86,7 +86,7 @@ def evaluate(store: Store, ask: Ask, seen: Seen, functions: Mapping[NamedNode, F
 
 
 def _dataset(ask: Ask, seen: Seen) -> dict[str, Any]:
-    """Restrict the dataset to what is seen. Both parts are always set, or the query's own FROM would count."""
+    """Restrict the dataset to visible graphs. Both parts are always set, or the query's own FROM would apply."""
     if ask.default is None and ask.named is None and seen.whole:
         return {"use_default_graph_as_union": True}
     by_name = {graph.value: graph for graph in seen.graphs}
@@ -132,7 +132,7 @@ def _written(result: Any, ask: Ask) -> bytes:
 
 
 class _Bounded(io.BytesIO):
-    """Takes so many bytes and no more."""
+    """A buffer with a size limit."""
 
     def __init__(self, most: int) -> None:
         super().__init__()
@@ -149,6 +149,6 @@ def _malformed(said: str) -> Refusal:
     if found is None:
         return Refusal(reason="wrong", detail=f"This is no SPARQL query: {said[:_LONGEST]}")
     words = " ".join(found[3].split())
-    # The parser lists every character that could have followed, too.
+    # The parser also lists every character that could have followed.
     detail = "This is no SPARQL query" + (f": {words}." if len(words) <= _LONGEST else ".")
     return Refusal(reason="wrong", detail=detail, line=int(found[1]), column=int(found[2]))

@@ -1,4 +1,4 @@
-"""Queries that the page of the endpoint offers and README.md tells of; the tests ask them of a real fleet."""
+"""Example queries for the page of the endpoint and README.md; tests run them on a real fleet."""
 
 from dataclasses import dataclass
 
@@ -20,7 +20,7 @@ class Example:
 
     @property
     def text(self) -> str:
-        """The query, with those prefixes that it uses."""
+        """The query with the prefixes that it uses."""
         lines = _PREFIXES.splitlines(keepends=True)
         return "".join(each for each in lines if each.split()[1] in self.body) + self.body
 

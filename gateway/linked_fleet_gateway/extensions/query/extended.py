@@ -1,4 +1,4 @@
-"""The process-wide part of extensions, told to the query process: it resolves the same tree as the gateway."""
+"""Process-wide contributions of extensions, passed to the query process so that it resolves the same tree."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from linked_fleet_gateway.resources.property import ROBOT_PROPERTIES
 
 
 class Extended(msgspec.Struct):
-    """Reserved segments, files of kinds of actions, and ``module:attribute`` of what extensions add besides."""
+    """Reserved segments, files of kinds of actions, and ``module:attribute`` names of other contributions."""
 
     at_root: list[str]
     in_robot: list[str]
@@ -24,7 +24,7 @@ class Extended(msgspec.Struct):
 
 
 def extended() -> str:
-    """The extensions of this process, as an argument of the query process."""
+    """Return the contributions in this process as an argument of the query process."""
     kinds = [str(each) for each in added_to_folder(FOLDER)]
     known = Extended(
         sorted(reserved_at_root()),
@@ -42,7 +42,7 @@ def decode_extended(text: str) -> Extended:
 
 
 def extend(said: Extended) -> None:
-    """Have this process know the same extensions."""
+    """Register the same contributions in this process."""
     reserve(said.at_root, said.in_robot)
     add_kinds(map(Path, said.kinds))
     ROBOT_PROPERTIES.replace(said.robot_properties)

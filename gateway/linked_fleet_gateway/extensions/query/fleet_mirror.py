@@ -1,4 +1,4 @@
-"""The fleet as the query process knows it: the same robots, rebuilt from what the gateway told (``messages.News``)."""
+"""A copy of the fleet in the query process, rebuilt from messages of the gateway (``messages.News``)."""
 
 import logging
 
@@ -14,7 +14,7 @@ log = logging.getLogger(__name__)
 
 
 class Mirrored:
-    """One robot with what is said of it elsewhere. ``said`` counts what no frame brought, ``seen`` its frames."""
+    """One robot with its invocations. ``said`` counts changes without a frame, ``seen`` its frames."""
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
@@ -24,7 +24,7 @@ class Mirrored:
 
     @property
     def tasks(self) -> list[Invocation]:
-        """The invocations that it is carrying out."""
+        """Its running invocations."""
         return [each for each in self.invocations if not each.state.terminal]
 
 
@@ -36,7 +36,7 @@ class Mirror:
         self._frames = Frames()
 
     def take(self, news: News) -> None:
-        """Become as the fleet was at the instant of ``news``."""
+        """Update the copy to the snapshot in ``news``."""
         for said in news.robots:
             held = self.robots.get(said.name)
             if held is None:
@@ -48,7 +48,7 @@ class Mirror:
             _show(self.robots[name], frame)
 
     def suppose(self, instead: Instead) -> None:
-        """Have a robot be in another state than it is; for a copy that nothing is told afterwards."""
+        """Replace a robot's state by a hypothetical one; only for a forked copy that gets no further news."""
         held = self.robots.get(instead.robot)
         if held is None:
             return

@@ -1,4 +1,4 @@
-"""Functions that queries can call beside SPARQL's own and those of other extensions: ``lf:poseIn``, ``lf:distance``."""
+"""The query functions ``lf:poseIn`` and ``lf:distance``."""
 
 import math
 from collections.abc import Collection, Mapping
@@ -15,14 +15,16 @@ from linked_fleet_gateway.resources.relative_poses import rounded, seen_from
 
 FUNCTIONS = (LF.poseIn, LF.distance)
 COMPONENTS = ("x", "y", "z", "qx", "qy", "qz", "qw")
-"""The parts of a pose: position (m) and unit quaternion."""
+"""The components of a pose: position (m) and unit quaternion."""
 
 
 def functions_of(base: str, robots: Mapping[str, Robot], objects: Mapping[str, Placed]) -> dict[NamedNode, Function]:
-    """The functions, for these robots and objects and no others. None is an error of the expression."""
+    """Return the functions for these robots and objects only. They return None for an expression error."""
 
     def pose_in(*said: Term) -> Term | None:
-        """One component of the pose of a robot's root, a link, an object or the world, seen from another of these."""
+        """Return one component of the pose of a robot's root, a link, an object or the world, relative to another of
+        these.
+        """
         pose = _seen(base, robots, objects, said[:2]) if len(said) == 3 else None
         component = said[2].value if len(said) == 3 and isinstance(said[2], Literal) else ""
         if pose is None or component not in COMPONENTS:
@@ -30,7 +32,7 @@ def functions_of(base: str, robots: Mapping[str, Robot], objects: Mapping[str, P
         return number((*pose.position_m, *pose.orientation_xyzw)[COMPONENTS.index(component)])
 
     def distance(*said: Term) -> Term | None:
-        """Between the origins of two of these (m)."""
+        """Return the distance between the origins of two of these (m)."""
         pose = _seen(base, robots, objects, said) if len(said) == 2 else None
         return None if pose is None else number(rounded(math.hypot(*pose.position_m)))
 
@@ -38,7 +40,7 @@ def functions_of(base: str, robots: Mapping[str, Robot], objects: Mapping[str, P
 
 
 def _seen(base: str, robots: Mapping[str, Robot], objects: Mapping[str, Placed], said: Collection[Term]) -> Pose | None:
-    """The pose of the first as the second sees it; None while it is unknown, and for what has none."""
+    """Return the pose of the first relative to the second; None if it is unknown or does not exist."""
     paths = [path_of(base, each) for each in said]
     try:
         return seen_from(paths[0], paths[1], robots, objects).pose

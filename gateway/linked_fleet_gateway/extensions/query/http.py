@@ -1,4 +1,4 @@
-"""The SPARQL 1.1 Protocol (W3C Recommendation of 21 March 2013), its query operation; there is no update operation."""
+"""The query operation of the SPARQL 1.1 Protocol (W3C Recommendation of 21 March 2013); updates are not supported."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -41,8 +41,8 @@ _PICKED = {
     "ntriples": "application/n-triples", "rdfxml": "application/rdf+xml", "jelly": "application/x-jelly-rdf",
 }  # fmt: skip
 _MAX_FIELDS = 64
-_SHORT = 1024  # characters of a query that is read on the event loop
-# What is found in a fleet is for who asked, at that instant; and nothing of it is a document that runs something.
+_SHORT = 1024  # characters of a query that is parsed on the event loop
+# Results are for the caller, at that instant, and must not run anything in a browser.
 _HEADERS = {"vary": "Accept", "cache-control": "no-store", "x-content-type-options": "nosniff"}
 _INERT = "sandbox; default-src 'none'"
 _COUNTS = "SELECT ?graph (COUNT(*) AS ?triples) { GRAPH ?graph { ?s ?p ?o } } GROUP BY ?graph"
@@ -50,7 +50,7 @@ _COUNTS = "SELECT ?graph (COUNT(*) AS ?triples) { GRAPH ?graph { ?s ?p ?o } } GR
 
 @dataclass(frozen=True)
 class _Asked:
-    """A request for a query: the text, the dataset, and what stands for ``Accept``."""
+    """A query request: text, dataset, and a replacement for ``Accept``."""
 
     query: str
     dataset: Dataset
@@ -58,7 +58,7 @@ class _Asked:
 
 
 async def read_query(request: Request, resource: Resource, endpoint: Endpoint) -> Response:
-    """The answer to a query in the address; without one, the resource as it describes itself."""
+    """Return the result of a query in the URL; without one, the description of the endpoint."""
     said = _pairs(request.scope["query_string"])
     if any(name in ("query", "update") for name, _ in said):
         return await _answer(request, endpoint, _asked(said, request.base))
@@ -68,7 +68,7 @@ async def read_query(request: Request, resource: Resource, endpoint: Endpoint) -
 
 
 async def post_query(request: Request, affords: PostQuery) -> Response:
-    """A query in the body, as it is or as a form (2.1.2, 2.1.3)."""
+    """Answer a query in the body, either as plain text or as a form (SPARQL 1.1 Protocol, 2.1.2, 2.1.3)."""
     media_type, _ = parse_content_type(field(request, "content-type"))
     if media_type == _UPDATE:
         raise UnsupportedMediaType("There are no updates; robots are moved by their actions.", offered=QUERY_TYPES)
@@ -126,7 +126,7 @@ def _asked(said: Sequence[tuple[str, str]], base: str) -> _Asked:
 
 
 async def _answer(request: Request, endpoint: Endpoint, asked: _Asked) -> Response:
-    """The result, or on the page of whoever reads one the query beside what is wrong with it."""
+    """Return the result or, for browsers, a page with the query and the error."""
     try:
         return await _evaluated(request, endpoint, asked)
     except FleetError as error:
@@ -172,7 +172,7 @@ def _chosen(request: Request, query: Query, picked: str | None) -> str:
 
 
 async def _counts(endpoint: Endpoint) -> dict[str, int]:
-    """Triples by graph; none before anybody has asked anything, or while others keep the process busy."""
+    """Return numbers of triples by graph; empty before the first query, or while the process is busy."""
     queries, view = endpoint.queries, endpoint.view
     if not queries.running:
         return {}

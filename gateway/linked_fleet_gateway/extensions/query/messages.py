@@ -1,4 +1,4 @@
-"""Messages between the gateway and its query process: MessagePack behind a length, and one socket per query."""
+"""Messages between the gateway and its query process: MessagePack with a length prefix, and one socket per query."""
 
 from typing import Literal
 
@@ -11,12 +11,12 @@ from linked_fleet_gateway.fleet.lease import Lease
 from linked_fleet_gateway.fleet.model import Pose
 
 Member = tuple[str, str]
-"""Predicate and path of what a branch adds to a description."""
+"""Predicate and path of a statement that a branch adds."""
 Kind = Literal["rows", "graph", "page"]
 
 
 class RobotFacts(Struct, frozen=True, kw_only=True):
-    """All that is known of a robot but its frame; ``last_seen_ns`` and the rest as ``fleet.robot`` has it."""
+    """All facts about a robot except its frame, with the meaning they have in ``fleet.robot``."""
 
     name: str
     online: bool
@@ -37,8 +37,10 @@ Measured = tuple[float, float, float]
 
 
 class Instead(Struct, frozen=True, kw_only=True):
-    """A robot in another state than it is: some of its joints and their targets, and motions by id as they were then;
-    None for a target or a motion that there was not."""
+    """A robot in a hypothetical state: values of joints, targets, and motions by id.
+
+    None stands for a target or a motion that does not exist.
+    """
 
     robot: str
     joints: dict[str, Measured]
@@ -47,15 +49,15 @@ class Instead(Struct, frozen=True, kw_only=True):
 
 
 class Placed(Struct, frozen=True):
-    """An object of the world, as far as its place matters."""
+    """An object in the world with its pose."""
 
     pose: Pose
 
 
 class News(Struct, frozen=True, kw_only=True):
-    """Changes since the query before: robots, and frames by robot, None for a robot without a frame.
+    """Changes since the previous query: robots, and frames by robot (None for a robot without one).
 
-    ``forgotten``: robots that the fleet does not have any more.
+    ``forgotten`` are robots that the fleet no longer has.
     """
 
     robots: list[RobotFacts]
@@ -64,19 +66,19 @@ class News(Struct, frozen=True, kw_only=True):
 
 
 class Ask(Struct, frozen=True, kw_only=True):
-    """One query, of the fleet as it is at this instant to one who ``sees`` robots by these patterns.
+    """One query on the present snapshot for a caller who sees the robots of ``patterns``.
 
-    ``base`` is scheme and authority of all IRIs, ``base_iri`` what relative ones in the query are resolved against.
-    ``default`` and ``named`` are the graphs that were asked for, None for all. ``invocations`` are those of the whole
-    fleet. ``graphs``: N-Triples by the path of the graph that they are added to. ``bindings`` is a solution in the
-    JSON of results, ``accept`` what the answer may be.
-    ``objects`` stand in the world, by id. ``instead``: robots that are supposed to be in another state.
+    ``base`` is scheme and authority of all IRIs, ``base_iri`` the base of relative ones in the query. ``default`` and
+    ``named`` are the requested graphs, None for all. ``invocations`` are those of the whole fleet. ``graphs`` are
+    N-Triples by the path of the graph that they are added to. ``bindings`` is a solution in JSON results form,
+    ``media_type`` that of the answer. ``objects`` are those in the world, by id. ``instead`` are robots in a
+    hypothetical state.
     """
 
     news: News
     query: str
     navigation: list[tuple[str, str, int]] = []
-    """The entries of extensions that a page of results has: title, path and rank."""
+    """Navigation entries of extensions on result pages: title, path and rank."""
     audited: bool = False
     base: str
     base_iri: str
@@ -97,7 +99,9 @@ class Ask(Struct, frozen=True, kw_only=True):
 
 
 class Refusal(Struct, frozen=True, kw_only=True):
-    """Why there is no result: whether the query is ``wrong`` or asks for too much."""
+    """The reason for having no result: the query is ``wrong``, its result too ``large``, or the evaluation
+    ``failed``.
+    """
 
     reason: Literal["wrong", "large", "failed"]
     detail: str
@@ -105,8 +109,8 @@ class Refusal(Struct, frozen=True, kw_only=True):
     column: int | None = None
 
 
-class Refused(Exception):  # noqa: N818 - it is what the caller is told
-    """There is no result, and why."""
+class Refused(Exception):  # noqa: N818 - named for the outcome
+    """The query has no result; the refusal gives the reason."""
 
     def __init__(self, refusal: Refusal) -> None:
         super().__init__(refusal.detail)
@@ -119,10 +123,12 @@ def too_large(most_bytes: int) -> Refusal:
 
 
 FORKED, DONE, REFUSED = b"f", b"d", b"r"
-"""The first byte that comes says that the query has begun; the last, what came before: a result, or a ``Refusal``."""
+"""The first byte sent means that the query has started; the last says if the bytes between are a result or a
+``Refusal``.
+"""
 
 PATIENCE = 4
-"""How much longer than its processor time a query may last, on a machine that does other things."""
+"""Ratio of wall time to processor time that a query may take, on a machine with other load."""
 
 _encode = msgspec.msgpack.Encoder().encode
 _ask = msgspec.msgpack.Decoder(Ask)
@@ -138,5 +144,5 @@ def decode_ask(content: bytes) -> Ask:
 
 
 def decode_refusal(content: bytes) -> Refusal:
-    """ValidationError for anything else."""
+    """Decode a refusal. Raises ValidationError."""
     return _refusal.decode(content)

@@ -1,4 +1,4 @@
-"""The page of the endpoint, and results as a page: those are written in the query process, beside the event loop."""
+"""The page of the endpoint, and results as a page; the latter is rendered in the query process."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -25,7 +25,7 @@ _NUMERIC = frozenset(NUMERIC)
 
 @dataclass(frozen=True)
 class Cell:
-    """A term as it is shown, ``href`` empty for what a browser cannot follow; ``number``: its value, if it has one."""
+    """A term as shown; ``href`` is empty if a browser cannot follow it, ``number`` is its numeric value, if any."""
 
     text: str
     href: str = ""
@@ -35,7 +35,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Problem:
-    """Why a query has no results; ``line`` and ``column`` count from 1, 0 for what is nowhere in its text."""
+    """The error of a query; ``line`` and ``column`` count from 1, 0 for an error without a position."""
 
     title: str
     detail: str
@@ -44,13 +44,13 @@ class Problem:
 
 
 def warm() -> None:
-    """Load what pages take: afterwards no file can be opened."""
-    add_view(VIEW)  # whose folder has the template
+    """Load everything that pages need: afterwards no file can be opened."""
+    add_view(VIEW)  # its folder contains the template
     _page("", "http://localhost", [])
 
 
 def page_of(result: QuerySolutions | QueryBoolean | Sequence[Triple], ask: Ask) -> bytes:
-    """Refused when it would have too many bytes."""
+    """Return the result as a page. Raises Refused if it is too large."""
     entries = places("/query", ask.audited, entries=[NavigationEntry(*each) for each in ask.navigation])
     if isinstance(result, QueryBoolean):
         summary, formats = "Yes." if result else "No.", _formats(ask, ("json", "xml"))
@@ -68,7 +68,7 @@ def page_of(result: QuerySolutions | QueryBoolean | Sequence[Triple], ask: Ask) 
 
 
 def refusal_page(query: str, base: str, audited: bool, error: FleetError) -> bytes:
-    """The query as it was sent, beside the reason for which it was not answered."""
+    """Return a page with the query and the reason for its refusal."""
     line, column = (error.line, error.column) if isinstance(error, BadRequest) else (None, None)
     entries = places("/query", audited)
     return _page(query, base, entries, problem=Problem(error.title, error.detail, line or 0, column or 0))
@@ -98,7 +98,7 @@ def _cell(term: object, root: str) -> Cell:
 
 
 def _shortened(iri: str, root: str) -> str:
-    """The path of a resource of this fleet, a term with its prefix, anything else by its name and host."""
+    """Return the path of a resource of this fleet, a term with its prefix, anything else by name and host."""
     if iri.startswith(root):
         return clean(iri.removeprefix(root)) or "/"
     for prefix, namespace in PREFIXES.items():
@@ -108,24 +108,24 @@ def _shortened(iri: str, root: str) -> str:
 
 
 def _value(term: Literal) -> float | None:
-    """The value of a number that can be drawn."""
+    """Return the value of a finite number, for charts."""
     if term.datatype not in _NUMERIC:
         return None
     try:
         value = float(term.value)
-    except ValueError:  # of its datatype by name only
+    except ValueError:  # an invalid lexical form
         return None
     return value if math.isfinite(value) else None
 
 
 def _title(term: Literal, text: str) -> str:
-    """Return what the text does not show: the digits that were rounded, the language, the datatype."""
+    """Return the details that the text hides: rounded digits, language, datatype."""
     kind = term.language or _shortened(term.datatype.value, "")
     return clean(kind if text == term.value else f"{term.value} {kind}")
 
 
 def _formats(ask: Ask, keys: Sequence[str]) -> dict[str, str]:
-    """Other representations of the result of the same query, by what picks them."""
+    """Return the URLs of other representations of the same result, by format name."""
     said = [("query", ask.query)]
     said += [("default-graph-uri", each) for each in ask.default or ()]
     said += [("named-graph-uri", each) for each in ask.named or ()]
@@ -160,7 +160,7 @@ class Example:
 
 
 def query(facts: Facts, iri: NamedNode) -> Part:
-    """The endpoint: what can be asked."""
+    """Show the endpoint with its example queries."""
     examples = [
         Example(*(facts.text(each, predicate) for predicate in (DCTERMS.title, RDFS.comment, SH.select)))
         for each in facts.all(iri, LF.example)

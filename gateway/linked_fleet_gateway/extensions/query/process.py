@@ -1,4 +1,6 @@
-"""The query process of a gateway: started for a query, told what is new, asked, replaced when gone, ended when idle."""
+"""The query process of a gateway: started for the first query, updated before each, restarted after a crash, ended when
+idle.
+"""
 
 import asyncio
 import logging
@@ -25,17 +27,17 @@ from linked_fleet_gateway.runtime.worker import Worker
 
 log = logging.getLogger(__name__)
 
-_BEGIN_S = 60.0  # to write the whole fleet down for the first time
+_BEGIN_S = 60.0  # time for the first snapshot of the whole fleet
 _GRACE_S = 1.0
 IDLE_S = 300.0
-"""Without a query, after which the process ends. A copy of the fleet in RDF takes more memory than the gateway."""
+"""Idle seconds after which the process ends. Its RDF copy of the fleet takes more memory than the gateway."""
 _CHUNK = 256 * 1024
-# It copies itself, which leaves threads behind; and what one query computes is not worth any.
+# The process forks, and threads do not survive that; single queries do not need them.
 _ALONE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
 class QueryProcess:
-    """``feed`` makes one that knows nothing of what a process was told before."""
+    """The process and its feed; ``feed`` creates one for a process without any state."""
 
     def __init__(self, feed: Callable[[], Feed], idle_s: float = IDLE_S) -> None:
         self._new_feed, self._idle_s = feed, idle_s
@@ -48,7 +50,7 @@ class QueryProcess:
         self._telling = asyncio.Lock()
 
     async def ask(self, make: Callable[[Feed], Ask]) -> bytes:
-        """The result of what ``make`` makes in the instant of which it is; FleetError."""
+        """Return the result of the query that ``make`` builds from the present snapshot. Raises FleetError."""
         self._under_way += 1
         try:
             return await self._ask(make)
@@ -78,7 +80,7 @@ class QueryProcess:
         await self._worker.end()
 
     def _rest(self) -> None:
-        """Begin to count the time without a query."""
+        """Restart the idle timer."""
         if self._idle_timer is not None:
             self._idle_timer.cancel()
         self._idle_timer = asyncio.get_running_loop().call_later(self._idle_s, self._end_idle)
@@ -92,7 +94,7 @@ class QueryProcess:
                 await self.close()
 
     async def _begin(self, make: Callable[[Feed], Ask], ours: socket.socket, theirs: socket.socket) -> float:
-        """Have the process begin with it; the time that it has."""
+        """Start a query in the process. Return its time limit in seconds."""
         async with self._telling:
             try:
                 control = await self._running()
@@ -108,7 +110,7 @@ class QueryProcess:
                 log.warning("the query process is started anew: %s", error)
                 await self.close()
                 raise Busy("Queries cannot be answered at this moment; ask again.") from error
-            except BaseException:  # it has been told in part
+            except BaseException:  # it has received a part of a message
                 await self.close()
                 raise
 
@@ -126,7 +128,7 @@ class QueryProcess:
 
 
 async def _send(control: socket.socket, content: bytes, answer: socket.socket) -> None:
-    """The length with the socket of the answer, then the content. What was sent before has been taken."""
+    """Send the length together with the answer socket, then the content. Earlier messages have been received."""
     socket.send_fds(control, [len(content).to_bytes(8)], [answer.fileno()])
     await asyncio.get_running_loop().sock_sendall(control, content)
 

@@ -1,7 +1,7 @@
-"""The fleet under one base URL as RDF in a store, kept as it is by replacing what became different.
+"""An RDF store of the fleet under one base URL, updated incrementally.
 
-What is said here is said by ``resources`` to who fetches the resources: each value once, in the graph of its
-robot. What follows from a description alone is written when that comes; measured values when they have moved.
+It contains the statements that ``resources`` serves, each value once, in the graph of its robot. Statements that depend
+only on a description are written when that changes; measured values are written when they move.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -27,7 +27,7 @@ SHAPES = "/blueprint"
 
 
 class Labelled(Graph):
-    """A description whose blank nodes are nobody else's: ``prefix`` is in all their labels."""
+    """A description whose blank node labels are unique by ``prefix``."""
 
     def __init__(self, prefix: str) -> None:
         super().__init__()
@@ -43,7 +43,7 @@ class Labelled(Graph):
 
 
 class StaticDescriber(Describer):
-    """Describes things without their measured values, and notes which those are."""
+    """Describes things without their measured values, and records which those are."""
 
     def __init__(self, base: str) -> None:
         super().__init__(base)
@@ -63,7 +63,7 @@ class StaticDescriber(Describer):
         pass
 
     def value(self, graph: Graph, owner: str, item: Property, seen: Seen) -> None:
-        """A measured value, which was left out."""
+        """Add a measured value that was left out."""
         super()._property(graph, owner, item, seen)
 
     def last_frame(self, graph: Graph, iri: NamedNode, robot: Robot) -> None:
@@ -71,7 +71,7 @@ class StaticDescriber(Describer):
 
 
 class _Value:
-    """A measured value as it was written last."""
+    """The last written statements of a measured value."""
 
     def __init__(self, owner: str, item: Property, prefix: str) -> None:
         self.owner, self.item, self.prefix = owner, item, prefix
@@ -80,7 +80,7 @@ class _Value:
 
 
 class _Of(NamedTuple):
-    """The triples of a document, and their subjects."""
+    """The triples of a document, with the prefix of its blank nodes."""
 
     key: object
     prefix: str
@@ -88,7 +88,7 @@ class _Of(NamedTuple):
 
 
 class _Robot:
-    """The part of the store that is of one robot."""
+    """The part of the store that belongs to one robot."""
 
     def __init__(self, graph: NamedNode, held: Mirrored) -> None:
         self.graph, self.held = graph, held
@@ -99,7 +99,7 @@ class _Robot:
 
 
 class Twin:
-    """The store under one base URL (scheme and authority). ``bring`` makes it what the mirror is."""
+    """The store under one base URL (scheme and authority). ``bring`` updates it from the mirror."""
 
     def __init__(self, base: str) -> None:
         self.base, self.store = base, Store()
@@ -116,7 +116,7 @@ class Twin:
         return NamedNode(self.base + robot_path(robot))
 
     def add(self, path: str, triples: Sequence[Triple], prefix: str) -> None:
-        """Add what somebody says to a graph, with blank nodes of its own."""
+        """Add statements to a graph, with blank nodes of their own."""
         graph = Labelled(prefix)
         for triple in triples:
             graph.add(triple.subject, triple.predicate, triple.object)  # type: ignore[arg-type]
@@ -137,7 +137,7 @@ class Twin:
 
     def _tell(self, known: _Robot, held: Mirrored) -> None:
         robot = held.robot
-        # Several documents say the same of parts; so long as there are the same parts none of it is taken back.
+        # Documents overlap in their statements about parts, so none is removed while the parts are the same.
         basis = (robot.description, robot.model is None, robot.title)
         if basis != known.basis:
             self.store.remove_graph(known.graph)
@@ -161,7 +161,7 @@ class Twin:
             del known.documents[gone]
 
     def invocation(self, one: Invocation, others: dict[str, Invocation], sees: Callable[[str], bool]) -> list[Triple]:
-        """An invocation of the whole fleet, to who ``sees`` some robots."""
+        """Return an invocation of the whole fleet as seen by a caller who ``sees`` some robots."""
         graph = Graph()
         answers = {name: answer for name, answer in one.robots.items() if sees(name)}
         describe_invocation(graph, self.base, None, one, others, answers)
@@ -183,7 +183,7 @@ class Twin:
             self._write(known, path, common, partial(_link, robot, link))
 
     def _write(self, known: _Robot, name: str, key: object, describe: Callable[[StaticDescriber, Graph], None]) -> None:
-        """Write the document ``name``, unless there it is for the same ``key``; None is never the same."""
+        """Write the document ``name``, unless it was written for the same ``key``; None never matches."""
         held = known.documents.get(name)
         if held is not None and key is not None and held.key == key:
             return

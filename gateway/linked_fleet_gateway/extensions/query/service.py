@@ -1,4 +1,4 @@
-"""Queries over the live fleet: SPARQL 1.1, each of one consistent instant, evaluated beside the gateway."""
+"""SPARQL 1.1 queries on consistent snapshots of the live fleet, evaluated in a separate process."""
 
 from collections.abc import Mapping, Sequence
 from types import TracebackType
@@ -26,20 +26,20 @@ from linked_fleet_gateway.resources.branches import RequestView
 from linked_fleet_gateway.subscriptions.live import Live
 
 LIMIT_S = 5.0
-"""Processor time that the evaluation of one query may take."""
+"""Limit of processor time for the evaluation of one query, in seconds."""
 MAX_RESULT_BYTES = 8 * 2**20
 MAX_SELECTED_BYTES = 2**20
-"""Bytes of results that are asked for here, where they are read in the event loop."""
+"""Largest result of an internal query, which is parsed on the event loop."""
 JSON_RESULTS = "application/sparql-results+json"
 
 Term = NamedNode | BlankNode | Literal
 
 
 class Queries:
-    """An async context manager."""
+    """The query service; an async context manager."""
 
     def __init__(self, live: Live, limit_s: float = LIMIT_S, navigation: Sequence[NavigationEntry] = ()) -> None:
-        """``navigation``: the entries of extensions, for pages of results."""
+        """Create the service; ``navigation`` are the entries of extensions for result pages."""
         self._live, self._limit_s = live, limit_s
         self._navigation = [(each.title, each.path, each.rank) for each in navigation]
         self._turns = FairTurns()
@@ -55,7 +55,7 @@ class Queries:
 
     @property
     def running(self) -> bool:
-        """True if anybody has asked anything yet."""
+        """True if the query process runs."""
         return self._process.running
 
     async def select(
@@ -67,13 +67,11 @@ class Queries:
         *,
         instead: Sequence[Instead] = (),
     ) -> list[dict[str, Term]]:
-        """The solutions of a SELECT query, unbound variables left out.
+        """Return the solutions of a SELECT query, without unbound variables.
 
-        BadRequest, PayloadTooLarge, ResultTooLarge, QueryTooCostly, TooManyQueries, Busy.
-
-        ``base`` is scheme and authority of all IRIs. ``bindings`` stand for variables without their question marks;
-        the query has to select each of them. Those who see the same robots under one name share their turns.
-        ``instead``: robots that are supposed to be in another state than they are.
+        ``base`` is scheme and authority of all IRIs. ``bindings`` are values of variables without question marks, which
+        the query must select. Callers with the same view share their turns. ``instead`` are robots in a hypothetical
+        state. Raises BadRequest, PayloadTooLarge, ResultTooLarge, QueryTooCostly, TooManyQueries, Busy.
         """
         check_select(query)
         body = await self.run(
@@ -87,7 +85,7 @@ class Queries:
         return [{name: term for name, term in row.items() if isinstance(term, Term)} for row in rows]
 
     async def check(self, query: str, base: str) -> list[str]:
-        """The variables of a SELECT query that is SPARQL from end to end; FleetError. Nothing is asked of the fleet."""
+        """Return the variables of a valid SELECT query without evaluating it. Raises FleetError."""
         variables = check_select(query)
         nobody = View((), "")
         await self.run(read(query, base + "/query"), base, nobody, JSON_RESULTS, only_check=True)
@@ -108,9 +106,9 @@ class Queries:
         only_check: bool = False,
         audited: bool = False,
     ) -> bytes:
-        """The result in a media type that suits the query's form. ``dataset`` goes before the query's own.
-        ``audited``: who asks may read the audit.
+        """Return the result in a media type that suits the query form.
 
+        ``dataset`` overrides that of the query. ``audited`` says that the caller may read the audit log. Raises
         BadRequest, ResultTooLarge, QueryTooCostly, TooManyQueries, Busy.
         """
         asked = query.dataset if dataset is None or dataset == Dataset() else dataset
@@ -148,12 +146,12 @@ class Queries:
 
 def _n_triples(triples: Sequence[object]) -> bytes:
     written = serialize(triples, format=RdfFormat.N_TRIPLES)  # type: ignore[arg-type]
-    assert written is not None  # nothing is written to a file
+    assert written is not None  # None only when it writes to a file
     return written
 
 
 def _json(term: Term) -> dict[str, str]:
-    """A term as SPARQL 1.1 Query Results JSON has it."""
+    """Return a term in SPARQL 1.1 Query Results JSON."""
     if isinstance(term, NamedNode):
         return {"type": "uri", "value": term.value}
     if isinstance(term, BlankNode):

@@ -1,4 +1,4 @@
-"""Snapshots of the fleet for the query process: all of one instant, and only what is news to it."""
+"""Snapshots of the fleet for the query process, reduced to changes."""
 
 from collections.abc import Callable, Iterable, Sequence
 from itertools import islice
@@ -13,17 +13,20 @@ from linked_fleet_gateway.resources.branches import Branches, RequestView
 from linked_fleet_gateway.resources.paths import robot_path
 
 MAX_ENDED = 20
-"""How many invocations that are over are told of each robot, and of the fleet: those that were asked for last."""
+"""Number of ended invocations sent for each robot and for the fleet: the most recent ones."""
 
 Contribution = Callable[[RequestView], Iterable[tuple[str, Sequence[Triple]]]]
-"""Triples that a branch adds to the data set for the caller, by the path of the graph that they belong to.
+"""Returns triples that a branch adds to the dataset of the caller, by the path of their graph.
 
-The labels of its blank nodes are its own: no two contributions to one graph may share them."""
+Blank node labels must be unique among all contributions to one graph.
+"""
 
 
 class Feed:
-    """The state that one query process knows. To be asked, and its answer encoded, in one turn of the event loop:
-    it refers to what lives."""
+    """The state known to one query process.
+
+    Call ``news`` and encode its result in one turn of the event loop, because it refers to live objects.
+    """
 
     def __init__(self, fleet: Fleet, invocations: Invocations, branches: Callable[[], Branches]) -> None:
         self._fleet, self._invocations, self._branches = fleet, invocations, branches
@@ -31,7 +34,7 @@ class Feed:
         self._frames: dict[str, bytes | None] = {}
 
     def news(self) -> News:
-        """Return what is different since the last call."""
+        """Return the changes since the last call."""
         robots, frames = [], {}
         for name, robot in self._fleet.robots.items():
             invocations = recent(self._invocations, name)
@@ -49,18 +52,18 @@ class Feed:
         return News(robots=robots, frames=frames, forgotten=forgotten)
 
     def of_fleet(self) -> list[Invocation]:
-        """Invocations of the whole fleet."""
+        """Return the invocations of the whole fleet."""
         return recent(self._invocations, FLEET)
 
 
 def recent(invocations: Invocations, robot: str) -> list[Invocation]:
-    """Those that are not over, and the last of those that are."""
+    """Return the invocations that are not over, and the most recent of the others."""
     ended = (each for each in invocations.of_robot(robot) if each.state.terminal)
     return [*invocations.open_of(robot), *islice(ended, MAX_ENDED)]
 
 
 def _key(robot: Robot, invocations: list[Invocation], branches: object) -> tuple[object, ...]:
-    """Return a value that is another whenever something that no frame brings is."""
+    """Return a key that changes whenever anything but a frame changes."""
     known = [(one.id, one.state, one.progress, one.reason, one.ended_ns, one.preempted_by) for one in invocations]
     said = robot.online, robot.incarnation, robot.news, robot.description, robot.fault
     return *said, robot.lease, robot.settings, dict(robot.targets), known, branches

@@ -1,4 +1,4 @@
-"""Fair turns of queries: clients take turns, each with its oldest; few are evaluated at once, few wait for each."""
+"""Fair scheduling of queries: round-robin over clients, with bounds on concurrency and on waiting queries."""
 
 import asyncio
 from collections import OrderedDict, deque
@@ -13,7 +13,7 @@ MAX_OF_CLIENT, MAX_WAITING = 8, 128
 
 
 class FairTurns:
-    """``AT_ONCE`` turns, given around the clients that wait."""
+    """``AT_ONCE`` concurrent turns, assigned round-robin to waiting clients."""
 
     def __init__(self) -> None:
         self._taken = 0
@@ -21,7 +21,7 @@ class FairTurns:
 
     @asynccontextmanager
     async def turn(self, client: str) -> AsyncIterator[None]:
-        """TooManyQueries when too many of the client's wait, Busy when too many of all do."""
+        """Hold a turn. Raises TooManyQueries or Busy if too many queries of the client, or of all, are waiting."""
         if self._taken >= AT_ONCE:
             await self._wait(client)
         else:
@@ -43,7 +43,7 @@ class FairTurns:
         try:
             await turn
         except asyncio.CancelledError:
-            if turn.done() and not turn.cancelled():  # it was given one as it left
+            if turn.done() and not turn.cancelled():  # it got a turn while being cancelled
                 self._taken -= 1
                 self._next()
             raise
@@ -54,6 +54,6 @@ class FairTurns:
             turn = own.popleft()
             if own:
                 self._waiting[client] = own
-            if not turn.done():  # who waited has gone away
+            if not turn.done():  # the waiting request was cancelled
                 self._taken += 1
                 turn.set_result(None)

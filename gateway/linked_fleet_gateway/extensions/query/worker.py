@@ -1,7 +1,7 @@
-"""The query process: ``python -m MODULE FD`` with this module, which the gateway starts for the first query.
+"""The query process, ``python -m MODULE FD``, which the gateway starts for the first query.
 
-It keeps a mirror of the fleet and never evaluates anything itself: each query gets a copy of the whole process, which
-costs milliseconds, sees one instant, and may use up its time and memory, or crash, without anybody noticing.
+It keeps a mirror of the fleet and evaluates nothing itself: it forks for each query. A fork costs milliseconds, has a
+consistent snapshot, and may exceed its limits or crash without affecting others.
 """
 
 import logging
@@ -41,23 +41,23 @@ log = logging.getLogger(__name__)
 
 HEAD = struct.Struct("!Q")
 MEMORY_BYTES = 512 * 2**20
-"""Bytes that the evaluation of one query may add to the memory of the process."""
+"""Memory in bytes that the evaluation of one query may add."""
 MAX_BASES = 2
-"""Under how many base URLs the fleet is kept; under another it is written down anew."""
+"""Number of base URLs for which the fleet is kept; for another one it is written again."""
 
 
 class Worker:
-    """Answers queries one after another, each in a process of its own."""
+    """Answers queries one after another, each in a forked process."""
 
     def __init__(self) -> None:
         self._mirror = Mirror()
         self._twins: OrderedDict[str, Twin] = OrderedDict()
         self._functions = [make() for make in FUNCTIONS]
-        # What describes the fleet reads its shapes from files, which a query cannot.
+        # Loads the shapes now, because a query cannot open files.
         Describer("http://localhost").fleet({}, (), Graph())
 
     def serve(self, control: socket.socket) -> None:
-        """Until the gateway is gone."""
+        """Serve until the gateway is gone."""
         while (received := _receive(control)) is not None:
             content, answer = received
             with socket.socket(fileno=answer) as to:
@@ -80,7 +80,7 @@ class Worker:
             except ConnectionError:
                 log.debug("nobody waits for the answer any more")
             except Exception:
-                # The boundary of the copy: it must not go on as if it were the process that it is a copy of.
+                # The boundary of the fork: it must not continue as if it were its parent.
                 log.exception("a query failed")
             finally:
                 os._exit(0)
@@ -111,12 +111,12 @@ class Worker:
 
 
 def _complete(ask: Ask, twin: Twin, mirror: Mirror, sees: View) -> Seen:
-    """Add what depends on who asks, and say which graphs that is."""
+    """Add the statements that depend on the caller. Return the visible graphs."""
     robots = {name: held.robot for name, held in sorted(mirror.robots.items()) if sees.sees(name)}
     graph = Graph()
     Describer(ask.base).fleet(robots, [(NamedNode(term), path) for term, path in ask.branches], graph)
     root = NamedNode(ask.base + "/")
-    # What it says of its robots their own graphs say, and each thing is said once.
+    # Statements about robots are in the graphs of the robots, so they are left out here.
     twin.add("/", [triple for triple in graph.triples if triple.subject == root], "f")
     others = {each.id: each for held in robots for each in mirror.robots[held].invocations}
     for one in ask.invocations:
@@ -129,7 +129,7 @@ def _complete(ask: Ask, twin: Twin, mirror: Mirror, sees: View) -> Seen:
 
 
 def limit(seconds: float) -> None:
-    """From here on: so much time and memory, no file and no socket. The kernel ends it, whatever it is at."""
+    """Limit time and memory from now on, and forbid files and sockets. The kernel enforces it."""
     signal.setitimer(signal.ITIMER_PROF, seconds)
     signal.setitimer(signal.ITIMER_REAL, seconds * PATIENCE)
     pages = int(Path("/proc/self/statm").read_text().split()[0])
@@ -140,7 +140,7 @@ def limit(seconds: float) -> None:
 
 
 def _receive(control: socket.socket) -> tuple[bytes, int] | None:
-    """A message and the socket that takes its answer; None when nothing comes any more."""
+    """Receive a message and the socket for its answer; None at the end of the connection."""
     try:
         head, descriptors, _, _ = socket.recv_fds(control, HEAD.size, 1)
         if len(head) < HEAD.size or not descriptors:
@@ -159,8 +159,8 @@ def _receive(control: socket.socket) -> tuple[bytes, int] | None:
 
 
 def main() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the gateway, and that ends this
-    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody asks how a query ended; it has said so, or not
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the gateway, which then ends this process
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody collects the exit status of a query
     if len(sys.argv) > 2:
         extend(decode_extended(sys.argv[2]))
     with socket.socket(fileno=int(sys.argv[1])) as control:
