@@ -1,4 +1,4 @@
-"""Extensions: one folder for each capability, mounted by one contract (``http.extension``, docs/EXTENDING.md).
+"""Extensions: one folder for each capability, mounted through one interface (``http.extension``, docs/EXTENDING.md).
 
-The core imports none of them. They are independent, but for pages and for what they declare to need.
+The core imports none of them. They are independent of each other, except of pages and of declared dependencies.
 """
