@@ -4,7 +4,7 @@
 ``QueryTooCostly`` (503, query-too-costly).
 """
 
-# named like the errors of linked_fleet_gateway.base.errors
+# ruff: noqa: N818  (named like the errors of linked_fleet_gateway.base.errors)
 
 from linked_fleet_gateway.base.errors import FleetError, PayloadTooLarge
 
