@@ -1,8 +1,8 @@
-"""Motions that firings began, and the state of their robots from before them. Pure.
+"""Motions started by firings, and the earlier state of their robots. Pure.
 
-A firing is caused by a rule if its condition would not have started to hold, had the joints and motions that the
-earlier firings of that rule moved stayed as they were when the condition was looked at last. The condition itself is
-asked for that, of a fleet that is so (``Instead``): no guess is made from the words of a query.
+A rule caused a firing if the condition would not have started to hold had the joints and motions moved by earlier
+firings of that rule kept their state of the last evaluation. This is determined by evaluating the condition on the
+fleet in that hypothetical state (``Instead``), not by analysis of the query.
 """
 
 from collections.abc import Collection, Iterable, Mapping
@@ -15,19 +15,19 @@ from linked_fleet_gateway.fleet.invocations import Invocations
 from linked_fleet_gateway.fleet.robot import Robot
 
 SETTLING_S = 1.0
-"""A motion that is over can be the cause of a change for so long: joints settle, and its end is a change itself."""
+"""Time after its end in which a motion can still cause changes: joints settle, and the end itself is a change."""
 KEPT_S = 120.0
-"""Motions that are over are remembered for so long, longer than two looks at a costly condition are apart."""
+"""Time for which ended motions are kept; longer than the interval of evaluations of a costly condition."""
 MOST_MOTIONS = 1_000
 MOST_QUESTIONS = 8
-"""Times that a condition is asked anew for one instant; rules with the same motions share one."""
+"""Most hypothetical evaluations at one instant; rules with the same motions share one."""
 
 Look = Mapping[str, "RobotState"]
 
 
 @dataclass(frozen=True)
 class RobotState:
-    """One robot at one moment: its joints, their targets, and copies of the motions that were asked for, by id."""
+    """One robot at one moment: its joints, their targets, and copies of its requested motions, by id."""
 
     joints: Mapping[str, Measured]
     targets: Mapping[str, float]
@@ -36,7 +36,7 @@ class RobotState:
 
 @dataclass
 class Caused:
-    """A motion that a firing began; ``rules``: the one that fired, and all without which it would not have."""
+    """A motion started by a firing; ``rules`` are the rule that fired and all rules that caused the firing."""
 
     robot: str
     joints: frozenset[str]
@@ -47,20 +47,20 @@ class Caused:
 
 @dataclass(frozen=True)
 class Question:
-    """The fleet as if some motions had done nothing since the last look, and the rules whose motions those are."""
+    """The fleet as if some motions had had no effect since the last evaluation, and the rules that caused them."""
 
     rules: frozenset[str]
     instead: tuple[Instead, ...]
 
 
 class Causes:
-    """The motions that may still change something. ``now_s`` is monotonic."""
+    """The motions that may still cause changes. ``now_s`` is monotonic."""
 
     def __init__(self) -> None:
         self._motions: dict[str, Caused] = {}
 
     def began(self, motion: Invocation, robot: Robot, rules: Collection[str], before: RobotState) -> None:
-        """A firing began a motion of a robot that was ``before``. Stops move nothing and are no causes."""
+        """Record the motion that a firing started, with the state of its robot before. Stops are no causes."""
         if motion.targets:
             joints = _moved(robot, motion.targets)
             self._motions[motion.id] = Caused(motion.robot, joints, frozenset(rules), before)
@@ -68,7 +68,7 @@ class Causes:
             del self._motions[next(iter(self._motions))]
 
     def restore(self, rules: Iterable[Known], robots: Mapping[str, Robot], invocations: Invocations) -> None:
-        """Take over the motions under way that another gateway's firings began."""
+        """Record the running motions that firings at another gateway started."""
         for known in rules:
             for firing in known.firings.values():
                 motion = invocations.get(firing.invocation.rpartition("/")[2])
@@ -79,7 +79,7 @@ class Causes:
                     self.began(motion, robot, {known.rule.id, *firing.causes}, state_of(robot, invocations))
 
     def look(self, robots: Mapping[str, Robot], invocations: Invocations, now_s: float) -> Look:
-        """The present state of the robots of all motions that may still change something."""
+        """Return the present state of the robots of all motions that may still cause changes."""
         for id, caused in list(self._motions.items()):
             motion = invocations.get(id)
             if caused.over_s is None and (motion is None or motion.state.terminal):
@@ -90,9 +90,9 @@ class Causes:
         return {name: state_of(robots[name], invocations) for name in names if name in robots}
 
     def questions(self, rule: str, since_s: float, look: Look) -> list[Question]:
-        """By which is found what caused a change since ``since_s``, when the fleet was as ``look`` says.
+        """Return the hypothetical states that reveal the causes of a change since ``since_s``, given the state then.
 
-        The motions that ``rule`` itself brought about come first, those that were begun last next.
+        The motions caused by ``rule`` itself come first, then the most recent ones.
         """
         motions_of: dict[str, list[str]] = {rule: []}
         for id, caused in reversed(self._motions.items()):
@@ -110,7 +110,8 @@ class Causes:
         found = []
         for name in dict.fromkeys(self._motions[id].robot for id in ids):
             of_robot = {id: each for id, each in self._motions.items() if id in ids and each.robot == name}
-            # A robot that was not looked at then had none of these motions yet: it was as before the first of them.
+            # A robot that was not recorded then had none of these motions yet: it was in the state before the first of
+            # them.
             state = look.get(name) or next(iter(of_robot.values())).before
             joints = frozenset().union(*(each.joints for each in of_robot.values()))
             found.append(
@@ -125,7 +126,7 @@ class Causes:
 
 
 def state_of(robot: Robot, invocations: Invocations) -> RobotState:
-    """Copies, for a robot and its motions change."""
+    """Return copies, because a robot and its motions change."""
     frame, description = robot.frame, robot.description
     joints: dict[str, Measured] = {}
     if frame is not None and description is not None:
@@ -136,11 +137,11 @@ def state_of(robot: Robot, invocations: Invocations) -> RobotState:
 
 
 def _moved(robot: Robot, targets: Collection[str]) -> frozenset[str]:
-    """The joints that are commanded, and those that follow them."""
+    """Return the commanded joints and those that mimic them."""
     moved = set(targets)
     if robot.model is not None:
         following = [each for each in robot.model.joints.values() if each.mimic is not None]
-        for _ in following:  # a joint may follow one that follows another
+        for _ in following:  # mimic joints may form chains
             moved |= {each.name for each in following if each.mimic is not None and each.mimic.joint in moved}
     return frozenset(moved)
 

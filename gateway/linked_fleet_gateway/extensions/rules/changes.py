@@ -1,4 +1,4 @@
-"""Detection of changes since the last look: what a frame brings is news only if a value moved."""
+"""Detection of changes since the last check; a frame counts only if a value moved."""
 
 import asyncio
 from collections.abc import Callable
@@ -9,11 +9,11 @@ from linked_fleet_gateway.resources.versioning import Reading
 from linked_fleet_gateway.subscriptions.live import Live
 
 LOOK_S = 0.02
-"""So long frames are left to gather."""
+"""Time in which frames are collected before a check."""
 
 
 class Changes:
-    """Calls ``tell`` when the fleet has changed, at most every ``LOOK_S``. While it is shut nothing costs anything."""
+    """Calls ``tell`` when the fleet has changed, at most every ``LOOK_S``. While closed it costs nothing."""
 
     def __init__(self, live: Live, tell: Callable[[], None]) -> None:
         self._live, self._tell = live, tell

@@ -1,4 +1,4 @@
-"""The rights that a rule has: those of its creator, as they are when it is asked."""
+"""The rights of a rule: those of its creator at the time of the check."""
 
 import time
 
@@ -11,11 +11,11 @@ from linked_fleet_gateway.resources.tree import Tree
 
 
 class Ended(Exception):  # noqa: N818
-    """The creator may not have the rule any more. A sentence for people."""
+    """The creator may no longer have the rule. A sentence for people."""
 
 
 def creator_of(rule: Rule, identities: Identities | None) -> Identity:
-    """Return the identity that the rule acts for; Ended. Where none are configured, everybody may do everything."""
+    """Return the identity that the rule acts for; everybody if authentication is off. Raises Ended."""
     if identities is None:
         return EVERYBODY
     now_ns = time.time_ns()
@@ -31,14 +31,17 @@ def creator_of(rule: Rule, identities: Identities | None) -> Identity:
 
 
 def may_have_rules(identity: Identity) -> bool:
-    """To have what changes evaluated is to be told of it: who may do so may subscribe to all that he reads, and have
-    robots do something, if it is to stop."""
+    """Return True if the identity may have rules.
+
+    It must be able to subscribe to all that it reads, because a condition reveals changes, and to act on or stop some
+    robot.
+    """
     reads = identity.may(Right.READ, None) and identity.over(Right.SUBSCRIBE).covers(identity.sees)
     return reads and identity.may_any((Right.ACT, Right.STOP), None)
 
 
 def check_action(rule: Rule, tree: Tree, creator: Identity) -> None:
-    """Ended, for a rule whose one action its creator may not invoke. What else speaks against it, a firing will say."""
+    """Raise Ended if the creator may not invoke the rule's fixed action. Other obstacles are found when it fires."""
     if rule.variable is not None:
         return
     try:

@@ -1,4 +1,4 @@
-"""Rules and their firings as resources; who reads them sees all that their creator sees."""
+"""Rules and their firings as resources. Readers must see everything that the creator sees."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ _STATES = {
 
 @dataclass(frozen=True)
 class MakeRule:
-    """Write a rule."""
+    """Create a rule."""
 
     methods: ClassVar[tuple[str, ...]] = ("POST",)
     body_types: ClassVar[tuple[str, ...]] = BODY_TYPES
@@ -40,7 +40,7 @@ class MakeRule:
 
 @dataclass(frozen=True)
 class ChangeRule:
-    """Write it anew, or delete it."""
+    """Replace or delete a rule."""
 
     known: Known
     methods: ClassVar[tuple[str, ...]] = ("PUT", "DELETE")
@@ -58,13 +58,13 @@ def firings_path(rule: Rule) -> str:
 
 
 def readable(known: Known, view: RequestView) -> bool:
-    """Return True if the caller made the rule, or sees all that its creator sees: it tells them nothing more."""
+    """Return True if the caller created the rule, or sees all that its creator sees."""
     rule, sees = known.rule, view.sees
     return sees.covers(rule.view) or (bool(sees.name) and sees.name == rule.creator)
 
 
 def branch(rules: Mapping[str, Known]) -> FleetBranch:
-    """``rules`` are those that there are, by id, at any moment."""
+    """Return the branch of rules; ``rules`` are the present rules by id."""
 
     def resolve(view: RequestView, rest: list[str]) -> Resource | None:
         if not rest:
@@ -145,7 +145,7 @@ def _describe_container(graph: Graph, view: RequestView, rules: Iterable[Known])
     graph.a(iri, LF.RuleList, LDP.BasicContainer, LDP.Container)
     graph.add(iri, DCTERMS.title, Literal("Rules"))
     graph.add(iri, RDFS.seeAlso, view.iri("/"))
-    # The shape's own IRI need not lead to this gateway, so the document that has it is linked as well.
+    # The shape's IRI need not lead to this gateway, so its document is linked as well.
     graph.add(iri, LDP.constrainedBy, LF.RuleShape)
     graph.add(iri, LF.vocabulary, view.iri("/vocabulary"))
     for known in rules:
@@ -164,18 +164,18 @@ def _describe_container(graph: Graph, view: RequestView, rules: Iterable[Known])
 
 
 def _reasons(known: Known) -> list[str]:
-    """Return why a rule is not evaluated, or not as it should be."""
+    """Return the reasons why a rule is not evaluated, or not as it should be."""
     return [each for each in (known.rule.reason, known.suspended, known.fault) if each]
 
 
 def _summarise(graph: Graph, view: RequestView, iri: NamedNode, firing: Firing) -> None:
-    """Describe a firing where others are listed with it."""
+    """Describe a firing in a list."""
     graph.a(iri, LF.Firing)
     graph.add(iri, DCTERMS.created, timestamp(firing.at_ns))
     graph.add(iri, LF.state, _STATES[firing.state])
     if firing.reason:
         graph.add(iri, LF.reason, Literal(firing.reason))
-    # What an invocation is kept for is shorter than what a firing is.
+    # An invocation may be forgotten before its firing.
     if firing.invocation and view.invocations.get(firing.invocation.rpartition("/")[2]) is not None:
         graph.add(iri, LF.invocation, view.iri(firing.invocation))
 
@@ -224,7 +224,7 @@ def _invoked(graph: Graph, rule: Rule) -> Node:
 
 
 def _copied(graph: Graph, body: str) -> Node:
-    """The template as it was written, with labels of this graph's own."""
+    """Copy the template as written, with new blank node labels."""
     names: dict[BlankNode, BlankNode] = {}
 
     def own(term: object) -> object:
@@ -277,7 +277,7 @@ def _describe_firing(
 def _term(text: str) -> Node | Literal:
     (quad,) = parse(f"<urn:firing> <urn:binds> {text} .", format=RdfFormat.N_TRIPLES)
     term: Node | Literal | Triple = quad.object
-    assert not isinstance(term, Triple)  # no binding is one
+    assert not isinstance(term, Triple)  # bindings are no triples
     return term
 
 

@@ -1,4 +1,4 @@
-"""When a pattern starts to hold: the rows of its answer before and now. Pure."""
+"""Changes in the rows of a condition: rows that started or ceased to hold. Pure."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,16 +12,16 @@ Row = Mapping[str, Term]
 
 MOST_ROWS = 256
 MOST_CHARACTERS = 8_192
-"""Characters of the terms of one row: firings show them."""
+"""Most characters in the terms of one row, because firings show them."""
 
 
-class Unusable(ValueError):  # noqa: N818 -- it reads as what it is
-    """The answer of a condition cannot be compared with the one before. A sentence for who wrote it."""
+class Unusable(ValueError):  # noqa: N818 -- named like the other outcomes
+    """The result of a condition cannot be compared with the previous one. A sentence for the rule's author."""
 
 
 @dataclass(frozen=True)
 class Edge:
-    """The rows that have started to hold, by key and in an order of their own, and the keys of those that ceased to."""
+    """The rows that started to hold, by key in a stable order, and the keys of those that ceased to hold."""
 
     began: tuple[tuple[str, Row], ...]
     ended: tuple[str, ...]
@@ -31,8 +31,11 @@ class Edge:
 
 
 def holding(rows: Sequence[Row], told_apart_by: Collection[str] = ()) -> dict[str, Row]:
-    """The rows by key, in the order of their terms. Of those that agree in ``told_apart_by`` (in all their variables
-    if that is empty) the first counts. Unusable."""
+    """Return the rows by key, in the order of their terms.
+
+    The key consists of the variables ``told_apart_by`` (all if empty); the first row of each key is kept. Raises
+    Unusable.
+    """
     if len(rows) > MOST_ROWS:
         raise Unusable(f"its condition has more than {MOST_ROWS} answers")
     written = sorted(((_written(row), row) for row in rows), key=lambda pair: pair[0])
@@ -43,7 +46,7 @@ def holding(rows: Sequence[Row], told_apart_by: Collection[str] = ()) -> dict[st
 
 
 def edge(before: Collection[str], now: Mapping[str, Row]) -> Edge:
-    """Return the difference of rows: ``before`` are the keys of those that held."""
+    """Return the difference between ``before``, the keys of rows that held, and the rows ``now``."""
     began = tuple((key, row) for key, row in now.items() if key not in before)
     return Edge(began, tuple(sorted(key for key in before if key not in now)))
 

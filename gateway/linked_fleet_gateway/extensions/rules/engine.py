@@ -1,4 +1,4 @@
-"""Rules evaluated as the fleet changes, by the one gateway that serves them (flow "rules")."""
+"""Evaluation of rules as the fleet changes, by the one gateway that serves them (flow "rules")."""
 
 import asyncio
 import logging
@@ -30,16 +30,16 @@ from linked_fleet_gateway.subscriptions.live import Live
 log = logging.getLogger(__name__)
 
 EVERY_S = 0.1
-"""The least time between two evaluations of a rule."""
+"""Least time between two evaluations of a rule."""
 SHARE = 4
-"""A rule that takes long to evaluate is so in at most one of so many parts of the time."""
+"""A slow rule is evaluated for at most one part in this many of the time."""
 _LONGEST = 1_000  # characters of a reason
 
 Note = Callable[[Rule, int, Firing], None]
 
 
 class Select(Protocol):
-    """Answers a query under a base URL for who sees so much, perhaps of robots in another state than they are."""
+    """Answers a query under a base URL for a view, optionally with robots in hypothetical states."""
 
     def __call__(
         self, query: str, base: str, sees: View, *, instead: Sequence[Instead] = ()
@@ -48,8 +48,7 @@ class Select(Protocol):
 
 @dataclass(frozen=True)
 class Evaluated:
-    """Result of a rule's condition at ``at_s`` (monotonic): the keys of the rows that held, and the state then of
-    the robots that firings had moved."""
+    """The result of a condition at ``at_s`` (monotonic): keys of the rows that held, and states of moved robots."""
 
     revision: int
     keys: Collection[str]
@@ -58,8 +57,11 @@ class Evaluated:
 
 
 class Engine:
-    """``known`` are the rules by id, at any moment; ``bases`` are the public URLs of the fleet; ``creator_of`` raises
-    Ended; ``refresh`` has a rule read anew, ``note`` is told how each firing ended."""
+    """Evaluates and fires rules.
+
+    ``known`` are the present rules by id, ``bases`` the public URLs of the fleet. ``creator_of`` raises Ended.
+    ``refresh`` reads a rule again, ``note`` is called with the result of each firing.
+    """
 
     def __init__(
         self,
@@ -78,14 +80,14 @@ class Engine:
         self._bases = bases
         self._causes = Causes()
         self.loops = 0
-        """Rules that were disabled because they fired because of themselves."""
+        """Number of rules disabled because they triggered themselves."""
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._due: dict[str, asyncio.Event] = {}
         self._one = asyncio.Semaphore(1)
         self._seen: set[str] | None = None
 
     async def compare(self, ids: set[str]) -> None:
-        """Serve these rules and no others from now on; what is new among them is evaluated at once."""
+        """Serve exactly these rules from now on; new ones are evaluated at once."""
         if ids and not self._tasks:
             self._causes.restore(self._known.values(), self._live.fleet.robots, self._live.invocations)
         for id in ids - self._tasks.keys():
@@ -99,7 +101,7 @@ class Engine:
             self._seen = None
 
     def wake(self) -> None:
-        """Something changed: each rule is evaluated as soon as it may be."""
+        """Schedule the evaluation of all rules after a change."""
         for event in self._due.values():
             event.set()
 
@@ -109,13 +111,13 @@ class Engine:
         return bool(self._tasks)
 
     def entitled(self, rule: Rule) -> Identity:
-        """Return the identity that the rule acts for now; Ended."""
+        """Return the identity that the rule acts for now. Raises Ended."""
         creator = self._creator_of(rule)
         check_action(rule, self._live.tree(rule.base, creator.sees), creator)
         return creator
 
     async def _serve(self, id: str) -> None:
-        """Evaluate a rule whenever something changed. It is read anew first: after an error it may be another one."""
+        """Evaluate a rule after each change. It is read again first, because it may differ after an error."""
         await self._refresh(id)
         self._due[id].set()
         held: Evaluated | None = None
@@ -142,17 +144,17 @@ class Engine:
         try:
             now = await self._ask(rule, creator.sees)
             causes = {} if held is None else await self._causes_of(rule, creator.sees, held, edge(held.keys, now))
-        except Busy:  # others ask as well: at another moment
+        except Busy:  # the query process is busy: retried later
             self._due[rule.id].set()
             return held
         except (FleetError, Unusable) as error:
-            # That it was suspended counts until it is evaluated: what came to hold meanwhile is nothing new.
+            # A suspended rule stays so until it is evaluated: rows that came to hold meanwhile do not fire.
             await self._complain(known, fault=str(error)[:_LONGEST], suspended=known.suspended)
             return held
         await self._note_seen()
         evaluated = Evaluated(known.revision, set(now), look, at_s)
         before = held.keys if held is not None else None if was_suspended else await self._store.recall(known)
-        if before is None:  # what holds already as it begins has not started to
+        if before is None:  # rows that hold at the start have not started to hold
             await self._store.begin(known, now)
             await self._complain(known)
             await self._refresh(rule.id)
@@ -167,7 +169,7 @@ class Engine:
         return holding(rows, rule.told_apart_by)
 
     async def _causes_of(self, rule: Rule, sees: View, held: Evaluated, change: Edge) -> dict[str, set[str]]:
-        """By the key of each row that began: the rules without whose earlier firings it would not have."""
+        """Return, for each row that started to hold, the rules whose earlier firings caused it."""
         found: dict[str, set[str]] = {key: set() for key, _ in change.began}
         for question in self._causes.questions(rule.id, held.at_s, held.look) if found else ():
             then = await self._ask(rule, sees, question.instead)
@@ -178,7 +180,7 @@ class Engine:
     async def _advance(
         self, known: Known, creator: Identity, change: Edge, causes: Mapping[str, Collection[str]], moments: Moments
     ) -> None:
-        """Note what started and ceased to hold, and fire."""
+        """Store the changed rows, and fire."""
         if not change:
             return
         at_ns, of_all = time.time_ns(), {id for ids in causes.values() for id in ids}
@@ -196,18 +198,18 @@ class Engine:
         await self._fire_all(known, creator, dict(zip(numbers, rows, strict=False)), moments)
 
     async def _disable(self, known: Known, reason: str) -> None:
-        """Until somebody enables it again."""
+        """Disable a rule until somebody enables it again."""
         log.warning("rule %s (%s) is %s", known.rule.id, known.rule.title, reason)
         self.loops += 1
         await self._store.write(replace(known.rule, enabled=False, reason=reason), known.revision, 0)
         await self._refresh(known.rule.id)
 
     def _moments(self, sees: View) -> Moments:
-        """Taken before the condition is looked at: a robot that is stopped after that is told nothing by it."""
+        """Record the state of robots before the evaluation: a robot that is stopped later gets no command from it."""
         return {name: moment_of(robot) for name, robot in self._live.fleet.robots.items() if sees.sees(name)}
 
     async def _note_seen(self) -> None:
-        """Whoever takes over waits for the robots that were there: that they are unknown to it is no change."""
+        """Record the robots that are online, so that a gateway that takes over waits for them before evaluating."""
         online = {name for name, robot in self._live.fleet.robots.items() if robot.online}
         if self._seen is None:
             self._seen = await self._store.seen()
@@ -263,5 +265,5 @@ class Engine:
 
 
 def robot_invoked(rule: Rule, firing: Firing) -> str:
-    """The robot that a firing was about, if it was about one."""
+    """Return the robot that a firing concerned, or an empty string."""
     return robot_of(firing.invocation or rule.invokes) or ""

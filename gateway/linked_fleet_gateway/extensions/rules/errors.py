@@ -9,6 +9,6 @@ from linked_fleet_gateway.base.errors import FleetError
 
 
 class TooManyRules(FleetError):
-    """RFC 6585, 4; delete some."""
+    """The client, or the fleet, has too many rules (RFC 6585, 4)."""
 
     status, code, title = 429, "too-many-rules", "There are too many rules"

@@ -1,4 +1,4 @@
-"""Rules that the page of rules offers to begin with; those of the demo can be saved as they are."""
+"""Examples on the page of rules; those for the demo can be saved unchanged."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ _LF = "PREFIX lf: <https://w3id.org/linked-fleet#>\n"
 
 @dataclass(frozen=True)
 class Example:
-    """``invokes`` is the path of an action, ``body`` Turtle about ``_:body``, which the action gets."""
+    """An example. ``invokes`` is the path of an action, ``body`` Turtle about ``_:body``, its input."""
 
     title: str
     comment: str

@@ -1,4 +1,4 @@
-"""The extension ``rules``: an action when a pattern over the live fleet starts to hold."""
+"""The extension ``rules``: invoke an action when a pattern over the live fleet starts to hold."""
 
 from collections import Counter
 from collections.abc import AsyncIterator, Iterator

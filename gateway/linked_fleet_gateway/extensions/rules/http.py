@@ -1,4 +1,4 @@
-"""Rules written, enabled, disabled and deleted over HTTP (desideratum D6)."""
+"""Creation, replacement and deletion of rules over HTTP (desideratum D6)."""
 
 import time
 import uuid
@@ -35,11 +35,11 @@ from linked_fleet_gateway.rdf.sparql_syntax import bound_to
 from linked_fleet_gateway.resources.resource import Resource
 
 WORD_S = 86_400
-"""How long the word of an issuer is good for a rule, unless its token is good for longer."""
+"""Least time for which the claims of an issuer remain valid for a rule."""
 
 
 async def post_rule(rules: Rules, request: Request, afforded: MakeRule) -> Response:
-    """201 with Location and description."""
+    """Create a rule. The response is 201 with Location and description."""
     refuse_rehearsal(request)
     _demand_rights(request.caller)
     media_type = body_type(request)
@@ -56,7 +56,7 @@ async def post_rule(rules: Rules, request: Request, afforded: MakeRule) -> Respo
 
 
 async def change_rule(rules: Rules, request: Request, afforded: ChangeRule) -> Response:
-    """PUT replaces what the rule says, DELETE ends it; who is not its creator may have it disabled or enabled."""
+    """Replace a rule by PUT, or delete it. Others than the creator can only disable or enable it."""
     refuse_rehearsal(request)
     caller, known = request.caller, afforded.known
     own = caller.name == known.rule.creator
@@ -65,7 +65,7 @@ async def change_rule(rules: Rules, request: Request, afforded: ChangeRule) -> R
         raise InsufficientScope(detail, scope=Right.ADMIN)
     if request.method == "DELETE":
         async with _refusals(rules):
-            # Without a condition whatever the rule says by now is to end.
+            # Without a precondition the rule is deleted whatever its revision.
             revision = None if field(request, "if-match") is None else known.revision
             if not await rules.remove(known.rule, revision):
                 raise NotFound("The rule has been deleted meanwhile.")
@@ -80,7 +80,8 @@ async def change_rule(rules: Rules, request: Request, afforded: ChangeRule) -> R
             except Changed:
                 if field(request, "if-match") is not None:
                     raise
-                # The client set no condition, and the rule was written meanwhile, as when somebody stops its robot.
+                # The client set no precondition, and the rule was written concurrently, for example because its robot
+                # was stopped.
                 latest = await rules.latest(known.rule.id)
         if latest is None:
             raise NotFound("The rule has been deleted meanwhile.")
@@ -139,7 +140,7 @@ def _as_wanted(rules: Rules, request: Request, wanted: RuleRequest, id: str, cre
 
 
 def _action(rules: Rules, request: Request, iri: str) -> str:
-    """The path of an action that who asks may invoke."""
+    """Return the path of an action that the caller may invoke."""
     path = path_in_fleet(iri, (request.base, *rules.bases))
     if path is None:
         raise _foreign(f"{iri[:200]!r}", request.base)
@@ -150,7 +151,7 @@ def _action(rules: Rules, request: Request, iri: str) -> str:
 
 
 def _check_bound(rules: Rules, request: Request, wanted: RuleRequest) -> None:
-    """UnprocessableContent for a condition that itself names a foreign resource as the action."""
+    """Raise UnprocessableContent if the condition itself binds the action to a foreign resource."""
     if not wanted.invokes.startswith("?"):
         return
     for iri in bound_to(wanted.condition, wanted.invokes[1:], request.base + "/query"):
@@ -164,7 +165,9 @@ def _foreign(what: str, base: str) -> UnprocessableContent:
 
 
 def _word(caller: Identity) -> Claims | None:
-    """Nobody can be asked later what an issuer would say: its word holds for a day, as far as the file still does."""
+    """Return the claims of a caller from an issuer, valid for at least a day, because the issuer cannot be
+    asked later.
+    """
     if not isinstance(caller.credential, Claims):
         return None
     least_ns = time.time_ns() + WORD_S * 1_000_000_000
@@ -179,7 +182,7 @@ def _demand_rights(caller: Identity) -> None:
 
 @asynccontextmanager
 async def _refusals(rules: Rules) -> AsyncIterator[None]:
-    """Turn refusals of the store into problems."""
+    """Translate errors of the store into problems."""
     try:
         yield
     except Full as error:

@@ -1,4 +1,4 @@
-"""An action invoked for a rule: by the way that a client's request takes, with the rights of the rule's creator."""
+"""Invocation of an action for a rule, like a client's request, with the rights of the rule's creator."""
 
 from collections.abc import Mapping, Sequence
 from hashlib import blake2b
@@ -28,7 +28,7 @@ Moments = Mapping[str, Moment | None]
 
 
 def offered(tree: Tree, path: str, creator: Identity) -> Offer:
-    """The action at ``path``, as far as ``creator`` may invoke it; UnprocessableContent, InsufficientScope."""
+    """Return the action at ``path`` if ``creator`` may invoke it. Raises UnprocessableContent, InsufficientScope."""
     found = tree.resolve(path)
     if not isinstance(found, Resource) or not isinstance(found.affords, Invoke):
         raise UnprocessableContent(f"There is no action at {path[:200]} that could be invoked.")
@@ -42,9 +42,10 @@ def offered(tree: Tree, path: str, creator: Identity) -> Offer:
 async def invoked(
     actions: Actions, tree: Tree, rule: Rule, path: str, creator: Identity, number: int, row: Row, moments: Moments
 ) -> Invocation:
-    """The invocation that the firing ``number`` of ``rule`` began at ``path``, once its robot accepted it; FleetError.
+    """Invoke the action at ``path`` for the firing ``number`` and return the accepted invocation. Raises FleetError.
 
-    ``moments``: of each robot when the condition was looked at. What the robot was told since, as to stop, comes first.
+    ``moments`` are the states of the robots at the evaluation. Commands given to a robot since then, such as a stop,
+    take precedence.
     """
     offer = offered(tree, path, creator)
     action = NamedNode(rule.base + offer.path)
@@ -58,15 +59,18 @@ async def invoked(
     plan = actions.plan(ActionRequest(rule.base, body, offer.robot, offer.joint, moment), offer)
     if isinstance(plan, Later):
         plan = await actions.compute(plan)
-    assert isinstance(plan, Motion)  # what takes a body moves
-    # No client's key: of those every character is visible.
+    assert isinstance(plan, Motion)  # an action with a body is a motion
+    # Cannot equal a client's key, whose characters are all visible.
     key, digest = f"\x1frule {rule.id} {number}", blake2b(repr(row).encode(), digest_size=16).hexdigest()
     asking = Caller(rule.client, key=key, digest=digest, body=written(body), sees=creator.sees, rule=rule.id)
     return await actions.start(offer.path, plan, asking)
 
 
 def action_path(rule: Rule, row: Row, bases: Sequence[str]) -> str:
-    """The path of the action; UnprocessableContent for a variable that is bound to nothing of this fleet."""
+    """Return the path of the action.
+
+    Raises UnprocessableContent for a variable not bound to an action of this fleet.
+    """
     if rule.variable is None:
         return rule.invokes
     term = row.get(rule.variable)
@@ -78,6 +82,6 @@ def action_path(rule: Rule, row: Row, bases: Sequence[str]) -> str:
 
 
 def path_in_fleet(iri: str, bases: Sequence[str]) -> str | None:
-    """The path of a resource under one of the public URLs of this fleet; None for every other IRI."""
+    """Return the path of a resource under one of the public URLs of this fleet; None for other IRIs."""
     base = next((each for each in bases if iri.startswith(each + "/")), None)
     return None if base is None else unquote(iri[len(base) :])

@@ -1,18 +1,18 @@
-"""Rules that fire because of themselves, found by their latest firings. Pure; times are wall nanoseconds."""
+"""Detection of rules that trigger themselves, by their latest firings. Pure; times are wall nanoseconds."""
 
 from collections.abc import Collection
 
 from linked_fleet_gateway.extensions.rules.rule import FiringState, Known
 
 FIRINGS, WITHIN_S = 6, 60
-"""A rule that its own earlier firings made start to hold so often, within so many seconds, is disabled."""
+"""A rule that its own firings made start to hold this often, within this many seconds, is disabled."""
 
 
 def self_caused(known: Known, causes: Collection[str], at_ns: int) -> tuple[int, ...]:
-    """The times, of the last ``WITHIN_S``, at which the rule started to hold because of its own earlier firings.
+    """Return the times within the last ``WITHIN_S`` at which its own firings made the rule start to hold.
 
-    ``causes`` are the rules without which it would not have started to hold at ``at_ns``. The latest firing has the
-    times before that: those of the same revision, so that who enables a rule again begins to count anew.
+    ``causes`` are the rules that caused it to hold at ``at_ns``. The latest firing of the same revision stores the
+    earlier times; enabling a rule creates a new revision and so restarts the count.
     """
     claimed = [each for each in known.firings.values() if each.state is not FiringState.SUPPRESSED]
     before = claimed[-1].self_caused if claimed and claimed[-1].revision == known.revision else ()
@@ -22,7 +22,7 @@ def self_caused(known: Known, causes: Collection[str], at_ns: int) -> tuple[int,
 
 
 def reason_to_disable(known: Known, causes: Collection[str], times_ns: Collection[int]) -> str:
-    """A sentence for people; empty while it may go on."""
+    """Return a sentence for people if the rule must be disabled, else an empty string."""
     if known.rule.id not in causes or len(times_ns) < FIRINGS:
         return ""
     others = sorted(each for each in causes if each != known.rule.id)

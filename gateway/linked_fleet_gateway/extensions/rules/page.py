@@ -1,4 +1,4 @@
-"""The pages of rules: the list with its switches and an editor, one rule, and what its firings did."""
+"""The pages of rules: a list with switches and an editor, one rule, and its firings."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ _TEMPLATES = Path(__file__).parent / "templates"
 
 @dataclass(frozen=True)
 class Fired:
-    """A firing in a table; ``did`` leads to the invocation, while it is remembered."""
+    """A firing in a table; ``did`` links its invocation while that exists."""
 
     link: Link
     when: Value | None
@@ -29,7 +29,7 @@ class Fired:
 
 @dataclass(frozen=True)
 class Listed:
-    """A rule in the list of all."""
+    """A rule in the list."""
 
     link: Link
     enabled: bool
@@ -46,7 +46,7 @@ def rules(facts: Facts, iri: NamedNode) -> Part:
 
 
 def rule(facts: Facts, iri: NamedNode) -> Part:
-    """One rule: ``firings`` is the address of its firings, which their own page lists."""
+    """Show one rule; ``firings`` is the URL of the page of its firings."""
     more = {
         "enabled": _enabled(facts, iri),
         "state": _first(facts, iri, LF.state),

@@ -1,4 +1,4 @@
-"""Every Redis key of the rules, built here and nowhere else; all in one slot, so that one script can touch them."""
+"""All Redis keys of rules, built only here. They share one slot, so that one script can access them."""
 
 from dataclasses import dataclass
 
@@ -11,35 +11,35 @@ class Keys:
 
     @property
     def records(self) -> str:
-        """Hash of the rules by id."""
+        """Hash of rules by id."""
         return self._key("records")
 
     @property
     def revisions(self) -> str:
-        """Hash of how often each was written, by id."""
+        """Hash of revision numbers by id."""
         return self._key("revisions")
 
     @property
     def server(self) -> str:
-        """The run of the gateway that evaluates rules; it expires with its lease."""
+        """The run of the gateway that evaluates rules; expires with its lease."""
         return self._key("server")
 
     @property
     def seen(self) -> str:
-        """Set of the robots that were there when rules were evaluated last."""
+        """Set of the robots that were online at the last evaluation."""
         return self._key("seen")
 
     @property
     def news(self) -> str:
-        """Stream of what gateways tell each other."""
+        """Stream of changes, for other gateways."""
         return self._key("news")
 
     def of_client(self, client: str) -> str:
-        """Set of the ids of its rules."""
+        """Set of the ids of the client's rules."""
         return self._key(f"client:{hashed(client)}")
 
     def of_rule(self, id: str) -> tuple[str, str, str]:
-        """Set of the keys of the rows that hold, hash of counts, hash of firings by number."""
+        """Set of the keys of rows that hold, hash of counts, hash of firings by number."""
         return self._key(f"{id}:holds"), self._key(f"{id}:counts"), self._key(f"{id}:firings")
 
     def _key(self, part: str) -> str:

@@ -1,7 +1,7 @@
-"""Scripts that Redis runs in one step on the keys of rules."""
+"""Redis scripts that change the keys of rules atomically."""
 
-# KEYS: records, revisions, rules of the client; ARGV: id, rule, revision that it replaces (0: a new one), how many the
-# client may have, how many there may be.
+# KEYS: records, revisions, rules of the client; ARGV: id, rule, revision to replace (0: a new rule), limit of the
+# client, total limit.
 WRITE = """
 local have = redis.call('HGET', KEYS[2], ARGV[1]) or '0'
 if have ~= ARGV[3] then return 'changed' end
@@ -15,8 +15,8 @@ redis.call('HINCRBY', KEYS[2], ARGV[1], 1)
 return 'written'
 """
 
-# KEYS: records, revisions, rules of the client, and the three of the rule; ARGV: id, and perhaps the only revision
-# to remove. Whether there was one.
+# KEYS: records, revisions, rules of the client, the three keys of the rule; ARGV: id, optionally the only revision to
+# remove. Returns 1 if the rule existed.
 REMOVE = """
 if ARGV[2] and redis.call('HGET', KEYS[2], ARGV[1]) ~= ARGV[2] then return 'changed' end
 redis.call('HDEL', KEYS[2], ARGV[1])
@@ -25,14 +25,14 @@ redis.call('DEL', KEYS[4], KEYS[5], KEYS[6])
 return redis.call('HDEL', KEYS[1], ARGV[1])
 """
 
-# KEYS: records, revisions, counts, firings; ARGV: id. What the rule says, its revision, counts and firings, all of one
-# moment: the revision is what the next write replaces.
+# KEYS: records, revisions, counts, firings; ARGV: id. Returns rule, revision, counts and firings, consistently: the
+# revision is that which the next write replaces.
 READ = """
 local counts, firings = redis.call('HGETALL', KEYS[3]), redis.call('HGETALL', KEYS[4])
 return {redis.call('HGET', KEYS[1], ARGV[1]), redis.call('HGET', KEYS[2], ARGV[1]), counts, firings}
 """
 
-# KEYS: server; ARGV: run, milliseconds. The run that evaluates rules now.
+# KEYS: server; ARGV: run, milliseconds. Returns the run that evaluates rules now.
 SERVE = """
 local server = redis.call('GET', KEYS[1])
 if server and server ~= ARGV[1] then return server end
@@ -43,14 +43,14 @@ return ARGV[1]
 # KEYS: server; ARGV: run.
 LEAVE = "if redis.call('GET', KEYS[1]) == ARGV[1] then redis.call('DEL', KEYS[1]) end return 1"
 
-# Whether this run still evaluates rules, and this is what the rule says.
+# Checks that this run still evaluates rules and that the rule has this revision.
 _MINE = """
 if redis.call('GET', KEYS[1]) ~= ARGV[1] then return {'lost'} end
 if redis.call('HGET', KEYS[2], ARGV[2]) ~= ARGV[3] then return {'changed'} end
 """
 
-# KEYS: server, revisions, holds, counts, firings; ARGV: run, id, revision. The keys of the rows that held when it was
-# evaluated last; or that it was not since it was written. What another run had claimed and not finished is unknown.
+# KEYS: server, revisions, holds, counts, firings; ARGV: run, id, revision. Returns the keys of the rows that held at
+# the last evaluation, or 'new' without one since the last write. Unfinished firings of another run become unknown.
 RECALL = (
     _MINE
     + """
@@ -65,7 +65,7 @@ return {'held', unpack(redis.call('SMEMBERS', KEYS[3]))}
 """
 )
 
-# KEYS: as above; ARGV: run, id, revision, keys. What holds as the rule begins to be evaluated has not started to.
+# KEYS: as above; ARGV: run, id, revision, keys. Stores the rows that hold at the first evaluation, which do not fire.
 BEGIN = (
     _MINE
     + """
@@ -76,9 +76,10 @@ return {'begun'}
 """
 )
 
-# KEYS: as above; ARGV: run, id, revision, least milliseconds between firings, how many fire at once, how many are kept,
-# number of rows that began, key and firing of each, keys of those that ended. The number of the firing that each of the
-# first rows is; the others are suppressed, of which the first in a row is kept as a firing.
+# KEYS: as above; ARGV: run, id, revision, least milliseconds between firings, most concurrent firings, number of
+# firings to keep, number of rows that started to hold, key and firing of each, keys of rows that ceased to hold.
+# Returns the numbers of the firings claimed for the first rows. The others are suppressed; of consecutive suppressed
+# ones the first is kept as a firing.
 ADVANCE = (
     _MINE
     + """

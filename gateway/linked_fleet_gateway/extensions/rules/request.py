@@ -1,4 +1,4 @@
-"""The request for a rule, held against the published shape and the fleet as who writes it sees it."""
+"""Parsing of a rule in a request, checked by the published shape and against the fleet as its author sees it."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -21,15 +21,15 @@ _SHOWN = (
     DCTERMS.identifier, DCTERMS.created, RDFS.seeAlso, HYBRIT.blueprint, PROV.wasAssociatedWith,
     LF.state, LF.reason, LF.firings, LF.suppressions,
 )  # fmt: skip
-"""Terms of a rule's description that say nothing when it is sent back: what they tell is the gateway's."""
+"""Predicates of a rule's description that are ignored in a request, because the gateway maintains them."""
 _OF_AUTHOR = (RDF.type, DCTERMS.title)
 INTERVAL_S = 1.0
-"""The least time between two firings of a rule that does not say."""
+"""Default of the least time between two firings."""
 
 
 @dataclass(frozen=True)
 class RuleRequest:
-    """The fields of ``Rule``; ``invokes`` is an IRI or ``?`` and a variable."""
+    """The requested fields of ``Rule``; ``invokes`` is an IRI, or ``?`` and a variable."""
 
     title: str
     condition: str
@@ -41,11 +41,11 @@ class RuleRequest:
 
 
 def requested(triples: Sequence[Triple], iri: str, base: str) -> RuleRequest:
-    """Read the rule that ``triples``, sent to ``iri``, ask for; UnprocessableContent with the report of its shape."""
+    """Parse a rule from ``triples`` sent to ``iri``. Raises UnprocessableContent with the report of the shape."""
     container = base + CONTAINER
     focus = _focus(triples, iri)
     about = list(dict.fromkeys(each for each in triples if each.subject == focus))
-    # First of all: a misspelt option would be none.
+    # Checked first, because a misspelt option would be ignored.
     refuse(unused(triples, focus, _terms(), _present(triples, focus)), container)
     check_lexical_forms(about, container)
     found = _validator().report(about, focus)
@@ -67,13 +67,13 @@ def requested(triples: Sequence[Triple], iri: str, base: str) -> RuleRequest:
 
 
 def _focus(triples: Sequence[Triple], iri: str) -> Node:
-    """The one ``lf:Rule``, so that a description can be sent as it is; else the root, as of an action's body."""
+    """Return the only ``lf:Rule``, so that a description can be sent back; else the root of the body."""
     typed = list(dict.fromkeys(t.subject for t in triples if t.predicate == RDF.type and t.object == LF.Rule))
     return typed[0] if len(typed) == 1 else root(triples, NamedNode(iri))  # type: ignore[return-value]
 
 
 def _present(triples: Sequence[Triple], focus: Node) -> frozenset[Triple]:
-    """The statements beside the rule that have a place: its body as it is, what names its action, who wrote it."""
+    """Return the permitted statements beside the rule: its body template, the action's variable, and its author."""
     nodes: dict[NamedNode, set[object]] = {LF.body: set(), LF.invokes: set(), PROV.wasAssociatedWith: set()}
     for each in triples:
         if each.subject == focus and each.predicate in nodes and isinstance(each.object, BlankNode):
@@ -86,7 +86,7 @@ def _present(triples: Sequence[Triple], focus: Node) -> frozenset[Triple]:
 
 @cache
 def _terms() -> Terms:
-    """Return the terms of the shape and of a rule's description, which can be sent back as it is."""
+    """Return the terms of the shape and of a rule's description, which can be sent back unchanged."""
     return Terms.of(load("rules.ttl"), LF.RuleShape).also(*_SHOWN)
 
 
@@ -106,7 +106,7 @@ def _invoked(triples: Sequence[Triple], node: Node | Literal, container: str) ->
 def _body(triples: Sequence[Triple], found: list[Node | Literal] | None, container: str) -> str:
     if found is None:
         return ""
-    assert isinstance(found[0], BlankNode)  # the shape has seen to it
+    assert isinstance(found[0], BlankNode)  # ensured by the shape
     try:
         return template(triples, found[0])
     except UnprocessableContent as error:
@@ -114,7 +114,7 @@ def _body(triples: Sequence[Triple], found: list[Node | Literal] | None, contain
 
 
 def check_variables(wanted: RuleRequest, selected: Collection[str], base: str) -> None:
-    """UnprocessableContent for a rule that speaks of what its condition does not select."""
+    """Raise UnprocessableContent if the rule uses variables that its condition does not select."""
     used = variables(wanted.body) | set(wanted.told_apart_by)
     if wanted.invokes.startswith("?"):
         used.add(wanted.invokes[1:])

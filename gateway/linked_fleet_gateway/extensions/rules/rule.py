@@ -1,4 +1,4 @@
-"""Rules and their firings, one each time that the pattern started to hold; pure values."""
+"""Rules and their firings; pure values."""
 
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -9,9 +9,12 @@ from linked_fleet_gateway.resources.paths import robot_of
 
 @dataclass(frozen=True)
 class Rule:
-    """A rule as its creator wrote it. ``invokes`` is the path of an action, or ``?`` and the variable that names it;
-    ``body`` is N-Triples about ``_:body`` in which a node with ``lf:variable`` stands for what the variable is bound
-    to, empty for an action that takes none."""
+    """A rule as written by its creator.
+
+    ``invokes`` is the path of an action, or ``?`` and the variable that names it. ``body`` is N-Triples about
+    ``_:body``, in which a node with ``lf:variable`` stands for the value of the variable; empty for an action without
+    input.
+    """
 
     id: str
     """A UUID."""
@@ -20,22 +23,22 @@ class Rule:
     """A SPARQL SELECT."""
     invokes: str
     base: str
-    """Public URL under which it was written, without slash; what the condition sees is named under it."""
+    """Public URL under which it was written, without trailing slash; base of IRIs in its condition."""
     client: str
-    """Name or network address of its creator; its rules and motions are counted."""
+    """Name or network of its creator, by which rules and motions are counted."""
     created_ns: int
     body: str = ""
     told_apart_by: tuple[str, ...] = ()
-    """Variables by which rows are told apart; all of the condition's for none."""
+    """Variables that identify rows; empty for all variables of the condition."""
     interval_s: float = 1.0
-    """The least time between two firings; what starts to hold before is suppressed."""
+    """Least time between two firings in seconds; rows that start to hold earlier are suppressed."""
     enabled: bool = True
     reason: str = ""
-    """Why it is not enabled, where it was not its creator who disabled it."""
+    """The reason if somebody else than its creator disabled it."""
     creator: str = ""
-    """Name of the identity whose rights it has; empty where none were configured."""
+    """Name of the identity whose rights it has; empty if authentication was off."""
     claims: Claims | None = None
-    """The claims of a creator who came with the token of an issuer."""
+    """The claims of a creator authenticated by an issuer."""
     sees: tuple[str, ...] = (EVERY,)
     """Patterns of the robots that its creator could read."""
 
@@ -50,12 +53,12 @@ class Rule:
 
     @property
     def robot(self) -> str | None:
-        """The one robot that it can act on; None for any, or the fleet."""
+        """The only robot that it can act on; None for several, or the fleet."""
         return None if self.variable else robot_of(self.invokes)
 
 
 class FiringState(StrEnum):
-    """RUNNING: claimed, and its action is being invoked. UNKNOWN: its gateway ended meanwhile."""
+    """States. RUNNING: claimed, its action is being invoked. UNKNOWN: its gateway ended meanwhile."""
 
     RUNNING = "running"
     ACCEPTED = "accepted"
@@ -66,10 +69,10 @@ class FiringState(StrEnum):
 
 @dataclass(frozen=True)
 class Firing:
-    """``bindings``: terms as N-Triples, by variable; ``invocation``: the path of what was invoked.
+    """One firing. ``bindings`` are N-Triples terms by variable; ``invocation`` is the path of the invocation.
 
-    ``causes``: ids of rules without whose earlier firings it would not have been; ``self_caused``: the times of the
-    last minute at which the rule itself was among them; ``revision``: of the rule.
+    ``causes`` are the ids of rules that caused it; ``self_caused`` the times of the last minute at which the rule
+    itself was among them; ``revision`` is that of the rule.
     """
 
     at_ns: int
@@ -84,7 +87,7 @@ class Firing:
 
 @dataclass
 class Known:
-    """A rule as it is known here, with its latest firings by number. ``fault``: why it cannot be evaluated."""
+    """A rule with its latest firings by number. ``fault`` is the reason why it cannot be evaluated."""
 
     rule: Rule
     revision: int
@@ -94,4 +97,4 @@ class Known:
     begun: bool = False
     """True if it was evaluated since it was written."""
     suspended: str = ""
-    """Why its creator may not have it any more."""
+    """The reason why its creator may no longer have it."""

@@ -1,4 +1,4 @@
-"""All rules: a copy of what the gateways share, which is read and shown, and serving them if no other gateway does."""
+"""The service of rules: a local copy of all rules, and their evaluation if no other gateway does it."""
 
 import asyncio
 import logging
@@ -31,14 +31,14 @@ log = logging.getLogger(__name__)
 Check = Callable[[str, str], Awaitable[Collection[str]]]
 
 KEEP_S = 0.5
-"""Between two renewals of the lease, and two looks at the rights of creators."""
+"""Period of lease renewal and of checks of creators' rights."""
 MEETING_S = 10.0
-"""For the robots that were there when rules were evaluated last; then what holds of them does so no more."""
+"""Time to wait for robots that were online at the last evaluation; afterwards their rows cease to hold."""
 _RETRY_S = 0.2
 
 
 class Rules:
-    """An async context manager; ``limit`` is how many one client may have."""
+    """An async context manager; ``limit`` is the number of rules per client."""
 
     def __init__(
         self,
@@ -55,15 +55,15 @@ class Rules:
         self._live, self._store, self._audit, self.limit = live, store, audit, limit
         self.bases = bases
         self.check = check
-        """Tells the variables of a condition; BadRequest, PayloadTooLarge."""
-        """Public URLs of the fleet."""
+        """Returns the variables of a condition. Raises BadRequest, PayloadTooLarge."""
+        """The public URLs of the fleet."""
         self.known: dict[str, Known] = {}
         self._replica = Replica(store.load, store.read, self._put)
         refresh = self._replica.refresh
         self._engine = Engine(live, actions, store, self.known, select, creator_of, refresh, self._noted, bases)
         self._changes = Changes(live, self._engine.wake)
         self._stopping: dict[str, str] = {}
-        """Why rules are disabled here already, of which Redis does not know yet."""
+        """Reasons of rules disabled here that Redis does not know yet."""
         self._written = asyncio.Event()
         self._writing: set[asyncio.Task[None]] = set()
         self._serving_since_s: float | None = None
@@ -89,39 +89,41 @@ class Rules:
 
     @property
     def serving(self) -> bool:
-        """True if it is this gateway that evaluates them."""
+        """True if this gateway evaluates the rules."""
         return self._awaited is not None and not self._awaited
 
     @property
     def loops(self) -> int:
-        """How many rules were disabled here because they fired because of themselves."""
+        """Number of rules disabled here because they triggered themselves."""
         return self._engine.loops
 
     # -- what clients do ----------------------------------------------------------------------------------------------
 
     async def write(self, rule: Rule, revision: int) -> Known:
-        """Add a rule (``revision`` 0), or replace what it said at that revision; Full, Crowded, Changed,
-        StoreUnavailable."""
+        """Add a rule (``revision`` 0), or replace that revision. Raises Full, Crowded, Changed, StoreUnavailable."""
         await self._store.write(rule, revision, self.limit)
         self._stopping.pop(rule.id, None)
         await self._replica.refresh(rule.id)
         return self.known.get(rule.id, Known(rule, revision + 1))
 
     async def latest(self, id: str) -> Known | None:
-        """The rule as Redis has it now; StoreUnavailable."""
+        """Return the rule as it is in Redis now. Raises StoreUnavailable."""
         await self._replica.refresh(id)
         return self.known.get(id)
 
     async def remove(self, rule: Rule, revision: int | None) -> bool:
-        """False if there was none; with a revision, Changed unless it says what it said at that; StoreUnavailable."""
+        """Remove a rule.
+
+        Return False if there was none. Raises Changed if ``revision`` is given and differs, StoreUnavailable.
+        """
         return await self._replica.write(rule.id, self._store.remove(rule, revision))
 
     def _stopped(self, robots: Collection[str] | None) -> None:
-        """Somebody stops these robots, all for None. That comes first; what a rule asks of them meanwhile is late."""
+        """Disable rules after a stop of these robots (None: all). The stop itself is executed first."""
         asyncio.get_running_loop().call_soon(self._disable_movers, robots)
 
     def _disable_movers(self, robots: Collection[str] | None) -> None:
-        """Rules that could have them move again are disabled, here at once, elsewhere as soon as Redis knows."""
+        """Disable the rules that could move them again: here at once, elsewhere as soon as Redis knows."""
         whom = "all robots were" if robots is None else f"{', '.join(sorted(robots))[:200]} was"
         for known in list(self.known.values()):
             if known.rule.enabled and self._moves(known.rule, robots):
@@ -132,7 +134,7 @@ class Rules:
                 task.add_done_callback(self._writing.discard)
 
     def _moves(self, rule: Rule, robots: Collection[str] | None) -> bool:
-        """Return True if the rule could move one of these robots; one that does nothing but stop them does not."""
+        """Return True if the rule could move one of these robots. A rule that only stops robots cannot."""
         if rule.variable is not None:
             return robots is None or any(map(rule.view.sees, robots))
         found = self._live.tree(rule.base).resolve(rule.invokes)
@@ -151,7 +153,7 @@ class Rules:
                 await self._replica.refresh(id)
             except Changed:
                 continue
-            except StoreUnavailable:  # nor does anything fire without it
+            except StoreUnavailable:  # nothing fires without Redis either
                 await asyncio.sleep(_RETRY_S)
 
     # -- the copy -----------------------------------------------------------------------------------------------------
@@ -176,7 +178,7 @@ class Rules:
     # -- serving ------------------------------------------------------------------------------------------------------
 
     async def _keep(self) -> None:
-        """Nothing fires during an outage of Redis."""
+        """Renew the lease or rest. During an outage of Redis nothing fires."""
         await self._serve() if await self._store.serve() else await self._rest()
         with suppress(TimeoutError):
             async with asyncio.timeout(KEEP_S):
@@ -199,7 +201,7 @@ class Rules:
             self._engine.wake()
 
     def _missing(self, awaited: set[str]) -> set[str]:
-        """Robots that were there when rules were evaluated last, and have not been seen here yet."""
+        """Return robots that were online at the last evaluation and have not been seen here yet."""
         assert self._serving_since_s is not None
         if time.monotonic() - self._serving_since_s > MEETING_S:
             return set()
@@ -207,7 +209,7 @@ class Rules:
         return {name for name in awaited if name not in robots or robots[name].header is None}
 
     def _turned(self, known: Known) -> bool:
-        """Return True if its creator lost the right to it, or has it again."""
+        """Return True if its creator lost or regained the right to it."""
         try:
             self._engine.entitled(known.rule)
         except Ended as error:
@@ -215,7 +217,7 @@ class Rules:
         return bool(known.suspended)
 
     async def _rest(self) -> None:
-        """Another gateway serves them."""
+        """Stop evaluating, because another gateway serves the rules."""
         if self._engine.serves:
             self._changes.shut()
         await self._engine.compare(set())

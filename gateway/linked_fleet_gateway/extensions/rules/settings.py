@@ -1,4 +1,4 @@
-"""The section of the extension ``rules``."""
+"""Settings of the extension ``rules``."""
 
 from dataclasses import dataclass
 from typing import ClassVar

@@ -1,8 +1,8 @@
-"""Rules in Redis: what they say, what holds of each, its firings, and which gateway evaluates them.
+"""Rules in Redis: definitions, rows that hold, firings, and the gateway that evaluates them.
 
-One run of a gateway *serves* the rules, for as long as it renews its lease. Every step that could have a robot move is
-taken in one script that looks whether this run still serves them and the rule still says what was evaluated: a run that
-was frozen, or cut off, claims nothing when it wakes.
+One run of a gateway *serves* the rules while it renews its lease. Every step that could make a robot move is a script
+that checks that this run still serves and that the rule has not changed. So a run that was frozen or disconnected
+claims nothing when it resumes.
 """
 
 import logging
@@ -21,26 +21,26 @@ from linked_fleet_gateway.runtime.redis import Connection, StoreUnavailable
 __all__ = ["KEPT", "LEASE_S", "Changed", "Crowded", "Full", "Lost", "RuleStore", "StoreUnavailable"]
 log = logging.getLogger(__name__)
 
-LEASE_S = 3.0  # after that long without a word another gateway serves the rules
+LEASE_S = 3.0  # after this time without renewal another gateway takes over
 KEPT = 50
-"""Firings of each rule."""
+"""Firings kept for each rule."""
 AT_ONCE = 16
-"""Rows of one instant that fire; more are suppressed."""
+"""Most rows that fire at one instant; others are suppressed."""
 MOST = 500
-"""Rules that there may be."""
-_NEWS = 1_000  # are kept, about
+"""Most rules of the fleet."""
+_NEWS = 1_000  # entries kept, approximately
 
 
 class Full(Exception):  # noqa: N818
-    """The client may have no more rules."""
+    """The client has too many rules."""
 
 
 class Crowded(Exception):  # noqa: N818
-    """There may be no more rules."""
+    """The fleet has too many rules."""
 
 
 class Changed(Exception):  # noqa: N818
-    """The rule was written or deleted meanwhile."""
+    """The rule was written or deleted concurrently."""
 
 
 class Lost(Exception):  # noqa: N818
@@ -48,8 +48,10 @@ class Lost(Exception):  # noqa: N818
 
 
 class RuleStore:
-    """One run of a gateway at the store. Opens without contact and heals by itself: while Redis is away every method
-    but ``news`` raises StoreUnavailable, and whether the step was taken is unknown."""
+    """Access of one run of a gateway to the store; opens without contact and reconnects by itself.
+
+    During an outage every method except ``news`` raises StoreUnavailable, and it is unknown if the step was executed.
+    """
 
     def __init__(self, url: str, namespace: str, run: str) -> None:
         self._keys = Keys(namespace)
@@ -62,7 +64,7 @@ class RuleStore:
     # Rules
 
     async def write(self, rule: Rule, revision: int, limit: int) -> None:
-        """Add a rule (``revision`` 0), or replace what it said at that revision; Full, Crowded, Changed."""
+        """Add a rule (``revision`` 0), or replace that revision. Raises Full, Crowded, Changed."""
         keys = (self._keys.records, self._keys.revisions, self._keys.of_client(rule.client))
         body = msgspec.json.encode(rule)
         said = await self._redis.run(scripts.WRITE, keys, rule.id, body, revision, limit, MOST)
@@ -75,7 +77,7 @@ class RuleStore:
         await self._tell(rule.id)
 
     async def remove(self, rule: Rule, revision: int | None = None) -> bool:
-        """False if there was none; with a revision, Changed unless it says what it said at that."""
+        """Remove a rule. Return False if there was none. Raises Changed if ``revision`` is given and differs."""
         keys = (self._keys.records, self._keys.revisions, self._keys.of_client(rule.client))
         arguments = (rule.id,) if revision is None else (rule.id, revision)
         removed = await self._redis.run(scripts.REMOVE, keys + self._keys.of_rule(rule.id), *arguments)
@@ -85,13 +87,13 @@ class RuleStore:
         return bool(removed)
 
     async def load(self) -> dict[str, Known]:
-        """All rules, by id."""
+        """Return all rules by id."""
         ids = [id.decode() for id in await self._redis.one("HKEYS", self._keys.records)]
         found = [await self.read(id) for id in ids]
         return {each.rule.id: each for each in found if each is not None}
 
     async def read(self, id: str) -> Known | None:
-        """One rule; None also for one that another version has written and this one cannot read."""
+        """Return one rule; None also if another version wrote it in an unreadable form."""
         _, counts, firings = self._keys.of_rule(id)
         keys = (self._keys.records, self._keys.revisions, counts, firings)
         body, revision, said, fired = await self._redis.run(scripts.READ, keys, id)
@@ -117,7 +119,7 @@ class RuleStore:
     # Serving
 
     async def serve(self) -> bool:
-        """Serve the rules for the time of the lease, if no other run does."""
+        """Take or renew the lease, unless another run has it. Return True if this run serves."""
         server = await self._redis.run(scripts.SERVE, (self._keys.server,), self._run, round(LEASE_S * 1000))
         return bool(server == self._run.encode())
 
@@ -125,7 +127,7 @@ class RuleStore:
         await self._redis.run(scripts.LEAVE, (self._keys.server,), self._run)
 
     async def seen(self) -> set[str]:
-        """The robots that were there when rules were evaluated last."""
+        """Return the robots that were online at the last evaluation."""
         return {name.decode() for name in await self._redis.one("SMEMBERS", self._keys.seen)}
 
     async def note_seen(self, came: Collection[str], left: Collection[str]) -> None:
@@ -135,18 +137,20 @@ class RuleStore:
             await self._redis.one("SREM", self._keys.seen, *left)
 
     async def recall(self, known: Known) -> set[str] | None:
-        """The keys of the rows that held when the rule was evaluated last; None if it was not since it was written."""
+        """Return the keys of the rows that held at the last evaluation; None without one since the rule was written."""
         said, *keys = await self._mine(scripts.RECALL, known)
         return None if said == b"new" else {key.decode() for key in keys}
 
     async def begin(self, known: Known, holding: Collection[str]) -> None:
-        """Take what holds for what has always held."""
+        """Store the rows that hold at the first evaluation."""
         await self._mine(scripts.BEGIN, known, *holding)
         await self._tell(known.rule.id)
 
     async def advance(self, known: Known, began: Mapping[str, Firing], ended: Collection[str]) -> list[int]:
-        """Note what started and ceased to hold. The numbers of the firings that are claimed by it, of the first of
-        ``began``; the others are suppressed."""
+        """Store changed rows.
+
+        Return the numbers of the firings claimed for the first of ``began``; others are suppressed.
+        """
         rows = [part for key, firing in began.items() for part in (key, msgspec.json.encode(firing))]
         limits = (round(known.rule.interval_s * 1000), AT_ONCE, KEPT, len(began))
         _, *numbers = await self._mine(scripts.ADVANCE, known, *limits, *rows, *ended)
@@ -155,13 +159,13 @@ class RuleStore:
         return [int(number) for number in numbers]
 
     async def finish(self, rule: Rule, number: int, firing: Firing) -> None:
-        """The outcome of a firing that was claimed."""
+        """Store the result of a claimed firing."""
         text = firing.state.value.encode() + b" " + msgspec.json.encode(firing)
         await self._redis.run(scripts.FINISH, (self._keys.of_rule(rule.id)[2],), number, text)
         await self._tell(rule.id)
 
     async def complain(self, known: Known) -> None:
-        """Have others know why a rule does not fire, or that it does again."""
+        """Store why a rule does not fire, or that it does again."""
         keys = (self._keys.server, self._keys.revisions, self._keys.of_rule(known.rule.id)[1])
         arguments = (self._run, known.rule.id, known.revision, known.fault, known.suspended)
         _heeded(await self._redis.run(scripts.COMPLAIN, keys, *arguments), known)
@@ -175,7 +179,7 @@ class RuleStore:
     # News
 
     async def news(self) -> AsyncGenerator[str | None, None]:
-        """Ids of rules with which another run did something; None: Redis was away, and all must be read anew."""
+        """Yield ids of rules changed by another run; None after an outage, when all must be read again."""
         async with aclosing(self._redis.news()) as news:
             async for fields in news:
                 if fields is None:
@@ -201,5 +205,5 @@ def _firing(text: bytes) -> Firing:
 
 
 def _pairs(answer: Sequence[bytes]) -> Iterable[tuple[bytes, bytes]]:
-    """A hash, as a script gives it."""
+    """Return the pairs of a hash in a script's answer."""
     return zip(answer[::2], answer[1::2], strict=True)

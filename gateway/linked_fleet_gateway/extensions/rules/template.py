@@ -1,6 +1,6 @@
-"""The body of a rule's action: what the rule says, with terms in the place of variables. Pure.
+"""The body of a rule's action: a template with terms in place of variables. Pure.
 
-It is RDF with holes and no text with holes: whatever a robot is called, it cannot say more than one term.
+Variables are replaced in RDF, not in text, so that no value can inject more than one term.
 """
 
 from collections.abc import Iterable, Sequence
@@ -17,7 +17,7 @@ MOST_TRIPLES = 200
 
 
 def template(triples: Sequence[Triple], root: BlankNode) -> str:
-    """Return the triples of ``root`` and of the blank nodes below it, about ``ROOT``; UnprocessableContent."""
+    """Return the triples of ``root`` and of the blank nodes below it, about ``ROOT``. Raises UnprocessableContent."""
     body = below(triples, [root])
     names: dict[object, BlankNode] = {root: ROOT}
     for each in body:
@@ -30,12 +30,12 @@ def template(triples: Sequence[Triple], root: BlankNode) -> str:
         if said != 1 or node == ROOT or sum(each.subject == node for each in found) != 1:
             raise UnprocessableContent('A node of lf:body with lf:variable says nothing else: [ lf:variable "name" ].')
     written = serialize(found, format=RdfFormat.N_TRIPLES)
-    assert written is not None  # nothing is written to a file
+    assert written is not None  # None only when it writes to a file
     return written.decode()
 
 
 def below(triples: Sequence[Triple], roots: Iterable[object]) -> list[Triple]:
-    """The triples about ``roots`` and about the blank nodes below them."""
+    """Return the triples about ``roots`` and about the blank nodes below them."""
     by_subject: dict[object, list[Triple]] = {}
     for each in triples:
         by_subject.setdefault(each.subject, []).append(each)
@@ -55,12 +55,12 @@ def triples_of(text: str) -> list[Triple]:
 
 
 def variables(text: str) -> set[str]:
-    """The variables that a template has."""
+    """Return the variables of a template."""
     return {each.object.value for each in triples_of(text) if each.predicate == LF.variable}  # type: ignore[union-attr]
 
 
 def filled(text: str, row: Row, action: NamedNode) -> list[Triple]:
-    """The body for ``action``; UnprocessableContent for a variable that is bound to nothing."""
+    """Return the body for ``action``. Raises UnprocessableContent for an unbound variable."""
     triples = triples_of(text)
     values: dict[object, Node | Literal] = {ROOT: action}
     for each in triples:
@@ -81,7 +81,7 @@ def _bound(row: Row, name: str) -> NamedNode | Literal:
 
 
 def _holes(triples: Iterable[Triple]) -> dict[object, int]:
-    """How many names of variables each node has, of those that have any."""
+    """Return the number of variable names of each node that has any."""
     found: dict[object, int] = {}
     for each in triples:
         if each.predicate == LF.variable:
