@@ -1,7 +1,8 @@
-"""World: placements, objects and zones, poses between frames, and the collision check of motions (README.md).
+"""World: placements, objects and zones, poses between frames, and collision checks of motions (README.md).
 
-``service``, ``resources``, ``describe``, ``page``: what is at ``/world``. ``store``, ``replicated_objects``: objects in
-Redis and this gateway's copy. ``checks``: the guard of motions; it asks ``worker``, a process of its own, through
-``process`` and ``messages``. There ``preparation``, ``shapes``, ``surfaces`` and ``mesh_cache`` make shapes of URDFs,
-``pairs`` finds which parts are held against each other, ``path``, ``swept_path`` and ``collision_check`` follow a way.
+``service``, ``resources``, ``describe``, ``page``: the resources at ``/world``. ``store``, ``replicated_objects``:
+objects in Redis and this gateway's copy. ``checks``: the guard of motions; it queries ``worker``, a separate process,
+through ``process`` and ``messages``. In that process, ``preparation``, ``shapes``, ``surfaces`` and ``mesh_cache``
+build collision shapes from URDFs, ``pairs`` selects the pairs of bodies to check, and ``path``, ``swept_path`` and
+``collision_check`` check a path.
 """

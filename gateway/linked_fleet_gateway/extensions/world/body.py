@@ -1,4 +1,4 @@
-"""Bodies of objects, from triples to typed values. The published shape judges first."""
+"""Bodies of objects, converted from triples to typed values after validation by the published shape."""
 
 import base64
 import binascii
@@ -32,7 +32,7 @@ PREDICATES_OF_GEOMETRY: dict[Node, tuple[NamedNode, ...]] = {
     LF.Cylinder: (LF.radius, LF.length),
     LF.TriangleMesh: (LF.stl, LF.mesh),
 }
-"""Predicates that each form of geometry uses."""
+"""Predicates of each type of geometry."""
 
 
 def read_object(
@@ -42,9 +42,9 @@ def read_object(
     present: SceneObject | None = None,
     described: frozenset[Triple] = frozenset(),
 ) -> SceneObject:
-    """An object to be put at ``iri``, in place of ``present``, of which ``described`` is the description.
+    """Parse an object for ``iri``, in place of ``present``, whose description is ``described``.
 
-    UnprocessableContent says what would have been right.
+    Raises UnprocessableContent, which states the valid form.
     """
     body = judged(triples, LF.SceneObjectInput, iri, described)
     frames = body.nodes(body.root, LF.inFrame)
@@ -62,7 +62,7 @@ def read_object(
 
 
 def _check_form(body: Body, node: Node, iri: str, present: SceneObject | None) -> None:
-    """The shape of geometries knows what any form of them has."""
+    """Refuse predicates of other types of geometry, which the common shape allows."""
     form = body.node(node, RDF.type)
     assert form is not None
     other = {each for said in PREDICATES_OF_GEOMETRY.values() for each in said}.difference(PREDICATES_OF_GEOMETRY[form])

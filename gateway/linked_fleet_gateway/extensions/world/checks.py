@@ -1,7 +1,6 @@
-"""Motions against the world, before they are accepted: what is asked of the process that checks, and what it means.
+"""Collision checks of motions before they are accepted: questions to the check process, and their answers.
 
-A robot that nobody has placed is checked against nothing. What cannot be told is refused: a motion is begun when its
-way was found free, and only then.
+A robot without a placement is not checked. A motion is refused unless its path was found free.
 """
 
 import asyncio
@@ -28,21 +27,21 @@ from linked_fleet_gateway.resources.placement import placement_of, pose_in_world
 from linked_fleet_gateway.subscriptions.live import Live
 
 WITHIN_S = 1.0
-"""Processor time for the check of one motion."""
+"""Processor time for the check of one motion, in seconds."""
 EARLY_S = 5.0
-"""How long a motion waits at most for shapes that are being prepared."""
-_PATIENCE_S = 3.0  # for the check itself, which has to wait its turn, and for the processor
+"""Longest wait of a motion for shapes that are being prepared."""
+_PATIENCE_S = 3.0  # for a check including its wait for a turn and for the processor
 _ANSWER_S = 10.0
 MOST_WAITING = 16
 MOST_EARLY = 64
 NEAR_M = 25.0
-"""Robots whose roots are further from each other than this do not meet."""
+"""Robots whose roots are further apart than this are not checked against each other."""
 
 
 class Checks:
     """Implements ``MotionGuard``; an async context manager. It starts no process before a robot is placed.
 
-    Meshes are kept in ``folder``.
+    Meshes are cached in ``folder``.
     """
 
     def __init__(self, live: Live, objects: Mapping[str, SceneObject], folder: Path) -> None:
@@ -63,11 +62,11 @@ class Checks:
 
     @property
     def prepared(self) -> bool:
-        """Return True if the shapes of all placed robots are prepared, as far as they can be had."""
+        """True if the shapes of all placed robots are prepared, as far as available."""
         return self._preparation.is_complete()
 
     async def ready(self, robot: Robot, sees: View) -> None:
-        """Wait for what is being prepared of the robot and of all that it could meet; Unchecked, Busy."""
+        """Wait for the shapes of the robot and of everything around it. Raises Unchecked, Busy."""
         if placement_of(robot) is None:
             return
         if self._early >= MOST_EARLY:
@@ -83,7 +82,10 @@ class Checks:
             self._early -= 1
 
     async def free(self, motion: Motion, sees: View, own: str) -> bool:
-        """Busy when so many wait that it would be too late."""
+        """Check a motion.
+
+        Return False if the robot has no placement. Raises Collides, Unchecked; Busy if too many wait.
+        """
         if placement_of(motion.robot) is None:
             return False
         if self._waiting >= MOST_WAITING:
@@ -108,13 +110,13 @@ class Checks:
             raise Unchecked(f"Whether {motion.robot.name} meets anything is unknown: {answer.reason}.")
 
     def _around(self, robot: Robot, sees: View) -> list[Robot]:
-        """Robots that it could meet, itself among them."""
+        """Return the robots near enough to collide, including the robot itself."""
         here = _base(robot, sees)
         placed = [each for each in self._live.fleet.robots.values() if is_placed(each)]
         return [each for each in placed if math.dist(_base(each, sees).position_m, here.position_m) <= NEAR_M]
 
     def _perhaps_around(self, robot: Robot) -> list[Robot]:
-        """Robots that it could meet, and those of which it is not known yet where they are."""
+        """Return the robots near enough to collide, and those whose place is not known yet."""
         placed = {each.name: each for each in self._live.fleet.robots.values() if is_placed(each)}
         bases = {name: pose_in_world(each, each.model.root) for name, each in placed.items() if each.model is not None}
         here = bases.get(robot.name)
@@ -156,7 +158,7 @@ class Checks:
         return Stood(name, self._preparation.key(robot), _base(robot, sees), stances)
 
     def _underway(self, robot: Robot, own: str) -> dict[str, float]:
-        """Return the targets of its joints by motions that have not ended."""
+        """Return the targets of its joints in other motions that have not ended."""
         ends: dict[str, float] = {}
         for invocation in reversed(self._live.invocations.open_of(robot.name)):
             if invocation.id != own:
@@ -195,7 +197,7 @@ def _positions(robot: Robot) -> Positions:
 
 
 def _base(robot: Robot, sees: View) -> Pose:
-    """Return the pose of its root; Unchecked."""
+    """Return the pose of its root in the world. Raises Unchecked."""
     assert robot.model is not None
     pose = pose_in_world(robot, robot.model.root)
     if pose is None:

@@ -1,13 +1,13 @@
-"""Collision check of a path. No obstacle is passed by, however thin it is or however fast the motion.
+"""Collision check of a path. No obstacle is skipped, however thin it is or fast the motion.
 
-Runs in the process that checks motions. The margin is kept to objects and other robots, and ``CLEARANCE_M`` between
-parts of the robot itself. A pair that is further apart is looked at again when it may have come so near: no pair comes
-nearer by more than its joints go, each times its reach. So no contact is between two looks.
+Runs in the check process. The margin applies to objects and other robots, ``CLEARANCE_M`` to parts of the robot itself.
+The distance of a pair decreases by no more than the motion of its joints, each times its reach. So a pair that is
+further apart is checked again only when it may have come near, and no contact is missed.
 
-What is nearer than that at the start already may stay so, and may not come nearer: so a robot that stands in a zone
-moves out, and not further in. Parts of the robot may come nearer than they are, but not touch: where they might have
-touched between two looks, they are looked at again, at most every ``FINEST_M``, so that no contact is deeper than half
-of that. Those that touch each other at the start are left to themselves.
+A pair that is nearer than its margin at the start may stay so but not come nearer: a robot in a zone can move out but
+not further in. Parts of the robot may come nearer but not touch: where they might have touched between two places, the
+path is refined down to ``FINEST_M``, so that no contact is deeper than half of that. Parts that touch at the start are
+not checked.
 """
 
 import math
@@ -28,31 +28,34 @@ from linked_fleet_gateway.extensions.world.surroundings import MARGIN_M, Mover, 
 from linked_fleet_gateway.fleet.xml import Vector
 
 CLEARANCE_M = 0.001  # half a step, so that parts that keep it at two neighbouring places do not touch between them
-_TOUCHING_M = 1e-9  # rounding: what is further apart does not touch
-_NEAREST_M = 1e-5  # of what does not touch at the start
-_SLACK_M = 0.001  # what was near and does not move comes nearer by rounding
+_TOUCHING_M = 1e-9  # rounding: a larger distance is no contact
+_NEAREST_M = 1e-5  # least margin of a pair that does not touch at the start
+_SLACK_M = 0.001  # the distance of a near pair that does not move varies by rounding
 _MOST_PAIRS = 100_000
-_WINDOW, _ROOM = 512, 1_000_000  # places that are looked ahead, and numbers that this may take
+_WINDOW, _ROOM = 512, 1_000_000  # places evaluated ahead, and limit of the numbers that this takes
 _TOO_LONG = "it takes too long to be checked; go it in parts"
-_ALIGNED = 8  # places: pairs that are far apart are looked at together
+_ALIGNED = 8  # places: pairs that are far apart are evaluated together
 
 Indices = npt.NDArray[np.intp]
 
 
 @dataclass
 class _Pair:
-    """A body of the robot, and another one or a thing, which keep ``least_m`` of distance, or of depth ``by_depth``."""
+    """A body of the robot and another body or a thing, which must keep the distance ``least_m``.
+
+    With ``by_depth`` the limit is a penetration depth.
+    """
 
     body: int
     other: int
     thing: Thing | None
     least_m: float
     by_depth: bool = False
-    fine: bool = False  # it keeps so little that it might touch between two places of the path
+    fine: bool = False  # its margin is so small that it might touch between two places of the path
 
 
 def check(asked: Check, robots: Mapping[str, Robot], objects: Mapping[str, coal.CollisionGeometry]) -> Answer:
-    """``robots`` and ``objects`` are what was prepared, by key."""
+    """Check the paths of a question; ``robots`` and ``objects`` are the prepared shapes by key."""
     ends_s = time.thread_time() + asked.within_s
     try:
         missing = [each.key for each in (asked.robot, *asked.robots) if each.key not in robots]
@@ -66,7 +69,7 @@ def check(asked: Check, robots: Mapping[str, Robot], objects: Mapping[str, coal.
 
 
 class _Sweep:
-    """Every pair that may come near on any of the ways."""
+    """The check of all pairs that may come near on any of the paths."""
 
     def __init__(self, asked: Check, robot: Robot, things: list[Thing], ends_s: float) -> None:
         self._ways, self._robot, self._things, self._ends_s = asked.ways, robot, things, ends_s
@@ -77,7 +80,7 @@ class _Sweep:
         self._joints = tuple(name for name in gone if robot.model.existJointName(name))
         moving = {name for way in asked.ways[:1] for name in changed(robot, way)}
         self._radii = np.array([body.radius for body in robot.bodies])
-        # By joint that moves and body: how far the body goes at most with what the joint goes.
+        # By joint and body: the most that the body can move per motion of the joint.
         ids = [robot.model.getJointId(name) for name in self._joints]
         slides = np.array([robot.tree.joints[name].kind == "prismatic" for name in self._joints], dtype=bool)
         reach = robot.reach_m[ids].reshape(len(ids), len(robot.bodies))
@@ -94,7 +97,7 @@ class _Sweep:
         self._looks = 0
 
     def _furthest(self, start: Positions) -> dict[str, float]:
-        """By joint the most that it goes on any of the ways, with what lies between their starts."""
+        """Return by joint its largest motion on any path, including the distance between their starts."""
         found: dict[str, float] = {}
         for way in self._ways:
             gone = changed(self._robot, way)
@@ -105,9 +108,9 @@ class _Sweep:
         return found
 
     def _near_pairs(self) -> tuple[list[_Pair], list[Array]]:
-        """Pairs that the motion may bring near each other, and their weights: by joint how much nearer by what it goes.
+        """Return the pairs that the motion may bring near, and by joint their approach per motion of the joint.
 
-        Those that are near at the start already may stay so.
+        Pairs that are near at the start may stay so.
         """
         centres = self._mover.centres(np.arange(len(self._robot.bodies)))
         found = [*self._near_things(centres), *self._near_own(centres)]
@@ -130,7 +133,7 @@ class _Sweep:
     def _near_own(self, centres: Array) -> Iterator[tuple[_Pair, Array, float]]:
         pairs = np.array(self._robot.pairs, dtype=np.intp).reshape(-1, 2)
         one, other = self._reach[:, pairs[:, 0]], self._reach[:, pairs[:, 1]]
-        weights = np.where((one > 0) & (other > 0), 0.0, one + other)  # a joint below both moves them alike
+        weights = np.where((one > 0) & (other > 0), 0.0, one + other)  # a joint below both moves them together
         apart = np.linalg.norm(centres[pairs[:, 0]] - centres[pairs[:, 1]], axis=1)
         gaps = apart - self._radii[pairs].sum(axis=1)
         near = (gaps <= CLEARANCE_M + self._gone @ weights) & weights[self._own].any(axis=0)
@@ -138,7 +141,7 @@ class _Sweep:
             yield _Pair(int(pairs[p, 0]), int(pairs[p, 1]), None, CLEARANCE_M), weights[:, p], float(gaps[p])
 
     def _settle(self, pair: _Pair) -> bool:
-        """Return the margin that the pair has to keep, by its distance at the start, and if it is checked."""
+        """Set the margin of a pair by its distance at the start. Return False if it is not checked."""
         if time.thread_time() > self._ends_s:
             raise Unknown(_TOO_LONG)
         one, other = self._shapes(pair)
@@ -149,7 +152,7 @@ class _Sweep:
             return True
         solid = pair.thing is not None and one.surface is None and other.surface is None and other.hull is not None
         if apart > _TOUCHING_M or solid:
-            touch_m = -math.inf if solid else min(_NEAREST_M, apart / 2)  # how deep it is inside a surface is not known
+            touch_m = -math.inf if solid else min(_NEAREST_M, apart / 2)  # the depth inside a surface is unknown
             pair.least_m = max(apart - _SLACK_M, touch_m)
             pair.fine = apart > _TOUCHING_M and pair.least_m < STEP_M / 2
             return True
@@ -169,9 +172,9 @@ class _Sweep:
         return Free(self._looks)
 
     def _along(self, path: Path) -> tuple[_Pair, int] | None:
-        """The first pair that meets on a path, and the place.
+        """Return the first pair that collides on a path, and the place; None if the path is free.
 
-        ``due`` is the place at which each pair is to be looked at next, ``seen`` where it was last.
+        ``due`` is the next place to check each pair, ``seen`` the last one.
         """
         due, seen = np.zeros((2, len(self._pairs)), dtype=np.intp)
         rooms = np.zeros(len(self._pairs))
@@ -188,7 +191,7 @@ class _Sweep:
         return None
 
     def _look(self, path: Path, at: int, pairs: Indices) -> tuple[Array, _Pair | None]:
-        """Return lower bounds of the room that each pair has at a place, and a pair that has none; metres."""
+        """Return lower bounds of the free distance of each pair at a place (m), and a pair without any."""
         self._stand(path, at)
         room = self._room(pairs)
         for n in np.nonzero(room <= 2 * STEP_M)[0].tolist():
@@ -209,7 +212,7 @@ class _Sweep:
         return (depth(one, other) if pair.by_depth else distance(one, other, pair.least_m)) - pair.least_m
 
     def _meets_between(self, path: Path, place: int, n: int) -> bool:
-        """Check a pair between a place and the next: wherever it may have used up its room, down to ``FINEST_M``."""
+        """Check a pair between a place and the next, refining down to ``FINEST_M`` where it may collide."""
         finer = path.between(place)
         gone = finer.gone @ self._weights[n]
         rooms: dict[int, float] = {}
@@ -227,7 +230,7 @@ class _Sweep:
         return False
 
     def _room(self, pairs: Indices) -> Array:
-        """How far each pair is from what it has to keep, at least, by the balls around both."""
+        """Return lower bounds of the free distance of each pair, by bounding spheres."""
         bodies, others, fixed = self._bodies[pairs], self._others[pairs], self._fixed[pairs]
         centres = self._mover.centres(np.concatenate([bodies, others[~fixed]]))
         there, radii = np.zeros((len(pairs), 3)), np.zeros(len(pairs))
@@ -239,7 +242,7 @@ class _Sweep:
         return found
 
     def _places(self, path: Path, at: int, pairs: Indices, room: Array) -> Indices:
-        """In how many places each pair is to be looked at again: where it may first have used up its ``room``."""
+        """Return the number of places until each pair must be checked again, given its free distance ``room``."""
         window = max(2 * _ALIGNED, min(_WINDOW, _ROOM // len(pairs)))
         gone = (path.gone[at : at + window] - path.gone[at]) @ self._weights[pairs].T
         free: Indices = np.maximum(1, (gone <= room).sum(axis=0))
@@ -250,7 +253,7 @@ class _Sweep:
         return self._mover.shape(pair.body), other
 
     def _point(self, pair: _Pair) -> Vector | None:
-        """The point in the world at which a pair meets, as the robot stands now."""
+        """Return the point in the world at which a pair collides, at the present positions."""
         found = meeting_point(*self._shapes(pair))
         if found is None:
             return None

@@ -1,4 +1,4 @@
-"""How far two placed shapes are apart. Metre."""
+"""Distances between two placed shapes. Metre."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,14 +11,17 @@ import pinocchio as pin
 from linked_fleet_gateway.extensions.world.path import STEP_M
 from linked_fleet_gateway.extensions.world.surfaces import Surface, winding
 
-_NEARLY_M = 4 * STEP_M  # from which on the distance of the hulls is as good as that of the surfaces
+_NEARLY_M = 4 * STEP_M  # above this, the distance of the hulls replaces that of the surfaces
 _REQUEST = coal.DistanceRequest()
-_REQUEST.gjk_tolerance = 1e-9  # by default, convex shapes within a micrometre are at a distance of zero
+_REQUEST.gjk_tolerance = 1e-9  # by default, convex shapes within a micrometre have distance zero
 
 
 @dataclass(frozen=True)
 class Shape:
-    """``shape`` is exact; ``hull``, where there is one, is convex and contains it; ``surface`` is known of a mesh."""
+    """A placed shape.
+
+    ``shape`` is exact; ``hull``, if any, is convex and contains it; ``surface`` is that of a mesh.
+    """
 
     shape: coal.CollisionGeometry
     hull: coal.CollisionGeometry | None
@@ -31,7 +34,7 @@ class Shape:
 
 
 def distance(one: Shape, other: Shape, least_m: float) -> float:
-    """At least; exact near ``least_m`` and below. Of what touches not above zero."""
+    """Return a lower bound of the distance; exact near ``least_m`` and below, and not above zero for a contact."""
     exact = one.hull is one.shape and other.hull is other.shape
     if not exact and one.hull is not None and other.hull is not None:
         apart = depth(one, other)
@@ -41,7 +44,7 @@ def distance(one: Shape, other: Shape, least_m: float) -> float:
 
 
 def depth(one: Shape, other: Shape) -> float:
-    """Return the distance of the convex hulls in metre, or, negative, their penetration depth."""
+    """Return the distance of the convex hulls in metre, negative for a penetration depth."""
     assert one.hull is not None and other.hull is not None
     return _distance(one.hull, one, other.hull, other)
 
@@ -51,7 +54,7 @@ def _distance(mine: coal.CollisionGeometry, one: Shape, yours: coal.CollisionGeo
 
 
 def meeting_point(one: Shape, other: Shape) -> npt.NDArray[np.float64] | None:
-    """The middle between the nearest points of both; None where there are none, as in some meshes that cross."""
+    """Return the middle between the nearest points of both; None if unavailable, as for some intersecting meshes."""
     request, result = coal.DistanceRequest(True), coal.DistanceResult()
     coal.distance(one.shape, one.place, other.shape, other.place, request, result)
     middle = (np.array(result.getNearestPoint1()) + np.array(result.getNearestPoint2())) / 2
@@ -60,7 +63,7 @@ def meeting_point(one: Shape, other: Shape) -> npt.NDArray[np.float64] | None:
 
 
 def is_inside(one: Shape, other: Shape) -> bool:
-    """Return True if one is inside the other. Their surfaces do not touch."""
+    """Return True if ``one`` is inside ``other``, given that their surfaces do not touch."""
     if other.surface is None:
         return False
     one.shape.computeLocalAABB()

@@ -1,4 +1,4 @@
-"""The world as triples: where robots stand, what stands among them. Pure."""
+"""The world as triples: placements of robots, and objects. Pure."""
 
 from collections.abc import Iterable, Mapping
 
@@ -16,7 +16,7 @@ from linked_fleet_gateway.resources.relative_poses import Posed
 OBJECTS, POSES = f"{WORLD}/objects", f"{WORLD}/pose"
 STL = "model/stl"
 MAX_DESCRIBED = 100
-"""Objects that the container describes and not only lists."""
+"""Objects that the container describes; others are only listed."""
 Objects = Mapping[str, SceneObject]
 
 
@@ -25,7 +25,7 @@ def object_path(id: str) -> str:
 
 
 def describe_world(graph: Graph, base: str, robots: Iterable[Robot]) -> None:
-    """The frame tree down to the root links; from there it goes on by the joints of each robot."""
+    """Describe the frame tree down to the root links, where the joints of each robot continue it."""
     robots = sorted(robots, key=lambda robot: robot.name)
     describe_frame(graph, base, robots)
     for robot in robots:
@@ -33,7 +33,7 @@ def describe_world(graph: Graph, base: str, robots: Iterable[Robot]) -> None:
 
 
 def describe_frame(graph: Graph, base: str, robots: Iterable[Robot]) -> None:
-    """Describe the world alone: that robots are in it, not where."""
+    """Describe the world with its robots, without their placements."""
     iri = NamedNode(base + WORLD)
     graph.a(iri, LF.World)
     graph.add(iri, DCTERMS.title, Literal("World"))
@@ -66,7 +66,7 @@ def _describe_robot(graph: Graph, base: str, robot: Robot) -> None:
 
 
 def describe_objects(graph: Graph, base: str, objects: Objects, most: int = MAX_DESCRIBED) -> None:
-    """The LDP container of the objects; the first ``most`` are described, in the order of their titles."""
+    """Describe the LDP container of the objects; the first ``most``, by title, are described completely."""
     iri = NamedNode(base + OBJECTS)
     graph.a(iri, LF.SceneObjects, LDP.BasicContainer, LDP.Container)
     graph.add(iri, DCTERMS.title, Literal("Objects of the world"))
@@ -109,7 +109,7 @@ def _describe_geometry(graph: Graph, node: Node, geometry: Geometry, thing: Name
 
 
 def describe_template(graph: Graph, base: str) -> None:
-    """How poses are asked for (RFC 6570 in the terms of Hydra)."""
+    """Describe the template for poses (RFC 6570 in the Hydra vocabulary)."""
     iri = NamedNode(base + POSES)
     graph.a(iri, HYDRA.IriTemplate)
     graph.add(iri, DCTERMS.title, Literal("Poses of things in the frames of others"))
@@ -126,7 +126,7 @@ def describe_template(graph: Graph, base: str) -> None:
 
 
 def describe_posed(graph: Graph, iri: NamedNode, of: str, frame: str, posed: Posed) -> None:
-    """``of`` and ``frame`` are IRIs."""
+    """Describe a relative pose; ``of`` and ``frame`` are IRIs."""
     graph.a(iri, LF.PoseInFrame)
     graph.add(iri, DCTERMS.title, Literal("Pose in a frame"))
     graph.add(iri, LF.poseOf, NamedNode(of))

@@ -10,9 +10,12 @@ from linked_fleet_gateway.fleet.xml import Vector
 
 
 class Collides(MotionRefused):
-    """On its way the robot would meet something. ``things``: IRIs of its link and of what that meets, as far as who
-    asks may know it, with ``names`` for people; ``share``: of the way that is free; ``point``: where in the world they
-    would meet, in metre, if it is known. ``reason`` names nothing but the robot's own."""
+    """The motion would collide.
+
+    ``things`` are IRIs of the robot's link and of the other body, if the caller may know it, with ``names`` for people.
+    ``share`` is the free share of the path, ``point`` the place of the collision in the world in metre, if known.
+    ``reason`` names only parts of the robot itself.
+    """
 
     status, code, title = 409, "collision", "The motion would end in a collision"
 
@@ -41,7 +44,7 @@ class Collides(MotionRefused):
 
 
 class Unchecked(MotionRefused):
-    """The check of the motion for collisions could not be made, so nothing moves; ``reason`` as of Collides."""
+    """The motion could not be checked for collisions, so it is refused; ``reason`` as in Collides."""
 
     status, code, title = 503, "unchecked", "The motion could not be checked"
 

@@ -1,4 +1,4 @@
-"""The extension ``world``: placements, objects and zones, poses between frames, and the collision check of motions."""
+"""The extension ``world``: placements, objects and zones, poses between frames, and collision checks of motions."""
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager

@@ -1,4 +1,4 @@
-"""Objects of the world over HTTP, and poses in the frames that a query names."""
+"""HTTP for objects of the world, and for poses in the frames that a query names."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -34,7 +34,7 @@ _LONGEST_NAMED = 200
 
 
 async def post_object(world: World, request: Request, afforded: PostObject) -> Response:
-    """201 with Location."""
+    """Create an object. The response is 201 with Location."""
     refuse_rehearsal(request)
     thing = read_object(await _read(request, request.base + OBJECTS), request.base + OBJECTS, request.base + WORLD)
     id = await world.objects.add(thing)
@@ -42,25 +42,25 @@ async def post_object(world: World, request: Request, afforded: PostObject) -> R
 
 
 async def put_object(world: World, request: Request, afforded: PutObject) -> Response:
-    """204: replaced, or taken away."""
+    """Replace or remove an object. The response is 204."""
     refuse_rehearsal(request)
     objects, path = world.objects, object_path(afforded.id)
     change = await _change(request, request.base + path)
     while True:
-        # Each time, because it may have changed, or gone, while the body was on its way, or at another gateway.
+        # Evaluated in each attempt, because the object may change meanwhile, also at another gateway.
         present = await present_under_preconditions(request, lambda: request.tree().resolve(path))
         if present is None:
             raise NotFound("Somebody has taken the object away meanwhile.")
         triples, known = change(present), objects.known[afforded.id]
         thing = None if triples is None else await _replaced(request, triples, present, known)
         if objects.known.get(afforded.id) is not known:
-            continue  # another gateway was faster while the body was read
+            continue  # another gateway changed it while the body was read
         if await objects.change(afforded.id, thing):
             return Response(status_code=204)
 
 
 async def _change(request: Request, iri: str) -> Callable[[Resource], list[Triple] | None]:
-    """The description to be, by the resource as it is at that moment; None when the object is taken away."""
+    """Return a function from the present resource to its new description; None if the object is to be removed."""
     if request.method == "DELETE":
         return lambda present: None
     if request.method == "PUT":
@@ -83,7 +83,7 @@ async def _read(request: Request, iri: str) -> list[Triple]:
 async def _replaced(
     request: Request, triples: Sequence[Triple], resource: Resource, present: SceneObject | None
 ) -> SceneObject:
-    """The object that a body describes, read in a thread if it has a mesh; UnprocessableContent, Busy."""
+    """Return the object in a body, parsed in a thread if it has a mesh. Raises UnprocessableContent, Busy."""
     seen = shown(resource.whole(request.base))
     work = partial(read_object, triples, request.base + resource.path, request.base + WORLD, present, seen)
     offload: Offload = request.services.offload
@@ -92,7 +92,7 @@ async def _replaced(
 
 
 async def read_pose(world: World, request: Request, resource: Resource, asked: AskPose) -> Response:
-    """The pose that the query asks for, or how to ask for one; BadRequest, NotFound."""
+    """Return the requested pose or, without a query, the template. Raises BadRequest, NotFound."""
     query = request.query_params
     if unknown := [name for name in query if name not in ("of", "in", "as")]:
         raise BadRequest(f"{unknown[0][:50]!r} is nothing to ask for a pose by; of and in are, by IRIs.")

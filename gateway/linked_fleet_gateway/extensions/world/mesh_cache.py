@@ -1,7 +1,7 @@
-"""Meshes that were read before, in a folder: each a file of its own, named after the digest of what it was read from.
+"""A cache folder of parsed meshes, each in a file named by the digest of its source.
 
-Several gateways may share the folder: files appear whole or not at all, and whoever misses one reads the mesh again.
-A damaged file, and one that somebody else could have written, is as if it were not there. Nothing in a file is run.
+Several gateways may share the folder: files appear atomically, and a missing one is parsed again. A damaged file, and
+one that another user could have written, is ignored. Files contain data only, no code.
 """
 
 import hashlib
@@ -19,7 +19,7 @@ import numpy as np
 from linked_fleet_gateway.extensions.world.surfaces import Surface
 
 MOST_BYTES = 256 * 2**20
-_MAGIC = b"linked fleet mesh 1\n"  # another number for every change to how meshes are read
+_MAGIC = b"linked fleet mesh 1\n"  # increment the number with every change of how meshes are parsed
 _HEAD = struct.Struct("<?II")
 _DIGEST_BYTES = 32
 _NAME = re.compile(r"[0-9a-f]{64}\.(stl|dae|obj)")
@@ -27,7 +27,7 @@ _log = logging.getLogger(__name__)
 
 
 class MeshCache:
-    """Without a folder, or where that cannot be used, nothing is kept."""
+    """The cache. Without a usable folder nothing is stored."""
 
     def __init__(self, folder: Path | None, most_bytes: int = MOST_BYTES) -> None:
         self._folder, self._most_bytes = folder, most_bytes
@@ -36,7 +36,7 @@ class MeshCache:
             self._folder = None
 
     def get(self, name: str) -> Surface | None:
-        """The mesh that was put under a name, such as the digest of its file."""
+        """Return the mesh stored under a name, which is the digest of its source file."""
         if self._folder is None or not _NAME.fullmatch(name):
             return None
         try:
@@ -65,11 +65,11 @@ class MeshCache:
             _log.warning("a mesh is not kept in %s: %s", self._folder, error.strerror)
 
     def _make_room(self, size: int) -> None:
-        """Remove those that were not used for the longest time; what a crash left behind is among them."""
+        """Remove the least recently used files, including leftovers of crashes."""
         assert self._folder is not None
         found = []
         for entry in os.scandir(self._folder):
-            with suppress(FileNotFoundError):  # another gateway was quicker
+            with suppress(FileNotFoundError):  # another gateway was faster
                 about = entry.stat(follow_symlinks=False)
                 found.append((about.st_mtime_ns, about.st_size, entry.path))
         total = sum(size for _, size, _ in found)
@@ -95,7 +95,7 @@ def _is_ours(about: os.stat_result) -> bool:
 
 
 def _read(path: Path, most_bytes: int) -> bytes | None:
-    """None for what is no file of ours. Its time is that of its last use."""
+    """Read a file of ours, else return None. Its modification time is set to that of its last use."""
     descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC | os.O_NONBLOCK)
     with os.fdopen(descriptor, "rb") as file:
         about = os.fstat(descriptor)

@@ -1,4 +1,4 @@
-"""Messages between the gateway and the process that checks motions. Metre, radian; MessagePack."""
+"""Messages between the gateway and the check process. Metre, radian; MessagePack."""
 
 from typing import Literal
 
@@ -13,9 +13,9 @@ Kind = Literal["self", "robot", "object"]
 
 
 class Prepare(Struct, frozen=True, tag="prepare"):
-    """Make the shapes of a robot, known by ``key`` from now on. ``meshes``: their file names by URI in the URDF.
+    """Build the shapes of a robot, stored under ``key``. ``meshes`` maps URIs in the URDF to file names.
 
-    A file name is the digest of a mesh and the suffix of its format. Lacks is answered when the mesh has to be told.
+    A file name is the digest of a mesh with the suffix of its format. The answer is Lacks if mesh contents are missing.
     """
 
     key: str
@@ -24,24 +24,23 @@ class Prepare(Struct, frozen=True, tag="prepare"):
 
 
 class PrepareMesh(Struct, frozen=True, tag="mesh"):
-    """The content of a mesh, for robots that are prepared after it."""
+    """The content of a mesh, for robots prepared later."""
 
     name: str
     content: bytes
 
 
 class PrepareObject(Struct, frozen=True, tag="object"):
-    """Make the shape of an object, known by ``key`` from now on."""
+    """Build the shape of an object, stored under ``key``."""
 
     key: str
     geometry: Geometry
 
 
 class Stood(Struct, frozen=True):
-    """The place of something prepared. ``name``: what it is called in an answer; ``base``: its root in the world.
+    """The placement of something prepared. ``name`` is used in answers, ``base`` is its root in the world.
 
-    ``stances``: all the positions of its joints in which it may be met; the first says where all joints are, the others
-    where some are besides.
+    ``stances`` are all joint positions in which it may be met: the first is complete, others contain only what differs.
     """
 
     name: str
@@ -51,9 +50,9 @@ class Stood(Struct, frozen=True):
 
 
 class Leg(Struct, frozen=True):
-    """Joints that go together from where they are to ``ends``: straight, or with these velocities at both ends.
+    """Joints that move together to ``ends``: linearly, or as a cubic with these velocities at both ends.
 
-    Of a leg with velocities ``duration_s`` is how long it takes.
+    A leg with velocities takes ``duration_s``.
     """
 
     ends: Positions
@@ -68,9 +67,9 @@ class Way(Struct, frozen=True):
 
 
 class Check(Struct, frozen=True, tag="check"):
-    """Question: does a robot meet anything on any of ``ways``? It is now at the start of the first.
+    """Question: does the robot collide on any of ``ways``? It is now at the start of the first.
 
-    The answer takes at most ``within_s`` of the processor's time.
+    The answer takes at most ``within_s`` seconds of processor time.
     """
 
     robot: Stood
@@ -85,21 +84,21 @@ class Ready(Struct, frozen=True, tag="ready"):
 
 
 class Lacks(Struct, frozen=True, tag="lacks"):
-    """File names of meshes without which a robot cannot be prepared."""
+    """File names of the meshes that are missing for preparing a robot."""
 
     meshes: tuple[str, ...]
 
 
 class Free(Struct, frozen=True, tag="free"):
-    """``samples``: at how many places of the way the robot was looked at."""
+    """The path is free; ``samples`` is the number of places that were checked."""
 
     samples: int
 
 
 class Meets(Struct, frozen=True, tag="meets"):
-    """``link`` meets ``link`` of ``name``, or the object of that name, after ``share`` of the way.
+    """``link`` collides with the link ``other`` of ``name``, or with that object, after ``share`` of the path.
 
-    ``point``: where in the world, None if that is not known.
+    ``point`` is the place in the world, None if unknown.
     """
 
     link: str

@@ -1,4 +1,4 @@
-"""The pages of the world, of its objects, and of each: what stands where, and the forms that add and change it."""
+"""The pages of the world and its objects, with forms that add and change objects."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -33,7 +33,7 @@ _TEMPLATES = Path(__file__).parent / "templates"
 
 @dataclass(frozen=True)
 class PlacedRobot:
-    """A robot in the world and the address of its placement."""
+    """A robot in the world and the URL of its placement."""
 
     link: Link
     placement: str
@@ -60,7 +60,7 @@ def _standing(facts: Facts, iri: NamedNode, placement: Term | None) -> PlacedRob
 
 @dataclass(frozen=True)
 class Listed:
-    """An object as its container lists it."""
+    """An object in the list."""
 
     link: Link
     kind: str
@@ -92,7 +92,7 @@ def _listed(facts: Facts, iri: NamedNode) -> Listed:
 
 
 def _form(action: str, method: str, name: str, facts: Facts, subject: NamedNode) -> "form.Form":
-    """The frame is left out, because there is only that of the world; the kind is asked for."""
+    """Return the form of an object, without its frame, which is always the world, and with a choice of its kind."""
     made = form.form_of_shape(LF.SceneObjectInput, action, method, name, facts, subject)
     kind = form.Leaf(
         path=RDF.type.value,
@@ -111,7 +111,7 @@ def _form(action: str, method: str, name: str, facts: Facts, subject: NamedNode)
 
 
 def _by_type(field: "form.Leaf | form.Group") -> "form.Leaf | form.Group":
-    """The geometry with what each of its types needs."""
+    """Return the geometry field with the fields of each of its types."""
     if not isinstance(field, form.Group) or field.path != LF.geometry.value:
         return field
     fields = [replace(each, when=_types_with(each.path)) for each in field.fields if _is_asked(each)]
@@ -119,7 +119,7 @@ def _by_type(field: "form.Leaf | form.Group") -> "form.Leaf | form.Group":
 
 
 def _is_asked(field: "form.Leaf | form.Group") -> bool:
-    """The mesh that an object has already is kept, and not asked for."""
+    """Return False for the mesh that an object already has, which is kept."""
     return field.path != LF.mesh.value or (isinstance(field, form.Leaf) and bool(field.value))
 
 
@@ -130,7 +130,7 @@ def _types_with(path: str) -> Sequence[str]:
 
 @cache
 def _example() -> tuple[Facts, NamedNode]:
-    """A box on the floor, to begin with."""
+    """Return a box on the floor as initial values."""
     graph, root = Graph(), "urn:example:"
     edges = (_EDGE_M, _EDGE_M, _EDGE_M)
     box = SceneObject(

@@ -1,9 +1,9 @@
-"""Which parts of a robot are held against each other. Found once, when the robot is prepared.
+"""Selection of the pairs of bodies of a robot to check against each other, done once when it is prepared.
 
-Left out are parts that no joint or one joint moves against each other; two joints whose origins are less than 2 cm
-apart count as one. The two sides of a gripper, of which one mimics the other, are made to touch. Parts with two or
-three joints between them that touch in more than a third of the positions of these joints are drawn so, and say nothing
-of a collision.
+Excluded are bodies that no joint or a single joint moves relative to each other; two joints whose origins are less than
+2 cm apart count as one. The two sides of a gripper, of which one mimics the other, are excluded too. So are bodies with
+two or three joints between them that touch in more than a third of the sampled positions: their geometry overlaps by
+design.
 """
 
 from itertools import combinations
@@ -17,7 +17,7 @@ from linked_fleet_gateway.extensions.world.surfaces import Array
 from linked_fleet_gateway.fleet.model import JointKind
 
 _TRIALS = 64
-_MOST_DOUBTFUL = 2_000  # pairs that take a second to try; of a robot with more, all are held against each other
+_MOST_DOUBTFUL = 2_000  # pairs to sample, which takes a second; a robot with more has all of them checked
 _MOST_TOUCHING = 1 / 3  # share of the positions
 _MOST_BETWEEN = 3
 _COMPOUND_M = 0.02
@@ -25,7 +25,7 @@ _TURN_RAD = np.pi
 
 
 def own_pairs(robot: Robot) -> list[tuple[int, int]]:
-    """Indices into the robot's bodies."""
+    """Return pairs of indices into the robot's bodies."""
     supports = [set(robot.model.supports[joint]) for joint in range(robot.model.njoints)]
     found: list[tuple[int, int]] = []
     doubtful: dict[tuple[int, ...], list[tuple[int, int]]] = {}
@@ -54,14 +54,14 @@ def _is_gripper(robot: Robot, one: int, other: int) -> bool:
 
 
 def _is_compound(robot: Robot, one: int, other: int) -> bool:
-    """Return True if two successive joints turn about points so near that they act as one with two axes."""
+    """Return True if two successive joints rotate about almost the same point, like one joint with two axes."""
     turn = all(robot.tree.joints[robot.model.names[each]].kind is not JointKind.PRISMATIC for each in (one, other))
     apart = float(np.linalg.norm(robot.model.jointPlacements[other].translation))
     return turn and robot.model.parents[other] == one and apart < _COMPOUND_M
 
 
 def _touching(robot: Robot, between: tuple[int, ...], pairs: list[tuple[int, int]]) -> dict[tuple[int, int], float]:
-    """In which share of the positions of the joints ``between`` each pair touches; from the same trials each time."""
+    """Return the share of sampled positions of the joints ``between`` in which each pair touches. Deterministic."""
     data, placed = robot.model.createData(), pin.GeometryData(robot.geometry)
     counts = dict.fromkeys(pairs, 0)
     for trial in _spread(_TRIALS, len(between)):
@@ -75,7 +75,7 @@ def _touching(robot: Robot, between: tuple[int, ...], pairs: list[tuple[int, int
 
 
 def _spread(count: int, dimensions: int) -> Array:
-    """Points that fill the unit cube evenly: the additive recurrence of the generalised golden ratio."""
+    """Return points that fill the unit cube evenly: the additive recurrence of the generalised golden ratio."""
     ratio = 2.0
     for _ in range(32):
         ratio = (1.0 + ratio) ** (1.0 / (dimensions + 1))

@@ -1,7 +1,7 @@
-"""The places along a way at which a robot is looked at, and how far its joints go between them. Radian, metre.
+"""The places along a path at which a robot is checked, and the motion of its joints between them. Radian, metre.
 
-Between two neighbouring places no two parts that are held against each other come nearer by more than ``STEP_M``; on
-the finer path between two places, by more than ``FINEST_M``.
+Between two neighbouring places the distance of a pair decreases by at most ``STEP_M``; on the refined path between two
+places, by at most ``FINEST_M``.
 """
 
 import math
@@ -19,17 +19,19 @@ STEP_M = 0.002
 FINEST_M = 0.0001
 _FINER = round(STEP_M / FINEST_M)
 MOST_STEPS = 200_000
-_EASING = 3.0  # a monotone cubic is at most so much faster than its mean
+_EASING = 3.0  # upper bound of a monotone cubic's speed relative to its mean
 
 
 class Unknown(Exception):  # noqa: N818
-    """It cannot be told where something is."""
+    """A position is unknown."""
 
 
 @dataclass(frozen=True)
 class Path:
-    """Positions of ``joints`` at each place (rows). By leg, ``legs`` has the place of its end, its number of steps, and
-    its positions by share of it."""
+    """Positions of ``joints`` at each place (rows).
+
+    Each leg in ``legs`` has the place of its end, its number of steps, and its positions as a function of its share.
+    """
 
     joints: tuple[str, ...]
     positions: Array
@@ -37,7 +39,7 @@ class Path:
 
     @cached_property
     def gone(self) -> Array:
-        """By place (rows), the ways that the joints went to it in all."""
+        """By place (rows), the accumulated motion of each joint."""
         found = np.zeros_like(self.positions)
         np.cumsum(np.abs(np.diff(self.positions, axis=0)), axis=0, out=found[1:])
         return found
@@ -47,16 +49,16 @@ class Path:
         return len(self.positions) - 1
 
     def between(self, place: int) -> "Path":
-        """The finer path from a place to the next."""
+        """Return the refined path from a place to the next."""
         ends, count, positions = next(leg for leg in self.legs if place < leg[0])
         begun = place - (ends - count)
         return Path(self.joints, positions((begun + np.arange(_FINER + 1) / _FINER) / count))
 
 
 def path_of(robot: Robot, way: Way, joints: Sequence[str], weights: Array) -> Path:
-    """Path of the ``joints`` that move. A row of ``weights`` bounds how much nearer a pair comes per joint motion.
+    """Return the path of the moving ``joints``. A row of ``weights`` bounds the approach of a pair per joint motion.
 
-    Unknown when it is too long.
+    Raises Unknown if the path is too long.
     """
     if not joints:
         return Path((), np.zeros((1, 0)))
@@ -64,7 +66,7 @@ def path_of(robot: Robot, way: Way, joints: Sequence[str], weights: Array) -> Pa
     for before, after, leg in _between(robot, way):
         changes = np.array([abs(after.get(name, 0.0) - before.get(name, 0.0)) for name in joints])
         far = float((weights @ np.nan_to_num(changes)).max(initial=0.0)) * (_EASING if leg.duration_s else 1.0)
-        if not far <= STEP_M * (MOST_STEPS - steps):  # nor what is no number
+        if not far <= STEP_M * (MOST_STEPS - steps):  # also refuses NaN
             raise Unknown("the way is too long to be checked; go it in parts")
         count = max(1, math.ceil(far / STEP_M))
         positions, steps = partial(_positions, robot, joints, before, leg), steps + count
@@ -74,13 +76,13 @@ def path_of(robot: Robot, way: Way, joints: Sequence[str], weights: Array) -> Pa
 
 
 def _positions(robot: Robot, joints: Sequence[str], before: Positions, leg: Leg, shares: Array) -> Array:
-    """Positions of ``joints`` by share of a leg (rows)."""
+    """Return the positions of ``joints`` by share of a leg (rows)."""
     here = follow(robot, before, {name: on_leg(leg, name, before[name], shares) for name in leg.ends})
     return np.column_stack([np.broadcast_to(here[name], len(shares)) for name in joints])
 
 
 def changed(robot: Robot, way: Way) -> dict[str, float]:
-    """By joint the way that it goes in all; those that do not move are left out."""
+    """Return the total motion of each moving joint."""
     sums: dict[str, float] = {}
     for before, after, _ in _between(robot, way):
         for name, end in after.items():
@@ -90,7 +92,7 @@ def changed(robot: Robot, way: Way) -> dict[str, float]:
 
 
 def follow(robot: Robot, start: Positions, moved: Mapping[str, "float | Array"]) -> "dict[str, float | Array]":
-    """All positions when some joints have ``moved`` to others: those that mimic them follow."""
+    """Return all positions after some joints have ``moved``, including those that mimic them."""
     found: dict[str, float | Array] = {**start, **moved}
     for name, joint in robot.tree.joints.items():
         driver, factor = joint, 1.0
@@ -105,7 +107,7 @@ def follow(robot: Robot, start: Positions, moved: Mapping[str, "float | Array"])
 
 
 def on_leg(leg: Leg, name: str, start: float, share: "float | Array") -> "float | Array":
-    """A cubic of Hermite, or a straight way."""
+    """Return positions on a cubic Hermite or linear leg."""
     end = leg.ends[name]
     if not leg.duration_s:
         return start + share * (end - start)

@@ -1,4 +1,4 @@
-"""The placement of a robot as one of its properties: the pose of its root in the world, which clients may set."""
+"""The placement of a robot as a property: the pose of its root in the world, which clients may set."""
 
 from pyoxigraph import NamedNode
 

@@ -1,4 +1,4 @@
-"""Shapes for the check of motions, prepared as soon as a robot is placed: whoever needs them earlier awaits them."""
+"""Preparation of collision shapes as soon as a robot is placed; motions that need them earlier wait."""
 
 import asyncio
 import logging
@@ -25,11 +25,11 @@ log = logging.getLogger(__name__)
 
 _PREPARE_S, _OBJECT_S = 60.0, 3.0
 _LOOK_S = 0.5
-_MOST_TRIES = 3  # of a robot at whose preparation the process ends, which is perhaps not for its sake
+_MOST_TRIES = 3  # of a robot during whose preparation the process ended, perhaps for another reason
 
 
 class Preparation:
-    """Tells ``checker`` what robots and objects look like; has to be ended by ``close``."""
+    """Sends robots and objects to ``checker``; must be ended by ``close``."""
 
     def __init__(self, live: Live, checker: Checker) -> None:
         self._live, self._checker = live, checker
@@ -48,7 +48,7 @@ class Preparation:
         await end([*self._tasks, *self._under_way.values()])
 
     def key(self, robot: Robot) -> str:
-        """The same for robots that look the same."""
+        """Return a key that is equal for robots with equal geometry."""
         description = robot.description
         assert description is not None
         held = self._keys.get(robot.name)
@@ -60,25 +60,25 @@ class Preparation:
         return held[1]
 
     def is_complete(self) -> bool:
-        """Return True if every placed robot is prepared, as far as its shapes can be had."""
+        """Return True if every placed robot is prepared, as far as its shapes are available."""
         keys = {self.key(robot) for robot in self._live.fleet.robots.values() if is_placed(robot)}
         return all(self._checker.knows(key) or key in self._unusable or key in self._unheard for key in keys)
 
     def missing(self, robot: Robot) -> str | None:
-        """Why the robot is not prepared; None when it is."""
+        """Return why the robot is not prepared; None if it is."""
         key = self.key(robot)
         if self._checker.knows(key):
             return None
         return self._unusable.get(key, "it is being prepared, ask again")
 
     async def robots(self, robots: Collection[Robot]) -> None:
-        """Returns when each is prepared or cannot be; who goes away leaves the others to it."""
+        """Wait until each robot is prepared or cannot be. Cancelling one waiter does not affect others."""
         tasks = [task for robot in robots if (task := self._begin(robot)) is not None]
         if tasks:
             await asyncio.wait(tasks)
 
     async def objects(self, objects: Mapping[str, SceneObject]) -> str | None:
-        """Returns when all are prepared, or why one cannot be."""
+        """Prepare all objects. Return why one cannot be prepared, or None."""
         for thing in list(objects.values()):
             key = key_of(thing)
             if not self._checker.knows(key):
@@ -88,7 +88,7 @@ class Preparation:
         return None
 
     def _begin(self, robot: Robot) -> asyncio.Task[None] | None:
-        """None when there is nothing to be done."""
+        """Start the preparation of a robot; return None if there is nothing to do."""
         key = self.key(robot)
         if self._checker.knows(key) or key in self._unusable:
             return None
@@ -101,7 +101,7 @@ class Preparation:
     async def _prepare(self, robot: Robot, key: str) -> None:
         try:
             answer = await self._told(robot, key)
-        except FleetError as error:  # tried again at the next look
+        except FleetError as error:  # retried at the next check
             self._unheard.add(key)
             log.info("the shape of %s cannot be had: %s", robot.name, error.detail)
             return
@@ -114,7 +114,7 @@ class Preparation:
             log.warning("no motion near %s can be checked: %s", robot.name, answer.reason)
 
     async def _told(self, robot: Robot, key: str) -> Answer:
-        """The answer when the process has been told all the meshes that it lacked; FleetError for one not to be had."""
+        """Return the answer after sending all missing meshes. Raises FleetError for a mesh that is not available."""
         assert robot.description is not None
         meshes = {uri: (file_name(mesh), mesh) for uri, mesh in meshes_of(robot).items()}
         question = Prepare(key, robot.description.urdf, {uri: name for uri, (name, _) in meshes.items()})
@@ -131,14 +131,14 @@ class Preparation:
         return Unable("its meshes are too large to be kept") if isinstance(answer, Lacks) else answer
 
     async def _look(self) -> None:
-        """Prepare robots as they are placed: the first motion need not wait for it."""
+        """Prepare newly placed robots, so that the first motion need not wait."""
         self._forget()
         for robot in self._live.fleet.robots.values():
             if is_placed(robot):
                 self._begin(robot)
 
     def _forget(self) -> None:
-        """Drop what was prepared for descriptions that no robot has any more."""
+        """Drop data of descriptions that no robot has any more."""
         robots = self._live.fleet.robots
         self._keys = {name: held for name, held in self._keys.items() if name in robots}
         present = {key for _, key in self._keys.values()}

@@ -1,4 +1,4 @@
-"""The process that checks motions, from outside: started at the first question, and anew when it has ended."""
+"""The gateway's side of the check process: started with the first question, restarted after it has ended."""
 
 import asyncio
 import logging
@@ -19,7 +19,7 @@ NO_ANSWER = Unable("the process that checks motions gave no answer")
 
 
 class Checker:
-    """One question after another. Meshes are kept in ``folder``."""
+    """Sends one question at a time. Meshes are cached in ``folder``."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -32,7 +32,10 @@ class Checker:
         return key in self._known and self._worker.running
 
     async def ask(self, question: Question, timeout_s: float) -> Answer:
-        """``NO_ANSWER``, and the process is ended, when none comes in time. Who goes away does not disturb it."""
+        """Return the answer, or ``NO_ANSWER`` after ``timeout_s``, when the process is killed.
+
+        Not affected by cancellation.
+        """
         return await asyncio.shield(asyncio.create_task(self._in_turn(question, timeout_s)))
 
     async def _in_turn(self, question: Question, timeout_s: float) -> Answer:

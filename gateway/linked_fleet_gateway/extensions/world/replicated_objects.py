@@ -1,4 +1,4 @@
-"""The objects of the world as this gateway knows them, and how they are changed for all. Outages are waited out."""
+"""The objects of the world: this gateway's copy, and changes for all gateways."""
 
 import asyncio
 import logging
@@ -21,13 +21,13 @@ log = logging.getLogger(__name__)
 
 
 class Objects:
-    """``known`` is what everything is read from, whether or not Redis is there; an async context manager."""
+    """An async context manager; ``known`` is the copy, which stays readable during outages of Redis."""
 
     def __init__(self, live: Live, store: ObjectStore) -> None:
         self._live, self._store = live, store
         self.known: dict[str, SceneObject] = {}
         self.changes = 0
-        """How often anything was put or taken away."""
+        """Number of changes so far."""
         self._digests: dict[str, str] = {}
         self._replica = Replica(store.load, store.read, self._take)
         self._tasks: list[asyncio.Task[None]] = []
@@ -44,14 +44,16 @@ class Objects:
         await self._store.close()
 
     async def add(self, thing: SceneObject) -> str:
-        """The id of the new object; StoreAway, NoRoom."""
+        """Add an object and return its id. Raises StoreAway, NoRoom."""
         id = str(uuid.uuid4())
         await self.change(id, thing)
         return id
 
     async def change(self, id: str, thing: SceneObject | None) -> bool:
-        """Put an object in the place of the one that is known, or None to take that away; StoreAway, NoRoom.
-        False, and nothing is changed, when another gateway was faster: what it did is known now."""
+        """Replace the known object, or remove it for None. Raises StoreAway, NoRoom.
+
+        Returns False, without a change, if another gateway has changed it; its state is then known.
+        """
         body = None if thing is None else encode(thing)
         async with _refusals():
             try:

@@ -1,4 +1,4 @@
-"""The resources of the world: what is at ``/world`` and below it. Pure."""
+"""The resources at ``/world`` and below. Pure."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ _BLUEPRINT = "blueprint"
 
 @dataclass(frozen=True)
 class PostObject:
-    """Put another object into the world."""
+    """Add an object to the world."""
 
     methods: ClassVar[tuple[str, ...]] = ("POST",)
     body_types: ClassVar[tuple[str, ...]] = BODY_TYPES
@@ -39,7 +39,7 @@ class PostObject:
 
 @dataclass(frozen=True)
 class PutObject:
-    """Replace an object, or take it out of the world."""
+    """Replace an object, or remove it from the world."""
 
     id: str
     methods: ClassVar[tuple[str, ...]] = ("PUT", "PATCH", "DELETE")
@@ -50,13 +50,13 @@ class PutObject:
 
 @dataclass(frozen=True)
 class AskPose:
-    """A pose depends on the query: of what, and in which frame."""
+    """A pose in the frame that the query names."""
 
     view: RequestView
 
 
 def in_world(view: RequestView, rest: list[str], objects: Mapping[str, SceneObject]) -> Found:
-    """``rest``: the segments below ``/world``."""
+    """Return the resource at ``rest``, the segments below ``/world``."""
     if not rest:
         return _world(view)
     if rest == [_BLUEPRINT]:
@@ -79,7 +79,7 @@ def _world(view: RequestView) -> Resource:
             lambda: [(r.name, r.title, r.description is None, r.settings.get(PLACEMENT)) for r in robots.values()]
         ),
         own=(f"{WORLD}/{_BLUEPRINT}", OBJECTS, POSES),
-        followed=False,  # who wants to hear of it follows the placements, and the objects
+        followed=False,  # clients follow the placements and the objects instead
     )
 
 
@@ -124,7 +124,7 @@ def _of_object(
 
 
 def _facts(thing: SceneObject | None) -> tuple[object, ...]:
-    """The facts that make a version: all of an object, but of a mesh a sum that is made quickly."""
+    """Return the facts that determine the version: all of an object, with a fast checksum of a mesh."""
     if thing is None:
         return ()
     geometry = thing.geometry

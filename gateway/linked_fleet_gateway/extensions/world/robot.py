@@ -1,4 +1,4 @@
-"""A robot that is prepared for the check of its motions. Metre."""
+"""A robot prepared for collision checks. Metre."""
 
 from dataclasses import dataclass
 
@@ -12,9 +12,9 @@ from linked_fleet_gateway.fleet.model import RobotModel
 
 @dataclass(frozen=True)
 class Body:
-    """A part of a link. ``centre`` is in its own frame, and no point of it is further than ``radius`` from that.
+    """A collision body of a link. ``centre`` is in its own frame; all its points are within ``radius`` of it.
 
-    ``shape`` is exact. ``hull`` is convex and contains it, ``surface`` is its mesh where it is not convex.
+    ``shape`` is exact. ``hull`` is convex and contains it. ``surface`` is the mesh of a non-convex body.
     """
 
     link: str
@@ -28,22 +28,24 @@ class Body:
 
 @dataclass(frozen=True)
 class Robot:
-    """``geometry`` has a shape for each of ``bodies``, in their order."""
+    """A prepared robot; ``geometry`` has one shape for each of ``bodies``, in order."""
 
     tree: RobotModel
     model: pin.Model
     geometry: pin.GeometryModel
     bodies: tuple[Body, ...]
     reach_m: Array
-    """By joint and body: no point of the body is further from the origin of the joint; 0 where the joint does not move
-    it. Row 0 is of the root."""
+    """By joint and body: bound of the distance of the body from the origin of the joint.
+
+    0 if the joint does not move the body. Row 0 is that of the root.
+    """
 
     pairs: tuple[tuple[int, int], ...] = ()
-    """Bodies that are held against each other."""
+    """Pairs of bodies to check against each other."""
 
     @property
     def radius_m(self) -> float:
-        """No point of the robot is further from its root."""
+        """Bound of the distance of the robot from its root."""
         return float(self.reach_m[0].max(initial=0.0))
 
 

@@ -1,4 +1,4 @@
-"""Objects in the world besides robots: obstacles and keep-out zones, as typed values. Metre; pure."""
+"""Objects in the world other than robots: obstacles and keep-out zones, as typed values. Metre; pure."""
 
 import math
 import struct
@@ -12,13 +12,13 @@ from linked_fleet_gateway.fleet.model import Pose
 MAX_TRIANGLES = 10_000
 MAX_OBJECTS = 256
 FARTHEST_M = 1_000.0
-"""From the origin of the world, in each direction; also the largest extent of an object."""
+"""Limit of coordinates, and of the extent of an object."""
 
 Metres = Annotated[float, Meta(gt=0, le=FARTHEST_M)]
 
 
 class Box(Struct, frozen=True, tag="box"):
-    """Edges along x, y and z, about its centre."""
+    """A box with edges along x, y and z, about its centre."""
 
     size_m: tuple[Metres, Metres, Metres]
 
@@ -28,14 +28,14 @@ class Sphere(Struct, frozen=True, tag="sphere"):
 
 
 class Cylinder(Struct, frozen=True, tag="cylinder"):
-    """Along z, about its centre."""
+    """A cylinder along z, about its centre."""
 
     radius_m: Metres
     length_m: Metres
 
 
 class TriangleMesh(Struct, frozen=True, tag="mesh"):
-    """A binary STL in metre, as ``read_stl`` admits it."""
+    """A binary STL in metre, as accepted by ``read_stl``."""
 
     stl: bytes
 
@@ -45,7 +45,7 @@ Kind = Literal["obstacle", "zone"]
 
 
 class SceneObject(Struct, frozen=True, kw_only=True):
-    """``pose``: where it stands in the frame of the world. ``zone``: nothing is there, and nothing is to go there."""
+    """An object with its ``pose`` in the world. A ``zone`` is empty space that robots must not enter."""
 
     title: Annotated[str, Meta(min_length=1, max_length=256)]
     kind: Kind
@@ -58,18 +58,21 @@ def encode(thing: SceneObject) -> bytes:
 
 
 def decode(body: bytes) -> SceneObject:
-    """ValueError for what another version has written and this one cannot read."""
+    """Decode an object. Raises ValueError if another version wrote it in an unreadable form."""
     return msgspec.json.decode(body, type=SceneObject)
 
 
 def read_stl(content: bytes) -> TriangleMesh:
-    """ValueError, in words, for what is no binary STL of 1 to ``MAX_TRIANGLES`` triangles within ``FARTHEST_M``."""
+    """Check a binary STL of 1 to ``MAX_TRIANGLES`` triangles within ``FARTHEST_M``.
+
+    Raises ValueError with a sentence.
+    """
     count = struct.unpack_from("<I", content, 80)[0] if len(content) >= 84 else 0
     if len(content) != 84 + 50 * count or count == 0:
         raise ValueError("it is no binary STL: 80 bytes, the number of triangles, and 50 bytes for each")
     if count > MAX_TRIANGLES:
         raise ValueError(f"it has {count} triangles; {MAX_TRIANGLES} are the most")
-    # Of each triangle: its normal, which is not looked at, three corners, and two bytes of attributes.
+    # Each triangle has a normal, which is ignored, three corners, and two bytes of attributes.
     for corners in struct.iter_unpack("<12x9f2x", memoryview(content)[84:]):
         if not (max(corners) <= FARTHEST_M and min(corners) >= -FARTHEST_M and math.isfinite(sum(corners))):
             raise ValueError(f"a corner is not within {FARTHEST_M:g} m of its origin")

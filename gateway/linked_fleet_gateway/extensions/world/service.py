@@ -1,4 +1,4 @@
-"""The world: its resources in the tree, its objects, and the checks of motions in it."""
+"""The world: its resources in the tree, its objects, and the checks of motions."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import AsyncExitStack
@@ -21,7 +21,7 @@ from linked_fleet_gateway.subscriptions.live import Live
 
 
 class World:
-    """An async context manager. In ``folder`` meshes are kept."""
+    """An async context manager; meshes are cached in ``folder``."""
 
     def __init__(self, live: Live, url: str, namespace: str, folder: Path) -> None:
         self._live = live
@@ -36,7 +36,7 @@ class World:
         return FleetBranch(WORLD[1:], LF.world, lambda view, rest: in_world(view, rest, known), graphs=self.triples)
 
     def triples(self, view: RequestView) -> Iterator[tuple[str, Sequence[Triple]]]:
-        """The whole world, for who asks many things of it at once; where robots stand is said with each of them."""
+        """Yield all statements about the world, for copies of the fleet. Placements are described with their robots."""
         frame, key, known = Graph(), (view.base, self.objects.changes), self.objects.known
         describe_frame(frame, view.base, view.robots.values())
         yield WORLD, frame.triples

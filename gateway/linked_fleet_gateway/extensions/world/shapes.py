@@ -1,7 +1,7 @@
 """Collision shapes of robots and objects for coal: primitives and meshes. Metre.
 
-Runs in the process that checks motions. The collision geometry of a link counts; where a mesh of that is none of those
-that the agent hands out, its visual geometry stands for it, and a link that has neither has no shape.
+Runs in the check process. A link has its collision geometry; if the agent does not serve a mesh of that, its visual
+geometry is used. A link without either has no shape.
 """
 
 import struct
@@ -22,23 +22,26 @@ from linked_fleet_gateway.fleet.pinocchio_model import build_model
 from linked_fleet_gateway.fleet.xml import ModelError, parse_xml, quaternion, required_number, rotation, vector
 
 Surfaces = Callable[[str], Surface]
-"""The mesh of a URI in the URDF; ModelError when it cannot be used."""
+"""Returns the mesh with a URI in the URDF. Raises ModelError if it is unusable."""
 
 _MOST_BODIES = 1_000
 _MOST_M = 1e6
-_POINT_M = 1e-9  # above zero, which stands for a joint that does not move the body
+_POINT_M = 1e-9  # above zero, which would mean that the joint does not move the body
 _ZERO, _ONE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
 
 
 def meshes_needed(urdf: str, offered: Set[str]) -> set[str]:
-    """URIs of the meshes by which a robot is checked, of those that are ``offered``; ModelError."""
+    """Return the URIs of the needed meshes, of those ``offered``. Raises ModelError."""
     parts = [part for link in parse_xml(urdf).findall("link") for part in _parts(link, offered)]
     meshes = [part.find("geometry/mesh") for part in parts]
     return {mesh.get("filename", "") for mesh in meshes if mesh is not None}
 
 
 def robot_of(urdf: str, offered: Set[str] = frozenset(), surfaces: Surfaces | None = None) -> Robot:
-    """ModelError for a URDF or a mesh that cannot be used. ``surfaces`` is asked for meshes that are ``offered``."""
+    """Build a robot; ``surfaces`` returns the meshes that are ``offered``.
+
+    Raises ModelError for an unusable URDF or mesh.
+    """
     model, tree, geometry = build_model(urdf, False), RobotModel.parse(urdf), pin.GeometryModel()
     bodies: list[Body] = []
     for element in parse_xml(urdf).findall("link"):
@@ -82,7 +85,7 @@ def _body(link: str, joint: int, shape: coal.CollisionGeometry, surface: Surface
 
 
 def _shape(part: Element, surfaces: Surfaces | None, name: str) -> tuple[coal.CollisionGeometry, Surface | None]:
-    """And the surface of one that is not convex."""
+    """Return the shape and, if it is not convex, its surface."""
     geometry = part.find("geometry")
     form = None if geometry is None else next(iter(geometry), None)
     if form is not None and form.tag == "mesh" and surfaces is not None:
@@ -99,7 +102,7 @@ def _shape(part: Element, surfaces: Surfaces | None, name: str) -> tuple[coal.Co
 
 
 def _reach(tree: RobotModel, model: pin.Model, geometry: pin.GeometryModel, bodies: list[Body]) -> Array:
-    """By the triangle inequality along the chain from each body to the root."""
+    """Return bounds by the triangle inequality along the chain from each body to the root."""
     reach = np.zeros((model.njoints, len(bodies)))
     for i, (body, placed) in enumerate(zip(bodies, geometry.geometryObjects, strict=True)):
         far, joint = float(np.linalg.norm(placed.placement.act(body.centre))) + body.radius, body.joint
@@ -120,7 +123,7 @@ def _slide(joint: Joint) -> float:
 
 
 def object_of(geometry: Geometry) -> coal.CollisionGeometry:
-    """A mesh as the surface that it is: one may reach under a table."""
+    """Return the shape of an object. A mesh is an exact surface, so that a robot can reach under a table."""
     if isinstance(geometry, Box):
         return coal.Box(*geometry.size_m)
     if isinstance(geometry, Sphere):

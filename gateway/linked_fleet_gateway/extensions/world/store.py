@@ -1,4 +1,4 @@
-"""The objects of the world in Redis, shared by all gateways and kept for good."""
+"""The objects of the world in Redis, shared by all gateways and stored permanently."""
 
 from collections.abc import AsyncGenerator
 from contextlib import aclosing
@@ -10,8 +10,8 @@ from linked_fleet_gateway.runtime.redis import Connection
 MAX_BYTES = 32 * 2**20  # of all objects, which each gateway holds in memory
 _NEWS = 1_000
 
-# KEYS: objects, news; ARGV: id, digest of what is to be there, news to keep, and to put one in its place body, most
-# objects, most bytes of all.
+# KEYS: objects, news; ARGV: id, digest of the expected body, number of news to keep and, for a write, body, most
+# objects, most bytes in total.
 _CHANGE = """
 local present = redis.call('HGET', KEYS[1], ARGV[1])
 if (present and redis.sha1hex(present) or '') ~= ARGV[2] then return 'changed' end
@@ -34,20 +34,22 @@ class Full(Exception):  # noqa: N818
 
 
 class Changed(Exception):  # noqa: N818
-    """The object is not the one that was to be replaced."""
+    """The object has changed concurrently."""
 
 
 def digest(body: bytes | None) -> str:
-    """The digest of a body, which may have hundreds of kilobytes; empty for none."""
+    """Return the digest of a body, which may have hundreds of kilobytes; empty for None."""
     return "" if body is None else sha1(body, usedforsecurity=False).hexdigest()
 
 
 class ObjectStore:
-    """Bodies by id. While Redis is away every method but ``news`` raises StoreUnavailable; what was asked may have been
-    done."""
+    """Stored bodies by id.
+
+    During an outage every method except ``news`` raises StoreUnavailable, with unknown effect.
+    """
 
     def __init__(self, url: str, namespace: str) -> None:
-        # One hash tag, so that a change and the news of it are one step in a cluster as well.
+        # One hash tag, so that a change and its notification are atomic in a cluster too.
         self._objects, self._news = f"{namespace}:world:{{@world}}:objects", f"{namespace}:world:{{@world}}:news"
         self._redis = Connection(url, self._news)
 
@@ -63,7 +65,7 @@ class ObjectStore:
         return body
 
     async def change(self, id: str, present: str, body: bytes | None) -> None:
-        """Put a body in the place of the one whose digest is ``present``, or None for nothing; Changed, Full."""
+        """Replace the body with the digest ``present`` by ``body``, or remove it for None. Raises Changed, Full."""
         put = () if body is None else (body, MAX_OBJECTS, MAX_BYTES)
         said = await self._redis.run(_CHANGE, (self._objects, self._news), id, present, _NEWS, *put)
         if said == b"changed":
@@ -72,7 +74,7 @@ class ObjectStore:
             raise Full(id)
 
     async def news(self) -> AsyncGenerator[str | None, None]:
-        """Ids of objects that anybody put or deleted; None: Redis was away, and all must be read anew."""
+        """Yield ids of changed objects; None after an outage, when all must be read again."""
         async with aclosing(self._redis.news()) as news:
             async for fields in news:
                 yield None if fields is None else fields[b"id"].decode()

@@ -1,7 +1,7 @@
-"""Triangle meshes for coal: read once, told from their convex hull, and made into shapes. Metre.
+"""Triangle meshes for coal: parsed, compared with their convex hull, and converted to shapes. Metre.
 
-A closed mesh that fills its convex hull counts as that hull, which is exact and quick. Any other counts as the surface
-that it is. A mesh of too many triangles counts as its hull: larger, never smaller.
+A closed mesh that fills its convex hull is represented by the hull, which is exact and fast. Others are represented by
+their surface, or by the hull if they have too many triangles: larger, never smaller.
 """
 
 import tempfile
@@ -17,16 +17,19 @@ from linked_fleet_gateway.fleet.xml import ModelError
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
 
-MOST_TRIANGLES = 50_000  # some 30 MB as a surface
-_FILLED = 0.995  # share of the hull's volume from which on a closed mesh is its hull
-_OVERFULL = 1.0005  # a mesh whose parts overlap counts volume twice
+MOST_TRIANGLES = 50_000  # about 30 MB as a surface
+_FILLED = 0.995  # least share of the hull's volume of a closed mesh that counts as its hull
+_OVERFULL = 1.0005  # a mesh with overlapping parts counts volume twice
 _SMALLEST_M3 = 1e-12
-_MOST = 1e6  # of vertices and scales; what is larger overflows where it is multiplied
+_MOST = 1e6  # bound of vertices and scales, whose products could overflow
 
 
 @dataclass(frozen=True)
 class Surface:
-    """``triangles`` are rows of three indices into ``vertices``; one that ``fills_hull`` counts as its hull."""
+    """A mesh; ``triangles`` are rows of three indices into ``vertices``.
+
+    One that ``fills_hull`` is represented by its hull.
+    """
 
     vertices: Array
     triangles: Indices
@@ -34,7 +37,7 @@ class Surface:
 
     @classmethod
     def of(cls, vertices: Array, triangles: Indices) -> "Surface":
-        """With equal vertices joined and triangles without an area left out; ModelError for what is no mesh."""
+        """Merge equal vertices and drop triangles without area. Raises ModelError for an empty mesh."""
         if not len(triangles):
             raise ModelError("it has no triangles")
         joined, place = np.unique(vertices, axis=0, return_inverse=True)
@@ -46,7 +49,10 @@ class Surface:
         return cls(joined, corners, _fills_hull(joined, corners))
 
     def scaled(self, scale: Array) -> "Surface":
-        """ModelError when coal could not reckon with that: it ends the process over what is infinite."""
+        """Return a scaled mesh.
+
+        Raises ModelError for sizes that coal cannot handle: it aborts the process on infinity.
+        """
         if not ((np.abs(scale) > 1 / _MOST) & (np.abs(scale) < _MOST)).all():
             raise ModelError("a mesh is scaled out of all bounds")
         vertices = self.vertices * scale
@@ -56,11 +62,11 @@ class Surface:
 
     @cached_property
     def hull(self) -> coal.CollisionGeometry:
-        """Its convex hull; ModelError when it has none, as a flat mesh."""
+        """The convex hull. Raises ModelError if there is none, as for a flat mesh."""
         return _hull(self.vertices)
 
     def exact(self) -> coal.CollisionGeometry:
-        """The surface itself."""
+        """Return the surface as a shape."""
         surface = coal.BVHModelOBBRSS()
         surface.beginModel(len(self.triangles), len(self.vertices))
         surface.addVertices(self.vertices)
@@ -70,7 +76,7 @@ class Surface:
 
 
 def read_mesh(suffix: str, content: bytes) -> Surface:
-    """The mesh in a file of the formats STL, COLLADA and OBJ; ModelError for one that cannot be used."""
+    """Parse an STL, COLLADA or OBJ file. Raises ModelError if it is unusable."""
     with tempfile.NamedTemporaryFile(suffix=f".{suffix}") as file:
         file.write(content)
         file.flush()
@@ -79,7 +85,7 @@ def read_mesh(suffix: str, content: bytes) -> Surface:
         except (ValueError, RuntimeError) as error:
             raise ModelError(f"it cannot be read as {suffix}") from error
     vertices = np.array(mesh.vertices(), dtype=float).reshape(-1, 3)
-    if not (np.abs(vertices) < _MOST).all():  # nor what is no number
+    if not (np.abs(vertices) < _MOST).all():  # also refuses NaN
         raise ModelError("it has vertices out of all bounds")
     if mesh.num_tris > MOST_TRIANGLES:
         hull = _hull(vertices)
@@ -102,14 +108,14 @@ def _fills_hull(vertices: Array, triangles: Indices) -> bool:
 
 
 def _corners(hull: coal.CollisionGeometry) -> tuple[Array, Indices]:
-    """The vertices of a convex hull, and its triangles, which face either way."""
+    """Return the vertices of a convex hull and its triangles, with arbitrary orientation."""
     faces = [hull.polygons(i) for i in range(hull.num_polygons)]
     corners = np.array([(each[0], each[1], each[2]) for each in faces], dtype=np.int32).reshape(-1, 3)
     return np.array(hull.points(), dtype=float).reshape(-1, 3), corners
 
 
 def _is_closed(triangles: Indices) -> bool:
-    """Each edge has as many triangles on its one side as on its other."""
+    """Return True if each edge has equally many triangles on both sides."""
     a, b, c = triangles.T.astype(np.int64)
     ahead = np.concatenate([np.stack(edge, axis=1) for edge in ((a, b), (b, c), (c, a))])
     forth, forth_count = np.unique(ahead, axis=0, return_counts=True)
@@ -122,7 +128,7 @@ def _volume(vertices: Array, triangles: Indices) -> float:
 
 
 def _wedges(vertices: Array, triangles: npt.NDArray[np.integer]) -> Array:
-    """Signed volumes of the tetrahedra from the origin to each triangle."""
+    """Return the signed volumes of the tetrahedra from the origin to each triangle."""
     a, b, c = (vertices[column] for column in triangles.T)
     found: Array = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0
     return found
@@ -138,7 +144,7 @@ def _hull(vertices: Array) -> coal.CollisionGeometry:
 
 
 def winding(surface: Surface, point: Array) -> float:
-    """How often the surface goes around a point: 1 inside of a closed mesh, 0 outside (van Oosterom, 1983)."""
+    """Return the winding number of a point: 1 inside of a closed mesh, 0 outside (van Oosterom, 1983)."""
     a, b, c = (surface.vertices[column] - point for column in surface.triangles.T)
     lengths = [np.linalg.norm(each, axis=1) for each in (a, b, c)]
     numerator = np.einsum("ij,ij->i", a, np.cross(b, c))

@@ -1,4 +1,4 @@
-"""The robot that moves and the static bodies around it, in its root frame. Metre."""
+"""The moving robot and the static bodies around it, in its root frame. Metre."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -18,12 +18,12 @@ from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.xml import rotation
 
 MARGIN_M = 0.01
-"""Margin in metre to everything but the robot itself."""
+"""Margin in metre to everything except the robot itself."""
 
 
 @dataclass(frozen=True)
 class Thing:
-    """A static body in the root frame of the robot that moves. The surface of an object has no hull."""
+    """A static body in the root frame of the moving robot. The surface of an object has no hull."""
 
     kind: Kind
     name: str
@@ -34,7 +34,7 @@ class Thing:
 
 
 class Mover:
-    """A robot at any positions of its joints."""
+    """A robot with adjustable joint positions."""
 
     def __init__(self, robot: Robot, start: Positions) -> None:
         self.robot = robot
@@ -43,7 +43,7 @@ class Mover:
         self.stand(start)
 
     def stand(self, moved: Positions) -> None:
-        """The positions at the start, except of joints that have ``moved``."""
+        """Set the positions: those of the start, except of joints that have ``moved``."""
         model = self.robot.model
         for name, position in moved.items():
             if model.existJointName(name):
@@ -75,7 +75,7 @@ def objects_of(asked: Check, objects: Mapping[str, coal.CollisionGeometry]) -> I
 
 
 def others_of(asked: Check, robots: Mapping[str, Robot]) -> Iterator[Thing]:
-    """Yield the parts of other robots that can be reached, in each of their stances."""
+    """Yield the bodies of other robots within reach, in each of their stances."""
     root, near = se3(asked.robot.base).inverse(), robots[asked.robot.key].radius_m + MARGIN_M
     for each in asked.robots:
         other, base = robots[each.key], root * se3(each.base)

@@ -1,8 +1,9 @@
-"""Along which ways a motion may take its robot, and where another that moves may be met. Pure; radian, metre, second.
+"""The paths that a motion may take, and the stances in which other moving robots may be met. Pure; radian, metre,
+second.
 
-A motion of joints that stand still goes straight in joint space; a trajectory goes through its waypoints on the cubics
-of Fritsch and Carlson, as the agent moves them. Joints that another motion moves meanwhile may be anywhere between
-where they are and where they go: they are taken to be here, there, and on the way as this motion is.
+A motion of joints at rest is linear in joint space; a trajectory passes its waypoints on the cubics of Fritsch and
+Carlson, like the agent. Joints that another motion moves meanwhile may be anywhere between their position and their
+target. They are checked at both ends, and moving in parallel with this motion.
 """
 
 from collections.abc import Iterable, Mapping
@@ -16,7 +17,7 @@ MOST_STANCES = 24
 
 
 def ways_of(motion: Move | Follow, start: Positions, elsewhere: Mapping[str, float]) -> tuple[Way, ...]:
-    """From ``start``; ``elsewhere`` is where joints go by other motions."""
+    """Return the paths from ``start``; ``elsewhere`` are the targets of joints in other motions."""
     legs = _legs(motion, start)
     own = legs[-1].ends
     meanwhile = {name: end for name, end in elsewhere.items() if name not in own and name in start}
@@ -33,7 +34,7 @@ def _beside(leg: Leg, share: float, start: Positions, meanwhile: Mapping[str, fl
 
 
 def stances_of(start: Positions, ends: Mapping[str, float]) -> tuple[Positions, ...]:
-    """Stances of a robot whose joints go from ``start`` to ``ends``: the first one is where it is."""
+    """Return stances of a robot whose joints move from ``start`` to ``ends``; the first is its present one."""
     moved = {name: end - start[name] for name, end in ends.items() if name in start}
     count = min(MOST_STANCES, round(max(map(abs, moved.values()), default=0.0) / STANCE_RAD + 0.5))
     shares = [(i + 1) / count for i in range(count)]
@@ -54,7 +55,7 @@ def _legs(motion: Move | Follow, start: Positions) -> tuple[Leg, ...]:
 
 
 def _velocities(times: Iterable[float], positions: Iterable[float]) -> list[float]:
-    """At each waypoint, from a standstill to a standstill (Fritsch and Butland, 1984)."""
+    """Return the velocities at the waypoints, from rest to rest (Fritsch and Butland, 1984)."""
     steps = [after - before for before, after in pairwise(times)]
     slopes = [(after - before) / step for (before, after), step in zip(pairwise(positions), steps, strict=True)]
     inner = [_slope(*one, *other) for one, other in pairwise(zip(steps, slopes, strict=True))]

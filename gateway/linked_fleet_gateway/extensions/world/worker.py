@@ -1,8 +1,7 @@
-"""The process that checks motions: a question on standard input, an answer on standard output, until the input ends.
+"""The check process: questions on standard input, answers on standard output, until the input ends.
 
-It reads what robots and clients send, in libraries that were not made for strangers' bytes: it has no secrets, no
-network of its own accord, a bound on its memory, and may be ended at any time. Its argument is the folder in which it
-keeps meshes that it has read.
+It parses data of robots and clients with libraries that were not made for untrusted input. So it has no secrets, no
+network connections and a memory limit, and may be killed at any time. Its argument is the folder of the mesh cache.
 """
 
 import logging
@@ -36,11 +35,11 @@ from linked_fleet_gateway.fleet.xml import ModelError
 MAX_MEMORY_BYTES = 4 * 2**30
 LENGTH = struct.Struct("<I")
 MOST_TRIANGLES_HELD = 2_000_000
-"""Bound on the meshes kept for robots that may still be prepared: some 100 MB."""
+"""Bound of the meshes kept for robots that may still be prepared: about 100 MB."""
 
 
 class Worker:
-    """The state that the worker was told so far, and its answers."""
+    """The prepared shapes, and the answers."""
 
     def __init__(self, cache: MeshCache, most_triangles: int = MOST_TRIANGLES_HELD) -> None:
         self._cache, self._most_triangles = cache, most_triangles
