@@ -1,4 +1,4 @@
-"""The cookies of those who log in by a browser."""
+"""The cookies of browser sessions."""
 
 from starlette.requests import HTTPConnection
 from starlette.responses import Response
@@ -9,7 +9,7 @@ from linked_fleet_gateway.extensions.sessions.sealed_cookie import Session
 _SESSION = "linked-fleet"
 _STATE = "sessions.session"
 LOGIN = "-login"
-"""The end of the name of the cookie of a login at an issuer that is under way."""
+"""Suffix of the name of the cookie of a login in progress at an issuer."""
 
 
 def _is_https(scope: Scope) -> bool:
@@ -18,7 +18,7 @@ def _is_https(scope: Scope) -> bool:
 
 
 def cookie_name(scope: Scope, suffix: str = "") -> str:
-    """Over TLS one that no other host can set, and that never goes in the clear (RFC 6265bis, 4.1.3)."""
+    """Return the name of the cookie. With TLS it has a prefix that other hosts cannot set (RFC 6265bis, 4.1.3)."""
     return f"{'__Host-' if _is_https(scope) else ''}{_SESSION}{suffix}"
 
 
@@ -27,20 +27,20 @@ def read_cookie(scope: Scope, suffix: str = "") -> str:
 
 
 def session_of(scope: Scope) -> Session | None:
-    """The session by which the caller of a request is known."""
+    """Return the session that authenticated the request, or None."""
     session: Session | None = scope["state"].get(_STATE)
     return session
 
 
 def note_session(scope: Scope, session: Session) -> None:
-    """Have ``session_of`` find the session of a request."""
+    """Record the session of a request for ``session_of``."""
     scope["state"][_STATE] = session
 
 
 def set_cookie(scope: Scope, response: Response, value: str, suffix: str = "") -> None:
-    """For as long as the browser is open; scripts do not see it, and pages of other sites do not send it.
+    """Set a cookie for the lifetime of the browser, invisible to scripts and not sent by pages of other sites.
 
-    Without a value it is taken away.
+    Without a value it is deleted.
     """
     age_s = None if value else 0
     response.set_cookie(

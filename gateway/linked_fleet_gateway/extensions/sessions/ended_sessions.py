@@ -1,4 +1,4 @@
-"""Sessions whose owners have logged out: no copy of their cookie is good any more, at any gateway."""
+"""Sessions that were logged out: copies of their cookies are invalid at all gateways."""
 
 import logging
 import time
@@ -10,18 +10,18 @@ from linked_fleet_gateway.runtime.redis import Connection
 log = logging.getLogger(__name__)
 
 KEPT = 100_000
-"""Logouts that Redis keeps, about, whose sessions would have gone on."""
+"""Approximate number of logouts kept in Redis."""
 _AT_ONCE = 1000
 _MOST_UNTOLD = 10_000
 
 
 class EndedSessions:
-    """This gateway's copy of what all have ended, so that sessions can be checked while Redis is away."""
+    """This gateway's copy of all ended sessions, so that sessions can be checked during outages of Redis."""
 
     def __init__(self, url: str, namespace: str) -> None:
         self._key = f"{namespace}:identity:ended"
         self._redis = Connection(url, self._key)
-        self._ends_ns: dict[str, int] = {}  # by id of the session: when it would have been over anyway
+        self._ends_ns: dict[str, int] = {}  # by session id: when the session would have expired anyway
         self._untold: deque[Session] = deque(maxlen=_MOST_UNTOLD)
         self._seen = ""
 
@@ -34,18 +34,18 @@ class EndedSessions:
         return session.id in self._ends_ns
 
     async def known(self) -> None:
-        """StoreUnavailable before it was ever read: which sessions have ended is not known then."""
+        """Load the ended sessions if they are unknown. Raises StoreUnavailable."""
         if not self._seen:
             await self.look()
 
     async def end(self, session: Session) -> None:
-        """Here at once, at the others when they look; while Redis is away they are told later."""
+        """End a session: here at once, at other gateways when they look; during an outage they are told later."""
         self._ends_ns[session.id] = session.ends_ns
         self._untold.append(session)
         await self._tell()
 
     async def look(self) -> None:
-        """Tell and hear of what was ended since the last look; StoreUnavailable."""
+        """Exchange ended sessions with Redis. Raises StoreUnavailable."""
         self._forget()
         await self._tell()
         while True:
@@ -62,7 +62,7 @@ class EndedSessions:
             one = self._untold[0]
             said = ("id", one.id, "ends_ns", one.ends_ns)
             await self._redis.one("XADD", self._key, "MAXLEN", "~", KEPT, "*", *said)
-            if self._untold and self._untold[0] is one:  # others tell at the same time
+            if self._untold and self._untold[0] is one:  # concurrent calls send too
                 self._untold.popleft()
 
     def _forget(self) -> None:

@@ -1,4 +1,4 @@
-"""The extension ``sessions``: people log in by a browser, with a token or at an issuer, and stay logged in."""
+"""The extension ``sessions``: browser login, with a token or at an issuer."""
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager

@@ -1,4 +1,4 @@
-"""The pages where people log in and out: by a token, or at an issuer (OpenID Connect, code flow with PKCE)."""
+"""The pages for login and logout: by a token, or at an issuer (OpenID Connect, code flow with PKCE)."""
 
 import logging
 import math
@@ -44,13 +44,13 @@ _PAGES = {"/login": ("GET", "POST"), "/login/start": ("GET",), "/login/return": 
 MAX_BODY_BYTES = 32 * 1024
 _LONGEST_PATH = 2000
 FAILURES = 10
-"""Failed logins of one address that are answered with the page; then one more every ``REFILL_S``."""
+"""Failed logins of one address that get the page; afterwards one more every ``REFILL_S``."""
 REFILL_S = 6.0
 _NO_STORE = {"cache-control": "no-store"}
 
 
 class Login:
-    """Answers under these paths, whoever asks; the caller may be nobody."""
+    """Serves the login paths for everybody, also without authentication."""
 
     def __init__(self) -> None:
         self._failures = Rates(1 / REFILL_S, burst=FAILURES)
@@ -78,10 +78,10 @@ class Login:
             raise StoreAway("Nobody can log in while Redis is away; tokens in Authorization are taken.") from error
 
     def _failed(self, request: Request, error: BadToken) -> None:
-        """Count a login that failed; TooManyLogins, and no line of the log, for more than an address may have.
+        """Count a failed login and log it. Raises TooManyLogins beyond the limit of the address.
 
-        Only failures are refused, and only after the check: an address may be that of many people, and a guesser among
-        them must not keep the others out. The entropy of tokens is the bound on guessing, here as in ``Authorization``.
+        Only failures are refused, and only after the check: many people may share an address, and a guesser among them
+        must not lock the others out. The entropy of tokens bounds guessing, as with ``Authorization``.
         """
         address = request.client.host if request.client else ""
         if wait_s := math.ceil(self._failures.take(network_of(address))):
@@ -155,7 +155,7 @@ class Login:
 
 
 async def _claims(request: Request, sessions: Sessions, issuer: Issuer, login: Underway) -> Claims:
-    """Return the claims of a person who comes back from the issuer with a code; BadToken, IssuerSilent."""
+    """Return the claims of a person who returns from the issuer with a code. Raises BadToken, IssuerSilent."""
     said = request.query_params
     if not compare_digest(said.get("state", "").encode(), login.state.encode()):
         raise BadToken("it began in another browser")
@@ -216,7 +216,7 @@ def _page(
     status: int = 200,
     failed: str = "",
 ) -> Response:
-    """``wrong`` is about the token that was typed, ``failed`` about a login at an issuer."""
+    """Render the page; ``wrong`` is an error of the entered token, ``failed`` one of a login at an issuer."""
     issuers = [
         (each.name, "/login/start?" + urlencode({"issuer": each.name, "then": then}))
         for each in sessions.identities.roster.issuers.values()
@@ -234,7 +234,8 @@ def _page(
         failed=failed,
     )
     headers = _NO_STORE | {"content-security-policy": FORMS, "x-content-type-options": "nosniff", "vary": "Accept"}
-    headers |= {"referrer-policy": "same-origin"}  # with less, browsers say "Origin: null" to us too
+    # with stricter policies browsers send "Origin: null" to this gateway too
+    headers |= {"referrer-policy": "same-origin"}
     return Response(page, status, headers, "text/html; charset=utf-8")
 
 
@@ -248,7 +249,7 @@ _MEANINGS = {
 
 
 def _rights(caller: Identity) -> list[tuple[str, str, str]]:
-    """Each right with what it means, and the robots that it is to: empty for none."""
+    """Return each right with its meaning and the robots that it covers; empty for none."""
     found = []
     for right, meaning in _MEANINGS.items():
         robots = caller.over(right)
@@ -264,7 +265,7 @@ def _one(form: dict[str, list[str]], name: str) -> str:
 
 
 def _path(said: str | None) -> str:
-    """Return where to go after the login: a path of ours, whatever a link says."""
+    """Return the local path to go to after the login, whatever the link says."""
     if not said or not said.startswith("/") or len(said) > _LONGEST_PATH:
         return "/"
     return quote(said, safe="/~?&=%.,:;@!$'()*+-_")

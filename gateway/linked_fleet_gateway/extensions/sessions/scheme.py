@@ -1,4 +1,4 @@
-"""The authentication scheme of browsers: a session in a cookie, whose requests must come from our own pages."""
+"""Authentication of browsers by a session cookie; requests must come from the gateway's own pages."""
 
 from functools import partial
 from urllib.parse import quote
@@ -55,11 +55,11 @@ class SessionScheme:
 
 
 def _check_page(scope: Scope, headers: Headers) -> None:
-    """ForeignOrigin for a request with a cookie that writes or listens, unless a page of ours sent it.
+    """Raise ForeignOrigin for a request with a cookie that writes or listens, unless it comes from our own page.
 
-    ``Authorities`` has refused or marked every foreign ``Origin``; here it is missed where there is none. Pages of
-    other sites that may use the fleet have tokens, or whoever is logged in would act for them. Reading needs none:
-    links of other sites may lead here, and what comes of it is shown to nobody but who followed them.
+    ``Authorities`` has refused or marked foreign origins; here a missing Origin is refused too. Pages of other sites
+    must use tokens, because otherwise they would act for the person who is logged in. Reads are exempt: other sites may
+    link here, and only the reader sees the response.
     """
     events = "text/event-stream" in headers.get("accept", "")
     calls_back = "callback" in headers.get("upgrade", "").lower()
@@ -71,7 +71,7 @@ def _check_page(scope: Scope, headers: Headers) -> None:
 
 
 def _would_log_in(scope: Scope) -> bool:
-    """Return True for a person who waits for a page."""
+    """Return True for a browser navigation that expects a page."""
     if scope["type"] != "http" or scope["method"] not in ("GET", "HEAD"):
         return False
     accept = Headers(scope=scope).get("accept")

@@ -1,4 +1,4 @@
-"""Sealed cookies: who has logged in, and a login that is under way. Pure."""
+"""Sealed cookies: sessions, and logins in progress. Pure."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ else:
 
 KEY_BYTES = 32
 SESSION_S = 8 * 3600
-TOKEN_SESSION_S = 30 * 86_400  # a token says itself when it expires, and can be revoked
+TOKEN_SESSION_S = 30 * 86_400  # a token has its own expiry and can be revoked
 LOGIN_S = 600
 _ALGORITHM = "HS256"
 _SECOND_NS = 1_000_000_000
@@ -23,7 +23,7 @@ _Purpose = Literal["session", "login"]
 
 @dataclass(frozen=True)
 class Session:
-    """That somebody has logged in in one browser; ``id`` is of this login alone, ``ends_ns`` is wall time."""
+    """A login in one browser; ``id`` is unique to this login, ``ends_ns`` is wall time."""
 
     id: str
     credential: Credential
@@ -32,14 +32,14 @@ class Session:
 
 @dataclass(frozen=True)
 class Underway:
-    """A login at an issuer that the browser has been sent to (RFC 7636; OpenID Connect Core 1.0, 3.1.2.1)."""
+    """A login in progress at an issuer (RFC 7636; OpenID Connect Core 1.0, 3.1.2.1)."""
 
     issuer: str
     state: str
     nonce: str
     verifier: str
     then: str
-    """Path where the browser goes afterwards."""
+    """Path for the browser after the login."""
 
 
 def new_session(credential: Credential, id: str, now_ns: int) -> Session:
@@ -59,9 +59,9 @@ def seal_session(session: Session, key: bytes) -> str:
 
 
 def open_session(text: str, key: bytes) -> Session | None:
-    """None for whatever was not sealed with ``key``, or has expired."""
+    """Return the session; None if it was not sealed with ``key`` or has expired."""
     said = _opened("session", text, key)
-    if said is None or "jti" not in said:  # older ones had none: nobody could end them
+    if said is None or "jti" not in said:  # older cookies had no id, so they could not be ended
         return None
     ends_ns = int(said["exp"]) * _SECOND_NS
     if "token" in said:

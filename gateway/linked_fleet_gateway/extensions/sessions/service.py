@@ -1,4 +1,4 @@
-"""Sessions of browsers: begun, found again by their cookie, and ended at all gateways."""
+"""Browser sessions: creation, lookup by cookie, and end at all gateways."""
 
 import asyncio
 import logging
@@ -19,7 +19,7 @@ from linked_fleet_gateway.runtime.cancellation import end
 log = logging.getLogger(__name__)
 
 LOOK_S = 1.0
-"""Between two looks at the sessions that other gateways have ended."""
+"""Period of checks for sessions that other gateways have ended."""
 _ID_BYTES = 16
 
 
@@ -34,10 +34,10 @@ class Sessions:
         try:
             await self.key.get()
             await self._ended.look()
-        except StoreUnavailable as error:  # both are asked again when a session comes
+        except StoreUnavailable as error:  # retried when a session is used
             log.warning("the store is away, sessions cannot be checked yet: %s", error)
         except Exception:
-            # The boundary: whatever is in Redis, a gateway starts and stops robots.
+            # The boundary: whatever Redis contains, a gateway must start and stop robots.
             log.exception("sessions that have ended cannot be read; the gateway starts without them")
         self._hearing = supervised(self._hear, "hear of logouts", log, "logouts could not be heard of", LOOK_S)
         return self
@@ -50,7 +50,7 @@ class Sessions:
         await self._ended.aclose()
 
     async def find(self, sealed: str) -> tuple[Identity, Session] | None:
-        """The caller and the session of a cookie; None when it is none, or over. StoreUnavailable."""
+        """Return the caller and the session of a cookie; None if it is invalid or over. Raises StoreUnavailable."""
         session = open_session(sealed, await self.key.get())
         await self._ended.known()
         if session is None or session in self._ended:
@@ -59,21 +59,21 @@ class Sessions:
         return None if found is None else (found, session)
 
     def lasts(self, session: Session) -> bool:
-        """Return True until the session is over, or was ended at any gateway."""
+        """Return True until the session expires or is ended at any gateway."""
         return session not in self._ended and session.ends_ns > time.time_ns()
 
     async def begin(self, credential: Credential) -> str:
-        """The value of the cookie of a new session; StoreUnavailable."""
+        """Return the cookie of a new session. Raises StoreUnavailable."""
         session = new_session(credential, secrets.token_urlsafe(_ID_BYTES), time.time_ns())
         return seal_session(session, await self.key.get())
 
     async def end(self, session: Session) -> None:
-        """From now on its cookie opens nothing, here; elsewhere within a second, as soon as Redis is there."""
-        with suppress(StoreUnavailable):  # told at the next look
+        """End a session: here at once, elsewhere within a second, or as soon as Redis is available."""
+        with suppress(StoreUnavailable):  # sent with the next look
             await self._ended.end(session)
         self.identities.end_what_must()
 
     async def _hear(self) -> None:
-        if not self.key.known:  # as soon as it can be had: sessions are to outlive an outage of Redis
+        if not self.key.known:  # read as early as possible, because sessions must survive an outage of Redis
             await self.key.get()
         await self._ended.look()

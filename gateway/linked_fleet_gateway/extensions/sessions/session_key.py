@@ -1,4 +1,4 @@
-"""The key that seals sessions, which gateways share in Redis."""
+"""The key that seals sessions, shared by gateways through Redis."""
 
 import asyncio
 import base64
@@ -13,9 +13,10 @@ __all__ = ["SessionKey", "StoreUnavailable"]
 
 
 class SessionKey:
-    """A key of 32 random bytes; the first gateway makes it, and each keeps it, so that Redis may go away.
+    """A key of 32 random bytes, created by the first gateway and cached by each, so that Redis may be unavailable
+    later.
 
-    ``file``: where it is instead, in base64, if there is one.
+    ``file`` is a path of the key in base64 to use instead, or empty.
     """
 
     def __init__(self, url: str, namespace: str, file: str) -> None:
@@ -32,7 +33,7 @@ class SessionKey:
         return bool(self._key)
 
     async def get(self) -> bytes:
-        """StoreUnavailable before it was ever read."""
+        """Return the key. Raises StoreUnavailable if it was never read."""
         async with self._turn:
             if not self._key:
                 await self._redis.one("SET", self._name, secrets.token_bytes(KEY_BYTES), "NX")
@@ -44,7 +45,7 @@ class SessionKey:
 
 
 def read_key(path: Path) -> bytes:
-    """BadRoster when it is no such key."""
+    """Read the key from a file. Raises BadRoster if it is invalid."""
     try:
         key = base64.b64decode(path.read_bytes().strip(), validate=True)
     except OSError as error:

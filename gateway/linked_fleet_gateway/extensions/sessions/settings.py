@@ -1,4 +1,4 @@
-"""The section of the extension ``sessions``."""
+"""Settings of the extension ``sessions``."""
 
 from dataclasses import dataclass
 from pathlib import Path
