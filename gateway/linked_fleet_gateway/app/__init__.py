@@ -1,7 +1,7 @@
 """App: the composition root.
 
-``application``: settings → parts → one ASGI application. ``extensions``: extensions found, put in order and mounted.
-``settings``: environment variables and flags. ``exposure``: what a gateway that other machines reach must have.
-``shape_check``: shapes are compiled before a gateway serves. ``metrics``, ``sampler``: the numbers of one gateway.
-``doctor``: checks of all that a gateway needs.
+``application``: settings → parts → one ASGI application. ``extensions``: discovery, ordering and mounting of
+extensions. ``settings``: environment variables and flags. ``exposure``: requirements of a gateway that other machines
+reach. ``shape_check``: compilation of all shapes at start. ``metrics``, ``sampler``: the metrics of one gateway.
+``doctor``: checks of the environment of a gateway.
 """

@@ -1,4 +1,4 @@
-"""The composition root: routes, middleware and lifespan of the gateway on one screen."""
+"""The composition root: routes, middleware and lifespan of the gateway."""
 
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager, closing
@@ -40,7 +40,7 @@ from linked_fleet_gateway.subscriptions.store import Store
 
 
 def new_live(settings: GatewaySettings, open_session: Opener) -> Live:
-    """The live fleet of a gateway with these settings, not yet joined."""
+    """Return the live fleet of a gateway with these settings, not yet joined."""
     return Live(
         settings.namespace,
         settings.gateway_name,
@@ -50,14 +50,14 @@ def new_live(settings: GatewaySettings, open_session: Opener) -> Live:
 
 
 def sockets_of(settings: GatewaySettings) -> Sockets:
-    """The bounds of connections, at most as many as the process may have files."""
+    """Return the limits of connections, bounded by the number of files that the process may open."""
     return Sockets(within_files(settings.sockets), settings.sockets_per_client)
 
 
 def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_session: Opener = open_zenoh) -> Gateway:
-    """The ASGI application; entering its lifespan joins the fleet, through the session that ``open_session`` opens.
+    """Return the ASGI application; its lifespan joins the fleet through a session from ``open_session``.
 
-    Unsupported for shapes that cannot be compiled.
+    Raises Unsupported for shapes that cannot be compiled.
     """
     extensions = chosen(settings.section(ExtensionSettings))
     install(extensions)

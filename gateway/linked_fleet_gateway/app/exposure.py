@@ -1,18 +1,18 @@
-"""Requirements of a gateway that other machines reach, unless the settings waive them by name. Pure."""
+"""Requirements of a gateway that other machines reach, unless settings waive them by name. Pure."""
 
 from collections.abc import Collection, Sequence
 
 EXPOSURES = ("plain-http", "anonymous", "plain-zenoh")
-"""Words of LINKED_FLEET_ALLOW, each of which waives a requirement."""
+"""Words of LINKED_FLEET_ALLOW, each of which waives one requirement."""
 
 
 def complaints(
     *, exposed: bool, tls: bool, identities: bool, open_endpoints: Sequence[str], allowed: Collection[str]
 ) -> list[str]:
-    """A sentence for each thing that is refused, which names the ways out.
+    """Return a sentence for each unmet requirement, which names the remedies.
 
-    ``exposed`` is whether HTTP is reached beyond loopback, ``open_endpoints`` are those of Zenoh that other machines
-    reach without proof of who they are.
+    ``exposed`` means that HTTP is reachable beyond loopback; ``open_endpoints`` are Zenoh endpoints that other machines
+    reach without authentication.
     """
     found = []
     if exposed and not tls and "plain-http" not in allowed:

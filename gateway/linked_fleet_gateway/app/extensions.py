@@ -1,7 +1,7 @@
-"""Extensions found, put in order, and mounted.
+"""Discovery, ordering and mounting of extensions.
 
-The folders of ``extensions`` are the built-in ones, each with a class in ``extension.py``. They are known
-without the metadata of an installation, which may be older. Foreign ones are found by their entry points.
+The folders of ``extensions`` are the built-in ones, each with a class in ``extension.py``. They are found without
+package metadata, which may be outdated in a checkout. Foreign ones are found by their entry points.
 """
 
 import logging
@@ -26,12 +26,12 @@ from linked_fleet_gateway.resources.property import ROBOT_PROPERTIES
 
 log = logging.getLogger(__name__)
 GROUP = "linked_fleet.extensions"
-"""Entry points of extensions in other packages: each names a subclass of ``Extension``, and has its name."""
+"""Entry point group of extensions in other packages; each names a subclass of ``Extension`` by its own name."""
 
 
 @dataclass(frozen=True)
 class ExtensionSettings(Section):
-    """The extensions that a gateway has."""
+    """Selection of the extensions of a gateway."""
 
     extensions: tuple[str, ...] = setting(
         TEXTS, "", "extensions of other packages that are loaded, by their names; comma-separated"
@@ -59,9 +59,9 @@ BUILT_IN: Sequence[Extension] = tuple(_built_in())
 
 
 def chosen(settings: ExtensionSettings) -> list[Extension]:
-    """The extensions of a gateway with these settings, in order.
+    """Return the extensions of a gateway with these settings.
 
-    ValueError for a name that none has, and for an extension that needs one that is off.
+    Raises ValueError for an unknown name, and for an extension that needs one that is off.
     """
     names, off = [each.name for each in BUILT_IN], settings.extensions_off
     if unknown := [name for name in off if name not in names]:
@@ -77,12 +77,12 @@ def chosen(settings: ExtensionSettings) -> list[Extension]:
 
 
 def lacking(extension: Extension) -> list[str]:
-    """The optional packages that the extension needs and that are not installed."""
+    """Return the optional packages that the extension needs and that are not installed."""
     return [name for name in extension.modules if find_spec(name) is None]
 
 
 def foreign(settings: ExtensionSettings) -> list[Extension]:
-    """The extensions of other packages that the settings name. ValueError for a name that is not one's."""
+    """Return the extensions of other packages that the settings name. Raises ValueError for an unknown name."""
     if taken := [each.name for each in BUILT_IN if each.name in settings.extensions]:
         raise ValueError(f"LINKED_FLEET_EXTENSIONS is of extensions of other packages; {taken[0]} is built in")
     return [_foreign(name) for name in dict.fromkeys(settings.extensions)]
@@ -109,7 +109,7 @@ def _foreign(name: str) -> Extension:
 
 
 def install(extensions: Sequence[Extension]) -> None:
-    """Have this process know the segments, the kinds of actions, the properties and the functions of the extensions."""
+    """Register segments, kinds of actions, properties and functions of the extensions in this process."""
     for extension in (*BUILT_IN, *extensions):
         reserve(extension.at_root, extension.in_robot, extension.public)
     add_kinds(kind for extension in extensions for kind in extension.kinds)
@@ -119,7 +119,7 @@ def install(extensions: Sequence[Extension]) -> None:
 
 
 def in_order(extensions: Sequence[Extension]) -> list[Extension]:
-    """The extensions, each after those that it needs or uses. ValueError for one whose needs cannot be met."""
+    """Return the extensions, each after those that it needs or uses. Raises ValueError if that is impossible."""
     found: dict[str, Extension] = {}
     waiting, on = list(extensions), {each.name for each in extensions}
     while waiting:
@@ -133,7 +133,7 @@ def in_order(extensions: Sequence[Extension]) -> list[Extension]:
 
 
 async def mount(extensions: Sequence[Extension], core: Core, stack: AsyncExitStack) -> list[Mount]:
-    """Start the extensions one after the other and add them to the tree and to the guards; ``stack`` ends them."""
+    """Start the extensions in order and add them to the tree and the guards; ``stack`` ends them."""
     for extension in BUILT_IN:
         if names := lacking(extension):
             log.warning("The extension %s is off: %s is not installed.", extension.name, " and ".join(names))
@@ -154,6 +154,6 @@ async def mount(extensions: Sequence[Extension], core: Core, stack: AsyncExitSta
 
 
 def representations(mounts: Sequence[Mount]) -> Representations:
-    """All that the core and its extensions can write."""
+    """Return the representations of the core and its extensions."""
     html = next((each.html for each in mounts if each.html is not None), None)
     return Representations(html, {name: value for each in mounts for name, value in each.formats.items()})

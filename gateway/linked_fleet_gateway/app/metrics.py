@@ -1,4 +1,4 @@
-"""The numbers of one gateway as Prometheus reads them, collected when it asks."""
+"""Prometheus metrics of one gateway, collected on request."""
 
 import time
 from collections import Counter
@@ -19,7 +19,7 @@ from linked_fleet_gateway.subscriptions.service import Subscriptions
 
 
 def registry(numbers: "Numbers") -> CollectorRegistry:
-    """A registry with the numbers of one gateway, and with memory, time and files of its process."""
+    """Return a registry with the metrics of one gateway and of its process."""
     made = CollectorRegistry()
     made.register(numbers)
     ProcessCollector(registry=made)
@@ -28,7 +28,7 @@ def registry(numbers: "Numbers") -> CollectorRegistry:
 
 @dataclass(frozen=True, eq=False)
 class Numbers(Collector):
-    """Reads, in a thread beside the event loop, what is counted in it: each number and each copy is taken at once."""
+    """Reads counters of the event loop from a thread; each single read is atomic."""
 
     live: Live
     subscriptions: Subscriptions
@@ -109,7 +109,7 @@ class Numbers(Collector):
         family = CounterMetricFamily(
             PREFIX + "commands", "Commands and stops by what the agent said.", labels=("outcome", "code")
         )
-        none = {("accepted", ""): 0, ("silent", ""): 0}  # a rate needs a number to begin with
+        none = {("accepted", ""): 0, ("silent", ""): 0}  # a rate needs an initial value
         for labels, count in (none | dict(self.actions.commands.outcomes)).items():
             family.add_metric(labels, count)
         yield family

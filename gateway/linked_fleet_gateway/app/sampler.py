@@ -1,4 +1,4 @@
-"""Measurements at intervals, which cost nothing per frame: late timers, and the age of frames."""
+"""Periodic measurements that cost nothing per frame: event loop lag and age of frames."""
 
 import asyncio
 import logging
@@ -15,14 +15,14 @@ from linked_fleet_gateway.runtime.time_slices import sliced
 log = logging.getLogger(__name__)
 
 _PERIOD_S = 0.25
-_ROUND = 4  # periods between two looks at the frames
+_ROUND = 4  # periods between two samples of frames
 
 
 class Sampler:
-    """An async context manager. ``loop_lag``: how late a timer of the event loop was.
+    """An async context manager. ``loop_lag`` is the lateness of timers of the event loop.
 
-    ``frame_lag``: from the wall clock of the agent when it read its robot to that of the gateway when it took the
-    frame, of the latest frame of each robot, once a second; the difference of the two clocks is in it.
+    ``frame_lag`` is the time from the agent's reading of its robot to the arrival at the gateway, sampled once a second
+    for the latest frame of each robot; it includes the difference of both clocks.
     """
 
     def __init__(self, fleet: Fleet) -> None:

@@ -53,7 +53,7 @@ _ORIGINS = several(  # as browsers write them: lower case, no path
 
 @dataclass(frozen=True)
 class GatewaySettings(Section):
-    """The section of the core."""
+    """Settings of the core."""
 
     host: str = setting(TEXT, "127.0.0.1", "address on which it listens")
     port: int = setting(PORT, "8000", "port on which it listens")
@@ -152,7 +152,7 @@ class GatewaySettings(Section):
     )
     log_format: str = setting(choice(*FORMS), "text", "form of the log: text, or json, a line each")
     sections: tuple[Section, ...] = ()
-    """The other sections that were read."""
+    """Other sections that were read."""
 
     def __post_init__(self) -> None:
         if bool(self.tls_cert) != bool(self.tls_key):
@@ -160,7 +160,7 @@ class GatewaySettings(Section):
 
     @property
     def public_urls(self) -> tuple[str, ...]:
-        """Base URLs without a slash at the end; on loopback its usual names as well."""
+        """Base URLs without trailing slash; on loopback also with its usual names."""
         if self.public_url:
             return tuple(url.rstrip("/") for url in self.public_url)
         host = f"[{self.host}]" if ":" in self.host else self.host
@@ -172,31 +172,31 @@ class GatewaySettings(Section):
 
     @property
     def listen_endpoints(self) -> tuple[str, ...]:
-        """Zenoh endpoints; one on loopback if none is named to listen on or to connect to."""
+        """Zenoh endpoints to listen on; one on loopback if neither listen nor connect endpoints are set."""
         return self.zenoh_listen if self.zenoh_listen or self.zenoh_connect else ("tcp/127.0.0.1:7447",)
 
     @property
     def credentials(self) -> Credentials | None:
-        """By which Zenoh's neighbours know the gateway, and it them; ValueError for files that are none."""
+        """The gateway's TLS credentials on Zenoh, or None. Raises ValueError for unusable files."""
         return Credentials.given(*(str(each or "") for each in (self.zenoh_ca, self.zenoh_cert, self.zenoh_key)))
 
     @property
     def trust(self) -> dict[str, object]:
-        """Zenoh's configuration of who proves what to whom; ValueError for files that are none."""
+        """Zenoh's TLS and access configuration. Raises ValueError for unusable files."""
         return trust(self.credentials, str(self.zenoh_access or ""))
 
     @property
     def state_path(self) -> Path:
-        """Folder of the data of the embedded server and of the cache of meshes."""
+        """Folder of the embedded server's data and of the mesh cache."""
         return (self.state_dir or Path.home() / ".local" / "state" / "linked-fleet").absolute()
 
     @property
     def gateway_name(self) -> str:
-        """Replicas of a container differ in the host name, gateways on one host in the port."""
+        """A unique name: replicas of a container differ in host name, gateways on one host in port."""
         return f"{socket.gethostname()}-{self.port}"
 
     def section(self, kind: type[SectionT]) -> SectionT:
-        """The section of this type; with its defaults if it was not read."""
+        """Return the section of this type; with default values if it was not read."""
         try:
             return section(self.sections, kind)
         except LookupError:
@@ -204,11 +204,14 @@ class GatewaySettings(Section):
 
     @classmethod
     def read(cls, environment: Mapping[str, str], arguments: Sequence[str]) -> "GatewaySettings":
-        """Flags win over the environment; ValueError for an unusable value, SystemExit for an unknown flag."""
+        """Read settings; flags precede the environment.
+
+        Raises ValueError for an unusable value, SystemExit for an unknown flag.
+        """
         state_home = Path(environment.get("XDG_STATE_HOME", ""))  # XDG Base Directory Specification
         if state_home.is_absolute() and not environment.get("LINKED_FLEET_STATE_DIR"):
             environment = {**environment, "LINKED_FLEET_STATE_DIR": str(state_home / "linked-fleet")}
-        # Which flags there are depends on the extensions of other packages.
+        # The set of flags depends on the extensions of other packages.
         parser = ArgumentParser(_PROGRAM, add_help=False)
         names = read([ExtensionSettings], environment, arguments, parser, others=True)
         extensions = [*BUILT_IN, *foreign(section(names, ExtensionSettings))]

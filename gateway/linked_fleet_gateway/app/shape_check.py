@@ -1,4 +1,4 @@
-"""Shapes are compiled before a gateway serves: one that cannot be is a reason not to start."""
+"""Compilation of all shapes at start; a gateway does not start with a shape that cannot be compiled."""
 
 from collections.abc import Mapping, Sequence
 from functools import cache
@@ -18,9 +18,9 @@ FILES = ("blueprints.ttl", "rules.ttl", "subscriptions.ttl")
 
 @cache
 def check_shapes() -> None:
-    """Unsupported, with the shape and the reason, for one in shapes/ that cannot be compiled.
+    """Compile all shapes in shapes/. Raises Unsupported with the shape and the reason.
 
-    Those of actions are checked as their files have them. What a robot adds, by COMPLETIONS, is not Turtle but code.
+    Shapes of actions are checked as written. The parts that COMPLETIONS adds for a robot come from code.
     """
     for name in FILES:
         for node, about in load(name).items():

@@ -1,4 +1,4 @@
-"""Doctor: checks, before a gateway is started or while one runs, of all that it needs on this machine and around it.
+"""Doctor: checks of everything that a gateway needs on this machine and around it, before or while it runs.
 
 ``finding``: one result. ``ports``, ``certificates``, ``redis_server``, ``zenoh_routers``, ``clocks``: the checks.
 """

@@ -30,7 +30,7 @@ def main() -> int:
 
 
 async def examine(environment: Mapping[str, str], arguments: Sequence[str]) -> list[Finding]:
-    """All findings for a gateway with these settings."""
+    """Return all findings for a gateway with these settings."""
     try:
         settings = GatewaySettings.read(environment, arguments)
     except ValueError as error:
@@ -48,11 +48,11 @@ async def examine(environment: Mapping[str, str], arguments: Sequence[str]) -> l
 
 
 def _exposure(settings: GatewaySettings) -> Iterator[Finding]:
-    """Return what the gateway itself refuses at its start."""
+    """Yield the requirements that the gateway itself checks at start."""
     try:
         proof = settings.credentials if settings.zenoh_access else None
     except ValueError:
-        proof = None  # _tls says it
+        proof = None  # reported by _tls
     for sentence in complaints(
         exposed=not is_loopback(settings.host),
         tls=bool(settings.tls_cert),
@@ -83,7 +83,7 @@ def _tls(settings: GatewaySettings) -> Iterator[Finding]:
 def _wire(settings: GatewaySettings) -> Iterator[Finding]:
     try:
         credentials = settings.credentials
-        settings.trust  # noqa: B018 -- ValueError
+        settings.trust  # noqa: B018 -- raises ValueError
     except ValueError as error:
         yield Finding("zenoh", f"no router is asked: {error}", "correct the files first")
         return

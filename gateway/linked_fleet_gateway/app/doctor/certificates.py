@@ -1,4 +1,4 @@
-"""Checks of TLS files: there, readable, a pair, of the right names, and valid for some time to come."""
+"""Checks of TLS files: readable, a matching pair, with the right names, and valid for some time to come."""
 
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime, timedelta
@@ -15,7 +15,7 @@ _SOON = timedelta(days=21)
 
 
 def http_certificate(certificate: str, key: str, public_urls: Sequence[str], now: datetime) -> Iterator[Finding]:
-    """The gateway's own certificate for HTTPS."""
+    """Check the gateway's certificate for HTTPS."""
     try:
         check_pair(certificate, key)
     except ValueError as error:
@@ -30,7 +30,7 @@ def http_certificate(certificate: str, key: str, public_urls: Sequence[str], now
 
 
 def wire_certificates(authority: str, certificate: str, key: str, now: datetime) -> Iterator[Finding]:
-    """The three files by which the wire knows the gateway."""
+    """Check the three files that identify the gateway on Zenoh."""
     advice = "make them with deploy/certificates (deploy/README.md, Who is who on the wire)"
     try:
         given = Credentials.given(authority, certificate, key)
@@ -46,7 +46,7 @@ def wire_certificates(authority: str, certificate: str, key: str, now: datetime)
 
 
 def dates(subject: str, path: str, now: datetime) -> Iterator[Finding]:
-    """From when and until when each certificate of a file is valid. ``now`` has a zone."""
+    """Check the validity period of each certificate in a file. ``now`` has a time zone."""
     for each in _read(path):
         first, last = each.not_valid_before_utc, each.not_valid_after_utc
         day = f"{last.astimezone(UTC):%Y-%m-%d}"
@@ -63,12 +63,12 @@ def dates(subject: str, path: str, now: datetime) -> Iterator[Finding]:
 
 
 def _read(path: str) -> list[x509.Certificate]:
-    """The certificates of a file that ``check_pair`` or ``Credentials`` has read before."""
+    """Return the certificates in a file that ``check_pair`` or ``Credentials`` has read before."""
     return x509.load_pem_x509_certificates(Path(path).read_bytes())
 
 
 def _names(path: str, host: str) -> bool:
-    """True if the first certificate of the file is for this host."""
+    """Return True if the first certificate of the file is valid for this host."""
     try:
         names = _read(path)[0].extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     except x509.ExtensionNotFound:
@@ -81,6 +81,6 @@ def _names(path: str, host: str) -> bool:
 
 
 def _signed(certificate: str, authority: str) -> bool:
-    """True if one of the authorities has issued the first certificate, or the chain in the same file ends with it."""
+    """Return True if one of the authorities issued a certificate in the file."""
     subjects = {each.subject for each in _read(authority)}
     return any(each.issuer in subjects for each in _read(certificate))

@@ -1,4 +1,4 @@
-"""Check of this machine's clock by what the kernel knows of it. That of Redis is compared in ``redis_server``."""
+"""Check of this machine's clock by the kernel's state. The clock of Redis is checked in ``redis_server``."""
 
 import ctypes
 import sys
@@ -6,11 +6,11 @@ import sys
 from linked_fleet_gateway.app.doctor.finding import Finding
 
 _ERROR = 5  # TIME_ERROR of adjtimex(2): the clock is not synchronised
-_TIMEX_BYTES = 1024  # struct timex has 208 on 64 bits; all zero asks and changes nothing
+_TIMEX_BYTES = 1024  # struct timex has 208 bytes on 64 bits; all zeros queries without a change
 
 
 def this_machine() -> Finding:
-    """Times of values, dates of certificates and lags of frames are as good as the clock."""
+    """Check that the clock is synchronised, on which times of values, certificates and lags of frames depend."""
     if not sys.platform.startswith("linux"):
         return Finding("clocks", "that of this machine is not checked: it has no adjtimex", note=True)
     state = ctypes.CDLL(None, use_errno=True).adjtimex(ctypes.create_string_buffer(_TIMEX_BYTES))

@@ -1,4 +1,4 @@
-"""Results of checks, and how they are shown. Pure."""
+"""Results of checks and their display. Pure."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ _WIDTH = 12
 
 @dataclass(frozen=True)
 class Finding:
-    """One sentence about one subject. With ``advice`` something is wrong, unless it is only a ``note``."""
+    """One sentence about one subject. With ``advice`` it reports a fault, unless it is only a ``note``."""
 
     subject: str
     sentence: str

@@ -15,7 +15,7 @@ _LOCATOR = re.compile(r"(tcp|tls|quic|udp)/\[?(.*?)\]?:(\d+)(?:[?#].*)?")
 
 
 def http_port(host: str, port: int, tls: bool) -> Finding:
-    """The port of HTTP: free, or that of a gateway."""
+    """Check that the HTTP port is free or used by a gateway."""
     taken = _taken(host, port, socket.SOCK_STREAM)
     if not taken:
         return Finding("port", f"{host}:{port} is free for HTTP")
@@ -25,7 +25,7 @@ def http_port(host: str, port: int, tls: bool) -> Finding:
 
 
 def zenoh_ports(endpoints: Sequence[str], served: bool) -> Iterator[Finding]:
-    """Ports on which robots reach a gateway that listens for them; ``served`` if a gateway runs here already."""
+    """Check the ports on which a gateway listens for robots; ``served`` says that a gateway runs here already."""
     for endpoint in endpoints:
         match = _LOCATOR.fullmatch(endpoint)
         if match is None:
@@ -44,7 +44,7 @@ def zenoh_ports(endpoints: Sequence[str], served: bool) -> Iterator[Finding]:
 
 
 def _taken(host: str, port: int, kind: socket.SocketKind) -> str:
-    """The reason why this address cannot be listened on; empty if it can."""
+    """Return the reason why this address cannot be listened on; empty if it can."""
     try:
         (family, _, _, _, address), *_ = socket.getaddrinfo(host, port, type=kind, flags=socket.AI_PASSIVE)
         with socket.socket(family, kind) as probe:
@@ -58,10 +58,11 @@ def _taken(host: str, port: int, kind: socket.SocketKind) -> str:
 
 
 def _is_gateway(host: str, port: int, tls: bool) -> bool:
-    """True if /health/ready answers as a gateway does, ready or not."""
-    # The address of this machine is asked, and the certificate names the fleet; whose it is is checked elsewhere.
+    """Return True if /health/ready answers like a gateway, ready or not."""
+    # The request goes to an address of this machine, which the certificate may not name; certificates are checked
+    # elsewhere.
     context = ssl._create_unverified_context() if tls else None  # noqa: S323
-    reached = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)  # noqa: S104 -- it is not listened on
+    reached = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)  # noqa: S104 -- only connected to, not listened on
     connection = (
         http.client.HTTPSConnection(reached, port, timeout=_ANSWER_S, context=context)
         if context

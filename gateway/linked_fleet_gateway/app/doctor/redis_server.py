@@ -1,4 +1,4 @@
-"""Checks of Redis: reached, willing, durable, and of the same time."""
+"""Checks of Redis: reachable, writable, durable, and with a correct clock."""
 
 import asyncio
 import os
@@ -17,7 +17,7 @@ _MOST_APART_S = 1.0
 
 
 async def redis_server(url: str, namespace: str) -> AsyncIterator[Finding]:
-    """The server at ``url``, of which nothing is changed."""
+    """Check the server at ``url`` without changing anything."""
     shown = _PASSWORD.sub("…@", url)
     try:
         connection = Connection(url, Keys(namespace).news)
@@ -39,7 +39,7 @@ async def redis_server(url: str, namespace: str) -> AsyncIterator[Finding]:
 
 
 def embedded_server(folder: Path) -> Finding:
-    """The folder of the embedded server, which is used without REDIS_URL."""
+    """Check the folder of the embedded server, which is used without REDIS_URL."""
     existing = next(each for each in (folder, *folder.parents) if each.exists())
     if not (existing.is_dir() and os.access(existing, os.W_OK | os.X_OK)):
         return Finding("redis", f"{folder} cannot be written", "choose another folder with --state-dir")
@@ -47,7 +47,7 @@ def embedded_server(folder: Path) -> Finding:
 
 
 def _clock(told: Any, asked_s: float, answered_s: float) -> Finding:
-    """The server's clock against this one. On a cluster each node tells its own, and one is judged."""
+    """Compare the server's clock with this machine's. Of a cluster one node is checked."""
     first = next(iter(told.values())) if isinstance(told, dict) else told
     seconds, micros = (int(each) for each in first)
     apart_s = seconds + micros / 1e6 - (asked_s + answered_s) / 2
@@ -59,10 +59,10 @@ def _clock(told: Any, asked_s: float, answered_s: float) -> Finding:
 
 
 async def _durability(connection: Connection, shown: str) -> AsyncIterator[Finding]:
-    """Settings by which what was accepted could be lost."""
+    """Check settings that could lose accepted data."""
     told = await connection.one("INFO")
     if not isinstance(told, dict) or "maxmemory_policy" not in told:
-        return  # a cluster tells of each node
+        return  # a cluster answers for each node
     if told["maxmemory_policy"] != "noeviction":
         sentence = f"{shown} forgets keys when its memory is full (maxmemory-policy {told['maxmemory_policy']})"
         yield Finding("redis", sentence, "set maxmemory-policy noeviction")
@@ -80,7 +80,7 @@ def _advice(error: str) -> str:
 
 
 async def every(findings: AsyncIterator[Finding], at_most_s: float) -> list[Finding]:
-    """The findings of a check that takes no longer than this."""
+    """Return the findings of a check within a time limit."""
     found: list[Finding] = []
     try:
         async with asyncio.timeout(at_most_s):

@@ -1,4 +1,4 @@
-"""Checks of the routers that a gateway connects to: reached, trusted, and speaking Zenoh."""
+"""Checks of the routers that a gateway connects to: reachable, trusted, and speaking Zenoh."""
 
 import asyncio
 import re
@@ -15,14 +15,14 @@ from linked_fleet_gateway.link.zenoh_session import open_session
 _ENDPOINT = re.compile(r"(tcp|tls)/\[?(.*?)\]?:(\d+)(?:[?#].*)?")
 _ANSWER_S = 3.0
 _REFUSAL_S = 0.5
-"""In which a router that does not believe a certificate says so: with TLS 1.3 that comes after the handshake."""
+"""Time in which a router that refuses a certificate closes; with TLS 1.3 it does so after the handshake."""
 _LINK_S = 5.0
 _LOOK_S = 0.05
 _CERTIFICATES = "run deploy/certificates with all names of the routers in --router, and give everybody its files"
 
 
 def addresses(endpoints: Sequence[str], credentials: Credentials | None) -> Iterator[Finding]:
-    """Each endpoint by itself: a connection, and for tls/ the certificates of both sides."""
+    """Check each endpoint by itself: a connection, and for tls/ the certificates of both sides."""
     for endpoint in endpoints:
         match = _ENDPOINT.fullmatch(endpoint)
         if match is None:
@@ -56,7 +56,7 @@ def _address(endpoint: str, host: str, port: int, credentials: Credentials | Non
 
 
 def _hear_refusal(secured: ssl.SSLSocket) -> None:
-    """A router waits for us to speak first. One that closes, or sends an alert, does not want to."""
+    """Raise SSLError if the router closes or sends an alert. Otherwise it waits for us to speak first."""
     try:
         if not secured.recv(1):
             raise ssl.SSLError("it closed the connection")
@@ -71,14 +71,14 @@ def _context(credentials: Credentials) -> ssl.SSLContext:
 
 
 async def link(endpoints: tuple[str, ...], trust: Mapping[str, object], namespace: str) -> Finding:
-    """A link as a gateway has it, and how many robots are seen through it."""
+    """Open a link like a gateway and count the visible robots."""
     try:
         session = await open_session((), endpoints, trust)
     except LinkError as error:
         return Finding("zenoh", str(error), "correct LINKED_FLEET_ZENOH_CONNECT")
     try:
         async with asyncio.timeout(_LINK_S):
-            while not session.connected:  # noqa: ASYNC110 -- Zenoh does not say when
+            while not session.connected:  # noqa: ASYNC110 -- Zenoh has no event for this
                 await asyncio.sleep(_LOOK_S)
         robots, _ = await session.list_tokens(Keys(namespace).all_presence, _ANSWER_S, lambda keys: len(set(keys)))
     except TimeoutError:
