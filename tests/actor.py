@@ -1,4 +1,4 @@
-"""Robots and gateways played by the test itself: real Zenoh sessions that say whatever the test wants."""
+"""Robots and gateways played by a test: Zenoh sessions (in memory on virtual time) that send what the test says."""
 
 import contextlib
 import itertools
@@ -44,7 +44,7 @@ SIMPLE = robot(link("base"), link("tip"), joint("elbow", "revolute", "base", "ti
 
 
 class Actor:
-    """One run of the agent of one robot; nothing is said before it is told to."""
+    """One run of a robot's agent; it sends nothing by itself."""
 
     def __init__(self, session: zenoh.Session, name: str) -> None:
         self.session, self.name = session, name
@@ -98,7 +98,7 @@ class Actor:
         )
 
     def stand(self, *positions: float) -> "Actor":
-        """Send frames of these positions until the session closes: one may come before its run is known."""
+        """Send frames with these positions until the session closes; a first frame may precede knowledge of the run."""
 
         _repeat(self.session, 0.05, lambda: self.put("state", self.frame(positions)))
         return self
@@ -110,13 +110,13 @@ class Actor:
         self._kept.append(declaration)
 
     def leave(self) -> None:
-        """Take back all that was declared, the presence first."""
+        """Undeclare everything, the presence first."""
         while self._kept:
             self._kept.pop().undeclare()  # type: ignore[attr-defined]
 
 
 def _repeat(session: zenoh.Session, period_s: float, act: Callable[[], None]) -> None:
-    """Act again and again until the session closes: in a thread, or on virtual time by timers."""
+    """Call ``act`` periodically until the session closes: in a thread, or by timers on virtual time."""
     loop, pause = current(), threading.Event()
 
     def tick() -> None:
@@ -138,10 +138,10 @@ def _repeat(session: zenoh.Session, period_s: float, act: Callable[[], None]) ->
 
 @contextlib.contextmanager
 def stage(endpoint: str) -> Iterator[zenoh.Session]:
-    """A client session that waits until something listens at ``endpoint``."""
+    """Open a client session that waits until something listens at ``endpoint``."""
     loop = current()
     if loop is not None:
-        from virtual.processes import played_session  # it imports the product, for which few tests wait
+        from virtual.processes import played_session  # it imports the product, which few tests need
 
         played = played_session(loop, endpoint)
         try:

@@ -1,4 +1,4 @@
-"""A client that knows nothing but HTTP and RDF."""
+"""An HTTP client that knows only HTTP and RDF, and finds everything by links."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ TURTLE = "text/turtle"
 
 @dataclass(frozen=True)
 class Page:
-    """A resource as it was served in Turtle."""
+    """A resource as served in Turtle."""
 
     url: str
     response: httpx.Response
@@ -44,7 +44,7 @@ class Page:
         return URIRef(str(value))
 
     def property(self, kind: URIRef) -> URIRef:
-        """The property of this class."""
+        """Return the property of this class."""
         (found,) = (
             each for each in self.graph.objects(self.iri, HYBRIT.property) if (each, RDF.type, kind) in self.graph
         )
@@ -52,7 +52,7 @@ class Page:
 
 
 class Browser:
-    """Gets resources under one root; every URL it uses was given to it."""
+    """Gets resources below one root; every URL that it uses was found in a response."""
 
     def __init__(self, root: str) -> None:
         self.root = root
@@ -74,9 +74,9 @@ class Browser:
         return [self.page(str(url)) for url in members]
 
     def robot(self, title_or_name: str) -> Page:
-        """The robot with this identifier, found from the root."""
+        """Return the robot with this identifier, found from the root."""
         for url in self.page(self.root).graph.objects(URIRef(self.root), LDP.contains):
-            # Who is known to be another need not be asked again.
+            # A URL known to be that of another robot need not be requested again.
             if self._names.get(str(url), title_or_name) == title_or_name:
                 page = self.page(str(url))
                 name = self._names[page.url] = str(page.graph.value(page.iri, DCTERMS.identifier))
@@ -85,7 +85,7 @@ class Browser:
         raise AssertionError(f"no robot {title_or_name}")
 
     def found(self, what: object, find: Callable[[], str]) -> str:
-        """A URL that is found by links once, and then remembered."""
+        """Return a URL that is found by links once and then remembered."""
         if what not in self._found:
             self._found[what] = find()
         return self._found[what]
@@ -98,7 +98,7 @@ class Browser:
         raise AssertionError(f"no part {title} in {robot}")
 
     def action(self, thing: Page, kind: URIRef) -> str:
-        """The action of this kind that a thing links."""
+        """Return the action of this class that a thing links."""
         for url in thing.graph.objects(thing.iri, HYBRIT.action):
             if kind in self.page(str(url)).types:
                 return str(url)
@@ -106,7 +106,7 @@ class Browser:
 
 
 def all_live(browser: Browser, count: int) -> bool:
-    """Whether ``count`` robots are there, described, and have sent a frame."""
+    """Return True if ``count`` robots are listed, described, and have sent a frame."""
     try:
         pages = browser.robots()
     except httpx.TransportError:
@@ -116,7 +116,7 @@ def all_live(browser: Browser, count: int) -> bool:
 
 
 def links(response: httpx.Response, rel: str) -> list[str]:
-    """Targets of the Link header with this relation."""
+    """Return the targets of the Link header with this relation."""
     return [str(target) for target, found in _parsed(response) if found == rel]
 
 

@@ -1,4 +1,4 @@
-"""Certificates of the wire for tests, made by the script that operators use."""
+"""Certificates for Zenoh links in tests, made by the script that operators use."""
 
 import subprocess
 import sys
@@ -10,7 +10,7 @@ SCRIPT = ROOT / "deploy" / "certificates"
 
 
 def made(folder: Path, *arguments: str) -> Path:
-    """The folder that deploy/certificates was run for."""
+    """Run deploy/certificates for a folder and return the folder."""
     done = subprocess.run([sys.executable, str(SCRIPT), str(folder), *arguments], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return folder

@@ -1,4 +1,4 @@
-"""The chart linked-fleet, as Helm renders it for a set of values."""
+"""The Helm chart linked-fleet, as rendered for a set of values."""
 
 import subprocess
 from collections.abc import Iterator
@@ -18,20 +18,20 @@ _RELEASE = ("--namespace", "robots")
 
 
 def helm(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    """``helm``, which needs no cluster for what is asked of it here."""
+    """Run a ``helm`` command that needs no cluster."""
     return subprocess.run([built(), *arguments], capture_output=True, text=True, check=False)
 
 
 @cache
 def rendered(values: Path, *more: str, version: str = _OLDEST) -> tuple[Document, ...]:
-    """The objects of ``helm template`` for these values and this version of Kubernetes."""
+    """Return the objects of ``helm template`` for these values and this version of Kubernetes."""
     done = helm("template", "lf", CHART, "--values", values, "--kube-version", version, *_RELEASE, *more)
     assert done.returncode == 0, done.stderr
     return tuple(each for each in yaml.safe_load_all(done.stdout) if each)
 
 
 def refused(*settings: str) -> str:
-    """The sentence with which Helm refuses these settings (``name=value``)."""
+    """Return the message with which Helm refuses these settings (``name=value``)."""
     place = ("--kube-version", _OLDEST, *_RELEASE)
     done = helm("template", "lf", CHART, *place, *(word for each in settings for word in ("--set", each)))
     assert done.returncode != 0, done.stdout
@@ -44,7 +44,7 @@ def named(documents: tuple[Document, ...], kind: str, name: str) -> Document:
 
 
 def workloads(documents: tuple[Document, ...]) -> Iterator[Document]:
-    """Whatever has pods."""
+    """Yield the objects that have pods."""
     return (each for each in documents if each["kind"] in ("Deployment", "StatefulSet"))
 
 
@@ -64,17 +64,17 @@ def labels(workload: Document) -> dict[str, str]:
 
 
 def selects(selector: Document, workload: Document) -> bool:
-    """A selector by ``matchLabels`` finds the pods of this workload."""
+    """Return True if a selector by ``matchLabels`` selects the pods of this workload."""
     return bool(selector["matchLabels"].items() <= labels(workload).items())
 
 
 def variables(workload: Document) -> dict[str, str]:
-    """Variables with a value of their own; those that come from a secret are not among them."""
+    """Return the environment variables with literal values; those from secrets are left out."""
     return {each["name"]: each["value"] for each in container(workload).get("env", ()) if "value" in each}
 
 
 def secrets(documents: tuple[Document, ...]) -> set[str]:
-    """Names of all secrets that pods use."""
+    """Return the names of all secrets that pods use."""
     found = set()
     for workload in workloads(documents):
         found |= {each["secret"]["secretName"] for each in pod(workload)["volumes"] if "secret" in each}

@@ -1,4 +1,4 @@
-"""Spans as a collector gets them: OTLP over HTTP, taken by a real receiver."""
+"""A collector of trace spans: receives OTLP over HTTP with a real receiver."""
 
 import contextlib
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ _PATH = "/v1/traces"
 
 @dataclass(frozen=True)
 class Span:
-    """Ids in hexadecimal; ``kind`` and ``failed`` as the protocol has them."""
+    """Ids in hexadecimal; ``kind`` and ``failed`` as in the protocol."""
 
     service: str
     name: str
@@ -33,21 +33,21 @@ class Collector:
         self.receiver = receiver
 
     def spans(self) -> list[Span]:
-        """All that came so far."""
+        """Return all spans received so far."""
         return [span for seen in self.receiver.log(_PATH, "POST") for span in _spans(seen.body)]
 
     @contextlib.contextmanager
     def named(self) -> Iterator[None]:
-        """Processes that are started meanwhile send their spans here."""
+        """Let processes that are started in this context send their spans here."""
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv("OTEL_EXPORTER_OTLP_ENDPOINT", self.receiver.url("").rstrip("/"))
             patch.setenv("OTEL_BSP_SCHEDULE_DELAY", "50")
             yield
 
     def trace(self, id: str, *names: str) -> dict[str, Span]:
-        """The spans of this trace by name, once those of these names have come.
+        """Return the spans of this trace by name, once those with these names have arrived.
 
-        An agent may take one stop twice: a gateway asks again when the reply is not there within 50 ms.
+        An agent may process one stop twice: a gateway repeats the request if there is no reply within 50 ms.
         """
 
         def probe() -> dict[str, Span] | None:

@@ -1,4 +1,4 @@
-"""Commands as a client gives them, all by links: which action a thing offers, what it takes, and what became of it."""
+"""Commands as a client sends them, found by links: the actions of a thing, their bodies, and their outcomes."""
 
 import contextlib
 import math
@@ -25,7 +25,7 @@ PROBLEMS = "https://w3id.org/linked-fleet/problems#"
 PAN, LIFT, WRIST = "shoulder_pan_joint", "shoulder_lift_joint", "wrist_3_joint"
 ENDED = (LF.succeeded, LF.failed, LF.cancelled, LF.preempted)
 STILL_RAD = 0.02
-"""What stands may still settle so far."""
+"""Tolerance for a joint that stands still and may be settling."""
 
 
 # -- what to say ----------------------------------------------------------------------------------------------------
@@ -36,12 +36,12 @@ def radian(value: float, more: str = "") -> str:
 
 
 def slowly(value: float, more: str = "", speed: float = 0.1) -> str:
-    """To ``value`` rad, at no more than ``speed`` rad/s."""
+    """Return a body for ``value`` rad at no more than ``speed`` rad/s."""
     return radian(value, f"; lf:speed [ vom:numericalValue {speed} ; vom:unit unit:RAD-PER-SEC ] {more}")
 
 
 def expecting(joint: str, value: float, tolerance: float) -> str:
-    """That the joint is there, in rad."""
+    """Return Turtle for a precondition: the position of a joint in rad."""
     where = f"lf:ofJoint <{joint}> ; vom:numericalValue {value} ; vom:unit unit:RAD ; lf:tolerance {tolerance}"
     return f"; lf:precondition [ {where} ]"
 
@@ -71,13 +71,13 @@ def post(browser: Browser, url: str, body: str = "", **fields: str) -> httpx.Res
 
 
 def begun(answer: httpx.Response) -> str:
-    """The invocation that the request began."""
+    """Return the IRI of the invocation that the request began."""
     assert answer.status_code == 204, answer.text
     return answer.headers["location"]
 
 
 def problem(answer: httpx.Response) -> tuple[int, str]:
-    """Status and code of a problem document."""
+    """Return the status and the code of a problem document."""
     assert answer.headers["content-type"] == "application/problem+json", answer.text
     assert answer.json()["detail"]
     return answer.status_code, answer.json()["type"].removeprefix(PROBLEMS)
@@ -87,7 +87,7 @@ def problem(answer: httpx.Response) -> tuple[int, str]:
 
 
 def angle(browser: Browser, joint: str, robot: str = "ur5") -> float:
-    """Where the joint is, in rad; NaN when that is unknown."""
+    """Return the position of the joint in rad; NaN if it is unknown."""
     find = lambda: str(browser.part(robot, joint).one(ROS.rotation))  # noqa: E731
     page = browser.page(browser.found((robot, joint), find))
     value = page.graph.value(page.graph.value(page.iri, SPATIAL.rotationAngle), VOM.numericalValue)
@@ -95,13 +95,13 @@ def angle(browser: Browser, joint: str, robot: str = "ur5") -> float:
 
 
 def moving(browser: Browser, joint: str, robot: str = "ur5", by: float = 0.03) -> None:
-    """Wait until the joint has left where it is."""
+    """Wait until the joint has left its position."""
     start = angle(browser, joint, robot)
     eventually(lambda: abs(angle(browser, joint, robot) - start) > by, f"{joint} moving")
 
 
 def ended(browser: Browser, url: str) -> Page:
-    """Wait until nothing can happen to the invocation any more."""
+    """Wait until the invocation has ended, and return its page."""
 
     def probe() -> Page | None:
         page = browser.page(url)
@@ -115,20 +115,20 @@ def reason(page: Page) -> str:
 
 
 def state_at(gateway: Gateway, invocation: str) -> URIRef | None:
-    """The state of an invocation as this gateway shows it; None while it does not know it."""
+    """Return the state of an invocation at this gateway; None while the gateway does not know it."""
     url = gateway.here(invocation)
     answer = gateway.get(url)
     if answer.status_code == 404:
         return None
     assert answer.status_code == 200, answer.text
-    # Of this answer: it may be deleted before the next.
+    # From this response: it may be deleted before the next request.
     state = read(answer.text, url).value(URIRef(url), LF.state)
     assert isinstance(state, URIRef)
     return state
 
 
 def invocations(browser: Browser, action: str) -> list[str]:
-    """Paths of those that an action lists, in no order."""
+    """Return the paths of the invocations that an action lists, in any order."""
     page = browser.page(str(browser.page(action).one(LF.invocations)))
     return [httpx.URL(str(each)).path for each in page.graph.objects(page.iri, LDP.contains)]
 
@@ -138,7 +138,7 @@ def invocations(browser: Browser, action: str) -> list[str]:
 
 @contextlib.contextmanager
 def arm(endpoint: str, *flags: str) -> Iterator[Process]:
-    """The agent of a simulated UR5."""
+    """Run the agent of a simulated UR5."""
     with process("-m", "linked_fleet_agent", "--robot=ur5", "--connect", endpoint, *flags) as agent:
         yield agent
 
@@ -149,6 +149,6 @@ def all_see(gateways: list[Gateway], robot: str = "ur5") -> None:
 
 
 def at_all(gateways: list[Gateway], probe: Callable[[Gateway], object], what: str) -> None:
-    """Wait until every gateway says so."""
+    """Wait until the probe is true for every gateway."""
     for each in gateways:
         eventually(lambda each=each: probe(each), f"{what} at {each.browser.root}")

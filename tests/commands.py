@@ -1,4 +1,4 @@
-"""What tests ask of robots: bodies in Turtle, and actions found by links and known by their kinds."""
+"""Requests to robots: bodies in Turtle, and actions found by links and recognised by their classes."""
 
 from collections.abc import Container, Iterable, Mapping
 
@@ -19,14 +19,14 @@ _ATTEMPTS = 5
 
 
 def scalar(value: object, unit: str = "unit:RAD", more: str = "") -> str:
-    """The body of a joint's action; ``more`` is further Turtle about its root, such as ``lf:speed [ ... ]``."""
+    """Return the body of a joint's action; ``more``: further Turtle about its root, such as ``lf:speed [ ... ]``."""
     return f"<> vom:numericalValue {value} ; vom:unit {unit} ; {more} ."
 
 
 def pose_body(
     link: str, xyz_m: Iterable[float], xyzw: Iterable[float] | None = None, more: str = 'lf:frame "base"'
 ) -> str:
-    """The body of ``reach`` for the link with this IRI."""
+    """Return the body of ``reach`` for the link with this IRI."""
     x, y, z = (f"{1000 * part:.6f}" for part in xyz_m)
     turned = ""
     if xyzw is not None:
@@ -39,7 +39,7 @@ def pose_body(
 
 
 class Commanded:
-    """One robot of a fleet: the IRIs of its joints and links by title, and what it and its joints can be asked."""
+    """One robot of a fleet: the IRIs of its joints and links by title, and requests to it and its joints."""
 
     def __init__(self, browser: Browser, name: str) -> None:
         self.browser, self.page = browser, browser.robot(name)
@@ -58,9 +58,9 @@ class Commanded:
     def ask(
         self, kind: URIRef, body: str = "", joint: str = "", method: str = "POST", **headers: str
     ) -> httpx.Response:
-        """Invoke the action; an empty body is none.
+        """Invoke the action; an empty body is left out.
 
-        Where robots live faster than the test, a gateway kept waiting is soon too late for them, and is asked again.
+        Where robots run faster than the test, a delayed request may reach them too late; it is then repeated.
         """
         content = (PREFIXES + body).encode() if body else b""
         sent = (_TURTLE if body else {}) | {name.replace("_", "-"): value for name, value in headers.items()}
@@ -72,13 +72,13 @@ class Commanded:
         return answer
 
     def begin(self, kind: URIRef, body: str = "", joint: str = "") -> str:
-        """The invocation of a motion that has been accepted."""
+        """Begin a motion and return its invocation."""
         answer = self.ask(kind, body, joint)
         assert answer.status_code == 204, answer.text
         return answer.headers["location"]
 
     def do(self, kind: URIRef, body: str = "", joint: str = "", method: str = "POST") -> Page:
-        """Have it done; the invocation as it is after its end, which must be a good one."""
+        """Execute an action and return the page of its invocation, which must have succeeded."""
         answer = self.ask(kind, body, joint, method, prefer="wait=60")
         assert answer.status_code == 204, answer.text
         page = self.browser.page(answer.headers["location"])
@@ -89,7 +89,7 @@ class Commanded:
         return self.do(LF.AssumePose, f'<> lf:poseName "{pose}" .')
 
     def targets(self, positions: Mapping[str, float], linear: Container[str] = ()) -> str:
-        """``lf:target`` of joints in rad, and in m of those in ``linear``."""
+        """Return ``lf:target`` of joints in rad, and in m for those in ``linear``."""
         nodes = (
             f"[ lf:ofJoint <{self.joints[name]}> ; vom:numericalValue {position!r} ; "
             f"vom:unit unit:{'M' if name in linear else 'RAD'} ]"
@@ -98,6 +98,6 @@ class Commanded:
         return f"lf:target {', '.join(nodes)}"
 
     def waypoints(self, rows: Mapping[float, Mapping[str, float]], linear: Container[str] = ()) -> str:
-        """The body of ``followTrajectory``: positions by joint, by the time in seconds."""
+        """Return the body of ``followTrajectory``: positions by joint, by the time in seconds."""
         nodes = (f"[ lf:atTime {time_s!r} ; {self.targets(row, linear)} ]" for time_s, row in rows.items())
         return f"<> lf:waypoint {', '.join(nodes)} ."

@@ -27,11 +27,11 @@ load_profile()
 # Collection makes hundreds of thousands of objects that stay until the end: no garbage collection looks at them.
 gc.disable()
 
-# Compiled once, and not again by each of hundreds of processes, whatever an image has set for its one.
+# Let child processes write bytecode, even if the image disables it: hundreds of them would compile everything again.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
-# A shell lets what it runs in the background ignore Ctrl-C, and whatever is started there inherits that.
+# A shell makes its background processes ignore Ctrl-C, and their children inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ROBOTS = ("baxter", "go2", "panda", "tiago", "ur5")
@@ -45,13 +45,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 @pytest.fixture(scope="module", autouse=True)
 def _virtual(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Virtual time and connections in memory for the files that are marked so."""
+    """Use virtual time and in-memory connections for test files with the mark ``virtual``."""
     if request.node.get_closest_marker("virtual") is None and "VIRTUAL" not in os.environ:
         yield
         return
     root = logging.getLogger()
     level = root.level
-    root.setLevel(logging.INFO)  # as processes have it
+    root.setLevel(logging.INFO)  # as in the processes
     logging.getLogger("httpx").setLevel(logging.WARNING)
     try:
         with virtual_time(request.config.getoption("--seed")) as loop, clients_in_memory(loop):
@@ -62,7 +62,7 @@ def _virtual(request: pytest.FixtureRequest) -> Iterator[None]:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
-    """Run a test that is a coroutine function: on virtual time in the loop of the test, otherwise in one of its own."""
+    """Run a coroutine function as a test: on virtual time in the loop of the test, otherwise in a loop of its own."""
     if not inspect.iscoroutinefunction(pyfuncitem.obj):
         return None
 
@@ -88,7 +88,7 @@ class RunningFleet:
 def fleet(
     _virtual: None, request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[RunningFleet]:
-    """All five robots, or those that the file names in its own ``ROBOTS``."""
+    """Run a gateway and all five robots, or those named in ``ROBOTS`` of the test file."""
     names = getattr(request.module, "ROBOTS", ROBOTS)
     port, zenoh = free_port(), f"tcp/127.0.0.1:{free_port()}"
     state = ("--state-dir", str(tmp_path_factory.mktemp("state")), "--callback-allow", "127.0.0.0/8")
@@ -104,7 +104,7 @@ def fleet(
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files with processes first, because they mostly wait; and of each folder one file after another."""
+    """Order files so that those with processes come first, because they mostly wait, and folders alternate."""
     files = dict.fromkeys(item.path for item in items)
     before = Counter[Path]()
     places = {path: before[path.parent] for path in files if not before.update([path.parent])}

@@ -1,4 +1,4 @@
-"""HTTP clients and WebSockets for tests: over sockets, or in memory while a test runs on virtual time."""
+"""HTTP clients and WebSockets for tests: over sockets, or in memory on virtual time."""
 
 import functools
 import ssl
@@ -35,7 +35,7 @@ class WebSocket(Protocol):
 
 @functools.cache
 def trusted() -> ssl.SSLContext:
-    """Whom the system trusts. Reading that takes a twentieth of a second, which each client would take anew."""
+    """Return a shared TLS context with the system's root certificates; reading them takes 50 ms."""
     return ssl.create_default_context()
 
 
@@ -44,7 +44,7 @@ def http_client(*, timeout: float = 20.0, **options: object) -> httpx.Client:
 
 
 def websocket(url: str, fields: Mapping[str, str | None], subprotocol: str | None = None) -> WebSocket:
-    """Open a WebSocket at an ``http`` URL. Raises InvalidStatus where that is refused."""
+    """Open a WebSocket at an ``http`` URL. Raises InvalidStatus if that is refused."""
     url, given = "ws" + url.removeprefix("http"), {name: value for name, value in fields.items() if value is not None}
     loop = current()
     if loop is not None:

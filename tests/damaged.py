@@ -1,4 +1,4 @@
-"""Damage to the files of an embedded server, as disks, crashes and people cause it."""
+"""Damage to the files of an embedded server, as caused by disks, crashes and people."""
 
 import contextlib
 import os
@@ -17,7 +17,7 @@ MANIFEST = "appendonly.aof.manifest"
 
 
 def _increment(data: Path) -> Path:
-    """The newest file of commands."""
+    """Return the newest append-only file."""
     return max(data.glob("*.incr.aof"), key=lambda path: int(re.findall(r"\d+", path.name)[0]))
 
 
@@ -37,12 +37,12 @@ def _append(path: Path, more: bytes) -> None:
 
 
 def cut_tail(data: Path) -> None:
-    """The last command was written by half: a crash in the middle of a write."""
+    """Truncate the last command, as a crash in the middle of a write does."""
     _append(_increment(data), b"*3\r\n$3\r\nSET\r\n$4\r\nlost\r\n$9\r\nby ha")
 
 
 def _flip_quarter(path: Path) -> None:
-    """Damage several commands: fewer bytes could all stand in one value, with which the data load."""
+    """Damage several commands: fewer bytes could all be part of one value, which loads without an error."""
     size = path.stat().st_size
     _flip(path, size // 2, size // 4)
 
@@ -59,12 +59,12 @@ DAMAGES: dict[str, Damage] = {
     "an empty manifest": lambda data: (data / MANIFEST).write_text(""),
     "no manifest": lambda data: (data / MANIFEST).unlink(),
 }
-"""Damage with which a server does not load its data."""
+"""Damage after which a server does not load its data."""
 
 
 @contextlib.contextmanager
 def _server(state_dir: Path) -> Iterator[redis.Redis]:
-    """A client of a server that is killed in the end."""
+    """Yield a client of a server that is killed in the end."""
     state_dir.mkdir(parents=True, exist_ok=True)
     socket = state_dir / "valkey.sock"
     command = [embedded._program(), *embedded._configuration(state_dir, socket)]
@@ -76,7 +76,7 @@ def _server(state_dir: Path) -> Iterator[redis.Redis]:
 
 
 def write_data(state_dir: Path) -> None:
-    """Have a server write a base and a file of commands, as one that has run for long."""
+    """Let a server write a base and an append-only file, as one that has run for long."""
     with _server(state_dir) as client:
         for number in range(100):
             client.set(f"key {number}", "x" * 50)
@@ -92,7 +92,7 @@ def _rewriting(client: redis.Redis) -> bool:
 
 
 def garble(state_dir: Path, *, types: bool) -> list[bytes]:
-    """Have every key hold what nobody wrote, in its own type or in another; the keys."""
+    """Overwrite every key with data that the product never writes, of its own type or of another; return the keys."""
     with _server(state_dir) as client:
         keys = list(client.scan_iter())
         for key in keys:

@@ -16,7 +16,7 @@ ONLINE = b"<https://w3id.org/linked-fleet#presence> <https://w3id.org/linked-fle
 
 
 class Demo:
-    """The demo in a session of its own, so that it can be signalled as a terminal does and its processes be counted."""
+    """The demo in its own session, so that it can be signalled like in a terminal and its processes can be counted."""
 
     def __init__(self, folder: Path, *arguments: str) -> None:
         self.port = free_port()
@@ -50,7 +50,7 @@ class Demo:
             return 0
 
     def members(self) -> list[int]:
-        """Processes of the session that are alive (a zombie is not)."""
+        """Return the living processes of the session, without zombies."""
         found = []
         for stat in Path("/proc").glob("[0-9]*/stat"):
             try:
@@ -63,7 +63,10 @@ class Demo:
         return found
 
     def servers(self) -> list[int]:
-        """Embedded servers, which are in sessions of their own: processes that work in the folder of the data."""
+        """Return the embedded servers: processes whose working directory is the data folder.
+
+        They have their own sessions.
+        """
         found = []
         for link in Path("/proc").glob("[0-9]*/cwd"):
             with contextlib.suppress(OSError):  # it has just ended
@@ -72,14 +75,14 @@ class Demo:
         return found
 
     def interrupt(self) -> int:
-        """Ctrl-C: every process of the group gets the signal."""
+        """Press Ctrl-C: every process of the group gets the signal."""
         os.killpg(self.process.pid, signal.SIGINT)
         return self.process.wait(PATIENCE_S)
 
 
 @contextlib.contextmanager
 def running_demo(folder: Path, *arguments: str) -> Iterator[Demo]:
-    """The demo, with five robots that send frames."""
+    """Run the demo, with five robots that send frames."""
     demo = Demo(folder, *arguments)
     try:
         eventually(lambda: "The fleet is at" in demo.output, lambda: demo.output)

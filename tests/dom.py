@@ -1,4 +1,4 @@
-"""A page as elements, and what the scripts read out of its forms, done again in Python (face/src/form.js)."""
+"""A page as a tree of elements, and what the scripts read from its forms, repeated in Python (face/src/form.js)."""
 
 import json
 from collections.abc import Iterator
@@ -28,7 +28,7 @@ class Element:
         return "".join(each if isinstance(each, str) else each.text for each in self.children)
 
     def all(self, *tags: str, inert: bool = True) -> Iterator["Element"]:
-        """Everything below in the order of the page; without ``inert``, nothing that is in a template."""
+        """Yield all elements below, in page order; with ``inert=False`` without the contents of templates."""
         for each in self.children:
             if isinstance(each, str):
                 continue
@@ -68,7 +68,7 @@ class _Builder(HTMLParser):
 
 
 def parsed(page: bytes | str) -> Element:
-    """The page; AssertionError where elements are not closed in their order."""
+    """Parse a page; AssertionError if elements are not closed in their order."""
     builder = _Builder()
     builder.feed(page.decode() if isinstance(page, bytes) else page)
     builder.close()
@@ -80,7 +80,7 @@ def parsed(page: bytes | str) -> Element:
 
 
 def filled(form: Element, everything: bool) -> Graph:
-    """A body that ``form`` makes: with what is needed alone, or with ``everything`` that may be there."""
+    """Return a body made by ``form``: of its required fields only, or with ``everything`` that is allowed."""
     graph = Graph()
     _node(graph, form, form["data-classes"], everything)
     return graph
@@ -105,14 +105,14 @@ def _node(graph: Graph, container: Element, classes: str, everything: bool) -> B
 
 
 def needed(control: Element) -> bool:
-    """Tell whether a field is always in the body. Of a select that is needed, something is chosen from the start."""
+    """Return True if a field is always in the body. A required select has a choice from the start."""
     if control.tag == "select":
         return all(option["value"] for option in control.all("option"))
     return "required" in control.attributes
 
 
 def _parts(container: Element, everything: bool) -> Iterator[Element]:
-    """Fields and nested nodes of this node; of templates only those of what need not be there once."""
+    """Yield the fields and nested nodes of this node; of templates only those that are optional."""
     for each in container.children:
         if isinstance(each, str):
             continue
@@ -151,7 +151,7 @@ def _typed(control: Element, chosen: dict[str, str]) -> str:
 
 
 def limits_of(control: Element, chosen: dict[str, str]) -> dict[str, float]:
-    """The limits of a number that hold for what is chosen."""
+    """Return the limits of a number that apply to the present choices."""
     for each in json.loads(control.get("data-limits", "[]")):
         if all(chosen.get(path) in values for path, values in each.get("when", {}).items()):
             return {end: each[end] for end in ("min", "max") if end in each}

@@ -1,4 +1,4 @@
-"""The contract of drivers (linked_fleet_agent/robot.py); run it with a driver of your own (deploy/README.md)."""
+"""The contract of drivers (linked_fleet_agent/robot.py); run it with your own driver (deploy/README.md)."""
 
 import math
 from collections.abc import Callable
@@ -13,13 +13,13 @@ _STEP = 0.05  # rad or m that a joint is moved
 
 
 class _Life:
-    """A robot that is read a hundred times a second, on a clock of its own."""
+    """A robot that is read a hundred times a second, with its own clock."""
 
     def __init__(self, robot: Robot, live: Callable[[float], None]) -> None:
         self._robot, self._live, self._now_s = robot, live, 0.0
 
     def read(self, seconds: float = 0.0) -> Reading:
-        """The reading after so many seconds."""
+        """Return the reading after so many seconds."""
         for _ in range(round(seconds / _PERIOD_S)):
             self._once()
         return self._once()
@@ -37,10 +37,10 @@ def check_driver(
     tolerance: float = 5e-3,
     settle_s: float = 2.0,
 ) -> None:
-    """AssertionError with the reason when ``robot`` is no driver; it is closed afterwards.
+    """Raise AssertionError with the reason if ``robot`` violates the contract; it is closed afterwards.
 
-    ``live`` is called before each reading with the time in s: what moves by itself moves there. A joint that has been
-    told to move is within ``tolerance`` (rad or m) after ``settle_s``.
+    ``live`` is called before each reading with the time in s, to move whatever moves by itself. A joint that was
+    commanded to move must be within ``tolerance`` (rad or m) after ``settle_s``.
     """
     life = _Life(robot, live)
     try:
@@ -97,7 +97,7 @@ def _check_motion(robot: Robot, life: _Life, joint: JointFacts, tolerance: float
     before = life.read().positions
     at = before[names.index(joint.name)]
     if math.isnan(at):
-        return  # it has no sensor there, so nobody can see it move
+        return  # without a position sensor its motion cannot be observed
     target = at + _STEP if joint.limits.clamp(at + _STEP) == at + _STEP else at - _STEP
     assert robot.apply({joint.name: target}) == {joint.name: pytest.approx(target)}, "what was applied is returned"
     after = life.read(settle_s).positions

@@ -119,7 +119,7 @@ def _rules() -> dict[str, Known]:
 
 
 def tree() -> Tree:
-    """The same resources at each call."""
+    """Return a tree with the same resources at each call."""
     fleet, rules, objects = _fleet(), _rules(), _objects()
     shelf = {
         "/fixed/": [
@@ -141,7 +141,7 @@ def tree() -> Tree:
 
 
 def described(tree: Tree, path: str) -> list[Triple]:
-    """The description of the resource at ``path``; for a resource that depends on a query, without a query."""
+    """Return the description of the resource at ``path``; a resource that depends on a query gets none."""
     found = tree.resolve(path)
     assert isinstance(found, Resource), path
     if isinstance(found.remote, RecordedHistory):
@@ -153,7 +153,7 @@ def described(tree: Tree, path: str) -> list[Triple]:
 
 
 def blueprint_path(triples: list[Triple], path: str) -> str | None:
-    """Path of the blueprint that a description links, if it links one."""
+    """Return the path of the blueprint that a description links, if any."""
     found = [
         t.object.value.removeprefix(BASE)
         for t in triples
@@ -164,7 +164,7 @@ def blueprint_path(triples: list[Triple], path: str) -> str | None:
 
 
 def described_paths(tree: Tree) -> list[str]:
-    """The resources that have a description and can be found from the root by IRIs."""
+    """Return the paths of the resources that have a description and can be reached from the root."""
     found_here, known, pending = [], {"/"}, ["/"]
     while pending:
         path = pending.pop()

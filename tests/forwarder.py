@@ -1,6 +1,6 @@
-"""A TCP way between two processes that a test can cut, slow down and heal; its parties keep their connections.
+"""A TCP proxy between two processes that a test can cut, slow down and heal, while connections stay open.
 
-As a process of its own, PORT and the port of the target, it is a front that knows nothing of what goes through it.
+Run as a process with PORT and the target's port, it is a transparent reverse proxy.
 """
 
 import asyncio
@@ -15,7 +15,7 @@ _PIECE_BYTES = 65_536
 
 
 class Way:
-    """From ``port`` to ``target``. While it is cut nothing arrives anywhere, and what was sent waits, as with TCP."""
+    """A proxy from ``port`` to ``target``. While it is cut nothing arrives, and sent data waits, as in TCP."""
 
     def __init__(self, target: int, port: int = 0) -> None:
         self._target = target
@@ -29,7 +29,7 @@ class Way:
 
     @property
     def endpoint(self) -> str:
-        """For Zenoh."""
+        """The endpoint for Zenoh."""
         return f"tcp/127.0.0.1:{self.port}"
 
     def cut(self) -> None:
@@ -39,23 +39,23 @@ class Way:
         self._loop.call_soon_threadsafe(self._open.set)
 
     def reset(self) -> None:
-        """Reset all connections, at both ends, whether the way is cut or not. Others are taken."""
+        """Reset all connections at both ends, whether cut or not. New ones are accepted."""
         self._loop.call_soon_threadsafe(self._reset)
 
     def _reset(self) -> None:
         for writer in self._writers:
-            # RST in the place of FIN
+            # RST instead of FIN
             writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
             writer.transport.abort()
         self._broken.set()
         self._broken.clear()
 
     def sever(self) -> None:
-        """Close all connections, as if their parties had been killed, and take no others."""
+        """Close all connections, as if both processes had been killed, and accept no new ones."""
         self._loop.call_soon_threadsafe(self._broken.set)
 
     def run(self, ready: threading.Event) -> None:
-        """Until ``end``."""
+        """Serve until ``end``."""
         server = self._loop.run_until_complete(asyncio.start_server(self._serve, "127.0.0.1", self.port))
         self.port = server.sockets[0].getsockname()[1]
         ready.set()
@@ -74,7 +74,7 @@ class Way:
                 return
             try:
                 far_reader, far_writer = await asyncio.open_connection("127.0.0.1", self._target)
-            except OSError:  # nobody is there, and who asks sees that
+            except OSError:  # nothing listens, and the client notices that
                 return
             with contextlib.closing(far_writer):
                 self._writers |= {writer, far_writer}
@@ -106,7 +106,7 @@ async def _end_all() -> None:
 
 @contextlib.contextmanager
 def way(target: int) -> Iterator[Way]:
-    """A way to a loopback port."""
+    """Run a proxy to a loopback port."""
     found, ready = Way(target), threading.Event()
     thread = threading.Thread(target=found.run, args=(ready,))
     thread.start()

@@ -1,4 +1,4 @@
-"""Messages of Foxglove decoded by the schemas that come with them, by code that is not the gateway's."""
+"""Foxglove messages decoded by the schemas sent with them, without code of the gateway."""
 
 from functools import cache
 from typing import Any

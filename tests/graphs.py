@@ -1,4 +1,4 @@
-"""Graphs of rdflib, read by pyoxigraph: strictly, and many times faster than by rdflib."""
+"""rdflib graphs parsed by pyoxigraph: strictly, and many times faster than by rdflib."""
 
 import functools
 from collections.abc import Iterable
@@ -22,7 +22,7 @@ def graph_of(triples: Iterable[Triple]) -> rdflib.Graph:
 
 
 def read(body: bytes | str, base: str, form: RdfFormat = RdfFormat.TURTLE) -> rdflib.Graph:
-    """What ``body`` says that was got from ``base``."""
+    """Parse ``body``, which was retrieved from ``base``."""
     return graph_of(triples_of(body, base, form))
 
 
@@ -33,5 +33,5 @@ def _term(term: object) -> Node:
     if isinstance(term, pyoxigraph.BlankNode):
         return BNode(term.value)
     assert isinstance(term, pyoxigraph.Literal)
-    plain = term.language or term.datatype.value == str(rdflib.XSD.string)  # as rdflib's own parsers have it
+    plain = term.language or term.datatype.value == str(rdflib.XSD.string)  # like rdflib's own parsers
     return Literal(term.value, lang=term.language, datatype=None if plain else URIRef(term.datatype.value))

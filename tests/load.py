@@ -1,4 +1,4 @@
-"""Clients that go on while gateways come and go: who gets no answer asks the next gateway, as a front would."""
+"""Clients that continue while gateways come and go: without a response they ask the next gateway, as a proxy would."""
 
 import contextlib
 import itertools
@@ -22,7 +22,7 @@ _RESTART = 1012
 
 
 class Front:
-    """Asks one gateway after another until one answers."""
+    """Asks one gateway after another until one responds."""
 
     def __init__(self, roots: Sequence[str]) -> None:
         self._roots = itertools.cycle(roots)
@@ -32,7 +32,7 @@ class Front:
         self._http.close()
 
     def root(self) -> str:
-        """Of the gateway whose turn it is."""
+        """Return the root of the next gateway."""
         return next(self._roots).removesuffix("/")
 
     def ask(self, method: str, path: str, body: str | None = None, **fields: str) -> httpx.Response:
@@ -47,7 +47,7 @@ class Front:
 
 @contextlib.contextmanager
 def going_on(*works: Work, wake: Callable[[], object]) -> Iterator[None]:
-    """Each again and again beside the test; what one raises is raised at the end. ``wake``: have all look up."""
+    """Repeat each work beside the test; exceptions are raised at the end. ``wake``: makes waiting works look up."""
     over = threading.Event()
 
     def repeat(work: Work) -> None:
@@ -66,7 +66,7 @@ def going_on(*works: Work, wake: Callable[[], object]) -> Iterator[None]:
 
 
 class Mover:
-    """Turns a joint to and fro, each time until it is there, with a key of its own for each motion."""
+    """Turns a joint to and fro, waiting for each end, with a new idempotency key for each motion."""
 
     def __init__(self, front: Front, action: str, **fields: str) -> None:
         self.answered: list[str] = []
@@ -83,7 +83,7 @@ class Mover:
 
 
 class Reader:
-    """Has the joint of the hub step, and reads until it is seen where it is now."""
+    """Steps the joint of the hub, and reads until its present value is seen."""
 
     def __init__(self, front: Front, stage: Hub, rotation: str) -> None:
         self.steps = 0
@@ -97,7 +97,7 @@ class Reader:
     def _sees(self) -> bool:
         if self._read() == self._stage.angle:
             return True
-        self._stage.repeat()  # as robots do all the time: a gateway that has just begun has no value yet
+        self._stage.repeat()  # robots repeat frames all the time: a gateway that has just begun has no value yet
         return False
 
     def _read(self) -> float:
@@ -110,7 +110,7 @@ class Reader:
 
 
 class Follower:
-    """A subscriber that comes back, to whichever gateway: what it heard last, and how its connections ended."""
+    """A subscriber that reconnects to whichever gateway: records its last value, and how its connections ended."""
 
     def __init__(self, front: Front, path: str) -> None:
         self.last = 0.0
@@ -130,7 +130,7 @@ class SocketFollower(Follower):
                     self.hear(socket.next())
         except ConnectionClosed as end:
             self.ends.append(end.rcvd.code if end.rcvd is not None else 0)
-        except (OSError, WebSocketException):  # nobody is there, or not any more
+        except (OSError, WebSocketException):  # nothing listens, or no longer
             return
 
 
@@ -140,7 +140,7 @@ class EventFollower(Follower):
             while not over.is_set():
                 try:
                     self.hear(stream.next())
-                except StreamEnded:  # in good order
+                except StreamEnded:  # a regular end
                     assert stream.last_event_id not in ("", "cancelled")
                     self.ends.append(_RESTART)
                     return

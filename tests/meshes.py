@@ -20,7 +20,7 @@ def read(triangles: Sequence[Triangle]) -> Surface:
 
 
 def box(centre: Point, size: Point) -> list[Triangle]:
-    """Twelve triangles that look outwards."""
+    """Return twelve triangles whose normals point outwards."""
     found: list[Triangle] = []
     for axis, side in product(range(3), (-1, 1)):
         one, other = (axis + 1) % 3, (axis + 2) % 3
@@ -39,7 +39,7 @@ BOX = box((0, 0, 0), (0.2, 0.3, 0.4))
 
 
 def channel() -> list[Triangle]:
-    """A U that is open towards y, 40 cm along x: its bottom is 5 cm thick, its walls 2 cm, 16 cm of room between."""
+    """Return a U that is open towards y, 40 cm along x: bottom 5 cm thick, walls 2 cm, 16 cm between them."""
     depth, outline = 0.2, [
         (-0.1, -0.1), (0.1, -0.1), (0.1, 0.12), (0.08, 0.12),
         (0.08, -0.05), (-0.08, -0.05), (-0.08, 0.12), (-0.1, 0.12),
@@ -56,6 +56,6 @@ def channel() -> list[Triangle]:
 
 
 def plate(half: float) -> list[Triangle]:
-    """A square without thickness across z."""
+    """Return a square without thickness, perpendicular to z."""
     a, b, c, d = (-half, -half, 0.0), (half, -half, 0.0), (half, half, 0.0), (-half, half, 0.0)
     return [(a, b, c), (a, c, d)]

@@ -1,4 +1,4 @@
-"""Work of tests beside each other: in threads, or on virtual time in turns of one event loop."""
+"""Concurrent work of tests: in threads, or on virtual time in turns of one event loop."""
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -30,7 +30,7 @@ class _VirtualRunning:
         def run() -> None:
             try:
                 self._future.set_result(work())
-            except BaseException as error:  # noqa: BLE001 - to whoever asks for the result
+            except BaseException as error:  # noqa: BLE001 - raised by ``result``
                 self._future.set_exception(error)
 
         loop.start(run)
@@ -55,7 +55,7 @@ class _VirtualPool:
 
 @contextmanager
 def pool(count: int) -> Iterator[Pool]:
-    """Up to ``count`` pieces of work at once; waits at the end until all are done."""
+    """Run up to ``count`` works at once; waits at the end until all are done."""
     loop = current()
     if loop is None:
         with ThreadPoolExecutor(count) as threads:
@@ -68,6 +68,6 @@ def pool(count: int) -> Iterator[Pool]:
 
 
 def at_once(works: list[Callable[[], T]]) -> list[T]:
-    """The results of all, which begin at the same time, in their order."""
+    """Run all works at the same time, and return their results in order."""
     with pool(max(1, len(works))) as workers:
         return [each.result() for each in [workers.submit(work) for work in works]]

@@ -1,4 +1,4 @@
-"""A fleet that only a test knows, and the process's picture of it: no network, no clock."""
+"""A fleet and its mirror in the query process, without network or clock."""
 
 import math
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ JOINTS = ("elbow", "slide")
 
 
 class Pictured:
-    """``bring`` has the mirror become as the fleet is, by what goes from one process to the other."""
+    """``bring`` updates the mirror from the fleet, with the message that goes from one process to the other."""
 
     def __init__(self, fleet: Fleet | None = None, invocations: Invocations | None = None) -> None:
         self.fleet, self.invocations, self.mirror = fleet or Fleet(), invocations or Invocations(), Mirror()

@@ -1,11 +1,11 @@
-"""Finds what people do not read: bare IRIs, property names in camel case, e-notation."""
+"""Finds text that people should not have to read: bare IRIs, property names in camel case, e-notation."""
 
 import re
 from collections.abc import Iterator
 
 from dom import Element
 
-# Here stands what is for programs: addresses to copy, queries, terms as data has them, what somebody typed.
+# Elements with text for programs: addresses to copy, queries, terms as in data, user input.
 _FOR_PROGRAMS = ("script", "style", "code", "pre", "textarea", "template")
 _NAMES = ("WebSocket", "JavaScript", "JSON", "MuJoCo", "TIAGo", "GiB", "MiB")
 _WRONG = {
@@ -18,7 +18,7 @@ _WRONG = {
 
 
 def texts(element: Element) -> Iterator[str]:
-    """Texts of a page that people read."""
+    """Yield the texts of a page that people read."""
     for each in element.children:
         if isinstance(each, str):
             if each.strip():
@@ -28,7 +28,7 @@ def texts(element: Element) -> Iterator[str]:
 
 
 def for_programs(page: Element) -> list[str]:
-    """Each text of a page that people should not have to read, with what is wrong with it."""
+    """Return each text that is fit for programs only, with its fault."""
     found = []
     for text in texts(page):
         said = re.sub("|".join(_NAMES), "", text)

@@ -1,4 +1,4 @@
-"""Requests that a receiver of callbacks saw, and its answers to them."""
+"""Requests that a receiver of callbacks got, and its responses to them."""
 
 import itertools
 import threading
@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class Seen:
-    """A request as it arrived; header names in lower case. ``connection``: the port that it came from."""
+    """A request as it arrived; header names in lower case. ``connection``: the client's port."""
 
     method: str
     path: str
@@ -23,15 +23,15 @@ class Answer:
     headers: dict[str, str] = field(default_factory=dict)
     body: bytes = b""
     stalls: bool = False
-    """Nothing is answered before the receiver is released or closed."""
+    """Send nothing until the receiver is released or closed."""
     stalls_in_body: bool = False
-    """The head is sent, and then nothing."""
+    """Send the head, and then nothing."""
     hangs_up: bool = False
-    """The connection is closed without an answer."""
+    """Close the connection without a response."""
     endless: bool = False
-    """The body goes on for as long as anybody reads."""
+    """Send a body without an end."""
     raw: bytes | None = None
-    """Sent as it is instead of an answer; then the connection is closed."""
+    """Bytes to send instead of a response; then the connection is closed."""
 
 
 def retry_after(seconds: int, status: int = 503) -> Answer:
@@ -43,39 +43,39 @@ def redirect(location: str, status: int = 307) -> Answer:
 
 
 def consents(origin: str = "*", rate: str | None = None) -> Answer:
-    """To a request for consent (CloudEvents HTTP Web Hooks, 4.2)."""
+    """Return the response to a consent request (CloudEvents HTTP Web Hooks, 4.2)."""
     return Answer(200, {"WebHook-Allowed-Origin": origin, **({} if rate is None else {"WebHook-Allowed-Rate": rate})})
 
 
 class Behaviour:
-    """A log of requests, and the answers to them.
+    """A log of requests, and the responses to them.
 
-    Answers 204 to everything but OPTIONS, which it refuses with 405, unless told otherwise. What is scripted for a path
-    is used up first, then ``default`` and ``consent`` apply; both may be replaced any time.
+    Unless told otherwise, responds with 204, and with 405 to OPTIONS. The script of a path is used first, then
+    ``default`` and ``consent`` apply; both may be replaced at any time.
     """
 
     def __init__(self) -> None:
         self.default = Answer()
         self.consent = Answer(405)
         self.endless_bytes = 0
-        """The bytes of endless bodies that the client took."""
+        """Number of bytes of endless bodies that the client accepted."""
         self._log: list[Seen] = []
         self._counts: Counter[tuple[str | None, str | None]] = Counter()
         self._scripts: defaultdict[str, deque[Answer]] = defaultdict(deque)
         self._changed = threading.Condition()
 
     def script(self, *answers: Answer, path: str = "/callback") -> None:
-        """The answers to the next requests for this path, whatever their method."""
+        """Set the responses to the next requests for this path, of any method."""
         with self._changed:
             self._scripts[path].extend(answers)
 
     def log(self, path: str | None = None, method: str | None = None) -> list[Seen]:
-        """Requests in the order of their arrival."""
+        """Return the requests in the order of their arrival."""
         with self._changed:
             return [s for s in self._log if path in (None, s.path) and method in (None, s.method)]
 
     def take(self, seen: Seen) -> Answer:
-        """For the server: log a request and choose its answer."""
+        """Log a request and choose its response; for the server."""
         with self._changed:
             self._log.append(seen)
             self._counts.update(itertools.product((seen.path, None), (seen.method, None)))

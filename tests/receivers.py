@@ -1,4 +1,4 @@
-"""A real HTTP receiver of callbacks on loopback: it logs every request, and behaves as a test tells it to."""
+"""A real HTTP receiver of callbacks on loopback: it logs every request, and behaves as a test says."""
 
 import contextlib
 import socket
@@ -38,7 +38,7 @@ class Receiver(Protocol):
 
 
 class CallbackReceiver(Behaviour):
-    """Listens on a socket, in threads."""
+    """A receiver on a socket, with threads."""
 
     def __init__(self, host: str = "127.0.0.1", port: int = 0, ssl_context: ssl.SSLContext | None = None) -> None:
         super().__init__()
@@ -54,21 +54,21 @@ class CallbackReceiver(Behaviour):
 
     @property
     def connections(self) -> int:
-        """How many were made so far."""
+        """Number of connections accepted so far."""
         return self._server.accepted
 
     def url(self, path: str = "/callback", host: str = "127.0.0.1") -> str:
         return f"{self._scheme}://{host}:{self.port}{path}"
 
     def wait(self, count: int, path: str | None = None, method: str | None = None) -> list[Seen]:
-        """The log once it has so many entries."""
+        """Wait until the log has so many entries, and return it."""
         with self._changed:
             arrived = self._changed.wait_for(lambda: self._counts[path, method] >= count, PATIENCE_S)
             assert arrived, f"{self._counts[path, method]} of {count} requests arrived"
             return self.log(path, method)
 
     def release(self) -> None:
-        """Let stalled answers go, and stall no more."""
+        """Send the delayed responses, and delay no more."""
         self._released.set()
 
     def close(self) -> None:
@@ -78,13 +78,13 @@ class CallbackReceiver(Behaviour):
         self._server.server_close()
 
     def stall(self) -> None:
-        """For the server."""
+        """Wait until released; for the server."""
         self._released.wait(PATIENCE_S)
 
 
 @contextlib.contextmanager
 def receiving(host: str = "127.0.0.1", port: int = 0, ssl_context: ssl.SSLContext | None = None) -> Iterator[Receiver]:
-    """A receiver: in memory while a test runs on virtual time, unless it speaks TLS."""
+    """Run a receiver: in memory on virtual time unless it uses TLS."""
     loop = current()
     if loop is not None and ssl_context is None:
         with contextlib.closing(MemoryReceiver(loop, host, port)) as in_memory:
@@ -133,11 +133,11 @@ class _Handler(BaseHTTPRequestHandler):
             receiver.endless_bytes += len(_CHUNK)
 
     def log_message(self, format: str, *args: Any) -> None:
-        """The log is ours."""
+        """Log nothing; the receiver has a log of its own."""
 
 
 class _Server(ThreadingHTTPServer):
-    """Its handlers end with it, also those whose client holds a connection open."""
+    """A server that ends its handlers when it ends, even if a client keeps a connection open."""
 
     daemon_threads = False
     request_queue_size = 512
@@ -161,7 +161,7 @@ class _Server(ThreadingHTTPServer):
         return connection, client
 
     def finish_request(self, request: Any, client_address: Any) -> None:
-        """In the connection's own thread, so that a slow TLS handshake holds up no other."""
+        """Handle in the connection's own thread, so that a slow TLS handshake delays no other."""
         if self._ssl_context is None:
             super().finish_request(request, client_address)
             return
@@ -181,4 +181,4 @@ class _Server(ThreadingHTTPServer):
         super().server_close()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Clients that go away are what many tests are about; other faults show as a missing answer."""
+        """Ignore errors: many tests make clients disconnect, and other faults show as a missing response."""

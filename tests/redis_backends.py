@@ -1,6 +1,6 @@
-"""The servers on which the contract of the stores is tested: in memory on virtual time, Valkey, a cluster of Valkey.
+"""The servers for the contract tests of the stores: in memory on virtual time, Valkey, and a cluster of Valkey.
 
-Test modules take the fixture ``server``, and ``pytest_pyfunc_call``, by which a test may be a coroutine function.
+Test modules import the fixture ``server``, and ``pytest_pyfunc_call``, which runs coroutine functions as tests.
 """
 
 import asyncio
@@ -24,31 +24,31 @@ WITHIN_S = 3600.0
 
 
 class Backend(Protocol):
-    """One server, or one cluster, without data at the start of each test, and the event loop of the test."""
+    """A server or a cluster, empty at the start of each test, and the event loop of the test."""
 
     @property
     def url(self) -> str: ...
 
     def run(self, work: Coroutine[Any, Any, T]) -> T:
-        """Run a coroutine on the loop, which stays."""
+        """Run a coroutine on the loop of the test."""
 
     def kill(self) -> None:
-        """End it as ``kill -9`` does; what it has accepted is there when it starts again."""
+        """End the server as ``kill -9`` does; accepted data is there after the next start."""
 
     def start(self) -> None: ...
 
     def lasting_keys(self) -> list[str]:
-        """Keys that do not expire by themselves."""
+        """Return the keys without an expiry."""
 
     def empty(self) -> None:
-        """Have it run and hold nothing."""
+        """Start the server if necessary, and delete all data."""
 
     def pass_time(self, duration_s: float) -> None:
-        """Let time go by for clocks that measure it and for keys that expire. Nothing may be under way."""
+        """Let time pass for monotonic clocks and expiring keys. No operation may be in progress."""
 
 
 class Memory:
-    """The server in memory. ``redis`` has its faults and ``loop`` its clock."""
+    """The server in memory. ``redis`` sets its faults, ``loop`` has its clock."""
 
     def __init__(self, loop: VirtualLoop) -> None:
         self.loop, self.redis = loop, RedisServer(loop.internet)
@@ -69,7 +69,7 @@ class Memory:
 
 
 class Real:
-    """Valkey servers that all tests of this process share, one after the other."""
+    """Valkey servers shared by the tests of this process, one test at a time."""
 
     def __init__(self, servers: Servers, runner: asyncio.Runner) -> None:
         servers.empty()
@@ -81,13 +81,13 @@ class Real:
         return self._servers.lasting_keys("*")
 
     def pass_time(self, duration_s: float) -> None:
-        """Nobody waits: clocks are set ahead, keys expire earlier. Scripts that ask for the time see none of it."""
+        """Advance clocks and expiries without waiting. Scripts that ask Redis for the time do not notice."""
         self._passed_s += duration_s
         self._servers.expire_earlier(duration_s)
 
     @contextmanager
     def clock(self) -> Iterator[None]:
-        """Have the monotonic clock count the time that was passed."""
+        """Add the passed time to the monotonic clock."""
         real = time.monotonic
         with mock.patch.object(time, "monotonic", lambda: real() + self._passed_s):
             yield
@@ -107,7 +107,7 @@ def server(request: pytest.FixtureRequest) -> Iterator[Backend]:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
-    """Run a test that is a coroutine function on the event loop of its ``server``."""
+    """Run a coroutine function as a test, on the event loop of its ``server``."""
     if not inspect.iscoroutinefunction(pyfuncitem.obj):
         return None
     names = inspect.signature(pyfuncitem.obj).parameters
@@ -129,7 +129,7 @@ def valkey_cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Servers
 
 
 def hold_to(model: Callable[[Backend], RuleBasedStateMachine], server: Backend, steps: int) -> None:
-    """Run a state machine on the server, for some seconds."""
+    """Run a state machine against the server, for some seconds."""
     examples = 30 if isinstance(server, Memory) else 15
     run_state_machine_as_test(
         lambda: model(server), settings=settings(max_examples=examples, stateful_step_count=steps)
@@ -137,7 +137,7 @@ def hold_to(model: Callable[[Backend], RuleBasedStateMachine], server: Backend, 
 
 
 def opened(server: Backend, context: AbstractAsyncContextManager[T]) -> Iterator[T]:
-    """Enter a context for the time of one test, as the body of a fixture."""
+    """Enter a context for one test, as the body of a fixture."""
     with_it = AsyncExitStack()
     yield server.run(with_it.enter_async_context(context))
     server.run(with_it.aclose())

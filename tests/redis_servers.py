@@ -1,4 +1,4 @@
-"""Real Valkey servers for tests: one, or a cluster of three masters, both without replicas or with one for each."""
+"""Real Valkey servers for tests: one, or a cluster of three masters; each without replicas or with one per master."""
 
 import contextlib
 import os
@@ -26,8 +26,8 @@ IN_STEP = re.compile("state=online,offset=[1-9]")
 class Server:
     """A server on a loopback port that syncs every write; it can be killed and started again.
 
-    Its files are in memory where the machine has such a folder: what survives a kill there survives on a disk, and no
-    test waits for a disk that others keep busy.
+    Its files are in memory if the machine has /dev/shm: data that survives a kill there survives on a disk as well, and
+    tests do not wait for a busy disk.
     """
 
     def __init__(self, folder: Path, *options: str, environment: Mapping[str, str] | None = None) -> None:
@@ -54,16 +54,16 @@ class Server:
         eventually(lambda: self.ask("PING") == "+PONG", "a server that answers")
 
     def lasting_keys(self, pattern: str) -> list[str]:
-        """Keys that do not expire by themselves."""
+        """Return the keys without an expiry."""
         with redis.Redis(port=self.port, decode_responses=True) as client:
             return [key for key in client.scan_iter(pattern) if client.ttl(key) == -1]
 
     def expire_earlier(self, by_s: float) -> None:
-        """Have each key that expires do so that much earlier."""
+        """Reduce the remaining time of each expiring key."""
         with redis.Redis(port=self.port) as client:
             for key in client.scan_iter():
                 if (left_ms := client.pttl(key)) > 0:
-                    client.pexpire(key, round(left_ms - by_s * 1000))  # at once if that is not positive
+                    client.pexpire(key, round(left_ms - by_s * 1000))  # not positive: expires at once
 
     def kill(self) -> None:
         if self._child is not None:
@@ -72,34 +72,34 @@ class Server:
             self._child = None
 
     def discard(self) -> None:
-        """Kill it for good."""
+        """Kill the server for good."""
         self.kill()
         if self._memory is not None:
             shutil.rmtree(self._memory, ignore_errors=True)
 
     def pause(self) -> None:
-        """Have it hang, its connections open, until it is resumed."""
+        """Stop the process (SIGSTOP), with open connections, until it is resumed."""
         assert self._child is not None
         self._child.send_signal(signal.SIGSTOP)
 
     def resume(self) -> None:
-        """Let it go on, or start it if it was killed."""
+        """Resume the process, or start it if it was killed."""
         if self._child is None:
             self.start()
         else:
             self._child.send_signal(signal.SIGCONT)
 
     def has(self, key: str) -> bool:
-        """Whether the key is in this very server, be it a replica or not."""
+        """Return True if this very server has the key, whether it is a replica or not."""
         with redis.Redis(port=self.port, single_connection_client=True) as client:
-            with contextlib.suppress(redis.ResponseError):  # without a cluster there is no need to say so
+            with contextlib.suppress(redis.ResponseError):  # unknown without a cluster
                 client.execute_command("READONLY")
-            with contextlib.suppress(redis.exceptions.MovedError):  # the slot of other nodes
+            with contextlib.suppress(redis.exceptions.MovedError):  # the slot belongs to another node
                 return client.exists(key) == 1
         return False
 
     def ask(self, *words: object) -> str:
-        """The first line of the answer, or the text of a long one; empty when there is no server."""
+        """Return the first line of the response, or the text of a long one; empty without a server."""
         try:
             with socket.create_connection(("127.0.0.1", self.port), timeout=2) as connection:
                 connection.sendall(" ".join(map(str, words)).encode() + b"\r\n")
@@ -111,7 +111,7 @@ class Server:
 
 
 class Servers:
-    """What the store is tested on: ``url`` for the store, the nodes behind it, and their replicas in the same order."""
+    """The servers of a store: ``url`` for the store, the nodes behind it, and their replicas in the same order."""
 
     def __init__(self, url: str, nodes: Sequence[Server], replicas: Sequence[Server] = ()) -> None:
         self.url = url
@@ -125,7 +125,7 @@ class Servers:
             eventually(lambda: all("cluster_state:ok" in node.ask("CLUSTER INFO") for node in self.nodes), "a cluster")
 
     def empty(self) -> None:
-        """Have every node run and hold nothing."""
+        """Start every node if necessary, and delete all data."""
         if any(node.ask("PING") != "+PONG" for node in self.nodes):
             self.kill()
             self.start()
@@ -137,7 +137,7 @@ class Servers:
             node.expire_earlier(by_s)
 
     def await_replicas(self) -> None:
-        """Until every node has a replica in step, which has begun to confirm: some time after it is "online"."""
+        """Wait until every node has a replica that is in step and confirms writes, some time after it is "online"."""
         for node in self.nodes:
             eventually(lambda node=node: IN_STEP.search(node.ask("INFO replication")), "a replica in step")
 
@@ -156,11 +156,11 @@ class Servers:
 @contextlib.contextmanager
 def single(folder: Path) -> Iterator[Servers]:
     loop = current()
-    node: Any  # of either kind, which have one interface
+    node: Any  # a Server or a MemoryServer, which have one interface
     if loop is None:
         node = Server(folder)
     else:
-        from virtual.redis_servers import MemoryServer  # it imports fakeredis, for which few tests wait
+        from virtual.redis_servers import MemoryServer  # it imports fakeredis, which few tests need
 
         node = MemoryServer(loop)
     servers = Servers(node.url, [node])
@@ -202,7 +202,7 @@ def cluster_replicated(folder: Path) -> Iterator[Servers]:
 
 @contextlib.contextmanager
 def _cluster(folder: Path, spare: int) -> Iterator[Servers]:
-    """Three masters with all slots, and nodes that may become their replicas."""
+    """Start three masters with all slots, and nodes that may become their replicas."""
     servers = eventually(lambda: _begun(folder, spare), "nodes that begin anew")
     every = (*servers.nodes, *servers.replicas)
     try:
@@ -216,10 +216,10 @@ def _cluster(folder: Path, spare: int) -> Iterator[Servers]:
 
 
 def _begun(folder: Path, spare: int) -> Servers | None:
-    """Nodes that have been told of each other; None when one of them did not take that, and all are gone again.
+    """Start nodes and introduce them to each other; None if one of them failed, after killing all of them.
 
-    So it is where an answer is too late, or a node got the port of one of another cluster, which was killed and is
-    still looked for.
+    This happens if an answer is late, or if a node got the port of a killed node for which another cluster is still
+    looking.
     """
     options = ("--cluster-enabled", "yes", "--cluster-node-timeout", "2000")
     every = [Server(folder / str(number), *options) for number in range(3 + spare)]
@@ -243,7 +243,7 @@ def _begun(folder: Path, spare: int) -> Servers | None:
 
 
 def _port() -> int:
-    """A free port whose bus port, 10000 above, is one."""
+    """Return a free port whose bus port, 10000 above, is free as well."""
     return eventually(lambda: next((port for port in [free_port()] if _has_bus(port)), None), "a port")
 
 

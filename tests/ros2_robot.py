@@ -1,6 +1,6 @@
-"""A robot as ROS 2 has it on Zenoh: messages, keys and cache of rmw_zenoh, a trajectory controller that interpolates.
+"""A ROS 2 robot on Zenoh: the messages, keys and cache of rmw_zenoh, and a trajectory controller that interpolates.
 
-Keys are spelt out here, and messages made by rosbags, so that nothing of the driver is tested against itself.
+Keys are spelt out here, and messages made by rosbags, so that the driver is not tested against itself.
 """
 
 import json
@@ -59,9 +59,9 @@ def text(content: str) -> bytes:
 
 
 class RosRobot:
-    """Listens at ``endpoint`` as ROS's router would; ``rest`` are its positions at first.
+    """Listens at ``endpoint`` like a ROS router; ``rest``: its initial positions.
 
-    One controller has all joints that mimic none, and takes no trajectory that has not each of them, as is its default.
+    One controller has all joints that mimic no other, and by default rejects a trajectory that lacks one of them.
     """
 
     def __init__(self, endpoint: str, domain: int = 0, urdf: str | None = URDF, namespace: str = "") -> None:
@@ -104,26 +104,26 @@ class RosRobot:
         self.session.close()
 
     def fall_silent(self) -> None:
-        """Say no more joint states."""
+        """Stop sending joint states."""
         self._ended.set()
         self._thread.join()
 
     def say(self, payload: bytes) -> None:
-        """Publish as joint state whatever it is."""
+        """Publish any payload as joint state."""
         self._states.put(payload, attachment=self._attached())
 
     def place(self, name: str, position: float) -> None:
-        """Something else than the controller has moved a joint there."""
+        """Move a joint without the controller."""
         with self._lock:
             self.positions[name] = position
             self._from, self._to = {}, dict(self.positions)
 
     def leave_controller(self) -> None:
-        """The controller is stopped: nobody listens for trajectories."""
+        """Stop the controller: nothing listens for trajectories any more."""
         self._controller.undeclare()
 
     def tokens(self) -> list[str]:
-        """What others say of themselves to the graph of ROS."""
+        """Return the liveliness tokens of other participants in the ROS graph."""
         found = self.session.liveliness().get("@ros2_lv/**")
         return sorted(str(reply.ok.key_expr) for reply in found if reply.ok is not None)
 

@@ -1,4 +1,4 @@
-"""Rules as clients write them, and what they see of them; everything by links."""
+"""Rules as clients write them, and their firings; everything is found by links."""
 
 import httpx
 
@@ -19,7 +19,7 @@ BY_SIDE = 'lf:minimumInterval 0 ; lf:toldApartBy "side"'
 
 
 def sides(joint: str, limit: float = 1.0) -> str:
-    """On which side of an angle (rad) a joint is, and a tenth of that angle."""
+    """Return a query for the side of an angle (rad) on which a joint is, and a tenth of that angle."""
     at = "ros:rotation/spatial:rotationAngle/vom:numericalValue"
     side = f'BIND(IF(?x > {limit}, "up", "down") AS ?side)'
     return QUERY + f"SELECT ?side ?target WHERE {{ <{joint}> {at} ?x {side} BIND(?x / 10 AS ?target) }}"
@@ -43,14 +43,14 @@ def post(browser: Browser, text: str) -> httpx.Response:
 
 
 def posted(browser: Browser, text: str) -> str:
-    """The IRI of a new rule."""
+    """Create a rule and return its IRI."""
     answer = post(browser, text)
     assert answer.status_code == 201, answer.text
     return answer.headers["location"]
 
 
 def firings(browser: Browser, rule: str) -> list[tuple[str, str]]:
-    """State and bindings, in their order; without those that are being invoked."""
+    """Return state and bindings of the firings in order, without those being invoked."""
     page = browser.page(str(browser.page(rule).one(LF.firings)))
     members = sorted(map(str, page.graph.objects(page.iri, LDP.contains)), key=lambda iri: int(iri.rpartition("/")[2]))
     found = [browser.page(each) for each in members]
@@ -65,7 +65,7 @@ def fired(browser: Browser, rule: str, count: int) -> list[tuple[str, str]]:
 
 
 def put(browser: Browser, rule: str, old: str, new: str) -> httpx.Response:
-    """Read it, change its text, and put it back."""
+    """Read a rule, replace text in it, and put it back."""
     page = browser.page(rule)
     assert old in page.response.text, page.response.text
     headers = TURTLE | {"if-match": page.response.headers["etag"]}

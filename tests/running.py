@@ -1,4 +1,4 @@
-"""Starting real processes for tests: free ports, and conditions awaited instead of sleeps."""
+"""Real processes for tests: free ports, and conditions to wait for instead of sleeps."""
 
 import atexit
 import contextlib
@@ -25,10 +25,10 @@ T = TypeVar("T")
 
 
 def _ports() -> Iterator[int]:
-    """Ports of this worker, below those that the kernel gives to connections, and each as late again as may be.
+    """Yield the ports of this worker, each reused as late as possible, below the kernel's ephemeral ports.
 
-    Nothing takes such a port between the question and the answer, and whoever still looks for the server of a test that
-    is over does not find that of another.
+    Nothing else takes such a port between its choice and its use, and a client that still looks for the server of an
+    earlier test does not find that of another test.
     """
     worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")) % _MOST_WORKERS
     begin = _FIRST_PORT + worker * _PORTS_EACH
@@ -51,7 +51,7 @@ def free_port() -> int:
 
 
 def eventually(probe: Callable[[], T | None], what: str | Callable[[], str]) -> T:
-    """The first true value of ``probe``; AssertionError naming ``what`` when it never comes."""
+    """Return the first true value of ``probe``; AssertionError naming ``what`` if there is none in time."""
     started = time.monotonic()
     deadline = started + PATIENCE_S
     while True:
@@ -60,22 +60,22 @@ def eventually(probe: Callable[[], T | None], what: str | Callable[[], str]) -> 
             return value
         now = time.monotonic()
         assert now < deadline, f"never happened: {what if isinstance(what, str) else what()}"
-        if current() is None:  # who asks again and again leaves half of the time to what it waits for
+        if current() is None:  # polling leaves half of the time to what it waits for
             time.sleep(min(max(0.01, now - begun), 0.1))
-        else:  # waiting costs nothing there, and asking does
+        else:  # on virtual time waiting costs nothing, but polling does
             time.sleep(min(max(0.01, (now - started) / 8), 1.0))
 
 
 @functools.cache
 def _state_home() -> str:
-    """Where processes keep what they are not told to keep elsewhere: never in the user's own folders."""
+    """Return the default folder for the state of processes, which are kept out of the user's own folders."""
     home = tempfile.mkdtemp(prefix="linked-fleet-")
     atexit.register(shutil.rmtree, home, ignore_errors=True)
     return home
 
 
 class Process:
-    """A child process whose output is kept for the test's report."""
+    """A child process whose output is kept for the test report."""
 
     def __init__(self, arguments: Sequence[str]) -> None:
         self.lines: list[str] = []
@@ -109,7 +109,7 @@ class Process:
         try:
             code = self._child.wait(PATIENCE_S)
         except subprocess.TimeoutExpired:
-            self._child.send_signal(signal.SIGABRT)  # faulthandler then says what every thread is at
+            self._child.send_signal(signal.SIGABRT)  # faulthandler then prints the stack of every thread
             self._child.wait(PATIENCE_S)
             self._reader.join()
             raise AssertionError(f"it did not end:\n{self.output}") from None
@@ -118,11 +118,11 @@ class Process:
 
     @property
     def mapped(self) -> str:
-        """What files and segments of memory it has mapped, as the kernel lists them."""
+        """The mapped files and memory segments, as the kernel lists them."""
         return Path(f"/proc/{self._child.pid}/maps").read_text()
 
     def kill_child(self, module: str) -> None:
-        """One of its own, known by what it runs."""
+        """Kill a child process, identified by its module."""
         children = Path(f"/proc/{self._child.pid}/task/{self._child.pid}/children").read_text().split()
         (one,) = (pid for pid in children if module.encode() in Path(f"/proc/{pid}/cmdline").read_bytes())
         os.kill(int(one), signal.SIGKILL)
@@ -144,12 +144,12 @@ class Process:
 
 @contextlib.contextmanager
 def process(*arguments: str) -> Iterator[Process]:
-    """A child process; on virtual time a gateway or agents in the loop of the test."""
+    """Run a child process; on virtual time, a gateway or agents in the loop of the test."""
     loop = current()
     if loop is None:
         child = Process(arguments)
     else:
-        from virtual.processes import VirtualProcess  # it imports the product, for which few tests wait
+        from virtual.processes import VirtualProcess  # it imports the product, which few tests need
 
         child = VirtualProcess(loop, arguments)
     try:

@@ -1,4 +1,4 @@
-"""A second try for tests with real processes, which the end of the run names with the reason of the first."""
+"""A second try for tests with real processes; the summary names them with the reason of the first failure."""
 
 import pytest
 
@@ -17,7 +17,7 @@ def pytest_itemcollected(item: pytest.Item) -> None:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
-    """Plain lines, which the logs of automatic runs show too; and the seed of a run in which a test failed."""
+    """Write plain lines, which CI logs show too, and the seed of a run in which a test failed."""
     stats = terminalreporter.stats
     if stats.get("failed") or stats.get("error") or stats.get("rerun"):
         terminalreporter.write_line(f"virtual time: --seed {config.getoption('--seed', 0)}")

@@ -1,4 +1,4 @@
-"""A robot with cameras, played by the test: it answers with what it is told to, picture or not."""
+"""A robot with cameras, played by the test: it answers requests for pictures as told."""
 
 import itertools
 import struct
@@ -25,7 +25,7 @@ BLIND = replace(EYE, formats=(), unavailable="nothing renders here")
 
 @dataclass
 class Seer:
-    """A robot played by the test: what it answers, and what it was asked."""
+    """A robot played by the test: its answers, and the requests that it got."""
 
     actor: Actor
     contents: dict[str, bytes] = field(default_factory=lambda: {"jpeg": JPEG, "png": PNG, "depth": DEPTH})

@@ -1,4 +1,4 @@
-"""A server, in memory or on loopback, with the gateway's protocol classes, around an application of the test's own."""
+"""A server with the gateway's protocol classes around an application of the test, in memory or on loopback."""
 
 import asyncio
 import socket
@@ -18,12 +18,12 @@ from virtual.tcp import KERNEL_BYTES, Listener
 
 
 def run(test: Callable[[], Coroutine[Any, Any, None]]) -> None:
-    """On virtual time, with connections in memory."""
+    """Run a coroutine function on virtual time, with connections in memory."""
     on_virtual_time(test, 600.0)
 
 
 def run_on_sockets(test: Callable[[], Coroutine[Any, Any, None]]) -> None:
-    """On the event loop that the gateway runs on."""
+    """Run a coroutine function on the event loop that the gateway uses."""
 
     async def main() -> None:
         async with asyncio.timeout(30):
@@ -33,7 +33,7 @@ def run_on_sockets(test: Callable[[], Coroutine[Any, Any, None]]) -> None:
 
 
 async def until(condition: Callable[[], Any]) -> None:
-    while not condition():  # noqa: ASYNC110 - of many kinds, few of which could set an event
+    while not condition():  # noqa: ASYNC110 - noqa: ASYNC110 - few of these conditions could set an event
         await asyncio.sleep(0.002)
 
 
@@ -44,7 +44,7 @@ async def serving(
     ws: type[WebSocketProtocol] = WebSocketProtocol,
     **options: Any,
 ) -> AsyncIterator[tuple[uvicorn.Server, int]]:
-    """Yields the server and its port. What is sent waits in the process soon: the kernel takes little of it."""
+    """Yield the server and its port. The kernel buffers little, so that sent data soon waits in the process."""
     options = {"ws_ping_interval": None, "ws_max_size": 4096, **options}
     config = uvicorn.Config(
         app, lifespan="off", log_config=None, access_log=False, http=http, ws=ws,
@@ -76,7 +76,7 @@ def _listener() -> Listener | socket.socket:
 async def connect(
     port: int, request: bytes, receive_buffer: int = 0
 ) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
-    """A connection by hand, on which the request has been sent."""
+    """Open a raw connection and send the request."""
     reader = asyncio.StreamReader(limit=4096)
     protocol = asyncio.StreamReaderProtocol(reader)
     internet, room = running_loop().internet, receive_buffer or KERNEL_BYTES
@@ -87,7 +87,7 @@ async def connect(
 
 
 async def fill(outlet: Outlet, message: Message) -> None:
-    """Write until no more is taken. The kernel takes some little by little, however long its reader reads nothing."""
+    """Write until the outlet is full. The kernel accepts data in small steps, even if the reader reads nothing."""
     while outlet.writable():
         outlet.write(message)
         await asyncio.sleep(0.002)
@@ -100,7 +100,7 @@ def running_loop() -> VirtualLoop:
 
 
 class Channel:
-    """What a subscription would be: it starts outlets, and sends what it is told to those that are writable."""
+    """A stand-in for a subscription: starts outlets, and sends messages to those that are writable."""
 
     def __init__(self, *first: Message) -> None:
         self.first = first
@@ -114,7 +114,7 @@ class Channel:
         return _Feed(self, outlet)
 
     def publish(self, message: Message) -> list[Outlet]:
-        """The outlets that took it."""
+        """Send a message and return the outlets that took it."""
         takers = [outlet for outlet in self.outlets if outlet.writable()]
         for outlet in takers:
             outlet.write(message)

@@ -1,4 +1,4 @@
-"""Several gateways with one robot, which the test plays, and one memory; and what receivers saw of their callbacks."""
+"""Several gateways with a robot played by the test and one Redis, and the deliveries that receivers got from them."""
 
 import contextlib
 import json
@@ -19,13 +19,13 @@ from subscribers import angle_in, members
 from virtual.loop import current
 
 STEPS = 1000
-"""Of the joint in a radian: each is far above the resolution of observation."""
+"""Steps of the joint per radian; each is far above the resolution of observation."""
 LOOPBACK = "127.0.0.0/8"
 _TURTLE = {"content-type": "text/turtle"}
 
 
 class Hub:
-    """A Zenoh router in the test, and at it a robot with one joint: whichever gateway dies, these two stay."""
+    """A Zenoh router in the test, with a robot of one joint; both outlive any gateway."""
 
     def __init__(self, session: zenoh.Session, endpoint: str) -> None:
         self.session, self.endpoint = session, endpoint
@@ -34,11 +34,11 @@ class Hub:
 
     @property
     def angle(self) -> float:
-        """Where the joint is."""
+        """The present position of the joint in rad."""
         return self.steps / STEPS
 
     def step(self) -> None:
-        """Send one frame, with a position that was never there before."""
+        """Send one frame, with a new position."""
         self.steps += 1
         self.repeat()
 
@@ -70,14 +70,14 @@ def hub() -> Iterator[Hub]:
 
 
 class Gateway:
-    """One of several, seen by a client; everything by links."""
+    """One of several gateways, as a client sees it; everything is found by links."""
 
     def __init__(self, process: Process, browser: Browser) -> None:
         self.process, self.browser = process, browser
         self.joint = self.rotation = self.container = ""
 
     def meet(self, hub: Hub) -> None:
-        """Wait until the robot is there and has a value."""
+        """Wait until the robot is listed and has a value."""
 
         def known() -> bool:
             page = presence(self.browser, "toy")
@@ -95,7 +95,7 @@ class Gateway:
         return self.browser.http.get(url)
 
     def subscribe(self, callback: str, more: str = "") -> httpx.Response:
-        """POST Figure 4."""
+        """POST the subscription of the paper's Figure 4."""
         body = (
             f"@prefix hybrit: <{HYBRIT}> . @prefix lf: <{LF}> . [] a hybrit:Subscription, hybrit:WebCallback ; "
             f'hybrit:onResource <{self.rotation}> ; hybrit:callbackURL "{callback}" {more}.'
@@ -103,7 +103,7 @@ class Gateway:
         return self.browser.http.post(self.container, content=body, headers=_TURTLE)
 
     def subscribed(self, callback: str, more: str = "") -> str:
-        """The IRI of a new callback."""
+        """Create a callback and return its IRI."""
         answer = self.subscribe(callback, more)
         assert answer.status_code == 201, answer.text
         return answer.headers["location"]
@@ -114,21 +114,21 @@ class Gateway:
         return self.browser.http.post(self.container, content=body, headers=_TURTLE)
 
     def posted_stream(self, more: str = "") -> str:
-        """The IRI of a stream that nobody has opened."""
+        """Create a stream that nobody has opened, and return its IRI."""
         answer = self.post_stream(more)
         assert answer.status_code == 201, answer.text
         return answer.headers["location"]
 
     def listed(self) -> set[str]:
-        """What the container of the joint lists, as paths: gateways differ in nothing else."""
+        """Return the paths in the container of the joint, which are the same at all gateways."""
         return {httpx.URL(iri).path for iri in members(self.browser.page(self.container))}
 
     def description(self, subscription: str) -> Page:
-        """Of a subscription that was perhaps made at another gateway."""
+        """Return the page of a subscription, which another gateway may have created."""
         return self.browser.page(self.here(subscription))
 
     def here(self, iri: str) -> str:
-        """The same resource, served by this gateway."""
+        """Return the IRI of the same resource at this gateway."""
         return str(httpx.URL(self.browser.root).copy_with(raw_path=httpx.URL(iri).raw_path))
 
     def in_state(self, subscription: str, state: rdflib.URIRef) -> Page:
@@ -143,7 +143,7 @@ class Gateway:
 def gateway(
     hub: Hub, *flags: str, port: int | None = None, state: Path | None = None, allow: str = LOOPBACK
 ) -> Iterator[Gateway]:
-    """A gateway at the hub that has met its robot."""
+    """Run a gateway at the hub, and wait until it knows the robot."""
     port = port or free_port()
     place = () if state is None else ("--state-dir", str(state))
     allowed = ("--callback-allow", allow) if allow else ()
@@ -168,7 +168,7 @@ def gateway(
 
 @contextlib.contextmanager
 def gateways(hub: Hub, redis_url: str, count: int = 2) -> Iterator[list[Gateway]]:
-    """They start at the same time."""
+    """Run gateways that start at the same time."""
     ports = [free_port() for _ in range(count)]
     shared = ("--zenoh-connect", hub.endpoint, "--redis-url", redis_url, "--callback-allow", LOOPBACK)
     with contextlib.ExitStack() as stack:
@@ -188,15 +188,14 @@ def gateways(hub: Hub, redis_url: str, count: int = 2) -> Iterator[list[Gateway]
 
 
 def complete(log: Sequence[Seen]) -> list[Seen]:
-    """Without requests that broke off because their gateway was killed; their receiver has no message."""
+    """Remove requests that were broken off because their gateway was killed; their receiver has no message."""
     return [seen for seen in log if len(seen.body) == int(seen.headers["content-length"])]
 
 
 def deliveries(log: Sequence[Seen]) -> list[Seen]:
-    """The log without repeats, after a proof that nothing is missing, and that order and content are right.
+    """Return the deliveries without repeats, after checking that none is missing and order and content are right.
 
-    A repeat has an id that was there before; what is left is numbered from 1 without gaps, and a repeat says exactly
-    what was said the first time.
+    A repeat has an id that was seen before, and exactly the same content; all others are numbered from 1 without gaps.
     """
     first: dict[str, Seen] = {}
     for seen in complete(log):
@@ -209,24 +208,24 @@ def deliveries(log: Sequence[Seen]) -> list[Seen]:
 
 
 def number(seen: Seen) -> int:
-    """Of a delivery: it counts those of one subscription."""
+    """Return the number of a delivery within its subscription."""
     return int(seen.headers["linked-fleet-delivery"])
 
 
 def angle(seen: Seen) -> float:
-    """What a delivery says about the joint."""
+    """Return the position of the joint in a delivery."""
     resource = seen.headers["link"].partition(">")[0].removeprefix("<")
     return angle_in(read(seen.body, resource), rdflib.URIRef(resource))
 
 
 def present(gateway: Gateway) -> float:
-    """What a GET says about the joint."""
+    """Return the position of the joint in a GET."""
     page = gateway.browser.page(gateway.rotation)
     return angle_in(page.graph, page.iri)
 
 
 def arrived(receiver: CallbackReceiver, path: str, value: float) -> None:
-    """Wait until the last delivery to a path says ``value``."""
+    """Wait until the last delivery to a path has ``value``."""
 
     def probe() -> bool:
         log = complete(receiver.log(path, "POST"))

@@ -1,8 +1,8 @@
-"""What pySHACL finds in a body, to compare with what a compiled shape finds there.
+"""The results of pySHACL for a body, to compare with those of a compiled shape.
 
-pySHACL is asked about one focus node, without its targets. ``pyshacl_finds`` has two repairs: literals are as they were
-written, where rdflib would rewrite 01 as 1; and nothing is less or more that has no place among the numbers, where
-pySHACL orders NaN by a quirk and literals of two types by the names of these.
+pySHACL validates one focus node, ignoring targets. ``pyshacl_finds`` repairs two of its faults: literals keep their
+lexical form (rdflib would rewrite 01 as 1), and only numbers are ordered (pySHACL orders NaN by accident, and literals
+of different types by the names of the types).
 """
 
 import logging
@@ -28,13 +28,13 @@ _compare = value_range_constraints.compare_literal
 
 EX = Namespace("http://example.org/", "body Shape p q r a b C D type")
 _PREFIXES = "".join(f"@prefix {prefix}: <{iri}> . " for prefix, iri in {**PREFIXES, "ex": EX.iri}.items())
-Results = Counter[tuple[object, ...]]  # of all that a report says of each result but its message
+Results = Counter[tuple[object, ...]]  # of all properties of each result in a report but its message
 _COMPARED = (SHACL.focusNode, SHACL.value, SHACL.sourceConstraintComponent, SHACL.resultSeverity, SHACL.sourceShape)
-Found = set[tuple[str, str, str, str]]  # focus, path, value and component of the results at the top
+Found = set[tuple[str, str, str, str]]  # focus, path, value and component of the top-level results
 
 
 def turtle(text: str) -> list[Triple]:
-    """The triples of a text in which the prefixes of the gateway, and ``ex``, are known."""
+    """Parse a text in which the gateway's prefixes and ``ex`` are declared."""
     return [quad.triple for quad in parse(_PREFIXES + text, format=RdfFormat.TURTLE, base_iri=EX.iri)]
 
 
@@ -45,7 +45,7 @@ def to_rdflib(term: Term) -> rdflib.term.Identifier:
         return rdflib.BNode(term.value)
     plain = term.language or term.datatype == XSD.string
     datatype = None if plain else rdflib.URIRef(term.datatype.value)
-    with warnings.catch_warnings(action="ignore"):  # of odd booleans
+    with warnings.catch_warnings(action="ignore"):  # about invalid booleans
         return rdflib.Literal(term.value, lang=term.language, datatype=datatype, normalize=False)
 
 
@@ -87,7 +87,7 @@ def _key(result: rdflib.BNode, triples: list[tuple[rdflib.BNode, rdflib.URIRef, 
 
 
 def _n3(term: object) -> str:
-    """N3 without rdflib's abbreviations, so that 1.0 and 1 stay two."""
+    """Return N3 without rdflib's abbreviations, so that 1.0 and 1 stay different."""
     if isinstance(term, rdflib.Literal):
         return f"{str(term)!r}^^{term.datatype or rdflib.XSD.string}@{term.language}"
     return "" if term is None else f"{type(term).__name__} {term}"
@@ -102,7 +102,7 @@ def compiled_finds(shapes: Sequence[Triple], shape: Node, body: Sequence[Triple]
 
 
 def results(about: Data, root: Node) -> Results:
-    """The results of a report. Of blank nodes it only matters that they are some."""
+    """Return the results of a report. Blank nodes are not distinguished."""
     found: Results = Counter()
     for result in about.objects(root, SHACL.result):
         values = (tuple(map(_plain, about.objects(result, each))) for each in _COMPARED)
@@ -132,13 +132,13 @@ def _of_report(triples: Sequence[Triple]) -> Results:
 
 
 def reported(shapes: CompiledGraph, data: Sequence[Triple]) -> Results:
-    """What compiled shapes with targets report of ``data``."""
+    """Return the report of compiled shapes with targets on ``data``."""
     triples = shapes.shapes[0][0].triples if shapes.shapes else {}
     return _of_report(report(shapes.check(Data(data)), triples))
 
 
 def pyshacl_reports(shapes: Sequence[Triple], data: Sequence[Triple]) -> Results:
-    """What pySHACL reports of ``data``, by the targets of the shapes."""
+    """Return the report of pySHACL on ``data``, by the targets of the shapes."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(value_range_constraints, "compare_literal", _compare_numbers)
         _, found, _ = pyshacl.validate(to_graph(data), shacl_graph=to_graph(shapes), inference="none", advanced=False)

@@ -1,7 +1,7 @@
-"""Robots simulated inside the test: the product's agents and drivers, and every step of MuJoCo is seen.
+"""Robots simulated inside the test, with the product's agents and drivers; the test sees every step of MuJoCo.
 
-They run on a clock of their own, one tick after another, so that a busy machine changes nothing in what they do.
-In real time they run in a thread; on virtual time in the loop of the test, at the pace of its clock.
+They run on their own clock, one tick after another, so that the load of the machine does not change what they do. In
+real time they run in a thread, on virtual time in the loop of the test at the pace of its clock.
 """
 
 import asyncio
@@ -28,15 +28,15 @@ from virtual.loop import VirtualLoop, current
 Array = npt.NDArray[np.float64]
 
 TICK_S = 0.01
-# At rest: a motor stands for the agent below 0.01 rad/s, and what the joint carries may swing a little after that.
+# Below 0.01 rad/s the agent considers a motor at rest; what the joint carries may still swing a little.
 RESTING_RAD_S = 0.02
-_PAUSE_S = 0.004  # between ticks, less than TICK_S: the robots live faster than the test
+_PAUSE_S = 0.004  # between ticks; less than TICK_S, so that robots run faster than real time
 _ROOT = 1  # the body of the root link
 SIMULATED = "simulated"
 
 
 class Step(NamedTuple):
-    """What MuJoCo held before one of its steps, in the order of the joints: rad, rad/s, N m or m, m/s, N."""
+    """The state of MuJoCo before one of its steps, in the order of the joints: rad, rad/s, N m or m, m/s, N."""
 
     time_s: float
     positions: Array
@@ -45,7 +45,7 @@ class Step(NamedTuple):
 
 
 class Simulated:
-    """A robot of the catalogue with its agent. ``steps`` are those since ``watch``."""
+    """A robot of the catalogue with its agent. ``steps``: those since ``watch``."""
 
     def __init__(self, name: str) -> None:
         robot = load(name, name)
@@ -54,7 +54,7 @@ class Simulated:
         self.name, self.joints = name, {joint.name: joint for joint in facts.joints}
         self.linear = {joint.name for joint in facts.joints if joint.linear}
         self.poses = poses_of(MODELS[name], facts.joints)
-        # What only the driver has otherwise: the simulator's own state.
+        # The simulator's state, which otherwise only the driver has.
         self.model, self.data = robot._model, robot._data
         self._qpos, self._dof, self._setpoints = robot._qpos, robot._dof, robot._setpoints
         self._scratch = mujoco.MjData(self.model)
@@ -87,7 +87,7 @@ class Simulated:
         return self._agent.handle(payload)
 
     def note(self) -> None:
-        """Called by MuJoCo in each step."""
+        """Record a step; called by MuJoCo in each step."""
         data = self.data
         self.steps.append(Step(data.time, data.qpos[self._qpos], data.qvel[self._dof], data.qfrc_actuator[self._dof]))
 
@@ -99,7 +99,7 @@ class Simulated:
             self.steps.clear()
 
     def seen(self, joint: str, of: str = "positions") -> tuple[Array, Array]:
-        """Times (s of the simulation) and values of one joint in each step since ``watch``."""
+        """Return times (s of the simulation) and values of one joint in each step since ``watch``."""
         column = list(self.joints).index(joint)
         with self._lock:
             steps = list(self.steps)
@@ -110,20 +110,20 @@ class Simulated:
             return dict(zip(self.joints, self.data.qpos[self._qpos].tolist(), strict=True))
 
     def speed(self) -> float:
-        """Of the fastest joint that takes commands, rad/s or m/s."""
+        """Return the speed of the fastest commanded joint, in rad/s or m/s."""
         with self._lock:
             speeds = dict(zip(self.joints, np.abs(self.data.qvel[self._dof]).tolist(), strict=True))
         return max(speed for name, speed in speeds.items() if self.joints[name].mimics is None)
 
     def setpoints(self) -> list[float]:
-        """Of the servos; unlike what is measured they are still to the last bit."""
+        """Return the setpoints of the servos, which unlike measurements do not fluctuate at all."""
         with self._lock:
             return self._setpoints.tolist()
 
     def pose(self, link: str, joints: Mapping[str, float] | None = None) -> tuple[Array, Array]:
-        """Position (m) and orientation (x y z w) of a link as seen from the root link.
+        """Return position (m) and orientation (x y z w) of a link relative to the root link.
 
-        ``joints`` are taken to be at these positions, all others where they are.
+        ``joints``: assumed positions; the other joints are where they are.
         """
         with self._lock:
             self._scratch.qpos[:] = self.data.qpos
@@ -138,14 +138,14 @@ class Simulated:
         return position, np.roll(turned, -1)
 
     def upright(self) -> float:
-        """The cosine of the angle by which the root link leans over; 1 is upright."""
+        """Return the cosine of the angle by which the root link leans; 1 is upright."""
         with self._lock:
             return float(self.data.body(_ROOT).xmat[8])
 
     def check_limits(self) -> None:
-        """No joint was faster or stronger than its URDF allows, in any step since ``watch``.
+        """Check that no joint exceeded the speed or effort limits of its URDF in any step since ``watch``.
 
-        A joint that mimics has no motor: it is as fast as what it follows.
+        A joint that mimics another has no motor: its speed follows from the other joint.
         """
         with self._lock:
             steps = list(self.steps)
@@ -159,7 +159,7 @@ class Simulated:
 
 
 def angle_between(one: Array, other: Array) -> float:
-    """Radian, between two orientations (x y z w)."""
+    """Return the angle between two orientations (x y z w) in rad."""
     product, back = np.zeros(4), np.zeros(4)
     mujoco.mju_negQuat(back, np.roll(one, 1))
     mujoco.mju_mulQuat(product, back, np.roll(other, 1))
@@ -168,7 +168,7 @@ def angle_between(one: Array, other: Array) -> float:
 
 @contextlib.contextmanager
 def simulated(endpoint: str, *names: str) -> Iterator[dict[str, Simulated]]:
-    """Robots of this process, linked to the gateway that listens at ``endpoint``."""
+    """Run robots in this process, linked to the gateway that listens at ``endpoint``."""
     robots = {name: Simulated(name) for name in names}
 
     def note(_model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -205,8 +205,8 @@ def _in_thread(endpoint: str, robots: Mapping[str, Simulated]) -> Iterator[None]
 
 @contextlib.contextmanager
 def _in_loop(loop: VirtualLoop, endpoint: str, robots: Mapping[str, Simulated]) -> Iterator[None]:
-    """The node of the network is ``SIMULATED``."""
-    from virtual.processes import world  # it imports the product, for which few tests wait
+    """The robots' node in the network is named ``SIMULATED``."""
+    from virtual.processes import world  # it imports the product, which few tests need
 
     session, end = loop.inside(world(loop).network((endpoint,)).agent, SIMULATED), asyncio.Event()
 

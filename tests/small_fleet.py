@@ -1,4 +1,4 @@
-"""A gateway of a test's own, and what tests ask of the robots in it, by links only."""
+"""A gateway for one test, and requests to the robots in it, all found by links."""
 
 import contextlib
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ _BODY = "@prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> . @prefix unit
 
 @dataclass
 class Place:
-    """The ports and the state of one gateway: it may be started there again and again."""
+    """The ports and the state of a gateway, which may be started there repeatedly."""
 
     state: Path
     port: int = field(default_factory=free_port)
@@ -45,7 +45,7 @@ class Place:
 
 
 def presence(browser: Browser, name: str) -> Page | None:
-    """The robot's page, None while the fleet does not have it."""
+    """Return the robot's page, None while the fleet does not list it."""
     try:
         return browser.robot(name)
     except AssertionError:
@@ -83,7 +83,7 @@ def property_page(browser: Browser, name: str, part: str, predicate: URIRef) -> 
 
 
 def number(page: Page, predicate: URIRef) -> float | URIRef:
-    """The number of a scalar; lf:unknown as it is."""
+    """Return the number of a scalar, or lf:unknown."""
     value = page.graph.value(page.graph.value(page.iri, predicate), VOM.numericalValue)
     return value if isinstance(value, URIRef) else float(str(value))
 
@@ -94,7 +94,7 @@ def move(browser: Browser, action: str, radian: float, **headers: str) -> httpx.
 
 
 def whole(browser: Browser) -> Walk:
-    """Walk everything by links, and hold each thing and property to its own blueprint."""
+    """Walk everything by links, and validate each thing and property against its own blueprint."""
     tree = walk(browser.root, browser.http)
     for page in tree:
         if page.kind in ("fleet", "robot", "joint", "link", "property"):

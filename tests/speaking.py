@@ -1,4 +1,4 @@
-"""A client of the Model Context Protocol that says what a test wants it to, right or wrong."""
+"""A client of the Model Context Protocol that sends what a test says, valid or not."""
 
 import itertools
 import json
@@ -15,7 +15,7 @@ Message = dict[str, Any]
 
 
 class Speaker:
-    """One session at ``/mcp`` below ``root``. ``heard`` are the notifications of the last request."""
+    """One session at ``/mcp`` below ``root``. ``heard``: the notifications of the last request."""
 
     def __init__(self, root: str, token: str = "") -> None:
         self.http = httpx.Client(timeout=900)
@@ -27,7 +27,7 @@ class Speaker:
         self._ids = itertools.count(1)
 
     def open(self) -> Message:
-        """Open a session; the result of ``initialize``."""
+        """Open a session and return the result of ``initialize``."""
         info = {"name": "test", "version": "1"}
         params = {"protocolVersion": VERSION, "capabilities": {}, "clientInfo": info}
         answer = self.post({"jsonrpc": "2.0", "id": 0, "method": "initialize", "params": params})
@@ -42,7 +42,7 @@ class Speaker:
         return self.http.post(self.url, content=content, headers={**self.fields, **fields})
 
     def ask(self, method: str, params: Message | None = None, id: int | None = None) -> Message:
-        """The response to a request."""
+        """Return the response to a request."""
         number = next(self._ids) if id is None else id
         answer = self.post({"jsonrpc": "2.0", "id": number, "method": method, "params": params or {}})
         assert answer.status_code == 200, answer.text
@@ -51,7 +51,7 @@ class Speaker:
         return response
 
     def call(self, tool: str, *, id: int | None = None, **arguments: object) -> Message:
-        """The result of a call of a tool, with its progress in ``heard``."""
+        """Return the result of a tool call; its progress is in ``heard``."""
         params = {"name": tool, "arguments": arguments, "_meta": {"progressToken": "p"}}
         result: Message = self.ask("tools/call", params, id)["result"]
         return result

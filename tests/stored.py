@@ -1,4 +1,4 @@
-"""Subscriptions and invocations as tests of the stores make them, and stores that die or are counted."""
+"""Subscriptions and invocations for the tests of stores, and stores that crash or count their round trips."""
 
 import asyncio
 import time
@@ -23,7 +23,7 @@ _created_ns = iter(range(10**18, 2 * 10**18))
 
 
 def a_subscription(**fields: Any) -> Subscription:
-    """Each is younger than the one before."""
+    """Return a subscription that is younger than the one before."""
     given = {
         "id": str(uuid.uuid4()),
         "owner": "/baxter/right_s1",
@@ -89,10 +89,10 @@ async def known(store: Store, id: str) -> Record:
 
 
 async def until(probe: Callable[[], Awaitable[T]], what: str) -> T:
-    """The first true value of ``probe``; TimeoutError naming ``what`` when it never comes."""
+    """Return the first true value of ``probe``; TimeoutError naming ``what`` if there is none in time."""
     try:
         async with asyncio.timeout(PATIENCE_S):
-            while not (value := await probe()):  # noqa: ASYNC110 - in Redis
+            while not (value := await probe()):  # noqa: ASYNC110 - noqa: ASYNC110 - in Redis
                 await asyncio.sleep(0.01)
             return value
     except TimeoutError as error:
@@ -100,7 +100,7 @@ async def until(probe: Callable[[], Awaitable[T]], what: str) -> T:
 
 
 async def served(ask: Callable[[], Awaitable[object]]) -> None:
-    """Ask until it is answered: a connection of a cluster is known to be dead only when it is used."""
+    """Repeat a request until it is answered: a dead connection of a cluster is noticed only when used."""
 
     async def answered() -> bool:
         try:
@@ -113,11 +113,11 @@ async def served(ask: Callable[[], Awaitable[object]]) -> None:
 
 
 class CrashedError(Exception):
-    """The end of a gateway, between two of its commands."""
+    """Stands for the end of a gateway between two of its commands."""
 
 
 def crash_after(store: Store, commands: int) -> None:
-    """Let the store die after so many commands."""
+    """Let the store crash after so many commands."""
     left = iter(range(commands))
     redis = store._redis
 

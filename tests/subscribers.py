@@ -1,4 +1,4 @@
-"""Subscribers that know nothing but the standards, and a robot played by the test that they can watch."""
+"""Subscribers that know only the standards, and a robot played by the test for them to watch."""
 
 import contextlib
 import itertools
@@ -37,7 +37,7 @@ _robots = itertools.count(1)
 
 
 def graph_of(body: bytes, media_type: str, base: str) -> rdflib.Graph:
-    """What ``body`` says, read strictly as ``media_type``."""
+    """Parse ``body`` strictly as ``media_type``."""
     return read(body, base, FORMATS[media_type])
 
 
@@ -50,7 +50,7 @@ class Said:
 
     @property
     def iri(self) -> URIRef:
-        """The resource that it is about."""
+        """The resource that the message is about."""
         (subject,) = self.graph.subjects(LF.version)
         return URIRef(str(subject))
 
@@ -65,12 +65,12 @@ class Said:
 
     @property
     def state(self) -> rdflib.Graph:
-        """What a GET would say."""
+        """The graph that a GET would return."""
         return without_versions(self.graph)
 
     @property
     def angle(self) -> float:
-        """Of a rotation."""
+        """The position in a message about a rotation."""
         return angle_in(self.graph, self.iri)
 
 
@@ -81,7 +81,7 @@ def without_versions(graph: rdflib.Graph) -> rdflib.Graph:
 
 
 def angle_in(graph: rdflib.Graph, iri: URIRef) -> float:
-    """NaN where it is unknown, as to a gateway that has just begun."""
+    """Return the angle; NaN if it is unknown, as to a gateway that has just begun."""
     value = graph.value(graph.value(iri, SPATIAL.rotationAngle), VOM.numericalValue)
     return math.nan if value == LF.unknown else float(str(value))
 
@@ -92,7 +92,7 @@ def said(body: bytes | str, media_type: str, base: str) -> Said:
 
 
 class Socket:
-    """A WebSocket on a resource; ``subprotocol`` as a browser would name it, ``accept`` as others would."""
+    """A WebSocket on a resource; ``subprotocol`` as sent by browsers, ``accept`` as sent by other clients."""
 
     def __init__(self, url: str, accept: str | None = None, subprotocol: str | None = None, last: str | None = None):
         self.url = url
@@ -113,12 +113,12 @@ class Socket:
 
     @property
     def description(self) -> str:
-        """Where the subscription is described."""
+        """The URL that describes the subscription."""
         assert self.connection.response is not None
         return self.connection.response.headers["link"].partition(">")[0].removeprefix("<")
 
     def raw(self, patience_s: float = PATIENCE_S) -> bytes | str:
-        """TimeoutError when nothing has come."""
+        """Raises TimeoutError if nothing arrives in time."""
         return self.connection.recv(timeout=patience_s)
 
     def next(self, media_type: str = "text/turtle", patience_s: float = PATIENCE_S) -> Said:
@@ -127,7 +127,7 @@ class Socket:
         return said(body, media_type, self.url)
 
     def until_closed(self) -> tuple[int, str]:
-        """Code and reason, after all that was still to be read."""
+        """Return code and reason of the close, after reading everything before it."""
         try:
             while True:
                 self.raw()
@@ -137,7 +137,7 @@ class Socket:
 
 
 def refused(url: str, accept: str | None = None, subprotocol: str | None = None) -> Response:
-    """The answer to a WebSocket handshake that is not accepted."""
+    """Return the response to a WebSocket handshake that is refused."""
     try:
         Socket(url, accept, subprotocol).close()
     except InvalidStatus as error:
@@ -146,7 +146,7 @@ def refused(url: str, accept: str | None = None, subprotocol: str | None = None)
 
 
 class StreamEnded(AssertionError):  # noqa: N818 - it is an outcome
-    """Nothing comes any more."""
+    """The stream has ended."""
 
 
 class Events:
@@ -172,7 +172,7 @@ class Events:
         return said(data, media_type, self.url)
 
     def ended(self) -> bool:
-        """Whether the stream ends without another event."""
+        """Return True if the stream ends without another event."""
         return self._event() is None
 
     def _event(self) -> str | None:
@@ -202,7 +202,7 @@ class Events:
 
 @contextlib.contextmanager
 def events(url: str, accept: str = EVENTS, last: str | None = None) -> Iterator[Events]:
-    """An open event stream on a connection of its own."""
+    """Open an event stream on a connection of its own."""
     fields = {"accept": accept} | ({} if last is None else {"last-event-id": last})
     with (
         http_client(timeout=PATIENCE_S) as http,
@@ -214,7 +214,7 @@ def events(url: str, accept: str = EVENTS, last: str | None = None) -> Iterator[
 
 
 class Toy:
-    """A robot with two joints that does what the test says, and nothing else ever."""
+    """A robot with two joints that does only what the test says."""
 
     def __init__(self, actor: Actor, browser: Browser) -> None:
         self.actor, self.browser = actor, browser
@@ -234,13 +234,13 @@ class Toy:
         self.actor.put("state", self.actor.frame((shoulder, elbow)))
 
     def subscriptions(self, thing: str = "elbow") -> Page:
-        """The container of a part."""
+        """Return the page of the part's container of subscriptions."""
         return self.browser.page(str(self.part(thing).one(HYBRIT.subscriptions)))
 
 
 @dataclass(frozen=True)
 class Theatre:
-    """A gateway of the test's own, with robots that the test plays."""
+    """A gateway for one test, with robots that the test plays."""
 
     place: Place
     browser: Browser
@@ -251,7 +251,7 @@ class Theatre:
 
     @contextlib.contextmanager
     def toy(self, elbow: float = 0.0, shoulder: float = 0.0) -> Iterator[Toy]:
-        """A robot that is online, described and has sent one frame; at the end its agent goes in good order."""
+        """Run a robot that is online, described and has sent one frame; its agent ends regularly."""
         name = f"toy{next(_robots)}"
         with stage(self.place.zenoh) as session:
             actor = Actor(session, name)
@@ -282,7 +282,7 @@ def members(container: Page) -> set[str]:
 
 
 def emptied(browser: Browser, container: str) -> None:
-    """Wait until a container lists nothing: connections are noticed to be gone a moment later."""
+    """Wait until a container is empty: the end of a connection is noticed a moment later."""
     eventually(lambda: not members(browser.page(container)), f"{container} empty")
 
 

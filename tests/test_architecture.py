@@ -1,4 +1,4 @@
-"""ARCHITECTURE.md is true: what it names exists, and the settings that the docs name are those of the code."""
+"""ARCHITECTURE.md is true: what it names exists, and the settings named in the docs are those of the code."""
 
 import importlib
 import re
@@ -67,7 +67,7 @@ def test_every_test_that_shows_what_stops_a_threat_is_there() -> None:
 
 
 def test_architecture_names_many_paths() -> None:
-    """Guards the test above: a change of notation must not leave it with nothing to look at."""
+    """Guard the test above: a change of notation must not leave it without paths to check."""
     assert len(set(re.findall(r"`(?:agents|gateway)/[\w./]+`", PAGE))) > 12
 
 

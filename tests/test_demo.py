@@ -1,4 +1,4 @@
-"""``python -m linked_fleet_demo`` as a user has it: it starts, answers, and Ctrl-C leaves nothing behind."""
+"""``python -m linked_fleet_demo`` as a user runs it: it starts, answers, and Ctrl-C leaves nothing behind."""
 
 import contextlib
 import os
@@ -39,7 +39,7 @@ pytestmark = [
 
 
 def _turns_what_it_says(demo: Demo) -> None:
-    """The command that is printed, as a newcomer copies it, works when it is printed."""
+    """The printed command, as a newcomer copies it, works when it is printed."""
     printed = eventually(lambda: re.search(r"curl (-i .*?\.')\n", demo.output, re.DOTALL), "a command to turn a joint")
     _, _, field, url, _, body = shlex.split(printed[1])
     name, value = field.split(": ")
@@ -48,7 +48,7 @@ def _turns_what_it_says(demo: Demo) -> None:
 
 
 def _has_the_figures(demo: Demo) -> None:
-    """The figures of the paper hold where the demo places its robots; the motion of Figure 5b arrives."""
+    """The figures of the paper hold with the demo's placement of robots; the motion of Figure 5b completes."""
     with contextlib.closing(Browser(f"http://127.0.0.1:{demo.port}/")) as browser:
         for name in (each for each in dir(test_figures) if each.startswith("test_figure")):
             getattr(test_figures, name)(browser)

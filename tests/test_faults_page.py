@@ -1,4 +1,4 @@
-"""docs/FAULTS.md names only what is there: each test, each file, and each bound with the value that it has in code."""
+"""docs/FAULTS.md names only what exists: each test, each file, and each bound with its value in the code."""
 
 import importlib
 import re
@@ -29,7 +29,7 @@ def constant(file: str, name: str) -> float:
 
 @pytest.mark.parametrize(("bound", "value", "where"), BOUNDS)
 def test_every_bound_on_clients_is_that_of_its_constant_or_setting(bound: str, value: str, where: str) -> None:
-    """A row names the constant or the setting that it states, or the test that measures it."""
+    """A row names the constant or setting that it states, or the test that measures it."""
     if named := re.fullmatch(r"`(gateway/[\w/]+\.py)` `(\w+)`", where):
         assert constant(*named.groups()) == float(value)
     elif where in SETTINGS:

@@ -1,17 +1,17 @@
-"""Console transcripts of a Markdown page: parsed, run in one shell, and compared with what the page shows.
+"""Console transcripts of a Markdown page: parsed, run in one shell, and compared with the page.
 
 A page may contain
 
 - ``console`` blocks: lines that begin with ``$ `` are commands (``> `` continues one), the rest is their output;
 - ``sh`` blocks: commands without output, each of which must succeed;
-- any other block under a line that ends with the name of a file and a colon: the content of that file;
+- any other block below a line that ends with a file name and a colon: the content of that file;
 - ``<!-- not run: reason -->`` on the line before a block that cannot be run;
-- ``<!-- another terminal -->`` there, for commands that go on while the next ones are run.
+- ``<!-- another terminal -->`` there, for commands that continue while the next ones are run.
 
-A command whose output ends with ``^C`` is interrupted as soon as it has printed what stands before that.
+A command whose output ends with ``^C`` is interrupted as soon as it has printed what precedes that.
 
-In output, ``…`` stands for anything. Times, identifiers, versions and measured numbers are compared by their form
-alone, and how lines are wrapped does not count.
+In output, ``…`` matches anything. Times, identifiers, versions and measured numbers are compared only by their form,
+and line breaks are ignored.
 """
 
 import os
@@ -52,7 +52,7 @@ _TIMEOUT_S = 60.0
 
 @dataclass(frozen=True)
 class Command:
-    """One command of a page. ``output`` is None where the page shows none and the exit status must be 0."""
+    """One command of a page. ``output``: None if the page shows none, and the exit status must be 0."""
 
     line: int
     text: str
@@ -61,14 +61,14 @@ class Command:
 
 @dataclass(frozen=True)
 class File:
-    """A block of a page that is the content of a file."""
+    """A block of a page with the content of a file."""
 
     name: str
     text: str
 
 
 def steps(page: str) -> Iterator[Command | File]:
-    """The commands and files of a page, in order."""
+    """Yield the commands and files of a page, in order."""
     for match in _FENCE.finditer(page):
         before, language, body = match["before"].strip(), match["language"], match["body"]
         line = page.count("\n", 0, match.start("body")) + 1
@@ -120,9 +120,9 @@ def _is_open(command: str) -> bool:
 
 
 class Shell:
-    """A shell in a folder of its own that has the entries of the checkout in it, as if it were one.
+    """A shell in its own folder, which contains the entries of the checkout.
 
-    ``ports`` maps the ports that pages name to those that are used instead.
+    ``ports`` maps the ports on pages to those that are used instead.
     """
 
     def __init__(self, folder: Path, ports: Mapping[str, str]) -> None:
@@ -131,7 +131,7 @@ class Shell:
         for entry in ROOT.iterdir():
             if not entry.name.startswith(".") or entry.name == ".venv":
                 (folder / entry.name).symlink_to(entry)
-        # The packages of Node.js that a page has its reader install.
+        # The Node.js packages that a page tells its reader to install.
         (folder / "node_modules").symlink_to(ROOT / "tests" / "things" / "node_modules")
         # On a terminal, curl shows no progress of what it prints.
         (folder / ".curlrc").write_text("silent\nshow-error\n")
@@ -159,7 +159,7 @@ class Shell:
         path.write_text(self._there(file.text))
 
     def run(self, command: Command) -> tuple[str, int]:
-        """Output and exit status. A command whose output matches before it ends is interrupted, as by Ctrl-C."""
+        """Return output and exit status. A command whose output matches before it ends is interrupted, as by Ctrl-C."""
         end = f"<end of {command.line} {time.monotonic_ns()}>"
         self._write(f"{self._there(command.text)}\nprintf '%s %s\\n' '{end}' \"$?\"\n")
         said, deadline, interrupted = b"", time.monotonic() + _TIMEOUT_S, False
@@ -192,7 +192,7 @@ class Shell:
         self._process.stdin.flush()
 
     def _children(self) -> list[int]:
-        """The shell's jobs, the latest last. With job control each is the leader of a process group."""
+        """Return the shell's jobs, the latest last. With job control each leads a process group."""
         pid = self._process.pid
         return [int(each) for each in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
@@ -201,11 +201,11 @@ class Shell:
             _signal(jobs[-1], signal.SIGINT)
 
     def _there(self, text: str) -> str:
-        """The text with the ports of this run."""
+        """Return the text with the ports of this run."""
         return _replaced(text, self._ports)
 
     def _here(self, text: str) -> str:
-        """The text with the ports of the page."""
+        """Return the text with the ports of the page."""
         return _replaced(text, {used: named for named, used in self._ports.items()})
 
 
@@ -221,12 +221,12 @@ def _replaced(text: str, names: Mapping[str, str]) -> str:
 
 
 def ports_of(page: str) -> set[str]:
-    """The ports that a page names."""
+    """Return the ports that a page names."""
     return {one or other for one, other in _PORT.findall(page)}
 
 
 def matches(shown: str, said: str) -> bool:
-    """Return True if the output that a page shows is that of the command."""
+    """Return True if the output shown on a page matches that of the command."""
     pieces = [_masked(piece) for piece in shown.rstrip().removesuffix(_INTERRUPT).split("…")]
     text = _masked(said)
     if len(pieces) == 1:
@@ -243,7 +243,7 @@ def matches(shown: str, said: str) -> bool:
 
 
 def _is_whole(shown: str | None, said: str) -> bool:
-    """Return True if a command that is to be interrupted has printed all that the page shows before that."""
+    """Return True if a command to be interrupted has printed everything that the page shows before."""
     return shown is not None and shown.rstrip().endswith(_INTERRUPT) and matches(shown, said)
 
 

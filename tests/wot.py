@@ -1,4 +1,4 @@
-"""What the Web of Things demands of a Thing Description: its JSON Schema, from npm (tests/things/package.json)."""
+"""The requirements on a Thing Description: its JSON Schema, from npm (tests/things/package.json)."""
 
 import functools
 import json
@@ -14,7 +14,7 @@ _SCHEMA = HERE / "node_modules/wot-thing-description-types/schema/td-json-schema
 
 
 def node() -> str:
-    """The command that runs JavaScript."""
+    """Return the command that runs JavaScript."""
     found = shutil.which("node") or shutil.which("node", path=str(Path(sys.executable).parent))
     if found is None or not _SCHEMA.is_file():
         pytest.fail("node-wot is not there: make node-wot", pytrace=False)
@@ -28,11 +28,11 @@ def _validator() -> Draft7Validator:
 
 
 def conforms(td: object) -> None:
-    """Hold a Thing Description to the schema of version 1.1."""
+    """Validate a Thing Description against the schema of version 1.1."""
     errors = [f"{each.json_path}: {each.message[:300]}" for each in _validator().iter_errors(td)]
     assert not errors, "\n".join(errors)
 
 
 def fits(value: object, schema: object) -> bool:
-    """Whether a value is as its data schema in a Thing Description says."""
+    """Return True if a value matches its data schema in a Thing Description."""
     return Draft7Validator(schema, format_checker=FormatChecker()).is_valid(value)

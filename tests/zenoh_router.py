@@ -1,4 +1,4 @@
-"""A Zenoh router as a process of its own, as ``zenohd`` would be: LISTEN and endpoints of other routers, or a file."""
+"""A Zenoh router as a process, like ``zenohd``. Arguments: LISTEN and endpoints of other routers, or a file."""
 
 import json
 import signal
