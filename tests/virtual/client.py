@@ -1,4 +1,4 @@
-"""HTTP and WebSocket clients of a test on virtual time: each call runs the event loop until its answer is there."""
+"""HTTP and WebSocket clients of a test on virtual time: each call runs the event loop until its response is there."""
 
 import asyncio
 import contextlib
@@ -25,11 +25,11 @@ from virtual.tcp import MemoryTransport
 
 PATIENCE_S = 15.0
 DELAY_S = 0.005
-"""Before a client begins to say something, so that time goes by between two requests as it does on a real network."""
+"""Before a client begins to send, so that time passes between two requests as on a real network."""
 
 
 class Connection(asyncio.Protocol):
-    """One end of a connection, read and written synchronously. A client that does not read takes nothing."""
+    """One end of a connection, read and written synchronously. Data is only received while the client reads."""
 
     def __init__(self, loop: VirtualLoop) -> None:
         self._loop = loop
@@ -61,7 +61,7 @@ class Connection(asyncio.Protocol):
         self.ended, self.error = True, exc
 
     def read(self, most: int, timeout_s: float) -> bytes:
-        """Return what has arrived, nothing at the end. Raises TimeoutError, ConnectionResetError."""
+        """Return what has arrived; empty at the end. Raises TimeoutError, ConnectionResetError."""
         self._speaking = False
         if not self._arrived and not self.ended:
             self.transport.resume_reading()
@@ -134,7 +134,7 @@ def connect_tcp(
 
 
 class MemorySocket:
-    """A blocking ``socket.socket`` that is connected in memory."""
+    """A blocking ``socket.socket`` with an in-memory connection."""
 
     def __init__(self, connection: Connection, timeout_s: float | None) -> None:
         self._connection, self._timeout_s = connection, timeout_s
@@ -164,7 +164,7 @@ class MemorySocket:
             self._connection.transport.write_eof()
 
     def setsockopt(self, level: int, option: int, value: Any) -> None:
-        """Only the option SO_LINGER changes something: with a time of 0 ``close`` resets."""
+        """Ignore all options but SO_LINGER: with a time of 0 ``close`` resets the connection."""
         if (level, option) == (socket.SOL_SOCKET, socket.SO_LINGER):
             self._lingers = struct.unpack("ii", value) != (1, 0)
 
@@ -217,7 +217,7 @@ def dial(
 
 @contextlib.contextmanager
 def clients_in_memory(loop: VirtualLoop) -> Iterator[None]:
-    """Have synchronous clients of httpx, and ``socket.create_connection``, connect in memory."""
+    """Make synchronous clients of httpx, and ``socket.create_connection``, connect in memory."""
 
     def connect(_: object, host: str, port: int, timeout: float | None = None, local_address: str | None = None,
                 socket_options: object = None) -> httpcore.NetworkStream:  # fmt: skip
@@ -234,7 +234,7 @@ def clients_in_memory(loop: VirtualLoop) -> Iterator[None]:
 
 
 class WebSocket:
-    """A WebSocket, as ``websockets.sync.client`` has it. Raises InvalidStatus where the handshake is refused."""
+    """A WebSocket like that of ``websockets.sync.client``. Raises InvalidStatus if the handshake is refused."""
 
     def __init__(
         self,
@@ -295,7 +295,8 @@ class WebSocket:
     def close(self) -> None:
         if self._protocol.state is State.OPEN:
             self._protocol.send_close(1000)
-            with contextlib.suppress(OSError, ConnectionClosed):  # of who was reset, nobody hears the end
+            # after a reset the other end does not learn of the close
+            with contextlib.suppress(OSError, ConnectionClosed):
                 self._send()
                 self._pump(lambda: self._protocol.state is State.CLOSED, PATIENCE_S)
         self._connection.close()
@@ -312,7 +313,7 @@ class WebSocket:
         return any(frame.fin for frame in self._frames)
 
     def _pump(self, condition: Callable[[], bool], timeout_s: float) -> None:
-        """Read and answer until the condition holds."""
+        """Read and respond until the condition holds."""
         while not condition():
             try:
                 piece = self._connection.read(65_536, timeout_s)
@@ -322,7 +323,7 @@ class WebSocket:
                 self._protocol.receive_data(piece)
             else:
                 self._protocol.receive_eof()
-            with contextlib.suppress(OSError):  # what was received before the reset is told
+            with contextlib.suppress(OSError):  # what was received before the reset is still delivered
                 self._send()
             data = (Opcode.TEXT, Opcode.BINARY, Opcode.CONT)
             events = self._protocol.events_received()

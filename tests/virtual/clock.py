@@ -1,4 +1,4 @@
-"""A clock that only a test advances, in the place of those of the module ``time``."""
+"""A clock that only a test advances, replacing those of the module ``time``."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -13,7 +13,7 @@ _EPOCH_NS = 1_893_456_000_000_000_000  # 2030-01-01T00:00:00Z
 
 
 class Datetime(datetime):
-    """A ``datetime`` that reads the module ``time``, for libraries whose own one a test replaces."""
+    """A ``datetime`` that reads the module ``time``, for libraries in which a test replaces it."""
 
     @classmethod
     def now(cls, tz: tzinfo | None = None) -> Self:
@@ -21,7 +21,7 @@ class Datetime(datetime):
 
 
 class Clock:
-    """Monotonic and wall time in nanoseconds. Wall clocks may be stepped: that of all, or of the process that asks."""
+    """Monotonic and wall time in nanoseconds. Wall clocks can be stepped: for all, or for a single process."""
 
     def __init__(self) -> None:
         self.monotonic_ns = 1_000_000_000_000
@@ -37,18 +37,18 @@ class Clock:
         return self.monotonic_ns + self.wall_ahead_ns + (0 if process is None else process.wall_ahead_ns)
 
     def advance_to(self, monotonic_s: float) -> None:
-        """Advance to a moment, by at least one nanosecond: a timer whose time has come must see that it has."""
+        """Advance to a time, by at least one nanosecond, so that a due timer always sees that it is due."""
         self.monotonic_ns = max(self.monotonic_ns + 1, round(monotonic_s * 1e9))
 
     def step_wall(self, by_s: float) -> None:
-        """Set the wall clock ahead or back, as an operator or NTP does."""
+        """Step the wall clock forward or back, as an operator or NTP does."""
         self.wall_ahead_ns += round(by_s * 1e9)
 
     @contextmanager
     def patched(self, sleep: Callable[[float], None]) -> Iterator[None]:
-        """Have the module ``time`` read this clock; ``time.sleep`` calls ``sleep``.
+        """Make the module ``time`` read this clock; ``time.sleep`` calls ``sleep``.
 
-        Names that were imported from ``time`` before, as ``threading`` and pytest do, stay those of the real clock.
+        Names that were imported from ``time`` earlier, as by ``threading`` and pytest, keep the real clock.
         """
         readings: dict[str, Callable[..., float]] = {
             "time": lambda: self.wall_ns / 1e9,

@@ -1,6 +1,6 @@
-"""Parts of an event loop that can be stopped and killed by themselves, as the processes of a machine can.
+"""Parts of an event loop that can be stopped and killed separately, like processes of a machine.
 
-All that is scheduled in the context of a confined part belongs to it: its tasks, their children and their timers.
+Everything scheduled in the context of a confined part belongs to it: its tasks, their children and their timers.
 """
 
 import asyncio
@@ -14,8 +14,8 @@ T = TypeVar("T")
 class Confined:
     """The part of a loop that stands for one process.
 
-    ``on_kill`` is called for each thing that its end takes away, as its connections; ``on_stop`` and ``on_go_on`` where
-    others notice that it does nothing. Its wall clock may be ``wall_ahead_ns`` of that of the others.
+    ``on_kill``: callbacks that end what dies with it, such as connections. ``on_stop`` and ``on_go_on``: callbacks for
+    others that notice its silence. ``wall_ahead_ns``: offset of its wall clock.
     """
 
     def __init__(self, name: str) -> None:
@@ -29,7 +29,7 @@ class Confined:
         self._context.run(_confined.set, self)
 
     def step_wall(self, by_s: float) -> None:
-        """Set its wall clock ahead or back, as an operator or NTP does on its machine."""
+        """Step its wall clock forward or back, as an operator or NTP does on its machine."""
         self.wall_ahead_ns += round(by_s * 1e9)
 
     def run(self, call: Callable[..., T], *arguments: object) -> T:
@@ -37,7 +37,7 @@ class Confined:
         return self._context.copy().run(call, *arguments)
 
     def stop(self) -> None:
-        """Run nothing from now on, as after SIGSTOP; connections stay open, and what arrives waits."""
+        """Run nothing from now on, as after SIGSTOP; connections stay open, and incoming data waits."""
         self.stopped = True
         for note in self.on_stop:
             note()
@@ -53,14 +53,14 @@ class Confined:
                 handle._loop.call_soon(handle._run)  # type: ignore[attr-defined]
 
     def kill(self) -> None:
-        """Run nothing ever again, as after SIGKILL. What it held is gone."""
+        """Never run anything again, as after SIGKILL, and release what it held."""
         self.stopped = self.dead = True
         for end in [*self.on_kill.values()]:
             end()
         self.on_kill.clear()
 
     def bury(self) -> None:
-        """Let the tasks of a dead process be cancelled, at the end of a test; they can reach nobody."""
+        """Let the tasks of a dead process be cancelled at the end of a test; they can reach nobody."""
         if self.dead:
             self.on_go_on.clear()
             self.go_on()
@@ -73,7 +73,7 @@ _confined: ContextVar[Confined | None] = ContextVar("confined", default=None)
 
 
 def confined() -> Confined | None:
-    """Return the process that runs now; None for the test itself."""
+    """Return the process that is running; None for the test itself."""
     return _confined.get()
 
 

@@ -10,7 +10,7 @@ from virtual.tcp import Listener
 
 
 def handling(loop: VirtualLoop, handler: Callable[..., object], server: object) -> Listener:
-    """Listen, and have ``handler`` serve each connection beside the test, as ``ThreadingTCPServer`` does."""
+    """Listen, and let ``handler`` serve each connection beside the test, as ``ThreadingTCPServer`` does."""
 
     class Accepted(Connection):
         def connection_made(self, transport: Any) -> None:
@@ -18,7 +18,7 @@ def handling(loop: VirtualLoop, handler: Callable[..., object], server: object) 
             loop.start(self.serve)
 
         def serve(self) -> None:
-            with contextlib.suppress(OSError):  # clients may go away
+            with contextlib.suppress(OSError):  # clients may disconnect
                 handler(MemorySocket(self, None), self.transport.get_extra_info("peername"), server)
             self.close()
 

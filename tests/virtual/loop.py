@@ -1,8 +1,8 @@
-"""An event loop on virtual time: while nothing is ready it advances the clock to the next timer instead of waiting.
+"""An event loop on virtual time: if nothing is ready, it advances the clock to the next timer instead of waiting.
 
-A test drives it from outside, one synchronous call after another: ``run_until``, ``run_for`` and ``time.sleep``.
-Between two calls nothing happens. Work for threads is done inline. Only where a real file descriptor is awaited, as for
-a child process, does the loop wait in real time, and then its clock stands still.
+A test drives it from outside by synchronous calls: ``run_until``, ``run_for`` and ``time.sleep``. Between two calls
+nothing happens. Work for threads is done inline. Only while a real file descriptor is awaited, as of a child process,
+does the loop wait in real time; its clock then stands still.
 """
 
 import asyncio
@@ -28,7 +28,7 @@ _WHOLE_S = 3600.0
 
 
 class NothingHappens(AssertionError):  # noqa: N818 - an outcome of a test
-    """No timer, no callback and no file descriptor is left that could make the condition true."""
+    """No timer, callback or file descriptor is left that could make the condition true."""
 
 
 class _Selector(selectors.DefaultSelector):
@@ -43,7 +43,8 @@ class _Selector(selectors.DefaultSelector):
         exiting = self.loop.awaits_child()
         if timeout is not None and timeout <= 0:
             if not self.loop._ready:  # type: ignore[attr-defined]
-                self.loop.advance(0)  # a timer is due that asyncio does not see yet: floats are coarse at late times
+                # a timer is due that asyncio does not see yet, because floats are coarse at late times
+                self.loop.advance(0)
             return super().select(0) if others or exiting else []
         if others > self.loop.idle_pipes() or exiting:
             found = super().select(_REAL_PATIENCE_S)
@@ -59,7 +60,7 @@ def _is_open(pipe: Any) -> bool:
 
 
 class VirtualLoop(asyncio.SelectorEventLoop):
-    """The loop, its ``clock`` and its ``internet``: TCP connections are made there, and nowhere else."""
+    """The loop, its ``clock`` and its ``internet``, in which all TCP connections are made."""
 
     def __init__(self, seed: int = 0) -> None:
         self.seed = seed
@@ -96,7 +97,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         return value
 
     def run_for(self, duration_s: float) -> None:
-        """Let so much time go by, and all happen that is due in it."""
+        """Let time pass, running everything that is due in it."""
         passed = list[bool]()
         self.call_later(duration_s, passed.append, True)
         self._wait(lambda: passed)
@@ -113,15 +114,15 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         return task.result()
 
     def _run_whole(self, main: Coroutine[Any, Any, T], *, debug: bool | None = None) -> T:
-        """Like ``asyncio.run``, but among all else that goes on; tasks that ``main`` leaves go on as well."""
+        """Like ``asyncio.run``, but beside everything else in the loop; tasks that ``main`` leaves continue."""
         return self.run(main, _WHOLE_S)
 
     def start(self, work: Callable[[], object]) -> None:
-        """Begin synchronous work beside the test; it goes on whenever the test waits."""
+        """Begin synchronous work beside the test; it continues whenever the test waits."""
         self._workers[greenlet(work, parent=self._main)] = lambda: True
 
     def _wait(self, condition: Callable[[], object]) -> None:
-        """Have the loop run until the condition holds; of workers, while the test waits."""
+        """Run the loop until the condition holds; in a worker, let the test continue meanwhile."""
         current = getcurrent()
         if current is not self._main:
             self._workers[current] = condition
@@ -135,7 +136,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
             self._condition = None
 
     def inside(self, call: Callable[..., T], *arguments: object) -> T:
-        """Call something that asks for the running loop, and does not wait."""
+        """Call something that needs the running loop and does not wait."""
         if self.is_running():
             return call(*arguments)
         asyncio._set_running_loop(self)
@@ -145,9 +146,9 @@ class VirtualLoop(asyncio.SelectorEventLoop):
             asyncio._set_running_loop(None)
 
     def look(self) -> bool:
-        """Called once in each turn: let workers go on that have what they wait for; stop where the test has.
+        """Resume workers whose condition holds, and stop the loop if the test's does; called in each turn.
 
-        Return True where either was so: the next timer may be another one than before.
+        Returns True if something was resumed or stopped, since the next timer may be a different one.
         """
         gone_on = False
         for worker, condition in [*self._workers.items()]:
@@ -162,12 +163,12 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         return gone_on
 
     def awaits_child(self) -> bool:
-        """Return True while a task waits for a child process to end, of which a thread tells the loop."""
+        """Return True while a task waits for a child process to end, which a thread reports to the loop."""
         waiters = (waiter for child in self._children for waiter in child._exit_waiters or ())
         return any(not waiter.done() for waiter in waiters)
 
     def idle_pipes(self) -> int:
-        """Count the pipes of child processes that are open, and of which nobody awaits anything now."""
+        """Return the number of open pipes of child processes from which nobody awaits anything."""
         count = 0
         for child in self._children:
             said = child.get_protocol()
@@ -180,7 +181,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         return count
 
     def kill_child(self, module: str) -> None:
-        """Kill the one child process that runs this module."""
+        """Kill the only child process that runs this module."""
         (one,) = (each for each in self._children if each.get_returncode() is None and module in each._proc.args)
         one.kill()
 
@@ -191,9 +192,9 @@ class VirtualLoop(asyncio.SelectorEventLoop):
 
     @contextmanager
     def in_charge(self) -> Iterator["VirtualLoop"]:
-        """Be the current loop, that of ``asyncio.run``, and the time of this process.
+        """Be the current event loop, the one of ``asyncio.run``, and the clock of this process.
 
-        Raises what callbacks raised and nobody took.
+        Raises exceptions of callbacks that nobody handled.
         """
         _in_charge.append(self)
         asyncio.set_event_loop(self)
@@ -207,13 +208,13 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         assert not self._failures, f"in callbacks: {self._failures}"
 
     def confine(self, name: str) -> Confined:
-        """Make a part of this loop that can be stopped and killed by itself."""
+        """Create a part of this loop that can be stopped and killed separately."""
         self.confined.append(Confined(name))
         return self.confined[-1]
 
     def _end(self) -> None:
-        gc.collect()  # so that what nobody retrieved is reported for this test, and not for the next
-        self.set_exception_handler(lambda *_: None)  # what is torn down may fail
+        gc.collect()  # so that unretrieved exceptions are reported for this test, not for the next
+        self.set_exception_handler(lambda *_: None)  # teardown may fail
         for process in self.confined:
             process.bury()
         tasks = asyncio.all_tasks(self)
@@ -238,7 +239,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         return timer
 
     def run_in_executor(self, executor: object, func: Callable[..., T], *args: object) -> "asyncio.Future[T]":
-        """Call ``func`` in the next turn: threads would make the order of events a matter of chance."""
+        """Call ``func`` in the next turn: threads would make the order of events random."""
         done: asyncio.Future[T] = self.create_future()
 
         def call() -> None:
@@ -246,7 +247,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
                 return
             try:
                 done.set_result(func(*args))
-            except BaseException as error:  # noqa: BLE001 - to whoever awaits it
+            except BaseException as error:  # noqa: BLE001 - raised where it is awaited
                 done.set_exception(error)
 
         self.call_soon(call)
@@ -276,13 +277,13 @@ _in_charge = list[VirtualLoop]()
 
 
 def current() -> VirtualLoop | None:
-    """Return the loop that is in charge; None where a test runs in real time."""
+    """Return the loop that is in charge; None if the test runs in real time."""
     return _in_charge[-1] if _in_charge else None
 
 
 @contextmanager
 def virtual_time(seed: int = 0) -> Iterator[VirtualLoop]:
-    """A loop that is in charge. All chance of its networks, and of the module ``random``, comes from ``seed``."""
+    """Yield a loop that is in charge. Its networks and the module ``random`` are seeded with ``seed``."""
     random.seed(seed)
     with VirtualLoop(seed).in_charge() as loop:
         yield loop

@@ -1,4 +1,4 @@
-"""A session of the Zenoh network in memory, with the part of ``zenoh.Session`` that tests play with."""
+"""A session of the in-memory Zenoh network, with the part of ``zenoh.Session`` that tests use to play robots."""
 
 from collections.abc import Callable
 from typing import Any
@@ -31,7 +31,7 @@ class PlayedQuery:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """A query ends with its reply, or when nobody keeps it."""
+        """Do nothing: a query ends with its reply, or when it is garbage-collected."""
 
 
 class _Declared:

@@ -1,4 +1,4 @@
-"""Gateways and agents that run in the event loop of a test, and are started, told and ended like child processes."""
+"""Gateways and agents in the event loop of a test, which are started, signalled and ended like child processes."""
 
 import asyncio
 import contextlib
@@ -37,7 +37,7 @@ if find_spec("sniffio") is None:
 
 
 class World:
-    """All that the gateways and agents of one loop share: networks of Zenoh by endpoint, servers of Redis by folder."""
+    """Everything that gateways and agents of one loop share: Zenoh networks by endpoint, Redis servers by folder."""
 
     def __init__(self, loop: VirtualLoop) -> None:
         self._loop = loop
@@ -45,7 +45,7 @@ class World:
         self._embedded: dict[Path, RedisServer] = {}
 
     def network(self, endpoints: tuple[str, ...]) -> ZenohNetwork:
-        """The network of those that listen at one of these endpoints or connect to it."""
+        """Return the network of those that listen at or connect to one of these endpoints."""
         if endpoints[0] not in self._networks:
             seed = self._loop.seed
             latency_s = (0.0002, 0.004) if seed else (0.001, 0.001)
@@ -53,9 +53,9 @@ class World:
         return self._networks[endpoints[0]]
 
     def embedded(self, folder: Path) -> RedisServer:
-        """The server that keeps its data in this folder: what a gateway starts for itself otherwise.
+        """Return the server with its data in this folder, which replaces the embedded server of a gateway.
 
-        It is no part of the process that asks for it, and outlives it.
+        It belongs to no process, and outlives the one that asks for it.
         """
         if folder not in self._embedded:
             self._embedded[folder] = Context().run(RedisServer, self._loop.internet)
@@ -70,20 +70,20 @@ def world(loop: VirtualLoop) -> World:
 
 
 def played_session(loop: VirtualLoop, endpoint: str) -> Any:
-    """A session at this endpoint for a robot that the test plays; typed as it stands for a ``zenoh.Session``."""
+    """Open a session at this endpoint for a robot played by the test; Any, as it replaces a ``zenoh.Session``."""
     network = world(loop).network((endpoint,))
     return PlayedSession(loop, loop.inside(network.agent, f"stage {next(_numbers)}"))
 
 
 def gateway_session(endpoint: str) -> Awaitable[Session]:
-    """Open a session that agents at this endpoint connect to, for a part of a gateway that the test runs itself."""
+    """Open a session to which agents at this endpoint connect, for a part of a gateway run by the test."""
     loop = current()
     assert loop is not None
     return world(loop).network((endpoint,)).gateway(f"test {next(_numbers)}")((), (), {})
 
 
 class VirtualProcess:
-    """``-m linked_fleet_gateway`` or ``-m linked_fleet_agent`` in the loop; the interface is ``running.Process``."""
+    """``-m linked_fleet_gateway`` or ``-m linked_fleet_agent`` in the loop. Interface: ``running.Process``."""
 
     def __init__(self, loop: VirtualLoop, arguments: Sequence[str]) -> None:
         self.lines: list[str] = []
@@ -123,7 +123,7 @@ class VirtualProcess:
         return self._code
 
     def send(self, number: signal.Signals) -> None:
-        """SIGTERM and SIGINT end it in good order; SIGKILL, SIGSTOP and SIGCONT do what they do."""
+        """Send a signal: SIGTERM and SIGINT end it regularly; SIGKILL, SIGSTOP and SIGCONT act as usual."""
         act: dict[signal.Signals, Callable[[], object]] = {
             signal.SIGKILL: self._process.kill,
             signal.SIGSTOP: self._process.stop,
@@ -134,11 +134,11 @@ class VirtualProcess:
             self._loop.run_for(0)
 
     def kill_child(self, module: str) -> None:
-        """A real process that it has started, known by what it runs."""
+        """Kill a real child process, identified by its module."""
         self._loop.kill_child(module)
 
     def step_wall(self, by_s: float) -> None:
-        """Set its wall clock ahead or back; those of others stay."""
+        """Step its wall clock forward or back; those of others stay."""
         self._process.step_wall(by_s)
 
     def stop(self) -> int:
@@ -196,7 +196,7 @@ class VirtualProcess:
     ) -> AsyncIterator[linked_fleet_agent.transport.Session]:
         session: AgentSession = self._world.network(connect or listen).agent(self.name, lease_ms / 1000)
         try:
-            if not listen:  # a client is open when somebody answers
+            if not listen:  # a client session is open when a peer responds
                 await session.met.wait()
             yield session
         finally:
@@ -204,7 +204,7 @@ class VirtualProcess:
 
 
 class _Logging(logging.Handler):
-    """Keeps what one process logs as lines of output."""
+    """Stores the log of one process as lines of output."""
 
     def __init__(self, process: Confined, lines: list[str]) -> None:
         super().__init__()

@@ -13,7 +13,7 @@ _CHUNK = b"x" * 65536
 
 
 class MemoryReceiver(Behaviour):
-    """Listens at an address of the loop's internet; behaves as ``receivers.CallbackReceiver``."""
+    """A receiver at an address of the loop's internet that behaves like ``receivers.CallbackReceiver``."""
 
     def __init__(self, loop: VirtualLoop, host: str = "127.0.0.1", port: int = 0) -> None:
         super().__init__()
@@ -37,7 +37,7 @@ class MemoryReceiver(Behaviour):
         return self.log(path, method)
 
     def release(self) -> None:
-        """Let stalled answers go, and stall no more."""
+        """Send the delayed responses, and delay no more."""
         self._released.set()
 
     def close(self) -> None:
@@ -50,7 +50,7 @@ class MemoryReceiver(Behaviour):
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self.connections += 1
         self._open.add(writer)
-        with contextlib.suppress(ConnectionError, h11.RemoteProtocolError):  # the gateway may hang up at any time
+        with contextlib.suppress(ConnectionError, h11.RemoteProtocolError):  # the gateway may disconnect at any time
             await self._converse(reader, writer)
         self._open.discard(writer)
         writer.close()
@@ -77,7 +77,7 @@ class MemoryReceiver(Behaviour):
             connection.start_next_cycle()
 
     async def _answer(self, answer: Answer, connection: h11.Connection, writer: asyncio.StreamWriter) -> bool:
-        """Return True if another request may come on this connection."""
+        """Respond; return True if another request may come on this connection."""
         if answer.stalls:
             await self._released.wait()
         if answer.raw is not None:

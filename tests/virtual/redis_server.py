@@ -1,7 +1,7 @@
 """Valkey in memory: the commands of fakeredis behind a connection of the event loop, with the faults of a server.
 
-It listens in the loop's ``internet``, so that redis-py connects to it, times out and parses answers as it always does.
-The clock is ``time.time``. Nothing is left to chance: one command after another, in the order in which they arrive.
+It listens in the loop's ``internet``, so that redis-py connects, times out and parses answers as always. The clock is
+``time.time``. Commands run deterministically, one after another in the order of their arrival.
 """
 
 import asyncio
@@ -27,16 +27,16 @@ _DURABLE = {b"appendonly": b"yes", b"appendfsync": b"always"}
 
 
 class RedisServer:
-    """A server at ``url``, which keeps its data as one does that writes each command to disk.
+    """A server at ``url``, whose data persists as if each command were written to disk.
 
-    ``latency_s`` passes before a command runs. ``replicas`` are online; of these ``lagging`` confirm nothing. An
-    ``error`` such as ``"LOADING ..."`` answers all commands but those that open a connection.
+    ``latency_s`` passes before a command runs. ``replicas`` are online; ``lagging`` of them confirm nothing. An
+    ``error`` such as ``"LOADING ..."`` answers all commands except those that open a connection.
     """
 
     def __init__(self, internet: Internet, port: int = 0) -> None:
         self._internet, self.loop = internet, internet.loop
         self.port = internet.listen(self._accept, port=port)
-        self._process = Confined("redis")  # whoever sends what it reads
+        self._process = Confined("redis")  # for all clients
         self.latency_s = 0.0
         self.replicas = self.lagging = 0
         self.error = ""
@@ -55,7 +55,7 @@ class RedisServer:
     # -- faults -------------------------------------------------------------------------------------------------------
 
     def unreachable(self) -> None:
-        """Cut all connections and refuse new ones, as a server that was killed; its data stay."""
+        """Cut all connections and refuse new ones, like a killed server; its data stays."""
         self._internet.close(self.port)
         self._hangs = False
         self._arrived.clear()
@@ -70,20 +70,20 @@ class RedisServer:
             session.close()
 
     def hang(self) -> None:
-        """Read nothing more, as a process that was stopped. Connections open, and commands wait."""
+        """Read nothing more, like a stopped process. Connections open, and commands wait."""
         self._hangs = True
 
     def release(self) -> None:
-        """Run what has waited, that of clients which gave up as well."""
+        """Run the waiting commands, including those of clients that gave up."""
         self._hangs = False
         self._process.run(self._serve)
 
     def step_wall(self, by_s: float) -> None:
-        """Set its wall clock ahead or back; those of others stay."""
+        """Step its wall clock forward or back; those of others stay."""
         self._process.step_wall(by_s)
 
     def lose_everything(self) -> None:
-        """Forget all data and cut all connections, as a server without a disk that was started anew."""
+        """Forget all data and cut all connections, like a restarted server without a disk."""
         self.data = FakeServer(version=(9,), server_type="valkey", config=dict(_DURABLE))
         self._arrived.clear()
         self.cut()
@@ -91,14 +91,14 @@ class RedisServer:
     def fail_after_executing(self, nth: int = 1, containing: str = "") -> None:
         """Run the nth command from now and cut its connection instead of answering; 0 for none.
 
-        Only commands of which a word, such as a key or a script, contains the text count; reads of news never do.
+        Only commands with a word (such as a key or a script) that contains the text count; reads of news never do.
         """
         self._until_lost, self._losing = nth, containing.encode()
 
     # -- data, as a test asks for them --------------------------------------------------------------------------------
 
     def keys(self, pattern: str = "*", lasting: bool = False) -> list[str]:
-        """Keys that there are; ``lasting``: only those that do not expire by themselves."""
+        """Return the keys; ``lasting``: only those without an expiry."""
         database = self.data.dbs[0]
         database.time = self._process.run(time.time)
         names = [key.decode() for key in database if not lasting or database[key].expireat is None]
@@ -113,7 +113,7 @@ class RedisServer:
         self._sessions.append(session)
 
     def closed(self, session: "_Session") -> None:
-        """Forget a connection. What it sent and was not read yet still runs."""
+        """Forget a connection. Commands that it sent still run."""
         self._sessions.remove(session)
         self._blocked.pop(session, None)
 
@@ -145,7 +145,7 @@ class RedisServer:
         self._blocked.pop(session, None)
 
     def changed(self) -> None:
-        """Have those that wait look again, once for all that changes in one turn of the loop."""
+        """Let blocked commands check again, once for all changes in one turn of the loop."""
         if self._blocked and not self._to_look:
             self._to_look = True
             self.loop.call_soon(self._look)
@@ -157,7 +157,7 @@ class RedisServer:
 
 
 class _Session(FakeSocket, asyncio.Protocol):
-    """One connection: RESP 2 in, RESP 2 out. Its commands are those of fakeredis and those that it lacks."""
+    """One connection with RESP 2. Its commands are those of fakeredis and some that fakeredis lacks."""
 
     def __init__(self, owner: RedisServer) -> None:
         super().__init__(owner.data, 0, client_class=object, client_info=ClientInfo(resp=2, user="default"))
@@ -184,7 +184,7 @@ class _Session(FakeSocket, asyncio.Protocol):
         self._transport.close()
 
     def kill(self) -> None:
-        """CLIENT KILL; one that kills itself is answered before."""
+        """Close after CLIENT KILL, so that a connection that kills itself gets an answer."""
         self._owner.loop.call_soon(self.close)
 
     # -- commands -----------------------------------------------------------------------------------------------------
@@ -194,7 +194,8 @@ class _Session(FakeSocket, asyncio.Protocol):
         if self._owner.error and fields[0].upper() not in _HANDSHAKE:
             self.put_response(SimpleError(self._owner.error))
             return
-        self._server.dbs[0].add_change_callback(self._owner.changed)  # a set: the same one but once
+        # a set: adding the same callback again has no effect
+        self._server.dbs[0].add_change_callback(self._owner.changed)
         super()._process_command(fields)
 
     def _decode_result(self, result: Any) -> Any:
@@ -209,7 +210,10 @@ class _Session(FakeSocket, asyncio.Protocol):
     def _blocking(
         self, timeout: float | None, func: Callable[[bool], Any], shape: Callable[[Any], Any] | None = None
     ) -> Any:
-        """Answer as soon as ``func`` finds something, or with nothing at the timeout; later commands wait till then."""
+        """Answer as soon as ``func`` finds something, or with nothing at the timeout.
+
+        Later commands wait until then.
+        """
         found = func(True)
         shaped = shape or (lambda result: result)
         if found is not None:
@@ -232,14 +236,14 @@ class _Session(FakeSocket, asyncio.Protocol):
         return NoResponse()
 
     def _get_server_runtime(self, server: FakeServer) -> Any:
-        """The Lua runtime, with the function that it lacks for scripts."""
+        """Return the Lua runtime, with a function for scripts that fakeredis lacks."""
         runtime = super()._get_server_runtime(server)
         runtime.globals()[b"redis"][b"sha1hex"] = _sha1hex
         return runtime
 
     @command(name="INFO", fixed=(), repeat=(bytes,))
     def info(self, *sections: bytes) -> bytes:
-        """The section on replication, whichever is asked for."""
+        """Return the section on replication, whichever is requested."""
         replicas = [f"slave{n}:ip=127.0.0.1,port=0,state=online,offset=1,lag=0" for n in range(self._owner.replicas)]
         lines = ["# Replication", "role:master", f"connected_slaves:{self._owner.replicas}", *replicas]
         return "".join(f"{line}\r\n" for line in lines).encode()
@@ -263,7 +267,7 @@ def _sha1hex(text: bytes) -> bytes:
 
 
 def _encoded(answer: Any) -> bytes:
-    """RESP 2."""
+    """Encode as RESP 2."""
     if answer is None:
         return b"$-1\r\n"
     if isinstance(answer, SimpleString):

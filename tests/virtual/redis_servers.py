@@ -1,4 +1,4 @@
-"""Servers of Redis in memory, started, killed and asked like those of ``redis_servers``."""
+"""Redis servers in memory, started, killed and queried like those of ``redis_servers``."""
 
 import contextlib
 import shlex
@@ -11,7 +11,7 @@ _ANSWER_S = 2.0
 
 
 class MemoryServer:
-    """Like ``redis_servers.Server``: what is killed keeps its data and can be started again."""
+    """Like ``redis_servers.Server``: a killed server keeps its data and can be started again."""
 
     def __init__(self, loop: VirtualLoop) -> None:
         self._loop, self._server = loop, RedisServer(loop.internet)
@@ -35,7 +35,7 @@ class MemoryServer:
         self._runs = False
 
     def discard(self) -> None:
-        """It goes with its loop."""
+        """Do nothing: it ends with its loop."""
 
     def pause(self) -> None:
         self._server.hang()
@@ -48,7 +48,7 @@ class MemoryServer:
         self._server.latency_s = latency_s
 
     def fail(self, error: str) -> None:
-        """Answer all commands with this error; with none, serve again."""
+        """Answer all commands with this error; serve again if it is empty."""
         self._server.error = error
 
     def step_wall(self, by_s: float) -> None:
@@ -61,7 +61,7 @@ class MemoryServer:
         return self._server.keys(pattern, lasting=True)
 
     def ask(self, *words: object) -> str:
-        """The first line of the answer, or the text of a long one; empty when there is no server."""
+        """Return the first line of the answer, or the text of a long one; empty without a server."""
         said = [str(word).encode() for text in words for word in shlex.split(str(text))]
         try:
             connection = Connection.open(self._loop, "127.0.0.1", self.port, _ANSWER_S)

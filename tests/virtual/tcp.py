@@ -10,7 +10,7 @@ from typing import Any, cast
 from virtual.confined import Confined, confined
 
 KERNEL_BYTES = 64 * 1024
-"""Sent and not yet read, before writes wait at the sender: what the kernels of both sides hold."""
+"""Limit of sent and unread bytes before writes wait at the sender: what the kernels of both sides buffer."""
 _PIECE_BYTES = 64 * 1024
 _HIGH_WATER_BYTES = 64 * 1024
 
@@ -18,7 +18,7 @@ Factory = Callable[[], asyncio.BaseProtocol]
 
 
 class Internet:
-    """Addresses, and what listens there. ``names`` are those that can be looked up."""
+    """Addresses, and what listens there. ``names``: those that can be resolved."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self.loop = loop
@@ -29,14 +29,14 @@ class Internet:
         self._ports = itertools.count(40_000)
 
     def port(self, host: str, port: int = 0) -> int:
-        """Return a port that is free, ``port`` if that is not 0. OSError where it is taken."""
+        """Return a free port, or ``port`` if it is not 0. Raises OSError if it is taken."""
         port = port or next(self._ports)
         if (host, port) in self._listeners:
             raise OSError(98, f"{host}:{port} is taken")
         return port
 
     def listen(self, factory: Factory, host: str = "127.0.0.1", port: int = 0) -> int:
-        """Listen at an address and return the port; a port of 0 is chosen. OSError where the port is taken."""
+        """Listen at an address and return the port; 0 chooses one. Raises OSError if the port is taken."""
         port = self.port(host, port)
         process = confined()
         self._listeners[host, port] = factory, process
@@ -45,14 +45,14 @@ class Internet:
         return port
 
     def close(self, port: int, host: str = "127.0.0.1") -> None:
-        """Listen no more; connections that are open stay open."""
+        """Stop listening; open connections stay open."""
         self._listeners.pop((host, port), None)
         process = confined()
         if process is not None:
             process.on_kill.pop((host, port), None)
 
     def look_up(self, host: Any, port: Any) -> list[Any]:
-        """Like ``socket.getaddrinfo``. Raises socket.gaierror for a name that nobody gave."""
+        """Like ``socket.getaddrinfo``. Raises socket.gaierror for an unknown name."""
         text = host.decode() if isinstance(host, bytes) else str(host)
         found = self.names.get(text, [text] if text.replace(".", "").isdigit() or ":" in text else [])
         if not found:
@@ -63,7 +63,7 @@ class Internet:
     async def connect(
         self, factory: Factory, host: str, port: int, receive_bytes: int = KERNEL_BYTES, source: str = "127.0.0.1"
     ) -> tuple["MemoryTransport", Any]:
-        """Open a connection. Raises ConnectionRefusedError where nothing listens."""
+        """Open a connection. Raises ConnectionRefusedError if nothing listens."""
         address = self.look_up(host, port)[0][4]
         await asyncio.sleep(0)
         caller = confined()
@@ -86,7 +86,7 @@ class Internet:
 
 
 class Listener:
-    """A listening socket, and the server that is made of it. Takes its port when it is made."""
+    """A listening socket, and the server made of it. It takes its port when it is created."""
 
     family, type, proto = socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP
 
@@ -107,7 +107,7 @@ class Listener:
         self._internet.close(self.port, self.host)
 
     async def wait_closed(self) -> None:
-        """Nothing is to be waited for."""
+        """Return at once."""
 
 
 class MemoryTransport(asyncio.Transport):
@@ -134,20 +134,20 @@ class MemoryTransport(asyncio.Transport):
         if process is not None:
             process.on_kill[self] = self.abort
         self.silent = False
-        """Nothing that is sent here arrives, as behind a cable that was pulled; what is sent waits."""
+        """If true, nothing sent here arrives, as behind an unplugged cable; it waits."""
 
     def join(self, other: "MemoryTransport", receive_bytes: int) -> None:
         self._other, self._room = other, receive_bytes
 
     def call(self, callback: Callable[..., object], *arguments: object) -> None:
-        """Call in the context of the process whose end this is."""
+        """Call in the context of the process that owns this end."""
         if self._process is None:
             callback(*arguments)
         else:
             self._process.run(callback, *arguments)
 
     def _call_soon(self, callback: Callable[..., object], *arguments: object) -> None:
-        """Schedule in the context of the process whose end this is, which may be stopped."""
+        """Schedule in the context of the process that owns this end, which may be stopped."""
         self.call(self._loop.call_soon, callback, *arguments)
 
     # -- asyncio.Transport --------------------------------------------------------------------------------------------
@@ -204,7 +204,7 @@ class MemoryTransport(asyncio.Transport):
         self._send()
 
     def close(self) -> None:
-        """Send what waits, and end."""
+        """Send what waits, then close."""
         if self._closing:
             return
         self._closing = self._ending = True
@@ -243,7 +243,7 @@ class MemoryTransport(asyncio.Transport):
         self._deliver_soon()
 
     def _reset_arrives(self) -> None:
-        """Lose the connection, after what arrived before has been read."""
+        """Lose the connection, after reading what arrived before."""
         self._reset = ConnectionResetError(104, "the connection was reset by the other end")
         if self._arrived and not self._closing and not self._unsent:
             self._deliver_soon()
@@ -273,7 +273,7 @@ class MemoryTransport(asyncio.Transport):
                 self.close()
 
     def _drained(self) -> None:
-        """The other end has read: there is room."""
+        """Continue sending, because the other end has read."""
         if self._unsent or self._closing:
             self._call_soon(self._send_more)
 
@@ -285,7 +285,7 @@ class MemoryTransport(asyncio.Transport):
             self._lose(None)
 
     def release(self) -> None:
-        """Let what waits since ``silent`` travel again."""
+        """Let what has waited since ``silent`` travel again."""
         self.silent = False
         self._send()
 
@@ -323,7 +323,7 @@ def _receive(protocol: asyncio.BaseProtocol, piece: bytes) -> None:
 
 
 class _Socket:
-    """The socket that libraries ask of a transport. Its descriptor can be polled, and never be written to."""
+    """The socket that libraries request from a transport. Its descriptor can be polled, but never written to."""
 
     family, type, proto = socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP
     _quiet = os.pipe()
@@ -343,7 +343,7 @@ class _Socket:
         return self._there
 
     def setsockopt(self, *option: object) -> None:
-        """Options change nothing in memory."""
+        """Do nothing: options have no effect in memory."""
 
     def getsockopt(self, *option: object) -> int:
         return 0

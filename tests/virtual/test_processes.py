@@ -1,4 +1,4 @@
-"""Gateways and agents in the loop end as processes do, and take with them only what is theirs."""
+"""Gateways and agents in the loop end like processes, and only what belongs to them ends with them."""
 
 import signal
 from pathlib import Path

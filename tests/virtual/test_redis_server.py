@@ -1,4 +1,4 @@
-"""The server in memory: it takes its time from the loop, and each fault is what a client of a real one would see."""
+"""The server in memory uses the time of the loop, and its faults look to a client like those of a real server."""
 
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
@@ -33,7 +33,7 @@ async def connected(server: RedisServer) -> AsyncIterator[Connection]:
 
 
 def on(loop: VirtualLoop, server: RedisServer, scenario: Callable[[Connection], Awaitable[None]]) -> float:
-    """Run a scenario with one connection; return the seconds that it took on the clock of the loop."""
+    """Run a scenario with one connection; return its duration in seconds on the clock of the loop."""
 
     async def run() -> float:
         async with connected(server) as connection:

@@ -1,4 +1,4 @@
-"""Virtual time and connections in memory behave as the real ones do, and each run is the same."""
+"""Virtual time and in-memory connections behave like real ones, and runs are reproducible."""
 
 import asyncio
 import contextlib

@@ -1,6 +1,6 @@
-"""Faults of the Zenoh network in memory, and that each run with one seed is the same.
+"""Faults of the in-memory Zenoh network, and the reproducibility of runs with one seed.
 
-What it has in common with Zenoh is in ``tests/link/test_contract.py``.
+What it has in common with Zenoh is tested in ``tests/link/test_contract.py``.
 """
 
 import asyncio
@@ -23,7 +23,7 @@ TOKEN = KEYS.presence("r", 1)
 
 
 class Scene:
-    """A gateway and an agent that know each other; what the gateway heard, with the time of the loop."""
+    """A connected gateway and agent; what the gateway heard, with the time of the loop."""
 
     def __init__(self, network: ZenohNetwork) -> None:
         self.network, self.loop = network, asyncio.get_running_loop()
@@ -55,7 +55,7 @@ class Scene:
 
 
 def run(test: Callable[[Scene], object], **faults: object) -> Scene:
-    """Run a scenario; what was heard in it."""
+    """Run a scenario and return it, with what was heard."""
     scenes = []
 
     async def main() -> None:
@@ -255,7 +255,7 @@ def test_a_process_that_is_stopped_does_not_miss_its_peer_and_has_what_was_sent_
 def test_a_gateway_that_connects_to_a_router_lists_at_once_who_is_there() -> None:
     async def join(scene: Scene) -> None:
         later = await scene.network.gateway("h")((), ("tcp/router",), {})
-        while not later.connected:  # noqa: ASYNC110 - it tells nobody, as Zenoh
+        while not later.connected:  # noqa: ASYNC110 - noqa: ASYNC110 - like Zenoh, it does not notify
             await asyncio.sleep(0.01)
         assert await later.list_tokens(KEYS.all_presence, 1.0, list) == ([TOKEN], True)
         await later.close()

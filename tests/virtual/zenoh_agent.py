@@ -1,4 +1,4 @@
-"""Sessions of agents on the Zenoh network in memory."""
+"""Agents' sessions on the in-memory Zenoh network."""
 
 import asyncio
 from collections.abc import Callable
@@ -68,7 +68,7 @@ class _Publisher:
 
 
 class AgentSession(Session):
-    """Implements ``linked_fleet_agent.transport.Session``. ``met`` is set once it has been connected to a gateway."""
+    """Implements ``linked_fleet_agent.transport.Session``. ``met`` is set once it is connected to a gateway."""
 
     error = TransportError
 
@@ -94,7 +94,7 @@ class AgentSession(Session):
         return self.declare("token", key)
 
     async def list_tokens(self, key: str, timeout_s: float) -> set[str]:
-        """Agents see each other through gateways: each that is connected is asked."""
+        """List tokens through all connected gateways, by which agents see each other."""
         self.check()
         lists = [self._list(connection, key) for connection in self.known]
         if lists:
@@ -121,7 +121,7 @@ class AgentSession(Session):
     def query(
         self, connection: Connection, question: Question, answer: Callable[[Connection, Answer | None], None]
     ) -> None:
-        """A question has arrived: it is over once each queryable has answered or dropped it."""
+        """Handle an incoming question, which ends once each queryable has answered or dropped it."""
         asked = self.matching("queryable", question.key)
         pending = set(asked)
 

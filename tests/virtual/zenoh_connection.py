@@ -1,4 +1,4 @@
-"""One connection between two sessions of the Zenoh network in memory: order, latency, loss, silence and its end."""
+"""One connection between two sessions of the in-memory Zenoh network: order, latency, loss, silence and its end."""
 
 import asyncio
 from collections import deque
@@ -10,16 +10,16 @@ from random import Random
 from typing import Literal, NamedTuple, Protocol
 
 Priority = Literal["control", "heartbeat", "real time", "data", "background"]
-"""``control`` has the declarations, in a queue of their own as Zenoh's have."""
+"""``control`` is for declarations, which have their own queue as in Zenoh."""
 
 WAITING_BYTES = 1_000_000
-"""So much waits for a silent peer, in queues of Zenoh and of TCP, before messages that may be dropped are dropped."""
-_KEEP_ALIVES = 4  # of Zenoh, in one lease
+"""Limit of bytes that wait for a silent peer, in queues of Zenoh and TCP, before droppable messages are dropped."""
+_KEEP_ALIVES = 4  # number of Zenoh's keep-alives in one lease
 
 
 @dataclass
 class Faults:
-    """Faults of every connection of a network; ``loss`` is the share of droppable messages that are lost."""
+    """Faults of every connection of a network; ``loss``: the share of droppable messages that are lost."""
 
     random: Random
     latency_s: tuple[float, float]
@@ -45,7 +45,7 @@ class _Message(NamedTuple):
 
 
 class _Pipe:
-    """Messages of one direction. They arrive in order among those of one priority, and in no order besides."""
+    """The messages of one direction; only those of the same priority arrive in order."""
 
     def __init__(self, faults: Faults) -> None:
         self._loop, self._faults = asyncio.get_running_loop(), faults
@@ -55,14 +55,14 @@ class _Pipe:
 
     @property
     def due_s(self) -> float:
-        """A time at which all that is under way has arrived."""
+        """A time at which everything sent so far has arrived."""
         return max([self._loop.time() + self.draw_s(), *self._due_s.values()])
 
     def draw_s(self) -> float:
         return self._faults.random.uniform(*self._faults.latency_s)
 
     def put(self, priority: Priority, deliver: Callable[[], None], size: int, droppable: bool, lossy: bool) -> None:
-        """Send. A ``droppable`` message is lost where too much waits already, a ``lossy`` one also by chance."""
+        """Send. A ``droppable`` message is lost if too much is waiting, a ``lossy`` one also at random."""
         if lossy and self._faults.loss and self._faults.random.random() < self._faults.loss:
             return
         waiting = self._waiting.setdefault(priority, deque())
@@ -89,7 +89,7 @@ class _Pipe:
         return self._loop.call_at(due_s, self._arrive, priority, context=Context())
 
     def _arrive(self, priority: Priority) -> None:
-        # The first one: timers of one moment may ring in any order.
+        # The first one: timers of the same moment may fire in any order.
         self._waiting[priority].popleft().deliver()
 
     def _cancel(self) -> None:
@@ -102,8 +102,8 @@ class _Pipe:
 class Connection:
     """Open at both ends from the beginning; ``over`` is called when it is closed at both.
 
-    While it is cut nothing arrives, and what was sent waits, as with TCP. An end gives up when it has heard nothing for
-    the lease of the other one. Its timers are in an empty context: what is under way belongs to neither end.
+    While it is cut nothing arrives, and sent messages wait, as in TCP. An end gives up after hearing nothing for the
+    lease of the other end. Its timers run in an empty context: messages in transit belong to neither end.
     """
 
     def __init__(self, one: End, other: End, faults: Faults, over: Callable[["Connection"], None]) -> None:
@@ -130,14 +130,14 @@ class Connection:
         receiver.hand_over(lambda: self._open[receiver] and deliver())
 
     def settled_s(self, receiver: End) -> float:
-        """A time at which this end has all that the other has sent it by now."""
+        """Return a time at which this end has received everything that the other end has sent so far."""
         return self._pipes[self.peer(receiver)].due_s
 
     def cut(self, reason: object = "partition") -> None:
-        """Both ends hear nothing any more, until all that cuts them off is healed; ``reason`` may be an end itself."""
+        """Isolate both ends until every reason is healed; ``reason`` may be an end itself."""
         cut = bool(self._cuts)
         self._cuts.add(reason)
-        if reason in self._leases:  # a process that is stopped notices nothing
+        if reason in self._leases:  # a stopped process notices nothing
             self._leases.pop(reason).cancel()
         if cut:
             return
@@ -168,7 +168,7 @@ class Connection:
                 self._hang_up(end)
 
     def close(self, end: End) -> None:
-        """Close at one end: the other hears of it after all that was sent before."""
+        """Close at one end; the other end learns of it after everything sent before."""
         if self._open[end]:
             self._pipes[self.peer(end)].clear()
             self._end(end)
@@ -176,7 +176,7 @@ class Connection:
                 self._hang_up(end)
 
     def fall_silent(self, end: End) -> None:
-        """This end is no more, and says nothing of it."""
+        """End one side without telling the other."""
         self.cut("silence")
         self._expire(end)
 

@@ -1,4 +1,4 @@
-"""Sessions of gateways on the Zenoh network in memory."""
+"""Gateways' sessions on the in-memory Zenoh network."""
 
 import asyncio
 from collections.abc import Callable, Iterable
@@ -13,12 +13,12 @@ from virtual.zenoh_sessions import Session, bounded, peer_of
 
 T = TypeVar("T")
 _HAND_OVER_S = 1e-4
-"""From the arrival of a message until it is known."""
+"""Time from the arrival of a message until it is handled."""
 
 
 @dataclass(eq=False)
 class _Asked:
-    """A question under way; ``pending`` are the connections on which somebody may still answer."""
+    """A pending question; ``pending``: the connections on which an answer may still come."""
 
     question: Question
     hear: Callable[[Answer | None], None]
@@ -53,7 +53,7 @@ class GatewaySession(Session):
         self.declare("token", key)
 
     async def list_tokens(self, key: str, timeout_s: float, read: Callable[[Iterable[str]], T]) -> tuple[T, bool]:
-        """One that connects to a router asks that: all who were there before are told, and not only those heard of."""
+        """List tokens. With a router, this includes all tokens declared before, not only those already received."""
         settled_s = [connection.settled_s(self) for connection in self.known if self._connects]
         await asyncio.sleep(min(timeout_s, max(settled_s, default=0.0) - self._loop.time() + _HAND_OVER_S))
         return read(self.tokens(key)), True
@@ -80,10 +80,10 @@ class GatewaySession(Session):
         return 0.0
 
     async def keep_route(self, key: str) -> None:
-        """Routes cost nothing here."""
+        """Do nothing: routes are free here."""
 
     def look_up(self, connection: Connection, key: str, listed: "asyncio.Future[list[str]]") -> None:
-        """An agent asks for the tokens that this gateway sees."""
+        """Answer an agent with the tokens that this gateway sees."""
         tokens = self.tokens(key)
         connection.send(self, "control", lambda: None if listed.done() else listed.set_result(tokens))
 

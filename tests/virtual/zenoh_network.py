@@ -1,22 +1,22 @@
-"""A Zenoh network in memory, on the running event loop alone: no threads, no sockets, no time but that of the loop.
+"""A Zenoh network in memory, on the running event loop alone: no threads, no sockets, and only the time of the loop.
 
-Each agent has one connection to each gateway, in the place of the routers between clients and gateways. Gateways do not
-see each other, and agents see one another through the gateways that they are connected to. Nothing is forwarded: a
+Each agent has one connection to each gateway, instead of the routers between clients and gateways. Gateways do not see
+each other, and agents see one another through the gateways to which they are connected. Nothing is forwarded: a
 partition between an agent and one gateway is not healed by another gateway.
 
-What is kept of the real Zenoh (``tests/link/test_contract.py`` holds both to it):
+Like the real Zenoh (``tests/link/test_contract.py`` tests both):
 
-- Within a connection messages of one priority arrive in their order, each once. Those of other priorities, and of other
-  connections, may overtake. Declarations have a queue of their own: a token may go before the last frame arrives.
-- Publications that may be dropped are lost by chance (``loss``), and where too much waits for a peer that is cut off.
-  Everything else arrives as long as the connection lasts. What is under way when it ends is lost and not repeated.
-- A cut connection delivers nothing. If it heals within the lease, all that waited arrives; otherwise each end gives up
-  by itself: tokens of the other side vanish, questions to it are over. After that agents connect again, and everything
-  that is still declared is announced again: a token that stayed is seen to go and to come back.
-- No publication is repeated or put out of order by a reconnection.
+- Within a connection, messages of one priority arrive in order, each once. Messages of other priorities and of other
+  connections may overtake. Declarations have a queue of their own: a token may vanish before the last frame arrives.
+- Droppable publications are lost at random (``loss``), and if too much waits for a peer that is cut off. Everything
+  else arrives as long as the connection lasts. What is in transit when it ends is lost and not repeated.
+- A cut connection delivers nothing. If it heals within the lease, everything that waited arrives; otherwise each end
+  gives up by itself: tokens of the other side vanish, and questions to it end. Agents then connect again, and
+  everything still declared is announced again: a token that stayed is seen to vanish and to appear.
+- A reconnection neither repeats nor reorders publications.
 
-What is not: a reliable publisher never blocks here; of a killed process all messages arrive that were sent, although
-Zenoh may have kept some in its batches.
+Unlike Zenoh, a reliable publisher never blocks here, and all messages that a killed process sent arrive, although Zenoh
+may have kept some in its batches.
 """
 
 import asyncio
@@ -36,8 +36,8 @@ from virtual.zenoh_sessions import Session
 class ZenohNetwork:
     """Sessions by the name of their node, which may be killed, cut off from others, and opened again.
 
-    All chance comes from ``seed``: latencies within ``latency_s``, losses with the probability ``loss``, and the time
-    after which agents connect again within ``retry_s``.
+    Everything random is seeded with ``seed``: latencies within ``latency_s``, losses with the probability ``loss``, and
+    the time within ``retry_s`` after which agents connect again.
     """
 
     def __init__(
@@ -55,7 +55,9 @@ class ZenohNetwork:
         self._cuts: set[frozenset[str]] = set()
 
     def gateway(self, node: str, lease_s: float = GATEWAY_LEASE_MS / 1000) -> Opener:
-        """Opens sessions of a gateway at this node, whatever the endpoints: the argument of ``create_app``."""
+        """Return the argument of ``create_app``: it opens sessions of a gateway at this node, whatever the
+        endpoints.
+        """
 
         async def open_session(
             listen: tuple[str, ...], connect: tuple[str, ...], trust: Mapping[str, object]
@@ -70,7 +72,9 @@ class ZenohNetwork:
         return open_session
 
     def agent(self, node: str, lease_s: float = 2.0) -> AgentSession:
-        """Open a session of an agent at this node, at once. A client of Zenoh is open when it is ``met``."""
+        """Open a session of an agent at this node, at once; in Zenoh, a client session is open only when it is
+        ``met``.
+        """
         session = AgentSession(lease_s)
         self._agents[session] = node
         for gateway in self._gateways:
@@ -98,9 +102,9 @@ class ZenohNetwork:
                 self._connect_later(gateway, agent)
 
     def lose_declarations(self, one: str, other: str, of: Container[str]) -> None:
-        """Let the connection of two nodes break and come back, without the declarations of the nodes ``of``.
+        """Break and restore the connection of two nodes, without the declarations of the nodes ``of``.
 
-        So it is with routers of Zenoh 1.10 where both happens within a tenth of a second.
+        Routers of Zenoh 1.10 behave like this if both happens within a tenth of a second.
         """
         for connection in self._between(one, other):
             sessions = [session for session in self._at(one, other) if connection in session.known]
@@ -111,9 +115,9 @@ class ZenohNetwork:
                     session.announce_all(connection)
 
     def kill(self, node: str, silently: bool = False) -> None:
-        """End the sessions of a node at once: its connections are closed, as by the kernel of a process that is killed.
+        """End the sessions of a node at once: its connections are closed, as by the kernel for a killed process.
 
-        ``silently``: nobody is told, as by a machine without power, so that others wait for the lease.
+        ``silently``: without telling anybody, like a machine without power, so that others wait for the lease.
         """
         for session in self._at(node):
             session.end(silently)

@@ -1,4 +1,4 @@
-"""Declarations and publications, which sessions of gateways and of agents on the Zenoh network in memory share."""
+"""Declarations and publications of sessions on the in-memory Zenoh network, for gateways and agents."""
 
 import asyncio
 from collections import Counter
@@ -33,7 +33,7 @@ def _intersect(one: list[str], other: list[str]) -> bool:
 
 @dataclass(eq=False)
 class Declaration:
-    """Withdrawn on exit. ``take`` is the callback, which its own session calls."""
+    """Withdrawn on exit. ``take``: the callback, called by its own session."""
 
     session: "Session"
     kind: Kind
@@ -50,7 +50,7 @@ class Declaration:
 
 
 class Session:
-    """The part that both sides have in common. A session that is not ``alive`` calls nothing back."""
+    """The common part of both sides. A session that is not ``alive`` calls nothing back."""
 
     error: type[Exception]
 
@@ -72,14 +72,14 @@ class Session:
                 act(connection, self)
 
     def hand_over(self, deliver: Callable[[], None]) -> None:
-        """Deliver in the context of the process whose session this is."""
+        """Deliver in the context of the process that owns this session."""
         if self.process is None:
             deliver()
         else:
             self.soon(deliver)
 
     def soon(self, call: Callable[..., object], *arguments: object) -> None:
-        """Call in the next turn of the loop, in the context of the process whose session this is."""
+        """Call in the next turn of the loop, in the context of the process that owns this session."""
         if self.process is None:
             self._loop.call_soon(call, *arguments)
         else:
@@ -122,7 +122,7 @@ class Session:
             self._count(declaration.key, -1)
 
     def forget_all(self, connection: Connection) -> None:
-        """Forget what the peer has declared."""
+        """Forget the peer's declarations."""
         for declaration in list(self.known[connection]):
             self.forget(connection, declaration)
 
@@ -131,11 +131,11 @@ class Session:
             self._announce(connection, declaration)
 
     def tokens(self, key: str) -> list[str]:
-        """The keys of all tokens of this session and of its peers that match."""
+        """Return the keys of all matching tokens of this session and its peers."""
         return [token for token in self._tokens if intersects(token, key)]
 
     def _count(self, key: str, by: int) -> None:
-        """A key that several have declared appears with the first of them, and goes with the last."""
+        """Count declarations of a key: it appears with the first of them, and vanishes with the last."""
         before = self._tokens[key]
         self._tokens[key] += by
         if not self._tokens[key]:
@@ -149,11 +149,11 @@ class Session:
             declaration.take(*news)
 
     def matching(self, kind: Kind, key: str) -> list[Declaration]:
-        """Return the declarations of this session that match."""
+        """Return the matching declarations of this session."""
         return [each for each in self._own if each.kind == kind and intersects(each.key, key)]
 
     def peers(self, kind: Kind, key: str) -> list[Connection]:
-        """Connections to all who are known to have declared something that matches."""
+        """Return the connections of all peers known to have declared something that matches."""
         return [
             connection
             for connection, known in self.known.items()

@@ -1,4 +1,4 @@
-"""The way between a gateway and the robots that a test simulates, which the test can cut and heal."""
+"""The connection between a gateway and the robots simulated by a test, which the test can cut and heal."""
 
 import contextlib
 from collections.abc import Iterator
@@ -11,7 +11,7 @@ from virtual.loop import VirtualLoop, current
 
 
 class ZenohWay(Protocol):
-    """``endpoint`` is the one at which robots connect. What is sent while it is cut waits, as with TCP."""
+    """``endpoint``: where robots connect. Whatever is sent while the connection is cut waits, as in TCP."""
 
     @property
     def endpoint(self) -> str: ...
@@ -35,7 +35,7 @@ class _InMemory:
 
 @contextlib.contextmanager
 def zenoh_way(endpoint: str, gateway: Process) -> Iterator[ZenohWay]:
-    """To a gateway that listens at ``endpoint``: over TCP, or on virtual time in its network in memory."""
+    """Yield the connection to a gateway at ``endpoint``: a TCP proxy, or the in-memory network on virtual time."""
     loop = current()
     if loop is None:
         with way(int(endpoint.rpartition(":")[2])) as between:
