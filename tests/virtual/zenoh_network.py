@@ -55,9 +55,7 @@ class ZenohNetwork:
         self._cuts: set[frozenset[str]] = set()
 
     def gateway(self, node: str, lease_s: float = GATEWAY_LEASE_MS / 1000) -> Opener:
-        """Return the argument of ``create_app``: it opens sessions of a gateway at this node, whatever the
-        endpoints.
-        """
+        """Return the argument of ``create_app``, which opens sessions of a gateway at this node for any endpoints."""
 
         async def open_session(
             listen: tuple[str, ...], connect: tuple[str, ...], trust: Mapping[str, object]
@@ -72,9 +70,7 @@ class ZenohNetwork:
         return open_session
 
     def agent(self, node: str, lease_s: float = 2.0) -> AgentSession:
-        """Open a session of an agent at this node, at once; in Zenoh, a client session is open only when it is
-        ``met``.
-        """
+        """Open a session of an agent at this node at once; a client of Zenoh is open only when it is ``met``."""
         session = AgentSession(lease_s)
         self._agents[session] = node
         for gateway in self._gateways:
