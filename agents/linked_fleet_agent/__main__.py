@@ -1,4 +1,4 @@
-"""``python -m linked_fleet_agent --robot NAME``: settings → robots → session → links → agents; nothing else."""
+"""Command line of the agent, ``python -m linked_fleet_agent --robot NAME``."""
 
 import asyncio
 import logging
@@ -19,7 +19,9 @@ _log = logging.getLogger("linked_fleet_agent")
 
 
 def main() -> int:
-    """Exit code 0 after SIGINT or SIGTERM; 2 for settings or robots that cannot be used, 3 for a name that is taken."""
+    """Run the agents and return the exit code: 0 after SIGINT or SIGTERM, 2 for unusable settings or robots, 3 for a
+    robot name in use.
+    """
     try:
         settings = read_settings(sys.argv[1:], os.environ, socket.gethostname())
         logging.basicConfig(level=settings.log_level, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
@@ -40,7 +42,7 @@ def main() -> int:
 
 
 async def _run(settings: AgentSettings, agents: list[Agent], tracing: Tracing | None) -> None:
-    """Serve all robots until a signal comes or one of them fails. SIGUSR1 begins demonstrations anew."""
+    """Serve all robots until a signal arrives or one of them fails. SIGUSR1 restarts ended demonstrations."""
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):

@@ -1,4 +1,4 @@
-"""The loop of one robot: read → publish; command → judge → move; stop. Knows only Robot and Link."""
+"""The control loop of one robot: publish state, check and execute commands, stop. Depends only on Robot and Link."""
 
 import asyncio
 import logging
@@ -34,39 +34,45 @@ from linked_fleet_agent.wire.messages import (
 
 _log = logging.getLogger(__name__)
 _LEAST_APART = 0.1
-"""Between a frame and one after a stop, in shares of the time between two ticks."""
+"""Least time between a frame and the extra frame after a stop, as a share of the tick period."""
 _M = TypeVar("_M", Command, Stop)
 
 
 class Link(Protocol):
-    """The way to the gateways. Neither publication ever blocks or raises: a lost link drops, and says so in the log."""
+    """The connection to the gateways.
+
+    Publishing never blocks or raises: when the connection is lost, it drops and logs.
+    """
 
     @property
     def gateway_present(self) -> bool:
         """Return True if a gateway was known to be alive when ``watch_gateways`` was called last."""
 
     def watch_gateways(self, period_s: float) -> None:
-        """Judge which gateways are alive; to be called in each tick, one every ``period_s`` seconds."""
+        """Check which gateways are alive. Call it once per tick, with the tick period in seconds."""
 
     @property
     def arrivals(self) -> int:
-        """How many gateways have appeared so far, those that came back included."""
+        """Number of gateways that have appeared so far; a gateway that returns counts again."""
 
     def publish_state(self, payload: bytes) -> None: ...
 
     def publish_progress(self, payload: bytes, final: bool) -> None:
-        """``final`` says how a motion ended, and must arrive; other progress may be dropped."""
+        """Publish progress.
+
+        If ``final``, the message says how a motion ended and is sent reliably; others may be dropped.
+        """
 
 
 def new_incarnation() -> int:
-    """A number for this run of an agent: it grows with wall time, differs between simultaneous starts, fits 63 bits."""
+    """Return a number for this run: it grows with wall time, differs between simultaneous starts, and fits 63 bits."""
     return (time.time_ns() // 1_000_000) * 4096 + secrets.randbelow(4096)
 
 
 class Agent:
     """One robot. ``description`` and ``incarnation`` never change; everything runs on one event loop.
 
-    Raises ValueError when a demonstration names a joint that takes no command.
+    Raises ValueError if a demonstration names a joint that takes no commands.
     """
 
     def __init__(
@@ -106,7 +112,7 @@ class Agent:
         self._cameras = Cameras(robot, self._facts.cameras)
         self._shown: State | None = None
         self._link: Link | None = None
-        """While it runs."""
+        """The link while ``run`` runs, else None."""
         self._published_ns = 0
         self.description = codec.encode(self._describe())
 
@@ -123,7 +129,7 @@ class Agent:
             self._robot.close()
 
     def tick(self, link: Link) -> None:
-        """Read, publish, hold if nobody is there any more, and move on."""
+        """Read and publish the state, hold the robot if no gateway is present, and advance the motions."""
         now_ns = self._monotonic_ns()
         self._reading = self._read(now_ns)
         self._publish_state(link, now_ns)
@@ -133,7 +139,7 @@ class Agent:
         self._tell(link, now_ns)
 
     def handle(self, payload: bytes) -> bytes:
-        """Judge one command; the reply says accepted or why not. Never raises."""
+        """Check one command and start it. The reply is Accepted, or Refused with the reason. Never raises."""
         command = _decoded(payload, Command)
         if isinstance(command, Refused):
             return codec.encode(command)
@@ -143,7 +149,7 @@ class Agent:
         return codec.encode(reply)
 
     def handle_stop(self, payload: bytes) -> bytes:
-        """Stop what it names, whenever that is; refused only for what the robot has not. Never raises."""
+        """Execute a stop, even if it is old or a duplicate. It is refused only for unknown joints. Never raises."""
         stop = _decoded(payload, Stop)
         reply = stop if isinstance(stop, Refused) else safety.judge_stop(stop, self._joints) or self._stop(stop)
         if isinstance(reply, Refused):
@@ -153,18 +159,18 @@ class Agent:
         return codec.encode(reply)
 
     def _show(self) -> None:
-        """Publish a frame after a stop: who has asked for it waits for one. A crowd of stops does not make a crowd."""
+        """Publish a frame after a stop, because its sender waits for one. Many stops in a row share one frame."""
         now_ns = self._monotonic_ns()
         if self._link is not None and now_ns - self._published_ns >= _LEAST_APART * 1e9 / self.rate_hz:
             self._reading = self._read(now_ns)
             self._publish_state(self._link, now_ns)
 
     def mesh(self, question: bytes) -> bytes:
-        """The mesh of a digest, read from disk: to be called in a thread of its own. MeshError."""
+        """Return the mesh with the given digest, read from disk. Call it in a thread. Raises MeshError."""
         return self._meshes.read(question)
 
     def picture(self, question: bytes) -> bytes:
-        """Return what a camera sees in the frame that was published last: to be called in a thread. PictureError."""
+        """Return a camera picture of the last published frame. Call it in a thread. Raises PictureError."""
         return self._cameras.take(question, self._shown)
 
     @property
@@ -185,7 +191,7 @@ class Agent:
         )
 
     def _hindrance(self, command: Command) -> Refused | None:
-        """Why a command that is right in itself cannot run now."""
+        """Return the refusal of a valid command that cannot run now, or None."""
         if self._fault is not None:
             return Refused(command.id, "fault", f"the robot has a fault: {self._fault}"[:1024])
         if not self._gateway_present:
@@ -225,7 +231,7 @@ class Agent:
         duration_s, outcomes = self._motions.stop(stop.id, joints, stop.command, reason, self._measured.positions)
         self._outcomes += outcomes
         if self._fault is not None:
-            # Nothing can be measured, so whether it stands is what the driver says.
+            # Nothing can be measured, so only the driver knows if the robot stands.
             problem = self._stop_robot()
             said = f"the driver holds the robot, which cannot be measured: {self._fault}"
             self._outcomes += self._motions.conclude(stop.id, "failed" if problem else "succeeded", problem or said)
@@ -234,7 +240,7 @@ class Agent:
         return Accepted(stop.id, duration_s, cancelled, now_ns)
 
     def _leader(self, name: str) -> str | None:
-        """The joint that takes the commands for ``name``; None when the robot has none such."""
+        """Return the joint that takes the commands for ``name``, following mimics; None if there is none."""
         for _ in self._names:
             joint = self._joints.get(name)
             if joint is None or joint.mimics is None:
@@ -258,7 +264,7 @@ class Agent:
 
     @property
     def _measured(self) -> Measured:
-        """The last reading by joint. Made for who asks: in most ticks nothing moves, and nobody does."""
+        """The last reading by joint. Built on demand, because most ticks move nothing and do not need it."""
         reading = self._reading
         if reading is None:
             return Measured(dict.fromkeys(self._names, math.nan))
@@ -275,7 +281,7 @@ class Agent:
         self._outcomes += self._motions.forget(f"driver fault: {reason}"[:1024])
 
     def _stop_robot(self) -> str:
-        """Have the driver hold; why it could not, or nothing."""
+        """Make the driver hold. Return why it could not, or an empty string."""
         try:
             self._robot.stop()
         except Exception as error:  # noqa: BLE001 - as in _read

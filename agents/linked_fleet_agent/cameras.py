@@ -1,4 +1,4 @@
-"""Pictures on request: questions judged, pictures tied to a frame of state. Pure of Zenoh."""
+"""Camera pictures on request, each of a published state frame. Independent of Zenoh."""
 
 import math
 import time
@@ -14,8 +14,10 @@ PERIOD_S = 0.05
 
 
 class Cameras:
-    """The cameras of a robot. ``take`` is called in a thread, one call after another, and waits so that there is
-    one picture in ``PERIOD_S`` at most."""
+    """The cameras of a robot.
+
+    ``take`` is called in a thread, one call at a time. It waits to keep ``PERIOD_S`` between two pictures.
+    """
 
     def __init__(self, robot: Robot, cameras: Sequence[Camera]) -> None:
         self.offers = tuple(cameras) if isinstance(robot, Seeing) else ()
@@ -24,7 +26,10 @@ class Cameras:
         self._due_s = 0.0
 
     def take(self, question: bytes, shown: State | None) -> bytes:
-        """The reply: the picture of the robot in ``shown``, None while it cannot be read. PictureError."""
+        """Return the reply: a picture of the robot in state ``shown`` (None if it could not be read).
+
+        Raises PictureError.
+        """
         try:
             asked = codec.decode(question, Glance)
         except WireError as error:

@@ -1,4 +1,4 @@
-"""Demonstrations of one robot: they are told of when they end, and begin anew only when a person says so."""
+"""Demonstrations of one robot. Their end is logged, and only a person can restart them."""
 
 import logging
 import os
@@ -9,14 +9,14 @@ _log = logging.getLogger(__name__)
 
 
 class Demonstration:
-    """The joints of ``motions`` that go to and fro until a stop or a command takes them."""
+    """The joints of ``motions`` that swing until a stop or a command takes them over."""
 
     def __init__(self, robot: str, motions: Motions) -> None:
         self._robot, self._motions = robot, motions
         self._swaying = motions.swaying
 
     def note(self) -> None:
-        """Say which demonstrations have ended since the last call, and how a person begins them anew."""
+        """Log the demonstrations that have ended since the last call, and how to restart them."""
         ended, self._swaying = self._swaying - self._motions.swaying, self._motions.swaying
         if ended:
             joints, process = ", ".join(sorted(ended)), os.getpid()
@@ -25,7 +25,7 @@ class Demonstration:
             )
 
     def begin_anew(self) -> None:
-        """Begin what has ended, on joints that stand. To be called because a person asks for it, and for nothing else.
+        """Restart the ended demonstrations of idle joints. Call it only because a person asks for it.
 
         A program that undid a stop would move a robot that somebody has just stopped.
         """

@@ -1,4 +1,4 @@
-"""The gateways that one robot hears: subscriptions to their tokens and heartbeats on a session."""
+"""Subscriptions of one robot to the liveliness tokens and heartbeats of gateways."""
 
 import asyncio
 import logging
@@ -13,15 +13,15 @@ from linked_fleet_agent.wire.keys import Keys
 
 _log = logging.getLogger(__name__)
 
-# After the token of a gateway has gone. A router tells others of the first subscriber of a key alone: all agents that
-# share a router have unsubscribed by then, so that it tells of the one that subscribes again.
+# Delay after the token of a gateway has gone. A router tells its peers only about the first subscriber of a key. After
+# this delay all agents behind one router have unsubscribed, so it announces the next subscriber.
 _SETTLE_S = 0.5
 
 
 class GatewayWatch:
-    """Heartbeats of a gateway are subscribed to while its token is there.
+    """Subscribes to the heartbeats of a gateway while its token exists.
 
-    ``declare_anew`` is called when the robot is to withdraw its presence and answers, and to declare them again.
+    ``declare_anew`` is called when the robot must undeclare its presence and queryables and declare them again.
     """
 
     def __init__(self, session: Session, keys: Keys, robot: str, declare_anew: Callable[[], None]) -> None:
@@ -49,11 +49,11 @@ class GatewayWatch:
             declared.close()
 
     def check(self, period_s: float) -> None:
-        """Judge which gateways are alive. To be called by the event loop every ``period_s`` seconds."""
+        """Check which gateways are alive. The event loop calls this every ``period_s`` seconds."""
         now_s = time.monotonic()
         self._gateways.watch(now_s, period_s)
         if self._renewal.due(now_s, self._gateways.present):
-            _log.debug("%s: declares itself to Zenoh anew", self._robot)
+            _log.debug("%s: renews its Zenoh declarations", self._robot)
             self._declare_anew()
 
     def _note_token(self, key: str, present: bool) -> None:

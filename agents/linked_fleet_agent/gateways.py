@@ -1,4 +1,7 @@
-"""Which gateways are alive: by token, heartbeat and the time in which this agent ran. Pure: time is passed in."""
+"""Liveness of gateways from tokens and heartbeats, measured in the running time of this agent.
+
+Pure: time is passed in.
+"""
 
 import logging
 import math
@@ -9,11 +12,11 @@ from linked_fleet_agent.wire.transport import GATEWAY_LEASE_MS
 _log = logging.getLogger(__name__)
 
 LEASE_S = GATEWAY_LEASE_MS / 1000.0
-# An event loop that runs so much later than it should was paused, with its process or with the whole machine.
+# An event loop that is late by more than this was paused, with its process or with the whole machine.
 PAUSE_S = 0.25
-# Zenoh connects again within this time when a process was starved or paused for longer than a lease, and then went on.
+# Zenoh reconnects within this time after a process was starved or paused for longer than a lease.
 GRACE_S = 0.5
-# Tokens of strangers cost no more memory than that.
+# Bounds the memory that tokens of unknown gateways can take.
 MAX_GATEWAYS = 256
 
 
@@ -22,7 +25,7 @@ class _Gateway:
     heard_s: float
     """Time of the last heartbeat. The token counts as the first one."""
     until_s: float = math.inf
-    """The time until which it counts although its token is gone; infinite while the token is there."""
+    """The time until which the gateway counts after its token has gone; infinite while the token exists."""
     beats: bool = False
     alive: bool = True
 
@@ -30,11 +33,11 @@ class _Gateway:
 class Gateways:
     """The gateways that one robot knows.
 
-    A gateway is alive while its token is there and its last heartbeat is not older than ``LEASE_S``. Ages are measured
-    in the time in which the event loop of this agent ran: of a pause, ``PAUSE_S`` counts, because what the gateway
-    sent meanwhile could not be heard. Zenoh also gives up a connection that was silent because a process was paused,
-    and connects again at once: a gateway whose token is gone counts for ``GRACE_S`` more, or for ``LEASE_S`` if this
-    agent was paused, and in no case longer than its last heartbeat allows.
+    A gateway is alive while its token exists and its last heartbeat is at most ``LEASE_S`` old. Ages are measured in
+    running time of this agent's event loop: a pause counts as ``PAUSE_S`` at most, because heartbeats sent meanwhile
+    could not be received. Zenoh also closes a connection that was silent because a process was paused, and reconnects
+    at once. So a gateway whose token has gone counts for another ``GRACE_S``, or ``LEASE_S`` if this agent was paused,
+    but never longer than its last heartbeat allows.
     """
 
     def __init__(self, robot: str) -> None:
@@ -48,16 +51,16 @@ class Gateways:
 
     @property
     def present(self) -> bool:
-        """At least one gateway is alive."""
+        """True if at least one gateway is alive."""
         return any(gateway.alive for gateway in self._known.values())
 
     @property
     def arrivals(self) -> int:
-        """How many gateways have appeared so far, those that came back or went on included."""
+        """Number of gateways that have appeared so far; a gateway that returns or resumes counts again."""
         return self._arrivals
 
     def appeared(self, name: str, now_s: float) -> None:
-        """Note the token of a gateway, which has one lease for its first heartbeat from now on."""
+        """Record the token of a gateway. Its first heartbeat is due within one lease."""
         self._advance(now_s)
         if name not in self._known and len(self._known) < MAX_GATEWAYS:
             self._known[name] = _Gateway(self._ran_s)
@@ -69,7 +72,7 @@ class Gateways:
             self._arrivals += 1
 
     def left(self, name: str, now_s: float) -> None:
-        """Note that a token is gone."""
+        """Record that the token of a gateway has gone."""
         self._advance(now_s)
         gateway = self._known.get(name)
         if gateway is None:
@@ -82,7 +85,7 @@ class Gateways:
             _log.info("%s: the connection to gateway %s is lost; it has %g s to come back", self._robot, name, grace_s)
 
     def heard(self, name: str, now_s: float) -> None:
-        """Note a heartbeat; one of a gateway without a token is nobody's."""
+        """Record a heartbeat. It is ignored if the gateway has no token."""
         self._advance(now_s)
         gateway = self._known.get(name)
         if gateway is None:
@@ -93,7 +96,7 @@ class Gateways:
         gateway.heard_s, gateway.beats, gateway.alive = self._ran_s, True, True
 
     def watch(self, now_s: float, period_s: float) -> None:
-        """Judge. To be called by the event loop every ``period_s`` seconds."""
+        """Update which gateways are alive. The event loop calls this every ``period_s`` seconds."""
         self._period_s = period_s
         self._advance(now_s)
         for name, gateway in list(self._known.items()):

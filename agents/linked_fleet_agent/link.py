@@ -1,4 +1,4 @@
-"""One robot on a session: its presence, answers and publications, and the gateways that it sees."""
+"""One robot on a session: its presence, queryables and publications, and the gateways that it sees."""
 
 import asyncio
 import logging
@@ -26,16 +26,16 @@ _Slow = Literal["mesh", "picture"]
 
 
 class DuplicateNameError(Exception):
-    """Another agent with the same robot name is alive; the message says which run of it."""
+    """Another agent with the same robot name is alive; the message gives its incarnation."""
 
 
 class RobotLink:
     """One robot on a shared session: ``async with RobotLink(...) as link`` declares it, leaving undeclares it.
 
-    ``on_command`` and ``on_stop`` are called on the event loop with the payload and return the payload of the reply,
-    ``on_mesh`` and ``on_picture`` in a thread, each one call after another; they may raise MeshError and PictureError.
-    Entering raises DuplicateNameError when the name is taken for longer than ``lease_ms``: a token that outlives its
-    killed agent is gone by then.
+    ``on_command`` and ``on_stop`` are called on the event loop with the payload and return the payload of the reply.
+    ``on_mesh`` and ``on_picture`` are called in a thread, one call of each at a time; they may raise MeshError and
+    PictureError. Entering raises DuplicateNameError if the name is still in use after ``lease_ms``; by then the token
+    of a killed agent has expired.
     """
 
     def __init__(
@@ -80,7 +80,7 @@ class RobotLink:
         await self._wait_for_name()
         try:
             self._declare()
-            # Two that started in the same instant saw nobody: the elder run keeps the name.
+            # Two agents that started at the same instant did not see each other: the elder run keeps the name.
             elder = [other for other in await self._others() if other < self._incarnation]
             if elder:
                 raise self._duplicate(elder[0])
@@ -111,7 +111,8 @@ class RobotLink:
 
     def _declare(self) -> None:
         declare, session, keys, robot = self._declared.enter_context, self._session, self._keys, self._robot
-        # A frame is worth nothing once the next one is there: drop rather than wait. How a motion ended must arrive.
+        # A frame is worthless once the next one exists, so it is dropped rather than delayed. The end of a motion must
+        # arrive.
         state, progress = keys.robot(robot, "state"), keys.robot(robot, "progress")
         self._states = declare(session.declare_publisher(state, reliable=False, express=False))
         self._progress = declare(session.declare_publisher(progress, reliable=False, express=True))
@@ -120,9 +121,9 @@ class RobotLink:
         self._declare_visible()
 
     def _declare_visible(self) -> None:
-        """Declare what gateways see of the robot, or declare it anew.
+        """Declare, or renew, the presence and the queryables of the robot.
 
-        One declaration after another, so that a stop finds nobody for less than a millisecond.
+        They are replaced one by one, so that a stop finds no queryable for less than a millisecond.
         """
         for place, declare in enumerate(self._declarations()):
             kept = self._visible.setdefault(place, ExitStack())
@@ -137,7 +138,7 @@ class RobotLink:
             yield partial(declare, keys.robot(robot, kind), partial(self._answer, kind))
         for slow in self._slow:
             yield partial(declare, keys.robot(robot, slow), partial(self._answer_slowly, slow))
-        # Last: whoever sees the robot can ask it.
+        # The token comes last: whoever sees the robot can query it.
         yield partial(self._session.declare_token, keys.presence(robot, self._incarnation))
 
     def _undeclare(self) -> None:
@@ -158,10 +159,10 @@ class RobotLink:
         self._reply(query, self._keys.robot(self._robot, kind), reply)
 
     def _answer_slowly(self, kind: _Slow, query: Query) -> None:
-        """Off the event loop: a slow disk, a slow renderer or a slow gateway must not hold up the robot."""
+        """Answer outside the event loop, because a slow disk, renderer or gateway must not delay the robot."""
         slowly = self._slow[kind]
         if len(slowly.waiting) >= _MOST_WAITING[kind]:
-            self._reply(query, self._keys.robot(self._robot, kind), _Refusal(f"too much is asked for: {kind}"))
+            self._reply(query, self._keys.robot(self._robot, kind), _Refusal(f"too many queries are waiting: {kind}"))
             return
         task = asyncio.get_running_loop().create_task(self._send_slowly(kind, slowly, query))
         slowly.waiting.add(task)
@@ -192,7 +193,7 @@ class RobotLink:
         if not await self._others():
             return
         _log.warning(
-            "%s: an agent of this name is known; waiting %d ms whether it is alive", self._robot, self._lease_ms
+            "%s: another agent of this name has a token; waiting %d ms for it to expire", self._robot, self._lease_ms
         )
         await asyncio.sleep(1.2 * self._lease_ms / 1000.0)
         others = await self._others()
@@ -200,7 +201,7 @@ class RobotLink:
             raise self._duplicate(others[0])
 
     async def _others(self) -> list[int]:
-        """The other incarnations of this robot that are alive now, the eldest first."""
+        """Return the incarnations of other live agents of this robot, oldest first."""
         keys = await self._session.list_tokens(self._keys.presence_of(self._robot), _LOOK_TIMEOUT_S)
         found = [_incarnation(self._keys, key) for key in keys]
         return sorted(incarnation for incarnation in found if incarnation not in (None, self._incarnation))
@@ -213,14 +214,14 @@ class RobotLink:
 
 
 class _Refusal(NamedTuple):
-    """Why a question has no answer."""
+    """The reason why a query has no answer."""
 
     reason: str
 
 
 @dataclass
 class _Slowly:
-    """Questions that are answered in threads, one at a time."""
+    """Queries that are answered in threads, one at a time."""
 
     read: Callable[[bytes], bytes]
     one: asyncio.Lock = field(default_factory=asyncio.Lock)
@@ -228,7 +229,7 @@ class _Slowly:
 
 
 def _incarnation(keys: Keys, key: str) -> int | None:
-    """The run whose token this is; None for a token that is none of the protocol, which is nobody's."""
+    """Return the incarnation that a token names; None for a key outside the protocol."""
     try:
         return keys.parse(key).incarnation
     except ValueError:

@@ -1,4 +1,4 @@
-"""The meshes that a URDF names: where they lie, what is said of them, their bytes when somebody asks. Pure of Zenoh."""
+"""The mesh files that a URDF names: location, description and content. Independent of Zenoh."""
 
 import hashlib
 import logging
@@ -13,18 +13,18 @@ _log = logging.getLogger(__name__)
 
 FORMATS: Mapping[str, str] = {".stl": "model/stl", ".dae": "model/vnd.collada+xml", ".obj": "model/obj"}
 """Media types (IANA) by suffix in lower case; meshes of other suffixes are not offered."""
-# Where packages keep their URDFs, beside the folder with the meshes.
+# Folder names that packages use for URDFs, beside the folder of the meshes.
 _URDF_FOLDERS = ("urdf", "robots", "model", "models")
 
 
 class MeshError(Exception):
-    """A mesh that cannot be had; the message says why."""
+    """A mesh that is not available; the message gives the reason."""
 
 
 def named(urdf: str, file: Path) -> dict[str, Path]:
-    """The meshes that are there of those that the URDF at ``file`` names, by their URI in it. UrdfError.
+    """Return the existing mesh files that the URDF at ``file`` names, by their URI in it. Raises UrdfError.
 
-    Those of visual geometry come first: they show the robot. Those of collision geometry say what it would meet.
+    Visual meshes come first, because they show the robot. Collision meshes follow.
     """
     located = {uri: locate(uri, file) for uri in dict.fromkeys(_named(urdf)) if Path(uri).suffix.lower() in FORMATS}
     return {uri: path for uri, path in located.items() if path is not None}
@@ -39,10 +39,11 @@ def _named(urdf: str) -> Iterator[str]:
 
 
 def locate(uri: str, file: Path) -> Path | None:
-    """The file that a mesh URI of the URDF at ``file`` means (package, file or a path), if it is there and allowed.
+    """Return the file that a mesh URI (package, file or path) of the URDF at ``file`` means; None if absent or not
+    allowed.
 
-    Allowed is what lies in the package of the URI or in the URDF's own tree, also after following symbolic links: a
-    URDF from somewhere else must not name files of this machine.
+    The file must lie in the package of the URI or in the URDF's own tree, also after resolving symbolic links. A URDF
+    from elsewhere must not be able to name other files of this machine.
     """
     file = file.resolve()
     own = _tree_of(file)
@@ -50,13 +51,13 @@ def locate(uri: str, file: Path) -> Path | None:
         try:
             if path.is_file() and path.resolve().is_relative_to(root.resolve()):
                 return path.resolve()
-        except (OSError, ValueError):  # too long, or not ours to look at: no file that this robot may use
+        except (OSError, ValueError):  # too long, or not readable by this user
             continue
     return None
 
 
 def _candidates(uri: str, file: Path, own: Path) -> Iterator[tuple[Path, Path]]:
-    """Pairs of a folder that must not be left and a path that may lie in it."""
+    """Yield pairs of a root folder and a candidate path that must lie in it."""
     if not uri.startswith("package://"):
         path = uri.removeprefix("file://")
         for folder in file.parents:
@@ -66,13 +67,13 @@ def _candidates(uri: str, file: Path, own: Path) -> Iterator[tuple[Path, Path]]:
     package, _, inside = uri.removeprefix("package://").partition("/")
     if package in ("", ".", ".."):
         return
-    for folder in file.parents[:-1]:  # nothing that lies in the root of the file system is a package
+    for folder in file.parents[:-1]:  # folders in the root of the file system are no packages
         yield folder / package, folder / package / inside
-    yield own, own / inside  # its folder may be called otherwise than the package
+    yield own, own / inside  # the folder of a package may have another name than the package
 
 
 def _tree_of(file: Path) -> Path:
-    """The folder that belongs to the URDF: its package, or where it lies."""
+    """Return the folder that belongs to the URDF: its package, or the folder around it."""
     for folder in file.parents[:-1]:
         if (folder / "package.xml").is_file():
             return folder
@@ -86,7 +87,7 @@ class _File(NamedTuple):
 
 
 class MeshFiles:
-    """Meshes on disk, known by their digest. ``read`` may be called from any thread; no bytes are kept."""
+    """Meshes on disk by their SHA-256 digest. ``read`` may be called from any thread; contents are not cached."""
 
     def __init__(self, robot: str, paths: Mapping[str, Path]) -> None:
         self._files: dict[str, _File] = {}
@@ -108,7 +109,7 @@ class MeshFiles:
         return Mesh(uri=uri, sha256=digest, size=size, type=kind)
 
     def read(self, question: bytes) -> bytes:
-        """The bytes whose digest, in hexadecimal, is the question. MeshError for everything else."""
+        """Return the mesh whose hexadecimal digest is ``question``. Raises MeshError."""
         digest = question.decode("ascii", "replace")
         file = self._files.get(digest)
         if file is None:

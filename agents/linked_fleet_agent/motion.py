@@ -1,4 +1,4 @@
-"""Which motions run, where each setpoint goes next, and what became of every command.
+"""Running motions of a robot: setpoints, preemption and outcomes of commands.
 
 Pure: time and measurements are passed in.
 """
@@ -13,14 +13,14 @@ from linked_fleet_agent.profile import RAMP_S, brake, cruise_of, reach_in
 from linked_fleet_agent.robot import JointFacts
 from linked_fleet_agent.trajectory import Trajectory, hold
 
-# Seven joints that are all this far off, the same way, put the tip of an arm of 1.2 m less than 1 mm off.
+# If all seven joints of an arm of 1.2 m are off by this much in the same direction, its tip is off by less than 1 mm.
 TOLERANCE_RAD, TOLERANCE_M = 2e-4, 2e-4
-# A joint that moves less than this stands.
+# A joint slower than this counts as standing.
 STANDING_RAD_S, STANDING_M_S = 0.01, 0.002
-# How far a joint may trail its setpoint, and how long it may settle after the end of its trajectory.
+# How far a joint may lag behind its setpoint, and how long it may settle after the end of its trajectory.
 MAX_LAG_RAD, MAX_LAG_M = 0.4, 0.1
 SETTLE_S = 2.0
-# A step longer than this (a stalled host) is taken as this long, so that no setpoint leaps.
+# A longer step (of a stalled host) is shortened to this, so that no setpoint jumps.
 MAX_STEP_S = 0.05
 
 State = Literal["running", "succeeded", "failed", "cancelled", "preempted"]
@@ -40,7 +40,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Sway:
-    """A demonstration: the joint goes to and fro around where it is, until a stop or a command takes it over."""
+    """A demonstration: the joint swings around its position until a stop or a command takes it over. SI units."""
 
     joint: str
     amplitude: float = 0.4
@@ -57,7 +57,7 @@ class Measured:
 
 
 class Axis:
-    """One joint: the trajectory that it follows, and where its setpoint is and how fast it moves (rad/s or m/s)."""
+    """The trajectory of one joint, and the position and velocity of its setpoint (rad, rad/s or m, m/s)."""
 
     def __init__(self, joint: JointFacts, measured: float) -> None:
         self.joint = joint
@@ -74,11 +74,11 @@ class Axis:
 
     @property
     def braking(self) -> Trajectory:
-        """How it comes to rest from here."""
+        """The trajectory that brakes the joint to rest from its present setpoint."""
         return brake(self.position, self.velocity, cruise_of(self.joint) / RAMP_S, self.joint.limits)
 
     def follow(self, trajectory: Trajectory) -> None:
-        """Go on along ``trajectory`` from now on; its last setpoint is applied even if it is the only one."""
+        """Follow ``trajectory`` from now on. Its last setpoint is applied even if it is the only one."""
         self.trajectory, self._time_s, self.at_rest = trajectory, 0.0, False
 
     def step(self, dt_s: float) -> float:
@@ -90,15 +90,15 @@ class Axis:
         return self.position
 
     def off(self, measured: Measured) -> float:
-        """How far the joint is from where its trajectory ends."""
+        """Distance of the joint from the end of its trajectory."""
         return abs(self.trajectory.end - measured.positions[self.joint.name])
 
     def lag(self, measured: Measured) -> float:
-        """How far the joint trails its setpoint."""
+        """Distance of the joint from its setpoint."""
         return abs(self.position - measured.positions[self.joint.name])
 
     def stands(self, measured: Measured) -> bool:
-        """Return True if it has come to rest; where no velocity is measured, by its position."""
+        """Return True if the joint is at rest. Without a measured velocity its position decides."""
         velocity = measured.velocities.get(self.joint.name, math.nan)
         slow = self.off(measured) <= self.tolerance if math.isnan(velocity) else abs(velocity) <= self.standing
         return self.at_rest and slow
@@ -142,7 +142,7 @@ class Motions:
 
     @property
     def idle(self) -> bool:
-        """True if a step would do nothing: no motion, no demonstration, and every joint at rest."""
+        """True if a step would do nothing: no motion, no demonstration, and all joints at rest."""
         if self._running or self._swaying:
             return False
         for axis in self._axes.values():  # noqa: SIM110 - asked in every tick, and a generator costs more than the rest
@@ -152,27 +152,27 @@ class Motions:
 
     @property
     def swaying(self) -> frozenset[str]:
-        """The joints of the demonstrations that have not ended."""
+        """The joints with an active demonstration."""
         return frozenset(self._swaying)
 
     def sway_anew(self) -> list[str]:
-        """Begin the demonstrations that have ended, of joints that no motion moves; the joints."""
+        """Restart the ended demonstrations of joints that no motion moves. Return these joints."""
         moved = {name for motion in self._running for name in motion.joints}
         begun = [sway for sway in self.sways if sway.joint not in moved | self._swaying.keys()]
         self._swaying |= {sway.joint: _Swaying(sway) for sway in begun}
         return [sway.joint for sway in begun]
 
     def starts(self, joints: Iterable[str], measured: Mapping[str, float]) -> list[Start]:
-        """Return the setpoints of ``joints``; of one that never moved, its measured position."""
+        """Return the setpoints of ``joints``; for a joint that never moved, its measured position."""
         axes = (self._axes.get(name) or Axis(self.joints[name], measured[name]) for name in joints)
         return [axis.start for axis in axes]
 
     def running_on(self, joints: Collection[str]) -> tuple[str, ...]:
-        """The ids of the motions that a new one on ``joints`` would preempt."""
+        """Return the ids of the motions that a new one on ``joints`` would preempt."""
         return tuple(motion.command_id for motion in self._on(joints))
 
     def start(self, command_id: str, plan: Plan, measured: Mapping[str, float]) -> list[Outcome]:
-        """Begin a motion; any older one on one of its joints is preempted as a whole and its other joints brake."""
+        """Start a motion. An older motion that shares a joint with it is preempted, and its other joints brake."""
         older, reason = self._on(plan.trajectories), f"replaced by command {command_id}"
         outcomes = self._end(older, "preempted", reason, command_id)
         for name, trajectory in plan.trajectories.items():
@@ -181,41 +181,45 @@ class Motions:
         return [*outcomes, *self._begin(_Motion(command_id, tuple(plan.trajectories), plan.duration_s))]
 
     def stoppable(self, joints: Collection[str], command_id: str = "") -> tuple[str, ...]:
-        """The ids of the motions that a stop of ``joints``, or of the one command, would cancel."""
+        """Return the ids of the motions that a stop of ``joints``, or of one command, would cancel."""
         return tuple(motion.command_id for motion in self._stoppable(joints, command_id))
 
     def stop(
         self, stop_id: str, joints: Collection[str], command_id: str, reason: str, measured: Mapping[str, float]
     ) -> tuple[float, list[Outcome]]:
-        """Brake: only the motion ``command_id`` if there is one named, else all on ``joints``; how long that takes.
+        """Brake the motion ``command_id``, or all ``joints`` if it is empty. Return the braking time in seconds and
+        outcomes.
 
         The stop is a motion itself, which succeeds when its joints stand.
         """
         ended = self._stoppable(joints, command_id)
         outcomes = self._end(ended, "cancelled", reason, stop_id)
         concerned = dict.fromkeys(name for motion in ended for name in motion.joints)
-        if not command_id:  # a joint that never moved and is nowhere known is none that could be braked
+        if not command_id:  # a joint that never moved and has no known position cannot be braked
             concerned |= dict.fromkeys(n for n in joints if n in self._axes or math.isfinite(measured[n]))
         for name in concerned:
             self._swaying.pop(name, None)
             self._axis(name, measured[name])
         duration_s = self._brake(concerned)
-        # The same stop once more takes the place of the first.
+        # A repeated stop replaces the first one.
         self._running = [motion for motion in self._running if not (motion.stopping and motion.command_id == stop_id)]
         return duration_s, [*outcomes, *self._begin(_Motion(stop_id, tuple(concerned), duration_s, stopping=True))]
 
     def braking_s(self, joints: Collection[str], command_id: str = "") -> float:
-        """How long a stop of ``joints``, or of the one command, would take."""
+        """Return the time in seconds that a stop of ``joints``, or of one command, would take."""
         ended = self._stoppable(joints, command_id)
         concerned = {*(name for motion in ended for name in motion.joints), *(() if command_id else joints)}
         return max((self._axes[name].braking.duration_s for name in concerned & self._axes.keys()), default=0.0)
 
     def conclude(self, stop_id: str, state: Literal["succeeded", "failed"], reason: str) -> list[Outcome]:
-        """End a stop of which nothing can be measured."""
+        """End a stop whose result cannot be measured."""
         return self._end([m for m in self._running if m.stopping and m.command_id == stop_id], state, reason)
 
     def step(self, dt_s: float, measured: Measured, held: bool = False) -> tuple[dict[str, float], list[Outcome]]:
-        """Advance by ``dt_s``: the setpoints to apply now and what ended. While ``held``, demonstrations pause."""
+        """Advance by ``dt_s``.
+
+        Return the setpoints to apply and the ended motions. While ``held``, demonstrations pause.
+        """
         dt_s = min(max(dt_s, 0.0), MAX_STEP_S)
         if not held:
             self._sway(measured.positions)
@@ -225,24 +229,24 @@ class Motions:
         return setpoints, [outcome for motion in list(self._running) for outcome in self._judge(motion, measured)]
 
     def underway(self) -> list[Outcome]:
-        """How far every running motion is."""
+        """Return the progress of every running motion."""
         return [motion.outcome("running") for motion in self._running]
 
     def halt(self, reason: str) -> list[Outcome]:
-        """Brake every joint; all motions fail with ``reason``, but for stops, which are about that."""
+        """Brake every joint. All motions fail with ``reason``, except stops."""
         outcomes = self._end([motion for motion in self._running if not motion.stopping], "failed", reason)
         self._brake(self._axes)
         return outcomes
 
     def forget(self, reason: str) -> list[Outcome]:
-        """The robot no longer is where the trajectories believe (a fault): fail all motions and measure afresh."""
+        """Fail all motions and drop their trajectories: after a fault the robot may be elsewhere."""
         outcomes = [motion.outcome("failed", reason) for motion in self._running]
         self._running.clear()
         self._axes.clear()
         return outcomes
 
     def correct(self, applied: Mapping[str, float]) -> None:
-        """Take over setpoints that the robot really applied, where its own limits are narrower than ours."""
+        """Adopt the setpoints that the robot applied, where its own limits are narrower than the agent's."""
         for name, position in applied.items():
             if name in self._axes:
                 self._axes[name].position = position
@@ -304,7 +308,8 @@ class Motions:
             f"{name} is {why} at {measured.positions[name]:.6g} {unit}, its target is {axis.trajectory.end:.6g} {unit}"
         )
         [outcome] = self._end([motion], "failed", reason)
-        for joint in motion.joints:  # stay where the robot is: it must neither push on nor leap once it is free
+        # hold the present position: the joint must neither push on nor jump once it is free
+        for joint in motion.joints:
             if math.isfinite(measured.positions[joint]):
                 self._axes[joint].follow(hold(self.joints[joint].limits.clamp(measured.positions[joint])))
         return outcome

@@ -1,4 +1,4 @@
-"""Plans: trajectories of the joints of a command, before anything moves. Pure; rad or m, per second, and seconds."""
+"""Plans: the trajectories of all joints of a command, computed before anything moves. Pure; SI units."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -9,22 +9,23 @@ from linked_fleet_agent.robot import JointFacts
 from linked_fleet_agent.trajectory import Trajectory, through
 from linked_fleet_agent.wire.messages import Follow, Move
 
-SPEED_SHARE = 0.9  # of the speed that a command allows, for a real joint ripples about its setpoint
+SPEED_SHARE = 0.9  # share of the speed that a command allows, because real joints ripple about their setpoint
 MAX_DURATION_S = 86_400.0
-# Slower than this nothing moves that one could see.
+# A slower motion would not be visible.
 _SLOWEST = 1e-6
 _ROUNDING = 1e-6
-# A cubic that begins at v and lasts T swings at most 4/27 v T beyond its ends; a ramp of t takes v t / 2 to brake.
+# A cubic that begins at velocity v and lasts T overshoots its ends by 4/27 v T at most; a ramp of t takes v t / 2 to
+# brake.
 _SWING = 27.0 / 8.0
 
 
 class ImpossibleError(ValueError):
-    """The joints cannot move as asked from where they are; the message says what is allowed."""
+    """The joints cannot move as requested from where they are; the message says what is allowed."""
 
 
 @dataclass(frozen=True)
 class Start:
-    """A joint and where its setpoint is now, with its velocity."""
+    """A joint with the position and velocity of its setpoint."""
 
     joint: JointFacts
     position: float
@@ -33,19 +34,22 @@ class Start:
 
 @dataclass(frozen=True)
 class Plan:
-    """The trajectory of each joint, all of them done after ``duration_s``."""
+    """The trajectory of each joint. All of them end after ``duration_s``."""
 
     trajectories: Mapping[str, Trajectory]
     duration_s: float
 
 
 def joints_of(motion: Move | Follow) -> tuple[str, ...]:
-    """The joints that ``motion`` moves."""
+    """Return the joints that ``motion`` moves."""
     return tuple(motion.targets) if isinstance(motion, Move) else motion.joints
 
 
 def plan(motion: Move | Follow, scale: float, starts: Iterable[Start]) -> Plan:
-    """Plan from the ``starts`` of its joints, in their order; ImpossibleError when that is too fast or too slow."""
+    """Plan ``motion`` from the ``starts`` of its joints, in their order.
+
+    Raises ImpossibleError if too fast or too slow.
+    """
     made = _move(motion, scale, starts) if isinstance(motion, Move) else _follow(motion, scale, starts)
     if not made.duration_s <= MAX_DURATION_S:
         raise ImpossibleError(f"the motion would take {made.duration_s:.3g} s; {MAX_DURATION_S:g} s are the most")
@@ -53,7 +57,7 @@ def plan(motion: Move | Follow, scale: float, starts: Iterable[Start]) -> Plan:
 
 
 def _move(move: Move, scale: float, starts: Iterable[Start]) -> Plan:
-    """The slowest joint sets the time, and the others take as long."""
+    """Plan a move. The slowest joint sets the duration for all."""
     cruises, found = {}, {}
     starts = tuple(starts)
     for start in starts:
@@ -91,12 +95,12 @@ def _follow(follow: Follow, scale: float, starts: Iterable[Start]) -> Plan:
 
 
 def _path(start: Start, times_s: Sequence[float], positions: Sequence[float]) -> Trajectory:
-    """Through ``positions``; a joint that moves already goes no further beyond them than it takes to brake.
+    """Return a trajectory through ``positions``. A moving joint overshoots them by no more than its braking distance.
 
-    Where its velocity would carry it further in the time up to the first of them, it brakes before it goes there.
+    A joint whose velocity would carry it further before the first position brakes first.
     """
     velocity, slope = start.velocity, (positions[0] - start.position) / times_s[0]
-    monotone = velocity * slope >= 0.0 and abs(velocity) <= 3.0 * abs(slope)  # by Fritsch and Carlson
+    monotone = velocity * slope >= 0.0 and abs(velocity) <= 3.0 * abs(slope)  # condition of Fritsch and Carlson
     braking = brake(start.position, velocity, cruise_of(start.joint) / RAMP_S, start.joint.limits)
     if monotone or times_s[0] <= _SWING * braking.duration_s:
         return through(start.position, velocity, times_s, positions)

@@ -1,7 +1,7 @@
-"""How one joint starts, cruises and brakes: trapezoids of velocity. Pure; rad, rad/s or m, m/s, and seconds.
+"""Trapezoidal velocity profiles of one joint. Pure; rad, rad/s or m, m/s, and seconds.
 
-A joint cruises at no more than CRUISE_SHARE of its URDF velocity limit, so that the real joint with its lag and ripple
-stays below the limit itself, and never above the cruise of a machine among people.
+A joint cruises at CRUISE_SHARE of its URDF velocity limit at most, so that the real joint with its lag and ripple stays
+below the limit. The cruise speed is also capped at a value for machines among people.
 """
 
 import math
@@ -14,12 +14,12 @@ MAX_CRUISE_RAD_S, MAX_CRUISE_M_S = 1.5, 0.25
 # For joints whose URDF states no velocity limit.
 UNKNOWN_CRUISE_RAD_S, UNKNOWN_CRUISE_M_S = 0.5, 0.05
 RAMP_S = 0.4
-# Ways below this are rounding.
+# Shorter distances are rounding errors.
 _NO_WAY = 1e-12
 
 
 def cruise_of(joint: JointFacts) -> float:
-    """The fastest that the setpoint of ``joint`` ever moves, in rad/s or m/s."""
+    """Return the highest setpoint speed of ``joint``, in rad/s or m/s."""
     limit = joint.limits.velocity
     if limit is None:
         return UNKNOWN_CRUISE_M_S if joint.linear else UNKNOWN_CRUISE_RAD_S
@@ -27,7 +27,7 @@ def cruise_of(joint: JointFacts) -> float:
 
 
 def brake(position: float, velocity: float, acceleration: float, limits: Limits) -> Trajectory:
-    """Come to rest as ``acceleration`` does it, or faster where a limit is nearer."""
+    """Come to rest with ``acceleration``, or with a higher one if a limit is nearer."""
     if velocity == 0.0:
         return hold(position)
     end = limits.clamp(position + velocity * abs(velocity) / (2.0 * acceleration))
@@ -40,9 +40,9 @@ def brake(position: float, velocity: float, acceleration: float, limits: Limits)
 def reach(
     position: float, velocity: float, target: float, cruise: float, acceleration: float, limits: Limits
 ) -> Trajectory:
-    """From ``position`` at ``velocity`` to rest at ``target``, as fast as ``cruise`` and ``acceleration`` allow.
+    """Plan from ``position`` at ``velocity`` to rest at ``target``, as fast as ``cruise`` and ``acceleration`` allow.
 
-    A joint that moves the other way, or too fast to stop at the target, brakes first; one above ``cruise`` slows down.
+    A joint that moves the other way, or too fast to stop at the target, brakes first. One above ``cruise`` slows down.
     """
     way, stopping = target - position, velocity * velocity / (2.0 * acceleration)
     if velocity != 0.0 and stopping > math.copysign(1.0, velocity) * way + _NO_WAY:
@@ -65,9 +65,10 @@ def reach(
 def reach_in(
     duration_s: float, position: float, velocity: float, target: float, cruise: float, ramp: float, limits: Limits
 ) -> Trajectory:
-    """Plan as ``reach``, slower, to take ``duration_s``; ``ramp`` is the acceleration of a joint that moves already.
+    """Plan like ``reach``, but slowed to take ``duration_s``; ``ramp`` is the acceleration of a joint that already
+    moves.
 
-    A joint at rest ramps as long as every other joint does, so that those together go straight in joint space.
+    Joints at rest all ramp for the same time, so that together they move straight in joint space.
     """
     way = abs(target - position)
     if velocity == 0.0:
@@ -77,7 +78,7 @@ def reach_in(
         slow = way / (duration_s - RAMP_S) if trapezoid else 4.0 * way * RAMP_S / (duration_s * duration_s)
         return reach(position, 0.0, target, min(slow, cruise), min(slow, cruise) / RAMP_S, limits)
     low, high = 0.0, cruise
-    for _ in range(40):  # the slower the cruise, the longer it takes
+    for _ in range(40):  # bisection: a slower cruise takes longer
         middle = (low + high) / 2.0
         if reach(position, velocity, target, middle, ramp, limits).duration_s > duration_s:
             low = middle

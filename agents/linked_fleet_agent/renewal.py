@@ -1,22 +1,22 @@
-"""When a robot declares itself to Zenoh anew. Pure: time is passed in.
+"""Decides when a robot renews its Zenoh declarations. Pure: time is passed in.
 
-Routers whose connection breaks and comes back within a tenth of a second may not tell each other again what is declared
-(Zenoh 1.10). A robot is then invisible to a gateway, a gateway to a robot, or both, until the declarations are made
-anew. The robot cannot tell this from a gateway that has ended. It sees that tokens of gateways go and come.
+Routers whose connection breaks and returns within a tenth of a second may not exchange their declarations again (Zenoh
+1.10). Then a gateway does not see a robot, or a robot a gateway, until the declarations are renewed. The robot cannot
+tell this from a gateway that has ended: it only sees that tokens of gateways go and come.
 """
 
 import math
 
 RENEW_S = 5.0
-"""From the last such event to a new declaration. While a gateway is missing, waiting times double from there."""
+"""Delay from the last such event to the renewal. It doubles while a gateway is missing."""
 LONGEST_S = 60.0
 FORGOTTEN_S = 3600.0
-"""A gateway that has gone for so long is missing no more."""
+"""A gateway that has been gone for this long no longer counts as missing."""
 MAX_MISSING = 256
 
 
 class Renewal:
-    """A robot that begins at ``now_s``. A gateway is missing from ``left`` to ``appeared``."""
+    """Renewal times of a robot that starts at ``now_s``. A gateway is missing from ``left`` to ``appeared``."""
 
     def __init__(self, now_s: float) -> None:
         self._settled_s = now_s + RENEW_S
@@ -35,9 +35,9 @@ class Renewal:
         self._begin(now_s)
 
     def due(self, now_s: float, alive: bool) -> bool:
-        """Return True if the robot has to declare itself anew. To be called again and again.
+        """Return True if the robot must renew its declarations now. Call it periodically.
 
-        ``alive``: some gateway is. While none is, declarations are due as while one is missing.
+        ``alive`` says that some gateway is alive. While none is, renewals are scheduled as while one is missing.
         """
         self._alive = alive
         if not alive and self._due_s == math.inf and now_s >= self._settled_s:

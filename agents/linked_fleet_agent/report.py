@@ -1,4 +1,4 @@
-"""Progress of motions: how often an agent tells it, and what it tells again to a gateway that came later. Pure."""
+"""Progress messages of motions: their period, and their repetition for gateways that arrive later. Pure."""
 
 import math
 from collections import deque
@@ -10,16 +10,16 @@ from linked_fleet_agent.wire import codec
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Progress
 
 PERIOD_NS = 200_000_000
-# How ends are kept for gateways that were not there to hear of them.
+# How long ends are kept for gateways that were not present.
 KEPT_NS = 60_000_000_000
 MAX_KEPT = 256
-# A router may pass on that a gateway is there before what that listens for: then the first telling reaches nobody.
+# A router may announce a gateway before its subscriptions, so that the first message reaches nobody.
 AGAIN_NS = 1_000_000_000
 MAX_POSITIONS = 256
 
 
 class Report:
-    """The progress of the commands of one run of an agent; ``now_ns`` is its monotonic clock."""
+    """Progress of the commands of one run of an agent; ``now_ns`` is its monotonic clock."""
 
     def __init__(self, incarnation: int) -> None:
         self._incarnation = incarnation
@@ -29,7 +29,7 @@ class Report:
         self._again_ns: int | None = None
 
     def write(self, outcome: Outcome, measured: Mapping[str, float], now_ns: int, wall_ns: int) -> bytes:
-        """The message that says it; ends are remembered."""
+        """Return the progress message for ``outcome``. Ends are kept for ``repeat``."""
         known = ((joint, measured[joint]) for joint in outcome.joints if math.isfinite(measured[joint]))
         progress = Progress(
             version=WIRE_VERSION,
@@ -48,7 +48,10 @@ class Report:
         return payload
 
     def repeat(self, arrivals: int, now_ns: int) -> list[bytes]:
-        """The ends of late, at once if a gateway has arrived and a second later; what is under way is due then too."""
+        """Return the recent ends: at once if a gateway has arrived, and again a second later.
+
+        Running motions are due then too.
+        """
         if arrivals != self._arrivals:
             self._arrivals, self._due_ns, self._again_ns = arrivals, now_ns, now_ns + AGAIN_NS
         elif self._again_ns is None or now_ns < self._again_ns:
@@ -58,7 +61,7 @@ class Report:
         return [payload for ended_ns, payload in self._ends if now_ns - ended_ns <= KEPT_NS]
 
     def due(self, now_ns: int) -> bool:
-        """Return True if it is time to say again how far everything is."""
+        """Return True if the progress of running motions is due."""
         if now_ns < self._due_ns:
             return False
         self._due_ns = now_ns + PERIOD_NS

@@ -1,4 +1,4 @@
-"""The interface of drivers. Angles in radian, lengths in metre, efforts in newton metre or newton."""
+"""The interface of robot drivers. SI units: rad, m, N·m or N."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -9,11 +9,11 @@ from linked_fleet_agent.wire.messages import Base, Camera, PictureFormat
 
 
 class PictureError(Exception):
-    """A picture that cannot be had; the message says why."""
+    """A picture that is not available; the message gives the reason."""
 
 
 class RobotFaultError(Exception):
-    """The robot cannot be read or driven now; the agent reports it and holds until a read succeeds again."""
+    """The robot cannot be read or driven now. The agent reports it and holds until a read succeeds again."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Limits:
     effort: float | None = None
 
     def clamp(self, position: float) -> float:
-        """The position nearest to ``position`` that the limits allow."""
+        """Return the position nearest to ``position`` within the limits."""
         if self.lower is not None:
             position = max(position, self.lower)
         return position if self.upper is None else min(position, self.upper)
@@ -36,8 +36,8 @@ class Limits:
 class JointFacts:
     """One movable joint of one degree of freedom; ``mimics`` names the joint that it follows, if any.
 
-    A ``continuous`` joint turns endlessly: positions a whole turn apart are the same place. A ``passive`` one is
-    measured, but nothing drives it that could be told to.
+    A ``continuous`` joint turns endlessly: positions a whole turn apart are equal. A ``passive`` joint is measured but
+    has no actuator that takes commands.
     """
 
     name: str
@@ -50,10 +50,10 @@ class JointFacts:
 
 @dataclass(frozen=True)
 class Facts:
-    """Facts about a robot that are known without touching it; ``joints`` is the order of every array in a Reading.
+    """Facts about a robot that are known while it is offline; ``joints`` gives the order of every array in a Reading.
 
-    ``meshes``: files of the meshes that the URDF names, by their URI there; a driver may have none (meshes.py).
-    ``cameras``: of a driver that is ``Seeing``; each has another name.
+    ``meshes`` maps mesh URIs of the URDF to files (see meshes.py); it may be empty. ``cameras`` needs a driver that is
+    ``Seeing``; their names are unique.
     """
 
     title: str
@@ -76,25 +76,28 @@ class Reading:
 
 
 class Robot(Protocol):
-    """A driver. All methods are called from one thread and should return within a millisecond or so."""
+    """A driver. All methods are called from one thread and should return within about a millisecond."""
 
     def describe(self) -> Facts:
-        """The facts; works while the robot is offline and never changes."""
+        """Return the facts. Works while the robot is offline and never changes."""
 
     def read(self, now_s: float) -> Reading:
-        """Measure. A simulation first advances itself to ``now_s`` (monotonic seconds), hardware ignores it.
+        """Measure. A simulation first advances to ``now_s`` (monotonic seconds); hardware ignores it.
 
-        Raises RobotFaultError (or whatever the hardware library raises) when nothing can be measured.
+        Raises RobotFaultError, or an error of the hardware library, if nothing can be measured.
         """
 
     def apply(self, setpoints: Mapping[str, float]) -> Mapping[str, float]:
-        """Take new position setpoints, leave all others; return what was really applied, after the driver's limits."""
+        """Apply position setpoints and leave other joints alone.
+
+        Return the setpoints really applied, after driver limits.
+        """
 
     def stop(self) -> None:
-        """Hold where the robot is now. Always safe, at any time and any number of times."""
+        """Hold the present position. Safe at any time and any number of times."""
 
     def close(self) -> None:
-        """Release everything; the object is not used afterwards."""
+        """Release all resources; the object is not used afterwards."""
 
 
 @runtime_checkable
@@ -102,8 +105,8 @@ class Seeing(Protocol):
     """A driver whose robot has cameras."""
 
     def picture(self, camera: Camera, format: PictureFormat, reading: Reading) -> bytes:
-        """Return the picture of the robot as in ``reading``: a JPEG or PNG file of the camera's size, or its depths.
+        """Return the picture of the robot as in ``reading``: a JPEG or PNG file of the camera's size, or depth values.
 
-        Called in a thread beside the others, one call after another; it may take its time. Depths are little-endian
-        float32 in metre along the axis, row by row, NaN where nothing is in range. Raises PictureError.
+        Called in a thread of its own, one call at a time; it may be slow. Depths are little-endian float32 in metre
+        along the optical axis, row by row, NaN where nothing is in range. Raises PictureError.
         """

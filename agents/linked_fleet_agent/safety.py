@@ -1,4 +1,4 @@
-"""Judgement of commands before anything moves. Pure: clocks and facts are passed in; ids and stops are kept."""
+"""Checks of commands before anything moves. Pure: clocks and facts are passed in; recent ids and stops are kept."""
 
 import math
 from collections import OrderedDict
@@ -11,21 +11,21 @@ from linked_fleet_agent.plan import joints_of
 from linked_fleet_agent.robot import JointFacts
 from linked_fleet_agent.wire.messages import Accepted, Command, Expectation, Follow, Move, RefusalCode, Refused, Stop
 
-# A target computed in degrees or by inverse kinematics may miss its limit by rounding; that much is clamped silently.
+# A target computed in degrees or by inverse kinematics may exceed its limit by rounding. That much is clamped silently.
 ROUNDING = 1e-6
 MAX_REMEMBERED = 4096
-# What one follow may have of positions, so that judging it does not keep the robot waiting.
+# Most positions in one ``Follow``, so that checking it does not delay the robot.
 MAX_POSITIONS = 16_384
 MIN_STEP_S = 1e-3
-# Further from zero (rad or m) a position is no place but a mistake.
+# A position further from zero (rad or m) is treated as a mistake.
 FARTHEST = 1e6
 
 
 class Remembered:
     """The ids of the last accepted commands, so that none runs twice.
 
-    Memory is bounded: the oldest of ``capacity`` ids is forgotten. The same bytes sent again after that are stale
-    unless more than ``capacity`` commands were accepted within their time to live (60 s at most).
+    Memory is bounded: at most ``capacity`` ids are kept. A replayed command whose id was forgotten is stale, unless
+    more than ``capacity`` commands were accepted within its time to live (60 s at most).
     """
 
     def __init__(self, capacity: int = MAX_REMEMBERED) -> None:
@@ -45,9 +45,9 @@ class Remembered:
 
 
 class Stops:
-    """Times of stops by joint, so that no motion that was asked for before runs after; monotonic times of the agent.
+    """Times of stops by joint (monotonic, in ns), so that no motion requested before a stop runs after it.
 
-    Of the commands that were cancelled by their id, the last ``MAX_REMEMBERED`` are known.
+    The last ``MAX_REMEMBERED`` commands that were cancelled by id are known too.
     """
 
     def __init__(self) -> None:
@@ -61,7 +61,7 @@ class Stops:
         self._cancelled.add(command_id)
 
     def overtook(self, command: Command) -> str:
-        """Which stop was executed since ``command`` was asked for, as a sentence; empty when none was."""
+        """Return a sentence about a stop executed after ``command`` was requested; empty if there is none."""
         if command.id in self._cancelled:
             return f"the command {command.id!r} was cancelled before it came"
         for name in joints_of(command.motion):
@@ -79,7 +79,7 @@ def judge(
     seen: Container[str],
     stops: Stops,
 ) -> Accepted | Refused:
-    """Accept, or refuse with the first thing that is wrong. ``now_ns`` is the agent's own monotonic clock."""
+    """Return Accepted, or Refused with the first problem found. ``now_ns`` is the agent's own monotonic clock."""
     targets = list(_targets(command.motion))
     problem = (
         _contradiction(command.motion)
@@ -95,7 +95,10 @@ def judge(
 def unexpected(
     expects: Mapping[str, Expectation], measured: Mapping[str, float], joints: Mapping[str, JointFacts]
 ) -> str:
-    """Return a sentence about what is not as expected; empty when all is. NaN is unknown and never as expected."""
+    """Return a sentence about the first joint that is not at its expected position; empty if all are.
+
+    NaN never matches.
+    """
     for name, expected in expects.items():
         off = measured[name] - expected.position
         if joints[name].continuous and math.isfinite(off):
@@ -110,13 +113,13 @@ def unexpected(
 
 
 def judge_stop(stop: Stop, joints: Mapping[str, JointFacts]) -> Refused | None:
-    """Why a stop cannot be: only for a joint that is none of the robot."""
+    """Return the refusal of a stop that names an unknown joint, or None."""
     problem = next(filter(None, (_unknown(name, joints) for name in stop.joints)), None)
     return None if problem is None else Refused(stop.id, problem[0], problem[1][:1024])
 
 
 def clamp(motion: Move | Follow, joints: Mapping[str, JointFacts]) -> Move | Follow:
-    """An accepted motion with no target outside the limits of its joint."""
+    """Return an accepted motion with all targets clamped to the limits of their joints."""
     if isinstance(motion, Move):
         targets = {name: joints[name].limits.clamp(target) for name, target in motion.targets.items()}
         return msgspec.structs.replace(motion, targets=targets)
@@ -134,7 +137,7 @@ def _targets(motion: Move | Follow) -> Iterator[tuple[str, float]]:
         return
     for name, column in zip(motion.joints, zip(*motion.positions, strict=False), strict=False):
         yield from ((name, position) for position in column if not math.isfinite(position))
-        yield from ((name, min(column)), (name, max(column)))  # which speak for all the others
+        yield from ((name, min(column)), (name, max(column)))  # the extremes represent all positions of the joint
 
 
 def _contradiction(motion: Move | Follow) -> _Problem:

@@ -32,7 +32,7 @@ class Opener(Protocol):
 
 
 def make_agent(settings: AgentSettings, index: int) -> Agent:
-    """Load the robot at this place of the settings. Raises SettingsError, UnavailableError."""
+    """Load robot ``index`` of the settings. Raises SettingsError, UnavailableError."""
     choice = settings.robots[index]
     robot = load(choice.name, choice.source, choice.floating)
     facts = robot.describe()
@@ -53,7 +53,7 @@ def make_agent(settings: AgentSettings, index: int) -> Agent:
 async def serve(
     settings: AgentSettings, agents: list[Agent], tracing: Tracing | None = None, opener: Opener = open_session
 ) -> None:
-    """Serve all robots over one session of ``opener`` until cancelled. An ExceptionGroup says which of them failed."""
+    """Serve all robots over one session until cancelled. Raises an ExceptionGroup of the errors of failed robots."""
     async with (
         opener(
             settings.zenoh_connect, settings.zenoh_listen, settings.lease_ms, settings.credentials, settings.keys

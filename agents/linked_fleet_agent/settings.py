@@ -1,4 +1,4 @@
-"""The settings of an agent process: environment variables, each also a flag, read once into one frozen object."""
+"""Settings of an agent process, read once from environment variables and flags into one frozen object."""
 
 import argparse
 import re
@@ -13,7 +13,7 @@ from linked_fleet_agent.wire.trust import Credentials, open_to_all
 
 @dataclass(frozen=True)
 class Setting:
-    """One line of the documented table; ``flag`` is the same without ``LINKED_FLEET_``, in lower case."""
+    """One row of the documented table. The flag is the variable in lower case without ``LINKED_FLEET_``."""
 
     variable: str
     default: str
@@ -61,12 +61,14 @@ SETTINGS = (
 
 
 class SettingsError(ValueError):
-    """A setting that cannot be understood; the message names it and says what would have been right."""
+    """An invalid setting; the message names it and the accepted values."""
 
 
 @dataclass(frozen=True)
 class RobotChoice:
-    """A robot to run: ``source`` is a catalogue name or a URDF file, ``floating`` frees the base of a file."""
+    """A robot to run: ``source`` is a catalogue name or a URDF file, ``floating`` makes the base of a file a free
+    joint.
+    """
 
     name: str
     source: str
@@ -75,7 +77,7 @@ class RobotChoice:
 
 @dataclass(frozen=True)
 class AgentSettings:
-    """Everything that can be chosen; see SETTINGS for the meaning."""
+    """The settings of one process; see SETTINGS for their meaning."""
 
     robots: tuple[RobotChoice, ...]
     keys: Keys = field(default_factory=Keys)
@@ -89,7 +91,10 @@ class AgentSettings:
 
 
 def read_settings(arguments: Sequence[str], environment: Mapping[str, str], host: str) -> AgentSettings:
-    """Flags before environment before default; ``{host}`` in a robot's name becomes ``host``. Raises SettingsError."""
+    """Read settings; flags precede the environment.
+
+    ``{host}`` in a robot's name becomes ``host``. Raises SettingsError.
+    """
     flags = vars(_parser().parse_args(arguments))
     text: dict[str, str] = {}
     for setting in SETTINGS:

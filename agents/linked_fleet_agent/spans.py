@@ -1,4 +1,4 @@
-"""How spans leave a process, by OpenTelemetry, which is imported only where the environment asks for it."""
+"""Export of OpenTelemetry spans. OpenTelemetry is imported only if the environment enables it."""
 
 import logging
 import threading
@@ -17,14 +17,15 @@ _LAST_EXPORT_S = 1.5
 _COMPLAINT_PERIOD_S = 60.0
 
 
-class TracingUnavailable(Exception):  # noqa: N818 -- as the other outcomes are called
-    """Spans are asked for and their packages are not there; one line for a human."""
+class TracingUnavailable(Exception):  # noqa: N818 -- named like the other outcomes
+    """Spans are enabled but the OpenTelemetry packages are missing; the message is one line."""
 
 
 def open_provider(environment: Mapping[str, str], own: dict[str, str]) -> "TracerProvider | None":
-    """None where the environment names no collector, or has OTEL_SDK_DISABLED; TracingUnavailable.
+    """Return a tracer provider, or None if no collector is configured or OTEL_SDK_DISABLED is set.
 
-    ``own``: attributes of the process, by the semantic conventions for resources, unless the environment has others.
+    ``own`` holds resource attributes of the process (OpenTelemetry semantic conventions); the environment overrides
+    them. Raises TracingUnavailable.
     """
     names = ("OTEL_EXPORTER_OTLP_TRACES_ENDPOINT", "OTEL_EXPORTER_OTLP_ENDPOINT")
     named = next((name for name in names if environment.get(name)), None)
@@ -47,7 +48,7 @@ def open_provider(environment: Mapping[str, str], own: dict[str, str]) -> "Trace
 
 
 def close_provider(provider: "TracerProvider") -> None:
-    """Send what is left, for as long as a process that ends can wait. Blocks."""
+    """Export the remaining spans, for ``_LAST_EXPORT_S`` at most. Blocks."""
     ending = threading.Thread(target=provider.shutdown, name="last spans", daemon=True)
     ending.start()
     ending.join(_LAST_EXPORT_S)
@@ -56,7 +57,7 @@ def close_provider(provider: "TracerProvider") -> None:
 
 
 def within(asking: TraceParent | None) -> "Context":
-    """That of the span which asks, in another process; an empty one if there is none."""
+    """Return the context of the remote parent span; an empty context if there is none."""
     from opentelemetry.context import Context
     from opentelemetry.trace import NonRecordingSpan, SpanContext, TraceFlags, set_span_in_context
 
@@ -68,7 +69,7 @@ def within(asking: TraceParent | None) -> "Context":
 
 
 class _Seldom(logging.Filter):
-    """Lets the exporter complain once a minute, however many spans a collector that is away does not take."""
+    """Limits log records of the exporter to one a minute, however many spans an absent collector loses."""
 
     _next_s = 0.0
 

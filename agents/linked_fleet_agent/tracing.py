@@ -1,4 +1,4 @@
-"""Spans of what an agent is told, by OpenTelemetry, which is imported only where the environment asks for it."""
+"""OpenTelemetry spans of commands and stops that an agent receives."""
 
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class Tracing:
-    """Records what is taken; ``close`` sends what is left."""
+    """Records a span for each command and stop; ``close`` exports the remaining ones."""
 
     def __init__(self, provider: "TracerProvider") -> None:
         self._provider, self._tracer = provider, provider.get_tracer(__name__)
@@ -21,7 +21,7 @@ class Tracing:
     def take(
         self, kind: str, robot: str, parent: bytes | None, payload: bytes, answer: Callable[[bytes], bytes]
     ) -> bytes:
-        """Return the reply of ``answer``, in a span; ``parent`` is a traceparent, perhaps."""
+        """Call ``answer`` within a span and return its reply; ``parent`` is a W3C traceparent if it parses as one."""
         from opentelemetry.trace import SpanKind, Status, StatusCode
 
         attributes = {"linked_fleet.robot": robot}
@@ -40,11 +40,11 @@ class Tracing:
             return written
 
     def close(self) -> None:
-        """Send what is left, for as long as a process that ends can wait. Blocks."""
+        """Export the remaining spans, for a bounded time. Blocks."""
         close_provider(self._provider)
 
 
 def open_tracing(environment: Mapping[str, str]) -> Tracing | None:
-    """None where nobody asks for spans; TracingUnavailable."""
+    """Return None if no collector is configured. Raises TracingUnavailable."""
     provider = open_provider(environment, {"service.name": "linked-fleet-agent"})
     return None if provider is None else Tracing(provider)

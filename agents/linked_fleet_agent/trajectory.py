@@ -1,4 +1,4 @@
-"""Trajectories of one joint: cubics, one after another. Pure; rad, rad/s or m, m/s, and seconds."""
+"""Trajectories of one joint as sequences of cubics. Pure; rad, rad/s or m, m/s, and seconds."""
 
 import math
 from bisect import bisect_right
@@ -19,24 +19,24 @@ class Segment(NamedTuple):
     cubic: float = 0.0
 
     def at(self, time_s: float) -> tuple[float, float]:
-        """Position and velocity ``time_s`` after the start of the segment."""
+        """Return position and velocity ``time_s`` after the start of the segment."""
         position = self.position + time_s * (self.velocity + time_s * (self.quadratic + time_s * self.cubic))
         return position, self.velocity + time_s * (2.0 * self.quadratic + 3.0 * time_s * self.cubic)
 
     def fastest(self, duration_s: float) -> float:
-        """The highest speed within ``duration_s``: at one of the ends or where the acceleration vanishes."""
+        """Return the highest speed within ``duration_s``: at one of the ends or where the acceleration is zero."""
         speeds = [abs(self.velocity), abs(self.at(duration_s)[1])]
         if self.cubic != 0.0 and 0.0 < (turn := -self.quadratic / (3.0 * self.cubic)) < duration_s:
             speeds.append(abs(self.at(turn)[1]))
         return max(speeds)
 
     def standstills(self, duration_s: float) -> list[float]:
-        """The times within ``duration_s`` at which the velocity is zero: the positions there may be extremes."""
+        """Return the times within ``duration_s`` at which the velocity is zero: candidates for extreme positions."""
         a, b, c = 3.0 * self.cubic, 2.0 * self.quadratic, self.velocity
         root = b * b - 4.0 * a * c
         if root < 0.0:
             return []
-        # The stable form of both roots; one of them is at infinity when the segment is no cubic.
+        # The numerically stable form of both roots; one of them is at infinity if the segment is not cubic.
         q = -(b + math.copysign(math.sqrt(root), b)) / 2.0
         times = [*([q / a] if a else []), *([c / q] if q else [])]
         return [time for time in times if 0.0 < time < duration_s]
@@ -47,14 +47,14 @@ _start = attrgetter("start_s")
 
 @dataclass(frozen=True)
 class Trajectory:
-    """Segments in the order of time, and ``end``, where the joint stands still after ``duration_s``."""
+    """Segments in temporal order; the joint stands at ``end`` after ``duration_s``."""
 
     segments: tuple[Segment, ...]
     duration_s: float
     end: float
 
     def at(self, time_s: float) -> tuple[float, float]:
-        """Position and velocity at ``time_s`` ≥ 0."""
+        """Return position and velocity at ``time_s`` ≥ 0."""
         if time_s >= self.duration_s:
             return self.end, 0.0
         segment = self.segments[bisect_right(self.segments, time_s, key=_start) - 1]
@@ -62,19 +62,19 @@ class Trajectory:
 
     @property
     def fastest(self) -> float:
-        """The highest speed on the way."""
+        """The highest speed of the trajectory."""
         return max((segment.fastest(duration_s) for segment, duration_s in self._lasting()), default=0.0)
 
     @property
     def extremes(self) -> tuple[float, float]:
-        """The least and the greatest position on the way."""
+        """The least and the greatest position of the trajectory."""
         found = [self.end]
         for segment, duration_s in self._lasting():
             found += [segment.at(time_s)[0] for time_s in (0.0, *segment.standstills(duration_s))]
         return min(found), max(found)
 
     def then(self, later: "Trajectory") -> "Trajectory":
-        """This one and, from its end on, another."""
+        """Return this trajectory followed by ``later``."""
         moved = (segment._replace(start_s=segment.start_s + self.duration_s) for segment in later.segments)
         return Trajectory((*self.segments, *moved), self.duration_s + later.duration_s, later.end)
 
@@ -84,12 +84,12 @@ class Trajectory:
 
 
 def hold(position: float) -> Trajectory:
-    """Be at ``position``, from now on."""
+    """Stay at ``position`` from now on."""
     return Trajectory((), 0.0, position)
 
 
 def accelerating(position: float, velocity: float, phases: Iterable[tuple[float, float]], end: float) -> Trajectory:
-    """Phases of (duration, acceleration) one after another; they must come to rest at ``end``, up to rounding."""
+    """Return phases of (duration, acceleration) in sequence. They must come to rest at ``end``, up to rounding."""
     segments, time_s = [], 0.0
     for duration_s, acceleration in phases:
         if duration_s > 0.0:
@@ -100,11 +100,12 @@ def accelerating(position: float, velocity: float, phases: Iterable[tuple[float,
 
 
 def through(start: float, velocity: float, times_s: Sequence[float], positions: Sequence[float]) -> Trajectory:
-    """From ``start`` at ``velocity`` through ``positions`` at increasing ``times_s`` > 0, to a standstill at the last.
+    """Return a trajectory from ``start`` at ``velocity`` through ``positions`` at increasing ``times_s`` > 0, ending at
+    rest.
 
     A piecewise cubic with the slopes of Fritsch and Carlson (SIAM J. Numer. Anal. 17, 1980; weights of Fritsch and
-    Butland, 1984): between two waypoints it stays between them, unless ``velocity`` carries it beyond at the start
-    (by up to 4/27 of the way that this would be in the time to the first).
+    Butland, 1984). Between two waypoints it stays between their positions, unless the initial ``velocity`` carries it
+    beyond (by up to 4/27 of the distance that this velocity covers in the time to the first waypoint).
     """
     times, values = (0.0, *times_s), (start, *positions)
     steps = [later - earlier for earlier, later in pairwise(times)]
@@ -121,7 +122,9 @@ def through(start: float, velocity: float, times_s: Sequence[float], positions: 
 
 
 def _slope(before: tuple[float, float], after: tuple[float, float]) -> float:
-    """The velocity at a waypoint: a weighted harmonic mean of the slopes beside it, none where the way turns back."""
+    """Return the velocity at a waypoint: a weighted harmonic mean of the adjacent slopes, zero where the direction
+    reverses.
+    """
     (step_before, slope_before), (step_after, slope_after) = before, after
     if slope_before * slope_after <= 0.0:
         return 0.0

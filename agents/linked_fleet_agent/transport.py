@@ -1,7 +1,7 @@
-"""The agent's seam towards Zenoh: all that a link needs of a session, in plain Python.
+"""The interface to Zenoh that an agent's link needs, in plain Python.
 
-``zenoh_session.py`` implements it. Keys are Zenoh key expressions. Each declaration is a context manager, and is
-withdrawn on exit.
+``zenoh_session.py`` implements it. Keys are Zenoh key expressions. Each declaration is a context manager that
+undeclares on exit.
 """
 
 from collections.abc import Callable
@@ -10,26 +10,26 @@ from typing import Protocol
 
 
 class TransportError(Exception):
-    """The session refused a call, because it is closed or its connections are."""
+    """The session refused a call because it or its connections are closed."""
 
 
 class Query(Protocol):
-    """One question. It ends for the asker with its first reply, or when it is dropped."""
+    """One query. It ends for its sender with the first reply, or when it is dropped."""
 
     @property
     def payload(self) -> bytes: ...
 
     @property
     def traceparent(self) -> bytes | None:
-        """The attachment, if it is short enough to be a traceparent."""
+        """The attachment, if it is short enough for a traceparent."""
         ...
 
     def reply(self, key: str, payload: bytes) -> None:
-        """Answer, from any thread; may block on a full connection. Raises TransportError."""
+        """Reply, from any thread. May block on a congested connection. Raises TransportError."""
         ...
 
     def refuse(self, reason: bytes) -> None:
-        """Answer with an error, from any thread. Raises TransportError."""
+        """Reply with an error, from any thread. Raises TransportError."""
         ...
 
 
@@ -42,10 +42,13 @@ class Publisher(Protocol):
 
 
 class Session(Protocol):
-    """An open session, which several links may share. Called in the event loop, in which all callbacks are called."""
+    """An open session that several links may share. Used on the event loop, which also runs all callbacks."""
 
     def declare_publisher(self, key: str, *, reliable: bool, express: bool) -> AbstractContextManager[Publisher]:
-        """A publisher. In congestion a reliable one waits, and another drops. An ``express`` message is not batched."""
+        """Declare a publisher.
+
+        Under congestion a reliable one waits, another drops. ``express`` messages are not batched.
+        """
         ...
 
     def declare_queryable(self, key: str, answer: Callable[[Query], None]) -> AbstractContextManager[object]: ...
@@ -55,11 +58,11 @@ class Session(Protocol):
         ...
 
     def subscribe_tokens(self, key: str, hear: Callable[[str, bool], None]) -> AbstractContextManager[object]:
-        """Call ``hear`` for each liveliness token that is present now or appears, and for each that goes."""
+        """Call ``hear`` for each liveliness token that is present now or appears, and for each that disappears."""
         ...
 
     def declare_token(self, key: str) -> AbstractContextManager[object]: ...
 
     async def list_tokens(self, key: str, timeout_s: float) -> set[str]:
-        """The keys of all tokens that become known within ``timeout_s``."""
+        """Return the keys of all tokens that become known within ``timeout_s``."""
         ...

@@ -1,4 +1,4 @@
-"""The little that an agent itself has to know of a URDF: its movable joints and their limits. Standard library only."""
+"""URDF parsing for agents: movable joints and their limits. Standard library only."""
 
 import math
 import xml.etree.ElementTree as ElementTree
@@ -9,11 +9,11 @@ _MOVABLE = ("revolute", "continuous", "prismatic")
 
 
 class UrdfError(ValueError):
-    """The text is no URDF; the message says what is wrong."""
+    """The text is not a URDF; the message says what is wrong."""
 
 
 def parse(urdf: str) -> ElementTree.Element:
-    """Return the ``robot`` element; UrdfError for everything that has none."""
+    """Return the ``robot`` element. Raises UrdfError."""
     try:
         root = ElementTree.fromstring(urdf)  # noqa: S314 - the robot's own file, and expat bounds entity expansion
     except ElementTree.ParseError as error:
@@ -24,7 +24,7 @@ def parse(urdf: str) -> ElementTree.Element:
 
 
 def joints_of(urdf: str) -> tuple[JointFacts, ...]:
-    """All joints of one degree of freedom in document order, mimic joints included; UrdfError when one is malformed."""
+    """Return all joints of one degree of freedom in document order, mimic joints included. Raises UrdfError."""
     root = parse(urdf)
     return tuple(_joint(element) for element in root.findall("joint") if element.get("type") in _MOVABLE)
 
@@ -50,7 +50,7 @@ def _limits(element: ElementTree.Element, name: str) -> Limits:
     return Limits(
         lower=_number(limit, "lower", name) if bounded else None,
         upper=_number(limit, "upper", name) if bounded else None,
-        # A joint that may neither move nor push is no joint: many files write 0 for "not known".
+        # Many files write 0 for an unknown limit. A joint that may neither move nor push would be useless.
         velocity=_number(limit, "velocity", name) or None,
         effort=_number(limit, "effort", name) or None,
     )

@@ -1,6 +1,6 @@
-"""The agent's session on Zenoh; with the driver of ROS 2 all of the agent that imports zenoh.
+"""The agent's Zenoh session. Apart from the ROS 2 driver, no other module of the agent imports zenoh.
 
-Zenoh calls back on its threads; such a callback only hands over to the event loop.
+Zenoh calls back on its own threads; these callbacks only schedule work on the event loop.
 """
 
 import asyncio
@@ -32,19 +32,19 @@ def configuration(
     credentials: Credentials | None = None,
     keys: Keys | None = None,
 ) -> zenoh.Config:
-    """A client of the endpoints in ``connect``; a peer when it listens itself. Multicast scouting is off.
+    """Return the configuration of a client of ``connect``, or of a peer if ``listen`` is given. No multicast scouting.
 
-    A peer with ``credentials`` takes commands, under ``keys``, from those alone who prove to be gateways or routers.
+    A peer with ``credentials`` accepts messages under ``keys`` only from certified gateways and routers.
     """
     config = zenoh.Config()
     values: dict[str, object] = {
         **TRANSPORT,
-        # Clients see each other through one router or peer, so a second agent of the same name is noticed.
+        # Clients see each other through one router or peer, so that a second agent of the same name is noticed.
         "mode": "peer" if listen else "client",
         "connect/endpoints": list(connect),
         "connect/timeout_ms": _OPEN_TIMEOUT_MS,
         "connect/exit_on_failure": not listen,
-        # A gateway that was away for long is to find its robots within two seconds as well; zenoh's own is 4 s.
+        # A gateway that was away for long must find its robots within two seconds too; Zenoh's default is 4 s.
         "connect/retry": {"period_init_ms": 200, "period_max_ms": 1_000, "period_increase_factor": 1.5},
         "listen/endpoints": list(listen),
         "transport/link/tx/lease": lease_ms,
@@ -66,21 +66,21 @@ async def open_session(
     credentials: Credentials | None = None,
     keys: Keys | None = None,
 ) -> AsyncIterator["ZenohSession"]:
-    """A session that several links may share. Waits until an endpoint answers, however long that takes.
+    """Open a session that several links may share. Wait without limit until an endpoint answers.
 
-    Afterwards zenoh itself reconnects and declares everything again. A wrong endpoint syntax is a zenoh.ZError.
+    Zenoh reconnects later and renews all declarations by itself. Raises zenoh.ZError for an invalid endpoint.
     """
     config = configuration(connect, listen, lease_ms, credentials, keys)
     session, waiting = None, False
     while session is None:
         try:
-            # A fresh thread per try: opening blocks for at most _OPEN_TIMEOUT_MS and cannot be cancelled.
+            # A fresh thread per attempt: opening blocks for at most _OPEN_TIMEOUT_MS and cannot be cancelled.
             session = await asyncio.to_thread(zenoh.open, config)
         except zenoh.ZError as error:
             if not waiting:
-                # An agent may well be there before its gateway; zenoh's text ends in a path of its own sources.
+                # An agent may start before its gateway. Zenoh's message ends in a path of its own sources.
                 reason = str(error).partition(" at /")[0]
-                _log.info("nothing answers at %s yet (%s); trying on", ", ".join(connect) or "no endpoint", reason)
+                _log.info("no answer from %s yet (%s); retrying", ", ".join(connect) or "no endpoint", reason)
             waiting = True
             await asyncio.sleep(_RETRY_S)
     _log.info("connected to %s", ", ".join(connect) or "peers")
@@ -91,7 +91,7 @@ async def open_session(
 
 
 class ZenohSession:
-    """Implements ``linked_fleet_agent.transport.Session``. Made and used in the event loop."""
+    """Implements ``linked_fleet_agent.transport.Session``. Create and use it on the event loop."""
 
     def __init__(self, session: zenoh.Session) -> None:
         self._session, self._loop = session, asyncio.get_running_loop()
@@ -170,7 +170,7 @@ class _Query:
     @contextmanager
     def _ended(self) -> Iterator[zenoh.Query]:
         try:
-            with self._query as query:  # dropping the query ends it for the asker
+            with self._query as query:  # dropping the query ends it for its sender
                 yield query
         except zenoh.ZError as error:
             raise TransportError(str(error)) from error

@@ -1,6 +1,6 @@
-"""The robots that can be had by name, any URDF file by its path, and any of ROS 2 by where it is.
+"""Robots by name: demonstration models of a catalogue, URDF files, and ROS 2 robots.
 
-Does not import MuJoCo or what ROS 2 needs before it is asked to.
+MuJoCo and the packages for ROS 2 are imported only when a robot needs them.
 """
 
 import sysconfig
@@ -20,14 +20,14 @@ _ROBOTS = Path("cmeel.prefix", "share", "example-robot-data", "robots")
 
 
 class UnavailableError(Exception):
-    """A robot that cannot be loaded here; the message says what is missing and how to get it."""
+    """A robot that cannot be loaded; the message says what is missing and how to get it."""
 
 
 @dataclass(frozen=True)
 class Model:
     """A demonstration robot: its file in example-robot-data, its title, its pose at the start (rad or m; others 0).
 
-    ``poses`` are further ones that have a name; they may leave joints out.
+    ``poses`` are further named poses, which may omit joints.
     """
 
     file: str
@@ -48,7 +48,7 @@ def _legs(hip_rad: float, thigh_rad: float, calf_rad: float) -> dict[str, float]
 
 
 def _baxter_arms(*values_rad: float) -> dict[str, float]:
-    """One pose for both arms, s0 to w2 of the left one; the right one is its mirror image."""
+    """Return a pose of both arms from values s0 to w2 of the left arm; the right one is its mirror image."""
     pose: dict[str, float] = {}
     for joint, mirrored, value in zip(("s0", "s1", "e0", "e1", "w0", "w1", "w2"), (1, 0) * 4, values_rad, strict=False):
         pose |= {f"left_{joint}": value, f"right_{joint}": -value if mirrored else value}
@@ -56,7 +56,7 @@ def _baxter_arms(*values_rad: float) -> dict[str, float]:
 
 
 def _camera(name: str, link: str, orientation_xyzw: tuple[float, float, float, float] = (0, 0, 0, 1)) -> Camera:
-    """A small colour camera with depth, as its maker would describe it: 60° high, from 5 cm to 20 m."""
+    """Return a small colour and depth camera with a vertical field of view of 60° and a range of 0.05 m to 20 m."""
     return Camera(
         name=name,
         link=link,
@@ -81,7 +81,7 @@ MODELS: Mapping[str, Model] = {
         },
         {"untucked": _baxter_arms(-0.08, -1.0, -1.19, 1.94, 0.67, 1.03, -0.5)},
         cameras=(
-            _camera("head", "head_camera_link", (0, 0, 1, 0)),  # which is mounted upside down
+            _camera("head", "head_camera_link", (0, 0, 1, 0)),  # mounted upside down
             _camera("left_hand", "left_hand_camera_axis_link"),
             _camera("right_hand", "right_hand_camera_axis_link"),
         ),
@@ -160,10 +160,10 @@ MODELS: Mapping[str, Model] = {
 
 
 def load(name: str, source: str, floating: bool = False) -> Robot:
-    """Make the robot ``name`` from ``source``: a catalogue name, the path of a URDF file, or ``ros2:`` and where it is.
+    """Create the robot ``name`` from ``source``: a catalogue name, the path of a URDF file, or a ``ros2:`` address.
 
-    ``floating`` frees the base of a file. Raises UnavailableError when the file, the package or MuJoCo is missing, the
-    file cannot be simulated, or the robot does not answer.
+    ``floating`` makes the base of a file a free joint. Raises UnavailableError if the file, the package or MuJoCo is
+    missing, the file cannot be simulated, or the robot does not answer.
     """
     if source.startswith(SCHEME):
         return _find(name, source, floating)
@@ -179,7 +179,7 @@ def load(name: str, source: str, floating: bool = False) -> Robot:
 
 
 def data_folder() -> Path:
-    """Return the folder of the robots of example-robot-data; UnavailableError when it is not installed."""
+    """Return the robots folder of example-robot-data. Raises UnavailableError if it is not installed."""
     for scheme in ("purelib", "platlib"):
         folder = Path(sysconfig.get_path(scheme)) / _ROBOTS
         if folder.is_dir():
@@ -188,15 +188,15 @@ def data_folder() -> Path:
 
 
 def facts_of(model: Model, urdf: str) -> Facts:
-    """The facts of a model with the text of its file; UrdfError when that is no URDF."""
+    """Return the facts of a model from the text of its file. Raises UrdfError."""
     joints = joints_of(urdf)
     return Facts(model.title, urdf, joints, model.floating, _annotations(model, joints))
 
 
 def poses_of(model: Model, joints: Sequence[JointFacts]) -> dict[str, dict[str, float]]:
-    """The named poses, in rad or m and within the limits: "home", as at the start, and the others of the model.
+    """Return the named poses in rad or m, within limits: "home" (the pose at the start) and those of the model.
 
-    Joints that turn endlessly are left out of home: wheels have none. A file of somebody's own has no poses.
+    Continuous joints, such as wheels, are left out of home. A plain URDF file has no poses.
     """
     commanded = {joint.name: joint.limits for joint in joints if joint.mimics is None and not joint.continuous}
     home = {"home": {name: model.home.get(name, 0.0) for name in commanded}} if model.home else {}
@@ -223,7 +223,7 @@ def _find(name: str, source: str, floating: bool) -> Robot:
 
 
 def _simulate(name: str, model: Model, path: Path) -> Robot:
-    sight = probe() if model.cameras else None  # beside the import, which takes as long
+    sight = probe() if model.cameras else None  # runs while MuJoCo is imported, which takes as long
     try:
         from linked_fleet_agent.robots.mujoco_robot import MujocoRobot
     except ImportError as error:
@@ -245,7 +245,7 @@ def _simulate(name: str, model: Model, path: Path) -> Robot:
 
 
 def _annotations(model: Model, joints: Sequence[JointFacts]) -> str:
-    """Turtle whose relative IRI <> is the robot (R1.12), and <name> its joint."""
+    """Return Turtle in which the relative IRI <> is the robot (R1.12) and <name> its joint."""
     lines = [
         "@prefix dcterms: <http://purl.org/dc/terms/> .",
         "@prefix lf: <https://w3id.org/linked-fleet#> .",

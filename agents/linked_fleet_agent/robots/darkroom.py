@@ -1,4 +1,4 @@
-"""The process that renders (``eyes.py`` starts it): a robot once, then picture after picture, over stdin and stdout."""
+"""The render process that ``eyes.py`` starts. It takes a scene, then picture requests, over stdin and stdout."""
 
 import os
 import select
@@ -12,14 +12,14 @@ import msgspec
 from linked_fleet_agent.robots.eyes import NOT, OK, Exposure, Scene, read_frame, write_frame
 
 IDLE_S = 30.0
-_NICENESS = 10  # the agent beside it is to move the robot on time
+_NICENESS = 10  # lets the agent beside it move the robot on time
 
 
 def main(task: str) -> None:
-    """``probe``: say whether anything can be rendered, and end. ``serve``: until nothing was asked for IDLE_S."""
+    """Run ``probe`` (report if rendering works, and exit) or ``serve`` (render until no request came for IDLE_S)."""
     os.nice(_NICENESS)
     answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # whatever a library prints is no answer
+    os.dup2(2, 1)  # output of libraries must not mix with the answers
     if task == "probe":
         _answer(answers, _probe)
     else:
@@ -27,7 +27,7 @@ def main(task: str) -> None:
 
 
 def _serve(questions: BinaryIO, answers: BinaryIO) -> None:
-    """The asking side waits for each answer, so nothing is read ahead of what ``select`` sees."""
+    """Answer requests. The client waits for each answer, so nothing is buffered beyond what ``select`` sees."""
     room = _Room()
     while select.select([questions], [], [], IDLE_S)[0]:
         try:
@@ -38,10 +38,10 @@ def _serve(questions: BinaryIO, answers: BinaryIO) -> None:
 
 
 def _answer(to: BinaryIO, work: Callable[[], bytes]) -> None:
-    """Send what comes of it, or why nothing does."""
+    """Send the result of ``work``, or its error."""
     try:
         answer = OK + work()
-    except Exception as error:  # noqa: BLE001 - the boundary of the process: OpenGL fails in ways of its own
+    except Exception as error:  # noqa: BLE001 - the boundary of the process: OpenGL raises errors of its own
         answer = NOT + (str(error) or type(error).__name__).splitlines()[0].encode()
     write_frame(to, answer)
 
@@ -54,7 +54,7 @@ def _probe() -> bytes:
 
 
 class _Room:
-    """Answer questions: the first one is the scene, each other one an exposure."""
+    """Answers requests: the first is the scene, each later one an exposure."""
 
     def __init__(self) -> None:
         self._take: Callable[[Exposure], bytes] | None = None

@@ -1,7 +1,7 @@
-"""The cameras of a simulated robot: a process of its own renders, so that nothing there touches the robot.
+"""The cameras of a simulated robot, rendered in a process of its own so that rendering cannot disturb the control loop.
 
-It is there from the first picture that somebody wants until nobody has wanted one for a while. It is told how to reach
-OpenGL before it imports MuJoCo, which reads that only once.
+The process starts with the first picture request and ends after a period without requests. It gets its OpenGL backend
+from the environment, because MuJoCo reads that only once, at import.
 """
 
 import logging
@@ -26,13 +26,13 @@ _log = logging.getLogger(__name__)
 
 FORMATS: tuple[PictureFormat, ...] = ("jpeg", "png", "depth")
 _OFF = ("disable", "disabled", "off", "false", "0")
-_PATIENCE_S = 20.0  # also for the first picture on a busy machine, for which meshes are read
+_PATIENCE_S = 20.0  # long enough for the first picture on a busy machine, which loads the meshes
 _SIZE = struct.Struct("<I")
 OK, NOT = b"\0", b"\1"
 
 
 class Scene(msgspec.Struct, frozen=True, kw_only=True):
-    """The scene to be rendered: the robot of a URDF that lies at ``file``; ``home`` is by joint, in rad or m."""
+    """The scene to render: the robot of a URDF at path ``file``; ``home`` is by joint, in rad or m."""
 
     robot: str
     urdf: str
@@ -43,7 +43,7 @@ class Scene(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Exposure(msgspec.Struct, frozen=True, kw_only=True):
-    """One picture: positions by joint, and of a floating base its position and quaternion x y z w in the world."""
+    """One picture: positions by joint, and the position and quaternion x y z w of a floating base in the world."""
 
     camera: str
     format: PictureFormat
@@ -52,14 +52,14 @@ class Exposure(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def write_frame(to: IO[bytes], content: bytes) -> None:
-    """OSError (BrokenPipeError) when nobody reads."""
+    """Write one frame. Raises OSError (BrokenPipeError) if the other end is closed."""
     to.write(_SIZE.pack(len(content)))
     to.write(content)
     to.flush()
 
 
 def read_frame(source: IO[bytes]) -> bytes:
-    """EOFError when nobody writes any more."""
+    """Read one frame. Raises EOFError if the other end is closed."""
     head = source.read(_SIZE.size)
     content = source.read(_SIZE.unpack(head)[0]) if len(head) == _SIZE.size else b""
     if not content:
@@ -68,7 +68,7 @@ def read_frame(source: IO[bytes]) -> bytes:
 
 
 class Probe:
-    """The way to OpenGL by which pictures can be rendered here, if any; found out beside whatever else is done."""
+    """Finds an OpenGL backend that can render here; the test runs in the background."""
 
     def __init__(self, asked: str | None) -> None:
         self._ways = ("egl", "osmesa") if not asked else (asked,)
@@ -77,7 +77,7 @@ class Probe:
 
     @cached_property
     def result(self) -> tuple[str, str]:
-        """The way, and why there is none: one of both is empty."""
+        """The backend and the reason for having none; one of them is empty."""
         if self._first is None:
             return "", "rendering is switched off here (MUJOCO_GL)"
         reasons = []
@@ -95,34 +95,34 @@ class Probe:
 
 @cache
 def probe() -> Probe:
-    """The one probe of this process, begun with the first call."""
+    """Return the one probe of this process, which starts with the first call."""
     return Probe(os.environ.get("MUJOCO_GL"))
 
 
 def as_available(cameras: Sequence[Camera], reason: str) -> tuple[Camera, ...]:
-    """The cameras with what can be had of them, or with the ``reason`` why nothing can."""
+    """Return the cameras with the available formats, or with the ``reason`` for having none."""
     formats = () if reason else FORMATS
     return tuple(msgspec.structs.replace(camera, formats=formats, unavailable=reason) for camera in cameras)
 
 
 class Renderer:
-    """Renders what the cameras of one robot see, in one thread at a time; ``close`` may be called from any."""
+    """Renders the cameras of one robot, from one thread at a time; ``close`` may be called from any thread."""
 
     def __init__(self, scene: Scene, way: str) -> None:
         self._scene, self._way = scene, way
         self._renderer: _Renderer | None = None
 
     def take(self, camera: str, format: PictureFormat, reading: Reading, joints: Sequence[str]) -> bytes:
-        """PictureError when the renderer fails or does not answer in time."""
+        """Return one picture. Raises PictureError if the renderer fails or does not answer in time."""
         base = None if reading.base is None else (*reading.base.position_m, *reading.base.orientation_xyzw)
         positions = dict(zip(joints, reading.positions, strict=True))
         order = msgspec.msgpack.encode(Exposure(camera=camera, format=format, positions=positions, base=base))
         for _ in range(2):
             try:
                 return self._ready().ask(order)
-            except EOFError:  # it ended for want of work just now
+            except EOFError:  # it had just ended for lack of requests
                 self.close()
-        raise PictureError("the process that renders ends again and again")
+        raise PictureError("the render process keeps ending")
 
     def _ready(self) -> "_Renderer":
         if self._renderer is None or self._renderer.ended:
@@ -146,15 +146,15 @@ class _Renderer:
 
     def __init__(self, way: str, task: Literal["probe", "serve"]) -> None:
         path = os.pathsep.join([str(Path(linked_fleet_agent.__file__).parent.parent), os.environ.get("PYTHONPATH", "")])
-        # One thread: what renders is to leave the other processors to what moves.
+        # One thread: rendering must leave the other processors to the control loop.
         environment = {**os.environ, "MUJOCO_GL": way, "PYTHONPATH": path, "LP_NUM_THREADS": "1"}
-        self._process = subprocess.Popen(  # noqa: S603 - ourselves
+        self._process = subprocess.Popen(  # noqa: S603 - this program
             [sys.executable, "-m", "linked_fleet_agent.robots.darkroom", task],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             env=environment,
-            start_new_session=True,  # a Ctrl-C is for the agent, whose end is its end
+            start_new_session=True,  # Ctrl-C goes to the agent, whose end closes this process
         )
 
     @property
@@ -162,14 +162,14 @@ class _Renderer:
         return self._process.poll() is not None
 
     def ready(self) -> None:
-        """Wait until it can render. PictureError."""
+        """Wait until it can render. Raises PictureError."""
         try:
             self._exchange(None)
         except EOFError:
-            raise PictureError(f"the process that renders ended with {self._process.wait()}") from None
+            raise PictureError(f"the render process ended with {self._process.wait()}") from None
 
     def ask(self, question: bytes) -> bytes:
-        """The answer. PictureError with what it says; EOFError when it is over."""
+        """Return the answer. Raises PictureError with the reported error, EOFError if the process has ended."""
         return self._exchange(question)
 
     def close(self) -> None:

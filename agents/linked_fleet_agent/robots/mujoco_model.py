@@ -1,4 +1,4 @@
-"""URDF → MuJoCo model with a position servo on every joint that takes commands."""
+"""MuJoCo models from URDF, with a position servo on every joint that takes commands."""
 
 import logging
 from collections.abc import Mapping, Sequence
@@ -14,13 +14,13 @@ _log = logging.getLogger(__name__)
 
 FIXED_TIMESTEP_S = 0.005
 FLOATING_TIMESTEP_S = 0.002
-# Natural frequency of a servo on the inertia it carries: stiff enough for millimetres, slow enough for the timestep.
+# Natural frequency of a servo with the inertia it carries: stiff enough for millimetres, slow enough for the timestep.
 SERVO_RAD_S = 50.0
-# What a servo may deviate at rest by dry friction (half of what counts as arrived), and how it bears the weight of a
-# robot that stands on its legs: 15 kg make an error of 1e-4 rad.
+# Servo error from dry friction at rest (half of the arrival tolerance), and the stiffness that carries a legged robot:
+# 15 kg cause an error of 1e-4 rad.
 FRICTION_ERROR = 1e-4
 STANDING_STIFFNESS_NM_RAD = 60_000.0
-# Added to every link, like the rotor behind a gear.
+# Added to every link, like the rotor inertia of a geared motor.
 ARMATURE_KG_M2, ARMATURE_KG = 0.01, 0.1
 _FASTEST_SERVO_RAD_S = 200.0
 _FOOT_RADIUS_M = 0.02
@@ -31,7 +31,7 @@ def build(
 ) -> mujoco.MjModel:
     """Compile the model. Servos are in the order of the joints that take commands.
 
-    Raises UrdfError or ValueError, naming the robot, when MuJoCo cannot make a model of the file.
+    Raises UrdfError or ValueError, with the robot's name, if MuJoCo cannot build a model.
     """
     text = simulable(urdf, robot, file if floating else None)
     try:
@@ -50,18 +50,18 @@ def build(
 
 def _set_up(spec: mujoco.MjSpec, floating: bool) -> None:
     spec.option.timestep = FLOATING_TIMESTEP_S if floating else FIXED_TIMESTEP_S
-    # Implicit in velocity: the strong damping of servos on light links stays stable at this timestep.
+    # This integrator is implicit in velocity, so that strong damping on light links is stable at this timestep.
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    # A diverged simulation must be seen as a fault, not start over at zero as if nothing had been.
+    # A diverged simulation must show as a fault and not silently restart at zero.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-    for equality in spec.equalities:  # mimic joints follow within a few timesteps instead of softly
+    for equality in spec.equalities:  # mimic joints follow within a few timesteps
         equality.solref = [4.0 * spec.option.timestep, 1.0]
 
 
 def _hang_in_air(spec: mujoco.MjSpec) -> None:
-    """A fixed base: gravity is compensated, and nothing is there to touch.
+    """Set up a fixed base: compensate gravity and disable contacts.
 
-    Not by the motors: the arms of Baxter, which springs carry in truth, weigh more than its effort limits can hold.
+    The motors do not carry the weight: Baxter's arms, which real springs support, exceed its effort limits.
     """
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     for body in spec.bodies[1:]:
@@ -69,7 +69,7 @@ def _hang_in_air(spec: mujoco.MjSpec) -> None:
 
 
 def _set_on_ground(spec: mujoco.MjSpec, robot: str) -> None:
-    """A floating base stands on a plane; the robot touches only the ground, never itself."""
+    """Set up a floating base on a plane. The robot touches only the ground, never itself."""
     spec.worldbody.first_body().add_freejoint()
     if not spec.geoms:
         _log.warning(
@@ -96,7 +96,7 @@ def _add_servo(spec: mujoco.MjSpec, joint: JointFacts) -> None:
 def _size_servos(
     model: mujoco.MjModel, joints: Sequence[JointFacts], home: Mapping[str, float], floating: bool
 ) -> None:
-    """Critically damped servos for the inertia that each joint carries in the home pose."""
+    """Set critically damped servos for the inertia that each joint carries in the home pose."""
     inertias = _carried_inertias(model, home)
     for index, joint in enumerate(joints):
         dof = model.joint(joint.name).dofadr[0]
@@ -104,10 +104,10 @@ def _size_servos(
         stiffness = max(inertia * SERVO_RAD_S**2, model.dof_frictionloss[dof] / FRICTION_ERROR)
         if floating and not joint.linear:
             stiffness = max(stiffness, STANDING_STIFFNESS_NM_RAD)
-        # A stiff servo on a light link must stay within what the timestep resolves.
+        # A stiff servo on a light link must stay within the bandwidth of the timestep.
         inertia = max(inertia, stiffness / _FASTEST_SERVO_RAD_S**2)
         model.dof_armature[dof] += inertia - inertias[dof]
-        # What the joint's own damping does need not be done by the servo.
+        # The joint's own damping reduces the damping that the servo must add.
         damping = max(0.0, 2.0 * np.sqrt(stiffness * inertia) - model.dof_damping[dof])
         model.actuator_gainprm[index, 0] = stiffness
         model.actuator_biasprm[index, 1:3] = -stiffness, -damping

@@ -1,4 +1,4 @@
-"""A simulated robot from any URDF that MuJoCo can load (extra: sim). Stepped by the caller, no wall clock in here."""
+"""A simulated robot from any URDF that MuJoCo can load (extra: sim). The caller steps it; it reads no wall clock."""
 
 import math
 from collections.abc import Mapping
@@ -12,18 +12,18 @@ from linked_fleet_agent.robots.eyes import Renderer, Scene
 from linked_fleet_agent.robots.mujoco_model import build
 from linked_fleet_agent.wire.messages import Base, Camera, PictureFormat
 
-# After a stall the simulation catches up by this much and forgives the rest, so that a slow host does not spiral.
+# After a stall the simulation catches up by this much at most, so that a slow host does not fall behind further.
 MAX_CATCH_UP_S = 0.1
-# A servo within this of its setpoint counts as holding it; taking its sag as the new setpoint would sag once more.
+# A servo this close to its setpoint counts as holding it. Using its sagged position as the new setpoint would add sag.
 _HOLDING_RAD = 0.01
 
 
 class MujocoRobot:
-    """Driver over MjModel and MjData.
+    """Driver based on MjModel and MjData.
 
-    ``home`` maps joints to their first positions (others: 0), clamped to the limits; ``home_height_m`` is that of a
-    floating base. ``file`` is where the URDF came from, to find its meshes, ``renders_by`` a way to OpenGL for its
-    cameras (``eyes.py``). Raises ValueError (UrdfError) when no model can be made.
+    ``home`` maps joints to their first positions (others: 0), clamped to the limits; ``home_height_m`` is the height of
+    a floating base. ``file`` is the path of the URDF, for finding its meshes; ``renders_by`` is the OpenGL backend of
+    its cameras (``eyes.py``). Raises ValueError (UrdfError) if no model can be built.
     """
 
     def __init__(
@@ -52,7 +52,8 @@ class MujocoRobot:
         commanded = [index for index, joint in enumerate(facts.joints) if joint.mimics is None]
         self._servo = {facts.joints[index].name: servo for servo, index in enumerate(commanded)}
         self._servo_qpos = self._qpos[commanded]
-        # A drive limits its own speed: this far ahead of the joint, all that damps it balances it at the limit.
+        # A real drive limits its speed. The setpoint leads the joint by at most the distance at which damping balances
+        # the servo at the speed limit.
         speeds = np.array([facts.joints[index].limits.velocity or np.inf for index in commanded])
         damping = self._model.dof_damping[self._dof[commanded]] - self._model.actuator_biasprm[:, 2]
         self._reach = speeds * damping / self._model.actuator_gainprm[:, 0]
@@ -64,7 +65,7 @@ class MujocoRobot:
         return self._facts
 
     def read(self, now_s: float) -> Reading:
-        """Advance to ``now_s`` and measure. Raises RobotFaultError when the simulation has diverged."""
+        """Advance to ``now_s`` and measure. Raises RobotFaultError if the simulation has diverged."""
         self._advance(now_s)
         data = self._data
         if not (np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all()):
@@ -77,7 +78,10 @@ class MujocoRobot:
         )
 
     def apply(self, setpoints: Mapping[str, float]) -> dict[str, float]:
-        """Set servos; KeyError for a joint that takes no command, ValueError for a setpoint that is not finite."""
+        """Set servos.
+
+        Raises KeyError for a joint that takes no commands, ValueError for a setpoint that is not finite.
+        """
         applied = {name: self._limits[name].clamp(setpoint) for name, setpoint in setpoints.items()}
         for name, setpoint in applied.items():
             if not math.isfinite(setpoint):
@@ -90,7 +94,7 @@ class MujocoRobot:
         self._setpoints[:] = np.where(np.abs(measured - held) > _HOLDING_RAD, measured, held)
 
     def close(self) -> None:
-        """End what renders; the rest is memory only."""
+        """End the render process; everything else is memory."""
         if self._renderer is not None:
             self._renderer.close()
 
@@ -122,7 +126,10 @@ class MujocoRobot:
             mujoco.mj_step(self._model, self._data, steps)
 
     def _base(self) -> Base:
-        """Pose and twist in the world frame: MuJoCo's free joint has its angular velocity in the body frame."""
+        """Return pose and twist in the world frame.
+
+        MuJoCo has the angular velocity of a free joint in the body frame.
+        """
         data = self._data
         angular = np.zeros(3)
         mujoco.mju_rotVecQuat(angular, data.qvel[3:6], data.qpos[3:7])

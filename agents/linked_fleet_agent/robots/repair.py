@@ -1,4 +1,4 @@
-"""URDF as found → URDF that MuJoCo can simulate. The published description stays the original text.
+"""Repairs a URDF so that MuJoCo can simulate it. The published description stays the original text.
 
 Every repair is logged with the names of the robot and the link or joint.
 """
@@ -22,9 +22,9 @@ _CONSTANT_INERTIA = 1e-12
 
 
 def simulable(urdf: str, robot: str, meshes_from: Path | None = None) -> str:
-    """Return the text to simulate; UrdfError when ``urdf`` is none.
+    """Return the URDF to simulate. Raises UrdfError if ``urdf`` is invalid.
 
-    Meshes are dropped, unless ``meshes_from`` says where the file lies that the mesh paths are relative to.
+    Meshes are dropped, unless ``meshes_from`` is the path of the URDF file that mesh paths are relative to.
     """
     root = parse(urdf)
     _drop_pictures(root)
@@ -34,7 +34,7 @@ def simulable(urdf: str, robot: str, meshes_from: Path | None = None) -> str:
 
 
 def mended(root: ElementTree.Element, robot: str) -> str:
-    """The text for MuJoCo, of an element whose meshes are those that are to be loaded. UrdfError."""
+    """Return the URDF for MuJoCo from an element that has only the meshes to be loaded. Raises UrdfError."""
     _weld_many_dof_joints(root, robot)
     _rename_world(root)
     _repair_inertias(root, robot)
@@ -74,7 +74,7 @@ def _resolve_or_drop(collision: ElementTree.Element, link: ElementTree.Element, 
 
 
 def find_mesh(uri: str, near: Path) -> Path | None:
-    """The file of a mesh URI (package, file or relative) as seen from the URDF ``near``, if MuJoCo can read it."""
+    """Return the file of a mesh URI (package, file or relative) of the URDF ``near``, if MuJoCo can read its format."""
     return locate(uri, near) if Path(uri).suffix.lower() in (".stl", ".obj") else None
 
 
@@ -86,7 +86,7 @@ def _weld_many_dof_joints(root: ElementTree.Element, robot: str) -> None:
 
 
 def _rename_world(root: ElementTree.Element) -> None:
-    """A link called world would be merged into MuJoCo's own world and leave no root body to hold or to free."""
+    """Rename a link called world, which MuJoCo would merge into its own world, leaving no root body."""
     names = {link.get("name") for link in root.findall("link")}
     fresh = "world_link"
     while fresh in names:
@@ -113,7 +113,7 @@ def _repair_inertias(root: ElementTree.Element, robot: str) -> None:
 
 
 def _moving_links(root: ElementTree.Element) -> set[str]:
-    """The links that a movable joint carries directly: MuJoCo asks a mass of each of them."""
+    """Return the links that a movable joint carries directly: MuJoCo requires a mass for each."""
     movable = (joint for joint in root.findall("joint") if joint.get("type") != "fixed")
     return {child.get("link", "") for joint in movable if (child := joint.find("child")) is not None}
 
@@ -138,13 +138,13 @@ def _repair_tensor(inertial: ElementTree.Element, robot: str, link: str) -> None
 
 
 def physical(inertia: np.ndarray) -> np.ndarray:
-    """The nearest inertia in kg·m² of the same principal axes that a body can have: all positive, A + B ≥ C."""
+    """Return the nearest physical inertia in kg·m² with the same principal axes: all positive, A + B ≥ C."""
     principal, axes = np.linalg.eigh((inertia + inertia.T) / 2.0)
     floor = max(TINY_INERTIA_KG_M2 * 1e-3, 1e-6 * float(np.abs(principal).max()))
     sound = np.sort(np.maximum(principal, floor)) if principal.min() <= 0.0 else principal
     missing = sound[2] - sound[0] - sound[1]
     if missing > 0.0:
-        # A hair more than half each, so that rounding on the way through text does not undo it.
+        # Slightly more than half each, so that rounding in the text form does not undo it.
         sound = sound + np.array([missing / 2.0, missing / 2.0, 0.0]) * (1.0 + 1e-6)
     return np.asarray(axes @ np.diag(sound) @ axes.T)
 

@@ -1,4 +1,4 @@
-"""A robot as it is seen: its visual geometry on a floor under a light, posed as it is told, through its cameras."""
+"""The rendered scene of a robot: visual geometry on a floor under a light, seen through its cameras."""
 
 import math
 import xml.etree.ElementTree as ElementTree
@@ -17,12 +17,12 @@ from linked_fleet_agent.wire.messages import Camera
 
 _QUALITY, _COMPRESSION = 80, 3
 _FLOOR_M, _TILE_M = 20.0, 0.5
-# ROS's optical frame looks along z with y down, MuJoCo's camera along -z with y up: half a turn about x, w x y z.
+# ROS's optical frame looks along z with y down, MuJoCo's camera along -z with y up: a half turn about x, as w x y z.
 _HALF_TURN = np.array([0.0, 1.0, 0.0, 0.0])
 
 
 class Stage:
-    """The model of one robot and its renderers. ValueError (UrdfError) when no model can be made."""
+    """The model of one robot and its renderers. Raises ValueError (UrdfError) if no model can be built."""
 
     def __init__(self, scene: Scene) -> None:
         self._cameras = {camera.name: camera for camera in scene.cameras}
@@ -33,7 +33,7 @@ class Stage:
         self._lay_floor(scene.floating)
 
     def take(self, exposure: Exposure) -> bytes:
-        """A JPEG or PNG file, or float32 depths in metre with NaN where nothing is in range."""
+        """Return a JPEG or PNG file, or float32 depths in metre with NaN where nothing is in range."""
         camera = self._cameras[exposure.camera]
         self._pose(exposure.positions, exposure.base)
         renderer = self._renderer(camera)
@@ -65,7 +65,7 @@ class Stage:
             renderer = self._renderers[size] = mujoco.Renderer(self._model, *size)
             renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
             renderer.scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
-        # What MuJoCo multiplies by the extent of the model.
+        # MuJoCo multiplies these by the extent of the model.
         self._model.vis.map.znear = camera.near_m / self._model.stat.extent
         self._model.vis.map.zfar = camera.far_m / self._model.stat.extent
         return renderer
@@ -80,13 +80,13 @@ class Stage:
         mujoco.mj_camlight(self._model, self._data)
 
     def _lay_floor(self, floating: bool) -> None:
-        """At the height zero of the world, or under what hangs lower: a fixed base need not be its robot's foot."""
+        """Put the floor at world height zero, or below a fixed-base robot that hangs lower."""
         lowest = 0.0 if floating else min(0.0, *(self._lowest(geom) for geom in range(self._model.ngeom)))
         self._model.geom("floor").pos[2] = lowest
         mujoco.mj_kinematics(self._model, self._data)
 
     def _lowest(self, geom: int) -> float:
-        """The corners of the box around a geometry, in the world; the floor itself is nothing."""
+        """Return the lowest world height of a geometry's bounding box; 0 for the floor itself."""
         if self._model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
             return 0.0
         centre, half = self._model.geom_aabb[geom, :3], self._model.geom_aabb[geom, 3:]
@@ -98,7 +98,7 @@ def _model(scene: Scene) -> mujoco.MjModel:
     spec = mujoco.MjSpec.from_string(_visible(scene))
     if scene.floating:
         spec.worldbody.first_body().add_freejoint()
-    for mesh in spec.meshes:  # thin ones have no volume to speak of; nothing here falls
+    for mesh in spec.meshes:  # thin meshes have almost no volume; masses do not matter here
         mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
     for camera in scene.cameras:
         _mount(spec, camera)
@@ -118,7 +118,7 @@ def _mount(spec: mujoco.MjSpec, camera: Camera) -> None:
 
 
 def _furnish(spec: mujoco.MjSpec) -> None:
-    """A tiled floor, a sky, a light from above."""
+    """Add a tiled floor, a sky and a light from above."""
     sky = spec.add_texture(
         name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT
     )
@@ -138,7 +138,7 @@ def _furnish(spec: mujoco.MjSpec) -> None:
 
 
 def _visible(scene: Scene) -> str:
-    """The URDF with what can be drawn of each link as its only geometry."""
+    """Return the URDF with only the drawable geometry of each link."""
     root, near = parse(scene.urdf), Path(scene.file)
     for link in root.findall("link"):
         shown = _drawable(link, "visual", near) or _drawable(link, "collision", near)
@@ -151,7 +151,7 @@ def _visible(scene: Scene) -> str:
 
 
 def _drawable(link: ElementTree.Element, tag: str, near: Path) -> list[ElementTree.Element]:
-    """The geometries of a link, if MuJoCo can draw them all; their meshes are set to their files."""
+    """Return the geometries of a link if MuJoCo can draw all of them; their meshes are set to file paths."""
     found = link.findall(tag)
     for mesh in (element.find("geometry/mesh") for element in found):
         path = find_mesh(mesh.get("filename", ""), near) if mesh is not None else None

@@ -1,7 +1,7 @@
-"""Rights on the wire: Zenoh's access control from one list of robots (PROTOCOL.md, "Trust"). Pure.
+"""Zenoh access control derived from one list of robots (PROTOCOL.md, "Trust"). Pure.
 
-A neighbour is known by the common name of its certificate, and what comes in from it is judged. What was let in may
-go out to everybody who has a name.
+A neighbour is identified by the common name of its certificate, and its incoming messages are filtered. Messages that
+were let in may go out to everybody who has a name.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -10,7 +10,7 @@ from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.wire.names import escape
 
 GATEWAY, ROUTER = "gateway", "router"
-"""Common names of gateways and of routers; any number of either share it, each with a key of its own."""
+"""Common names of gateways and of routers. All gateways share one, all routers the other, each with its own key."""
 
 _PUBLISHING = ("put", "reply", "declare_queryable", "liveliness_token")
 _WATCHING = ("liveliness_query", "declare_liveliness_subscriber")
@@ -19,17 +19,20 @@ _ASKED = ("description", "command", "stop", "mesh", "picture")
 
 
 def common_name(agent: str) -> str:
-    """That of an agent's certificate. ValueError for a name that means a gateway or a router."""
+    """Return the common name of an agent's certificate.
+
+    Raises ValueError for a name reserved for gateways or routers.
+    """
     if agent in (GATEWAY, ROUTER):
         raise ValueError(f"an agent's certificate cannot be called {agent!r}: whoever has that is taken for one")
     return escape(agent)
 
 
 def of_router(keys: Keys, agents: Mapping[str, Iterable[str] | None]) -> dict[str, object]:
-    """``access_control`` of a router, or of a gateway that agents connect to.
+    """Return ``access_control`` of a router, or of a gateway that agents connect to.
 
-    ``agents`` says for each certificate of an agent which robots it is; None for all, as simulations of robots whose
-    names nobody knows before may be.
+    ``agents`` maps the name in each agent certificate to its robots; None means any robot, as for simulations of robots
+    whose names are not known in advance.
     """
     names = [common_name(agent) for agent in agents]
     access = _Access()
@@ -50,7 +53,7 @@ def of_router(keys: Keys, agents: Mapping[str, Iterable[str] | None]) -> dict[st
 
 
 def of_agent(keys: Keys) -> dict[str, object]:
-    """``access_control`` of an agent that others connect to: gateways and routers may speak to it, no other robot."""
+    """Return ``access_control`` of a listening agent: gateways and routers may speak to it, no other robot may."""
     access = _Access()
     for flow in ("egress", "ingress"):
         access.grant(f"fleet {flow}", [GATEWAY, ROUTER], flow, _EVERYTHING, [keys.everything])
@@ -58,7 +61,7 @@ def of_agent(keys: Keys) -> dict[str, object]:
 
 
 class _Access:
-    """Nothing but what is granted."""
+    """Collects grants; everything else is denied."""
 
     def __init__(self) -> None:
         self._rules: list[object] = []
@@ -66,7 +69,7 @@ class _Access:
         self._policies: list[object] = []
 
     def grant(self, grant: str, to: Sequence[str], flow: str, messages: Sequence[str], keys: Sequence[str]) -> None:
-        if to:  # a subject without any name would be everybody
+        if to:  # a subject without a name would match everybody
             rule = {"permission": "allow", "flows": [flow], "messages": list(messages), "key_exprs": list(keys)}
             self._rules.append({"id": grant, **rule})
             self._subjects.append({"id": grant, "cert_common_names": list(to)})

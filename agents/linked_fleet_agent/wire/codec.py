@@ -1,4 +1,4 @@
-"""Bytes ↔ messages. State is a packed little-endian frame, everything else JSON (PROTOCOL.md)."""
+"""Encoding of messages. State is a packed little-endian frame, everything else JSON (PROTOCOL.md)."""
 
 import math
 import struct
@@ -23,7 +23,7 @@ from linked_fleet_agent.wire.messages import (
 
 MAGIC = b"LF"
 MAX_JOINTS = 1024
-FLOATING = 1  # bit 0 of the flags: thirteen values of the base stand before the joints
+FLOATING = 1  # bit 0 of the flags: the 13 values of the base precede the joints
 _HEADER_FORMAT = "<2sHHHQQqq"
 _HEADER = struct.Struct(_HEADER_FORMAT)
 _BASE_VALUES = 13
@@ -38,7 +38,7 @@ class WireError(ValueError):
 
 
 class VersionError(WireError):
-    """A well-formed message of a protocol version that is not spoken here."""
+    """A well-formed message of an unsupported protocol version."""
 
 
 def check_version(version: int) -> None:
@@ -47,7 +47,7 @@ def check_version(version: int) -> None:
 
 
 def layout(joint_count: int, floating: bool) -> tuple[Field, ...]:
-    """The fields of a state frame, so that anybody can decode it with one ``numpy.frombuffer`` (desideratum D5)."""
+    """Return the fields of a state frame, for decoding with one ``numpy.frombuffer`` (desideratum D5)."""
     fields = [
         Field("magic", "char2", 0, 1),
         Field("version", "uint16", 2, 1),
@@ -92,7 +92,7 @@ def encode_state(state: State) -> bytes:
 
 @cache
 def _frame(values: int) -> struct.Struct:
-    """A whole frame of so many values; there are at most twice as many of these as there may be joints."""
+    """Return the struct of a frame with this many values. The cache holds at most twice MAX_JOINTS entries."""
     return struct.Struct(f"{_HEADER_FORMAT}{values}d")
 
 
@@ -108,7 +108,7 @@ class Header(NamedTuple):
 
 
 def read_header(payload: bytes) -> Header:
-    """Read everything but the values. Raises WireError (VersionError) for anything that is not exactly one frame."""
+    """Read everything but the values. Raises WireError (VersionError) unless the payload is exactly one frame."""
     if len(payload) < _HEADER.size or payload[:2] != MAGIC:
         raise WireError(f"{len(payload)} bytes that do not start with a frame header")
     _, version, flags, count, incarnation, sequence, monotonic_ns, wall_ns = _HEADER.unpack_from(payload)
@@ -124,7 +124,7 @@ def read_header(payload: bytes) -> Header:
 
 
 def decode_state(payload: bytes) -> State:
-    """Unpack a frame. Raises WireError (VersionError) for anything that is not exactly one frame; ±∞ is refused."""
+    """Unpack a frame. Raises WireError (VersionError) unless it is exactly one frame without infinite values."""
     header = read_header(payload)
     base_count, count = _BASE_VALUES if header.floating else 0, header.joint_count
     total = base_count + 3 * count
@@ -156,7 +156,7 @@ class _Versioned(msgspec.Struct):
 
 
 def decode(payload: bytes, kind: type[_M]) -> _M:
-    """Decode a JSON message. Raises VersionError before anything else is judged, WireError for the rest."""
+    """Decode a JSON message. The version is checked first and raises VersionError; other faults raise WireError."""
     try:
         check_version(msgspec.json.decode(payload, type=_Versioned).version)
         return msgspec.json.decode(payload, type=kind)

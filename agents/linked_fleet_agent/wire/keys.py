@@ -1,4 +1,4 @@
-"""Every Zenoh key of the fleet, built and parsed here and nowhere else (PROTOCOL.md, "Keys")."""
+"""All Zenoh keys of the fleet are built and parsed here, and nowhere else (PROTOCOL.md, "Keys")."""
 
 import re
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ class RobotKey:
 
 @dataclass(frozen=True)
 class Keys:
-    """All keys under one namespace; ValueError when the namespace is no plain Zenoh key."""
+    """All keys under one namespace. Raises ValueError if the namespace is not a plain Zenoh key."""
 
     namespace: str = "fleet"
 
@@ -40,7 +40,7 @@ class Keys:
         return f"{self.namespace}/robot/{escape(robot)}/{kind}"
 
     def presence(self, robot: str, incarnation: int) -> str:
-        """The liveliness token of one run of an agent: a restart has another key than the run before it."""
+        """Return the liveliness token of one run of an agent; each run has its own key."""
         return f"{self.namespace}/robot/{escape(robot)}/presence/{incarnation}"
 
     def presence_of(self, robot: str) -> str:
@@ -74,11 +74,11 @@ class Keys:
 
     @property
     def all_stops(self) -> str:
-        """One question on this key reaches every robot."""
+        """The key on which one query reaches every robot."""
         return self.of_all_robots("stop")
 
     def gateway(self, gateway: str) -> str:
-        """The liveliness token of a gateway; a robot holds when the last of them is gone."""
+        """Return the liveliness token of a gateway. A robot holds when the last of them is gone."""
         return f"{self.namespace}/gateway/{escape(gateway)}"
 
     @property
@@ -86,7 +86,7 @@ class Keys:
         return f"{self.namespace}/gateway/*"
 
     def heartbeat(self, gateway: str) -> str:
-        """The key on which the event loop of a gateway says that it runs."""
+        """Return the key of the heartbeats by which the event loop of a gateway shows that it runs."""
         return f"{self.gateway(gateway)}/heartbeat"
 
     @property
@@ -94,14 +94,14 @@ class Keys:
         return f"{self.all_gateways}/heartbeat"
 
     def gateway_of(self, key: str) -> str:
-        """The gateway whose token or heartbeat has this key; ValueError for every other key."""
+        """Return the gateway of a token or heartbeat key. Raises ValueError for other keys."""
         match = _GATEWAY_KEY.fullmatch(key.removeprefix(self.namespace + "/"))
         if not key.startswith(self.namespace + "/") or match is None:
             raise ValueError(f"{key!r} is not the key of a gateway in namespace {self.namespace!r}")
         return unescape(match[1])
 
     def parse(self, key: str) -> RobotKey:
-        """Parse any key of a robot; ValueError for every other key."""
+        """Parse any key of a robot. Raises ValueError for other keys."""
         match = _ROBOT_KEY.fullmatch(key.removeprefix(self.namespace + "/"))
         if not key.startswith(self.namespace + "/") or match is None:
             raise ValueError(f"{key!r} is not the key of a robot in namespace {self.namespace!r}")

@@ -18,7 +18,7 @@ PictureFormat = Literal["jpeg", "png", "depth"]
 
 
 class Field(Struct, frozen=True, forbid_unknown_fields=True):
-    """One run of equal values in the binary frame: ``count`` values of ``type`` from byte ``offset``."""
+    """A run of values in the binary frame: ``count`` values of ``type`` from byte ``offset``."""
 
     name: Name
     type: Literal["char2", "uint16", "uint64", "int64", "float64"]
@@ -27,7 +27,7 @@ class Field(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Mesh(Struct, frozen=True, kw_only=True):
-    """A mesh that the agent hands out: ``uri`` as an XML parser reads it in the URDF, ``size`` in bytes."""
+    """A mesh that the agent serves: ``uri`` as an XML parser reads it in the URDF, ``size`` in bytes."""
 
     uri: Annotated[str, Meta(min_length=1, max_length=MAX_MESH_URI)]
     sha256: Annotated[str, Meta(pattern=r"^[0-9a-f]{64}\Z")]
@@ -36,11 +36,11 @@ class Mesh(Struct, frozen=True, kw_only=True):
 
 
 class Camera(Struct, frozen=True, kw_only=True):
-    """A camera of the robot: without distortion, its axis through the middle of the picture, its pixels square.
+    """An ideal pinhole camera of the robot: no distortion, principal point in the centre, square pixels.
 
-    The pose is that of its optical frame (z ahead, x to the right and y down in the picture, as in ROS REP 103) in the
-    frame of ``link``. ``formats`` are the kinds of picture that can be had, as in PictureFormat; gateways leave out
-    others. ``unavailable``: why none can be had here, or nothing.
+    The pose is that of its optical frame (z ahead, x right and y down in the picture, as in ROS REP 103) in the frame
+    of ``link``. ``formats`` are the available kinds of picture, as in PictureFormat; gateways ignore others.
+    ``unavailable`` is the reason why there are none, or empty.
     """
 
     name: Name
@@ -84,7 +84,7 @@ class Base(Struct, frozen=True):
 
 
 class State(Struct, frozen=True, kw_only=True):
-    """One frame. Arrays are in the order of ``Description.joints``; NaN is unknown. Times in nanoseconds."""
+    """One state frame. Arrays are in the order of ``Description.joints``; NaN is unknown. Times in nanoseconds."""
 
     incarnation: Unsigned
     sequence: int
@@ -97,9 +97,9 @@ class State(Struct, frozen=True, kw_only=True):
 
 
 class Move(Struct, frozen=True, tag="move", forbid_unknown_fields=True):
-    """Bring the named joints to absolute positions (rad or m), arriving together, none faster than its URDF limit.
+    """Move the named joints to absolute positions (rad or m), arriving together, each within its URDF velocity limit.
 
-    ``speeds`` caps the speed of some of them further (rad/s or m/s).
+    ``speeds`` limits some of them further (rad/s or m/s).
     """
 
     targets: Annotated[dict[Name, float], Meta(min_length=1, max_length=256)]
@@ -107,7 +107,9 @@ class Move(Struct, frozen=True, tag="move", forbid_unknown_fields=True):
 
 
 class Follow(Struct, frozen=True, tag="follow", forbid_unknown_fields=True):
-    """Pass through waypoints: ``positions[i]`` (rad or m, in the order of ``joints``) ``times_s[i]`` from the start."""
+    """Pass through waypoints: ``positions[i]`` (rad or m, in the order of ``joints``) at ``times_s[i]`` after the
+    start.
+    """
 
     joints: Annotated[tuple[Name, ...], Meta(min_length=1, max_length=256)]
     times_s: Annotated[tuple[Annotated[float, Meta(gt=0, le=3600)], ...], Meta(min_length=1, max_length=1000)]
@@ -115,7 +117,7 @@ class Follow(Struct, frozen=True, tag="follow", forbid_unknown_fields=True):
 
 
 class Expectation(Struct, frozen=True, forbid_unknown_fields=True):
-    """The position that a joint must have, and the tolerance (rad or m), for a command to make sense still."""
+    """The position that a joint must have for a command to be executed, and its tolerance (rad or m)."""
 
     position: float
     tolerance: Annotated[float, Meta(ge=0)]
@@ -124,10 +126,10 @@ class Expectation(Struct, frozen=True, forbid_unknown_fields=True):
 class Command(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A command for one run of one agent.
 
-    ``seen_ns`` is the agent's own monotonic time in the last frame that the gateway had; the agent refuses the
-    command once its monotonic clock is past ``seen_ns`` + ``time_to_live_ns``. Wall clocks decide nothing.
-    ``scale`` slows everything down to that share of the speed the agent would take; ``expects`` is what the motion was
-    planned for, by joint. A rehearsal is judged and answered like any command, and nothing moves.
+    ``seen_ns`` is the agent's monotonic time in the last frame that the gateway had. The agent refuses the command once
+    its monotonic clock is past ``seen_ns`` + ``time_to_live_ns``; wall clocks play no role. ``scale`` reduces all
+    speeds to that share of what the agent would choose. ``expects`` holds by joint the state that the motion was
+    planned for. A rehearsal is checked and answered like a command, but nothing moves.
     """
 
     version: int
@@ -142,8 +144,11 @@ class Command(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class Stop(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Brake and hold; never late and for any run. ``command``: only the motion of that command; else ``joints``,
-    or all of the robot when there are none. ``reason`` is what the motions that end by it say."""
+    """Brake and hold. A stop is never stale and valid for any run.
+
+    It stops the motion of ``command`` if that is set, else ``joints``, or the whole robot if there are none. ``reason``
+    is reported for the motions that it ends.
+    """
 
     version: int
     id: Identifier
@@ -154,7 +159,7 @@ class Stop(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class Glance(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A question for the present picture of a camera."""
+    """A request for the present picture of a camera."""
 
     version: int
     camera: Name
@@ -167,9 +172,9 @@ RefusalCode = Literal[
 
 
 class Accepted(Struct, frozen=True, tag="accepted"):
-    """``duration_s``: how long the motion will take; ``preempts``: the commands that it ends.
+    """Acceptance of a command: ``duration_s`` of the motion, and ``preempts``, the commands that it ends.
 
-    ``at_ns``: the agent's monotonic time at which it accepted or stopped, for comparison with that of its frames.
+    ``at_ns`` is the agent's monotonic time of acceptance or stop, comparable to that of its frames.
     """
 
     id: str
@@ -179,7 +184,7 @@ class Accepted(Struct, frozen=True, tag="accepted"):
 
 
 class Refused(Struct, frozen=True, tag="refused"):
-    """``reason`` is a sentence for a human: what was wrong and what would have been right."""
+    """Refusal of a command; ``reason`` is a sentence for people: what was wrong and what would be right."""
 
     id: str
     code: RefusalCode
@@ -192,7 +197,7 @@ Reply = Accepted | Refused
 class Progress(Struct, frozen=True, kw_only=True):
     """State of an accepted command; ``positions`` are the measured positions of its joints at ``wall_ns``.
 
-    ``progress`` is the share of the way or time that is done, ``successor`` the command that preempted this one.
+    ``progress`` is the completed share, ``successor`` the command that preempted this one.
     """
 
     version: int

@@ -1,8 +1,8 @@
-"""The one escape that makes any name a safe URI path segment and a safe Zenoh key chunk.
+"""The escape that makes any name a safe URI path segment and a safe Zenoh key chunk.
 
-Bytes of the UTF-8 form outside ``A-Z a-z 0-9 _ . -`` become ``~XX`` (upper-case hex). A name that as a whole is
-reserved (or ``.`` or ``..``) has its first byte escaped as well. The rule is reversible and every name has exactly
-one segment; any other spelling is refused.
+Bytes of the UTF-8 form outside ``A-Z a-z 0-9 _ . -`` become ``~XX`` (upper-case hex). If the whole name is reserved (or
+``.`` or ``..``), its first byte is escaped as well. The rule is reversible and every name has exactly one segment; any
+other spelling is refused.
 """
 
 from collections.abc import Container
@@ -12,7 +12,7 @@ _PLAIN = frozenset(b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456
 
 
 def escape(name: str, reserved: Container[str] = ()) -> str:
-    """Return the segment of ``name``; ValueError when it is empty or longer than 128 bytes in UTF-8."""
+    """Return the segment of ``name``. Raises ValueError if it is empty or longer than 128 bytes in UTF-8."""
     raw = name.encode()
     if not 0 < len(raw) <= MAX_NAME_BYTES:
         raise ValueError(f"a name has 1 to {MAX_NAME_BYTES} bytes, not {len(raw)}")
@@ -24,7 +24,7 @@ def escape(name: str, reserved: Container[str] = ()) -> str:
 
 
 def unescape(segment: str, reserved: Container[str] = ()) -> str:
-    """Return the name of ``segment``; ValueError when the segment is not the canonical one of any name."""
+    """Return the name of ``segment``. Raises ValueError if the segment is not the canonical one of any name."""
     head, *rest = segment.split("~")
     try:
         raw = head.encode("ascii") + b"".join(bytes.fromhex(part[:2]) + part[2:].encode("ascii") for part in rest)

@@ -11,12 +11,12 @@ MAX_CONTENT_BYTES = 4 * 2**20
 HEADER = struct.Struct("<2sHHHQQqqdd")
 _START = {"jpeg": b"\xff\xd8\xff", "png": b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR"}
 _DEPTH_BYTES = 4
-# Start of frame: baseline, extended and progressive (ITU T.81, B.2.2); and markers that stand alone (B.1.1.3).
+# Start of frame: baseline, extended and progressive (ITU T.81, B.2.2), and markers without a segment (B.1.1.3).
 _FRAMES, _ALONE = (0xC0, 0xC1, 0xC2), (0x01, *range(0xD0, 0xD8))
 
 
 class Moment(NamedTuple):
-    """Which frame of state a picture shows, and how large it is; times in nanoseconds, lengths in metre."""
+    """The state frame that a picture shows, and the size of the picture; times in nanoseconds, lengths in metre."""
 
     rows: int
     columns: int
@@ -29,16 +29,16 @@ class Moment(NamedTuple):
 
 
 def encode_picture(format: PictureFormat, moment: Moment, content: bytes) -> bytes:
-    """WireError when ``content`` is too large to be sent."""
+    """Return the payload. Raises WireError if ``content`` is too large."""
     if len(content) > MAX_CONTENT_BYTES:
         raise WireError(f"a picture of {len(content)} bytes; {MAX_CONTENT_BYTES} are the most")
     return HEADER.pack(MAGICS[format], WIRE_VERSION, *moment) + content
 
 
 def decode_picture(payload: bytes, format: PictureFormat) -> tuple[Moment, bytes]:
-    """Return the header of the picture and its content. WireError unless it is of that format and of its stated size.
+    """Return the header and the content of a picture. Raises WireError unless it has that format and its stated size.
 
-    Of a file its signature and the size in its header are judged; what decodes it judges the rest.
+    For a file only the signature and the size in its header are checked; its decoder checks the rest.
     """
     if len(payload) < HEADER.size or payload[:2] != MAGICS[format]:
         raise WireError(f"{len(payload)} bytes that do not start with the header of a {format} picture")
@@ -56,7 +56,7 @@ def decode_picture(payload: bytes, format: PictureFormat) -> tuple[Moment, bytes
 
 
 def _size(content: bytes, format: PictureFormat, moment: Moment) -> tuple[int, int]:
-    """Rows and columns by the content itself."""
+    """Return rows and columns according to the content itself."""
     if format == "depth":
         if len(content) != _DEPTH_BYTES * moment.rows * moment.columns:
             raise WireError(f"{len(content)} bytes of depth are not {moment.rows} rows of {moment.columns}")
@@ -67,7 +67,7 @@ def _size(content: bytes, format: PictureFormat, moment: Moment) -> tuple[int, i
 
 
 def _size_of_png(content: bytes) -> tuple[int, int]:
-    """The size in IHDR, which comes first (ISO 15948, 11.2.2)."""
+    """Return the size in IHDR, which comes first (ISO 15948, 11.2.2)."""
     if len(content) < 24:
         raise WireError("the PNG file ends in its header")
     columns, rows = struct.unpack_from(">II", content, 16)
@@ -75,7 +75,7 @@ def _size_of_png(content: bytes) -> tuple[int, int]:
 
 
 def _size_of_jpeg(content: bytes) -> tuple[int, int]:
-    """The size in the frame header, behind at most a few segments (ITU T.81, B.2)."""
+    """Return the size in the frame header, which follows after a few segments (ITU T.81, B.2)."""
     at = 2
     for _ in range(64):
         if len(content) < at + 9 or content[at] != 0xFF:

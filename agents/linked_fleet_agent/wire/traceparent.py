@@ -1,4 +1,4 @@
-"""The trace that a command is part of: ``traceparent`` of W3C Trace Context (PROTOCOL.md, "Traces")."""
+"""The trace of a command: ``traceparent`` of W3C Trace Context (PROTOCOL.md, "Traces")."""
 
 import re
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ _TRACEPARENT = re.compile(r"(?!ff)([0-9a-f]{2})-(?!0{32})([0-9a-f]{32})-(?!0{16}
 
 @dataclass(frozen=True)
 class TraceParent:
-    """The span that asks; ``sampled``: whether it is recorded. Its text is of version 00."""
+    """The parent span and its ``sampled`` flag; ``str`` gives the header value in version 00."""
 
     trace_id: int
     span_id: int
@@ -20,7 +20,7 @@ class TraceParent:
 
 
 def parse(text: str) -> TraceParent | None:
-    """None for what is none; a later version is read as far as it is that of today (Trace Context, 4.2.2.2)."""
+    """Parse a header value; None if invalid. Later versions are read like version 00 (Trace Context, 4.2.2.2)."""
     match = _TRACEPARENT.fullmatch(text) if len(text) <= MAX_BYTES else None
     if match is None or (match[1] == "00" and match[5]):
         return None

@@ -1,18 +1,18 @@
-"""Settings that the Zenoh sessions of agents and gateways have in common."""
+"""Zenoh settings that agents and gateways share."""
 
 from collections.abc import Mapping
 
 GATEWAY_LEASE_MS = 2_500
-"""Silence after which a gateway counts as gone: that of its connection and that of its heartbeat."""
+"""Silence after which a gateway counts as gone, for its connection and for its heartbeat."""
 HEARTBEAT_S = 0.5
-"""From one heartbeat of a gateway to the next."""
+"""Period of the heartbeats of a gateway."""
 
 TRANSPORT: Mapping[str, object] = {
     "scouting/multicast/enabled": False,
-    # Batches that may wait for each neighbour. A command or an answer is one, and is lost where there is no room: with
-    # the two that are zenoh's own a machine with more to do than processors loses some.
+    # Batches that may wait for each neighbour. A command or reply takes one and is lost if there is no room; with
+    # Zenoh's default of two, a busy machine loses some.
     "transport/link/tx/queue/size/data": 16,
-    # Of each neighbour on the same machine 16 MB would be kept for ever, of one that was killed too (zenoh 1.10).
+    # Zenoh 1.10 would keep 16 MB for each neighbour on the same machine for ever, even after that was killed.
     "transport/shared_memory/enabled": False,
 }
-"""Settings of Zenoh, by path."""
+"""Zenoh settings by path."""

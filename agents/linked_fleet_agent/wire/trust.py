@@ -1,4 +1,4 @@
-"""How the ends of a Zenoh link prove who they are, and which endpoints let in whoever comes. Pure."""
+"""Mutual authentication of Zenoh links, and detection of endpoints that accept anybody. Pure."""
 
 import re
 import ssl
@@ -15,9 +15,9 @@ _NAMED = "LINKED_FLEET_ZENOH_CA, LINKED_FLEET_ZENOH_CERT and LINKED_FLEET_ZENOH_
 
 @dataclass(frozen=True)
 class Credentials:
-    """PEM files: the authority whose word counts, and the certificate and key by which this process is known.
+    """PEM files: the certificate authority, and the certificate and private key of this process.
 
-    ValueError with one clear sentence when one is missing, cannot be read, or they do not belong together.
+    Raises ValueError with one clear sentence if one is missing or unreadable, or if they do not belong together.
     """
 
     authority: str
@@ -35,19 +35,19 @@ class Credentials:
 
     @classmethod
     def given(cls, authority: str, certificate: str, key: str) -> "Credentials | None":
-        """None when none of the three is set."""
+        """Return None if none of the three is set."""
         return cls(authority, certificate, key) if authority or certificate or key else None
 
     def configuration(self) -> dict[str, object]:
-        """Values for Zenoh, by key. Without them a tls or quic endpoint has what its own text says."""
+        """Return Zenoh settings by key. Without them the text of a tls or quic endpoint decides."""
         files = (str(Path(path).absolute()) for path in (self.authority, self.certificate, self.key))
         return {"transport/link/tls": mutual_tls(*files)}
 
 
 def mutual_tls(authority: str, certificate: str, key: str) -> dict[str, object]:
-    """Zenoh's ``transport/link/tls``: both ends of every tls and quic link show a certificate of the authority.
+    """Return Zenoh's ``transport/link/tls`` with mutual TLS: both ends show a certificate of the authority.
 
-    Who connects checks also that the certificate is of the name or address that it asked for.
+    The connecting side also checks that the certificate names the host or address that it connects to.
     """
     return {
         "root_ca_certificate": authority,
@@ -62,14 +62,15 @@ def mutual_tls(authority: str, certificate: str, key: str) -> dict[str, object]:
 
 
 def check_pair(certificate: str, key: str) -> None:
-    """ValueError with one clear sentence unless both files can be read and belong together."""
+    """Raise ValueError with one clear sentence unless both files can be read and belong together."""
     for path in (certificate, key):
         try:
             Path(path).read_bytes()
         except OSError as error:
             raise ValueError(f"{path} cannot be read: {error.strerror}") from None
     try:
-        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key, password="")  # never ask a terminal
+        # the password argument prevents a prompt on the terminal
+        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key, password="")
     except (OSError, ssl.SSLError, ValueError) as error:
         raise ValueError(f"{certificate} and {key} are no certificate and its key: {_reason(error)}") from None
 
@@ -79,7 +80,9 @@ def _reason(error: Exception) -> str:
 
 
 def is_loopback(host: str) -> bool:
-    """Return True if only this machine reaches a listener there; every other name may be reached from elsewhere."""
+    """Return True if only this machine reaches a listener on ``host``; every other name may be reachable from
+    elsewhere.
+    """
     try:
         return host == "localhost" or ip_address(host.strip("[]")).is_loopback
     except ValueError:
@@ -87,13 +90,13 @@ def is_loopback(host: str) -> bool:
 
 
 def open_to_all(endpoints: Iterable[str], credentials: Credentials | None) -> tuple[str, ...]:
-    """Those to listen on that other machines reach without proof of who they are."""
+    """Return the listen endpoints that other machines reach without authentication."""
     return tuple(each for each in endpoints if not _guarded(each, credentials is not None))
 
 
 def _guarded(endpoint: str, proof: bool) -> bool:
     match = _ENDPOINT.fullmatch(endpoint)
-    if match is None:  # Zenoh refuses what is no endpoint
+    if match is None:  # Zenoh itself refuses an invalid endpoint
         return False
     protocol, address = match.groups()
     return protocol in _LOCAL or is_loopback(address.rpartition(":")[0]) or (protocol in _PROVEN and proof)

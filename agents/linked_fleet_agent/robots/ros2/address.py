@@ -15,12 +15,12 @@ SHORTEST_STALE_S, LONGEST_STALE_S = 0.05, 10.0
 
 
 class AddressError(ValueError):
-    """The text names no ROS 2 robot; the message says what would have been right."""
+    """The text is not the address of a ROS 2 robot; the message says what is expected."""
 
 
 @dataclass(frozen=True)
 class Commanded:
-    """A controller: the topic on which it takes trajectories, and its joints; none named are all of the robot."""
+    """A controller: the topic on which it takes trajectories, and its joints. No joints means all of the robot."""
 
     topic: str
     joints: tuple[str, ...] = ()
@@ -30,7 +30,7 @@ class Commanded:
 class Address:
     """A Zenoh endpoint of the ROS 2 side, and the topics of one robot there, by their full names.
 
-    After ``stale_s`` without joint states the robot cannot be measured.
+    The robot counts as not measurable after ``stale_s`` without joint states.
     """
 
     endpoint: str
@@ -42,10 +42,10 @@ class Address:
 
 
 def parse_address(text: str) -> Address:
-    """Read ``ros2:ENDPOINT?domain=0&namespace=/arm&…``; AddressError for everything that is not exactly that.
+    """Parse ``ros2:ENDPOINT?domain=0&namespace=/arm&…``. Raises AddressError.
 
-    Topics that do not begin with a slash are in the namespace. ``commands=TOPIC:JOINT;JOINT`` may be there for each of
-    several controllers.
+    Topics without a leading slash are relative to the namespace. ``commands=TOPIC:JOINT;JOINT`` may be repeated, once
+    for each controller.
     """
     endpoint, separator, query = text.removeprefix(SCHEME).partition("?")
     if not text.startswith(SCHEME) or not _ENDPOINT.fullmatch(endpoint):
@@ -101,7 +101,7 @@ def _stale(text: str) -> float:
 
 
 def _namespace(text: str) -> str:
-    """Empty for the root, else with a slash before and none behind."""
+    """Return an empty string for the root, else the namespace with a leading and no trailing slash."""
     if text != "/" and not (text.startswith("/") and _RELATIVE.fullmatch(text[1:])):
         raise AddressError(f"namespace={text!r} is no ROS namespace such as /arm")
     return text.rstrip("/")

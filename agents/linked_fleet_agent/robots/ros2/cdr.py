@@ -1,4 +1,4 @@
-"""ROS 2 messages ↔ their bytes (CDR as ROS 2 writes it, XTypes 1.3 7.4.3) and their hashes, by rosbags. Pure."""
+"""ROS 2 messages in CDR (XTypes 1.3 7.4.3) and type hashes, by rosbags. Pure."""
 
 import math
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from rosbags.typesys.stores.ros2_jazzy import trajectory_msgs__msg__JointTraject
 STRING, JOINT_STATE = "std_msgs/msg/String", "sensor_msgs/msg/JointState"
 JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 MAX_STATE_BYTES, MAX_TEXT_BYTES = 262_144, 8_000_000
-# No robot here has more joints (wire/codec.py); rosbags refuses longer sequences before it makes them.
+# The wire protocol allows no more joints (wire/codec.py); rosbags rejects longer sequences before allocating them.
 MAX_JOINTS = 1024
 
 # The messages used here are the same in Jazzy, Kilted and Lyrical.
@@ -27,14 +27,14 @@ _STORE.max_sequence_length = MAX_JOINTS
 
 
 class CdrError(ValueError):
-    """The bytes are not the message that they should be; the message says why."""
+    """The bytes are not the expected message; the text says why."""
 
 
 @dataclass(frozen=True)
 class JointState:
-    """A ``sensor_msgs/JointState``: rows in the order of ``names``, rad or m, NaN for what it does not say.
+    """A ``sensor_msgs/JointState``: rows in the order of ``names``, rad or m, NaN for missing values.
 
-    ``stamp_ns`` is when it was measured, by the clock of the robot; 0 is not said.
+    ``stamp_ns`` is the time of measurement by the robot's clock; 0 if not given.
     """
 
     stamp_ns: int
@@ -45,19 +45,22 @@ class JointState:
 
 
 def type_hash(message: str) -> str:
-    """The RIHS01 hash (REP 2016) of a type such as ``std_msgs/msg/String``."""
+    """Return the RIHS01 hash (REP 2016) of a type such as ``std_msgs/msg/String``."""
     return _STORE.hash_rihs01(message)
 
 
 def read_string(payload: bytes) -> str:
-    """The text of a ``std_msgs/String``; CdrError."""
+    """Return the text of a ``std_msgs/String``. Raises CdrError."""
     said = _read(payload, STRING, MAX_TEXT_BYTES)
     assert isinstance(said, SaidString)
     return said.data
 
 
 def read_joint_state(payload: bytes) -> JointState:
-    """CdrError where it is none: also if a row is neither empty nor as long as the names, or a joint is there twice."""
+    """Parse a joint state.
+
+    Raises CdrError, also if a row is neither empty nor as long as the names, or a joint repeats.
+    """
     said = _read(payload, JOINT_STATE, MAX_STATE_BYTES)
     assert isinstance(said, SaidJointState)
     names = tuple(said.name)
@@ -69,7 +72,7 @@ def read_joint_state(payload: bytes) -> JointState:
 
 
 def write_trajectory(joints: Sequence[str], positions: Sequence[float], reached_in_s: float) -> bytes:
-    """A ``trajectory_msgs/JointTrajectory`` that begins when it arrives and has one point, reached after that time."""
+    """Return a ``trajectory_msgs/JointTrajectory`` that starts on arrival and reaches its one point after that time."""
     nothing = np.zeros(0)
     seconds, nanoseconds = divmod(round(reached_in_s * 1e9), 1_000_000_000)
     point = Point(

@@ -1,26 +1,29 @@
-"""Setpoints that come a hundred times a second → the one point that a trajectory controller goes to next. Pure.
+"""Turns setpoints at the agent's rate into single points for a trajectory controller. Pure.
 
-The joint_trajectory_controller of ros2_control replaces its trajectory by each new one, and where the last one ends it
-holds. So it is sent one point at a time, as MoveIt Servo does: where the joints shall be, to be reached a few cycles
-later. Between two of them it interpolates, and if no more come it stands where the last one was.
+The joint_trajectory_controller of ros2_control replaces its trajectory by each new one and holds the end of the last.
+So it gets one point at a time, as from MoveIt Servo: the positions to reach a few cycles later. It interpolates between
+points, and stands at the last one if no more arrive.
 """
 
 import math
 from collections.abc import Iterable, Mapping
 
-# A point is reached this long after it was sent, or after so many cycles of the agent if they are slow.
+# A point is reached this long after it was sent, or after this many cycles if the agent's cycles are slow.
 SOONEST_S, CYCLES, LATEST_S = 0.05, 3, 0.5
-# A joint within this of where it was sent counts as holding that; taking its sag as the next point would sag once more.
+# A joint this close to its last sent position counts as holding it. Sending its sagged position would add sag.
 _HOLDING = 0.01
 
 
 def reached_in_s(cycle_s: float) -> float:
-    """How long after it was sent a point is to be reached, for an agent that sends one in each cycle."""
+    """Return the time from sending a point until it is reached, for an agent that sends one per cycle."""
     return min(max(SOONEST_S, CYCLES * cycle_s), LATEST_S)
 
 
 class Follower:
-    """One controller. It wants all of its joints in each message: those that are not moved stay where they are."""
+    """The points of one controller.
+
+    Each message needs all of its joints; those that are not moved stay where they are.
+    """
 
     def __init__(self, topic: str, joints: Iterable[str]) -> None:
         self.topic, self.joints = topic, tuple(joints)
@@ -28,9 +31,10 @@ class Follower:
         self._sent_s = -math.inf
 
     def next(self, setpoints: Mapping[str, float], measured: Mapping[str, float], now_s: float) -> dict[str, float]:
-        """The positions to send (rad or m). After a pause a joint that others have moved meanwhile stays there.
+        """Return the positions to send (rad or m). After a pause, a joint that others have moved stays at its new
+        position.
 
-        A joint of which nothing is known, neither a setpoint nor a position (NaN), is left out.
+        Joints with neither a setpoint nor a known position (NaN) are left out.
         """
         staying = self._held(measured)
         if now_s - self._sent_s <= LATEST_S:
@@ -38,7 +42,7 @@ class Follower:
         return self._note(staying | dict(setpoints), now_s)
 
     def hold(self, measured: Mapping[str, float], now_s: float) -> dict[str, float]:
-        """The positions at which they are to stay: those that are known."""
+        """Return the positions that hold the joints; joints with unknown position are left out."""
         return self._note(self._held(measured), now_s)
 
     def _held(self, measured: Mapping[str, float]) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""The keys, liveliness tokens and attachments of rmw_zenoh (its docs/design.md, ROS 2 Jazzy and later). Pure."""
+"""Keys, liveliness tokens and attachments of rmw_zenoh (its docs/design.md, ROS 2 Jazzy and later). Pure."""
 
 import struct
 from dataclasses import dataclass
@@ -6,8 +6,8 @@ from typing import Literal
 
 GID_BYTES = 16
 Kind = Literal["MP", "MS"]
-# Fields of the policies that are rmw_zenoh's own defaults are left empty: reliability, durability, history and depth,
-# deadline, lifespan, liveliness. Reliable is one of them; durability 1 is transient local.
+# QoS policies: reliability, durability, history and depth, deadline, lifespan, liveliness. A field that has rmw_zenoh's
+# default stays empty. Reliable is such a default; durability 1 is transient local.
 KEEP_LAST_ONE = "::,1:,:,:,,"
 LATCHED = ":1:,1:,:,:,,"
 
@@ -42,11 +42,11 @@ class Node:
 
     @property
     def token(self) -> str:
-        """The liveliness token by which ROS knows the node."""
+        """The liveliness token that announces the node to ROS."""
         return self._token(0, "NN")
 
     def token_of(self, number: int, kind: Kind, topic: Topic, quality: str) -> str:
-        """That of one of its publishers (MP) or subscriptions (MS), each with a number of its own."""
+        """Return the token of a publisher (MP) or subscription (MS) of the node; each has its own ``number``."""
         of_topic = (_mangled(topic.name), topic.dds_type, topic.type_hash, quality)
         return "/".join((self._token(number, kind), *of_topic))
 
@@ -56,7 +56,7 @@ class Node:
 
 
 def attachment(sequence: int, stamp_ns: int, gid: bytes) -> bytes:
-    """The attachment of a message: its number from 1, the wall time, and its sender (16 bytes, after their length)."""
+    """Return the attachment of a message: sequence number from 1, wall time, sender (16 bytes with length prefix)."""
     return struct.pack("<qqB16s", sequence, stamp_ns, GID_BYTES, gid)
 
 

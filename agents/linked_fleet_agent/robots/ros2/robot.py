@@ -1,4 +1,4 @@
-"""A robot that speaks ROS 2 over Zenoh (rmw_zenoh), without a ROS installation (extra: ros)."""
+"""A ROS 2 robot over Zenoh (rmw_zenoh), without a ROS installation (extra: ros)."""
 
 import logging
 import math
@@ -18,7 +18,7 @@ from linked_fleet_agent.urdf import UrdfError, joints_of, parse
 _log = logging.getLogger(__name__)
 
 PATIENCE_S = 30.0
-"""How long a robot that is to be described may take to say what it is."""
+"""Longest wait for the description of a robot."""
 _SETTLE_S = 2.0
 _LOOK_S = 0.02
 _LONGEST_TITLE = 256
@@ -26,7 +26,7 @@ _NODE = "linked_fleet_agent"
 
 
 class Ros2Robot:
-    """Driver over three topics: ``/robot_description`` and ``/joint_states`` in, ``JointTrajectory`` out."""
+    """Driver over three topics: it reads ``/robot_description`` and ``/joint_states`` and sends ``JointTrajectory``."""
 
     def __init__(self, name: str, address: Address, facts: Facts, session: RosSession) -> None:
         self._name, self._facts, self._session = name, facts, session
@@ -42,10 +42,10 @@ class Ros2Robot:
 
     @classmethod
     def find(cls, name: str, address: Address, patience_s: float = PATIENCE_S) -> "Ros2Robot":
-        """The robot at ``address``, waiting for its description and a little for joint states and controllers.
+        """Connect to the robot at ``address``: wait for its description, and briefly for joint states and controllers.
 
-        ConnectionError when nobody answers at the endpoint within ``patience_s``, TimeoutError when no description
-        comes, AddressError when a controller is to have joints that the robot has not.
+        Raises ConnectionError if the endpoint does not answer within ``patience_s``, TimeoutError if no description
+        arrives, AddressError if a controller names joints that the robot does not have.
         """
         deadline_s = time.monotonic() + patience_s
         session = _opened(name, address, deadline_s)
@@ -59,7 +59,7 @@ class Ros2Robot:
         return robot
 
     def settle(self) -> None:
-        """Until a first joint state came and the controllers are known to listen; not for long, and it says if not."""
+        """Wait up to ``_SETTLE_S`` for a first joint state and for the controllers to listen; log what is missing."""
         deadline_s = time.monotonic() + _SETTLE_S
         while missing := self._missing():
             if time.monotonic() > deadline_s:
@@ -71,7 +71,7 @@ class Ros2Robot:
         return self._facts
 
     def read(self, now_s: float) -> Reading:
-        """Return the last joint states, by the time at which they arrived; RobotFaultError when none came lately."""
+        """Return the last joint states, by arrival time. Raises RobotFaultError if none arrived recently."""
         here_s = time.monotonic()
         self._cycle_s, self._read_s = here_s - self._read_s, here_s
         for arrived in self._inbox.fetch():
@@ -79,10 +79,10 @@ class Ros2Robot:
         return self._states.reading(here_s)
 
     def apply(self, setpoints: Mapping[str, float]) -> dict[str, float]:
-        """Send each controller concerned its next point.
+        """Send each affected controller its next point.
 
-        KeyError for a joint that no controller has, ValueError for a setpoint that is not finite, RobotFaultError when
-        a controller does not listen.
+        Raises KeyError for a joint without a controller, ValueError for a setpoint that is not finite, RobotFaultError
+        if a controller does not listen.
         """
         applied = {name: self._limits[name].clamp(setpoint) for name, setpoint in setpoints.items()}
         for name, setpoint in applied.items():
@@ -99,7 +99,10 @@ class Ros2Robot:
         return applied
 
     def stop(self) -> None:
-        """Send every controller the present positions of its joints. RobotFaultError when one cannot be told."""
+        """Send every controller the present positions of its joints.
+
+        Raises RobotFaultError if one cannot be reached.
+        """
         now_s, measured = time.monotonic(), self._measured()
         problems = []
         for follower, outlet in self._ways:
@@ -141,7 +144,8 @@ class Ros2Robot:
             self._states.take(cdr.read_joint_state(arrived.payload), arrived.at_s)
         except cdr.CdrError as error:
             self.bad_messages += 1
-            if self.bad_messages.bit_count() == 1:  # the 1st, 2nd, 4th …: a flood does not fill the log
+            # logs the 1st, 2nd, 4th … message, so that a flood does not fill the log
+            if self.bad_messages.bit_count() == 1:
                 _log.warning("%s: bad joint state (%d so far): %.200s", self._name, self.bad_messages, error)
 
 
@@ -180,7 +184,7 @@ def _described(name: str, address: Address, session: RosSession, deadline_s: flo
 
 
 def _first(name: str, box: Mailbox, deadline_s: float) -> Facts:
-    """The first description that is one."""
+    """Return the facts of the first valid description."""
     while time.monotonic() < deadline_s:
         for arrived in box.fetch():
             try:
@@ -192,7 +196,7 @@ def _first(name: str, box: Mailbox, deadline_s: float) -> Facts:
 
 
 def facts_of(name: str, arrived: Arrived) -> Facts:
-    """Read a description; CdrError or UrdfError where it is none of a robot with joints."""
+    """Parse a description. Raises CdrError or UrdfError if it is not that of a robot with joints."""
     if arrived.payload is None:
         raise cdr.CdrError("it is too long")
     urdf = cdr.read_string(arrived.payload)
@@ -204,7 +208,7 @@ def facts_of(name: str, arrived: Arrived) -> Facts:
 
 
 def _with_controllers(facts: Facts, controllers: Sequence[Commanded]) -> Facts:
-    """Which joints take commands is what the controllers have."""
+    """Return the facts with joints outside all controllers marked as passive."""
     free = {joint.name for joint in facts.joints if joint.mimics is None}
     for controller in controllers:
         missing = [joint for joint in controller.joints if joint not in free]

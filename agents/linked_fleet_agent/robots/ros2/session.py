@@ -1,6 +1,6 @@
-"""Zenoh ↔ the ROS 2 driver; beside zenoh_session.py the only module of the agent that imports zenoh.
+"""The Zenoh session of the ROS 2 driver. Apart from zenoh_session.py, no other module of the agent imports zenoh.
 
-Its callbacks only put bytes into bounded queues; the driver takes them out in its own thread.
+Its callbacks only put bytes into bounded queues, which the driver empties in its own thread.
 """
 
 import secrets
@@ -22,14 +22,14 @@ _MOST_STATES, _MOST_DESCRIPTIONS = 32, 2
 
 
 class Arrived(NamedTuple):
-    """A message and when it came, in monotonic seconds; too long a message is None."""
+    """A message and its arrival in monotonic seconds; the payload is None if it was too long."""
 
     payload: bytes | None
     at_s: float
 
 
 class Mailbox:
-    """The last ``most`` messages of one topic: where nobody fetches them the oldest are lost."""
+    """The last ``most`` messages of one topic; unfetched older ones are dropped."""
 
     def __init__(self, longest: int, most: int) -> None:
         self._longest = longest
@@ -40,7 +40,7 @@ class Mailbox:
         self._waiting.append(Arrived(sample.payload.to_bytes() if fits else None, time.monotonic()))
 
     def fetch(self) -> list[Arrived]:
-        """Return what has come since the last time, the eldest first."""
+        """Return the messages since the last call, oldest first."""
         return [self._waiting.popleft() for _ in range(len(self._waiting))]
 
 
@@ -53,24 +53,25 @@ class Outlet:
 
     @property
     def heard(self) -> bool:
-        """True if somebody listens, as far as the router has said."""
+        """True if a subscriber is known to the router."""
         return bool(self._publisher.matching_status.matching)
 
     def put(self, payload: bytes) -> None:
-        """Publish, never waiting; zenoh.ZError when the session is closed."""
+        """Publish without waiting. Raises zenoh.ZError if the session is closed."""
         self._sequence += 1
         self._publisher.put(payload, attachment=keys.attachment(self._sequence, time.time_ns(), self._gid))
 
 
 class RosSession:
-    """One ROS node, of its own Zenoh session: a client of ``endpoint``, a router of ROS or a node that listens.
+    """One ROS node with a Zenoh session of its own: a client of ``endpoint``, which is a ROS router or a listening
+    node.
 
-    Zenoh itself connects again and declares everything again. ConnectionError when nothing answers there.
+    Zenoh reconnects and renews the declarations by itself. Raises ConnectionError if the endpoint does not answer.
     """
 
     def __init__(self, endpoint: str, domain: int, node: str) -> None:
         config = configuration((endpoint,), (), _LEASE_MS)
-        config.insert_json5("timestamping/enabled", "true")  # by which late joiners are told from what is newer
+        config.insert_json5("timestamping/enabled", "true")  # lets late joiners tell cached messages from newer ones
         try:
             self._session: Any = zenoh.open(config)
         except zenoh.ZError as error:
@@ -81,14 +82,17 @@ class RosSession:
         self._keep(self._session.liveliness().declare_token(self._node.token))
 
     def listen(self, topic: Topic, longest: int) -> Mailbox:
-        """Messages of up to ``longest`` bytes from now on."""
+        """Subscribe to messages of up to ``longest`` bytes."""
         box = Mailbox(longest, _MOST_STATES)
         self._keep(self._session.declare_subscriber(topic.key, box.put))
         self._show("MS", topic, keys.KEEP_LAST_ONE)
         return box
 
     def listen_latched(self, topic: Topic, longest: int) -> tuple[Mailbox, Callable[[], None]]:
-        """Also what was said last before (transient local). The second ends it."""
+        """Subscribe, and fetch the last earlier message too (transient local).
+
+        The second result ends the subscription.
+        """
         box = Mailbox(longest, _MOST_DESCRIPTIONS)
         history = ext.HistoryConfig(detect_late_publishers=True, max_samples=1)
         subscriber: Any = ext.declare_advanced_subscriber(self._session, topic.key, box.put, history=history)
@@ -101,7 +105,7 @@ class RosSession:
         return box, end
 
     def outlet(self, topic: Topic) -> Outlet:
-        """To publish with; late messages are dropped rather than waited for."""
+        """Return a publisher that drops messages under congestion."""
         publisher = self._session.declare_publisher(
             topic.key, congestion_control=zenoh.CongestionControl.DROP, express=True
         )
@@ -110,7 +114,7 @@ class RosSession:
         return Outlet(publisher)
 
     def close(self) -> None:
-        """Leave the ROS graph; may be called again."""
+        """Leave the ROS graph. May be called again."""
         self._declared.close()
         self._session.close()
 

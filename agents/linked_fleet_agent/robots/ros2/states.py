@@ -1,4 +1,4 @@
-"""The last state of each joint, and how long it counts. Pure: times are passed in."""
+"""The last state of each joint and its validity. Pure: times are passed in."""
 
 import logging
 import math
@@ -23,9 +23,9 @@ class _Said:
 
 
 class JointStates:
-    """The joints of one robot. Several publishers may each say some of them; times are monotonic seconds, of arrival.
+    """Joint states of one robot from one or several publishers. Times are monotonic seconds of arrival.
 
-    A joint of which nothing was said for ``stale_s`` is unknown; a robot of which nothing was said cannot be measured.
+    A joint without news for ``stale_s`` is unknown. If that holds for all joints, the robot cannot be measured.
     """
 
     def __init__(self, robot: str, joints: Iterable[str], topic: str, stale_s: float) -> None:
@@ -34,7 +34,7 @@ class JointStates:
         self._strangers: set[str] = set()
 
     def take(self, state: JointState, arrived_s: float) -> None:
-        """Note what it says. A joint whose time has not gone on since the last message is no news, but an echo."""
+        """Store a message. A joint whose stamp equals that of its last message is a repetition and is ignored."""
         for name, *values in zip(state.names, state.positions, state.velocities, state.efforts, strict=True):
             if name not in self._joints:
                 self._tell_of(name)
@@ -44,7 +44,7 @@ class JointStates:
                 self._joints[name] = _Said(state.stamp_ns, arrived_s, *values)
 
     def reading(self, now_s: float) -> Reading:
-        """All joints as they are; RobotFaultError when of none anything was said lately."""
+        """Return the state of all joints. Raises RobotFaultError if all of them are stale."""
         said = [self._lately(name, now_s) for name in self._joints]
         if not any(said):
             raise RobotFaultError(f"no joint state of this robot came on {self._topic} for {self._stale_s:g} s")
@@ -55,7 +55,7 @@ class JointStates:
         )
 
     def position(self, name: str, now_s: float) -> float:
-        """The position of the joint, in rad or m; NaN is unknown."""
+        """Return the position of the joint in rad or m; NaN is unknown."""
         said = self._lately(name, now_s)
         return math.nan if said is None else said.position
 
