@@ -1,4 +1,4 @@
-"""Actions: what they ask for, and having them done."""
+"""Actions: their input, and their execution."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ from linked_fleet_client.web import Answer, parsed
 
 _METHODS = ("POST", "PUT", "PATCH", "DELETE")
 _MOST_SHAPES = 20
-_MOST_JUDGED = 500  # triples; pySHACL takes a second for as many
+_MOST_JUDGED = 500  # number of triples; pySHACL takes a second for as many
 DRY_RUN = "dry-run"
 
 
 @runtime_checkable
 class Place(Protocol):
-    """Names that lead to something."""
+    """An object whose parts can be found by name."""
 
     def at(self, path: str) -> Resource: ...
 
 
 class Action(Resource):
-    """An action as its description has it. Calling it does it."""
+    """An action as its description states it. Calling it executes it."""
 
     @property
     def fields(self) -> tuple[FormField, ...]:
-        """The form of its shape; empty if it takes nothing."""
+        """The fields of the input shape; empty if the action takes no input."""
         shapes, nodes = self._consumed()
         return asked(_one(shapes, nodes))
 
@@ -48,17 +48,17 @@ class Action(Resource):
 
     @property
     def can_rehearse(self) -> bool:
-        """True if it can be tried without anything moving."""
+        """True if the action supports a rehearsal, in which nothing moves."""
         stated = self.read().graph.value(self.node, LF.dryRun)
         return isinstance(stated, Literal) and stated.toPython() is True
 
     def build(self, /, **given: Any) -> Graph:
-        """The body with these values, by the names of the fields; InvalidInput with everything that is wrong."""
+        """Return the request body with values by field name. Raises InvalidInput with all errors."""
         shapes, nodes = self._consumed()
         return build(_one(shapes, nodes), given, self._find)
 
     def validate(self, body: Graph) -> None:
-        """Judge the body by the shape that is served; InvalidInput with a message for each violation."""
+        """Validate the body against the served shapes. Raises InvalidInput with a message for each violation."""
         shapes, nodes = self._consumed()
         for node in nodes:
             validate(body, shapes, node)
@@ -66,16 +66,20 @@ class Action(Resource):
     def __call__(
         self, body: Graph | Mapping[str, Any] | None = None, /, *, idempotency_key: str | None = None, **given: Any
     ) -> Invocation:
-        """Have it done, once. ``body`` is a graph as it is, or values by the names of the fields like ``given``."""
+        """Execute the action once.
+
+        ``body`` is a graph that is sent as it is, or values by field name like ``given``.
+        """
         ready = self._ready(body, given)
         headers = {"idempotency-key": idempotency_key} if idempotency_key else {}
         answer = self._send(ready, headers)
         return Invocation(self.web, answer.location() if "location" in answer.headers else "", Action)
 
     def rehearse(self, body: Graph | Mapping[str, Any] | None = None, /, **given: Any) -> Reading:
-        """Rehearse it; Unsupported if the action does not say that it can be tried.
+        """Rehearse the action. Raises Unsupported if its description does not offer a rehearsal.
 
-        A server that does not know the preference would do it: so nothing is sent before the description says so.
+        A server that ignores the preference would execute the action, so nothing is sent unless the description offers
+        it.
         """
         if not self.can_rehearse:
             raise Unsupported(f"{self.name} cannot be tried without being done: its description has no lf:dryRun true")
@@ -86,9 +90,9 @@ class Action(Resource):
         return _rehearsed(answer)
 
     def _ready(self, said: Graph | Mapping[str, Any] | None, given: Mapping[str, Any]) -> Graph | None:
-        """The body, judged by the present shape; None for an action that takes nothing.
+        """Return the body, validated by the present shape; None for an action without input.
 
-        A long one that was built here is left to the server: what it is built from has been looked at already.
+        A long body that was built here is left to the server, because its values were checked while building.
         """
         self.read()
         shapes, nodes = self._consumed()
@@ -105,7 +109,7 @@ class Action(Resource):
         return self.web.send(method, url, content, {**typed, **headers})
 
     def binding(self) -> tuple[str, str]:
-        """Method and URL of its binding; where none is described, what OPTIONS allows at its own IRI."""
+        """Return method and URL of the binding; without one, the method that OPTIONS allows at the action's IRI."""
         graph, found = self.learn().graph, []
         for request in graph.objects(self.node, HYBRIT.binding):
             method = graph.value(request, HTTP.mthd) or graph.value(request, HTTP.methodName)
@@ -121,7 +125,7 @@ class Action(Resource):
         return min(offered, key=lambda each: (_METHODS.index(each[0]), each[1]))
 
     def _consumed(self) -> tuple[Graph, list[Node]]:
-        """The graph of shapes and those that the body must meet. What is linked elsewhere is fetched."""
+        """Return the graph of shapes and the nodes that the body must meet. Shapes in other documents are fetched."""
         document = self.learn()
         nodes = list(document.graph.objects(self.node, HYBRIT.consumes))
         shapes = Graph()
@@ -136,20 +140,22 @@ class Action(Resource):
         return shapes, [_the_shape(shapes, node) for node in sorted(nodes, key=str)]
 
     def _find(self, name: str) -> URIRef | None:
-        """Return the thing of this name: a path from the thing that has this action, or from one further up."""
+        """Return the IRI of the thing with this name, by a path from the owner of this action or from one of its
+        owners.
+        """
         here = self.owner
         while here is not None:
             try:
                 if isinstance(here, Place):
                     return here.at(name).iri
             except NoSuchThing:
-                pass  # not here; perhaps further up
+                pass  # perhaps further up
             here = here.owner
         return None
 
 
 def _rehearsed(answer: Answer) -> Reading:
-    """The values of the answer, as far as it has any."""
+    """Return the values in the answer, if there are any."""
     media_type = answer.headers.get("content-type", "")
     if not answer.body or not media_type:
         return Reading({}, ())
@@ -163,7 +169,7 @@ def _one(shapes: Graph, nodes: list[Node]) -> Shape:
 
 
 def _copy(graph: Graph, nodes: list[Node], into: Graph) -> None:
-    """Return the triples about the nodes and about whatever they lead to in the same description."""
+    """Copy the triples about the nodes and about all nodes that they lead to in the same description."""
     pending, seen = list(nodes), set(nodes)
     while pending:
         node = pending.pop()
@@ -175,7 +181,7 @@ def _copy(graph: Graph, nodes: list[Node], into: Graph) -> None:
 
 
 def _missing(shapes: Graph, nodes: list[Node], fetched: set[str]) -> str | None:
-    """A shape that is named and not yet there."""
+    """Return the IRI of a shape that is named but not yet loaded."""
     named = [*nodes, *shapes.objects(None, SH.node)]
     for node in named:
         there = (node, None, None) in shapes
@@ -185,7 +191,7 @@ def _missing(shapes: Graph, nodes: list[Node], fetched: set[str]) -> str | None:
 
 
 def _the_shape(shapes: Graph, node: Node) -> Node:
-    """The node itself or, where a document of shapes is named, the only one in it that no other refers to."""
+    """Return the node itself or, if it names a document of shapes, the one shape in it that no other refers to."""
     if any((node, predicate, None) in shapes for predicate in (SH.property, SH.node, SH["or"], SH["and"], SH.xone)):
         return node
     named = next(iter(shapes.objects(node, LF.shape)), None)

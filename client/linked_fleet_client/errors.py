@@ -1,13 +1,13 @@
-"""Everything that can go wrong, as one tree.
+"""All errors of the client, as one tree.
 
 ClientError
-├── Unreachable         nobody answered, or not in time
-├── BadAnswer           an answer that is no RDF, too large, or in other ways not to be understood
+├── Unreachable         no answer, or not in time
+├── BadAnswer           an answer that is not RDF, too large, or otherwise unusable
 ├── Problem             the server refused (RFC 9457)
 ├── NoSuchThing         nothing has that name
-├── InvalidInput        what was given does not fit the shape of the action
-├── Unsupported         the server does not offer what was asked for
-└── StillRunning        an invocation had not ended in time
+├── InvalidInput        the input does not fit the shape of the action
+├── Unsupported         the server does not offer the requested function
+└── StillRunning        an invocation has not ended in time
 """
 
 import json
@@ -22,19 +22,19 @@ _LONGEST = 2000
 
 
 class ClientError(Exception):
-    """Base of all; the text is for humans."""
+    """Base of all errors of the client; the text is for people."""
 
 
 class Unreachable(ClientError):  # noqa: N818
-    """Nobody answered, or not in time."""
+    """No answer, or not in time."""
 
 
 class BadAnswer(ClientError):  # noqa: N818
-    """The answer cannot be understood."""
+    """The answer is unusable."""
 
 
 class NoSuchThing(ClientError, LookupError):  # noqa: N818
-    """Nothing has that name; ``known`` are the names that would have been right."""
+    """Nothing has that name; ``known`` are the valid names."""
 
     def __init__(self, message: str, known: Sequence[str] = ()) -> None:
         super().__init__(message)
@@ -42,7 +42,7 @@ class NoSuchThing(ClientError, LookupError):  # noqa: N818
 
 
 class InvalidInput(ClientError, ValueError):  # noqa: N818
-    """The input does not fit the shape of the action: one message per violation."""
+    """The input does not fit the shape of the action; one message per violation."""
 
     def __init__(self, messages: Sequence[str]) -> None:
         super().__init__("; ".join(messages))
@@ -50,15 +50,15 @@ class InvalidInput(ClientError, ValueError):  # noqa: N818
 
 
 class Unsupported(ClientError):  # noqa: N818
-    """The server does not offer what was asked for."""
+    """The server does not offer the requested function."""
 
 
 class StillRunning(ClientError, TimeoutError):  # noqa: N818
-    """The invocation had not ended in time; it goes on."""
+    """The invocation has not ended in time; it continues."""
 
 
 class Problem(ClientError):  # noqa: N818
-    """The server refused: problem details (RFC 9457) with the messages of the SHACL report, where there is one."""
+    """The server refused: problem details (RFC 9457), with the messages of the SHACL report if there is one."""
 
     def __init__(
         self, url: str, status: int, title: str = "", detail: str = "", type_: str = "", messages: Sequence[str] = ()
@@ -74,7 +74,7 @@ class Problem(ClientError):  # noqa: N818
 
 
 def problem(url: str, status: int, headers: "httpx.Headers", body: bytes) -> Problem:
-    """The refusal that an answer of 4xx or 5xx is; the status alone counts where its body says nothing."""
+    """Return the problem in an answer with status 4xx or 5xx. Without a usable body the status alone counts."""
     reason = responses.get(status, "")
     media_type = headers.get("content-type", "").partition(";")[0].strip().lower()
     if not media_type.endswith("json"):

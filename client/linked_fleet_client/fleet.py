@@ -1,4 +1,4 @@
-"""The way in: one URL, and everything else by links."""
+"""The entry point: one URL, from which everything else is found by links."""
 
 from collections.abc import Mapping
 from types import TracebackType
@@ -13,11 +13,11 @@ from linked_fleet_client.web import Bearer, Web
 
 
 class Fleet(Thing):
-    """The thing at ``url``, which need not be a fleet, and the connections to its server.
+    """The thing at ``url``, usually a fleet, and the connections to its server.
 
-    ``timeout_s`` bounds each connecting and each silence of the server. ``headers`` go with every request, wherever
-    links lead: nothing secret belongs in them unless all that the fleet links may know it. ``token`` says who one is;
-    it goes to the server of ``url`` and to no other.
+    ``timeout_s`` bounds each connection attempt and each period without data. ``headers`` are sent with every request,
+    also to other servers that links lead to, so they must not hold secrets. ``token`` is the bearer token of the
+    caller; it is sent to the server of ``url`` only.
     """
 
     def __init__(
@@ -35,7 +35,7 @@ class Fleet(Thing):
         self.web.close()
 
     def get(self, iri: str) -> Thing | Property | Action | Invocation:
-        """Return the object at an IRI, by the types that it states; a thing if it states none that is known."""
+        """Return the object at an IRI according to its types; a Thing if none of them is known."""
         document = self.web.get(iri)
         types = set(document.graph.objects(document.iri(iri), RDF.type))
         if HYBRIT.Action in types:

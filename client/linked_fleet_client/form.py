@@ -1,4 +1,4 @@
-"""Forms of shapes, in names, units and limits, and the bodies that answer them."""
+"""Forms derived from shapes, with names, units and limits, and the request bodies built from them."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,12 +14,12 @@ from linked_fleet_client.term import literal
 from linked_fleet_client.vocabulary import RDF, SH, is_web, local_name
 
 Find = Callable[[str], URIRef | None]
-"""The IRI of what somebody calls by a name, such as a joint; None if nothing is called so."""
+"""Returns the IRI of a thing by name, such as a joint; None if there is none."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """A range of numbers and when it holds: what other fields must be, by their names; empty if it always does."""
+    """A numeric range and its condition: the values that other fields must have, by name; empty if it always holds."""
 
     lower: Bound | None
     upper: Bound | None
@@ -28,7 +28,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class FormField:
-    """One thing to fill in. ``choices`` is None if any value will do; ``fields`` is what a nested node is made of."""
+    """One field to fill in. ``choices`` is None if any value is valid; ``fields`` are the fields of a nested node."""
 
     name: str
     path: URIRef
@@ -48,7 +48,7 @@ class FormField:
 
 
 def asked(shape: Shape) -> tuple[FormField, ...]:
-    """The fields of a shape with those of its alternatives: choices joined, limits each with its condition."""
+    """Return the fields of a shape and of its alternatives: choices merged, each limit with its condition."""
     branches = [branch for group in shape.alternatives for branch in group]
     fields = every_field(shape)
     names = {each.path: each.name for each in fields}
@@ -56,7 +56,7 @@ def asked(shape: Shape) -> tuple[FormField, ...]:
 
 
 def every_field(shape: Shape) -> tuple[Field, ...]:
-    """The fields of the shape itself; after them those that only alternatives have, which need not be given."""
+    """Return the fields of the shape, followed by those of alternatives only, which are optional."""
     own = {each.path: each for each in shape.fields}
     for branch in (branch for group in shape.alternatives for branch in group):
         for each in branch.fields:
@@ -91,7 +91,7 @@ def _asked(own: Field, branches: Sequence[Shape], names: Mapping[URIRef, str]) -
 
 
 def choices(own: Field, branches: Iterable[Shape]) -> tuple[Node, ...] | None:
-    """The values that the field may have: those of its own, else all that any branch or alternative allows."""
+    """Return the values that the field may have: its own, else all that any branch or alternative allows."""
     if own.allowed is not None:
         return own.allowed
     found = [each.allowed for branch in branches if (each := branch.field(own.path))]
@@ -106,7 +106,7 @@ def _conditions(branch: Shape, path: URIRef, names: Mapping[URIRef, str]) -> dic
 
 
 def build(shape: Shape, given: Mapping[str, Any], find: Find) -> Graph:
-    """The body with ``given`` in it, by the names of the fields; InvalidInput with everything that is wrong with it."""
+    """Return the body with the values ``given`` by field name. Raises InvalidInput with all errors."""
     writer = _Writer(Graph(), find)
     writer.node(shape, given, "")
     if writer.wrong:
@@ -115,14 +115,14 @@ def build(shape: Shape, given: Mapping[str, Any], find: Find) -> Graph:
 
 
 class _Writer:
-    """Writes nodes into one graph, and collects what is wrong instead of stopping at the first."""
+    """Writes nodes into one graph. It collects all errors instead of stopping at the first."""
 
     def __init__(self, graph: Graph, find: Find) -> None:
         self.graph, self.find = graph, find
         self.wrong: list[str] = []
 
     def node(self, shape: Shape, given: Mapping[str, Any], where: str) -> Node:
-        """A new node; ``where`` leads to it in messages."""
+        """Add a node and return it; ``where`` is its path in messages."""
         node = BNode()
         values, scale = self._chosen(shape, self._by_path(shape, given, where), where)
         refused = {path for path, offered in values.items() if not offered}
@@ -156,9 +156,9 @@ class _Writer:
     def _chosen(
         self, shape: Shape, values: dict[URIRef, list[Any]], where: str
     ) -> tuple[dict[URIRef, list[Any]], float]:
-        """The values with names of choices replaced by the choices, and what numbers are multiplied by for their unit.
+        """Return the values with names of choices resolved, and the factor that converts numbers to the chosen unit.
 
-        Units come last, so that only those are offered that go with the other choices.
+        Units are resolved last, so that only those compatible with the other choices are offered.
         """
         branches = [branch for group in shape.alternatives for branch in group]
         scale = 1.0
@@ -185,7 +185,7 @@ class _Writer:
         return unit or (None, 1.0)
 
     def _branches(self, shape: Shape, values: Mapping[URIRef, list[Any]], where: str) -> list[Shape]:
-        """Return of each group of alternatives the branch that the values choose, where they choose just one."""
+        """Return for each group of alternatives the branch that the values select, if they select exactly one."""
         taken = []
         for group in shape.alternatives:
             alive = _alive(group, values)
@@ -246,7 +246,7 @@ class _Writer:
 
 
 def _alive(branches: Iterable[Shape], values: Mapping[URIRef, list[Any]]) -> list[Shape]:
-    """The branches that the values which are chosen already leave."""
+    """Return the branches that are compatible with the values chosen so far."""
 
     def allows(branch: Shape) -> bool:
         known = [(each.allowed, values[each.path]) for each in branch.fields if each.path in values]
@@ -268,7 +268,7 @@ def _named(fields: Sequence[Field], name: str) -> URIRef | None:
 
 
 def _parts_of(value: Any, shape: Shape) -> Mapping[str, Any] | None:
-    """Return the parts of a nested node: a mapping as it is, of a quantity its number and its unit."""
+    """Return the parts of a nested node: a mapping unchanged, a quantity as its number and its unit."""
     if isinstance(value, Mapping):
         return value
     if isinstance(value, Quantity):
@@ -282,13 +282,13 @@ def _is_number(each: Field) -> bool:
 
 
 def said_choices(choices: Iterable[Node]) -> str:
-    """The choices in words; one that has several IRIs, as units do, once."""
+    """Return the choices as text. A choice with several IRIs, such as a unit, appears once."""
     words = dict.fromkeys(unit_label(str(choice)) if isinstance(choice, URIRef) else str(choice) for choice in choices)
     return ", ".join(word or "unitless" for word in words)
 
 
 def said_range(lower: Bound | None, upper: Bound | None) -> str:
-    """The range in words, such as ``from 0 to less than 360``."""
+    """Return the range as text, such as ``from 0 to less than 360``."""
     low = f"{'from' if lower.inclusive else 'more than'} {lower.value:.9g}" if lower else ""
     high = f"{'at most' if upper.inclusive else 'less than'} {upper.value:.9g}" if upper else ""
     return f"{low} to {high.removeprefix('at most ')}" if low and high else low or high

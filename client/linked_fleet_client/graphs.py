@@ -1,4 +1,4 @@
-"""Graphs of received documents: parsed by Oxigraph, kept by rdflib, or in Oxigraph if they are big.
+"""Graphs of received documents: parsed by Oxigraph, stored by rdflib, or by Oxigraph if they are large.
 
 README.md has the figures behind this choice.
 """
@@ -12,11 +12,14 @@ from rdflib.plugins.stores.memory import Memory
 from rdflib.term import Literal, Node
 
 BIG = 250_000
-"""Characters. Small documents are read whole, in which rdflib's store is faster; big ones in part, if at all."""
+"""Number of characters.
+
+Small documents are read completely, for which rdflib's store is faster; large ones rarely are.
+"""
 
 
 class _Received(Memory):
-    """rdflib's store. Blank nodes of the document that fills it get names of their own: oxrdflib leaves the labels."""
+    """rdflib's store. Blank nodes of a loaded document get fresh identifiers, because oxrdflib keeps their labels."""
 
     filling = True
 
@@ -35,7 +38,7 @@ def _own(term: Node, named: dict[Node, BNode]) -> Node:
 
 
 class _Big(OxigraphStore):
-    """Oxigraph's store. It names blank nodes anew by itself."""
+    """Oxigraph's store, which renames blank nodes by itself."""
 
     def triples(self, triple_pattern: Any, context: Graph | None = None) -> Iterator[Any]:
         for (subject, predicate, value), contexts in super().triples(triple_pattern, context):
@@ -43,12 +46,12 @@ class _Big(OxigraphStore):
 
 
 def load(text: str, syntax: str, base: str) -> Graph:
-    """The graph of a document; ``syntax`` is ``turtle`` or ``nt``. SyntaxError or ValueError if it is not valid."""
+    """Return the graph of a document in ``turtle`` or ``nt``. Raises SyntaxError or ValueError if it is invalid."""
     return load_big(text, syntax, base) if len(text) > BIG else load_exactly(text, syntax, base)
 
 
 def load_exactly(text: str, syntax: str, base: str) -> Graph:
-    """The same with its lexical forms, whatever its size: Oxigraph's store keeps ``1.50`` as ``1.5``."""
+    """Load with the original lexical forms, whatever the size. Oxigraph's store turns ``1.50`` into ``1.5``."""
     store = _Received()
     graph = _of_rdf_1_1(Graph(store).parse(data=text, format=f"ox-{syntax}", publicID=base), text)
     store.filling = False
@@ -60,14 +63,14 @@ def load_big(text: str, syntax: str, base: str) -> Graph:
 
 
 def _of_rdf_1_1(graph: Graph, text: str) -> Graph:
-    """Refuse triple terms (RDF 1.2), which rdflib does not know and oxrdflib gives as tuples."""
+    """Refuse triple terms (RDF 1.2), which rdflib does not support and oxrdflib returns as tuples."""
     if "<<" in text and any(isinstance(value, tuple) for value in graph.objects()):
-        raise ValueError("a triple stands in place of a term, as RDF 1.1 does not have it")
+        raise ValueError("a triple term, which RDF 1.1 does not have")
     return graph
 
 
 def in_memory(triples: Iterable[tuple[Node, Node, Node]]) -> Graph:
-    """A copy in rdflib's own store, which pySHACL reads twice as fast, with plain strings."""
+    """Return a copy in rdflib's own store, which pySHACL reads twice as fast, with plain strings."""
     copy = Graph()
     for subject, predicate, value in triples:
         copy.add((subject, predicate, _plain(value)))
@@ -75,5 +78,7 @@ def in_memory(triples: Iterable[tuple[Node, Node, Node]]) -> Graph:
 
 
 def _plain(term: Node) -> Node:
-    """rdflib takes ``"a"`` and ``"a"^^xsd:string`` for two terms, and oxrdflib gives the latter for both."""
+    """Normalize strings: rdflib treats ``"a"`` and ``"a"^^xsd:string`` as two terms, oxrdflib returns the latter for
+    both.
+    """
     return Literal(str(term)) if isinstance(term, Literal) and term.datatype == XSD.string else term

@@ -24,7 +24,7 @@ _SLICE_S = 5.0
 
 
 class Doable(Protocol):
-    """An action, as an invocation needs it."""
+    """The part of an action that an invocation needs."""
 
     @property
     def names(self) -> Sequence[str]: ...
@@ -36,13 +36,13 @@ MakeAction = Callable[[Web, str, Resource, Document | None], Doable]
 
 
 class Invocation(Resource):
-    """Reads its state when asked; ``wait`` is told of changes.
+    """An execution of an action. Its state is read on access; ``wait`` follows it by events.
 
-    A server may do what was asked for without saying where to look: then ``traced`` is False and there is no state.
+    If the server returned no Location, ``traced`` is False and there is no state.
     """
 
     def __init__(self, web: Web, iri: str, action: MakeAction) -> None:
-        """``action`` makes the actions that the description links, such as one that cancels."""
+        """Create an invocation; ``action`` creates the actions that its description links, such as cancel."""
         super().__init__(web, iri)
         self._action = action
 
@@ -63,22 +63,22 @@ class Invocation(Resource):
 
     @property
     def progress(self) -> float | None:
-        """From 0 to 1; None where the server does not say."""
+        """Progress from 0 to 1; None if the server does not state it."""
         return progress_in(self.read().graph, self.node)
 
     @property
     def reason(self) -> str | None:
-        """Why it ended as it did; None if nothing is said."""
+        """The reason for the end; None if not stated."""
         return _text(self.learn().graph.value(self.node, LF.reason))
 
     @property
     def result(self) -> dict[str, Value]:
-        """The result, by the names in the description; empty before."""
+        """The result, by the names in the description; empty before the end."""
         return _below(self.learn().graph, self.node, LF.result)
 
     @property
     def target(self) -> dict[str, Value]:
-        """The goal."""
+        """The goal values."""
         return _below(self.learn().graph, self.node, LF.target)
 
     @property
@@ -86,7 +86,7 @@ class Invocation(Resource):
         return moment(self.learn().graph.value(self.node, PROV.endedAtTime))
 
     def changes(self, timeout_s: float = math.inf) -> Iterator[Change]:
-        """Its states until it has ended, the present one first, or until ``timeout_s`` are over."""
+        """Yield its states until it has ended, starting with the present one, or until ``timeout_s`` has passed."""
         deadline = None if timeout_s == math.inf else time.monotonic() + timeout_s
         for change in Feed(self.web, self.iri, deadline, _SLICE_S):
             self._document = change.document
@@ -95,7 +95,7 @@ class Invocation(Resource):
                 return
 
     def wait(self, timeout_s: float = math.inf, on_change: Callable[[Change], object] = lambda _: None) -> str | None:
-        """The state in which it ended; StillRunning if it has not within ``timeout_s``, and then it goes on."""
+        """Wait for the end and return the final state. Raises StillRunning if it has not ended within ``timeout_s``."""
         if not self.traced:
             return None
         for change in self.changes(timeout_s):
@@ -106,7 +106,7 @@ class Invocation(Resource):
         return _word(self.learn().graph.value(self.node, LF.state))
 
     def cancel(self) -> None:
-        """Have it stopped: by the action that its description links or, where there is none, by DELETE."""
+        """Cancel it by the action that its description links or, without one, by DELETE."""
         if not self.traced:
             raise Unsupported("the server does not say where what it was asked to do can be stopped")
         self.read()
@@ -122,12 +122,12 @@ class Invocation(Resource):
 
 
 def has_ended(graph: Graph, node: Node) -> bool:
-    """By its state or, where that is a foreign one, because the time of its end is stated."""
+    """Return True if the state is a final one or, for an unknown state, if a time of its end is stated."""
     return graph.value(node, LF.state) in ENDED or moment(graph.value(node, PROV.endedAtTime)) is not None
 
 
 def progress_in(graph: Graph, node: Node) -> float | None:
-    """The share of the way or of the time, whether as a bare number or with its unit."""
+    """Return the completed share, given as a bare number or with a unit."""
     stated = read(graph, node).values.get(local_name(LF.progress))
     value = stated.number if isinstance(stated, Quantity) else None
     return None if value is None else min(max(value, 0.0), 1.0)

@@ -1,4 +1,4 @@
-"""Subscriptions to changes: server-sent events with resumption, or polling where there are none."""
+"""Subscriptions to changes: server-sent events with resumption, or polling if the server has no events."""
 
 import contextlib
 import re
@@ -20,21 +20,22 @@ from linked_fleet_client.vocabulary import HYBRIT, LF, RDF, document_of
 from linked_fleet_client.web import MAX_BODY_BYTES, Document, Web, parsed
 
 SILENCE_S = 45.0
-"""Longest silence of an event stream before it is opened again; servers send comments more often."""
+"""Longest silence of an event stream before it is reopened; servers send comments more often."""
 POLL_S = 1.0
 _NAP_S = 0.2
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.5, 30.0
 _EVENTS = "text/event-stream"
-# Statuses that say "not as events" rather than "not at all".
+# Statuses that mean "not available as events" rather than "not available".
 _NO_EVENTS = frozenset({400, 405, 406, 409, 415})
-# A server that has just started may not know yet what it served before; for so many attempts that is no end.
+# A server that has just started may not know yet a resource that it served before, so 404 is final only after several
+# attempts.
 _GONE, _GONE_TRIES = 404, 6
 _LATER = frozenset({429, 500, 502, 503, 504})
 
 
 @dataclass(frozen=True)
 class Event:
-    """One server-sent event (WHATWG HTML, 9.2); ``retry_s`` is how long to wait before coming back."""
+    """One server-sent event (WHATWG HTML, 9.2); ``retry_s`` is the reconnection time."""
 
     data: str
     id: str | None = None
@@ -43,7 +44,10 @@ class Event:
 
 @dataclass(frozen=True)
 class Change:
-    """The new state of ``resource``: a complete description. ``missed`` says that others came in between."""
+    """The new state of ``resource`` as a complete description.
+
+    ``missed`` says that some changes in between were lost.
+    """
 
     resource: URIRef
     document: Document
@@ -52,19 +56,19 @@ class Change:
 
     @cached_property
     def reading(self) -> Reading:
-        """Its own values."""
+        """The values of the resource itself."""
         return read(self.document.graph, self.resource)
 
     def of(self, prop: Node) -> Reading:
-        """The values of one of its properties, which its description shows."""
+        """Return the values of a property that the description includes."""
         return read(self.document.graph, prop)
 
 
 class Feed:
-    """Iterates over the changes of one resource, the present state first; ends when the server says that it is over.
+    """Iterates over the changes of one resource, starting with its present state, until the server ends the stream.
 
-    ``deadline`` is monotonic; when it has passed, iterating ends, ``silence_s`` later at most. ``stream`` is where its
-    events come from, unless from the resource itself.
+    ``deadline`` is monotonic; iteration ends at most ``silence_s`` after it. ``stream`` is the URL of the events, by
+    default the resource itself.
     """
 
     def __init__(
@@ -86,12 +90,12 @@ class Feed:
         self._response: httpx.Response | None = None
 
     def close(self) -> None:
-        """End the iteration, which may wait for the server in another thread."""
+        """End an iteration that may be waiting for the server in another thread."""
         self._closed = True
         stream = self._response.extensions.get("network_stream") if self._response is not None else None
         connection = stream.get_extra_info("socket") if stream is not None else None
         if isinstance(connection, socket.socket):
-            with contextlib.suppress(OSError):  # it is closed already
+            with contextlib.suppress(OSError):  # already closed
                 socket.socket.shutdown(connection, socket.SHUT_RDWR)
 
     def __iter__(self) -> Iterator[Change]:
@@ -101,7 +105,7 @@ class Feed:
             except Unreachable as error:
                 over = False
                 if self._open and isinstance(error.__cause__, httpx.ReadTimeout):
-                    continue  # silence is no failure: a connection that is broken looks like one that has no news
+                    continue  # silence is no failure: a broken connection looks like one without news
                 self._failures += 1
             if over:
                 return
@@ -110,7 +114,7 @@ class Feed:
         yield from self._polled()
 
     def _streamed(self) -> Generator[Change, None, bool]:
-        """One connection; its value says whether it was the last."""
+        """Read one connection; the generator's return value says if it was the last."""
         headers = {"accept": f"{_EVENTS}, text/turtle;q=0.9", "cache-control": "no-cache"}
         headers |= {"last-event-id": self.last_id} if self.last_id else {}
         self._open = False
@@ -167,7 +171,7 @@ class Feed:
             pause_s = min(2 * pause_s, POLL_S)
 
     def _pause(self) -> None:
-        """Longer after each failure in a row, and never the same for two clients."""
+        """Sleep, longer after each failure in a row, with jitter so that clients do not return together."""
         pause_s = min(self._retry_s * 2.0 ** min(self._failures, 10), _LONGEST_PAUSE_S)
         self._sleep(pause_s * (0.5 + secrets.randbelow(1000) / 2000))
 
@@ -187,7 +191,7 @@ class Feed:
 
 
 def lines(parts: Iterable[bytes]) -> Iterator[str]:
-    """Lines by the ends that events know, CR, LF and CRLF; the other ends that text may have are part of the data."""
+    """Split into lines at CR, LF and CRLF only; other line separators of Unicode are part of the data."""
     waiting = b""
     for part in parts:
         waiting += part
@@ -198,12 +202,15 @@ def lines(parts: Iterable[bytes]) -> Iterator[str]:
             raise BadAnswer("a line of an event is too long")
 
 
-# A CR at the end of what has come so far may be the first half of a CRLF.
+# A CR at the end of the received data may be the first half of a CRLF.
 _LINE_ENDS = re.compile(rb"\r\n|\n|\r(?!\Z)")
 
 
 def events(said: Iterable[str]) -> Iterator[Event]:
-    """The events in the lines of a stream. Each comment is an event without data, so that time is seen to pass."""
+    """Yield the events in the lines of a stream.
+
+    A comment yields an event without data, so that deadlines are checked.
+    """
     data: list[str] = []
     size, identifier, retry_s = 0, None, None
     for line in said:
@@ -225,7 +232,7 @@ def events(said: Iterable[str]) -> Iterator[Event]:
 
 
 def posted(web: Web, container: str, resource: str, depth: URIRef | None, interval_s: float | None) -> str:
-    """Make a subscription by describing it to a container of subscriptions; the IRI at which its stream is opened."""
+    """Create a subscription by POST to a subscriptions container. Return the IRI of its event stream."""
     node, wanted = BNode(), Graph()
     wanted.add((node, RDF.type, HYBRIT.Subscription))
     wanted.add((node, HYBRIT.onResource, URIRef(resource)))

@@ -1,4 +1,4 @@
-"""Names of things: by the data alone, never by the form of an address that was made up."""
+"""Names of things, taken from data and never from patterns of URLs."""
 
 import difflib
 import re
@@ -12,7 +12,7 @@ from linked_fleet_client.errors import NoSuchThing, Problem
 
 
 class Named(Protocol):
-    """``names`` is by rank: what identifies comes before what merely describes."""
+    """An object with ``names``, ordered by rank: identifiers come before descriptions."""
 
     iri: URIRef
 
@@ -21,17 +21,17 @@ class Named(Protocol):
     @property
     def name(self) -> str: ...
     def learn(self) -> object:
-        """Have it read its own description, which may know more names than who lists it."""
+        """Read its own description, which may have more names than the document that lists it."""
 
     def introduce(self) -> None:
-        """Have it read its own description if nobody has said a name of it so far."""
+        """Read its own description if no name is known so far."""
 
 
 T = TypeVar("T", bound=Named)
 
 
 class Members(Generic[T], Sequence[T]):
-    """Things in the order of their names, to be had by any of their names."""
+    """Things sorted by name, accessible by any of their names."""
 
     def __init__(self, members: Sequence[T], what: str) -> None:
         self._members, self._what = sorted(members, key=lambda member: (member.name.casefold(), member.iri)), what
@@ -43,7 +43,10 @@ class Members(Generic[T], Sequence[T]):
         return iter(self._members)
 
     def __getitem__(self, name: str | int) -> T:  # type: ignore[override]
-        """By identifier, linking predicate, last segment of its IRI, title, or IRI; NoSuchThing if by none."""
+        """Return a member by identifier, linking predicate, last segment of its IRI, title, or IRI.
+
+        Raises NoSuchThing.
+        """
         if isinstance(name, int):
             return self._members[name]
         found = self.known(name) or self._searched(name)
@@ -52,16 +55,16 @@ class Members(Generic[T], Sequence[T]):
         return found
 
     def introduced(self) -> "Members[T]":
-        """The same in the order of their names, when those that came without any have been asked."""
+        """Return the members sorted anew, after reading those without a known name."""
         for member in self._members:
             try:
                 member.introduce()
             except Problem:
-                continue  # it goes by its IRI then
+                continue  # it keeps its IRI as name
         return Members(self._members, self._what)
 
     def known(self, name: str) -> T | None:
-        """By the names that are known so far, without asking anybody."""
+        """Return a member by the names that are known without a request."""
         for same in (_exactly, _whatever_case):
             if found := _best(self._members, name, same):
                 return found
@@ -72,7 +75,7 @@ class Members(Generic[T], Sequence[T]):
             try:
                 member.learn()
             except Problem:
-                continue  # what cannot be read has no more names; the others may have this one
+                continue  # an unreadable member has no more names; others may match
             if any(_whatever_case(name, each) for each in member.names):
                 return member
         return None
@@ -103,16 +106,16 @@ def _whatever_case(one: str, other: str) -> bool:
 
 
 def no_such(what: str, name: str, known: Sequence[str]) -> NoSuchThing:
-    """With the names that come close, or all if they are few."""
+    """Return the error with similar names, or with all if there are few."""
     close = difflib.get_close_matches(name, known, n=5, cutoff=0.5) or (list(known) if len(known) <= 12 else [])
     there = f"; there is {', '.join(close)}" if close else ""
     return NoSuchThing(f"no {what} is called {name!r}{there}", known)
 
 
 def shown_name(identifiers: Sequence[str], titles: Sequence[str], segment: str, link: str = "") -> str:
-    """The name for paths: identifier, the predicate that links it, a title of one word, or the last segment of the IRI.
+    """Return the name for paths: identifier, linking predicate, a title of one word, or the last segment of the IRI.
 
-    That segment may be a number that tells nobody anything: where no word of the title is in it, the title is better.
+    That segment may be a meaningless number, so a title that shares no word with it is preferred.
     """
     if identifiers or link:
         return identifiers[0] if identifiers else link
@@ -126,10 +129,10 @@ _AWKWARD = re.compile(r"""[\x00-\x20/%"'`$&()<>|;\\*?!#{}\[\]~=\x7f]""")
 
 
 def steps(path: str) -> list[str]:
-    """The names in a path; ``%2F`` is a slash in a name."""
+    """Split a path into names; ``%2F`` is a slash within a name."""
     return [unquote(step) for step in path.split("/") if step]
 
 
 def step(name: str) -> str:
-    """A name as it stands in a path, with nothing in it that a shell would take for itself."""
+    """Return a name escaped for a path, without characters that a shell would interpret."""
     return _AWKWARD.sub(lambda found: quote(found[0], safe=""), name)

@@ -1,4 +1,4 @@
-"""Numbers with units: a small table of units known by IRI, and conversion within a dimension."""
+"""Numbers with units: a small table of units by IRI, and conversion within a dimension."""
 
 import math
 from collections.abc import Iterable
@@ -13,7 +13,7 @@ from linked_fleet_client.vocabulary import MATHS, QUDT, UNIT, VOM, XSD, local_na
 
 @dataclass(frozen=True)
 class Unit:
-    """``label`` as it is written, ``dimension`` within which it converts, ``si`` the size of one in the SI unit."""
+    """A unit: its ``label``, the ``dimension`` within which it converts, and ``si``, its size in the SI unit."""
 
     label: str
     dimension: str
@@ -24,7 +24,7 @@ def _qudt(*names: str) -> tuple[str, ...]:
     return tuple(str(UNIT[name]) for name in names)
 
 
-# Each IRI that is understood; the SI unit of a dimension is the one of size 1.
+# The known IRIs of each unit; the SI unit of a dimension has size 1.
 _TABLE: tuple[tuple[Unit, tuple[str, ...]], ...] = (
     (Unit("rad", "angle"), (*_qudt("RAD"), str(MATHS.Radian), str(VOM.Radian))),
     (Unit("deg", "angle", math.pi / 180), (*_qudt("DEG"), str(MATHS.Degree), str(VOM.Degree))),
@@ -67,20 +67,20 @@ _SPELLINGS = {unit.label: unit for unit, _ in _TABLE} | {
 
 
 def unit_label(iri: str) -> str:
-    """The unit in a few letters; of an unknown one the local name."""
+    """Return the symbol of the unit; for an unknown unit the local name of its IRI."""
     return UNITS[iri].label if iri in UNITS else local_name(iri)
 
 
 def known_unit(text: str) -> Unit | None:
-    """The unit that somebody calls ``text``: by label, in words, or by IRI."""
+    """Return the unit with the label, word or IRI ``text``."""
     return UNITS.get(text) or _SPELLINGS.get(text)
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A number as it was served. ``number`` is None where the server says that it is not known: never zero instead.
+    """A number as served. ``number`` is None, never zero, if the server says that the value is unknown.
 
-    ``time`` is when it was measured, aware of its zone; None where nobody says so.
+    ``time`` is the time of measurement with time zone; None if not stated.
     """
 
     number: float | None
@@ -92,7 +92,7 @@ class Quantity:
         return unit_label(self.unit) if self.unit else ""
 
     def to(self, unit: str) -> "Quantity":
-        """The same in another unit, given as ``"deg"`` or by IRI; InvalidInput where that makes no sense."""
+        """Convert to another unit, given as ``"deg"`` or by IRI. Raises InvalidInput if the dimensions differ."""
         here, there = known_unit(self.unit or ""), known_unit(unit)
         if here is None or there is None or here.dimension != there.dimension:
             raise InvalidInput([f"{self.unit_label or 'a number without unit'} cannot be given in {unit_label(unit)}"])
@@ -106,9 +106,9 @@ class Quantity:
 
 
 def matching(unit: str, choices: Iterable[URIRef]) -> tuple[URIRef, float] | None:
-    """The first of ``choices`` that means ``unit``, and by what a number in ``unit`` is multiplied to be in it.
+    """Return the first of ``choices`` that means ``unit``, and the factor from ``unit`` to it.
 
-    The very unit comes before one that it converts to; None if it is neither.
+    An identical unit is preferred to one that needs conversion; None if there is neither.
     """
     offered = list(choices)
     for choice in offered:
@@ -124,7 +124,7 @@ def matching(unit: str, choices: Iterable[URIRef]) -> tuple[URIRef, float] | Non
 
 
 def number(literal: Literal) -> float | None:
-    """The number that a literal of a numeric XSD type says; None if it says none."""
+    """Return the number in a literal of a numeric XSD type; None for others."""
     text = str(literal).strip()
     if literal.datatype not in _NUMERIC or "_" in text:
         return None

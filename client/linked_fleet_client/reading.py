@@ -1,4 +1,4 @@
-"""Values out of descriptions: whatever has a number, whoever invented the predicates that lead to it."""
+"""Values in descriptions: numbers with units, found without knowing the predicates that lead to them."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from linked_fleet_client.vocabulary import DCTERMS, HYBRIT, LDP, LF, PROV, RDF, 
 
 Value = Quantity | str | URIRef
 _TIMES = (SOSA.resultTime, PROV.generatedAtTime, DCTERMS.modified)
-# What describes a property and is no value of it.
+# Vocabularies of statements about a property that are no values of it.
 _ABOUT = (str(HYBRIT), str(DCTERMS), str(RDFS), str(RDF), str(LDP), str(SOSA))
 _ABOUT_TERMS = frozenset({LF.version, LF.previousVersion, *UNIT_PATHS})
 _DEEPEST = 6
@@ -21,9 +21,9 @@ _MOST = 20_000
 
 @dataclass(frozen=True)
 class Reading:
-    """``values`` by the predicates that lead to them, such as ``position.x``; ``scalar`` names the one with a unit.
+    """Values by the path of predicates that leads to them, such as ``position.x``; ``scalars`` are those with a unit.
 
-    A number that the server says it does not know is a Quantity without number.
+    A number that the server says is unknown is a Quantity without number.
     """
 
     values: dict[str, Value]
@@ -31,7 +31,7 @@ class Reading:
 
     @property
     def main(self) -> Quantity | None:
-        """The quantity that this is about, where it is about just one."""
+        """The quantity of a resource that has exactly one."""
         quantities = {key: value for key, value in self.values.items() if isinstance(value, Quantity)}
         if len(self.scalars) == 1:
             return quantities[self.scalars[0]]
@@ -39,7 +39,7 @@ class Reading:
 
 
 def read(graph: Graph, subject: Node) -> Reading:
-    """All values below ``subject``: in its own statements and in those of the blank nodes that they lead to."""
+    """Return all values below ``subject``: in its own statements and in those of blank nodes that they lead to."""
     found: dict[str, Value] = {}
     scalars: list[str] = []
     for key, value, scalar in _walk(graph, subject, "", _time(graph, subject, None), (subject,)):
@@ -68,7 +68,7 @@ def _walk(
 
 
 def _by_predicate(graph: Graph, node: Node) -> list[tuple[Node, list[Node]]]:
-    """Return the statements about the node, in an order that does not depend on the graph's."""
+    """Return the statements about the node in an order that does not depend on the graph's."""
     found: dict[Node, list[Node]] = {}
     units = {unit for predicate in set(graph.predicates(node)) if (unit := URIRef(f"{predicate}Unit"))}
     for predicate, value in graph.predicate_objects(node):
@@ -97,13 +97,13 @@ def _unit(graph: Graph, node: Node) -> URIRef | None:
 
 
 def _own_unit(graph: Graph, node: Node, predicate: Node) -> URIRef | None:
-    """The unit of one predicate among several, as in a sample of a joint: what is said by its name and ``Unit``."""
+    """Return the unit of one predicate among several, as in a sample of a joint: predicate IRI plus ``Unit``."""
     unit = graph.value(node, URIRef(f"{predicate}Unit"))
     return unit if isinstance(unit, URIRef) else None
 
 
 def _label(graph: Graph, node: Node) -> str:
-    """Return what tells one of several nodes apart: the one resource that it points to, if it points to just one."""
+    """Return a label that distinguishes several nodes: the single resource that the node points to."""
     if not isinstance(node, BNode):
         return ""
     units = {URIRef(f"{predicate}Unit") for predicate in graph.predicates(node)}
@@ -125,7 +125,7 @@ def _time(graph: Graph, node: Node, above: datetime | None) -> datetime | None:
 
 
 def moment(term: Node | None) -> datetime | None:
-    """The time that a literal says, aware of its zone (UTC if it names none); None if it says none."""
+    """Return the time in a literal, with UTC as default time zone; None if it is not a dateTime."""
     if not isinstance(term, Literal):
         return None
     value = term.toPython()

@@ -15,7 +15,10 @@ _LINKS = frozenset({HYBRIT.property, HYBRIT.action, DCTERMS.hasPart, DCTERMS.isP
 
 
 class Resource:
-    """``owner`` is where it was found, ``listing`` the description in which; None for what was asked for by IRI."""
+    """A resource.
+
+    ``owner`` is where it was found, in the description ``listing``; both are None if requested by IRI.
+    """
 
     def __init__(self, web: Web, iri: str, owner: Resource | None = None, listing: Document | None = None) -> None:
         self.web, self.iri = web, URIRef(iri)
@@ -23,16 +26,16 @@ class Resource:
         self._document: Document | None = None
 
     def read(self) -> Document:
-        """Its present description, revalidated by ETag."""
+        """Return its present description, revalidated by ETag."""
         self._document = self.web.get(self.iri)
         return self._document
 
     def learn(self) -> Document:
-        """Its description as it was last read; read now if it never was."""
+        """Return its last read description; read it if there is none."""
         return self._document or self.read()
 
     def introduce(self) -> None:
-        """Have it read its description if nobody has said a name of it so far."""
+        """Read its description if no name is known so far."""
         if not self._said(DCTERMS.identifier, *_TITLES) and not self._link():
             self.learn()
 
@@ -48,7 +51,7 @@ class Resource:
 
     @property
     def title(self) -> str:
-        """Its title in the description, or the name that it goes by."""
+        """Its title in the description, or its name."""
         titles = self._said(*_TITLES)
         if not titles and not self.known:
             self.read()
@@ -57,23 +60,23 @@ class Resource:
 
     @property
     def types(self) -> set[Node]:
-        """All its types, as stated: from where it is listed if they are stated there."""
+        """All its stated types, from the document that lists it if that states any."""
         listed = set(self._listing.graph.objects(self.iri, RDF.type)) if self._listing else set()
         return listed or set(self.learn().graph.objects(self.node, RDF.type))
 
     @property
     def name(self) -> str:
-        """The name to show, from what is known without asking."""
+        """The name to show, from what is known without a request."""
         return shown_name(self._said(DCTERMS.identifier), self._said(*_TITLES), local_name(self.iri), self._link())
 
     @property
     def names(self) -> Sequence[str]:
-        """All that it answers to, by what is known without asking."""
+        """All its names that are known without a request."""
         said = [*self._said(DCTERMS.identifier), self._link(), local_name(self.iri), *self._said(*_TITLES)]
         return [name for name in dict.fromkeys(said) if name]
 
     def linked(self, *predicates: URIRef) -> list[URIRef]:
-        """Return what it links by these predicates, on the Web; as last read."""
+        """Return the HTTP IRIs that these predicates link, from the last read description."""
         graph = self.learn().graph
         found = [each for predicate in predicates for each in graph.objects(self.node, predicate)]
         return [URIRef(str(each)) for each in dict.fromkeys(found) if is_web(each)]
@@ -91,7 +94,7 @@ class Resource:
         return list(dict.fromkeys(str(each) for each in found if isinstance(each, Literal)))
 
     def _link(self) -> str:
-        """The predicate by which the owner links it, where that says more than what kind of thing it is."""
+        """Return the local name of the predicate by which the owner links it, if that is a specific one."""
         if self.owner is None or self._listing is None:
             return ""
         graph = self._listing.graph

@@ -1,4 +1,4 @@
-"""A SHACL shape as typed values: what a node may be, and what stands below it."""
+"""A SHACL shape as typed values: constraints of a node and of the nodes below it."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -24,7 +24,10 @@ class Bound:
 
 @dataclass(frozen=True)
 class Shape:
-    """A node shape. Empty tuples and None constrain nothing; each of ``alternatives`` has one branch to meet."""
+    """A node shape.
+
+    Empty tuples and None are no constraint; for each group in ``alternatives`` one branch must be met.
+    """
 
     classes: tuple[URIRef, ...] = ()
     datatypes: tuple[URIRef, ...] = ()
@@ -41,7 +44,7 @@ class Shape:
 
 @dataclass(frozen=True)
 class Field:
-    """A property shape: how often a predicate stands, and what each value must be; ``fixed`` must be there."""
+    """A property shape: cardinality of a predicate and constraints of its values; ``fixed`` values must be present."""
 
     path: URIRef
     name: str
@@ -55,12 +58,12 @@ class Field:
 
     @property
     def allowed(self) -> tuple[Node, ...] | None:
-        """The values to choose from; None if any will do."""
+        """The valid values; None if any value is valid."""
         return self.fixed or self.shape.choices
 
 
 def read_shape(graph: Graph, node: Node, above: tuple[Node, ...] = ()) -> Shape:
-    """The shape ``node`` of a graph of shapes. What is not understood constrains nothing here: the server judges."""
+    """Return the shape ``node``. Constraints that are not understood are ignored: the server validates."""
     if node in above or len(above) > _DEEPEST:
         return Shape()  # recursive shapes have no meaning in SHACL
     above = (*above, node)
@@ -85,12 +88,12 @@ def read_shape(graph: Graph, node: Node, above: tuple[Node, ...] = ()) -> Shape:
 
 
 def merged(shapes: Iterable[Shape]) -> Shape:
-    """The shape that demands what all of ``shapes`` do."""
+    """Return the conjunction of ``shapes``."""
     return reduce(_both, shapes, Shape())
 
 
 def with_branches(shape: Shape, branches: Iterable[Shape]) -> Shape:
-    """``shape`` without its alternatives, and with the demands of the branches taken."""
+    """Return ``shape`` with the given branches in place of its alternatives."""
     return merged([replace(shape, alternatives=()), *branches])
 
 
@@ -143,7 +146,7 @@ def _tighter(one: Bound | None, other: Bound | None, sign: int) -> Bound | None:
 
 
 def _either(shape: Shape, branches: tuple[Shape, ...]) -> Shape:
-    """Alternatives that differ in their datatype alone are one choice of datatypes."""
+    """Merge alternatives that differ only in their datatype into one choice of datatypes."""
     if branches and all(branch == Shape(datatypes=branch.datatypes) and branch.datatypes for branch in branches):
         return _both(shape, Shape(datatypes=tuple(each for branch in branches for each in branch.datatypes)))
     return replace(shape, alternatives=(*shape.alternatives, branches)) if branches else shape
@@ -159,12 +162,12 @@ def _fields(graph: Graph, node: Node, above: tuple[Node, ...]) -> tuple[Field, .
 
 
 def _rank(field: Field) -> tuple[float, bool, bool, str]:
-    """Order fields as the shape does, then what is needed before what is not, and a number before its unit."""
+    """Return the sort key: sh:order, required before optional, a number before its unit."""
     return field.order, field.min_count == 0, field.path in UNIT_PATHS, field.name
 
 
 def _field(graph: Graph, node: Node, above: tuple[Node, ...]) -> Field | None:
-    """None for what cannot be filled in: a path that is no predicate, or a deactivated shape."""
+    """Return None for what cannot be filled in: a complex path or a deactivated shape."""
     path = _predicate(graph, graph.value(node, SH.path))
     if path is None or str(graph.value(node, SH.deactivated)).lower() in ("true", "1"):
         return None
@@ -183,7 +186,7 @@ def _field(graph: Graph, node: Node, above: tuple[Node, ...]) -> Field | None:
 
 
 def _predicate(graph: Graph, path: Node | None) -> URIRef | None:
-    if isinstance(path, BNode):  # of alternative paths any will do
+    if isinstance(path, BNode):  # any of the alternative paths will do
         head = graph.value(path, SH.alternativePath)
         path = next(iter(_list(graph, head)), None) if head is not None else None
     return path if isinstance(path, URIRef) else None
@@ -214,7 +217,7 @@ def _iris(graph: Graph, node: Node, *predicates: URIRef) -> tuple[URIRef, ...]:
 
 
 def _list(graph: Graph, head: Node) -> Sequence[Node]:
-    """The members of an RDF list, as far as it is one."""
+    """Return the members of an RDF list up to the first malformed node."""
     found: list[Node] = []
     seen: set[Node] = set()
     while head != RDF.nil and head not in seen and len(found) < _LONGEST_LIST:

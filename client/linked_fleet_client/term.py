@@ -1,4 +1,4 @@
-"""Literals out of what people and programs give."""
+"""RDF literals from values that people and programs provide."""
 
 import math
 import re
@@ -11,8 +11,8 @@ from rdflib.term import Literal, URIRef
 from linked_fleet_client.quantity import INTEGERS
 from linked_fleet_client.vocabulary import XSD, local_name
 
-# The first that the shape takes is written. Decimals are exactly what was given, which matters at a limit: limits are
-# decimals mostly, and the double nearest to 0.8 is more than 0.8.
+# The first datatype that the shape allows is used. Decimals keep the given value exactly, which matters at limits: the
+# double nearest to 0.8 is more than 0.8.
 _WHOLE = (XSD.integer, XSD.decimal, XSD.double, XSD.float)
 _BROKEN = (XSD.decimal, XSD.double, XSD.float)
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?")
@@ -20,9 +20,9 @@ _WORDS = {"true": True, "false": False}
 
 
 def literal(value: Any, datatypes: tuple[URIRef, ...], scale: float = 1.0, numeric: bool = False) -> Literal:
-    """``value``, a number multiplied by ``scale``, as one of ``datatypes``; any will do if there are none.
+    """Return ``value``, a number multiplied by ``scale``, as a literal of one of ``datatypes`` (any if empty).
 
-    ``numeric`` says that it is a number although no datatype does. ValueError says what would have been right.
+    ``numeric`` says that it is a number although no datatype says so. Raises ValueError with the valid forms.
     """
     takes_numbers = any(_is_numeric(datatype) for datatype in datatypes) or (numeric and not datatypes)
     if takes_numbers and not isinstance(value, bool) and (number := _number(value)) is not None:

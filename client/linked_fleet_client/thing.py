@@ -1,4 +1,4 @@
-"""Things of the Web of robots: found by links, read when asked, by whatever names they give themselves."""
+"""Things of the Web of robots: found by links, read on access, addressed by their own names."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from linked_fleet_client.vocabulary import DCTERMS, HYBRIT, LDP, LF, RDF, RDFS, 
 from linked_fleet_client.web import Document
 
 _PARTS = (LDP.contains, DCTERMS.hasPart)
-# Types that say no more than that something is one of the kinds which are told apart anyway.
+# Types that add nothing to the distinction of things, properties and actions.
 _PLAIN = frozenset(
     {HYBRIT.RoboticThing, HYBRIT.Property, HYBRIT.Action, LDP.Container, LDP.BasicContainer, LDP.Resource}
 )
@@ -29,15 +29,16 @@ T = TypeVar("T", bound="Resource")
 
 
 class Observable(Resource):
-    """The properties that can be read and watched."""
+    """A resource that can be read and watched."""
 
     def subscribe(
         self, *, depth: URIRef | None = None, interval_s: float | None = None, timeout_s: float | None = None
     ) -> Feed:
-        """Changes as they come, the present state first: by server-sent events, or by polling where there are none.
+        """Return the changes, starting with the present state, by server-sent events or else by polling.
 
-        ``depth`` is one of the individuals of lf:Depth, ``interval_s`` the least time between two messages; with either
-        a subscription is made in the container that the description links. Ends after ``timeout_s`` if given.
+        ``depth`` is an individual of lf:Depth, ``interval_s`` the least time between two messages. With either, a
+        subscription is created in the container that the description links. Iteration ends after ``timeout_s`` if
+        given.
         """
         deadline = None if timeout_s is None else time.monotonic() + timeout_s
         silence = {} if timeout_s is None else {"silence_s": 5.0}
@@ -47,7 +48,7 @@ class Observable(Resource):
         return Feed(self.web, self.iri, deadline, stream=stream, **silence)
 
     def _container(self) -> str:
-        """The actions of the thing itself or, for a property, of a thing that it belongs to."""
+        """Return the subscriptions container of the thing or, for a property, of a thing that it belongs to."""
         for iri in (self.iri, *self.linked(DCTERMS.isPartOf, RDFS.seeAlso)):
             document = self.web.get(iri)
             for found in document.graph.objects(document.iri(iri), HYBRIT.subscriptions):
@@ -56,19 +57,19 @@ class Observable(Resource):
 
 
 class Property(Observable):
-    """A parameter or variable of a thing. Every reading asks the server, which mostly answers "not modified"."""
+    """A parameter or variable of a thing. Every access asks the server, which mostly answers 304."""
 
     @property
     def reading(self) -> Reading:
         return read(self.read().graph, self.node)
 
     def within(self, document: Document) -> Reading:
-        """Its values as another description shows them, such as that of the thing that it belongs to."""
+        """Return its values as another description states them, such as that of its thing."""
         return read(document.graph, self.iri)
 
     @property
     def value(self) -> Quantity:
-        """The one quantity that this is about; Unsupported, with what there is, if it is not about just one."""
+        """Its single quantity. Raises Unsupported, listing the values, if there is not exactly one."""
         reading = self.reading
         if reading.main is None:
             raise Unsupported(f"{self.name} has no single value but {', '.join(reading.values) or 'statements only'}")
@@ -76,26 +77,26 @@ class Property(Observable):
 
     @property
     def triples(self) -> list[tuple[Node, Node]]:
-        """Predicates and objects, for what has no form that is known."""
+        """All predicates and objects, for descriptions of unknown form."""
         return sorted(self.read().graph.predicate_objects(self.node), key=str)
 
 
 class Thing(Observable):
-    """Anything with parts, properties and actions: a fleet, a robot, a joint, or what nobody has thought of."""
+    """Anything with parts, properties and actions, such as a fleet, a robot or a joint."""
 
     @property
     def presence(self) -> str | None:
-        """``online``, ``offline`` or as the vocabulary says; None where nothing is said. Asks the server."""
+        """``online``, ``offline`` or another term of the vocabulary; None if not stated. Asks the server."""
         graph = self.read().graph
         return _presence(graph.value(self.node, LF.presence))
 
     def presence_in(self, document: Document) -> str | None:
-        """Return it as another description has it, such as that of the fleet that it belongs to."""
+        """Return its presence as another description states it, such as that of its fleet."""
         return _presence(document.graph.value(self.iri, LF.presence))
 
     @property
     def parts(self) -> Members[Thing]:
-        """The things that it contains or is made of."""
+        """The things that it contains or consists of."""
         document = self.read()
         found = self.linked(*_PARTS)
         found += [URIRef(str(each)) for each in document.graph.subjects(DCTERMS.isPartOf, self.node) if is_web(each)]
@@ -106,7 +107,7 @@ class Thing(Observable):
         return self.properties_in(self.read())
 
     def properties_in(self, document: Document) -> Members[Property]:
-        """Return them as a received description has them, such as one in a message."""
+        """Return its properties as a received description states them, such as one in a message."""
         found = self._typed(document, HYBRIT.property, HYBRIT.Property)
         return Members(self._members(Property, found, document), "property")
 
@@ -122,7 +123,7 @@ class Thing(Observable):
         return iter(self.parts)
 
     def at(self, path: str) -> Thing | Property | Action:
-        """Return what the names in ``path`` lead to, with slashes; the last may be of a property or an action."""
+        """Return the object at a path of names with slashes; the last may name a property or an action."""
         here: Thing | Property | Action = self
         for name in steps(path):
             if not isinstance(here, Thing):
@@ -131,7 +132,7 @@ class Thing(Observable):
         return here
 
     def member(self, name: str) -> Thing | Property | Action:
-        """A part, property or action of that name, in this order; those whose names must be asked for come last."""
+        """Return the part, property or action of that name, in this order. Names that need a request are tried last."""
         groups = (self.parts, self.properties, self.actions)
         for group in groups:
             if found := group.known(name):
@@ -145,7 +146,7 @@ class Thing(Observable):
         raise no_such("part, property or action", name, known)
 
     def walk(self, limit: int = 10_000) -> Iterator[Thing]:
-        """Itself and everything that it is made of, nearest first; each once, at most ``limit``."""
+        """Yield itself and all its parts, breadth first, each once and at most ``limit``."""
         pending, seen = [self], {self.iri}
         while pending:
             thing = pending.pop(0)
@@ -156,7 +157,7 @@ class Thing(Observable):
                     pending.append(part)
 
     def _typed(self, document: Document, predicate: URIRef, type_: URIRef) -> list[URIRef]:
-        """Return what the predicate links, and what is linked otherwise and says of itself that it is of that type."""
+        """Return the objects of the predicate, and other linked objects that state that type."""
         graph, node = document.graph, document.iri(self.iri)
         found = [*graph.objects(node, predicate)]
         found += [each for each in graph.objects(node) if (each, RDF.type, type_) in graph]
@@ -167,7 +168,7 @@ class Thing(Observable):
         return [kind(self.web, iri, self, document) for iri in wanted]
 
     def _related(self, document: Document) -> list[URIRef]:
-        """Return the things that the Link field relates it to, where the description names no parts."""
+        """Return the things that the Link field relates it to, if the description names no parts."""
         graph = document.graph
         named = {document_of(str(each)) for each in graph.objects(self.node)} | self._above()
         found = []
@@ -180,7 +181,7 @@ class Thing(Observable):
         try:
             document = self.web.get(iri)
         except Problem:
-            return False  # a link to what is not there, or not for us, is no part
+            return False  # a link that cannot be read, or not by this caller, is no part
         return (document.iri(iri), RDF.type, HYBRIT.RoboticThing) in document.graph
 
     def _above(self) -> set[str]:
@@ -201,6 +202,6 @@ def _presence(term: Node | None) -> str | None:
 
 
 def kind_of(resource: Resource) -> str:
-    """Its types in a few words; of a thing that says no more than that, ``RoboticThing``."""
+    """Return its types as text; ``RoboticThing`` if it has no more specific one."""
     words = sorted({local_name(str(each)) for each in resource.types - _PLAIN})
     return ", ".join(words or sorted({local_name(str(each)) for each in resource.types}))

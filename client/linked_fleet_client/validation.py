@@ -1,4 +1,4 @@
-"""A body against the shape that an action serves, by pySHACL, and what is wrong with it in words."""
+"""Validation of a body against the shape of an action by pySHACL, with violations as sentences."""
 
 from collections.abc import Iterable, Iterator
 
@@ -12,12 +12,12 @@ from linked_fleet_client.vocabulary import RDF, SH, local_name
 
 FOCUS = URIRef("urn:linked-fleet:body")
 _TARGETS = (SH.targetNode, SH.targetClass, SH.targetObjectsOf, SH.targetSubjectsOf, SH.target)
-# A shape that was fetched is not allowed to run queries and programs here; the server judges those constraints.
+# A fetched shape may not run queries or programs here; the server checks those constraints.
 _PROGRAMS = (SH.sparql, SH.js, SH.rule)
 
 
 def validate(body: Graph, shapes: Graph, shape: Node) -> None:
-    """InvalidInput with a message for each way in which the root of ``body`` breaks ``shape``."""
+    """Raise InvalidInput with a message for each violation of ``shape`` by the root of ``body``."""
     data = _focused(body)
     messages = list(_messages(data, shapes, shape, _report(data, shapes, shape), 0))
     if messages:
@@ -25,7 +25,7 @@ def validate(body: Graph, shapes: Graph, shape: Node) -> None:
 
 
 def root(body: Graph) -> Node:
-    """The only subject that is nobody's object; InvalidInput if there are none or several."""
+    """Return the only subject that is not an object. Raises InvalidInput if there are none or several."""
     objects = set(body.objects())
     roots = [subject for subject in set(body.subjects()) if subject not in objects]
     if len(roots) != 1:
@@ -34,21 +34,21 @@ def root(body: Graph) -> Node:
 
 
 def _focused(body: Graph) -> Graph:
-    """A copy whose root is an IRI, by which the validator can be told of it. An empty body has a root all the same."""
+    """Return a copy whose root is an IRI that can be a target node. An empty body gets a root too."""
     top = root(body) if len(body) else FOCUS
     return in_memory((FOCUS if subject == top else subject, predicate, value) for subject, predicate, value in body)
 
 
 def _report(data: Graph, shapes: Graph, shape: Node) -> Graph | None:
-    """The report of what is wrong; None if nothing is."""
-    import pyshacl  # takes as long to load as everything else together
+    """Return the validation report; None if the data conforms."""
+    import pyshacl  # slow to import
 
     targeted = in_memory(triple for triple in shapes if triple[1] not in _TARGETS and triple[1] not in _PROGRAMS)
     targeted.add((shape, RDF.type, SH.NodeShape))
     targeted.add((shape, SH.targetNode, FOCUS))
     try:
         conforms, report, _ = pyshacl.validate(data, shacl_graph=targeted, inference="none", advanced=False)
-    except Exception as error:  # of a dozen kinds, for a shape that comes from the network
+    except Exception as error:  # a shape from the network can cause many kinds of errors
         raise BadAnswer(f"the shape of the action cannot be validated against: {error}") from error
     if conforms:
         return None
@@ -71,7 +71,7 @@ def _messages(data: Graph, shapes: Graph, shape: Node, report: Graph | None, dep
 
 
 def _branches(shapes: Graph, source: Node | None, component: Node | None) -> Iterator[Node]:
-    """The branches of a broken sh:or or sh:xone."""
+    """Yield the branches of a violated sh:or or sh:xone."""
     predicate = {SH.OrConstraintComponent: SH["or"], SH.XoneConstraintComponent: SH.xone}.get(component)  # type: ignore[call-overload]
     if predicate is not None and source is not None:
         for head in shapes.objects(source, predicate):
@@ -79,7 +79,7 @@ def _branches(shapes: Graph, source: Node | None, component: Node | None) -> Ite
 
 
 def _chosen(data: Graph, shapes: Graph, branch: Node, focus: Node | None) -> bool:
-    """True if the choices of a branch, such as its unit, are those that the data has made."""
+    """Return True if the data has made the choices of a branch, such as its unit."""
     made = False
     for each in shapes.objects(branch, SH.property):
         allowed = set(_allowed(shapes, each))

@@ -1,4 +1,4 @@
-"""The vocabularies that a client of Linked Robotic Things reads, and how an IRI is said in one word."""
+"""The vocabularies that a client of Linked Robotic Things reads, and short names of IRIs."""
 
 import re
 from urllib.parse import unquote
@@ -7,7 +7,7 @@ import rdflib
 from rdflib import Namespace
 from rdflib.term import Node, URIRef
 
-# RFC 3987 has no room for these characters in an IRI; a parser may let them in all the same.
+# RFC 3987 excludes these characters from IRIs, but parsers may accept them.
 _WEB = re.compile(r"""https?://[^\x00-\x20<>"{}|\\^`\x7f]+""", re.IGNORECASE)
 
 HYBRIT = Namespace("https://hybr-it-projekt.de/ns/hybr-it#")
@@ -30,7 +30,7 @@ DCTERMS, PROV, RDF, RDFS, SH, SOSA, XSD = (
 
 
 def local_name(iri: str) -> str:
-    """Return the text after the last of ``#``, ``/`` and ``:``, percent-decoded; a slash at the end does not count."""
+    """Return the text after the last ``#``, ``/`` or ``:``, percent-decoded; a trailing slash is ignored."""
     tail = iri.split("?")[0].rstrip("/#")
     for separator in "#/:":
         tail = tail.rpartition(separator)[2]
@@ -38,10 +38,10 @@ def local_name(iri: str) -> str:
 
 
 def is_web(term: Node | None) -> bool:
-    """Return True if the term is an IRI that can be asked for over HTTP; of others nothing is ever fetched."""
+    """Return True if the term is an IRI that can be requested over HTTP; other terms are never fetched."""
     return isinstance(term, URIRef) and _WEB.fullmatch(term) is not None
 
 
 def document_of(iri: str) -> str:
-    """The IRI without its fragment: what is asked for."""
+    """Return the IRI without its fragment, which is the URL to request."""
     return iri.partition("#")[0]

@@ -1,4 +1,4 @@
-"""HTTP and RDF: bounded, timed, revalidated by ETag; safe methods alone are tried again."""
+"""HTTP and RDF: bounded in size and time, revalidated by ETag; only safe methods are retried."""
 
 import logging
 import re
@@ -24,15 +24,15 @@ MAX_REDIRECTS = 5
 _KEPT = 512
 _ATTEMPTS = 3
 _PASSING = frozenset({502, 503, 504})
-# rdflib would write such a number out in all its digits: a few bytes on the wire, gigabytes in memory.
+# rdflib would expand such a number to all its digits: a few bytes on the wire, gigabytes in memory.
 _HUGE_NUMBER = re.compile(r"""["'][\s+-]*[\d._]+[eE][+-]?[\d_]{7,}\s*["']""")
-# It logs the conversion of every ill-typed literal with its traceback; such a literal is simply no number here.
+# rdflib logs a traceback for every ill-typed literal; such a literal is ignored here.
 logging.getLogger("rdflib.term").setLevel(logging.ERROR)
 
 
 @dataclass(frozen=True)
 class Document:
-    """The answer for ``url``, which is where redirects ended. The graph is shared: read it only."""
+    """The answer for ``url``, the end of redirects. The graph is shared and must not be changed."""
 
     url: str
     graph: rdflib.Graph
@@ -40,10 +40,10 @@ class Document:
     links: tuple[tuple[str, str], ...] = ()
     """(target, relation) of each member of the Link field."""
     digest: int = 0
-    """Equal for equal bytes; for servers without ETag."""
+    """Equal for equal bodies; for servers without ETag."""
 
     def iri(self, asked: str) -> URIRef:
-        """The subject that the document describes for one who asked for ``asked``: as asked for, or as redirected."""
+        """Return the subject of the document for a request of ``asked``: that IRI, or the one it was redirected to."""
         found = URIRef(asked)
         redirected = URIRef(self.url)
         return found if (found, None, None) in self.graph or (redirected, None, None) not in self.graph else redirected
@@ -51,7 +51,7 @@ class Document:
 
 @dataclass(frozen=True)
 class Answer:
-    """A complete answer to a request that is not a reading."""
+    """A complete answer to a request."""
 
     url: str
     status: int
@@ -59,7 +59,7 @@ class Answer:
     body: bytes
 
     def location(self) -> str:
-        """The target of the Location field; BadAnswer if there is none."""
+        """Return the target of the Location field. Raises BadAnswer if there is none."""
         target = self.headers.get("location")
         if not target:
             raise BadAnswer(f"{self.url} answers {self.status} without saying where to look")
@@ -70,7 +70,7 @@ class Answer:
 
 
 class Bearer(httpx.Auth):
-    """A token (RFC 6750) for the server at ``url`` and for no other, wherever links lead."""
+    """A bearer token (RFC 6750) for the origin of ``url`` and for no other."""
 
     def __init__(self, token: str, url: str) -> None:
         self._token, self._home = token, _origin(httpx.URL(url))
@@ -87,9 +87,9 @@ def _origin(url: httpx.URL) -> tuple[str, str, int]:
 
 @dataclass
 class Web:
-    """The connections of one client, and the documents that it has seen. Threads may share it.
+    """The connections of one client and its cached documents. Threads may share it.
 
-    ``timeout_s`` bounds each connecting, each silence and, times three, a whole answer.
+    ``timeout_s`` bounds each connection attempt, each silence and, times three, a whole answer.
     """
 
     timeout_s: float = 10.0
@@ -106,7 +106,7 @@ class Web:
         self.http.close()
 
     def get(self, iri: str) -> Document:
-        """The present description; raises Unreachable, Problem or BadAnswer."""
+        """Return the present description. Raises Unreachable, Problem or BadAnswer."""
         url = document_of(iri)
         seen = self._recall(url)
         headers = {"accept": ACCEPT} | ({"if-none-match": seen.etag} if seen and seen.etag else {})
@@ -116,12 +116,12 @@ class Web:
         return self._keep(url, _document(answer))
 
     def allowed(self, iri: str) -> set[str]:
-        """The methods that OPTIONS advertises."""
+        """Return the methods that OPTIONS advertises."""
         answer = self._safely("OPTIONS", document_of(iri), {})
         return {method.strip().upper() for method in answer.headers.get("allow", "").split(",") if method.strip()}
 
     def send(self, method: str, url: str, body: bytes | None, headers: Mapping[str, str]) -> Answer:
-        """An unsafe request, made once. Only 307 and 308 are followed: the others mean another request than this."""
+        """Send an unsafe request once. Only 307 and 308 are followed, because other redirects change the request."""
         for _ in range(MAX_REDIRECTS):
             answer = self._once(method, url, {"accept": ACCEPT, **headers}, body)
             if answer.status not in (307, 308):
@@ -131,7 +131,7 @@ class Web:
 
     @contextmanager
     def stream(self, url: str, headers: Mapping[str, str], silence_s: float) -> Iterator[httpx.Response]:
-        """An answer that goes on; more than ``silence_s`` without a byte of it is Unreachable."""
+        """Open a streaming answer. More than ``silence_s`` without a byte raises Unreachable."""
         timeout = httpx.Timeout(self.timeout_s, read=silence_s)
         self._check(url)
         with (
@@ -141,7 +141,7 @@ class Web:
             yield response
 
     def bounded(self, response: httpx.Response) -> bytes:
-        """The body of a streamed answer, no more than is good for us."""
+        """Return the body of a streamed answer. Raises BadAnswer or Unreachable if it is too large or too slow."""
         deadline = time.monotonic() + 3 * self.timeout_s
         parts, size = [], 0
         for part in response.iter_bytes():
@@ -203,7 +203,7 @@ class Web:
 
 
 def parsed(text: str, media_type: str, url: str) -> rdflib.Graph:
-    """RDF that was received from ``url``; BadAnswer if it is none."""
+    """Parse RDF that was received from ``url``. Raises BadAnswer if it is invalid."""
     known = _FORMATS.get(media_type.partition(";")[0].strip().lower())
     if known is None:
         raise BadAnswer(f"{url} answers with {media_type or 'no media type'}, which is no RDF that is understood here")
@@ -228,7 +228,7 @@ def _links(answer: Answer) -> tuple[tuple[str, str], ...]:
         try:
             absolute = str(httpx.URL(answer.url).join(target))
         except httpx.InvalidURL:
-            continue  # a link to nowhere; the others may be sound
+            continue  # an invalid link; the others may be valid
         found += [(absolute, relation) for relation in (said.group(1) or said.group(2) or "").split()] if said else []
     return tuple(found)
 

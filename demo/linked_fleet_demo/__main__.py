@@ -1,11 +1,11 @@
-"""``python -m linked_fleet_demo``: five simulated robots and a gateway as one process tree, until Ctrl-C."""
+"""``python -m linked_fleet_demo``: runs five simulated robots and a gateway as one process tree, until Ctrl-C."""
 
 import signal
 import sys
 
 
 def main() -> int:
-    # Ctrl-C while the rest is being imported ends the demo as silently as later.
+    # Ctrl-C during the imports ends the demo silently too.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     from linked_fleet_demo.tree import main as run
 

@@ -1,6 +1,6 @@
-"""The process tree of the demo: starting it, telling when it is ready, ending it whole.
+"""The process tree of the demo: start, readiness and end.
 
-The demo is a fleet of its own: settings of a real one in the environment do not reach it.
+The demo is a fleet of its own: settings of other fleets in the environment do not reach it.
 """
 
 import argparse
@@ -24,14 +24,14 @@ from typing import IO
 
 ROBOTS = ("baxter", "ur5", "panda", "tiago", "go2")
 SWAYING = "ur5:shoulder_pan_joint"
-# Side by side, all looking along x: where the frame of the root link is, in metre; of the go2 that of its odometry.
+# Side by side, all facing along x: position of the root link frame in metre; for the go2 that of its odometry frame.
 PLACES = {
     "tiago": (0.0, -2.4, 0.0), "baxter": (0.0, 0.0, 0.93), "ur5": (0.0, 2.4, 0.0), "panda": (0.0, 4.0, 0.0),
     "go2": (0.0, -4.0, 0.0),
 }  # fmt: skip
 HOST = "127.0.0.1"
-PATIENCE_S = 30.0  # then the address is printed with what is missing; before, all that is printed works
-GRACE_S = 5.0  # a good second is what a whole fleet takes when nothing else keeps the machine busy
+PATIENCE_S = 30.0  # after this the address is printed with a list of what is missing
+GRACE_S = 5.0  # a whole fleet takes little more than a second on an idle machine
 POLL_S = 0.1
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _ONLINE = re.compile(
@@ -39,22 +39,22 @@ _ONLINE = re.compile(
 )
 _PLACEMENT = re.compile(r"<https://w3id\.org/linked-fleet#placement> <([^>]+)> \.$", re.M)
 _UNKNOWN = "<https://w3id.org/linked-fleet#unknown>"
-# Log lines that a demonstration can do without; the agents knock before the gateway, started with them, opens.
+# Log lines that a demonstration does not need; the agents try to connect before the gateway listens.
 _CHATTER = re.compile(r"\S+ \S+ (DEBUG |INFO |WARNING agents\.link: nothing answers )")
 _PDEATHSIG = 1  # PR_SET_PDEATHSIG of Linux's prctl
 
 
 class Stopped(BaseException):
-    """The user has asked for the end; raised out of whatever the demo was waiting for."""
+    """The user has requested the end; raised from whatever the demo was waiting for."""
 
 
 class Child:
-    """A process of the tree, whose output, from warnings upward, is passed on line by line under its name."""
+    """A process of the tree. Its output, from warnings upward, is printed line by line with its name."""
 
     def __init__(self, name: str, arguments: list[str]) -> None:
         self.name = name
-        self.told_to_end = False  # from then on its exit code alone is worth a line
-        self.process = subprocess.Popen(  # noqa: S603 (our own modules, no shell)
+        self.told_to_end = False  # from then on only its exit code is reported
+        self.process = subprocess.Popen(  # noqa: S603 our own modules, no shell
             [sys.executable, "-m", *arguments],
             env={key: value for key, value in os.environ.items() if not key.startswith(("LINKED_FLEET_", "REDIS_"))},
             stdin=subprocess.DEVNULL,
@@ -79,7 +79,7 @@ class Child:
         self.process.terminate()
 
     def wait(self, deadline: float) -> bool:
-        """Return True if the process has ended, and all that it said is passed on, before ``deadline``."""
+        """Return True if the process has ended and its output is printed before ``deadline``."""
         try:
             self.process.wait(max(0.0, deadline - time.monotonic()))
         except subprocess.TimeoutExpired:
@@ -89,17 +89,17 @@ class Child:
 
 
 def _preparation() -> Callable[[], None]:
-    """Return the function that a child runs before its program. It is looked up here, where it is safe to do so."""
+    """Return the function that a child runs before its program. Symbols are looked up here, before the fork."""
     prctl = ctypes.CDLL(None).prctl if sys.platform == "linux" else None
     parent = os.getpid()
 
     def prepare() -> None:
-        # Ctrl-C reaches the whole process group; while a child still loads it would end in a traceback.
-        # The demo hears it and passes it on as SIGTERM.
+        # Ctrl-C reaches the whole process group and would end a loading child with a traceback. The demo handles it and
+        # sends SIGTERM to its children.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-        for number in (signal.SIGTERM, signal.SIGHUP):  # a handler of ours would run here, before the program
+        for number in (signal.SIGTERM, signal.SIGHUP):  # an inherited handler would run here, before the program
             signal.signal(number, signal.SIG_DFL)
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)  # held back by the demo around this
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)  # blocked by the parent during the start
         if prctl is not None:  # a child must not outlive a demo that was killed
             prctl(_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
             if os.getppid() != parent:
@@ -111,12 +111,12 @@ def _preparation() -> Callable[[], None]:
 def say(text: str) -> None:
     try:
         print(text, flush=True)
-    except OSError:  # nobody listens any more, the terminal is gone; the fleet goes on until it is told to stop
+    except OSError:  # the terminal is gone; the fleet runs until it is told to stop
         sys.stdout = Path(os.devnull).open("w")  # noqa: SIM115
 
 
 def complaint_about(port: int) -> str | None:
-    """Why the demo cannot serve on ``port``, in one line, or None."""
+    """Return in one line why the demo cannot serve on ``port``, or None."""
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -134,12 +134,12 @@ def free_port() -> int:
 
 
 def robots_online(root: str) -> set[str]:
-    """IRIs of the robots that the fleet's root says are online; OSError while it does not answer."""
+    """Return the IRIs of robots that the fleet's root says are online. Raises OSError if it does not answer."""
     return set(_ONLINE.findall(_get(root)))
 
 
 def place(robot: str, where: tuple[float, float, float]) -> None:
-    """Have the robot at an IRI stand somewhere, unless somebody has placed it in an earlier demo; OSError."""
+    """Set the placement of a robot in the world, unless an earlier demo has set it. Raises OSError."""
     x, y, z = where
     body = f"""@prefix lf: <https://w3id.org/linked-fleet#> . @prefix unit: <http://qudt.org/vocab/unit/> .
 @prefix maths: <http://vocab.arvida.de/2015/06/maths/vocab#> .
@@ -153,7 +153,7 @@ def place(robot: str, where: tuple[float, float, float]) -> None:
 
 
 def is_ready(root: str) -> bool:
-    """Return True if the gateway is ready, with the check of the motions of all robots prepared."""
+    """Return True if the gateway is ready and its collision checks of all robots are prepared."""
     try:
         answer = json.loads(_get(root + "health/ready"))
     except (OSError, http.client.HTTPException, ValueError):
@@ -168,16 +168,16 @@ def _get(iri: str) -> str:
         return text
 
 
-_OPENER = urllib.request.build_opener(urllib.request.ProxyHandler({}))  # loopback is reached without any proxy
+_OPENER = urllib.request.build_opener(urllib.request.ProxyHandler({}))  # no proxy for loopback
 
 
 def run(root: str, children: list[Child], zenoh: str, cors_origins: str = "") -> int:
-    """Start the tree and watch it until a child ends by itself; its exit code is the demo's."""
+    """Start the tree and watch it until a child ends by itself. Return its exit code."""
     say(f"Starting the gateway and {len(ROBOTS)} simulated robots: {', '.join(ROBOTS)}. Loading their models ...")
     port = root.rstrip("/").rpartition(":")[2]
     names = [word for robot in ROBOTS for word in ("--robot", robot)]
     namespace = f"demo-{port}"
-    # Two demos on one machine are two fleets, and a receiver on this machine is what a first callback goes to.
+    # Each demo on a machine is a fleet of its own. Callbacks to this machine are allowed for first experiments.
     of_gateway = ["--host", HOST, "--port", port, "--zenoh-listen", zenoh]
     of_gateway += ["--namespace", namespace, "--callback-allow", "127.0.0.0/8,::1/128"]
     of_gateway += ["--cors-origins", cors_origins]
@@ -186,7 +186,7 @@ def run(root: str, children: list[Child], zenoh: str, cors_origins: str = "") ->
         ("gateway", "linked_fleet_gateway", of_gateway),
         ("agents", "linked_fleet_agent", of_agents),
     ):
-        with _signals_held_back():  # none may come between a child's start and our knowing of it
+        with _signals_held_back():  # no signal may arrive between a child's start and its registration
             children.append(Child(name, [module, *arguments]))
     deadline: float | None = time.monotonic() + PATIENCE_S
     seen: set[str] = set()

@@ -11,11 +11,11 @@ _STEP = re.compile(r"([^.\[\]]+)(?:\[(\d{1,3})\])?")
 
 
 class BadArgument(ClientError):  # noqa: N818
-    """An argument that is no ``name=value``."""
+    """An argument that is not ``name=value``."""
 
 
 def nested(arguments: Sequence[str]) -> dict[str, Any]:
-    """The mapping that they describe; a name that comes twice has both values.
+    """Return the nested mapping of the arguments; a repeated name collects its values in a list.
 
     ``a=1 b[0].c=2 b[1].c=3`` is the same as ``a=1 b='[{"c": 2}, {"c": 3}]'``.
     """
@@ -39,7 +39,7 @@ def _value(argument: str, text: str) -> Any:
 
 
 class _Indexed(dict[int, Any]):
-    """A list whose members come in any order."""
+    """A list under construction, by index."""
 
 
 def _put(into: dict[Any, Any], steps: Sequence[tuple[str, str | None]], value: Any) -> None:

@@ -1,4 +1,4 @@
-"""Tab completion by click, of names that the server has, and the command that prints the script for a shell."""
+"""Tab completion by click with names from the server, and the command that prints the script for a shell."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator
@@ -16,13 +16,16 @@ from linked_fleet_client.thing import Thing
 VARIABLE = "_LINKED_FLEET_COMPLETE"
 _QUICK_S = 2.0
 _BREAKS = "=:"
-"""Characters at which bash cuts words (COMP_WORDBREAKS) and names, values and addresses are not cut."""
+"""Characters at which bash splits words (COMP_WORDBREAKS), but which are part of names, values and addresses."""
 
 Completer = Callable[[click.Context, click.Parameter, str], list[CompletionItem[str]]]
 
 
 def _completer(offered: Callable[[Fleet, click.Context, str], Iterable[str]]) -> Completer:
-    """Keep the words that begin with what was typed; none if no server answers: a shell has no use for an error."""
+    """Return a completer of words with the typed prefix.
+
+    Without a server it returns none: a shell cannot show errors.
+    """
 
     def complete(context: click.Context, _: click.Parameter, typed: str) -> list[CompletionItem[str]]:
         try:
@@ -72,7 +75,7 @@ inputs = _completer(_inputs)
 
 
 class _Bash(BashComplete):
-    """Words with ``=`` and ``:`` are put together again, and nothing follows a ``=`` or ``/`` at the end."""
+    """Rejoins words with ``=`` and ``:``, and adds no space after a final ``=`` or ``/``."""
 
     source_template = BashComplete.source_template.replace(
         "    return 0\n",
@@ -95,7 +98,7 @@ class _Bash(BashComplete):
 
 
 class _Zsh(ZshComplete):
-    """No space follows, for a name may go on with ``=`` or ``/``."""
+    """Adds no space, because a name may continue with ``=`` or ``/``."""
 
     source_template = ZshComplete.source_template.replace("compadd -U", "compadd -S '' -U")
 

@@ -24,7 +24,7 @@ _AT_ONCE = 8
 
 
 def found_at(fleet: Fleet, path: str) -> Found:
-    """By names from the root, or by an IRI that somebody copied."""
+    """Return the object at a path of names from the root, or at an IRI."""
     return fleet.get(path) if is_web(URIRef(path)) else fleet.at(path)
 
 
@@ -78,7 +78,7 @@ def _presence(part: Thing, above: Thing) -> str:
 
 
 def _live(part: Thing, units: Sequence[str]) -> str:
-    """Those values of a thing that have a time: they are measured, not made."""
+    """Return the values of a thing that have a time of measurement."""
     document = part.learn()
     found = [(prop.name, prop.within(document).main) for prop in part.properties_in(document)]
     return ", ".join(f"{name}={output.said(value, units)}" for name, value in found if value and value.time)
@@ -118,7 +118,7 @@ def _described(here: Found, units: Sequence[str]) -> dict[str, Any]:
 
 
 def _value(prop: Property, thing: Thing) -> Reading:
-    """The value in the description of the thing or, where that only links it, in its own."""
+    """Return the value in the description of the thing or, if that only links the property, in its own."""
     shown = prop.within(thing.learn())
     return shown if shown.values else prop.reading
 
@@ -129,7 +129,7 @@ def _action(action: Action) -> dict[str, Any]:
 
 
 def invocation(run: Invocation) -> dict[str, Any]:
-    """State and result of an invocation, for scripts."""
+    """Return state and result of an invocation, for JSON output."""
     if not run.traced:
         return {"iri": None, "state": None}
     state = run.state

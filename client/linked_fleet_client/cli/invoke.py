@@ -1,4 +1,4 @@
-"""Commands ``do`` and ``stop``: invocations of actions, followed to their end."""
+"""Commands ``do`` and ``stop``: execute actions and follow them to their end."""
 
 import math
 import sys
@@ -26,11 +26,11 @@ _BAR = 30
 _CANCEL_S = 10.0
 
 
-@click.command(short_help="Have an action done, and wait for its end.")
+@click.command(short_help="Execute an action and wait for its end.")
 @click.argument("path", shell_complete=things)
 @click.argument("action", shell_complete=action_names)
 @click.argument("arguments", nargs=-1, metavar="[NAME=VALUE]...", shell_complete=inputs)
-@click.option("--dry-run", is_flag=True, help="Have it judged, and not done.")
+@click.option("--dry-run", is_flag=True, help="Check the action without executing it.")
 @click.option("--idempotency-key", metavar="KEY", help="The same command with the same key is done once.")
 @wait
 @longest
@@ -46,7 +46,7 @@ def do(
     wait: bool,
     seconds: float | None,
 ) -> int:
-    """Have an action done and wait for its end; Ctrl-C has it cancelled. `get` says what it takes."""
+    """Execute an action and wait for its end; Ctrl-C cancels it. `get` lists its input."""
     with session.fleet() as fleet:
         wanted, given = _action(fleet, path, action), nested(arguments)
         if dry_run:
@@ -73,9 +73,9 @@ def _action(fleet: Fleet, path: str, name: str) -> Action:
 @common
 @click.pass_obj
 def stop(session: Session, path: str, wait: bool, seconds: float | None) -> int:
-    """Have a thing stopped by its own action for that, everything if none is named.
+    """Stop a thing by its own action; without PATH, stop everything.
 
-    That is the action whose name is or begins with ``stop``.
+    The action is the one whose name begins with ``stop``.
     """
     with session.fleet() as fleet:
         here = found_at(fleet, path)
@@ -100,7 +100,7 @@ def _rehearse(action: Action, arguments: dict[str, object], as_json: bool) -> in
 
 
 def _follow(run: Invocation, seconds: float | None, as_json: bool) -> int:
-    """Wait until its end; Ctrl-C has it cancelled first."""
+    """Wait for the end; Ctrl-C cancels the invocation first."""
     if not run.traced:
         return _print(run, as_json)
     bar = _Bar(sys.stderr.isatty() and not as_json)
@@ -149,7 +149,7 @@ def _print_quantities(values: Mapping[str, Value]) -> None:
 
 
 class _Bar:
-    """The progress of a motion on one line of a terminal; without a terminal, nothing."""
+    """A progress bar on one line of a terminal; without a terminal it prints nothing."""
 
     def __init__(self, on: bool) -> None:
         self.on, self.started = on, time.monotonic()

@@ -1,4 +1,4 @@
-"""``linked-fleet``: read a fleet, watch it and have it move, from a shell."""
+"""``linked-fleet``: read, watch and move a fleet from a shell."""
 
 import os
 import sys
@@ -24,7 +24,7 @@ _GONE = frozenset({404, 410})
 class _Commands(click.Group):
     """Commands of the client, and programs of other packages (``programs.py``).
 
-    Errors of the client become exit codes. ``conform`` is loaded only when it is asked for: it takes long.
+    Errors of the client become exit codes. ``conform`` is imported on demand, because that takes long.
     """
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -45,7 +45,7 @@ class _Commands(click.Group):
             return exit_code(error)
         except KeyboardInterrupt:
             return INTERRUPTED
-        except BrokenPipeError:  # whoever read us has seen enough
+        except BrokenPipeError:  # the reader of the output has closed it
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return OK
 
@@ -53,7 +53,7 @@ class _Commands(click.Group):
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @common
 def cli() -> None:
-    """Read a fleet, watch it and have it move; run a gateway, an agent or the demo; check what is wrong.
+    """Read, watch and move a fleet; run a gateway, an agent or the demo; check what is wrong.
 
     Exit codes: 0 done, 1 the action failed or was refused, 2 wrong usage, 3 the server cannot be reached or understood,
     4 there is no such thing, 130 interrupted.
@@ -65,7 +65,7 @@ for _command in (ls, get, watch, do, stop, completion):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    warnings.filterwarnings("ignore", "Parsing weird boolean")  # of rdflib; such a literal is no value here
+    warnings.filterwarnings("ignore", "Parsing weird boolean")  # of rdflib; such a literal is ignored here
     arguments = list(sys.argv[1:] if argv is None else argv)
     try:
         return int(cli.main(arguments, "linked-fleet", standalone_mode=False) or OK)

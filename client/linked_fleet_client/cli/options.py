@@ -1,4 +1,4 @@
-"""Options that all commands have, before the command as well as after it, and the connection that they describe."""
+"""Options of all commands, accepted before and after the command name, and the connection that they describe."""
 
 import os
 from collections.abc import Callable
@@ -27,7 +27,7 @@ class Session:
 
 
 def seconds(text: str) -> float:
-    """A type of options: a positive number."""
+    """Parse a positive number; the type of an option."""
     try:
         value = float(text)
     except ValueError:
@@ -44,7 +44,7 @@ def _keep(context: click.Context, parameter: click.Parameter, value: Any) -> Non
 
 
 def common(function: F) -> F:
-    """Have a command take ``--url``, ``--json`` and ``--timeout``."""
+    """Add the options ``--url``, ``--json`` and ``--timeout`` to a command."""
     for option in (
         click.option("--timeout", type=seconds, metavar="S", help="Seconds to wait for the server.",
                      expose_value=False, callback=_keep),

@@ -1,4 +1,4 @@
-"""Text for people and JSON for scripts. Text from the network loses its control characters first."""
+"""Text for people and JSON for scripts. Control characters from the network are removed."""
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
@@ -18,24 +18,24 @@ _WIDEST = 72
 
 
 def clean(text: str) -> str:
-    """Without the characters that would steer the terminal."""
+    """Replace characters that would control the terminal."""
     return "".join(each if each.isprintable() else " " for each in text)
 
 
 def table(rows: Sequence[Sequence[str]], header: Sequence[str] = ()) -> str:
-    """Columns of one width each, two blanks apart."""
+    """Return rows as columns of equal width, two spaces apart."""
     cells = [[clean(cell) for cell in row] for row in ([header] if header else []) + list(rows)]
     widths = [max((len(row[column]) for row in cells), default=0) for column in range(len(cells[0]) if cells else 0)]
     return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in cells)
 
 
 def converted(value: Quantity, units: Sequence[str]) -> Quantity:
-    """In the first of ``units`` that it can be given in."""
+    """Convert to the first of ``units`` with the same dimension."""
     for unit in units:
         try:
             return value.to(unit)
         except InvalidInput:
-            continue  # a unit of another dimension is meant for other values
+            continue  # a unit of another dimension is for other values
     return value
 
 
@@ -46,7 +46,7 @@ def said(value: Value, units: Sequence[str] = ()) -> str:
 
 
 def brief(reading: Reading, units: Sequence[str] = ()) -> str:
-    """The values on one line: the one that it is about, or all as far as they fit."""
+    """Return the values on one line: the main one, or as many as fit."""
     if reading.main is not None:
         return said(reading.main, units)
     text = ", ".join(f"{key}={said(value, units)}" for key, value in reading.values.items())
@@ -54,11 +54,11 @@ def brief(reading: Reading, units: Sequence[str] = ()) -> str:
 
 
 def input_in_words(fields: Sequence[FormField], indent: str = "") -> list[str]:
-    """A line for each field, those of nested nodes below it."""
+    """Return one line for each field, followed by indented lines for nested fields."""
     lines = []
     for each in fields:
         if each.fixed and not each.fields:
-            continue  # it is filled in by itself
+            continue  # filled in automatically
         parts = [f"{indent}{each.name}", _kind(each), _counts(each), each.description]
         lines.append(clean("  ".join(part for part in parts if part)))
         lines += [clean(f"{indent}    {_limits(limits)}") for limits in each.limits[:_MOST]]
@@ -107,7 +107,7 @@ def _plain(value: Any) -> Any:
 
 
 def quantity(value: Quantity) -> dict[str, Any]:
-    """``number`` is null where it is not known."""
+    """Return the JSON form; ``number`` is null if the value is unknown."""
     time = {"time": value.time.isoformat()} if value.time else {}
     return {"number": value.number, "unit": value.unit_label, "unitIRI": value.unit, **time}
 
@@ -147,7 +147,7 @@ def path_of(above: str, name: str) -> str:
 
 
 def statements(pairs: Iterable[tuple[Node, Node]]) -> Mapping[str, list[str]]:
-    """Predicates in one word each, with what they lead to."""
+    """Return objects by the local name of their predicate."""
     found: dict[str, list[str]] = {}
     for predicate, value in pairs:
         found.setdefault(local_name(str(predicate)), []).append(str(value))

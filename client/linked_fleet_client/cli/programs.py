@@ -1,6 +1,6 @@
-"""Commands of ``linked-fleet`` that are programs of other packages: the gateway, the demo, the agent.
+"""Commands of ``linked-fleet`` that other packages provide: the gateway, the demo, the agent.
 
-Packages name them as entry points. The client imports none of them: the process becomes the program.
+Packages declare them as entry points. The client imports none of them; its process executes the program instead.
 """
 
 import os
@@ -27,7 +27,7 @@ def names() -> list[str]:
 
 
 def program(name: str) -> click.Command | None:
-    """Return the command that runs the program of this name with all further arguments; None if none is installed."""
+    """Return a command that runs the program with all further arguments; None if it is not installed."""
     found = next(iter(entry_points(group=GROUP, name=name)), None)
     if found is None:
         return None
@@ -48,5 +48,5 @@ def program(name: str) -> click.Command | None:
 
 def _become(entry_point: EntryPoint, arguments: Sequence[str]) -> None:
     module = entry_point.module.removesuffix(".__main__")
-    # -P: a folder of the user's that is named as a module of ours is not imported.
+    # -P: a user's folder with the name of one of our modules must not be imported.
     os.execv(sys.executable, [sys.executable, "-P", "-m", module, *arguments])  # noqa: S606 (no shell is wanted)

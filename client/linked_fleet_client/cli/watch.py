@@ -1,4 +1,4 @@
-"""Command ``watch``: values as they change."""
+"""Command ``watch``: prints values as they change."""
 
 import contextlib
 import itertools
@@ -50,7 +50,7 @@ def watch(
     interval: float | None,
     seconds: float | None,
 ) -> None:
-    """Print values as they change: a line each, on a terminal a table that is kept fresh."""
+    """Print values as they change: a line each, or on a terminal a table that is updated in place."""
     shown = _Screen(units) if sys.stdout.isatty() and not session.json else _Lines(units, session.json)
     with session.fleet() as fleet:
         watched = {path: found_at(fleet, path) for path in paths}
@@ -67,7 +67,7 @@ def _observed(here: Resource) -> Observable:
 
 
 def _changes(feeds: Mapping[str, Feed]) -> Generator[tuple[str, Change], None, None]:
-    """The changes of all feeds, each followed by a thread; closing it ends them."""
+    """Yield the changes of all feeds, each read in a thread; closing the generator ends them."""
     news: queue.Queue[tuple[str, Change] | ClientError | None] = queue.Queue(_WAITING + len(feeds))
     threads = [threading.Thread(target=_follow, args=(*each, news), daemon=True) for each in feeds.items()]
     for thread in threads:
@@ -98,11 +98,11 @@ def _follow(path: str, feed: Feed, news: "queue.Queue[Any]") -> None:
 
 
 def _wait_for(threads: list[threading.Thread], news: "queue.Queue[Any]") -> None:
-    """Until all have ended; one that is just connecting may take longer, and ends by itself."""
+    """Wait until all threads have ended. One that is connecting may take longer and ends by itself."""
     deadline = time.monotonic() + _END_S
     while any(thread.is_alive() for thread in threads) and time.monotonic() < deadline:
         with contextlib.suppress(queue.Empty):
-            news.get(timeout=0.02)  # who waits for room in the queue can go on
+            news.get(timeout=0.02)  # makes room for threads that wait for the queue
 
 
 def _rows(path: str, here: Resource, change: Change) -> Iterator[Row]:
@@ -117,7 +117,7 @@ def _rows(path: str, here: Resource, change: Change) -> Iterator[Row]:
 
 
 class _Lines:
-    """A line for each value that is another than before."""
+    """Prints a line for each value that differs from the last one."""
 
     def __init__(self, units: Sequence[str], as_json: bool) -> None:
         self.units, self.as_json = units, as_json
@@ -141,7 +141,7 @@ class _Lines:
 
 
 class _Screen:
-    """A table of the latest values, painted anew at every change."""
+    """A table of the latest values, redrawn at every change."""
 
     def __init__(self, units: Sequence[str]) -> None:
         self.units = units

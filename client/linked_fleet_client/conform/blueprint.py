@@ -1,7 +1,7 @@
-"""Validation of resources by their blueprints (SHACL), in a process of its own.
+"""Validation of resources by their blueprints (SHACL), in a separate process.
 
-Shapes of strangers may take for ever or all memory; that process is ended, and they may not reach out: what runs SPARQL
-(which can fetch from anywhere) or scripts is not run at all.
+Shapes from the server may take unbounded time or memory, so the process is killed at a limit. They may not access the
+network: SPARQL (which can fetch) and scripts are not run.
 """
 
 import multiprocessing
@@ -22,7 +22,7 @@ _PROGRAMS = (SH.sparql, SH.select, SH.ask, SH.construct, SH.jsFunctionName, SH.j
 
 @dataclass(frozen=True)
 class Case:
-    """A resource and its blueprint, as Turtle; ``shape`` is what it named as blueprint."""
+    """A resource and its blueprint, as Turtle; ``shape`` is the IRI that it names as blueprint."""
 
     url: str
     node: str
@@ -34,14 +34,14 @@ class Case:
 
 @dataclass(frozen=True)
 class Conformance:
-    """``conforms`` is None when it cannot be told; ``why`` says why, or what is wrong."""
+    """A result. ``conforms`` is None if undecided; ``why`` gives the reason or the violation."""
 
     conforms: bool | None
     why: str = ""
 
 
 def judge(cases: Sequence[Case], patience_s: float) -> list[Conformance]:
-    """One for each case, in order; those not reached within ``patience_s`` cannot be told."""
+    """Return one result for each case, in order. Cases not reached within ``patience_s`` are undecided."""
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe(duplex=False)
     worker = context.Process(target=_work, args=(list(cases), theirs), daemon=True)
@@ -70,7 +70,7 @@ def _work(cases: list[Case], results: Connection) -> None:
 
 
 def _judged(case: Case) -> tuple[bool | None, str]:
-    import pyshacl  # here alone, for it is slow to load and nobody else needs it
+    import pyshacl  # slow to import, and needed only here
 
     data, shapes = (
         load_exactly(case.data.decode(), "turtle", case.url),
@@ -87,13 +87,13 @@ def _judged(case: Case) -> tuple[bool | None, str]:
         shapes.add((URIRef(case.shape), SH.targetNode, node))
     try:
         conforms, report, text = pyshacl.validate(data, shacl_graph=shapes, inference="none")
-    except Exception as error:  # noqa: BLE001 - the shapes are a stranger's, and pyshacl raises many kinds
+    except Exception as error:  # noqa: BLE001 - the shapes are untrusted, and pyshacl raises many kinds
         return None, f"the blueprint cannot be used: {type(error).__name__} {error}"
     return bool(conforms), "" if conforms else _violation(report, text)
 
 
 def _aimed_at(data: rdflib.Graph, shapes: rdflib.Graph, node: URIRef) -> bool:
-    """True if a target of any shape hits the node; otherwise everything would conform."""
+    """Return True if a target of any shape selects the node; otherwise everything would conform."""
     classes = set(types(data, node))
     aimed = any(target in classes for target in shapes.objects(None, SH.targetClass))
     aimed = aimed or (None, SH.targetNode, node) in shapes

@@ -1,4 +1,4 @@
-"""R0.9 to R0.11: what a resource says about itself in the head of an answer."""
+"""R0.9 to R0.11: links and header fields of resources."""
 
 import re
 
@@ -34,7 +34,7 @@ async def r0_9(subject: Subject) -> Verdict:
 
 
 async def _in_link_sets(subject: Subject, page: Page) -> set[str]:
-    """Header blocks are bounded in practice: the rest may stand in a link set (RFC 9264)."""
+    """Return links from link sets (RFC 9264), which hold those that exceed the practical size of header fields."""
     found: set[str] = set()
     for url in related(page.answer, "linkset"):
         found.update(linkset((await subject.page(url)).answer, "related"))

@@ -58,7 +58,7 @@ async def r1_2(subject: Subject) -> Verdict:
 
 
 def _may_be_a_thing(page: Page, declared: set[Node]) -> bool:
-    """True for a page that cannot be read, and is called a thing elsewhere or is Turtle that could say so."""
+    """Return True for an unreadable page that another one calls a thing, or that is Turtle."""
     called = page.node in declared or URIRef(page.asked) in declared
     return bool(page.fault) and page.answer.successful and (called or page.answer.media_type == TURTLE)
 
@@ -150,7 +150,7 @@ async def r1_7(subject: Subject) -> Verdict:
 
 
 def _unstated(subject: Subject, thing: Page) -> Iterator[str]:
-    """Values typed as a property or an action of a thing, but not linked as one."""
+    """Yield values typed as a property or an action of a thing but not linked as one."""
     model = subject.walk.model
     for role, kind in (("property", model.Property), ("action", model.Action)):
         linked = set(thing.graph.objects(thing.node, model[role]))
@@ -204,7 +204,7 @@ async def r1_10(subject: Subject) -> Verdict:
 
 
 def _collection(subject: Subject, role: str) -> Verdict:
-    """That a thing has none may be because there is none: this cannot be seen from outside, unless no thing has any."""
+    """Check a collection. A thing may lack one because it is empty, which is not visible unless all things lack it."""
     things = _readable(subject)
     if not things:
         return cant_tell(_UNREADABLE)
@@ -246,7 +246,7 @@ def _why(result: Conformance) -> str:
 
 
 async def _cases(subject: Subject, having: list[Page]) -> tuple[list[str], list[Case]]:
-    """Problems of fetching, and what is to be validated: resources spread evenly over all that have a blueprint."""
+    """Return problems of fetching, and the cases to validate: a bounded number spread evenly over the resources."""
     problems, cases = [], []
     for page in having[:: -(-len(having) // _MOST_VALIDATED)]:
         for node in subject.walk.named(page, "blueprint"):

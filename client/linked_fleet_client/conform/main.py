@@ -1,4 +1,4 @@
-"""`linked-fleet conform URL`: check of a server against the paper."""
+"""`linked-fleet conform URL`: checks a server against the requirements of the paper."""
 
 import asyncio
 import os
@@ -35,7 +35,10 @@ class Options:
 
 
 def command(argv: Sequence[str]) -> int:
-    """0 when no must failed, 1 when one did, 3 when the server cannot be reached; SystemExit 2 on wrong usage."""
+    """Run the check.
+
+    Return 0 if no MUST failed, 1 if one did, 3 if the server is unreachable; usage errors exit with 2.
+    """
     try:
         return int(cli.main(list(argv), "linked-fleet conform", standalone_mode=False))
     except click.ClickException as error:
@@ -93,9 +96,9 @@ def cli(earl_file: Path | None, json_: bool, token_file: Path | None, **options:
 
 
 def _token(file: Path | None) -> str:
-    """The token of the file, else of the environment; not of the arguments, which everybody here can read.
+    """Return the token in the file, else in the environment; never from arguments, which other users can read.
 
-    Empty without any; ValueError for what is none.
+    Empty if there is none. Raises ValueError if it is malformed.
     """
     try:
         said = os.environ.get("LINKED_FLEET_TOKEN", "") if file is None else file.read_text(encoding="ascii")
@@ -108,7 +111,7 @@ def _token(file: Path | None) -> str:
 
 
 async def conform(options: Options, token: str = "") -> Report:
-    """ConnectionError when there is no connection to the server, ValueError when the URL is none."""
+    """Check a server. Raises ConnectionError if it cannot be reached, ValueError if the URL is invalid."""
     async with Web(options.url, options.timeout, options.limit, token) as web:
         root = await _root(web)
         found = await walk(web, root, options.resources)

@@ -1,4 +1,4 @@
-"""R0.1 to R0.8: what every Robotic Thing server does with HTTP."""
+"""R0.1 to R0.8: basic HTTP of Robotic Thing servers."""
 
 import ipaddress
 import socket
@@ -55,7 +55,7 @@ async def r0_2(subject: Subject) -> Verdict:
 
 
 def security(url: str) -> Verdict:
-    """By the URL and the addresses of its host alone."""
+    """Judge by the URL and the addresses of its host alone."""
     parts = urlsplit(url)
     if parts.scheme == "https":
         return passed(f"{url}: TLS with a certificate that is trusted here")
@@ -162,8 +162,10 @@ def _accepts_nonsense(answer: Answer) -> bool:
 
 
 async def _broken_bodies(subject: Subject) -> list[Answer]:
-    """A request that no server can carry out: it is no Turtle, an action also names an entity tag that is nobody's, and
-    that action demands values. Of each only one, for servers are not trusted to look at the body.
+    """Send invalid requests: bodies that are not Turtle.
+
+    An action also gets an If-Match that no resource has, and must require input. Only one request of each kind is sent,
+    because a server may fail to check the body.
     """
     answers = []
     containers: list[tuple[str, dict[str, str]]] = [(page.url, {}) for page in subject.walk.of("subscriptions")[:1]]
@@ -177,7 +179,7 @@ async def _broken_bodies(subject: Subject) -> list[Answer]:
 
 
 def _demands(subject: Subject, page: Page) -> bool:
-    """Return True if an action consumes something of which at least one has to be there."""
+    """Return True if an action requires input."""
     shapes = list(page.graph.objects(page.node, subject.walk.model.consumes))
     counts = [count for shape in shapes for count in page.graph.objects(shape, SH.property / SH.minCount)]
     return any(isinstance(count, Literal) and isinstance(count.value, int) and count.value > 0 for count in counts)

@@ -1,4 +1,4 @@
-"""Requests by hand, for what no HTTP library would send or show."""
+"""Raw requests that HTTP libraries do not send or show."""
 
 import asyncio
 import ssl
@@ -8,9 +8,9 @@ _MAX_BYTES = 2**20
 
 
 async def exchange(url: str, request: bytes, patience_s: float) -> tuple[bytes, str]:
-    """All that comes back until the server closes or the time is over, at most 1 MiB; and what went wrong, if it did.
+    """Return the received bytes (at most 1 MiB) until the server closes or time is over, and the error if there is one.
 
-    In ``request``, ``{host}`` and ``{path}`` stand for those of the URL.
+    ``{host}`` and ``{path}`` in ``request`` are replaced by those of the URL.
     """
     parts = urlsplit(url)
     path = parts.path or "/"
@@ -40,7 +40,7 @@ async def _talk(url: str, request: bytes, received: bytearray) -> None:
 
 
 def status(answer: bytes) -> int:
-    """The code in the status line, 0 when there is none."""
+    """Return the code in the status line; 0 if there is none."""
     line = answer.partition(b"\r\n")[0].split(b" ")
     if len(line) < 2 or not line[0].startswith(b"HTTP/1.") or not line[1].isdigit():
         return 0

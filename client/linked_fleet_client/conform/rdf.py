@@ -1,4 +1,4 @@
-"""Parsers of Turtle, Link fields and link sets. Anything may come, so anything may be refused."""
+"""Parsers of Turtle, Link fields and link sets. All input is untrusted."""
 
 import contextlib
 import json
@@ -29,8 +29,8 @@ _REL = re.compile(r';\s*rel\s*=\s*(?:"([^"]*)"|([^\s;,"]+))', re.IGNORECASE)
 
 @contextlib.contextmanager
 def wary() -> Iterator[None]:
-    """Meanwhile rdflib is ready for what strangers send: it does not write out a decimal of 1e999999999, and does not
-    log what it thinks of their literals.
+    """Configure rdflib for untrusted input: it does not expand a decimal of 1e999999999, and does not log ill-typed
+    literals.
     """
     log = logging.getLogger("rdflib")
     before = rdflib.NORMALIZE_LITERALS, log.level
@@ -44,7 +44,7 @@ def wary() -> Iterator[None]:
 
 
 def turtle(answer: Answer) -> tuple[rdflib.Graph, str]:
-    """The graph of a Turtle answer, empty with the reason when there is none to be had."""
+    """Return the graph of a Turtle answer; an empty graph and the reason if there is none."""
     if not answer.successful:
         return rdflib.Graph(), str(answer)
     if answer.media_type != TURTLE:
@@ -54,7 +54,7 @@ def turtle(answer: Answer) -> tuple[rdflib.Graph, str]:
 
 
 def parsed(body: bytes, base: str) -> tuple[rdflib.Graph, str]:
-    """The graph of a Turtle document and what is wrong with it; never both."""
+    """Return the graph of a Turtle document, or an empty graph and the error."""
     try:
         return load(body.decode("utf-8"), "turtle", base), ""
     except (SyntaxError, ValueError) as error:
@@ -63,7 +63,7 @@ def parsed(body: bytes, base: str) -> tuple[rdflib.Graph, str]:
 
 
 def related(answer: Answer, relation: str) -> list[str]:
-    """Absolute targets of the Link fields with this relation (RFC 8288)."""
+    """Return the absolute targets of the Link fields with this relation (RFC 8288)."""
     found = []
     for target, parameters in _LINK.findall(answer.header("link")):
         relations = [(quoted or plain).lower().split() for quoted, plain in _REL.findall(parameters)]
@@ -73,7 +73,7 @@ def related(answer: Answer, relation: str) -> list[str]:
 
 
 def linkset(answer: Answer, relation: str) -> list[str]:
-    """Absolute targets with this relation in a link set (RFC 9264), none when it is no link set."""
+    """Return the absolute targets with this relation in a link set (RFC 9264); none if it is not a link set."""
     try:
         contexts = json.loads(answer.body)["linkset"] if answer.media_type == LINKSET else []
         targets = [target["href"] for context in contexts for target in context.get(relation, ())]
@@ -87,7 +87,7 @@ def types(graph: rdflib.Graph, node: Node) -> frozenset[Node]:
 
 
 def named(graph: rdflib.Graph) -> Iterator[tuple[URIRef, Node]]:
-    """Whatever a graph speaks about by IRI, with the predicate that leads there; terms of vocabularies left out."""
+    """Yield the IRIs in a graph with the predicate that leads to them, without terms of vocabularies."""
     for subject, predicate, value in graph:
         if isinstance(subject, URIRef):
             yield subject, RDF.subject
@@ -96,7 +96,9 @@ def named(graph: rdflib.Graph) -> Iterator[tuple[URIRef, Node]]:
 
 
 def hybrit(graph: rdflib.Graph) -> rdflib.Namespace:
-    """The namespace of the model's own terms, which the paper leaves open: the authors' unless only another is used."""
+    """Return the namespace of the model's terms, which the paper leaves open: the authors' unless only another
+    is used.
+    """
     terms = [str(term) for term in (*graph.predicates(), *graph.objects(None, RDF.type)) if not isinstance(term, BNode)]
     if any(term.startswith(HYBRIT) for term in terms):
         return HYBRIT

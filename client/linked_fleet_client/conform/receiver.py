@@ -1,4 +1,4 @@
-"""A receiver of callbacks: it takes what is POSTed to one secret path, and consents when it is asked."""
+"""A receiver of callbacks. It accepts POST on one secret path and consents to requests for permission."""
 
 import asyncio
 import contextlib
@@ -14,7 +14,7 @@ _UNKNOWN = b"HTTP/1.1 404 Not Found\r\nContent-Length: 0\r\nConnection: close\r\
 
 @dataclass(frozen=True)
 class Delivery:
-    """``media_type`` without parameters, in lower case."""
+    """A received callback; ``media_type`` is without parameters, in lower case."""
 
     media_type: str
     body: bytes
@@ -22,7 +22,7 @@ class Delivery:
 
 @dataclass
 class Mailbox:
-    """One callback URL, with what has arrived there."""
+    """One callback URL and the first delivery to it."""
 
     url: str
     token: str
@@ -49,7 +49,7 @@ class Receiver:
         return self._boxes[token]
 
     async def start(self) -> None:
-        """OSError when the host is none of this machine's."""
+        """Start listening. Raises OSError if the host is not an address of this machine."""
         self._server = await asyncio.start_server(self._serve, self._host, 0, limit=65536)
         self._port = self._server.sockets[0].getsockname()[1]
 
@@ -58,7 +58,7 @@ class Receiver:
             self._server.close()
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """One request of a stranger; whatever is no request ends the connection."""
+        """Serve one request; close the connection on malformed input."""
         try:
             async with asyncio.timeout(_PATIENCE_S):
                 writer.write(await self._answer(reader))

@@ -18,7 +18,7 @@ class Requirement:
 
     @property
     def sentence(self) -> str:
-        """The paper's own words."""
+        """The sentence of the paper."""
         return " ".join((inspect.getdoc(self.check) or "").split())
 
 
@@ -33,7 +33,7 @@ class Result:
 
     @property
     def breaks(self) -> bool:
-        """True if the server does not do what it must."""
+        """True if the server violates a MUST."""
         return self.level is Level.MUST and self.verdict.outcome is Outcome.FAILED
 
 

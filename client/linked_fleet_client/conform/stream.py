@@ -1,4 +1,4 @@
-"""Opening a WebSocket at a resource: whether it opens, lives, and what it says first."""
+"""WebSocket checks: opening, ping, and the first message."""
 
 import asyncio
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ from linked_fleet_client.conform.web import MAX_BODY_BYTES
 
 @dataclass(frozen=True)
 class Stream:
-    """``fault`` says why it did not open; ``accept`` is the media type that was asked for, if any."""
+    """The result of opening a WebSocket. ``fault`` is the reason of a failure; ``accept`` the requested media type."""
 
     url: str
     accept: str = ""
@@ -24,7 +24,7 @@ class Stream:
 
 
 async def open_stream(url: str, accept: str, patience_s: float, credentials: Mapping[str, str]) -> Stream:
-    """Opened, pinged, listened to for its first message, and closed."""
+    """Open a WebSocket, ping, wait for the first message, and close."""
     parts = urlsplit(url)
     headers = {**credentials, **({"Accept": accept} if accept else {})}
     try:
@@ -36,7 +36,7 @@ async def open_stream(url: str, accept: str, patience_s: float, credentials: Map
             open_timeout=patience_s,
             close_timeout=patience_s / 4,
             max_size=MAX_BODY_BYTES,
-            # Named although the URL names them: so no redirect leads to another server.
+            # Passed explicitly, so that no redirect leads to another server.
             host=parts.hostname,
             port=parts.port or (443 if parts.scheme == "https" else 80),
         ) as connection:
@@ -47,9 +47,9 @@ async def open_stream(url: str, accept: str, patience_s: float, credentials: Map
 
 
 async def _listen(connection: ClientConnection, patience_s: float) -> tuple[bool, bytes | None]:
-    """Return True if a ping is answered, and the first message if one comes.
+    """Return if a ping is answered, and the first message if there is one.
 
-    All messages are taken meanwhile: the pong may stand behind them.
+    Messages are read meanwhile, because the pong may follow them.
     """
     first: asyncio.Future[bytes] = asyncio.get_running_loop().create_future()
     reading = asyncio.create_task(_read(connection, first))

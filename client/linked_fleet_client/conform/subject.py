@@ -1,4 +1,4 @@
-"""The server under test: what was found on it, and what it answers, asked at most once."""
+"""The server under test: the resources found, and its cached answers."""
 
 from dataclasses import dataclass, field
 
@@ -22,7 +22,7 @@ class Subject:
         return self._options[url]
 
     async def page(self, url: str) -> Page:
-        """One that a resource names, whether or not the walk came that far."""
+        """Return a page that a resource names, reading it if the walk did not reach it."""
         found = self.walk.pages.get(url) or self._read.get(url)
         if found is None:
             found = self._read[url] = await read(self.web, url)
@@ -32,5 +32,5 @@ class Subject:
         return [page for page in self.walk if page.answer.successful]
 
     def extent(self) -> str:
-        """How much was looked at, for evidence."""
+        """Return the extent of the check as text, for evidence."""
         return f"{len(self.walk)} resources from {self.walk.root.url}"

@@ -1,4 +1,4 @@
-"""R0.12 to R0.17: subscriptions, judged by those that were made and deleted again."""
+"""R0.12 to R0.17: subscriptions, checked by creating and deleting some."""
 
 import json
 
@@ -11,7 +11,7 @@ from linked_fleet_client.conform.trials import Made
 from linked_fleet_client.conform.verdict import Verdict, cant_tell, failed, judged, passed
 
 _NOT_HERE = (403, 422, 429, 503)
-"""A callback may be refused because of its receiver, of too many others, or for now."""
+"""Statuses of a refusal because of the receiver, of quotas, or of the moment."""
 
 
 async def r0_12(subject: Subject) -> Verdict:
@@ -111,7 +111,7 @@ async def r0_17(subject: Subject) -> Verdict:
 
 
 def _of_stream(stream: Stream) -> str:
-    """Return what is wrong with the form of the first message; empty if nothing."""
+    """Return an error in the form of the first message; empty if there is none."""
     message = stream.message or b""
     if stream.accept == "application/ld+json":
         right = _is_json(message)
@@ -130,7 +130,7 @@ def _is_json(message: bytes) -> bool:
 
 
 def _of_callback(subject: Subject) -> list[str]:
-    """One problem, empty if there is none; no entry when it shows in nothing."""
+    """Return one error, or one empty string if the type is right; an empty list if undecided."""
     made = subject.trials.negotiated
     if made is None or not made.exists:
         return []

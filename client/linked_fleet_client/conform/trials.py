@@ -1,4 +1,4 @@
-"""Subscriptions made to see whether they can be made, each deleted again."""
+"""Trial subscriptions, each deleted again."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -14,7 +14,7 @@ from linked_fleet_client.conform.web import Answer, Web, absolute
 _OTHER_TYPES = ("application/ld+json", "application/n-triples", "application/rdf+xml")
 _PATIENCE_S = 5.0
 _DOUBT_S = 1.0
-"""To wait for the first delivery of what was made, and of what was perhaps made: that may come much later, or never."""
+"""Seconds to wait for the first delivery of a created subscription, and of one that may not exist."""
 _POSTED = """\
 @prefix hybrit: <{model}> .
 @prefix xsd: <http://www.w3.org/2001/XMLSchema#> .
@@ -27,7 +27,7 @@ _POSTED = """\
 
 @dataclass
 class Made:
-    """One attempt to make a callback. ``url`` is that of the subscription, when there is one that is surely ours."""
+    """One attempt to create a callback. ``url`` is the subscription, if it is certainly ours."""
 
     answer: Answer
     accept: str = ""
@@ -40,19 +40,19 @@ class Made:
 
     @property
     def announced(self) -> bool:
-        """True if the answer alone says that something was made."""
+        """True if the status alone says that a resource was created."""
         plain = self.answer.status == 200 and not self.answer.header("location")
         return self.answer.status == 101 or (self.answer.successful and not plain)
 
     @property
     def exists(self) -> bool:
-        """True if the server made one: it is there, or it delivers."""
+        """True if the server created a subscription: it has a URL, or a delivery arrived."""
         return bool(self.url or self.delivery)
 
 
 @dataclass
 class Trials:
-    """``excuse`` says why no callbacks were tried; what is None was not tried either."""
+    """All attempts. ``excuse`` is the reason for not trying callbacks; attempts that are None were not made."""
 
     resource: str
     container: str
@@ -73,7 +73,7 @@ class Trials:
 
 
 def target(walk: Walk) -> tuple[str, str]:
-    """Choose what to subscribe to, a property rather than a thing, and the container that should list it, if any."""
+    """Choose the resource to subscribe to, preferably a property, and its subscriptions container, if any."""
     for thing in walk.things():
         for node in walk.named(thing, "property"):
             page = walk.pages.get(plain(node))
@@ -98,7 +98,7 @@ async def try_streams(web: Web, trials: Trials) -> None:
 
 
 async def try_callbacks(web: Web, walk: Walk, trials: Trials, host: str) -> None:
-    """With a receiver of its own at ``host``."""
+    """Try callbacks with a receiver at ``host``."""
     receiver = Receiver(host)
     try:
         await receiver.start()
@@ -148,7 +148,7 @@ class _Maker:
         return made
 
     async def _undo(self, made: Made, box: Mailbox | None, before: frozenset[str]) -> None:
-        """Delete what was made, but nothing else, whatever the server claims that it has made."""
+        """Delete the created subscription, and nothing else, whatever the server claims."""
         named = absolute(made.answer.url, made.answer.header("location"))
         if not made.announced and not made.answer.successful and not made.delivery:
             return

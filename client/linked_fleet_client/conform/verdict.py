@@ -8,7 +8,7 @@ _EVIDENCE_LENGTH = 240
 
 
 class Outcome(enum.StrEnum):
-    """Named as in EARL 1.0."""
+    """Outcomes as named in EARL 1.0."""
 
     PASSED = "passed"
     FAILED = "failed"
@@ -17,7 +17,7 @@ class Outcome(enum.StrEnum):
 
 
 class Level(enum.StrEnum):
-    """How strongly the paper asks (RFC 2119)."""
+    """Requirement level of the paper (RFC 2119)."""
 
     MUST = "must"
     SHOULD = "should"
@@ -26,7 +26,7 @@ class Level(enum.StrEnum):
 
 @dataclass(frozen=True)
 class Verdict:
-    """``level``: where the case at hand is asked for more strongly than the requirement in general."""
+    """The result of one requirement; ``level`` is set if the case at hand has a stricter level."""
 
     outcome: Outcome
     evidence: str
@@ -50,7 +50,7 @@ def inapplicable(evidence: str) -> Verdict:
 
 
 def judged(problems: Sequence[str], evidence: str) -> Verdict:
-    """Failed with the first of the problems and how many more there are, otherwise passed with the evidence."""
+    """Return failed with the first problem and the number of others, or passed with the evidence."""
     if not problems:
         return passed(evidence)
     more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
@@ -58,7 +58,7 @@ def judged(problems: Sequence[str], evidence: str) -> Verdict:
 
 
 def shown(text: str, length: int = _EVIDENCE_LENGTH) -> str:
-    """On one line, printable and short: what a server sends may hold anything, control sequences too."""
+    """Return untrusted text on one line, printable and shortened."""
     clean = "".join(character if character.isprintable() else " " for character in text[: 2 * length])
     line = " ".join(clean.split())
     return line if len(line) <= length else line[: length - 1] + "…"

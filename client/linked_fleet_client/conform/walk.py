@@ -1,4 +1,4 @@
-"""The resources of a server, found by links only: breadth first, evenly over kinds, a bounded number of them."""
+"""The resources of a server, found by links: breadth first, evenly over kinds, bounded in number."""
 
 from collections import defaultdict, deque
 from collections.abc import Hashable, Iterator
@@ -15,24 +15,24 @@ from linked_fleet_client.conform.web import Answer, Web
 _PART_OF_TIME = 0.5
 _MOST_BYTES = 64 * 2**20
 _GONE = (404, 410)
-# To recognise a resource by; that of a blueprint is met on resources that are no things, too.
+# Predicates that identify things. Blueprints are excluded, because other resources have them too.
 _ROLES = ("subscriptions", "property", "action", "blueprint")
 
 
 @dataclass(frozen=True)
 class Page:
-    """A resource as it answered a plain GET, and its graph: that of the answer, or that it gives when asked for Turtle.
+    """A resource: its answer to a plain GET, and its graph from that answer or from one with Accept: text/turtle.
 
-    ``fault`` says why there is no graph.
+    ``fault`` is the reason for having no graph.
     """
 
     answer: Answer
     graph: rdflib.Graph
     fault: str
     turtle: Answer
-    """The answer that has the graph."""
+    """The answer that contains the graph."""
     asked: str
-    """The URL that was asked for, perhaps redirected."""
+    """The requested URL, before redirects."""
     found_on: str = ""
 
     @property
@@ -51,7 +51,7 @@ class Page:
 
 @dataclass
 class Walk:
-    """``cut`` says why there may be more resources than these."""
+    """All pages found. ``cut`` is the reason why there may be more."""
 
     root: Page
     model: rdflib.Namespace
@@ -65,7 +65,7 @@ class Walk:
         return len(self.pages)
 
     def things(self) -> list[Page]:
-        """The Linked Robotic Things, by their type or their sub-resources; the root when nothing claims to be one."""
+        """Return the Linked Robotic Things, by type or sub-resources; the root if there are none."""
         return [page for page in self if self._claims(page)] or [self.root]
 
     def _claims(self, page: Page) -> bool:
@@ -74,11 +74,11 @@ class Walk:
         return any((page.node, self.model[role], None) in page.graph for role in _ROLES[:3])
 
     def named(self, page: Page, role: str) -> list[Node]:
-        """The nodes that a page names as its property, action, subscriptions or blueprint."""
+        """Return the nodes that a page names as its property, action, subscriptions or blueprint."""
         return sorted(page.graph.objects(page.node, self.model[role]), key=str)
 
     def of(self, role: str) -> list[Page]:
-        """Pages that others name in this role."""
+        """Return the pages that others name in this role."""
         urls = {plain(node) for page in self for node in self.named(page, role)}
         return [page for page in self if page.url in urls]
 
@@ -86,11 +86,11 @@ class Walk:
         return [(role, node) for role in _ROLES for node in self.named(page, role)]
 
     def declared(self) -> set[Node]:
-        """The nodes that any page calls a Robotic Thing."""
+        """Return the nodes that any page types as a Robotic Thing."""
         return {node for page in self for node in page.graph.subjects(RDF.type, self.model.RoboticThing)}
 
     def claimed(self) -> list[Page]:
-        """The root, things and what pages name as their sub-resources: these answer, whatever else a graph mentions."""
+        """Return the root, the things and their named sub-resources, which must answer."""
         urls = {plain(node) for page in self for _, node in self.sub_resources(page)} | {self.root.url}
         urls.update(plain(node) for node in self.declared())
         urls.update(url for page in self for url in related(page.answer, "related"))
@@ -98,7 +98,7 @@ class Walk:
 
 
 async def read(web: Web, url: str, found_on: str = "", in_any_case: bool = False) -> Page:
-    """One page, read twice if it is Turtle only on demand."""
+    """Read one page; request it a second time if it is Turtle only on demand."""
     answer = await web.request("GET", url, in_any_case=in_any_case)
     graph, fault = turtle(answer)
     if fault and answer.successful and answer.media_type != TURTLE:
@@ -109,7 +109,7 @@ async def read(web: Web, url: str, found_on: str = "", in_any_case: bool = False
 
 
 async def walk(web: Web, root: Page, most: int) -> Walk:
-    """At most ``most`` resources, in at most half of the total time: the other half is for what is to be tried."""
+    """Find at most ``most`` resources in at most half of the total time; the other half is for trials."""
     found = Walk(root, hybrit(root.graph), {root.url: root})
     queues: defaultdict[Hashable, deque[tuple[str, str]]] = defaultdict(deque)
     seen = {root.url, web.root}
@@ -137,7 +137,7 @@ def _limit(web: Web, size: int, most: int) -> str:
 
 
 async def _has_gone(web: Web, page: Page) -> bool:
-    """True if a resource ended, and with it the link to it, between the reading of both: that is no fault."""
+    """Return True if a resource and the link to it disappeared during the walk, which is no fault."""
     if page.answer.status not in _GONE or not page.found_on:
         return False
     origin = await read(web, page.found_on)
@@ -152,9 +152,9 @@ def _enqueue(web: Web, queues: defaultdict[Hashable, deque[tuple[str, str]]], pa
 
 
 def _links(page: Page) -> list[tuple[str, Hashable]]:
-    """URLs that a page leads to, each with its kind: the types that the page gives it, otherwise the relation.
+    """Return the URLs that a page links, each with its kind: the types that the page states, otherwise the relation.
 
-    A resource whose kind the graph knows comes before the bare Link field that names it, too.
+    A typed IRI in the graph takes precedence over the same IRI in a Link field.
     """
     links: dict[str, Hashable] = {}
     for node, predicate in named(page.graph):

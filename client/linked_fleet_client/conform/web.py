@@ -1,4 +1,4 @@
-"""Requests to one server and nowhere else, each bounded in time, bytes and redirects."""
+"""Requests to one server only, each bounded in time, bytes and redirects."""
 
 import asyncio
 import time
@@ -18,12 +18,12 @@ _SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
 
 
 class OutOfTimeError(Exception):
-    """The total limit is over: what was not tried by then cannot be told."""
+    """The total time is over; what was not checked by then is undecided."""
 
 
 @dataclass(frozen=True)
 class Answer:
-    """The answer to one request. ``fault`` says why there is none, or none to rely on; ``status`` is then perhaps 0."""
+    """The answer to one request. If ``fault`` is set, there is no usable answer and ``status`` may be 0."""
 
     method: str
     url: str
@@ -49,7 +49,7 @@ class Answer:
         return frozenset(name.strip() for name in self.header("allow").split(",") if name.strip())
 
     def header(self, name: str) -> str:
-        """Its values joined by commas, empty without any."""
+        """Return the field's values joined by commas; empty if absent."""
         return str(self.headers.get(name, ""))
 
     def __str__(self) -> str:
@@ -57,9 +57,9 @@ class Answer:
 
 
 class Web:
-    """The origin of ``root``, for at most ``limit_s`` seconds, each request within ``patience_s``.
+    """The client of one origin, for at most ``limit_s`` seconds, with ``patience_s`` for each request.
 
-    ``received`` counts the bytes of bodies. ``token`` (RFC 6750) says who one is; it goes nowhere else.
+    ``received`` counts body bytes. ``token`` (RFC 6750) is sent to this origin only.
     """
 
     def __init__(self, root: str, patience_s: float, limit_s: float, token: str = "") -> None:
@@ -71,7 +71,7 @@ class Web:
         self.received = 0
         self._started = time.monotonic()
         self._limit_s = limit_s
-        # Neither proxies nor credentials of the environment: it is the server that is judged.
+        # Proxies and credentials of the environment are ignored, so that only the server is tested.
         self.credentials = {"authorization": f"Bearer {token}"} if token else {}
         headers = {"accept-encoding": "identity", **self.credentials}
         self._client = httpx.AsyncClient(timeout=patience_s, trust_env=False, headers=headers)
@@ -84,11 +84,11 @@ class Web:
 
     @property
     def used(self) -> float:
-        """The part of the total limit that is over, from 0."""
+        """The used share of the total time, from 0."""
         return (time.monotonic() - self._started) / self._limit_s
 
     def ours(self, url: str) -> bool:
-        """Return True if a URL is of the server's own origin."""
+        """Return True if a URL belongs to the origin of the server."""
         return len(url) <= _MAX_URL_LENGTH and _origin(url) == self.origin
 
     @property
@@ -107,12 +107,15 @@ class Web:
         body: bytes | None = None,
         in_any_case: bool = False,
     ) -> Answer:
-        """Follows redirects of safe methods within the origin. ``in_any_case``: after the total limit too."""
+        """Send a request, following redirects of safe methods within the origin.
+
+        ``in_any_case`` ignores the total limit.
+        """
         for _ in range(_MAX_REDIRECTS + 1):
             if not in_any_case:
                 self.in_time()
             answer = await self._once(method, url, headers or {}, body)
-            if answer.closed and method in _SAFE:  # a server may close a connection that waits (RFC 9112, 9.3.1)
+            if answer.closed and method in _SAFE:  # a server may close an idle connection (RFC 9112, 9.3.1)
                 answer = await self._once(method, url, headers or {}, body)
             target = absolute(url, answer.header("location"))
             if answer.fault or answer.status not in _REDIRECTS or method not in _SAFE or not self.ours(target):
@@ -143,7 +146,7 @@ class Web:
 
 
 async def _bounded(response: httpx.Response) -> tuple[bytes, str]:
-    """The body, and what is wrong with it."""
+    """Return the body, and an error or an empty string."""
     if response.headers.get("content-encoding", "identity") != "identity":
         return b"", "the body is encoded although only identity was accepted"
     parts, size = [], 0
@@ -156,7 +159,7 @@ async def _bounded(response: httpx.Response) -> tuple[bytes, str]:
 
 
 def _origin(url: str) -> tuple[str, str, int] | None:
-    """Scheme, host and port; None for what is no plain http(s) URL."""
+    """Return scheme, host and port; None if it is not a plain http(s) URL."""
     try:
         parts = urlsplit(url)
         port = parts.port or _PORTS.get(parts.scheme, 0)
@@ -175,5 +178,5 @@ def _joined(base: str, reference: str) -> str:
 
 
 def absolute(base: str, reference: str) -> str:
-    """A reference of a header field as an absolute URL, empty when it is none."""
+    """Return a reference in a header field as an absolute URL; empty if it is invalid."""
     return urldefrag(_joined(base, reference)).url if reference else ""
