@@ -1,4 +1,4 @@
-"""Base: errors, lazy imports, networks of addresses. Every room may import it.
+"""Base: errors, lazy imports and IP networks. Every package may import it.
 
 ``errors``: every refusal of the core with its status and problem type (RFC 9457); extensions add their own.
 """

@@ -1,17 +1,17 @@
-"""The network of an IP address, for bounds by client and by destination."""
+"""Networks of IP addresses, the unit of quotas by client and by destination."""
 
 from functools import lru_cache
 from ipaddress import IPv6Address, ip_address
 
 _IPV6_PREFIX_BITS = 64
-"""One customer has at least a /64 network, and as many addresses in it as they like."""
+"""A provider assigns at least a /64 network to one customer, who can use any address in it."""
 
 
 @lru_cache(maxsize=4096)
 def network_of(address: str) -> str:
-    """An IPv4 address, also one that is mapped into IPv6, or the /64 network of an IPv6 address.
+    """Return the IPv4 address, also of an IPv4-mapped IPv6 address, or the /64 network of an IPv6 address.
 
-    A text that is no IP address stands for itself.
+    A text that is no IP address is returned unchanged.
     """
     try:
         found = ip_address(address.partition("%")[0])

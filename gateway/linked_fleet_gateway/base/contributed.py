@@ -1,4 +1,4 @@
-"""Objects that extensions add to a process, by the names ``module:attribute`` of the objects."""
+"""Objects that extensions contribute to a process, named ``module:attribute``."""
 
 from collections.abc import Iterable, Iterator
 from pkgutil import resolve_name
@@ -8,14 +8,14 @@ T = TypeVar("T")
 
 
 class Contributed(Generic[T]):
-    """The objects of one kind, imported when they are first asked for."""
+    """The objects of one kind, imported on first use."""
 
     def __init__(self) -> None:
         self.names: tuple[str, ...] = ()
         self._objects: tuple[Any, ...] | None = None
 
     def replace(self, names: Iterable[str]) -> None:
-        """Have this process know these instead of those that it knew before."""
+        """Replace the names known to this process."""
         self.names, self._objects = tuple(names), None
 
     def __iter__(self) -> Iterator[T]:

@@ -48,7 +48,7 @@ _CONSTRAINED_BY = "http://www.w3.org/ns/ldp#constrainedBy"  # LDP 4.2.1.6
 
 
 class FleetError(Exception):
-    """A request cannot be served; ``detail`` says what was wrong and what would have been right."""
+    """A request cannot be served; ``detail`` says what was wrong and what would be right."""
 
     status: ClassVar[int] = 500
     code: ClassVar[str] = "internal"
@@ -64,7 +64,7 @@ class FleetError(Exception):
         self.constraint: str | None = None
 
     def constrain(self, constraint: str) -> None:
-        """Link what describes the constraints that a write broke, unless that is linked (LDP 4.2.1.6)."""
+        """Add a link to the description of the violated constraints, if there is none yet (LDP 4.2.1.6)."""
         if self.constraint is None:
             self.constraint = constraint
             self.headers["Link"] = f'<{constraint}>; rel="{_CONSTRAINED_BY}"'
@@ -75,7 +75,7 @@ class FleetError(Exception):
 
     @property
     def members(self) -> Members:
-        """Extension members (RFC 9457, 3.2): only those that are known."""
+        """Extension members (RFC 9457, 3.2) that are known."""
         return {"constraint": self.constraint} if self.constraint else {}
 
     def __str__(self) -> str:
@@ -83,7 +83,7 @@ class FleetError(Exception):
 
 
 class BadRequest(FleetError):
-    """The request is malformed; ``line`` and ``column`` count from 1 when a body is to blame."""
+    """The request is malformed; ``line`` and ``column`` count from 1 if the body is at fault."""
 
     status, code, title = 400, "bad-request", "The request is malformed"
 
@@ -105,7 +105,7 @@ class BadRequest(FleetError):
 
 
 class Unauthenticated(FleetError):
-    """RFC 6750, 3: ``wrong`` says that credentials came, and were none or hold no longer."""
+    """Authentication is required (RFC 6750, 3); ``wrong`` says that the credentials sent are invalid or expired."""
 
     status, code, title = 401, "unauthenticated", "Say who you are"
 
@@ -116,7 +116,7 @@ class Unauthenticated(FleetError):
 
 
 class InsufficientScope(FleetError):
-    """``scope`` is the right that is missing (RFC 6750, 3.1)."""
+    """The caller lacks the right ``scope`` (RFC 6750, 3.1)."""
 
     status, code, title = 403, "insufficient-scope", "You have no right to this"
 
@@ -135,7 +135,7 @@ class NotFound(FleetError):
 
 
 class MethodNotAllowed(FleetError):
-    """The resource has other methods: RFC 9110, 15.5.6 demands that ``Allow`` lists them."""
+    """The resource has other methods, which ``Allow`` must list (RFC 9110, 15.5.6)."""
 
     status, code, title = 405, "method-not-allowed", "The resource does not have this method"
 
@@ -149,7 +149,7 @@ class MethodNotAllowed(FleetError):
 
 
 class NotAcceptable(FleetError):
-    """No representation suits ``Accept``; ``offered`` are the media types that there are."""
+    """No representation matches ``Accept``; ``offered`` are the available media types."""
 
     status, code, title = 406, "not-acceptable", "No acceptable representation"
 
@@ -167,21 +167,21 @@ class Conflict(FleetError):
 
 
 class RefusedByAgent(Conflict):
-    """The robot's own agent said no: stale, out of limits, busy, held."""
+    """The robot's agent refused the command: stale, outside limits, busy or held."""
 
     code, title = "refused", "The robot refused the command"
 
 
 class Changed(Conflict):
-    """The body named where joints must be (``lf:precondition``), and they are elsewhere."""
+    """The body states expected joint positions (``lf:precondition``), and the joints are elsewhere."""
 
     code, title = "changed", "The robot is not where the motion was planned for"
 
 
 class MotionRefused(FleetError):
-    """A guard of motions refuses one, or cannot tell; ``reason`` is remembered with the invocation.
+    """A guard refuses a motion, or cannot check it; ``reason`` is stored with the invocation.
 
-    Guards raise subclasses. The first answer to a request is given again by its code.
+    Guards raise subclasses. Their code identifies the error when the first answer to a request is repeated.
     """
 
     status, code, title = 409, "motion-refused", "A guard refuses the motion"
@@ -191,16 +191,16 @@ class MotionRefused(FleetError):
         self.reason = reason
 
     def locate(self, base: str) -> None:
-        """Turn paths that the error names into IRIs below ``base``."""
+        """Resolve paths in the error to IRIs below ``base``."""
 
     @classmethod
     def coded(cls, code: str) -> "type[MotionRefused] | None":
-        """The error of a guard that has this code."""
+        """Return the guard error with this code, or None."""
         return next((each for each in (cls, *cls.__subclasses__()) if each.code == code), None)
 
 
 class Controlled(Conflict):
-    """Somebody else has the control lease of the robot; ``holder`` and ``expires`` say who and until when."""
+    """Another caller has the control lease of the robot: ``holder``, until ``expires``."""
 
     code, title = "controlled", "Somebody else controls the robot"
 
@@ -214,7 +214,7 @@ class Controlled(Conflict):
 
 
 class NoRoom(Conflict):
-    """The container holds as much as it may."""
+    """The container is full."""
 
 
 class PreconditionFailed(FleetError):
@@ -226,12 +226,12 @@ class PayloadTooLarge(FleetError):
 
 
 class UnsupportedMediaType(FleetError):
-    """The body is of a type that is not taken here; ``offered`` are those that are."""
+    """The media type of the body is not supported; ``offered`` are the supported types."""
 
     status, code, title = 415, "unsupported-media-type", "The media type is not supported"
 
     def __init__(self, detail: str, *, offered: Sequence[str] = (), headers: Mapping[str, str] | None = None) -> None:
-        # RFC 9110, 12.5.1: Accept in a 415 response says what request content would have been taken
+        # RFC 9110, 12.5.1: Accept in a 415 response lists the content types that would have been accepted
         taken = {"Accept": ", ".join(offered)} if offered else {}
         super().__init__(detail, headers={**taken, **(headers or {})})
         self.offered = tuple(offered)
@@ -250,8 +250,11 @@ class MisdirectedRequest(FleetError):
 
 
 class UnprocessableContent(FleetError):
-    """The body is well-formed but breaks a shape: ``report`` is the SHACL report, ``constraint`` where the shape is,
-    ``unused`` the statements of the body that nothing would have used."""
+    """The body is well-formed but violates a shape.
+
+    ``report`` is the SHACL report, ``constraint`` the IRI of the shape, ``unused`` the statements of the body that have
+    no meaning here.
+    """
 
     status, code, title = 422, "unprocessable-content", "The content breaks a constraint"
 
@@ -275,19 +278,19 @@ class UnprocessableContent(FleetError):
 
 
 class KeyReused(UnprocessableContent):
-    """The Idempotency-Key belongs to another request, of the last day."""
+    """The Idempotency-Key was used for another request within the last day."""
 
     code, title = "key-reused", "The idempotency key was used for another request"
 
 
 class TooManySubscriptions(FleetError):
-    """RFC 6585, 4; delete some, or wait until streams have ended."""
+    """The client has too many subscriptions (RFC 6585, 4). It must delete some or close streams."""
 
     status, code, title = 429, "too-many-subscriptions", "The client has too many subscriptions"
 
 
 class TooManyInvocations(FleetError):
-    """RFC 6585, 4; what stops robots is never refused for it."""
+    """The client has too many running invocations (RFC 6585, 4). Stops are exempt."""
 
     status, code, title = 429, "too-many-invocations", "The client has too many motions that have not ended"
 
@@ -296,7 +299,7 @@ class TooManyInvocations(FleetError):
 
 
 class TooManyRequests(FleetError):
-    """RFC 6585, 4; what stops robots is never refused for it. ``wait_s`` (s) is when to ask again."""
+    """The client exceeds its request rate (RFC 6585, 4) and may retry after ``wait_s`` seconds. Stops are exempt."""
 
     status, code, title = 429, "too-many-requests", "The client asks too often"
 
@@ -305,7 +308,7 @@ class TooManyRequests(FleetError):
 
 
 class Unimplemented(FleetError):
-    """An optional feature of a standard that is not offered here."""
+    """An optional feature of a standard that this gateway does not offer."""
 
     status, code, title = 501, "not-implemented", "The gateway does not offer this"
 
@@ -315,13 +318,13 @@ class Offline(FleetError):
 
 
 class Faulty(FleetError):
-    """The agent is there, and the positions that it reports cannot be true."""
+    """The agent is online, but the positions that it reports are implausible."""
 
     status, code, title = 503, "faulty", "The robot is faulty"
 
 
 class Busy(FleetError):
-    """Too many ask for what takes long, or it was held up itself; ask again."""
+    """Too many slow requests are running, or the gateway itself was delayed; the client may retry."""
 
     status, code, title = 503, "busy", "The gateway is too busy"
 
@@ -330,7 +333,7 @@ class Busy(FleetError):
 
 
 class StoreAway(FleetError):
-    """The server that remembers subscriptions cannot be reached; what is not in it is not accepted."""
+    """Redis cannot be reached, so subscriptions can be neither read nor accepted."""
 
     status, code, title = 503, "store-away", "Subscriptions cannot be read or kept at present"
 
@@ -339,7 +342,7 @@ class StoreAway(FleetError):
 
 
 class IssuerAway(FleetError):
-    """The issuer of the token cannot be asked for its keys."""
+    """The keys of the token's issuer cannot be fetched."""
 
     status, code, title = 503, "issuer-away", "The issuer of the token cannot be reached"
 

@@ -1,4 +1,4 @@
-"""Modules that take much memory and that most gateways never need: imported when something of them is first used."""
+"""Lazy imports of modules that take much memory and that most gateways never use."""
 
 from importlib import import_module
 from importlib.util import find_spec
@@ -6,7 +6,10 @@ from typing import Any
 
 
 class Lazily:
-    """Stands for the module ``name``. ModuleNotFoundError at once where that or what it ``needs`` is not installed."""
+    """Imports the module ``name`` on first access.
+
+    Raises ModuleNotFoundError at once if it or a need is not installed.
+    """
 
     def __init__(self, name: str, *needs: str) -> None:
         for each in (name, *needs):

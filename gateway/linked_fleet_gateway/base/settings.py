@@ -15,25 +15,28 @@ Network = IPv4Network | IPv6Network
 
 @dataclass(frozen=True)
 class Kind(Generic[T]):
-    """A type of settings: how a text becomes a value."""
+    """A type of settings, which parses text into a value."""
 
     read: Callable[[str], T]
-    """Raises ValueError whose message ends the sentence "VARIABLE is ``right``, …", such as "not 'x'"."""
+    """Parses a text.
+
+    The message of its ValueError completes the sentence "VARIABLE is ``right``, …", such as "not 'x'".
+    """
     right: str
-    """The values in words, such as "a whole number"."""
+    """The valid values as text, such as "a whole number"."""
 
 
 @dataclass(frozen=True)
 class Setting:
-    """One setting, as an operator knows it."""
+    """One setting, with its name, default and meaning."""
 
     name: str
-    """Field of the section."""
+    """Name of the field in its section."""
     variable: str
     kind: Kind[Any]
     default: str
     meaning: str
-    """One line of text. It names pages by their path in the repository."""
+    """One line of text. It refers to pages by their path in the repository."""
 
     @property
     def word(self) -> str:
@@ -44,7 +47,7 @@ class Setting:
         return "--" + self.word.lower().replace("_", "-")
 
     def value(self, text: str) -> Any:
-        """Raises ValueError, in one sentence."""
+        """Parse a value. Raises ValueError with one sentence."""
         try:
             return self.kind.read(text)
         except ValueError as error:
@@ -53,10 +56,10 @@ class Setting:
 
 @dataclass(frozen=True)
 class Section:
-    """Base of sections: frozen dataclasses whose fields are made by ``setting``."""
+    """Base class of sections: frozen dataclasses whose fields are created by ``setting``."""
 
     prefix: ClassVar[str] = "LINKED_FLEET_"
-    """Beginning of the names of its environment variables."""
+    """Prefix of its environment variables."""
 
     @classmethod
     def settings(cls) -> list[Setting]:
@@ -69,12 +72,15 @@ class Section:
 
 
 def setting(kind: Kind[T], default: str, meaning: str, variable: str = "") -> T:
-    """A field of a section. Its variable is the section's prefix and the name of the field, unless one is given."""
+    """Return a field of a section.
+
+    Its variable is the section's prefix and the field name, unless ``variable`` is given.
+    """
     return field(default=kind.read(default), metadata={"setting": (kind, default, meaning, variable)})
 
 
 def section(sections: Iterable[Section], kind: type[SectionT]) -> SectionT:
-    """The section of this type. Raises LookupError."""
+    """Return the section of this type. Raises LookupError."""
     for each in sections:
         if isinstance(each, kind):
             return each
@@ -89,10 +95,10 @@ def read(
     *,
     others: bool = False,
 ) -> list[Section]:
-    """The sections with their values. Flags win over the environment, in which an empty variable counts as absent.
+    """Return the sections with their values. Flags precede the environment, where an empty variable counts as absent.
 
-    ValueError for a value that cannot be used and for a variable of two sections; SystemExit for an unknown flag,
-    unless there are ``others`` who read flags.
+    Raises ValueError for an invalid value and for a variable of two sections, SystemExit for an unknown flag. With
+    ``others``, unknown flags are left to other parsers.
     """
     owners: dict[str, str] = {}
     for kind in sections:
@@ -124,7 +130,7 @@ def whole_number(least: int = 0, most: int | None = None, noun: str = "whole num
 
 
 def choice(*words: str) -> Kind[str]:
-    """One of these words."""
+    """Return a kind with a fixed list of words."""
     return matching("|".join(re.escape(each) for each in words), " or ".join(words))
 
 
@@ -138,7 +144,7 @@ def matching(pattern: str, right: str) -> Kind[str]:
 
 
 def several(kind: Kind[T], right: str) -> Kind[tuple[T, ...]]:
-    """Any number of values, comma-separated."""
+    """Return a kind of comma-separated values."""
     return Kind(lambda text: tuple(kind.read(item.strip()) for item in text.split(",") if item.strip()), right)
 
 
