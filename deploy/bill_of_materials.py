@@ -1,8 +1,8 @@
-"""Lists what an image holds besides the base image: an SBOM (CycloneDX JSON) and the licences of third parties.
+"""Lists what an image contains besides the base image: an SBOM (CycloneDX JSON) and third-party licences.
 
 Usage: PYTHON deploy/bill_of_materials.py FOLDER [FACE]
 
-into FOLDER; FACE has the npm packages that pages are made of
+Writes into FOLDER. FACE contains the npm packages of the pages.
 """
 
 import json
@@ -19,7 +19,7 @@ _LICENCE_FILES = ("licen", "copying", "notice", "authors")
 
 @dataclass(frozen=True, order=True)
 class Part:
-    """One package; ``licence`` as its metadata has it, ``texts`` the licence files that come with it."""
+    """One package. ``licence``: as in its metadata; ``texts``: its licence files."""
 
     kind: str
     name: str
@@ -34,19 +34,19 @@ class Part:
 
 
 def python_parts() -> Iterator[Part]:
-    """The distributions of the environment that runs this."""
+    """Yield the distributions of the running environment."""
     for distribution in distributions():
         name = distribution.metadata["Name"].lower().replace("_", "-")
         yield Part("pypi", name, distribution.version, _python_licence(distribution), _python_texts(distribution))
 
 
 def npm_parts(face: Path) -> Iterator[Part]:
-    """The packages that ``face/package.json`` depends on, and theirs; not those that only build."""
+    """Yield the runtime dependencies of ``face/package.json``, transitively; build tools are left out."""
     waiting, seen = list(_json(face / "package.json").get("dependencies", {})), set[str]()
     while waiting:
         name = waiting.pop()
         folder = face / "node_modules" / name
-        if name in seen or not folder.is_dir():  # an optional one that is not there is not in the bundle
+        if name in seen or not folder.is_dir():  # a missing optional package is not in the bundle
             continue
         seen.add(name)
         package = _json(folder / "package.json")
@@ -56,7 +56,7 @@ def npm_parts(face: Path) -> Iterator[Part]:
 
 
 def bill(parts: list[Part]) -> dict[str, Any]:
-    """As CycloneDX 1.6 has it. No time and no serial number in it: the same parts give the same bytes."""
+    """Return CycloneDX 1.6, without a time or serial number, so that the same parts give the same bytes."""
     ours = [part for part in parts if part.name == OURS]
     return {
         "bomFormat": "CycloneDX",
@@ -85,7 +85,7 @@ def component(part: Part) -> dict[str, Any]:
 
 
 def _python_licence(distribution: Distribution) -> str:
-    """The expression, or the first line of the free text, or the classifiers: whichever the authors have given."""
+    """Return the expression, the first line of the free text, or the classifiers, whichever exists."""
     metadata = distribution.metadata
     stated = (metadata.get("License-Expression") or metadata.get("License") or "").strip().splitlines()
     classifiers = [c.rpartition(" :: ")[2] for c in metadata.get_all("Classifier") or [] if c.startswith("License ::")]

@@ -1,8 +1,8 @@
-"""Writes what images install, with hashes: make requirements
+"""Writes the pinned requirements of images, with hashes: make requirements
 
-A file for each kind of image, of names, versions and hashes alone. pip chooses the wheels for Python 3.11 on x86-64 and
-64-bit ARM with the glibc of Debian 12, of the versions in constraints.txt. It downloads metadata alone where the index
-of this machine has them. Run it with Python 3.11 on Linux: pip evaluates markers for the machine that it runs on.
+There is one file per kind of image, with names, versions and hashes. pip chooses the wheels for Python 3.11 on x86-64
+and 64-bit ARM with the glibc of Debian 12, in the versions of constraints.txt. It downloads only metadata where the
+package index provides it. Run it with Python 3.11 on Linux: pip evaluates markers for the machine on which it runs.
 """
 
 import json
@@ -18,13 +18,13 @@ ROOT = Path(__file__).parents[1]
 MACHINES = ("x86_64", "aarch64")
 _GLIBC = 36  # 2.36
 BEFORE_3_11_3 = "async-timeout"
-"""redis needs it with an older Python, such as Debian 12's. PYTHON_TAG may name any Python 3.11."""
+"""Needed by redis with an older Python, such as that of Debian 12. PYTHON_TAG may name any Python 3.11."""
 _OLD_NAMES = ("manylinux1", "manylinux2010", "manylinux2014", "linux")
 _HEAD = "# Written by make requirements: names, versions and hashes of the wheels for {machines}, nothing else.\n"
 
 
 def wanted() -> dict[str, list[str]]:
-    """Return the requirements of each file. The image of gateways has no simulation, which the demo alone needs."""
+    """Return the requirements of each file. Only the demo, not the gateway's image, needs the simulation."""
     settings, of_agent = (
         tomllib.loads((ROOT / path).read_text()) for path in ("pyproject.toml", "agents/pyproject.toml")
     )
@@ -48,14 +48,14 @@ def wanted() -> dict[str, list[str]]:
 
 
 def platforms(machine: str) -> list[str]:
-    """The tags of wheels that run there."""
+    """Return the tags of wheels for a machine."""
     return [f"manylinux_2_{minor}_{machine}" for minor in range(5, _GLIBC + 1)] + [
         f"{name}_{machine}" for name in _OLD_NAMES
     ]
 
 
 def resolved(requirements: Iterable[str], machine: str) -> dict[str, tuple[str, str]]:
-    """Version and SHA-256 of the wheel of each package that pip would install."""
+    """Return version and SHA-256 of the wheel of each package that pip would install."""
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder, "report.json")
         tags = [word for tag in platforms(machine) for word in ("--platform", tag)]
@@ -76,7 +76,7 @@ def resolved(requirements: Iterable[str], machine: str) -> dict[str, tuple[str, 
 
 
 def text(requirements: Iterable[str]) -> str:
-    """The file for these requirements, in alphabetical order."""
+    """Return the file for these requirements, sorted by name."""
     hashes: defaultdict[tuple[str, str], set[str]] = defaultdict(set)
     for machine in MACHINES:
         for name, (version, sha256) in resolved(requirements, machine).items():

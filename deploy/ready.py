@@ -1,4 +1,4 @@
-"""Health of a gateway's container: exit code 0 while its /health/ready answers 200."""
+"""Health check of a gateway's container: exit code 0 while its /health/ready answers 200."""
 
 import http.client
 import os
@@ -10,7 +10,7 @@ def main() -> int:
     port = int(os.environ.get("LINKED_FLEET_PORT", "8000"))
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=4)
     if os.environ.get("LINKED_FLEET_TLS_CERT"):
-        # It is this very container that is asked; its certificate names it as others know it.
+        # The request goes to this container itself, whose certificate has its public name.
         connection = http.client.HTTPSConnection("127.0.0.1", port, timeout=4, context=_unverified())
     try:
         connection.request("GET", "/health/ready")

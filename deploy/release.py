@@ -3,9 +3,9 @@
 Usage: PYTHON deploy/release.py [--out FOLDER]
        PYTHON deploy/release.py --check FOLDER
 
-Sdists, the wheels that are built of them, a bill of materials (CycloneDX) for each, and SHA256SUMS. All is built a
-second time, elsewhere and of the contents of the sdists alone, and has to be the same to the byte. FOLDER gets what has
-passed every check, and is left as it was otherwise. ``--check`` does the checks with files that are there.
+Builds sdists, wheels from them, a bill of materials (CycloneDX) for each, and SHA256SUMS. Everything is built a second
+time elsewhere, from the contents of the sdists alone, and must be identical to the byte. FOLDER is only changed if
+every check passes. ``--check`` checks existing files.
 """
 
 import argparse
@@ -44,12 +44,12 @@ class ReleaseError(Exception):
 
 
 def time_of_last_commit() -> str:
-    """Seconds since 1970 for the times in archives; SOURCE_DATE_EPOCH if it is set."""
+    """Return the time for archives in seconds since 1970: SOURCE_DATE_EPOCH, or that of the last commit."""
     return os.environ.get("SOURCE_DATE_EPOCH") or _run("git", "log", "-1", "--format=%ct").strip()
 
 
 def make(out: Path) -> None:
-    """Build everything, check it, and put it into ``out`` in place of an earlier release."""
+    """Build everything, check it, and replace an earlier release in ``out``."""
     epoch = time_of_last_commit()
     with tempfile.TemporaryDirectory() as folder:
         first, second = Path(folder, "first"), Path(folder, "second")
@@ -71,7 +71,7 @@ def make(out: Path) -> None:
 
 
 def compare(first: Path, second: Path) -> None:
-    """Raises ReleaseError unless both folders hold the same files."""
+    """Raise ReleaseError unless both folders contain the same files."""
     names = {path.name for folder in (first, second) for path in _files(folder)}
     differing = [name for name in sorted(names) if _digest(first / name) != _digest(second / name)]
     if differing:
@@ -79,7 +79,7 @@ def compare(first: Path, second: Path) -> None:
 
 
 def bill_of_materials(name: str) -> str:
-    """The pinned requirements of a distribution, with hashes, and the npm packages that its pages are made of."""
+    """Return the pinned requirements of a distribution, with hashes, and the npm packages of its pages."""
     project, requirements = PROJECTS[name], ROOT / "deploy" / _REQUIREMENTS[name]
     flags = ("--sv", "1.6", "--of", "JSON", "--output-reproducible", "--mc-type", "application")
     command = ("-m", "cyclonedx_py", "requirements", str(requirements), "--pyproject", str(project / "pyproject.toml"))
@@ -94,12 +94,12 @@ def bill_of_materials(name: str) -> str:
 
 
 def write_sums(folder: Path) -> None:
-    """Write SHA256SUMS, as ``sha256sum --check`` reads it."""
+    """Write SHA256SUMS for ``sha256sum --check``."""
     (folder / SUMS).write_text("".join(f"{_digest(path)}  {path.name}\n" for path in _files(folder)))
 
 
 def check(folder: Path) -> None:
-    """Raises ReleaseError with everything that is wrong with the files of a release."""
+    """Raise ReleaseError with all faults of the files of a release."""
     wrong = [*_missing(folder), *_wrong_sums(folder)]
     packages = [str(path) for path in _files(folder) if path.suffix in (".whl", ".gz")]
     for wheel in sorted(folder.glob("*.whl")):
@@ -115,12 +115,12 @@ def check(folder: Path) -> None:
 
 
 def version(name: str) -> str:
-    """The version of one of our distributions."""
+    """Return the version of one of this project's distributions."""
     return str(_settings(name)["version"])
 
 
 def _stem(name: str) -> str:
-    """The beginning of the names of its files."""
+    """Return the common beginning of a distribution's file names."""
     return f"{name.replace('-', '_')}-{version(name)}"
 
 
@@ -130,7 +130,7 @@ def _settings(name: str) -> dict[str, Any]:
 
 
 def _missing(folder: Path) -> Iterable[str]:
-    """Both distributions have one version, and an sdist, a wheel and a bill of it."""
+    """Yield what is missing: both distributions must have the same version, and an sdist, a wheel and a bill."""
     versions = {name: version(name) for name in PROJECTS}
     if len(set(versions.values())) > 1:
         yield f"the distributions have different versions: {versions}"
@@ -152,7 +152,7 @@ def _wrong_sums(folder: Path) -> Iterable[str]:
 
 
 def _wrong_wheel(path: Path) -> list[str]:
-    """Hold the files of a wheel to its RECORD."""
+    """Compare the files of a wheel with its RECORD."""
     try:
         with WheelFile.open(path) as wheel:
             wheel.validate_record(validate_contents=True)
@@ -177,14 +177,14 @@ def _refused(module: str, *arguments: str) -> list[str]:
 
 
 def _build(project: Path, out: Path, epoch: str, umask: int = 0o022) -> None:
-    """Build an sdist, and a wheel of it, by the pinned backend of this environment."""
+    """Build an sdist, and a wheel from it, with the pinned build backend of this environment."""
     environment = {**os.environ, "SOURCE_DATE_EPOCH": epoch}
     command = (sys.executable, "-m", "build", "--no-isolation", "--outdir", str(out), str(project))
     _run(*command, environment=environment, umask=umask)
 
 
 def _run(*words: str, environment: dict[str, str] | None = None, umask: int = -1) -> str:
-    """Return what a program prints. ReleaseError with all that it said if it fails."""
+    """Return the output of a program. Raises ReleaseError with all output if it fails."""
     done = subprocess.run(  # noqa: S603 (our own words, no shell)
         words, cwd=ROOT, env=environment, umask=umask, capture_output=True, text=True, timeout=_LONGEST_S, check=False
     )
@@ -194,7 +194,7 @@ def _run(*words: str, environment: dict[str, str] | None = None, umask: int = -1
 
 
 def _files(folder: Path) -> list[Path]:
-    """The files of a release but for the sums, in alphabetical order."""
+    """Return the files of a release except the sums, sorted by name."""
     return sorted(path for path in folder.iterdir() if path.match(_OURS[0]))
 
 

@@ -2,9 +2,9 @@
 
 Usage: PYTHON deploy/release_images.py [--engine COMMAND]
 
-Prints a line for each image: built, with its id, or not built, with the reason. An image for another processor than
-that of this machine needs a kernel that runs its programs (QEMU and binfmt_misc). Exit code 1 if a build failed; what
-cannot be tried here, for want of an engine, of a base image or of such a kernel, is no failure.
+Prints a line for each image: built, with its id, or not built, with the reason. An image for a foreign processor needs
+a kernel that runs its programs (QEMU and binfmt_misc). Exit code 1 if a build failed. A build that cannot be tried,
+because an engine, a base image or such a kernel is missing, is no failure.
 """
 
 import argparse
@@ -19,24 +19,24 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 IMAGES = {"gateway": "gateway.Dockerfile", "agent": "agent.Dockerfile", "agent-sim": "agent.Dockerfile"}
-"""Names, which are those of the targets too."""
+"""Names of the images, which are also the build targets."""
 PROCESSORS = {"amd64": "x86_64", "arm64": "aarch64"}
-"""Names of architectures in images, with those of the kernel."""
+"""Architectures in image names, with their names in the kernel."""
 OF_THE_MACHINE = ("PYTHON_TAG", "PIP_INDEX_URL", "PIP_EXTRA_INDEX_URL", "NPM_CONFIG_REGISTRY")
-"""Build arguments of the images, which say where base images and packages come from."""
+"""Build arguments that select the sources of base images and packages."""
 _LONGEST_S = 3600
 _BINFMT = Path("/proc/sys/fs/binfmt_misc")
 
 
 def engine_command(given: str) -> list[str]:
-    """The words of ``given``; else docker or podman, whichever works; empty if none does."""
+    """Return the words of ``given``; else docker or podman, whichever works; empty if neither does."""
     if given:
         return shlex.split(given)
     return next(([name] for name in ("docker", "podman") if shutil.which(name) and not _failure([name, "info"])), [])
 
 
 def obstacle(engine: list[str], processor: str, binfmt: Path = _BINFMT) -> str:
-    """Why no images for a processor can be built here; empty if they can."""
+    """Return why images for a processor cannot be built here; empty if they can."""
     if not engine:
         return "neither docker nor podman works here; name another: ENGINE=…"
     name = PROCESSORS[processor]
@@ -62,7 +62,7 @@ def build(engine: list[str], image: str, processor: str, version: str) -> tuple[
 
 
 def _python_tag() -> str:
-    """The tag of the base image: PYTHON_TAG, as for compose, or that of the Dockerfiles."""
+    """Return the tag of the base image: PYTHON_TAG, as in compose, or that of the Dockerfiles."""
     (default,) = {
         line.partition("=")[2]
         for name in IMAGES.values()
@@ -73,7 +73,7 @@ def _python_tag() -> str:
 
 
 def _failure(words: list[str]) -> str:
-    """Run a command of the engine. Return the last of what it says if it fails; empty if it succeeds."""
+    """Run a command of the engine. Return the end of its output if it fails, empty if it succeeds."""
     try:
         done = subprocess.run(  # noqa: S603 (the user's own engine, no shell)
             words, cwd=ROOT, capture_output=True, text=True, errors="replace", timeout=_LONGEST_S, check=False

@@ -1,17 +1,17 @@
-"""Certificates and access control of the wire: python3 deploy/certificates FOLDER --router NAME --agent NAME ...
+"""Certificates and access control of Zenoh links: python3 deploy/certificates FOLDER --router NAME --agent NAME ...
 
-Makes in FOLDER what is missing or soon expires, and keeps the rest; run it again whenever a robot joins or leaves, with
-all agents of the fleet.
+Creates in FOLDER what is missing or soon expires, and keeps the rest; run it again whenever a robot joins or leaves,
+with all agents of the fleet.
 
-  ca.pem, ca.key               the authority; its key is needed here alone: keep it where no robot and no gateway is
-  router.pem, router.key       of routers, for the names and addresses by which they are reached
-  gateway.pem, gateway.key     of gateways
-  agents/NAME.pem, .key        of each agent
-  access.json                  who may say what, with the agents that are named now
-  router.json5                 all that a router needs to know: zenohd -c FOLDER/router.json5
+  ca.pem, ca.key               the authority; only this script needs its key: keep it away from robots and gateways
+  router.pem, router.key       for routers, with the names and addresses by which they are reached
+  gateway.pem, gateway.key     for gateways
+  agents/NAME.pem, .key        for each agent
+  access.json                  who may publish what, for the agents named now
+  router.json5                 the whole configuration of a router: zenohd -c FOLDER/router.json5
 
-Whoever is not named any more is heard no more, once the router has read its file again, although its certificate is
-good. Needs Python 3.11 and the command openssl, 1.1.1 or newer.
+An agent that is no longer named is ignored once the router has read its file again, although its certificate is still
+valid. Needs Python 3.11 and the command openssl, 1.1.1 or newer.
 """
 
 import argparse
@@ -35,7 +35,7 @@ _LEASE_MS = 2_000
 
 @dataclass(frozen=True)
 class Agent:
-    """``robots`` are those that it may be, None for any; ``hosts`` where it listens, if it does."""
+    """``robots``: the names that it may use, None for any. ``hosts``: where it listens, if it does."""
 
     name: str
     robots: tuple[str, ...] | None
@@ -45,13 +45,13 @@ class Agent:
     def parse(cls, text: str) -> "Agent":
         said, _, host = text.partition("@")
         name, separator, robots = said.partition("=")
-        common_name(name)  # ValueError
+        common_name(name)  # raises ValueError
         own = tuple(robots.split("+")) if separator else (name,)
         return cls(name, None if robots == "*" else own, (host,) if host else ())
 
 
 def main() -> int:
-    """Exit code 1, and one line, for what cannot be made."""
+    """Return exit code 1, after printing one line, if something cannot be made."""
     arguments = _parser().parse_args()
     try:
         agents = [Agent.parse(text) for text in arguments.agent]
@@ -103,7 +103,7 @@ def _make(authority: Authority, agents: Sequence[Agent], routers: Sequence[str],
 
 
 def _router(folder: Path, listen: Sequence[str], connect: Sequence[str], access: object) -> dict[str, object]:
-    """As deploy/zenoh/router.json5, which explains it, and with proof on every link."""
+    """Return the configuration of deploy/zenoh/router.json5, which explains it, with mutual TLS on every link."""
     proof = mutual_tls(*(str(folder / name) for name in ("ca.pem", "router.pem", "router.key")))
     return {
         "mode": "router",

@@ -1,4 +1,4 @@
-"""The certificate authority of one fleet's wire: a folder, and OpenSSL's command."""
+"""The certificate authority of a fleet's Zenoh links: a folder, managed with OpenSSL."""
 
 import subprocess
 import tempfile
@@ -12,17 +12,17 @@ _DAY_S = 86_400
 
 
 class CertificateError(Exception):
-    """OpenSSL is missing or did not do what it was asked to; the message is what it said."""
+    """OpenSSL is missing or failed; the message is its output."""
 
 
 @dataclass(frozen=True)
 class Authority:
-    """What is there already is kept."""
+    """The authority in a folder; existing files are kept."""
 
     folder: Path
 
     def establish(self) -> None:
-        """Make the authority's own certificate."""
+        """Create the authority's own certificate."""
         certificate = self.folder / "ca.pem"
         if certificate.exists():
             return
@@ -34,9 +34,9 @@ class Authority:
         print(f"{certificate}: made, valid for {AUTHORITY_DAYS} days")
 
     def certify(self, where: str, name: str, hosts: Sequence[str] = ()) -> None:
-        """A certificate for connecting and, under each of ``hosts``, for listening.
+        """Create a certificate for connecting and, for each of ``hosts``, for listening.
 
-        One that is there is kept if it is good for another month and of these hosts; its key always is.
+        An existing certificate is kept if it is valid for another month and has these hosts; its key is always kept.
         """
         certificate = self.folder / f"{where}.pem"
         if certificate.exists() and _lasts(certificate) and all(_is_of(certificate, host) for host in hosts):
@@ -53,7 +53,7 @@ class Authority:
         print(f"{certificate}: made, valid for {DAYS} days")
 
     def _key(self, where: str) -> Path:
-        """For its owner's eyes alone, from the first byte on."""
+        """Create a key that only its owner can ever read."""
         key = self.folder / f"{where}.key"
         if not key.exists():
             key.parent.mkdir(parents=True, exist_ok=True)
@@ -88,7 +88,7 @@ def _is_of(certificate: Path, host: str) -> bool:
 
 
 def _openssl(*words: str, fails: bool = False) -> str:
-    """What the command prints; CertificateError unless it succeeds or ``fails`` is one of its answers."""
+    """Return the output; CertificateError on failure unless ``fails`` permits it."""
     try:
         done = subprocess.run(("openssl", *words), capture_output=True, text=True, check=False)  # noqa: S603, S607
     except OSError as error:

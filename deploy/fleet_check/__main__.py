@@ -1,6 +1,6 @@
 """Starts the compose fleet, checks it from outside and takes it down: make fleet-check
 
-Prints one line for each thing that was checked; exit code 0 when all of them held.
+Prints one line for each check; exit code 0 if all of them passed.
 """
 
 import argparse
@@ -18,7 +18,7 @@ from websockets.exceptions import WebSocketException
 
 DOMAIN = "fleet.localhost"
 _AUTHORITY = "/data/caddy/pki/authorities/local/root.crt"
-# What containers have as addresses under docker and podman.
+# Addresses of containers in docker and podman.
 _PRIVATE = "10.0.0.0/8,172.16.0.0/12,192.168.0.0/16"
 _FAILURES = (AssertionError, StackError, OSError, http.client.HTTPException, WebSocketException)
 
@@ -58,7 +58,7 @@ def main() -> int:
 
 
 def _check(fleet: Fleet) -> int:
-    """Every check in its order; none after the first, that there is a fleet, if that failed."""
+    """Run the checks in order; only the first, if it fails, prevents the others."""
     held = 0
     for check in CHECKS:
         begun = time.monotonic()

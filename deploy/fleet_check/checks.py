@@ -1,4 +1,4 @@
-"""What must hold of the running fleet, each seen from outside as a user would see it."""
+"""Checks of the running fleet from outside, as a user sees it. Their docstrings are printed."""
 
 import math
 import time
@@ -30,7 +30,7 @@ T = TypeVar("T")
 
 @dataclass
 class Fleet:
-    """The fleet under check, and what checks leave for later ones: the IRIs of a subscription and of an invocation."""
+    """The fleet under test, with data for later checks: the IRIs of a subscription and of an invocation."""
 
     stack: Stack
     front: Front
@@ -40,7 +40,7 @@ class Fleet:
 
 
 def eventually(probe: Callable[[], T], what: str) -> T:
-    """The first true value of ``probe``; AssertionError naming ``what`` when it does not come in two minutes."""
+    """Return the first true value of ``probe``; AssertionError naming ``what`` after two minutes."""
     deadline, last = time.monotonic() + _PATIENCE_S, "it is not so"
     while time.monotonic() < deadline:
         try:
@@ -69,19 +69,19 @@ def walk(fleet: Fleet) -> None:
 
 
 def http2(fleet: Fleet) -> None:
-    """HTTP/2 is spoken where a client offers it"""
+    """HTTP/2 is used if a client offers it"""
     assert fleet.front.http_version() == "2 200", f"curl says {fleet.front.http_version()}"
 
 
 def http3(fleet: Fleet) -> None:
-    """HTTP/3 is announced, and QUIC answers on the port"""
+    """HTTP/3 is advertised, and QUIC responds on the port"""
     announced = fleet.front.ask(fleet.front.root).fields.get("alt-svc", "nothing")
     assert f'h3=":{fleet.front.port}"' in announced, f"Alt-Svc has {announced}"
     assert fleet.front.speaks_quic(), "no QUIC packet came back"
 
 
 def private(fleet: Fleet) -> None:
-    """health and metrics are not for the world"""
+    """health and metrics are not public"""
     for path in ("health/ready", "metrics"):
         assert fleet.front.ask(fleet.front.root + path).status == 404, path
 
@@ -112,7 +112,7 @@ def callback(fleet: Fleet) -> None:
 
 
 def moves(fleet: Fleet) -> None:
-    """a robot moves, and says when it is there"""
+    """a robot moves, and reports the end of the motion"""
     measured = []
     for degrees in (10, 20):
         fleet.invocation = _rotate(fleet, degrees)
@@ -122,7 +122,7 @@ def moves(fleet: Fleet) -> None:
 
 
 def every_gateway(fleet: Fleet) -> None:
-    """each of two gateways knows the invocation and the subscription"""
+    """both gateways know the invocation and the subscription"""
     gateways = fleet.stack.containers("gateway")
     assert len(gateways) == 2, f"{len(gateways)} gateways run"
     for gateway in gateways:
@@ -132,7 +132,7 @@ def every_gateway(fleet: Fleet) -> None:
 
 
 def gateway_dies(fleet: Fleet) -> None:
-    """a gateway is killed: reads are answered but for one that it was answering, callbacks go on, robots move"""
+    """a gateway is killed: reads are answered except one in progress, callbacks continue, robots move"""
     victim = fleet.stack.containers("gateway")[0]
     reads = Reads(lambda: fleet.front.ask(fleet.front.root + _SWAYING).status)
     fleet.stack.kill(victim)
@@ -155,7 +155,7 @@ def router_restarts(fleet: Fleet) -> None:
 
 
 def redis_restarts(fleet: Fleet) -> None:
-    """Redis restarts: subscription and invocation are still there, callbacks go on"""
+    """Redis restarts: subscription and invocation still exist, callbacks continue"""
     fleet.stack.restart("redis")
     for iri in (fleet.subscription, fleet.invocation):
         eventually(lambda iri=iri: fleet.front.graph(iri), f"{iri} is there")  # type: ignore[misc]
@@ -186,7 +186,7 @@ def scales(fleet: Fleet) -> None:
 CHECKS = (browsable, walk, http2, http3, private, events, websocket, callback, moves, every_gateway,
           gateway_dies, router_restarts, redis_restarts, agent_stops, scales)  # fmt: skip
 
-# Run in a gateway's container: the status of a GET of its argument, from that gateway.
+# Runs in a gateway's container: prints the status of a GET of its argument at that gateway.
 _ASK = """
 import http.client, sys, urllib.parse
 url = urllib.parse.urlsplit(sys.argv[1])
@@ -203,7 +203,7 @@ def _online(fleet: Fleet) -> set[str]:
 
 
 def _ready(fleet: Fleet) -> int:
-    """How many gateways say that they are ready."""
+    """Return the number of gateways that report ready."""
     script = _ASK.replace("url.path", "'/health/ready'")
     gateways = fleet.stack.containers("gateway")
     said = [fleet.stack.execute(gateway, "python", "-c", script, fleet.front.root) for gateway in gateways]
@@ -211,7 +211,7 @@ def _ready(fleet: Fleet) -> int:
 
 
 def _rotate(fleet: Fleet, degrees: float) -> str:
-    """Turns a joint and waits for the end; the IRI of the invocation, which has succeeded."""
+    """Turn a joint, wait for the end, and return the IRI of the successful invocation."""
     answer = fleet.front.ask(
         f"{fleet.front.root}baxter/right_s1/actions/rotate", "POST", _ANGLE % degrees, timeout_s=40,
         Content_Type="text/turtle", Prefer="wait=30, return=representation",
@@ -224,6 +224,6 @@ def _rotate(fleet: Fleet, degrees: float) -> str:
 
 
 def _more_callbacks(fleet: Fleet) -> bool:
-    """Three more than there are now; AssertionError when they do not come."""
+    """Wait for three more deliveries; AssertionError if they do not arrive."""
     before = len(deliveries(fleet.receiver_port))
     return eventually(lambda: len(deliveries(fleet.receiver_port)) >= before + 3, "three more callbacks")

@@ -1,4 +1,4 @@
-"""A user of the fleet: https, events and WebSockets through the front, whose name need not be known to any resolver."""
+"""A user of the fleet: https, events and WebSockets through the front, whose name no resolver needs to know."""
 
 import contextlib
 import http.client
@@ -21,12 +21,12 @@ _TIMEOUT_S = 30.0
 
 
 class BrokenOffError(http.client.HTTPException):
-    """The connection ended in the middle of the body of an answer."""
+    """The connection ended in the middle of a response body."""
 
 
 @dataclass(frozen=True)
 class Answer:
-    """Of one request; the body as it came."""
+    """The response to one request; ``body`` unchanged."""
 
     status: int
     fields: Mapping[str, str]
@@ -37,7 +37,7 @@ class Answer:
 
 
 class Front:
-    """``authority`` is the text of the certificate that the user trusts, and the only one."""
+    """``authority``: the text of the only trusted certificate."""
 
     def __init__(self, domain: str, port: int, authority: str) -> None:
         self.domain, self.port = domain, port
@@ -48,27 +48,30 @@ class Front:
     def ask(
         self, iri: str, method: str = "GET", body: str | None = None, timeout_s: float = _TIMEOUT_S, **fields: str
     ) -> Answer:
-        """One request on a connection of its own; ``Content_Type`` is written for Content-Type. BrokenOffError."""
+        """Send one request on a connection of its own; ``Content_Type`` stands for Content-Type.
+
+        Raises BrokenOffError.
+        """
         with contextlib.closing(_Connection(self.domain, self.port, timeout_s, self._tls)) as connection:
             connection.request(method, self._target(iri), body, self._fields(fields))
             answer = connection.getresponse()
             return Answer(answer.status, {k.lower(): v for k, v in answer.getheaders()}, _body(answer))
 
     def graph(self, iri: str) -> Graph:
-        """What a resource says of itself; AssertionError when it is not there."""
+        """Return the description of a resource; AssertionError if it does not exist."""
         answer = self.ask(iri, Accept="application/n-triples")
         assert answer.status == http.client.OK, f"GET {iri} answered {answer.status}: {answer.body[:300]!r}"
         return answer.graph(iri)
 
     def follow(self, iri: str, predicate: str, ending: str) -> str:
-        """The one link of a resource by ``predicate`` whose IRI ends so."""
+        """Return the only link by ``predicate`` whose IRI ends with ``ending``."""
         found = [str(o) for o in self.graph(iri).objects(None, URIRef(predicate)) if str(o).endswith(ending)]
         assert found, f"{iri} has no {predicate} that ends in {ending}"
         return found[0]
 
     @contextlib.contextmanager
     def events(self, iri: str) -> Iterator[Iterator[str]]:
-        """The data of each event of an event stream."""
+        """Yield the data of each event of an event stream."""
         with contextlib.closing(_Connection(self.domain, self.port, _TIMEOUT_S, self._tls)) as connection:
             connection.request("GET", self._target(iri), headers=self._fields({"Accept": "text/event-stream"}))
             answer = connection.getresponse()
@@ -83,7 +86,7 @@ class Front:
             yield websocket
 
     def http_version(self) -> str:
-        """That curl and the front agree on when curl asks for HTTP/2."""
+        """Return the HTTP version on which curl and the front agree when curl offers HTTP/2."""
         with tempfile.TemporaryDirectory() as folder:
             authority = Path(folder, "ca.pem")
             authority.write_text(self._authority)
@@ -96,7 +99,7 @@ class Front:
         return done.stdout
 
     def speaks_quic(self) -> bool:
-        """Whether QUIC answers on the port: asked in a version that nobody knows, it lists its own (RFC 8999, 6)."""
+        """Return True if QUIC responds: to an unknown version, it lists its own ones (RFC 8999, 6)."""
         packet = bytes([0xC0]) + b"\x1a\x2a\x3a\x4a" + bytes([8]) + b"linkedfl" + bytes([8]) + b"eetcheck"
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
             udp.settimeout(5)
@@ -116,7 +119,7 @@ class Front:
 
 
 class _Connection(http.client.HTTPSConnection):
-    """To the front on this machine, by the name that its certificate has."""
+    """A connection to the front on this machine, by the name in its certificate."""
 
     def __init__(self, domain: str, port: int, timeout_s: float, tls: ssl.SSLContext) -> None:
         super().__init__(domain, port, timeout=timeout_s, context=tls)
@@ -146,7 +149,7 @@ def _events(answer: http.client.HTTPResponse) -> Iterator[str]:
 
 
 def deliveries(port: int) -> list[dict[str, str]]:
-    """What the receiver has taken so far."""
+    """Return the deliveries that the receiver has accepted so far."""
     with contextlib.closing(http.client.HTTPConnection(HERE, port, timeout=5)) as connection:
         connection.request("GET", "/")
         return json.loads(connection.getresponse().read())  # type: ignore[no-any-return]

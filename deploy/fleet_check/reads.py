@@ -1,4 +1,4 @@
-"""Reads while something fails, and what may become of them."""
+"""Reads during a failure, and the outcomes that are permitted."""
 
 import threading
 from collections.abc import Callable, Sequence
@@ -10,7 +10,7 @@ ANSWERED, BROKEN_OFF = "answered", "broken off"
 
 
 class Reads:
-    """A user who reads again and again, one read after the other, until told to end; ``read`` returns a status."""
+    """A user who reads repeatedly until told to end; ``read`` returns a status."""
 
     def __init__(self, read: Callable[[], int]) -> None:
         self._read, self._over = read, threading.Event()
@@ -19,7 +19,7 @@ class Reads:
         self._thread.start()
 
     def end(self) -> list[str]:
-        """The outcome of each read, in order."""
+        """Return the outcome of each read, in order."""
         self._over.set()
         self._thread.join()
         return self._outcomes
@@ -39,10 +39,10 @@ class Reads:
 
 
 def complaint(outcomes: Sequence[str]) -> str:
-    """Describe the first broken promise about reads while one gateway ends; empty if there is none.
+    """Describe the first violation of the promise about reads while one gateway ends; empty if there is none.
 
-    The front repeats a read whose answer has not begun. What it has passed on of an answer it cannot take back: the one
-    read that the gateway was answering may break off in its body, and the next one is answered.
+    The front repeats a read whose response has not begun, but cannot take back what it has forwarded: the one read in
+    progress may break off in its body, and the next one must be answered.
     """
     failed = [outcome for outcome in outcomes if outcome not in (ANSWERED, BROKEN_OFF)]
     if failed:

@@ -1,4 +1,4 @@
-"""Takes callbacks: a POST is kept, a GET answers with all that came, as JSON. Standard library alone."""
+"""Receives callbacks: POSTs are stored, and a GET returns all of them as JSON. Uses only the standard library."""
 
 import json
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -21,7 +21,7 @@ class Receiver(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
     def log_message(self, *_: object) -> None:
-        """Nothing: what came is asked for."""
+        """Log nothing; deliveries are read by GET."""
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The compose project under check: started, hurt and taken down by docker, or by podman where that is at hand."""
+"""The compose project under test: started, damaged and taken down with docker or podman."""
 
 import os
 import shlex
@@ -15,11 +15,11 @@ _COMMAND_S = 120.0
 
 
 class StackError(Exception):
-    """A command of the engine failed; the message is what it said."""
+    """A command of the container engine failed; the message is its output."""
 
 
 class Stack:
-    """``compose`` is the words of a compose command; ``environment`` what the compose files read."""
+    """``compose``: the words of the compose command; ``environment``: variables for the compose files."""
 
     def __init__(self, compose: Sequence[str], environment: Mapping[str, str]) -> None:
         self._compose = tuple(compose)
@@ -27,7 +27,7 @@ class Stack:
         self._environment = {**os.environ, **environment}
 
     def build(self) -> None:
-        """Both images, each by one of the services that share it: podman-compose would build it once for each."""
+        """Build each image once, through one of its services: podman-compose would build it once per service."""
         self._run(*self._compose, *_FILES, "build", "gateway", "baxter", timeout_s=_START_S, shown=True)
 
     def up(self) -> None:
@@ -41,20 +41,20 @@ class Stack:
         self._run(*self._compose, *_FILES, *words)
 
     def read(self, service: str, path: str) -> str:
-        """A file of a service's container."""
+        """Return a file of a service's container."""
         return self._run(self._engine, "exec", self.containers(service)[0], "cat", path)
 
     def execute(self, container: str, *words: str) -> str:
         return self._run(self._engine, "exec", container, *words)
 
     def containers(self, service: str) -> list[str]:
-        """Ids of the running containers of a service."""
+        """Return the ids of a service's running containers."""
         labels = (f"com.docker.compose.project={PROJECT}", f"com.docker.compose.service={service}")
         filters = [word for label in labels for word in ("--filter", f"label={label}")]
         return self._run(self._engine, "ps", "-q", "--no-trunc", *filters).split()
 
     def kill(self, container: str) -> None:
-        """As a power cut would: no farewell."""
+        """Kill a container without a regular shutdown."""
         self._run(self._engine, "kill", "--signal", "KILL", container)
 
     def start(self, container: str) -> None:
@@ -94,7 +94,7 @@ class Stack:
 
 
 def compose_command(given: str) -> list[str]:
-    """The words of ``given``; else docker compose, else podman-compose. StackError when there is neither."""
+    """Return the words of ``given``, else docker compose or podman-compose. StackError if neither exists."""
     if given:
         return shlex.split(given)
     if shutil.which("docker") and _works("docker", "compose", "version") and _works("docker", "info"):
