@@ -1,4 +1,4 @@
-"""Reference pages that are generated from the code: HTTP, terms, errors, the Python API."""
+"""Reference pages generated from the code: HTTP, terms, errors, the Python API."""
 
 import inspect
 import pkgutil
@@ -26,7 +26,7 @@ _API = {
 
 
 def vocabulary() -> str:
-    """A table of the terms that the vocabulary describes."""
+    """Return a table of the vocabulary's terms."""
     store = Store()
     store.extend(parse_terms())
     rows = []
@@ -41,12 +41,12 @@ def vocabulary() -> str:
 
 
 def parse_terms() -> Iterable[object]:
-    """The statements of the vocabulary."""
+    """Return the statements of the vocabulary."""
     return parse((files(linked_fleet_shapes) / "vocabulary.ttl").read_bytes(), format=RdfFormat.TURTLE)
 
 
 def errors() -> str:
-    """A table of the problem types, those of extensions too."""
+    """Return a table of the problem types, including those of extensions."""
     for module in pkgutil.walk_packages(
         linked_fleet_gateway.extensions.__path__, linked_fleet_gateway.extensions.__name__ + "."
     ):
@@ -61,7 +61,7 @@ def errors() -> str:
 
 
 def api() -> str:
-    """The page that mkdocstrings fills with the public names of these modules."""
+    """Return the page that mkdocstrings fills with the public names of these modules."""
     parts = ["# Python API\n"]
     for title, modules in _API.items():
         parts += [f"## {title}\n", *(f"::: {module}\n" for module in modules)]

@@ -1,4 +1,4 @@
-"""Write the table of docs/SETTINGS.md from the classes of the settings: ``make docs-settings``."""
+"""Writes the table of docs/SETTINGS.md from the settings classes: ``make docs-settings``."""
 
 import re
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ _HEAD = "| process | variable | flag | default | meaning |\n|---|---|---|---|---
 
 
 def sections() -> list[tuple[str, type[Section]]]:
-    """The sections of a gateway and of all built-in extensions, each with the process that reads it."""
+    """Return the sections of a gateway and of all built-in extensions, each with the process that reads it."""
     extensions = ((f"gateway, {each.name}", each.settings) for each in BUILT_IN if each.settings)
     return [("gateway", GatewaySettings), ("gateway", ExtensionSettings), *extensions]
 
@@ -24,7 +24,7 @@ def table() -> str:
 
 
 def page(text: str) -> str:
-    """The page with the table of today; ``text`` is the page as it is."""
+    """Return the page with the current table; ``text`` is the existing page."""
     return text.partition(_HEAD)[0] + table()
 
 
@@ -42,7 +42,7 @@ def _row(process: str, variable: str, flag: str, default: str, meaning: str) -> 
 
 
 def _linked(text: str) -> str:
-    """Paths of pages become links from the page."""
+    """Turn paths of pages into links from this page."""
     text = re.sub(r"\bdocs/(\w+\.md(?:#[\w-]+)?)", r"[how](\1)", text)
     return re.sub(r"\b(deploy/README\.md#[\w-]+)", r"[how](../\1)", text)
 

@@ -1,8 +1,8 @@
-"""Hooks of MkDocs: pages outside of docs/, generated pages, and links between all of them.
+"""Hooks of MkDocs: pages outside docs/, generated pages, and links between all of them.
 
-MkDocs knows the folder docs/ alone. Pages beside the code that they describe become pages of the site under the names
-in ``OUTSIDE``, and links in any page are rewritten to where their targets are on the site. A link to a file that is not
-on the site becomes its text; one to a file that does not exist stays, so that a strict build fails.
+MkDocs only knows the folder docs/. Pages beside the code that they describe become pages of the site under the names in
+``OUTSIDE``, and links in all pages are rewritten to the site's paths. A link to a file that is not on the site becomes
+plain text; one to a missing file stays, so that a strict build fails.
 """
 
 import posixpath
@@ -45,7 +45,7 @@ OUTSIDE |= {
     f"{_EXTENSIONS}/{page.parent.name}/README.md": f"{page.parent.name}.md"
     for page in (ROOT / _EXTENSIONS).glob("*/README.md")
 }
-"""The page of each extension has its name."""
+"""The page of each extension is named after it."""
 _PRESENT = {path: page for path, page in OUTSIDE.items() if (ROOT / path).exists()}
 _SOURCES = {page: path for path, page in _PRESENT.items()}
 _LINK = re.compile(r"(?P<image>!?)\[(?P<text>(?:[^\[\]]|\[[^\]]*\])*)\]\((?P<target>[^)\s#]*)(?P<fragment>#[^)\s]*)?\)")
@@ -53,7 +53,7 @@ _BLOCK = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the pages outside of docs/ and those that are generated."""
+    """Add the pages outside docs/ and the generated pages."""
     for path, page in _PRESENT.items():
         files.append(File.generated(config, page, abs_src_path=str(ROOT / path)))
     for page, content in generated_pages.PAGES.items():
@@ -62,7 +62,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Rewrite the links of a page, code blocks apart."""
+    """Rewrite the links of a page, except in code blocks."""
     parts, end = [], 0
     for block in _BLOCK.finditer(markdown):
         parts += [_with_links(markdown[end : block.start()], page.file.src_uri), block[0]]
