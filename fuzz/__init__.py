@@ -1,1 +1,1 @@
-"""Hostile inputs by the million, and an hour of everything at once: `make fuzz`, `make soak` (docs/FUZZING.md)."""
+"""Fuzzing with millions of hostile inputs, and a soak test of an hour: `make fuzz`, `make soak` (docs/FUZZING.md)."""

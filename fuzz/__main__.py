@@ -1,4 +1,4 @@
-"""``python -m fuzz``: all targets, a line for each, and for each finding the command that shows it again."""
+"""``python -m fuzz``: runs all targets; prints a line for each, and for each finding the command that reproduces it."""
 
 import argparse
 import importlib
@@ -18,11 +18,11 @@ SHARES = {
     "identities": 0.02,
     "mcp": 0.02,
 }
-"""Of the inputs: as many as get through in about the same time, and more where more can be got wrong."""
+"""Share of inputs per target: such that each takes about the same time, and more where more can go wrong."""
 
 
 def run(target: str, count: int, seed: int, first: int = 0) -> Tally:
-    """The inputs ``first`` to ``first + count`` of a target."""
+    """Run the inputs ``first`` to ``first + count`` of a target."""
     tally: Tally = importlib.import_module(f"fuzz.{target}").run(count, seed, first)
     return tally
 
@@ -51,7 +51,7 @@ def line(tally: Tally) -> str:
 
 
 def report(tallies: list[Tally]) -> int:
-    """Tell the findings; the exit status."""
+    """Print the findings; return the exit status."""
     for tally in tallies:
         for what, finding in tally.findings.items():
             print(f"\n{what} ({tally.repeats[what]} times)\n  {finding.command}\n{finding.detail}")

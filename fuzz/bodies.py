@@ -1,7 +1,7 @@
-"""Bodies of actions, settings, leases and subscriptions, through the parser, the guards and the planners.
+"""Bodies of actions, settings, leases and subscriptions, passed to the parser, the guards and the planners.
 
-Terms of Turtle are changed rather than its characters: of characters nearly all changes end in the parser, of terms
-most get past it. JSON-LD is made of the result, and changed as JSON.
+Mutations change terms of Turtle rather than characters: nearly all character changes fail in the parser, most term
+changes pass it. JSON-LD is generated from the result, and mutated as JSON.
 """
 
 import json
@@ -46,7 +46,7 @@ install(BUILT_IN)
 _SYNTAXES = {"application/n-triples": RdfFormat.N_TRIPLES, "application/rdf+xml": RdfFormat.RDF_XML}
 _JSON = "application/ld+json"
 _COMPARED = 0.004
-"""Of the bodies of actions: pySHACL takes a hundred times as long as all the rest."""
+"""Share of action bodies compared with pySHACL, which takes a hundred times as long as everything else."""
 _OWN = {
     "rotate": "/arm/pan", "rotateBy": "/arm/roll", "translate": "/arm/slide", "translateBy": "/arm/slide",
     "targetRotation": "/arm/pan", "targetTranslation": "/arm/slide",
@@ -54,12 +54,12 @@ _OWN = {
 
 
 def run(count: int, seed: int, first: int = 0) -> Tally:
-    gate = Gate()  # which no body changes
+    gate = Gate()  # no body changes it
     return in_process("bodies", count, seed, first, lambda: gate.take)
 
 
 def path_of(segment: str) -> str:
-    """Where a body of BODIES belongs."""
+    """Return the path to which a body of BODIES belongs."""
     thing = _OWN.get(segment, "/arm")
     plain = segment in ("title", "annotations", "maximumSpeedScale", "lease", "subscriptions") or "target" in segment
     if segment == "subscriptions":
@@ -68,7 +68,7 @@ def path_of(segment: str) -> str:
 
 
 def body(random: Random, segment: str) -> tuple[bytes, str]:
-    """The body, and the media type that it is said to be of."""
+    """Return the body, and its declared media type."""
     text, changes = BODIES[segment], random.choice((0, 1, 1, 1, 2, 2, 3, 5))
     document = TURTLE_PREFIXES + mutation.terms(random, text, TERMS, changes)
     made, media_type = _in_syntax(random, document, BASE + path_of(segment))
@@ -76,7 +76,7 @@ def body(random: Random, segment: str) -> tuple[bytes, str]:
 
 
 def _in_syntax(random: Random, document: str, base: str) -> tuple[bytes, str]:
-    """Turtle mostly; what is no Turtle stays what it is, and is perhaps said to be something else."""
+    """Return the document mostly as Turtle; invalid Turtle stays, possibly with another declared type."""
     media_type = random.choices(("text/turtle", _JSON, *_SYNTAXES), (60, 28, 6, 6))[0]
     turtle = document.encode(errors="surrogatepass")
     if media_type == "text/turtle":
@@ -107,7 +107,7 @@ _CONTEXTS: tuple[Any, ...] = (
 
 
 class Gate:
-    """A fleet of one robot, and the ways by which bodies reach it."""
+    """A fleet of one robot, and the code paths for bodies."""
 
     def __init__(self) -> None:
         self._fleet = Fleet()
@@ -144,7 +144,7 @@ def _invoke(random: Random, afforded: Invoke, triples: list[Triple], path: str) 
 
 
 def _target(random: Random, afforded: PutTarget, triples: list[Triple], path: str) -> None:
-    """As gateway/linked_fleet_gateway/http/invoke.py reads a target."""
+    """Read a target as gateway/linked_fleet_gateway/http/invoke.py does."""
     focus = root(triples, NamedNode(BASE + path))
     values = {t.object for t in triples if t.subject == focus and t.predicate == LF.value}
     if len(values) != 1:
@@ -169,7 +169,7 @@ def _plan(random: Random, offer: Offer, triples: list[Triple]) -> None:
 
 
 def _compare(offer: Offer, triples: list[Triple]) -> None:
-    """Whatever pySHACL refuses is refused, and nothing else but unused terms, of which a shape says nothing."""
+    """Check that exactly what pySHACL refuses is refused, besides unused terms, on which a shape says nothing."""
     focus, graph = root(triples, NamedNode(BASE + offer.path)), Graph()
     shape = offer.consumes(graph, BASE)
     slowly = bool(pyshacl_finds(graph.triples, shape, reachable(triples, focus), focus))

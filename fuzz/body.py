@@ -1,4 +1,4 @@
-"""A robot without a body for an agent to move: it is where it was told to be, and holds the agent to its promises."""
+"""A simulated robot for an agent that reaches every setpoint at once, and checks the agent's promises."""
 
 import itertools
 import math
@@ -29,8 +29,10 @@ class BrokenPromiseError(AssertionError):
 
 
 class Still:
-    """A driver that is where its last setpoint was. The agent takes what a driver raises for a fault of the driver, so
-    what is wrong is kept in ``broken``."""
+    """A driver whose position is its last setpoint. Violations are stored in ``broken``.
+
+    They are not raised, because the agent takes exceptions of a driver for a fault of the driver.
+    """
 
     def __init__(self) -> None:
         self.at = dict.fromkeys(("pan", "slide", "roll", "grip"), 0.0)
@@ -61,20 +63,20 @@ class Still:
             self.broken = f"{name!r} is sent from {self.at[name]!r} to {position!r} within {step!r} s"
 
     def stop(self) -> None:
-        """It always stands."""
+        """Do nothing: the robot never moves."""
 
     def close(self) -> None:
-        """There is nothing to release."""
+        """Do nothing: there is nothing to release."""
 
 
 class Ear:
-    """A link whose messages must all be messages."""
+    """A link that checks that all messages are well formed."""
 
     gateway_present = True
     arrivals = 1
 
     def watch_gateways(self, period_s: float) -> None:
-        """It is always there."""
+        """Do nothing: a gateway is always present."""
 
     def publish_state(self, payload: bytes) -> None:
         decode_state(payload)
@@ -97,7 +99,7 @@ class Patient:
         return f"c-{next(self._numbers)}"
 
     def pass_ms(self, duration_ms: int) -> None:
-        """BrokenPromiseError when the agent sent the robot where it must not go."""
+        """Let time pass; raises BrokenPromiseError if the agent sent the robot to a forbidden position."""
         self.now_ns += duration_ms * 1_000_000
         self.agent.tick(self.ear)
         if self.robot.broken:

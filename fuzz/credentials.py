@@ -1,4 +1,4 @@
-"""Who somebody claims to be, changed: tokens, JWTs and cookies of sessions, and whose each of them truly still is."""
+"""Mutated credentials (tokens, JWTs and session cookies), each with the identity that it still proves."""
 
 import base64
 import json
@@ -23,7 +23,7 @@ _NOT_IN_A_FIELD = re.compile(r"[\r\n\0]")
 
 @dataclass
 class Wallet:
-    """Good ones: static ``tokens`` and ``cookies`` of sessions by who has them, a cookie of a login under way."""
+    """Valid credentials: static ``tokens`` and session ``cookies`` by owner, and the cookie of a pending login."""
 
     issuer: Issuer
     tokens: dict[str, str]
@@ -36,13 +36,13 @@ class Wallet:
 
     @property
     def state(self) -> str:
-        """Of the login that is under way, as the issuer would repeat it."""
+        """Return the state of the pending login, as the issuer would return it."""
         return str(json.loads(_decoded(self.underway.split(".")[1]))["state"])
 
     # -- as it is sent ------------------------------------------------------------------------------------------------
 
     def bearer(self, random: Random) -> tuple[str, str | None]:
-        """Text of a token, and whose it is if it is anybody's."""
+        """Return the text of a token, and its owner if it has one."""
         if random.random() < 0.1:
             who = random.choice((*self.tokens, SUBJECT))
             return self.tokens.get(who, self.jwt), who
@@ -55,7 +55,7 @@ class Wallet:
         return text, self.whose(text)
 
     def cookie(self, random: Random) -> tuple[str, str | None]:
-        """The field of one or more cookies, and whose session it is of."""
+        """Return a Cookie field, and the owner of the session."""
         good = random.choice(tuple(self.cookies.values()))
         value = random.choice((good, self.underway, self.jwt, self._forged(random, good), self._spoilt(random, good)))
         name = random.choice((COOKIE, COOKIE, COOKIE, COOKIE, "linked-fleet", COOKIE + "-login", COOKIE.lower()))
@@ -86,7 +86,7 @@ class Wallet:
     # -- changed ------------------------------------------------------------------------------------------------------
 
     def _signed(self, random: Random) -> tuple[str, str | None]:
-        """By the issuer, which is honest, but perhaps not ours to believe: audiences, times and names are changed."""
+        """Return a token signed by the issuer; mutated audiences, times and names may make it unacceptable."""
         key = self.issuer.keys[0]
         claims = mutation.tree(random, json.loads(_decoded(self.jwt.split(".")[1])))
         try:
@@ -96,7 +96,7 @@ class Wallet:
         return text, self._believed(claims)
 
     def _believed(self, claims: Any) -> str | None:
-        """The subject, or somebody whom the issuer knows and who may do nothing here."""
+        """Return the subject, or a user of the issuer without rights."""
         if not isinstance(claims, dict) or claims.get("iss") != self.issuer.url:
             return None
         audience, groups, subject = claims.get("aud"), claims.get("groups"), claims.get("sub")
@@ -113,7 +113,7 @@ class Wallet:
         return SUBJECT if "operators" in words else "somebody"
 
     def _forged(self, random: Random, good: str) -> str:
-        """Signed by somebody else, in some other way, or not at all."""
+        """Return a token with another signature, another algorithm, or none."""
         header, payload = (json.loads(_decoded(part)) for part in good.split(".")[:2])
         if random.random() < 0.5:
             payload = mutation.tree(random, payload)
@@ -157,12 +157,12 @@ class Wallet:
 
 
 def in_a_field(data: bytes) -> str:
-    """What a client can send there, as the server reads it."""
+    """Return the text that a client can send in a field, as the server reads it."""
     return _NOT_IN_A_FIELD.sub("", data.decode("latin-1"))
 
 
 def _same(text: str, good: str) -> bool:
-    """Whether it says the same under the same signature, which has several spellings in base64."""
+    """Return True if both have the same content and signature; base64 permits several spellings."""
     signed, _, signature = text.rpartition(".")
     of, _, by = good.rpartition(".")
     try:

@@ -1,4 +1,4 @@
-"""What a target finds, and the loop that every target without processes runs."""
+"""The findings of a target, and the loop for targets without processes."""
 
 import logging
 import signal
@@ -15,17 +15,17 @@ from bench.scene import rss_kib
 from linked_fleet_gateway.runtime.log import TextFormatter
 
 EPISODE = 500
-"""Inputs that share a state: each begins anew, so that a finding is repeated by its own episode alone."""
+"""Inputs that share a state. Each episode starts anew, so that its inputs alone reproduce a finding."""
 SLOWEST_S = 5.0
-"""Of processor time, for one input of a target without processes; the slowest takes some 50 ms."""
+"""Limit of processor time for one input of a target without processes; the slowest takes some 50 ms."""
 GROWTH_KIB = 48 * 1024
-"""What a process may have grown by after its warm-up, whatever the number of inputs."""
+"""Limit of a process's growth after its warm-up, independent of the number of inputs."""
 _MOST_TOLD = 20
 
 
 @dataclass(frozen=True)
 class Finding:
-    """``what`` went wrong, and the command that shows it again."""
+    """What went wrong, and the command that reproduces it."""
 
     what: str
     command: str
@@ -34,7 +34,7 @@ class Finding:
 
 @dataclass
 class Tally:
-    """What a run of one target came to. Findings that look alike are one, with a count."""
+    """The result of a run of one target. Similar findings are merged and counted."""
 
     target: str
     seed: int
@@ -51,14 +51,14 @@ class Tally:
             self.findings[what] = Finding(what, command, detail[:4000])
 
     def grew(self, warm_kib: int, end_kib: int, who: str) -> None:
-        """Note what a process has, and that it is too much."""
+        """Record the memory of a process, and a finding if it is too much."""
         self.notes.append(f"{who} {warm_kib / 1024:.0f} → {end_kib / 1024:.0f} MiB")
         if end_kib - warm_kib > GROWTH_KIB:
             self.found(f"{who} grew", 0, self.inputs, f"from {warm_kib} KiB after its warm-up to {end_kib} KiB")
 
 
 class _Log(logging.Handler):
-    """Writes what is logged to nowhere, as it would be written; an error in the log is an error of the input."""
+    """Formats log records without writing them; an error while formatting, or a logged error, is a finding."""
 
     def emit(self, record: logging.LogRecord) -> None:
         self.format(record)
@@ -78,7 +78,7 @@ def _listening() -> Iterator[None]:
 
 
 class LoggedError(AssertionError):
-    """Something was logged as an error that nobody raised."""
+    """An error was logged, but not raised."""
 
 
 class TooSlowError(Exception):
@@ -86,13 +86,13 @@ class TooSlowError(Exception):
 
 
 def random_of(seed: int, index: int) -> Random:
-    """The randomness of one input: it depends on nothing but its number."""
+    """Return the random generator of one input, which depends only on its number."""
     return Random(seed << 40 | index)  # noqa: S311 (nothing secret)
 
 
 @contextmanager
 def _bounded_time() -> Iterator[Callable[[], None]]:
-    """Yields what winds the clock up again."""
+    """Yield a function that restarts the time limit."""
 
     def ring(number: int, frame: FrameType | None) -> None:
         raise TooSlowError(f"more than {SLOWEST_S:g} s of processor time")
@@ -106,7 +106,7 @@ def _bounded_time() -> Iterator[Callable[[], None]]:
 
 
 def in_process(target: str, count: int, seed: int, first: int, begin: Callable[[], Callable[[Random], None]]) -> Tally:
-    """``begin`` makes the state of an episode and returns what takes one input; whatever that raises is a finding."""
+    """``begin`` creates the state of an episode and returns a function for one input; any exception is a finding."""
     tally, started, warm_kib = Tally(target, seed), time.monotonic(), 0
     take: Callable[[Random], None] | None = None
     with _listening(), _bounded_time() as wind_up:
@@ -118,7 +118,7 @@ def in_process(target: str, count: int, seed: int, first: int, begin: Callable[[
             wind_up()
             try:
                 take(random_of(seed, index))
-            except Exception as error:  # noqa: BLE001 (what may be raised, the targets catch)
+            except Exception as error:  # noqa: BLE001 (targets catch permitted exceptions)
                 from_ = index - index % EPISODE
                 tally.found(_name(error), from_, index - from_ + 1, "".join(traceback.format_exception(error)))
             tally.inputs += 1
@@ -132,7 +132,7 @@ def rss_kib_of_self() -> int:
 
 
 def _name(error: Exception) -> str:
-    """Where it comes from, so that a million times the same is one finding."""
+    """Return the place of an error, by which repeated findings are merged."""
     last = traceback.extract_tb(error.__traceback__)[-1]
     said = str(error).splitlines()[0][:120] if str(error) else ""
     place = f"{Path(last.filename).name}:{last.lineno}"

@@ -1,4 +1,4 @@
-"""Messages of the protocol of Foxglove on a real gateway: good ones that are changed, in JSON and in binary."""
+"""Mutated messages of the Foxglove protocol, in JSON and in binary, sent to a real gateway."""
 
 import asyncio
 import json
@@ -13,7 +13,7 @@ from fuzz.findings import Tally, random_of
 from fuzz.living import PATIENCE_S, Living, in_batches, living
 
 AT_ONCE, _IN_A_ROW = 8, 25
-_LONGEST = 20_000  # so that it stays below the longest message, whatever is replaced in it
+_LONGEST = 20_000  # stays below the longest message after any replacement
 _SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
 _NAMES = ("/arm/maximumSpeedScale", "/arm/title", "/toy/namedPoses", "/nothing", "")
 _CONTENTS = (b"{}", b"", b'{"pose": "home"}', b'{"pose": 1, "speedScale": 2}', b"[]", b"\xff")
@@ -42,7 +42,7 @@ async def _all(there: Living, tally: Tally, batch: range) -> None:
 
 
 def message(random: Random) -> str | bytes:
-    """One in three as it should be."""
+    """Return a message; one in three is valid."""
     if random.random() < 0.3:
         return _call(random)
     document = _request(random)
@@ -79,7 +79,7 @@ def _call(random: Random) -> bytes:
 
 
 async def _visit(port: int, messages: list[str | bytes], subprotocol: str) -> str:
-    """Say it all, and then ask for something that is answered: each message is one that the connection survives."""
+    """Send everything, then a request that must be answered: the connection must survive each message."""
     url = f"ws://127.0.0.1:{port}/foxglove"
     try:
         async with asyncio.timeout(PATIENCE_S), connect(url, subprotocols=[subprotocol], compression=None) as client:  # type: ignore[list-item]

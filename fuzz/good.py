@@ -1,4 +1,4 @@
-"""Good messages and bodies to begin from: mutation reaches what is behind the parsers only from what passes them."""
+"""Valid messages and bodies as seeds: mutants reach the code behind the parsers only if they pass them."""
 
 import json
 from random import Random
@@ -39,7 +39,7 @@ def description(random: Random, name: str, incarnation: int) -> Description:
 
 
 def able_arm(incarnation: int) -> Description:
-    """An arm that knows a pose and takes every kind of action."""
+    """Return an arm with a named pose that accepts every kind of action."""
     return Description(
         version=WIRE_VERSION, robot="arm", incarnation=incarnation, title="An arm", urdf=ARM, joints=JOINTS,
         rate_hz=100, annotations=TURTLE_PREFIXES + POSE, capabilities=("move", "follow", "stop"),
@@ -60,7 +60,7 @@ def frame(random: Random, joints: int, floating: bool, incarnation: int, sequenc
 
 
 def command(random: Random, id: str, incarnation: int, now_ns: int) -> dict[str, Any]:
-    """As JSON has it, for the joints of ARM."""
+    """Return a command as a JSON object, for the joints of ARM."""
     if random.random() < 0.6:
         motion: dict[str, Any] = {"type": "move", "targets": {"pan": random.uniform(-1, 1)}, "speeds": {"pan": 1.0}}
         if random.random() < 0.5:

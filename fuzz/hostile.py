@@ -1,6 +1,6 @@
-"""Bodies of an allowed size that cost as much time as they can, for every endpoint that takes one and in every syntax.
+"""Bodies of permitted size that cost as much time as possible, for every endpoint with a body and in every syntax.
 
-A *family* repeats one construct until the body is full. None of them is to keep the event loop from anything else.
+A *family* repeats one construct until the body is full. None may block the event loop.
 """
 
 import base64
@@ -36,7 +36,7 @@ _SLIDE = "[ lf:ofJoint </arm/slide> ; vom:numericalValue 0.2 ; vom:unit unit:M ]
 
 @dataclass(frozen=True)
 class Endpoint:
-    """``bytes_``: the longest body that is read; ``triples``: as many as are taken."""
+    """``bytes_``: size limit of the body; ``triples``: limit of triples."""
 
     method: str
     path: str
@@ -45,12 +45,12 @@ class Endpoint:
 
     @property
     def families(self) -> str:
-        """Under which name the families of its own are kept."""
+        """Return the name under which its own families are stored."""
         return "update" if self.method == "PATCH" else self.path.rpartition("/")[2]
 
 
 SUBSCRIPTION = "{subscription}"
-"""Stands in a path for the id of a subscription of ``/arm/pan``, which whoever sends the attack has to make."""
+"""Placeholder in a path for the id of a subscription of ``/arm/pan``, which the sender of the attack creates."""
 ENDPOINTS: tuple[Endpoint, ...] = (
     Endpoint("PUT", "/arm/pan/actions/rotate", MAX_INPUT_BYTES, MAX_INPUT_TRIPLES),
     Endpoint("PUT", "/arm/actions/moveJoints", MAX_INPUT_BYTES, MAX_INPUT_TRIPLES),
@@ -73,7 +73,7 @@ QUERIES = Endpoint("POST", "/query", MAX_QUERY_BYTES)
 LOGIN = Endpoint("POST", "/login", MAX_LOGIN_BYTES)
 _UPDATES = {each: (PATCH_TYPES[0], "") for each in ENDPOINTS if each.method == "PATCH"}
 _OWN = {QUERIES: (QUERY, ""), LOGIN: (FORM, ""), **_UPDATES}
-"""Endpoints that take no RDF, with their media type and what each body begins with."""
+"""Endpoints that accept no RDF, with their media type and the beginning of each body."""
 
 
 @dataclass(frozen=True)
@@ -85,13 +85,13 @@ class Attack:
 
 
 def _fill(piece: str, bytes_: int, before: str = "", after: str = "") -> str:
-    """``piece`` as often as there is room."""
+    """Repeat ``piece`` as often as there is room."""
     room = bytes_ - len(before.encode()) - len(after.encode())
     return before + piece * max(room // len(piece.encode()), 0) + after
 
 
 def _numbered(piece: str, most: int, bytes_: int, before: str = "", between: str = "", after: str = "") -> str:
-    """``piece``, in which # is a number, at most so often and as often as there is room."""
+    """Repeat ``piece``, with # replaced by a number, at most ``most`` times and as often as there is room."""
     room, pieces = bytes_ - len(before) - len(after), list[str]()
     for number in range(most):
         made = piece.replace("#", str(number))
@@ -103,7 +103,7 @@ def _numbered(piece: str, most: int, bytes_: int, before: str = "", between: str
 
 
 def _nested(bytes_: int, with_last: Mapping[str, Any]) -> str:
-    """Objects 30 deep, each of which has many members before or after the inner one."""
+    """Nest objects 30 deep, each with many members before or after the inner one."""
     wide, inner = bytes_ // 30 // 14, dict[str, Any]()
     for _ in range(30):
         many: dict[str, Any] = {f"u:{number}": None if with_last else number for number in range(wide)}
@@ -117,7 +117,7 @@ def _chain(bytes_: int, triples: int) -> str:
 
 
 _Family = Callable[[int, int], str]
-"""From the bytes and triples that there are to a body."""
+"""From limits of bytes and triples to a body."""
 _SYNTAXES: Mapping[str, Mapping[str, _Family]] = {
     TURTLE: {
         "spaces": lambda b, n: " " * b,
@@ -223,7 +223,7 @@ def _object(literal: str) -> str:
 
 
 def _bad_values(*predicates: str) -> _Family:
-    """Each predicate with values that break the shape, so that the report is long."""
+    """Return each predicate with values that violate the shape, so that the report is long."""
 
     def made(bytes_: int, triples: int) -> str:
         each = bytes_ // len(predicates) - 40
@@ -301,7 +301,7 @@ _OF_PATH: Mapping[str, Mapping[str, _Family]] = {
         "bad values": _bad_values("dcterms:title", "lf:geometry", "lf:position", "lf:orientation"),
     },
     "query": {
-        "patterns": lambda b, n: _fill("?a ?b ?c . ", b, "SELECT ?a { "),  # left open, so that nobody evaluates it
+        "patterns": lambda b, n: _fill("?a ?b ?c . ", b, "SELECT ?a { "),  # left open, so that it is not evaluated
         "dots": lambda b, n: _fill(". ", b, "SELECT ?a { ", "}"),
         "prefixes": lambda b, n: _numbered("PREFIX a#: <a>", b, b, "", "", "SELECT ?a {}"),
         "bases": lambda b, n: _fill("BASE <./>", b, "BASE <http://x/" + "a/" * (b // 5) + ">", "SELECT ?a {}"),
@@ -340,7 +340,7 @@ _OF_PATH: Mapping[str, Mapping[str, _Family]] = {
 
 
 def attacks(endpoint: Endpoint, syntaxes: bool = True) -> list[Attack]:
-    """Every family at its full size: those of the endpoint, and of the media types that it takes."""
+    """Yield every family at full size: those of the endpoint, and of its media types."""
     bytes_ = endpoint.bytes_
     media_type, before = _OWN.get(endpoint, (TURTLE, TURTLE_PREFIXES))
     found = [(media_type, family, before, make) for family, make in _OF_PATH.get(endpoint.families, {}).items()]
@@ -357,7 +357,7 @@ def _attack(family: str, endpoint: Endpoint, media_type: str, text: str, bytes_:
 
 
 def random_attack(random: Random) -> Attack:
-    """One of them, filling some share of what is read."""
+    """Return an attack of random kind and size."""
     endpoint = random.choice((*ENDPOINTS, QUERIES))
     bytes_ = int(endpoint.bytes_ * random.choice((1, 1, 0.6, 0.25, 0.1)))
     triples = max(int(endpoint.triples * random.choice((1, 1, 0.6, 0.25))), 20)

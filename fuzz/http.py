@@ -1,6 +1,6 @@
-"""Requests over the whole tree of a real gateway: most are well framed, so that they reach what is behind the parser.
+"""Requests to the whole tree of a real gateway; most are well framed, so that they reach the code behind the parser.
 
-One in seven is not: torn, cut off, pipelined, with two lengths or in another protocol, on a socket of its own.
+One in seven is not: torn, truncated, pipelined, with two lengths or in another protocol, on a socket of its own.
 """
 
 import asyncio
@@ -18,7 +18,7 @@ from fuzz.living import PATIENCE_S, Living, in_batches, living
 AT_ONCE = 12
 _HOSTILE = 0.04
 _SILENCE_S = 0.1
-# Unknown transfer codings (RFC 9112, 6.1), what is away or late, and other major versions of HTTP (RFC 9110, 15.6.6).
+# Unknown transfer codings (RFC 9112, 6.1), unavailable or late parts, and other major versions (RFC 9110, 15.6.6).
 _DOCUMENTED = (501, 503, 504, 505)
 _STATUS = re.compile(rb"(?:^|\n)HTTP/1\.1 (\d{3}) ")
 _METHODS = (
@@ -125,7 +125,7 @@ def run(count: int, seed: int, first: int = 0) -> Tally:
 
 
 class Clients(ABC):
-    """A few clients that ask at the same time; each takes the next number."""
+    """A few concurrent clients that share a sequence of inputs."""
 
     def send(self, tally: Tally, batch: range) -> None:
         asyncio.run(self._all(tally, iter(batch)))
@@ -135,11 +135,11 @@ class Clients(ABC):
 
     @abstractmethod
     async def _client(self, tally: Tally, numbers: Iterator[int]) -> None:
-        """Send the inputs of these numbers."""
+        """Send the inputs with these numbers."""
 
 
 class Crowd(Clients):
-    """Clients that ask for resources."""
+    """Clients that request resources."""
 
     def __init__(self, there: Living) -> None:
         self._port, self._paths = there.port, there.paths()
@@ -163,7 +163,7 @@ class Crowd(Clients):
         return said.startswith(b"HEAD ")
 
     def request(self, random: Random) -> Request:
-        """A well framed one: whatever is wrong with it, it is to be answered."""
+        """Return a well framed request, which must get a response whatever else is wrong with it."""
         if random.random() < _HOSTILE:
             return self._attack(random)
         method, path = random.choice(_METHODS), self._target(random)
@@ -180,7 +180,7 @@ class Crowd(Clients):
         return method, head.encode("utf-8", "replace") + _framed(random, body)
 
     def _attack(self, random: Random) -> Request:
-        """A body that is to cost as much as one may."""
+        """Return a request with a body that costs as much as possible."""
         attack = random_attack(random)
         end, accept = attack.endpoint, random.choice(ACCEPTED)
         path = end.path.replace(SUBSCRIPTION, self._subscription)
@@ -245,7 +245,7 @@ def _framed(random: Random, body: bytes) -> bytes:
 
 
 class Line:
-    """A connection that is kept for as long as the gateway keeps it."""
+    """A connection that is kept as long as the gateway keeps it."""
 
     def __init__(self, port: int) -> None:
         self._port = port
@@ -260,7 +260,7 @@ class Line:
         return await asyncio.open_connection("127.0.0.1", self._port, limit=2**20)
 
     async def ask(self, said: bytes, head: bool) -> str:
-        """What is wrong with the answer; empty when nothing is."""
+        """Return what is wrong with the response; empty if nothing is."""
         fresh = self._open is None
         try:
             async with asyncio.timeout(PATIENCE_S):
@@ -270,7 +270,7 @@ class Line:
             return "no answer in time"
         except (asyncio.IncompleteReadError, ConnectionError, asyncio.LimitOverrunError, ValueError) as error:
             self.close()
-            # A kept connection may just have been given up by the other side, which a client has to expect.
+            # A kept connection may just have been closed by the server, which a client must expect.
             return f"no whole answer ({type(error).__name__})" if fresh else await self.ask(said, head)
         if not keep:
             self.close()
@@ -316,7 +316,7 @@ def judged(status: int) -> str:
 
 
 async def broken(port: int, said: bytes) -> str:
-    """Send it on a connection of its own, and hang up like somebody who has waited: that is to end it."""
+    """Send on a connection of its own and close after a pause, which must end the connection."""
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
     heard = b""
     try:

@@ -1,4 +1,4 @@
-"""Credentials, logins and handshakes at a real gateway with TLS that knows who asks: nobody gets what is not his."""
+"""Credentials, logins and handshakes at a real gateway with TLS and authentication: nobody may gain foreign rights."""
 
 import asyncio
 import contextlib
@@ -41,7 +41,7 @@ def run(count: int, seed: int, first: int = 0) -> Tally:
 
 
 class Known(Living):
-    """A gateway that asks who one is."""
+    """A gateway with authentication."""
 
     def __init__(self, here: Guarded, wallet: Wallet, tls: ssl.SSLContext) -> None:
         assert here.gateway is not None
@@ -49,7 +49,7 @@ class Known(Living):
         self.wallet, self.tls, self.root = wallet, tls, f"https://127.0.0.1:{here.place.port}"
 
     def probe(self) -> None:
-        """Good credentials are good still, and none are none."""
+        """Check that valid credentials still work, and that requests without credentials are refused."""
         with self.client() as http:
             for text in (*self.wallet.tokens.values(), self.wallet.jwt):
                 status = http.get("/", headers={"authorization": f"Bearer {text}"}).status_code
@@ -65,7 +65,7 @@ class Known(Living):
             raise AssertionError(f"the gateway does not answer: {error!r}") from error
 
     def log_in(self) -> None:
-        """Sessions, and a login that has begun."""
+        """Create sessions, and a pending login."""
         for who, token in (*self.wallet.tokens.items(), (SUBJECT, self.wallet.jwt)):
             with self.client() as http:
                 http.post("/login", data={"token": token, "then": "/"}, headers={"origin": self.root})
@@ -92,7 +92,7 @@ def living() -> Iterator[Known]:
 
 
 class Private(Line):
-    """A connection with TLS, from an address of its own on loopback: logins that fail are counted by it."""
+    """A TLS connection from a loopback address of its own, by which failed logins are counted."""
 
     def __init__(self, there: Known) -> None:
         super().__init__(there.port)
@@ -110,7 +110,7 @@ class Private(Line):
 
 
 class Crowd:
-    """A few clients that ask at the same time."""
+    """A few concurrent clients."""
 
     def __init__(self, there: Known) -> None:
         self._there, self._wallet = there, there.wallet
@@ -154,7 +154,7 @@ class Crowd:
         return said, wrong
 
     def credential(self, random: Random) -> tuple[list[str], str | None]:
-        """Fields, and whose they are: with Authorization nothing else counts, and it counts once alone."""
+        """Return fields and their owner: Authorization overrides all others, and is valid only once."""
         if random.random() < 0.5:
             said, who = self._wallet.cookie(random)
             return [f"Cookie: {said}"], who
@@ -168,7 +168,7 @@ class Crowd:
         return fields, who if rest.strip() == text.strip() else self._wallet.whose(rest)
 
     async def _login(self, line: Private, random: Random) -> tuple[bytes, str]:
-        """A form, what comes back from the issuer, or a logout, which nobody's session survives."""
+        """Return a login form, a response of the issuer, or a logout, which ends a session."""
         line.close()
         line.address = f"127.{random.randrange(256)}.{random.randrange(256)}.{random.randrange(1, 255)}"
         how, origin, who = random.random(), f"Origin: {self._there.root}", None
@@ -189,7 +189,7 @@ class Crowd:
             path = "/login/return?" + urlencode(query, doseq=random.random() < 0.5, errors="replace")
             if random.random() < 0.3:
                 path = "/login/start?" + urlencode({"issuer": "plant", "then": random.choice(_THEN)})
-                who = "whoever"  # is sent to the issuer
+                who = "whoever"  # the user at the issuer is unknown
             said = self._request("GET", path, [f"Cookie: {self._wallet.login_cookie(random)}"])
         else:
             said, who = self._request("POST", "/logout", [origin, "Cookie: a=b"]), "whoever"
@@ -207,7 +207,7 @@ class Crowd:
         return "\r\n".join(lines).encode("latin-1", "replace") + b"\r\n\r\n" + body
 
     def handshake(self, random: Random) -> bytes:
-        """To the port of TLS: a hello, changed, and perhaps something after it; or no TLS at all."""
+        """Return bytes for the TLS port: a mutated hello, possibly followed by data, or no TLS at all."""
         if random.random() < 0.2:
             return self._request("GET", "/", [])
         incoming, outgoing = ssl.MemoryBIO(), ssl.MemoryBIO()

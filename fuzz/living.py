@@ -1,4 +1,4 @@
-"""A real gateway with robots played by this process, and what is to be true of it whatever it is sent."""
+"""A real gateway with robots played by this process, and the invariants that hold whatever is sent."""
 
 import contextlib
 import itertools
@@ -25,13 +25,13 @@ from running import Process, process
 from small_fleet import Place, live
 
 PATIENCE_S = 20.0
-"""For an answer, on a machine that does other things too; what takes longer hangs."""
+"""Limit for a response on a busy machine; what takes longer hangs."""
 BATCH = 250
-"""Inputs between two looks at the gateway."""
+"""Inputs between two checks of the gateway."""
 SETTINGS = ("--subscriptions-per-client", "40", "--callback-allow", "127.0.0.0/8")
 _REPEATS = 3
 _LEFT_OPEN = 60
-"""File descriptors more than after the warm-up: connections that have not been noticed to be gone yet."""
+"""Limit of additional file descriptors after the warm-up, for closed connections that have not been noticed yet."""
 WRONG = re.compile(r"Traceback|\bERROR\b|\bCRITICAL\b|never retrieved|never awaited")
 _BEGIN = re.compile(r"\d{4}-\d\d-\d\d ")
 _IRI = re.compile(rb"<(http://[^<>\s]+)>")
@@ -39,7 +39,7 @@ _MOST_PATHS = 400
 
 
 class Living:
-    """The gateway and what has been seen of it."""
+    """The gateway and what has been observed of it."""
 
     def __init__(self, place: Place, gateway: Process, session: zenoh.Session, stops: Stops | None = None) -> None:
         self.place, self.gateway, self.session = place, gateway, session
@@ -53,7 +53,7 @@ class Living:
         self._warm: dict[str, tuple[int, int]] = {}
 
     def probe(self) -> None:
-        """The root, in time; AssertionError."""
+        """Read the root in time; AssertionError otherwise."""
         try:
             answer = httpx.get(self.place.root, headers={"accept": "text/turtle"}, timeout=PATIENCE_S)
         except httpx.HTTPError as error:
@@ -61,7 +61,7 @@ class Living:
         assert answer.status_code == 200, f"the root is answered with {answer.status_code}"
 
     def paths(self) -> list[str]:
-        """Of the tree, breadth first."""
+        """Return the paths of the tree, breadth first."""
         found, pending = {"/": None}, ["/"]
         with httpx.Client(base_url=self.place.root, timeout=PATIENCE_S) as http:
             while pending and len(found) < _MOST_PATHS:
@@ -74,14 +74,14 @@ class Living:
         return list(found)
 
     def subscribe(self) -> str:
-        """The id of a callback subscription, whose receiver is not there."""
+        """Create a callback subscription whose receiver does not exist, and return its id."""
         headers = {"connection": "upgrade", "upgrade": "callback", "callback": "http://127.0.0.1:9/"}
         answer = httpx.get(f"{self.place.root}arm/pan/rotation", headers=headers, timeout=PATIENCE_S)
         assert answer.status_code == 201, answer.text
         return answer.headers["location"].rpartition("/")[2]
 
     def look(self, tally: Tally, first: int, count: int) -> bool:
-        """Note what is wrong with the processes after these inputs; whether all of them are still there."""
+        """Record faults of the processes after these inputs; return False if one of them has ended."""
         for who, each in self.watched:
             lines = each.lines[self._read.get(who, 0) :]
             self._read[who] = len(each.lines)
@@ -104,7 +104,7 @@ class Living:
         return True
 
     def warm(self) -> None:
-        """From here on nothing grows."""
+        """End the warm-up: from here on memory and descriptors may not grow."""
         self._warm = {who: (rss_kib(pid_of(each)), _open(pid_of(each))) for who, each in self.watched}
 
     def judge(self, tally: Tally) -> None:
@@ -120,7 +120,7 @@ class Living:
 
 
 def _cause(said: Sequence[str]) -> str:
-    """The exception of a traceback, else what was logged, without the time; numbers differ from time to time."""
+    """Return the exception of a traceback, else the logged text, without times and numbers."""
     told = said[-1] if len(said) > 1 else said[0].partition(" ")[2].partition(" ")[2]
     return re.sub(r"0x[0-9a-f]+|\d{3,}", "…", told.strip())[:150]
 
@@ -130,7 +130,7 @@ def _open(pid: int) -> int:
 
 
 def _settled(pid: int, most: int) -> int:
-    """How many files are open once no more than ``most`` are, or after some time."""
+    """Return the number of open files, after waiting until there are at most ``most``."""
     deadline = time.monotonic() + PATIENCE_S
     while _open(pid) > most and time.monotonic() < deadline:
         time.sleep(0.1)
@@ -139,7 +139,7 @@ def _settled(pid: int, most: int) -> int:
 
 @contextlib.contextmanager
 def living() -> Iterator[Living]:
-    """Two robots are in it: one that obeys, and one that is silent."""
+    """Run a gateway with an obedient and a silent robot."""
     with tempfile.TemporaryDirectory() as state:
         place = Place(Path(state))
         with process("-m", "fuzz.watched", *place.command()[2:], *SETTINGS) as gateway:
@@ -156,7 +156,7 @@ def living() -> Iterator[Living]:
 
 
 def obey(actor: Actor) -> None:
-    """Take every command, and be there at once."""
+    """Accept every command, and reach its target at once."""
 
     def answer(kind: str, judge: Callable[[bytes], tuple[bytes, bytes | None]]) -> None:
         key = KEYS.robot(actor.name, kind)  # type: ignore[arg-type]
@@ -196,7 +196,7 @@ def _stopped(payload: bytes) -> tuple[bytes, bytes | None]:
 def in_batches(
     target: str, count: int, seed: int, first: int, there: Living, send: Callable[[Tally, range], None]
 ) -> Tally:
-    """``send`` sends the inputs of a range, and notes what it sees itself."""
+    """``send`` sends the inputs of a range, and records what it observes."""
     tally, started, end = Tally(target, seed), time.monotonic(), first + count
     for begin in range(first, end, BATCH):
         batch = range(begin, min(begin + BATCH, end))
@@ -212,9 +212,9 @@ def in_batches(
 
 
 def _again(tally: Tally, there: Living, batch: range, send: Callable[[Tally, range], None]) -> bool:
-    """Send a batch again in which the loop stalled: a finding is one that does so each time, whatever else runs here.
+    """Repeat a batch in which the loop stalled: it is a finding only if it stalls each time.
 
-    False when the gateway is no longer there.
+    Returns False if the gateway has ended.
     """
     for _ in range(_REPEATS):
         if not there.stalls:

@@ -1,4 +1,4 @@
-"""Messages of the Model Context Protocol, with sessions and without: JSON-RPC, changed by what it consists of."""
+"""Mutated JSON-RPC messages of the Model Context Protocol, with and without sessions."""
 
 import json
 from collections.abc import Iterator
@@ -45,7 +45,7 @@ def run(count: int, seed: int, first: int = 0) -> Tally:
 
 
 class Crowd(Clients):
-    """Clients of which each has a session that it opens again when it is lost."""
+    """Clients with one session each, which is opened again when it is lost."""
 
     def __init__(self, there: Living) -> None:
         self._port = there.port
@@ -67,7 +67,7 @@ class Crowd(Clients):
 
 
 def message(random: Random, port: int, session: str) -> bytes:
-    """One request of HTTP with a message, of which something is wrong more often than not."""
+    """Return an HTTP request with a message; most are invalid."""
     version = random.choice(_VERSIONS)
     fields = {"accept": random.choice(_ACCEPTS), "content-type": "application/json", "mcp-protocol-version": version}
     if version != _MODERN and random.random() < 0.95:

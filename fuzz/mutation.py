@@ -1,4 +1,4 @@
-"""Good messages made bad, by what they are made of: JSON by its tree, Turtle by its terms, anything by its bytes."""
+"""Mutations of valid messages: JSON by its tree, Turtle by its terms, anything by its bytes."""
 
 import json
 import math
@@ -24,7 +24,7 @@ _DEEP = 60
 
 
 def raw(random: Random, data: bytes) -> bytes:
-    """One to four changes of bytes."""
+    """Make one to four changes of bytes."""
     changed = bytearray(data)
     for _ in range(random.randint(1, 4)):
         _RAW[random.randrange(len(_RAW))](random, changed, random.randint(0, len(changed)))
@@ -57,7 +57,7 @@ _RAW = (_flip, _flip, _cut, _insert, _repeat, _noise)
 
 
 def value(random: Random) -> Any:
-    """Some JSON."""
+    """Return a random JSON value."""
     kind = random.randrange(8)
     if kind < 3:
         return random.choice(NUMBERS)
@@ -71,7 +71,7 @@ def value(random: Random) -> Any:
 
 
 def tree(random: Random, document: Any, changes: int = 0) -> Any:
-    """The document with so many changes (one to three for 0), each anywhere in it; it may be changed in place."""
+    """Make so many changes (0: one to three) anywhere in a document, possibly in place."""
     for _ in range(changes or random.choice((1, 1, 1, 2, 3))):
         places = list(_places(document))
         if not places:
@@ -100,7 +100,7 @@ def _replace(random: Random, holder: Any, key: Any) -> None:
 
 
 def _nudge(random: Random, holder: Any, key: Any) -> None:
-    """Of the same type, and perhaps as good."""
+    """Replace a value by one of the same type, which may be valid."""
     old = holder[key]
     if isinstance(old, bool):
         holder[key] = not old
@@ -136,12 +136,12 @@ _TREE = (_replace, _replace, _nudge, _nudge, _nudge, _nudge, _drop, _add, _bury)
 
 
 def dumped(document: Any) -> bytes:
-    """With what is no JSON, NaN and half of a pair, as a careless program would write it."""
+    """Serialize like a careless program, including NaN and unpaired surrogates, which are not JSON."""
     return json.dumps(document, ensure_ascii=False).encode(errors="surrogatepass")
 
 
 def terms(random: Random, text: str, others: Sequence[str], changes: int) -> str:
-    """Turtle with so many of its terms (punctuation is one) changed: replaced, left out, repeated or swapped."""
+    """Change so many terms of Turtle (including punctuation): replace, drop, repeat or swap them."""
     found = _TERM.findall(text)
     for _ in range(changes):
         at = random.randrange(len(found))

@@ -1,7 +1,7 @@
-"""Hostile sessions on the Zenoh of a running gateway and a running agent: every key, in both directions.
+"""Hostile sessions on the Zenoh network of a running gateway and a running agent: every key, in both directions.
 
-What the gateway asks is answered as wrongly as what is published without being asked. What is said comes from the
-strategies of ``fuzz.wire``; here it passes threads, inboxes and timeouts as well.
+Questions of the gateway are answered as wrongly as messages are published. Payloads come from ``fuzz.wire``; here they
+also pass threads, inboxes and timeouts.
 """
 
 import contextlib
@@ -60,7 +60,7 @@ def run(count: int, seed: int, first: int = 0) -> Tally:
 
 
 class Liars:
-    """Says all of a batch, asks the agent as many questions, and sees that both sides still do their work."""
+    """Publishes a batch, asks the agent as many questions, and checks that both sides still work."""
 
     def __init__(self, there: Living) -> None:
         self._there, self._session = there, there.session
@@ -97,7 +97,7 @@ class Liars:
         return ""
 
     def presence(self, random: Random) -> str:
-        """A token, which the gateway answers by asking for a description; some never go, as of a process that hangs."""
+        """Declare a token, for which the gateway requests a description; some stay, like those of a hanging process."""
         name, run_ = random.choice(_NAMES), random.choice((next(self._runs), 0, 2**63 - 1, 2**63, 10**19 - 1))
         said = good.tree_of(good.description(random, name, run_ % 2**63))
         self._answer = spoilt_description(random, said) if random.random() < 0.7 else json.dumps(said).encode()
@@ -108,7 +108,7 @@ class Liars:
         return ""
 
     def other_tokens(self, random: Random) -> str:
-        """Gateways that are none, names that are none."""
+        """Declare tokens of false gateways and invalid names."""
         names = ("x", "~41", "é", "a/b", random.choice(mutation.TEXTS[12:40]))
         key = random.choice((f"fleet/gateway/{random.choice(names)}", f"fleet/robot/{random.choice(names)}/presence/1"))
         with contextlib.suppress(zenoh.ZError, UnicodeEncodeError):
@@ -140,7 +140,7 @@ class Liars:
     # What the gateway asks of a liar
 
     def lie(self, random: Random) -> str:
-        """Have the gateway command one, and answer that; what it tells its client is to be a documented status."""
+        """Let the gateway command a lying robot; the status for its client must be a documented one."""
         name = random.choice(_NAMES)
         self._answer = spoilt(random, good.reply(random, random.choice(("a-1", ""))))
         run_ = next(self._runs)
@@ -168,7 +168,7 @@ class Liars:
         key = KEYS.robot(name, "state").removesuffix("state") + kind
         if random.random() < 0.05:
             key += random.choice(("x", "/x", "/0", "/1/2", "/9" * 400))
-        return re.sub("/+", "/", key).rstrip("/")  # Zenoh itself takes no other
+        return re.sub("/+", "/", key).rstrip("/")  # Zenoh itself accepts no other form
 
     def _payload(self, random: Random, kind: str) -> bytes:
         if random.random() < 0.002:
@@ -183,7 +183,7 @@ class Liars:
         return mutation.raw(random, b'{"version": 1}')
 
     def _count(self, sample: zenoh.Sample) -> None:
-        if len(sample.payload) == _FRAME_BYTES:  # the agent's own
+        if len(sample.payload) == _FRAME_BYTES:  # sent by the agent itself
             self._frames += 1
 
 

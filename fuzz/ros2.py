@@ -1,4 +1,4 @@
-"""What comes from the ROS side of a robot, through the functions that its driver calls; no session, no thread."""
+"""Messages from the ROS side of a robot, passed to the functions of its driver, without a session or threads."""
 
 import math
 import struct
@@ -29,7 +29,7 @@ def run(count: int, seed: int, first: int = 0) -> Tally:
 
 
 class RosSide:
-    """What the driver of one robot knows, for one episode; its clock goes on by a hundredth of a second each time."""
+    """The state of one robot's driver for one episode; its clock advances by 10 ms each time."""
 
     def __init__(self) -> None:
         self._states = JointStates("arm", _JOINTS, "/joint_states", 0.5)
@@ -42,7 +42,7 @@ class RosSide:
         take(self, random)
 
     def state(self, random: Random) -> None:
-        """Whatever is said, what is read of it has a value for each joint, and what is sent on can be read by ROS."""
+        """Check that every reading has a value for each joint, and that ROS can read what is sent on."""
         try:
             said = cdr.read_joint_state(torn(random, _good_state(random)))
         except cdr.CdrError:
@@ -60,7 +60,7 @@ class RosSide:
         self._send(random)
 
     def description(self, random: Random) -> None:
-        """A robot of its joints, or none."""
+        """Pass a description of the robot's joints, or an invalid one."""
         urdf = URDF if random.random() < 0.5 else mutation.raw(random, URDF.encode()).decode("utf-8", "replace")
         payload = torn(random, text(urdf)) if random.random() < 0.3 else text(urdf)
         try:
@@ -70,7 +70,7 @@ class RosSide:
         assert isinstance(facts, Facts) and 0 < len(facts.joints) <= cdr.MAX_JOINTS and len(facts.title) <= 256
 
     def address(self, random: Random) -> None:
-        """Names of topics that Zenoh would take as something else never come through."""
+        """Check that topic names with a special meaning in Zenoh are rejected."""
         said = mutation.raw(random, _ADDRESS.encode()).decode("utf-8", "replace")
         try:
             address = parse_address(said)
@@ -89,7 +89,7 @@ class RosSide:
 
 
 def torn(random: Random, payload: bytes) -> bytes:
-    """One in six as it was; else other lengths, another encapsulation, other bytes, or less of it."""
+    """Return one in six unchanged; else with other lengths, encapsulation or bytes, or truncated."""
     how = random.randrange(6)
     if how == 0:
         return payload

@@ -1,8 +1,8 @@
-"""``python -m fuzz.soak --minutes 60``: everything at once for a long time, with faults, at a rate that two cores bear.
+"""``python -m fuzz.soak --minutes 60``: everything at once for a long time, with faults, at a rate for two cores.
 
-Two gateways at one Zenoh router and one Redis, a simulated arm, a robot whose value steps, robots that come and go.
-Clients read, move, subscribe in every way and unsubscribe. One after another, with a rest in between, an agent, Redis
-and one of the gateways are killed and started again; the other gateway lives through it all, and its memory is watched.
+Two gateways with one Zenoh router and one Redis, a simulated arm, a robot with a stepping value, robots that come and
+go. Clients read, move, subscribe in every way and unsubscribe. One after another, with pauses, an agent, Redis and one
+of the gateways are killed and restarted; the other gateway always runs, and its memory is watched.
 """
 
 import argparse
@@ -31,15 +31,15 @@ from running import Process, eventually, free_port
 from several import Gateway, Hub, arrived, deliveries, gateway, hub
 
 GROWTH_KIB = 32 * 1024
-"""By which the memory of the gateway that lives may have grown after the warm-up, by the line through its samples."""
+"""Limit of the growth of the running gateway's memory after the warm-up, by the fitted line."""
 WARM_UP = 0.3
-"""Share of the time."""
+"""Share of the total time."""
 SAMPLE_S = 2.0
 REST_S = 8.0
 
 
 class Soak:
-    """The processes, and what is to hold after each fault."""
+    """The processes, and what must hold after each fault."""
 
     def __init__(self, stage: Hub, redis: Server, stack: contextlib.ExitStack) -> None:
         self.stage, self.redis, self._stack = stage, redis, stack
@@ -72,7 +72,7 @@ class Soak:
         all_see(self.gateways)
 
     def hang_agent(self) -> None:
-        """Longer than its lease."""
+        """Stop the agent for longer than its lease."""
         self.arm.send(signal.SIGSTOP)
         time.sleep(4.0)
         self.arm.send(signal.SIGCONT)
@@ -97,7 +97,7 @@ class Soak:
 
 
 class Memory:
-    """Resident memory of a process, sampled."""
+    """Samples of a process's resident memory."""
 
     def __init__(self, child: Process) -> None:
         self._child, self._begin = child, time.monotonic()
@@ -108,7 +108,7 @@ class Memory:
         over.wait(SAMPLE_S)
 
     def growth_kib(self) -> float:
-        """Of the line of least squares, from the end of the warm-up to the last sample."""
+        """Return the growth of the least-squares line from the end of the warm-up to the last sample."""
         last_s = self.samples[-1][0]
         kept = [each for each in self.samples if each[0] >= WARM_UP * last_s]
         if len(kept) < 3:
@@ -121,13 +121,16 @@ class Memory:
 
 
 class Judge:
-    """What is asked once a fault is over."""
+    """Checks after a fault."""
 
     def __init__(self, soak: Soak, motions: Motions, churn: Churn, followers: Sequence[Follower], hops: Hops) -> None:
         self._soak, self._motions, self._churn, self._followers, self._hops = soak, motions, churn, followers, hops
 
     def settled(self) -> None:
-        """The arm moves again, callbacks are made, every follower sees what happens now. AssertionError if not."""
+        """Check that the arm moves, callbacks are delivered, and every follower gets present values.
+
+        Raises AssertionError.
+        """
         moved, made, heard = self._motions.well, self._churn.made, self._hops.heard
         eventually(lambda: self._motions.well > moved + 1, "motions that succeed again")
         eventually(lambda: self._churn.made > made, "a callback that is accepted again")
@@ -136,7 +139,7 @@ class Judge:
         eventually(lambda: all(each.last > step for each in self._followers), "followers that hear what is new")
 
     def ended(self, clients: Clients) -> None:
-        """Nothing moves the robot or the value any more."""
+        """Check the end, when nothing moves the robot or the value any more."""
         for iri in self._motions.begun[-200:]:
             eventually(lambda iri=iri: self._over(iri), f"the end of {iri}")  # type: ignore[misc]
         assert not clients.wrong, "\n".join(clients.wrong[:10])
@@ -144,12 +147,12 @@ class Judge:
     def _over(self, iri: str) -> bool:
         one = self._soak.gateways[0]
         answer = one.get(one.here(iri))
-        if answer.status_code == 404:  # of each robot the last thousand are remembered
+        if answer.status_code == 404:  # for each robot the last thousand are remembered
             return True
         return one.browser.page(one.here(iri)).one(LF.state) in (*ENDED, LF.unknown)
 
     def delivered(self, receiver: CallbackReceiver) -> int:
-        """Every callback that was accepted and not deleted has the latest value, without gaps; how many there are."""
+        """Check that every accepted, undeleted callback has the latest value, without gaps; return their number."""
         for path in self._churn.held.values():
             arrived(receiver, path, self._soak.stage.angle)
             deliveries(receiver.log(path, "POST"))
@@ -161,7 +164,7 @@ def wrong_in_logs(processes: Sequence[tuple[str, Process]]) -> list[str]:
 
 
 def run(minutes: float) -> dict[str, str]:
-    """What it came to, by what; AssertionError for what must not be."""
+    """Return results by name; AssertionError for violations."""
     table: dict[str, str] = {}
     with contextlib.ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
@@ -210,7 +213,7 @@ def run(minutes: float) -> dict[str, str]:
 
 
 def _faults(soak: Soak, judge: Judge, end_s: float) -> None:
-    """One after another until it is time, but one at least."""
+    """Cause faults one after another until the end time, at least one."""
     faults: Iterator[Callable[[], None]] = itertools.cycle(
         (soak.kill_gateway, soak.kill_redis, soak.kill_agent, soak.end_gateway, soak.hang_agent)
     )

@@ -1,4 +1,4 @@
-"""WebSockets on a real gateway: handshakes that are nearly right, and frames as RFC 6455 has them and has them not."""
+"""WebSockets on a real gateway: nearly valid handshakes, and valid and invalid frames (RFC 6455)."""
 
 import asyncio
 import struct
@@ -61,7 +61,7 @@ async def _all(there: Living, tally: Tally, batch: range) -> None:
 
 
 def handshake(random: Random, port: int) -> bytes:
-    """Right in four of five."""
+    """Return a handshake; four in five are valid."""
     right = random.random() < 0.8
     chosen = [(name, values[0] if right else random.choice(values)) for name, values in _FIELDS]
     lines = [f"{name}: {value}" for name, value in chosen if right or random.random() < 0.9]
@@ -71,7 +71,7 @@ def handshake(random: Random, port: int) -> bytes:
 
 
 def frame(random: Random) -> bytes:
-    """Any opcode, length and mask, at times with one length said and another sent."""
+    """Return a frame with any opcode, length and mask, sometimes with a wrong length."""
     opcode = random.choice((0, 1, 2, 8, 9, 10, 3, 7, 11, 15))
     first = (
         opcode
@@ -95,7 +95,7 @@ def _payload(random: Random, opcode: int) -> bytes:
 
 
 def _length(random: Random, size: int, mask: int) -> bytes:
-    """The shortest form, or in one of ten a longer one, which is forbidden."""
+    """Return the shortest form, or in one of ten cases a longer one, which is forbidden."""
     longer = random.random() < 0.1
     if size < 126 and not longer:
         return bytes([mask | size])
@@ -105,12 +105,12 @@ def _length(random: Random, size: int, mask: int) -> bytes:
 
 
 async def _visit(port: int, opening: bytes, rest: bytes, whim: float) -> str:
-    """Shake hands, say it all, listen for a moment, and leave: now and then by closing only one half."""
+    """Shake hands, send everything, read for a moment, and leave, sometimes by closing only one half."""
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
     try:
         writer.write(opening + rest if whim < 0.2 else opening)
         async with asyncio.timeout(PATIENCE_S):
-            # An opening that was torn may be waited for by the gateway for ever.
+            # The gateway may wait for the rest of a torn handshake for ever.
             said = await asyncio.wait_for(reader.readline(), 0.3 if b"\r\n\r\n" not in opening else None)
             if whim >= 0.2 and said.startswith(b"HTTP/1.1 101"):
                 await reader.readuntil(b"\r\n\r\n")

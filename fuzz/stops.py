@@ -1,4 +1,4 @@
-"""Somebody stops a robot again and again while the gateway is fuzzed, and is to be answered in time."""
+"""Repeated stops of a robot while the gateway is fuzzed, which must be answered in time."""
 
 import contextlib
 import threading
@@ -9,13 +9,13 @@ import httpx
 
 STOP = "arm/actions/stop"
 LATE_S = 2.0
-"""On a machine that does other things too; robots hold 2.5 s after a gateway has gone."""
+"""On a busy machine; robots hold 2.5 s after a gateway has gone."""
 _PAUSE_S = 0.1
 _PATIENCE_S = 20.0
 
 
 class Stops:
-    """Asked for in a thread. ``late_s`` and ``note`` may be called at any time from another."""
+    """Stops in a thread of its own. ``late_s`` and ``note`` may be called from any thread."""
 
     def __init__(self, url: str) -> None:
         self._url = url
@@ -26,12 +26,12 @@ class Stops:
         with httpx.Client(timeout=_PATIENCE_S) as http:
             while not over.wait(_PAUSE_S):
                 begun_s = time.monotonic()
-                with contextlib.suppress(httpx.TransportError):  # as late as it took to fail
+                with contextlib.suppress(httpx.TransportError):  # a failure counts with its duration
                     http.post(self._url)
                 self._took_s.append(time.monotonic() - begun_s)
 
     def late_s(self) -> float:
-        """The longest above LATE_S of those that were answered since the last time, else zero."""
+        """Return the longest response time above LATE_S since the last call, else zero."""
         recent = self._took_s[self._seen :]
         self._seen += len(recent)
         longest_s = max(recent, default=0.0)

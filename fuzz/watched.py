@@ -1,7 +1,7 @@
-"""``python -m fuzz.watched``: the gateway, on a loop that logs each callback of more than 25 ms of processor time.
+"""``python -m fuzz.watched``: the gateway on an event loop that logs callbacks of more than 25 ms of processor time.
 
-It is ``python -m linked_fleet_gateway`` but for two things: the loop is that of asyncio, all of whose callbacks are
-Python objects that can be timed, and such a callback is logged as an error.
+It differs from ``python -m linked_fleet_gateway`` in two ways: the loop is that of asyncio, whose callbacks are Python
+objects that can be timed, and slow callbacks are logged as errors.
 """
 
 import asyncio
@@ -17,14 +17,14 @@ import uvloop
 from linked_fleet_gateway.__main__ import main
 
 MOST_S = 0.025
-"""Processor time of its thread that one callback of the event loop may use."""
+"""Limit of the thread's processor time for one callback of the event loop."""
 STALL = "a callback of the event loop used"
 log = logging.getLogger(__name__)
 
 
 @contextmanager
 def timed_callbacks(report: Callable[[float, Handle], None]) -> Iterator[None]:
-    """Meanwhile have ``report`` called with the processor time (s) of each callback."""
+    """In this context, call ``report`` with the processor time (s) of each callback."""
     run = Handle._run
 
     def timed(self: Handle) -> None:

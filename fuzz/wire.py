@@ -1,4 +1,4 @@
-"""Every message of the wire, both ways, through the functions that link and agent call; no session, no thread."""
+"""Every message of the Zenoh protocol, in both directions, passed to the functions of link and agent."""
 
 import itertools
 import json
@@ -49,7 +49,7 @@ def run(count: int, seed: int, first: int = 0) -> Tally:
 
 
 def spoilt(random: Random, document: Any) -> bytes:
-    """One in eight stays as it was: what is refused after it must not have been the first good one's fault."""
+    """Return one in eight unchanged: a later refusal must not be caused by an earlier valid message."""
     how = random.randrange(8)
     if how == 0:
         return mutation.dumped(document)
@@ -59,7 +59,7 @@ def spoilt(random: Random, document: Any) -> bytes:
 
 
 class World:
-    """An agent, and a gateway's fleet, for one episode."""
+    """An agent, and the fleet of a gateway, for one episode."""
 
     def __init__(self) -> None:
         self._patient = Patient()
@@ -161,7 +161,7 @@ class World:
         try:
             key = _KEYS.robot(name, kind) if random.random() < 0.6 else _KEYS.presence(name, random.getrandbits(63))
             parsed = _KEYS.parse(mutation.raw(random, key.encode()).decode("utf-8", "surrogateescape"))
-        except ValueError:  # a UnicodeEncodeError of half a pair is one
+        except ValueError:  # UnicodeEncodeError of an unpaired surrogate is a ValueError
             return
         assert unescape(escape(parsed.robot)) == parsed.robot, "a name has one spelling"
 
@@ -180,9 +180,9 @@ class World:
         self._fleet.apply(event, self._now_ns)
 
     def _look(self, random: Random, name: str, share: float) -> None:
-        """As whoever reads the robot does, with a share of them its page."""
+        """Read the robot as clients do, and its page with the probability ``share``."""
         robot = self._fleet.robots[name]
-        robot.positions  # noqa: B018 (unpacked when somebody asks)
+        robot.positions  # noqa: B018 (decoded on access)
         for link in list(robot.model.links if robot.model else ())[:3]:
             robot.link_pose(link)
         if random.random() >= share:
@@ -208,7 +208,7 @@ def _reply_of(payload: bytes) -> Reply:
 
 
 def torn(random: Random, payload: bytes) -> bytes:
-    """Words of eight bytes are what a frame consists of."""
+    """Mutate words of eight bytes, of which a frame consists."""
     if random.random() < 0.4:
         return mutation.raw(random, payload)
     changed = bytearray(payload)
@@ -219,7 +219,7 @@ def torn(random: Random, payload: bytes) -> bytes:
 
 
 def spoilt_description(random: Random, document: dict[str, Any]) -> bytes:
-    """Half of what is wrong is wrong in the URDF, which is a document of its own."""
+    """Mutate a description; half of the mutations are in its URDF."""
     if random.random() < 0.5:
         urdf = str(document["urdf"])
         if random.random() < 0.5:
@@ -238,7 +238,7 @@ _VALUES = (
 
 
 def _attributes(random: Random, urdf: str) -> str:
-    """With the values of one to three attributes, or of all of one spelling, replaced by others."""
+    """Replace the values of one to three attributes, or of all with one name."""
     for _ in range(random.choice((1, 1, 2, 3))):
         pieces = urdf.split('"')
         at = 2 * random.randrange(len(pieces) // 2) + 1

@@ -1,4 +1,4 @@
-"""Clients and robots of the soak: each does one thing again and again, and knows what it was told."""
+"""Clients and robots of the soak test: each repeats one kind of request, and remembers the responses."""
 
 import contextlib
 import itertools
@@ -20,14 +20,14 @@ from subscribers import Socket, StreamEnded, events
 
 _WELL = (200, 201, 202, 204)
 _AWAY = (503, 504)
-"""What may be said while something is away; a motion may besides be refused (409), a resource gone (404)."""
+"""Permitted statuses during a fault; besides, a motion may be refused (409), a resource be gone (404)."""
 _KEPT = 5
 _GUESTS = 6
 _PAUSE_S = 0.5
 
 
 class Clients:
-    """Asks one gateway after another, once each; ``wrong`` is what no fault excuses."""
+    """Asks one gateway after another; ``wrong``: responses that no fault excuses."""
 
     def __init__(self, roots: Sequence[str]) -> None:
         self._roots = itertools.cycle([root.rstrip("/") for root in roots])
@@ -38,7 +38,7 @@ class Clients:
         self._http.close()
 
     def ask(self, method: str, path: str, body: str | None = None, **fields: str) -> httpx.Response | None:
-        """None when nobody was there or the connection broke: what became of it is not known then."""
+        """Return None if nothing listened or the connection broke: the outcome is then unknown."""
         try:
             answer = self._http.request(method, next(self._roots) + path, content=body, headers=fields)
         except httpx.TransportError:
@@ -49,7 +49,7 @@ class Clients:
 
 
 class Steps:
-    """The robot whose joint stands at another place every time."""
+    """The robot whose joint has another position in every frame."""
 
     def __init__(self, stage: Hub) -> None:
         self._stage = stage
@@ -60,7 +60,7 @@ class Steps:
 
 
 class Reads:
-    """Reads the tree here and there, in each syntax."""
+    """Reads resources of the tree in each syntax."""
 
     def __init__(self, clients: Clients, paths: Sequence[str]) -> None:
         self.well = 0
@@ -75,7 +75,7 @@ class Reads:
 
 
 class Motions:
-    """Turns a joint to and fro; ``begun`` are the invocations that were accepted, to be ended one day."""
+    """Turns a joint to and fro; ``begun``: the accepted invocations, which must end."""
 
     def __init__(self, clients: Clients, action: str) -> None:
         self.begun: list[str] = []
@@ -95,7 +95,7 @@ class Motions:
 
 
 class Churn:
-    """Makes callbacks and deletes the eldest. ``held``: path at the receiver by IRI, of those that are surely there."""
+    """Creates callbacks and deletes the oldest. ``held``: receiver path by IRI of those that surely exist."""
 
     def __init__(self, clients: Clients, container: str, rotation: str, receiver: CallbackReceiver) -> None:
         self.held: dict[str, str] = {}
@@ -121,7 +121,7 @@ class Churn:
             self._clients.wrong.append(f"a callback: {answer.status_code} {answer.text[:300]}")
 
     def _delete(self, iri: str) -> None:
-        """It is there until then. Without an answer, or with 503, nobody knows whether it is still."""
+        """Delete a callback. Without a response, or with 503, it is unknown whether it still exists."""
         answer = self._clients.ask("DELETE", iri)
         if answer is not None and answer.status_code == 404:
             self._clients.wrong.append(f"an accepted callback is not there: {iri}")
@@ -130,7 +130,7 @@ class Churn:
 
 
 class Hops:
-    """Opens a stream, hears what is there now and closes it: by WebSocket and as events in turn, at each gateway."""
+    """Opens a stream, reads the present value and closes it; by WebSocket and as events in turn, at each gateway."""
 
     def __init__(self, roots: Sequence[str], path: str) -> None:
         self.asked = self.heard = 0
@@ -139,7 +139,7 @@ class Hops:
     def __call__(self, over: threading.Event) -> None:
         url = self._roots[self.asked // 2 % len(self._roots)] + self._path
         self.asked += 1
-        # Ended in good order as well, by a gateway that ends before it has said anything.
+        # Also after a regular close by a gateway that ends before it has sent anything.
         gone = (OSError, WebSocketException, httpx.TransportError, StreamEnded)
         with contextlib.suppress(*gone), Socket(url) if self.asked % 2 else events(url) as stream:
             stream.next()
@@ -148,7 +148,7 @@ class Hops:
 
 
 class Guests:
-    """Robots that come, stand, obey and go, in good order or not at all."""
+    """Robots that appear, stand still, obey and leave, regularly or not."""
 
     def __init__(self, session: zenoh.Session) -> None:
         self.came = 0
@@ -167,6 +167,6 @@ class Guests:
 
 @contextlib.contextmanager
 def agent(endpoint: str) -> Iterator[Process]:
-    """Of a simulated arm, at a rate that leaves time for the rest."""
+    """Run the agent of a simulated arm, at a rate that leaves time for the other processes."""
     with process("-m", "linked_fleet_agent", "--robot=ur5", "--rate-hz=25", "--connect", endpoint) as child:
         yield child
