@@ -1,4 +1,4 @@
-"""Everything that is measured, in one table; ``make bench``. bench/README.md says how to read it."""
+"""All benchmarks in one table: ``make bench``. bench/README.md says how to read it."""
 
 import argparse
 import contextlib
@@ -15,7 +15,7 @@ from bench.table import Row, UnavailableError, median
 
 
 class Suite(NamedTuple):
-    """``bench.NAME.rows(seconds)``, so many times; what takes long and varies little is run once."""
+    """A module ``bench.NAME`` and how many times its ``rows(seconds)`` runs; once if it is slow and varies little."""
 
     name: str
     repeated: bool = True
@@ -40,7 +40,7 @@ SUITES = (
 
 
 def main() -> int:
-    """Exit code 1 when a suite failed; what could be measured is printed all the same."""
+    """Return exit code 1 if a suite failed; the other figures are printed anyway."""
     arguments = _parser().parse_args()
     suites = [suite for suite in SUITES if not arguments.only or suite.name in arguments.only]
     about = {**machine(), "seconds": arguments.seconds, "runs": arguments.runs}
@@ -50,7 +50,7 @@ def main() -> int:
             found[suite.name] = run(suite, arguments.seconds, arguments.runs)
         except UnavailableError as reason:
             skipped[suite.name] = str(reason)
-        except Exception:  # noqa: BLE001 - the others are worth measuring all the same
+        except Exception:  # noqa: BLE001 - the other suites are measured anyway
             traceback.print_exc()
             failed.append(suite.name)
     said = result(about, found, skipped)
@@ -76,7 +76,7 @@ def run(suite: Suite, seconds: float, runs: int) -> list[Row]:
     begin, found = time.monotonic(), list[Sequence[Row]]()
     for _ in range(runs if suite.repeated else 1):
         found.append(rows(seconds))
-    print(f"{suite.name}: {time.monotonic() - begin:.0f} s", file=sys.stderr, flush=True)  # for who waits
+    print(f"{suite.name}: {time.monotonic() - begin:.0f} s", file=sys.stderr, flush=True)  # progress for whoever waits
     return median(found)
 
 

@@ -1,4 +1,4 @@
-"""What other requests of actions take than to accept a motion: rehearsals, refusals, halts of five simulated robots."""
+"""Time of action requests other than accepted motions: rehearsals, refusals, and stops of five simulated robots."""
 
 import contextlib
 import multiprocessing
@@ -72,7 +72,7 @@ def _requests(browser: Browser) -> list[tuple[str, Callable[[int], httpx.Respons
 
 @contextlib.contextmanager
 def _busy(browser: Browser) -> Iterator[None]:
-    """Clients in a process of their own that read joint states and ask for what takes longest."""
+    """Run clients in a process of their own that read joint states and send the slowest requests."""
     robot = browser.robot("ur5")
     link = next(str(each) for each in robot.graph.subjects() if str(each).endswith("/ee_link"))
     far = f"<> lf:ofLink <{link}> ; lf:position [ maths:x 4000 ; maths:y 0 ; maths:z 0 ; vom:unit unit:MilliM ] ."
@@ -100,7 +100,8 @@ def _ask_for_ever(state: str, reach: str, body: str) -> None:
 
 
 def _measure(name: str, send: Callable[[int], httpx.Response], status: int, seconds: float) -> Row:
-    # A gateway's first search loads what it needs; on a busy machine that is too late for the robot, which refuses.
+    # A gateway's first search loads its modules; on a busy machine the robot then refuses because the motion is too
+    # late.
     eventually(lambda: send(0).status_code == status, name)
     took, end = list[float](), time.monotonic() + seconds
     while time.monotonic() < end:

@@ -1,7 +1,7 @@
-"""What a GET costs: requests that a gateway answers for each second of its processor's time.
+"""The cost of a GET: responses per second of the gateway's processor time.
 
-They differ as those of browsers and crawlers do: each is for a random resource of five simulated robots, in Turtle or
-JSON-LD, with the fields of a browser and a trace of its own. The bare server gets the same ones.
+Requests vary as those of browsers and crawlers do: each is for a random resource of five simulated robots, in Turtle or
+JSON-LD, with the fields of a browser and its own trace id. The bare server gets the same requests.
 """
 
 import os
@@ -43,7 +43,7 @@ _WALKED = 4500
 
 @dataclass(frozen=True)
 class Asked:
-    """Answers in ``seconds``, for which the server's processes had ``cpu_s``."""
+    """Responses in ``seconds``, which took ``cpu_s`` of the server's processes."""
 
     answers: int
     seconds: float
@@ -91,7 +91,7 @@ def rows(seconds: float) -> list[Row]:
 
 
 def _walk(root: str) -> tuple[list[str], list[str], float]:
-    """Follow all links; paths of measured values and of other things, and the seconds for the first ``_WALKED``."""
+    """Follow all links; return paths of measured values, other paths, and the seconds for the first ``_WALKED``."""
     values, others, pending, seen = list[str](), list[str](), [root], {root}
     begin, walked_s, count = time.monotonic(), 0.0, 0
     with httpx.Client(headers={"accept": "application/n-triples"}, timeout=60) as http:
@@ -120,12 +120,12 @@ def _walk(root: str) -> tuple[list[str], list[str], float]:
 
 
 def _is_walked(iri: str, root: str) -> bool:
-    """Recordings are no part of the walk: they are as long as the gateway has run."""
+    """Return False for recordings: their number depends on how long the gateway has run."""
     return iri.startswith(root) and "#" not in iri and "/history" not in iri
 
 
 def _read_all(root: str, paths: list[str], media_type: str) -> float:
-    """Read each once; the seconds for as many as were walked."""
+    """Read each path once; return the seconds for as many as were walked."""
     begin = time.monotonic()
     with httpx.Client(base_url=root, headers={"accept": media_type}, timeout=60) as http:
         for path in paths:
@@ -146,7 +146,7 @@ def _listed(folder: str, name: str, lines: list[tuple[str, ...]]) -> Path:
 
 
 def browse(url: str, pid: int, seconds: float, paths: Path, status: int = 200) -> Asked:
-    """Ask as browsers do for the paths in the file, on 32 connections as fast as answers come."""
+    """Request the paths in the file with browser fields, on 32 connections as fast as responses come."""
     return wrk(url, pid, seconds, flags=("--script", str(_BROWSER)), environment={"PATHS": str(paths)}, status=status)
 
 
@@ -159,7 +159,7 @@ def wrk(
     flags: tuple[str, ...] = (),
     environment: Mapping[str, str] | None = None,
 ) -> Asked:
-    """Ask on 32 connections as fast as answers come. Each answer has a status below 400, the first ``status``."""
+    """Send requests on 32 connections as fast as responses come; statuses must be below 400, the first ``status``."""
     if shutil.which("wrk") is None:
         raise UnavailableError("wrk is not here, with which requests are made: apt install wrk")
     words = [word for name, value in (fields or {}).items() for word in ("-H", f"{name}: {value}")]

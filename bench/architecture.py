@@ -1,4 +1,4 @@
-"""Measures of the architecture: lines and modules of each room, imports that run up, circles of files.
+"""Measures of the architecture: lines and modules of each layer, upward imports, import cycles.
 
 ``python -m bench.architecture`` prints them as Markdown (ARCHITECTURE.md, "Measures"). Imports inside functions and
 under TYPE_CHECKING count.
@@ -20,12 +20,12 @@ ROOMS = (
     "base", "shacl", "rdf", "runtime", "fleet", "identity", "resources", "link", "subscriptions", "actions", "http",
     "extensions", "app",
 )  # fmt: skip
-"""Rooms of the gateway, the lowest first."""
+"""Layers ("rooms") of the gateway, the lowest first."""
 Edges = Mapping[str, set[str]]
 
 
 def modules(package: str) -> dict[str, Path]:
-    """The Python modules of a package by their dotted names."""
+    """Return the Python modules of a package by their dotted names."""
     found: dict[str, Path] = {}
     folder = ROOT / FOLDERS[package]
     for path in sorted((folder / package).rglob("*.py")):
@@ -36,7 +36,7 @@ def modules(package: str) -> dict[str, Path]:
 
 
 def imports(files: Mapping[str, Path]) -> dict[str, set[str]]:
-    """The modules among ``files`` that each of them imports."""
+    """Return the modules among ``files`` that each of them imports."""
     found: dict[str, set[str]] = {name: set() for name in files}
     for name, path in files.items():
         for node in ast.walk(ast.parse(path.read_text())):
@@ -52,7 +52,7 @@ def imports(files: Mapping[str, Path]) -> dict[str, set[str]]:
 
 
 def scripts() -> dict[str, set[str]]:
-    """The imports of the pages' scripts."""
+    """Return the imports of the pages' scripts."""
     found: dict[str, set[str]] = {}
     for path in sorted((ROOT / "face" / "src").rglob("*.js")):
         named = re.findall(r"""(?:from|import)\s*\(?\s*["'](\.[^"']+)["']""", path.read_text())
@@ -63,7 +63,7 @@ def scripts() -> dict[str, set[str]]:
 
 
 def circles(edges: Edges) -> list[list[str]]:
-    """Strongly connected components of more than one file (Tarjan), each in order."""
+    """Return the strongly connected components of more than one file (Tarjan), each sorted."""
     number: dict[str, int] = {}
     lowest: dict[str, int] = {}
     stack: list[str] = []
@@ -96,7 +96,7 @@ def circles(edges: Edges) -> list[list[str]]:
 
 
 def room_of(module: str) -> str:
-    """The room of a module of the gateway, an extension by its name."""
+    """Return the layer of a module of the gateway; for an extension its name."""
     parts = module.split(".")
     if len(parts) < 2 or parts[1] == "__main__":
         return "app"
@@ -108,7 +108,7 @@ def rank(room: str) -> int:
 
 
 def upward(edges: Edges) -> list[tuple[str, str]]:
-    """Imports of the gateway that run up, or from one extension to another."""
+    """Return the gateway's imports into a higher layer, or between extensions."""
     found = []
     for module, imported in edges.items():
         for other in sorted(imported):

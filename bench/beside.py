@@ -1,4 +1,4 @@
-"""What is measured beside the gateway, in the same run: Zenoh from process to process, Starlette alone, the disk."""
+"""References measured in the same run as the gateway: Zenoh between processes, plain Starlette, the disk."""
 
 import contextlib
 import os
@@ -21,7 +21,7 @@ BARE = "bare Starlette (httptools)"
 
 @contextlib.contextmanager
 def bare(size: int) -> Iterator[tuple[str, int]]:
-    """Its URL, where a GET has so many bytes and a POST is taken, and its process."""
+    """Run plain Starlette; yield a URL (GET returns ``size`` bytes, POST is accepted) and the process id."""
     port = free_port()
     with process("-m", "bench.references", "bare", str(port), str(size)) as child:
         child.said("running on")
@@ -29,7 +29,7 @@ def bare(size: int) -> Iterator[tuple[str, int]]:
 
 
 class Partner:
-    """A child process that says ready when it is, and ends with its input."""
+    """A child process that prints "ready", and ends when its input ends."""
 
     def __init__(self, *arguments: str) -> None:
         environment = {**os.environ, "PYTHONPATH": f"{ROOT}:{ROOT / 'tests'}:{ROOT / 'tests/requirements'}"}
@@ -49,7 +49,7 @@ class Partner:
 
 
 class Wire(NamedTuple):
-    """From the sending of each state to its arrival; from each question to its answer."""
+    """Latencies: from sending a state to its arrival, and from a question to its answer."""
 
     states_ms: list[float]
     answers_ms: list[float]
@@ -63,7 +63,7 @@ def wire(
     here: Sequence[str] = (),
     there: Sequence[str] = (),
 ) -> Wire:
-    """Zenoh alone from process to process: ``far`` says how Python is run where the robot is."""
+    """Measure plain Zenoh between processes; ``far`` wraps the command line of Python on the robot's side."""
     states, answers = list[float](), list[float]()
 
     def take(sample: zenoh.Sample) -> None:
@@ -86,7 +86,7 @@ def wire(
 
 
 def fsync_ms(count: int = 50, size: int = 300) -> list[float]:
-    """How long it takes until so many bytes more are on the disk on which states are kept."""
+    """Return the times in ms until so many more bytes are on the disk that stores states."""
     took = []
     with tempfile.TemporaryDirectory() as folder, Path(folder, "log").open("ab", buffering=0) as log:
         for _ in range(count):

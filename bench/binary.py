@@ -1,6 +1,6 @@
-"""What a message costs in each of its forms: bytes, and processor time of the gateway from the frame to the body.
+"""The cost of a message in each format: bytes, and the gateway's processor time from frame to body.
 
-In this process, without network: a robot of twenty joints, all of which have moved with each frame.
+Measured in this process, without network: a robot of twenty joints that all move in each frame.
 """
 
 import argparse
@@ -33,7 +33,7 @@ _FORMS = {"Turtle": "text/turtle", "JSON-LD": "application/ld+json", "Jelly": JE
 
 
 def rows(seconds: float) -> list[Row]:
-    """Bytes and processor time of each form, in about so many seconds; Turtle is the reference of the others."""
+    """Return bytes and processor time of each format, in about so many seconds; Turtle is the reference."""
     arm = _Arm()
     share_s = seconds / (len(_PATHS) * len(_FORMS) * RUNS)
     found = []
@@ -55,7 +55,7 @@ def _beside(what: str, unit: str, figures: Mapping[str, float]) -> Iterator[Row]
 
 
 class _Arm:
-    """A fleet of one robot, whose frames are those of an agent."""
+    """A fleet of one robot with frames like those of an agent."""
 
     def __init__(self) -> None:
         said = robot("arm", JOINTS, urdf(JOINTS))
@@ -72,13 +72,13 @@ class _Arm:
         return Topic(path, True, found)
 
     def message(self, topic: Topic, media_type: str) -> bytes:
-        """The news of one frame, as the fan-out reads and renders it."""
+        """Return the message after a frame, read and rendered as in the fan-out."""
         self.move()
         topic.refresh()
         return topic.message(media_type, _BASE, self._tree).body
 
     def move(self) -> None:
-        """One frame in which position, velocity and effort of each joint are others."""
+        """Apply a frame with another position, velocity and effort of each joint."""
         self._sequence += 1
         values = [math.sin(self._sequence + number) for number in range(3 * JOINTS)]
         struct.pack_into("<Q", self._frame, self._fields["sequence"], self._sequence)
@@ -90,7 +90,7 @@ class _Arm:
 
 
 def _cost_us(arm: _Arm, topic: Topic, media_type: str, seconds: float) -> float:
-    """From the frame to the body: unpacking, finding out whether it is news, writing."""
+    """Return the processor time from frame to body: decoding, comparing, writing."""
 
     def message() -> None:
         arm.message(topic, media_type)

@@ -1,7 +1,7 @@
-"""What it costs to read memory: what other tenants leave of the caches of a machine differs from hour to hour.
+"""The latency of memory: other tenants' use of a machine's caches differs from hour to hour.
 
-A program as large as the gateway does not fit into the cache of a processor of its own (1 MiB here); what repeats a
-few lines, as the bare server does, always fits. So the one is slower in such hours, and the other is not.
+A program as large as the gateway does not fit into a processor's own cache (1 MiB here); a loop of a few lines, like
+the bare server, always fits. In such hours the gateway gets slower, but the bare server does not.
 """
 
 import random
@@ -16,7 +16,7 @@ _NAME = "a read at random in {} KiB, with one turn of a loop"
 
 
 def reads() -> list[Row]:
-    """Nanoseconds of one step of a loop that reads at random places, by how much memory these lie in."""
+    """Return the nanoseconds of a random read, by the size of the memory that is read."""
     least, unit = _step_ns(_KIB[0]), "ns CPU"
     return [
         known(_NAME.format(_KIB[0]), unit, least),
@@ -27,7 +27,7 @@ def reads() -> list[Row]:
 def _step_ns(kib: int) -> float:
     places = _circle(kib * 1024 // 8)
     at = 0
-    for _ in range(len(places)):  # bring it into the caches, as far as it fits
+    for _ in range(len(places)):  # load it into the caches, as far as it fits
         at = places[at]
     begin = time.process_time_ns()
     for _ in range(_READS):
@@ -36,7 +36,7 @@ def _step_ns(kib: int) -> float:
 
 
 def _circle(length: int) -> "array[int]":
-    """Each place names the next one, and all come before one comes again: no read can be begun before the last."""
+    """Return a random cycle through all places, so that no read can begin before the previous one has ended."""
     order = list(range(length))
     random.Random(1).shuffle(order)  # noqa: S311 - not a secret
     places = array("q", bytes(8 * length))

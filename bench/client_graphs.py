@@ -1,6 +1,6 @@
-"""Stores and parsers under the graphs of the client; ``python -m bench.client_graphs``.
+"""RDF stores and parsers for the graphs of the client; ``python -m bench.client_graphs``.
 
-Each document differs from the others, as those of a user do. Times are medians, of the processor of this thread.
+All documents differ, as those of a user do. Times are medians of this thread's processor time.
 """
 
 import argparse
@@ -48,7 +48,7 @@ LOADERS: dict[str, Loader] = {
 
 
 def description(properties: int, number: int) -> str:
-    """A thing with so many properties, each with its value and unit: six triples."""
+    """Return a thing with so many properties, each with a value and a unit (six triples)."""
     return HEAD + "".join(
         f'<> hybrit:property <#p{index}> . <#p{index}> a hybrit:Property ; dcterms:title "p{index} of {number}" ; '
         f'lf:value [ vom:numericalValue "{index + number}.25"^^xsd:double ; vom:unit unit:RAD ] .\n'
@@ -57,7 +57,7 @@ def description(properties: int, number: int) -> str:
 
 
 def shape(choices: int, number: int) -> str:
-    """The shape of an action of so many joints, each with its range."""
+    """Return the shape of an action of so many joints, each with its range."""
     return (
         HEAD
         + "<#s> a sh:NodeShape ; sh:or ( "
@@ -71,7 +71,7 @@ def shape(choices: int, number: int) -> str:
 
 
 def median_ms(work: Callable[[int], object], times: int) -> float:
-    """Return the time of the processor, after one call that is not counted."""
+    """Return the median processor time, without the first call."""
     work(0)
     found = []
     for number in range(1, times + 1):
@@ -82,7 +82,7 @@ def median_ms(work: Callable[[int], object], times: int) -> float:
 
 
 def rows() -> Iterator[tuple[str, list[float]]]:
-    """A name, and a figure for each of the loaders."""
+    """Yield a name and one figure per loader."""
     for name, size in SIZES.items():
         times = max(5, 300 // size)
         texts = [description(size, number) for number in range(times + 1)]
@@ -130,7 +130,7 @@ def judged(shapes: Graph) -> object:
 
 
 class _Tree(BaseHTTPRequestHandler):
-    """A root with twenty robots of two joints, each of which says something else in each answer."""
+    """Serves a root with twenty robots of two joints, which change with each response."""
 
     protocol_version = "HTTP/1.1"
     disable_nagle_algorithm = True
@@ -164,7 +164,7 @@ class _Tree(BaseHTTPRequestHandler):
             self.wfile.write(body)
 
     def log_message(self, format: str, *args: object) -> None:
-        """A benchmark has no log."""
+        """Log nothing."""
 
 
 @contextlib.contextmanager
@@ -181,7 +181,7 @@ def tree() -> Iterator[str]:
 
 
 def walk(loader: Loader) -> float:
-    """With the values of each resource; a new client each time."""
+    """Walk the tree and read the values of each resource, with a new client each time."""
 
     def once(_: int) -> None:
         with Fleet(root) as fleet:
@@ -205,7 +205,7 @@ def conform(loader: Loader) -> float:
 
 
 def memory(name: str) -> float:
-    """In a process of its own."""
+    """Measure memory in a process of its own."""
     said = subprocess.run([sys.executable, "-m", __spec__.name, "--memory", name], capture_output=True, check=True)  # noqa: S603
     return float(said.stdout)
 

@@ -1,7 +1,7 @@
-"""The check of motions against a second opinion: random motions of the demo's robots, where the demo has them stand.
+"""The collision check against an independent one: random motions of the demo's robots at their places in the demo.
 
-No motion may be found free that has a contact, and at most 1 % may be refused that has none within the same margin.
-Exits with 1 otherwise.
+No motion with a contact may pass, and at most 1 % of the motions without a contact within the same margin may be
+refused. Exits with 1 otherwise.
 """
 
 import argparse
@@ -28,12 +28,12 @@ from linked_fleet_gateway.extensions.world.surfaces import read_mesh
 from linked_fleet_gateway.extensions.world.surroundings import MARGIN_M
 from linked_fleet_gateway.fleet.model import Pose
 
-TOLERANCE_M = 0.001  # half of the step at which the check looks where parts are near
+TOLERANCE_M = 0.001  # half of the check's step near other parts
 STEP_M = 0.004
 MOST_NEEDLESS = 0.01
 _CHUNK_M = 0.05
 _MOST_SHOWN = 10
-_WITHIN_S = 20.0  # this is no test of how quick it is
+_WITHIN_S = 20.0  # speed is not tested here
 _MOST_STARTS = 50
 Positions = Mapping[str, float]
 
@@ -49,7 +49,7 @@ class Verdicts:
 
 
 class Scene:
-    """The robots of the demo in their poses at the start, as the check knows them and as the second opinion does."""
+    """The robots of the demo in their initial poses, for the check and for the independent one."""
 
     def __init__(self) -> None:
         self.robots: dict[str, Robot] = {}
@@ -82,7 +82,7 @@ class Scene:
         return check(Check(me, (way,), others, (), _WITHIN_S), self.robots, {})
 
     def bound(self, name: str, start: Positions, ends: Positions) -> float:
-        """How far any point of the robot goes at most."""
+        """Return an upper bound of how far any point of the robot moves."""
         robot = self.robots[name]
         after = self.rigid[name].complete({**start, **ends})
         reach = dict(zip(robot.model.names, robot.reach_m.max(axis=1, initial=0.0), strict=True))
@@ -98,7 +98,7 @@ def _robot(urdf: str, rigid: Rigid, file: Path) -> Robot:
 
 
 class Trial:
-    """Random motions of one robot, and what both say of them."""
+    """Random motions of one robot, and the results of both checks."""
 
     def __init__(self, scene: Scene, name: str, seed: int) -> None:
         self._scene, self._name, self._around = scene, name, scene.around(name)
@@ -134,7 +134,7 @@ class Trial:
         return {each: float(self._random.uniform(*self._rigid.joints[each].limits)) for each in chosen}
 
     def _start(self) -> dict[str, float]:
-        """Return positions at which no further parts touch and nothing else is near; home if there are none."""
+        """Return positions without additional contacts or near objects; home if none are found."""
         self._around.moving(self._rigid.joints.keys())
         for _ in range(_MOST_STARTS):
             start = self._rigid.complete({**self._scene.home[self._name], **self._targets(100)})
@@ -146,12 +146,12 @@ class Trial:
     def _contact(
         self, start: Positions, ends: Positions, touching: set[tuple[int, int]], own_m: float, around_m: float
     ) -> str | None:
-        """A pair that comes as near as this, beyond the margin; looked for where it can be at all, every 4 mm."""
+        """Return a pair that comes closer than this beyond the margin, searched every 4 mm where possible at all."""
         bound = self._scene.bound(self._name, start, ends)
         looked: dict[float, dict[tuple[int, int, bool], float]] = {}
 
         def near(share: float) -> dict[tuple[int, int, bool], float]:
-            """By pair how far it is from what it has to keep."""
+            """Return, by pair, its distance minus the required distance."""
             if share not in looked:
                 moved = {each: start[each] + share * (end - start[each]) for each, end in ends.items()}
                 at, found = self._rigid.complete({**start, **moved}), {}

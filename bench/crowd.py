@@ -1,4 +1,4 @@
-"""Who takes part when thousands of robots are measured: the process with the robots, gateways, Redis, and a probe."""
+"""The processes of benchmarks with thousands of robots: robots, gateways, Redis, and a probe."""
 
 import contextlib
 import http.client
@@ -22,13 +22,15 @@ from bench.scene import pid_of
 from redis_servers import Server
 from running import PATIENCE_S, ROOT, free_port, process
 
-_PAUSE_S = 0.1  # to ask is not to be what the gateway is busy with
+_PAUSE_S = 0.1  # so that the gateway is not busy with these requests
 
 
 @dataclass(frozen=True)
 class Size:
-    """How much is measured: robots, joints of each, how many URDFs they have among them, seconds of each measurement,
-    requests of each kind."""
+    """The size of a run.
+
+    Robots, joints of each, different URDFs, seconds of each measurement, requests of each kind.
+    """
 
     robots: int = 1000
     joints: int = 18
@@ -59,7 +61,7 @@ class Crowd:
         return answer
 
     def age_ms(self, value: str, now_ns: int) -> float:
-        """How old a frame was at ``now_ns``, of which ``value`` is where the first joint stood."""
+        """Return the age of a frame at ``now_ns``; ``value`` is its position of the first joint."""
         return (now_ns - self.epoch_ns) / 1e6 - float(value) * 1e3
 
     def close(self) -> None:
@@ -70,7 +72,7 @@ class Crowd:
 
 @dataclass
 class Gateway:
-    """A gateway process, and a client of it."""
+    """A gateway process with a client."""
 
     port: int
     pid: int = 0
@@ -81,7 +83,7 @@ class Gateway:
         return answer.raise_for_status()
 
     def numbers(self) -> dict[str, float]:
-        """Of /metrics; of all that are there once for each robot their count."""
+        """Return the values of /metrics; for metrics labelled by robot, their count."""
         found: dict[str, float] = {}
         for family in text_string_to_metric_families(self.get("/metrics", "*/*").text):
             for sample in family.samples:
@@ -94,7 +96,7 @@ class Gateway:
         return found
 
     def meet(self, robots: int) -> None:
-        """Wait until each robot has described itself and has a value."""
+        """Wait until each robot has a description and a value."""
         deadline = time.monotonic() + PATIENCE_S
         while self.numbers().get("robot_frame_age_seconds", 0) < robots:
             assert time.monotonic() < deadline, f"never happened: {robots} robots"
@@ -110,7 +112,7 @@ class Scene:
     restart: Callable[[], Gateway]
     """End the first gateway, and start another in its place."""
     endpoint: str
-    """Of the router."""
+    """Endpoint of the router."""
 
     def redis(self) -> dict[str, Any]:
         found: dict[str, Any] = self.store.info()
@@ -119,7 +121,7 @@ class Scene:
 
 @contextlib.contextmanager
 def stage(size: Size, count: int) -> Iterator[Scene]:
-    """Redis, the router with robots that have not appeared yet, and gateways that serve."""
+    """Run Redis, the router with robots that have not appeared yet, and gateways that are ready."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with contextlib.ExitStack() as stack:
         server = Server(Path(stack.enter_context(tempfile.TemporaryDirectory())))
@@ -151,7 +153,7 @@ def stage(size: Size, count: int) -> Iterator[Scene]:
 
 
 class Probe:
-    """Asks a gateway for next to nothing, again and again: how long others wait for the event loop."""
+    """Requests something cheap repeatedly, which shows how long others wait for the event loop."""
 
     def __init__(self, one: Gateway, pause_s: float = 0.002) -> None:
         self._connection = http.client.HTTPConnection("127.0.0.1", one.port)

@@ -1,4 +1,4 @@
-"""What the fan-out costs and how late it is, beside the least there can be (bench/README.md says how to read it)."""
+"""Cost and latency of the fan-out, beside the least that is possible (bench/README.md says how to read it)."""
 
 import argparse
 import contextlib
@@ -38,7 +38,7 @@ HEAD = (
 
 
 class Case(NamedTuple):
-    """So many subscribers of one value that changes so often."""
+    """A number of subscribers of one value, and how often it changes."""
 
     how: str
     count: int
@@ -65,11 +65,11 @@ CASES = (
 
 
 class Found(NamedTuple):
-    """What was seen in so many seconds."""
+    """The results of so many seconds."""
 
     seconds: float
     cpu_s: float
-    """The server's, all threads, user and kernel."""
+    """Processor time of the server: all threads, user and kernel."""
     readers_s: float
     frames: int
     messages: int
@@ -121,7 +121,7 @@ def main() -> None:
 
 
 def rows(seconds: float, cases: Sequence[Case] = CASES, robots: int = 50) -> list[Row]:
-    """``robots``: whose values are each watched by one."""
+    """``robots``: number of robots of which one value each has one subscriber."""
     found: list[Row] = []
     for case in (each for each in cases if each.goal):
         ours, bare, starlette = beside(case, seconds)
@@ -142,7 +142,7 @@ def line(name: object, *cells: object) -> None:
 
 
 def beside(case: Case, seconds: float) -> tuple[Found, Found, Found]:
-    """The gateway, and servers that send ready bytes of the same size as often to as many: bare uvloop, Starlette."""
+    """Measure the gateway, and servers that send constant bytes of the same size as often: bare uvloop, Starlette."""
     ours = fan_out(case, seconds)
     size = ours.bytes // ours.messages
     return ours, limit("bare", case, size, seconds), limit("starlette", case, size, seconds)
@@ -157,7 +157,7 @@ def fan_out(case: Case, seconds: float) -> Found:
 
 
 def limit(kind: str, case: Case, size: int, seconds: float) -> Found:
-    command = [sys.executable, str(_LIMITS), kind, case.how, str(case.rate_hz), str(size - 20)]  # 20: of the frame
+    command = [sys.executable, str(_LIMITS), kind, case.how, str(case.rate_hz), str(size - 20)]  # 20: bytes of framing
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:  # noqa: S603
         assert child.stdin is not None and child.stdout is not None
         with (
@@ -189,7 +189,7 @@ def measured(
 
 
 def distinct(seconds: float, robots: int = 50) -> Found:
-    """As many values as subscribers: nothing is rendered for more than one."""
+    """Measure as many values as subscribers: every message is rendered for one subscriber."""
     joints = 10
     paths = [f"/{name_of(robot)}/joint_{joint}/rotation" for joint in range(joints) for robot in range(robots)]
     with crowd.stage(Size(robots, joints, 1), 1) as place:
@@ -208,7 +208,7 @@ def distinct(seconds: float, robots: int = 50) -> Found:
 
 @contextlib.contextmanager
 def swaying(place: Scene) -> Iterator[str]:
-    """Baxter in simulation, one joint of which sways; its path."""
+    """Run a simulated Baxter with one swaying joint; yield the joint's path."""
     flags = ("--robot=baxter", "--sway=baxter:left_s0", f"--connect={place.place.zenoh}")
     with process("-m", "linked_fleet_agent", *flags), browsing(place.place) as browser:
         yield live(browser, "baxter").url.removeprefix(place.place.root.rstrip("/"))
@@ -224,7 +224,7 @@ def subtree(place: Scene, count: int, seconds: float) -> Found:
 
 
 def idle(seconds: float) -> None:
-    """The gateway with five robots at 100 Hz: with no subscription, and with one to a value of one of them."""
+    """Measure the gateway with five robots at 100 Hz: without a subscription, and with one."""
     with scene() as place, contextlib.ExitStack() as stack:
         for number in range(5):
             stack.enter_context(place.robot(f"mover{number}", 100))

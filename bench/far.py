@@ -1,7 +1,7 @@
 """A client at the far end of a network: ``python -m bench.far 1|2|3 HOST PORT AUTHORITY SECONDS PATH...``.
 
-With HTTP of that version it reads all paths at once on a new connection, five times over, then follows them as event
-streams for so long. What it found is one line of JSON. ``AUTHORITY`` is the certificate that it trusts.
+With that version of HTTP it reads all paths at once on a new connection, five times, then follows them as event streams
+for SECONDS. It prints its results as one line of JSON. ``AUTHORITY``: the trusted certificate.
 """
 
 import asyncio
@@ -27,7 +27,7 @@ from h2.connection import H2Connection
 from h2.events import ResponseReceived, StreamEnded
 
 NAME = "fleet.localhost"
-"""By which the front is known; its address is another matter."""
+"""Name of the front in its certificate; its address is given separately."""
 TURTLE, EVENTS = "text/turtle", "text/event-stream"
 _VALUE = re.compile(rb'numericalValue "([^"]+)"')
 _REPEATS = 5
@@ -36,12 +36,12 @@ _WINDOW = 1 << 24
 
 class Client(Protocol):
     def stream(self, path: str, accept: str) -> AsyncIterator[bytes]:
-        """What is answered, piece by piece."""
+        """Yield the response piece by piece."""
         ...
 
 
 class Http1:
-    """As many connections as there are requests at once."""
+    """Uses as many connections as there are concurrent requests."""
 
     def __init__(self, http: httpx.AsyncClient, host: str, port: int) -> None:
         self._http, self._root, self._authority = http, f"https://{host}:{port}", f"{NAME}:{port}"
@@ -55,7 +55,7 @@ class Http1:
 
 
 class Streams:
-    """Answers that come interleaved on one connection, each in its queue; None is its end."""
+    """Responses interleaved on one connection, with a queue each; None marks the end."""
 
     def __init__(self) -> None:
         self._queues: dict[int, asyncio.Queue[bytes | None]] = {}
@@ -107,7 +107,7 @@ class Http2(asyncio.Protocol):
 
 
 class Http3(QuicConnectionProtocol):
-    """One connection, of which a lost packet holds up only what was in it."""
+    """One connection; a lost packet delays only the streams in it."""
 
     authority: str
 

@@ -1,4 +1,4 @@
-"""What a gateway and an agent take of a machine: memory at rest, memory for a robot, processor of an agent."""
+"""The footprint of a gateway and an agent: memory at rest, memory per robot, processor time of an agent."""
 
 import argparse
 import contextlib
@@ -18,7 +18,7 @@ SIZE = Size(robots=200, joints=60, models=20, rates_hz=(1,))
 JOINTS, RATE_HZ = 20, 100.0
 _FRAME_BYTES = 40 + 3 * 8 * JOINTS
 MOST_MB, MOST_KB, MOST_AGENT_MB, MOST_AGENT_PERCENT = 64.0, 300.0, 40.0, 3.0
-# What the gateway is made of, and a Zenoh session that listens, without a line of its own.
+# The libraries of the gateway and a listening Zenoh session, without the gateway's own code.
 _PARTS = """
 import asyncio, json, sys
 import h11, msgspec, pyoxigraph, redis.asyncio, starlette.applications, uvicorn, uvloop, websockets, zenoh
@@ -30,7 +30,7 @@ with zenoh.open(config):
     print("open", flush=True)
     sys.stdin.read()
 """
-# What an agent does at least: it wakes up, and publishes a frame that is ready.
+# The minimum of an agent: it wakes up and publishes a constant frame.
 _TIMER = """
 import asyncio, sys
 import zenoh
@@ -53,7 +53,7 @@ with zenoh.open(configuration((endpoint,), (), 2_000)) as session:
 
 
 def rows(seconds: float, size: Size = SIZE) -> list[Row]:
-    """Memory as resident set, files that processes share included."""
+    """Return memory as resident set size, shared files included."""
     with stage(size, 1) as scene:
         empty, floor = rss_kib(scene.gateways[0].pid), _floor_kib()
         grown = _grown_kib(scene)
@@ -75,7 +75,7 @@ def rows(seconds: float, size: Size = SIZE) -> list[Row]:
 
 
 def _grown_kib(scene: Scene) -> int:
-    """By all robots, once each has been read."""
+    """Return the growth by all robots, after reading each once."""
     one = scene.gateways[0]
     before = rss_kib(one.pid)
     scene.crowd.ask("rate 1")
@@ -92,7 +92,7 @@ def _floor_kib() -> int:
 
 
 def _spent(seconds: float, *arguments: str) -> tuple[float, int]:
-    """What a child takes once it runs: percent of a processor, and KiB. Medians of five, since others disturb it."""
+    """Return the usage of a running child: percent of a processor, and KiB. Medians of five runs."""
     with _child(*arguments) as pid:
         time.sleep(1.0)
         found = [_percent(pid, seconds) for _ in range(5)]
@@ -107,7 +107,7 @@ def _percent(pid: int, seconds: float) -> float:
 
 @contextlib.contextmanager
 def _child(*arguments: str) -> Iterator[int]:
-    """A process that says one line when it is ready, and ends with its input."""
+    """Run a process that prints one line when it is ready, and ends when its input ends."""
     child = subprocess.Popen([sys.executable, *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE)  # noqa: S603
     assert child.stdin is not None and child.stdout is not None
     try:

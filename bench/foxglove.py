@@ -1,4 +1,4 @@
-"""Measures what five robots at 100 Hz cost a gateway that shows all of them to two clients of Foxglove.
+"""The cost for a gateway of showing five robots at 100 Hz to two Foxglove clients.
 
 ``PYTHONPATH=.:tests:tests/requirements python -m bench.foxglove``
 """
@@ -23,7 +23,7 @@ _SETTLED_S = 3.0
 
 
 class Viewer:
-    """A client that has subscribed to all channels but those of pictures, and counts what it gets."""
+    """A client that subscribes to all channels except pictures, and counts its messages."""
 
     def __init__(self, port: int) -> None:
         url = f"ws://127.0.0.1:{port}/foxglove"

@@ -1,4 +1,4 @@
-"""Caddy before a gateway: HTTP/1.1, 2 and 3 with a certificate authority of its own, as deploy/caddy has it."""
+"""Caddy in front of a gateway: HTTP/1.1, 2 and 3 with its own certificate authority, as in deploy/caddy."""
 
 import contextlib
 import os
@@ -40,7 +40,7 @@ class Front:
 
 
 def program() -> str:
-    """Of CADDY, or on the path."""
+    """Return the program: $CADDY, or from the path."""
     found = shutil.which(os.environ.get("CADDY", "caddy"))
     if found is None:
         raise UnavailableError(
@@ -51,7 +51,7 @@ def program() -> str:
 
 @contextlib.contextmanager
 def front(address: str, port: int, gateway: int) -> Iterator[Front]:
-    """At ``address`` and ``port``, before the gateway at port ``gateway`` of loopback."""
+    """Run Caddy at ``address`` and ``port`` for the gateway at loopback port ``gateway``."""
     caddy = program()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "Caddyfile")

@@ -1,6 +1,6 @@
-"""What a robot that joins costs Zenoh alone: a session as a gateway has it, which asks who comes for its description.
+"""The cost of joining robots for plain Zenoh: a session like the gateway's, which requests each new description.
 
-``python -m bench.greeter ENDPOINT`` says whom it has met, a line each, until it is killed.
+``python -m bench.greeter ENDPOINT`` prints a line for each robot that it has met, until it is killed.
 """
 
 import queue
@@ -13,7 +13,7 @@ from bench.references import session_of_gateway
 from linked_fleet_agent.wire.keys import Keys
 
 _KEYS = Keys()
-_AT_ONCE = 8  # as many questions as a gateway asks
+_AT_ONCE = 8  # concurrent questions, as many as in a gateway
 
 
 class Greeter:
@@ -33,7 +33,7 @@ class Greeter:
             robot = self._come.get()
             for reply in self._session.get(_KEYS.robot(robot, "description")):
                 if reply.ok is not None and reply.ok.payload.to_bytes():
-                    sys.stdout.write(f"met {robot}\n")  # in one piece, beside others
+                    sys.stdout.write(f"met {robot}\n")  # in one write, because other threads print too
 
 
 def main() -> None:

@@ -1,5 +1,7 @@
-"""What a gateway pays for frames of robots that nobody watches, beside a bare Zenoh session that puts the same frames
-into a dictionary; and how old values are over HTTP meanwhile."""
+"""The cost of frames that nobody watches, and the age of values read meanwhile.
+
+The reference is a bare Zenoh session that stores the same frames in a dictionary.
+"""
 
 import argparse
 import contextlib
@@ -20,14 +22,14 @@ from bench.synthetic import KEYS, name_of
 from bench.table import Row
 
 SIZE = Size(robots=1000, joints=18, models=20, rates_hz=(100,))
-"""Of 18 joints a frame has 472 bytes."""
+"""A frame of 18 joints has 472 bytes."""
 _VALUE = re.compile('numericalValue "([^"]+)"')
 MOST_US, AGE_MS = 6.0, 20.0
 _SILENCE_S = 0.3
 
 
 def rows(seconds: float, size: Size = SIZE) -> list[Row]:
-    """Processor time is that of whole processes, so that what else the machine does matters little."""
+    """Processor times are those of whole processes, so that other load of the machine matters little."""
     with stage(size, 1) as scene:
         one, (rate_hz,) = scene.gateways[0], size.rates_hz
         scene.crowd.ask(f"rate {rate_hz:g}")
@@ -57,7 +59,7 @@ def rows(seconds: float, size: Size = SIZE) -> list[Row]:
 
 
 def _paid(scene: Scene, one: Gateway, seconds: float, bare: "Bare") -> tuple[float, float, int, float]:
-    """Microseconds for a frame that came, of the gateway and of the bare session; frames sent and dropped."""
+    """Return microseconds per received frame of the gateway and of the bare session; frames sent and dropped."""
     scene.crowd.ask()
     heard, before, cpu = bare.heard(), one.numbers(), (cpu_s(one.pid), cpu_s(bare.pid))
     time.sleep(seconds)
@@ -68,14 +70,14 @@ def _paid(scene: Scene, one: Gateway, seconds: float, bare: "Bare") -> tuple[flo
 
 
 class Lost(NamedTuple):
-    """Percent of the frames that were sent, which never came to the gateway and to the bare session."""
+    """Percentage of sent frames that did not reach the gateway, and the bare session."""
 
     here: float
     beside: float
 
 
 def _lost(scene: Scene, one: Gateway, rate_hz: float, seconds: float, bare: "Bare") -> Lost:
-    """Between two silences, so that nothing is under way. Those that came late have come."""
+    """Measure between two silences, so that no frame is in transit; late frames count as received."""
     scene.crowd.ask("rate 0")
     before, heard = _silent(one), bare.heard()
     scene.crowd.ask()
@@ -89,7 +91,7 @@ def _lost(scene: Scene, one: Gateway, rate_hz: float, seconds: float, bare: "Bar
 
 
 def _silent(one: Gateway) -> int:
-    """Frames that have come, once no more do."""
+    """Return the number of received frames, once no more arrive."""
     come = -1
     while (now := sum(round(one.numbers()[f"frames_{what}_total"]) for what in ("taken", "dropped"))) != come:
         come = now
@@ -98,7 +100,7 @@ def _silent(one: Gateway) -> int:
 
 
 def _ages_ms(scene: Scene, seconds: float) -> Iterator[float]:
-    """Of values of robots in turn, when each has been read."""
+    """Yield the ages of values when they have been read, robot after robot."""
     one, end, number = scene.gateways[0], time.monotonic() + seconds, 0
     while time.monotonic() < end:
         number += 1
@@ -108,7 +110,7 @@ def _ages_ms(scene: Scene, seconds: float) -> Iterator[float]:
 
 
 class Bare:
-    """Another process that hears the same."""
+    """Another process that receives the same frames."""
 
     def __init__(self, scene: Scene) -> None:
         command = [sys.executable, "-m", "bench.ingest", "--bare", scene.endpoint, "--robots", str(scene.size.robots)]
@@ -121,7 +123,7 @@ class Bare:
         self.pid = self._child.pid
 
     def heard(self) -> int:
-        """Frames so far; some of each robot."""
+        """Return the frames so far; every robot has sent some."""
         self._in.write("\n")
         self._in.flush()
         return int(self._out.readline())
@@ -133,7 +135,7 @@ class Bare:
 
 
 def hear(endpoint: str, robots: int) -> None:
-    """Put the latest frame of each robot into a dictionary, until the standard input ends."""
+    """Store the latest frame of each robot in a dictionary, until standard input ends."""
     latest, heard = dict[str, bytes](), 0
 
     def put(sample: zenoh.Sample) -> None:

@@ -1,4 +1,4 @@
-"""What robots that join cost: all of them at once, and one more where there are many already."""
+"""The cost of joining robots: of all at once, and of one more beside many."""
 
 import argparse
 import os
@@ -19,7 +19,7 @@ _JOINING, _ROUNDS, _PAUSE_S, _SETTLED_S = 50, 3, 0.3, 1.0
 
 
 def rows(seconds: float, already: Sequence[int] = ALREADY) -> list[Row]:
-    """``seconds`` is of no matter: each robot joins once. Processor time of the gateway, all threads."""
+    """``seconds`` is ignored: each robot joins once. Processor time of the gateway covers all threads."""
     found, ours, zenoh = list[Row](), list[float](), list[float]()
     for robots in already:
         with stage(Size(robots=robots, joints=18, models=20), 1) as scene:
@@ -42,7 +42,7 @@ def rows(seconds: float, already: Sequence[int] = ALREADY) -> list[Row]:
 
 
 def _all(scene: Scene) -> float:
-    """From the first token until each robot has a value, in seconds; asked ten times a second."""
+    """Return the seconds from the first token until each robot has a value, polled ten times a second."""
     scene.crowd.ask("rate 1")
     first_ns: int = scene.crowd.ask("appear")["first_ns"]
     scene.gateways[0].meet(scene.size.robots)
@@ -61,8 +61,10 @@ def _serves(one: Gateway, robot: str) -> bool:
 
 
 def _one_more(scene: Scene, pid: int, knows: Callable[[str], bool]) -> float:
-    """Milliseconds for each of several, one after another, while no frames come; what else goes on is taken off. The
-    median of some rounds."""
+    """Return the milliseconds for each robot that joins alone; the median of some rounds.
+
+    No frames come meanwhile, and other work of the gateway is subtracted.
+    """
     costs = list[float]()
     time.sleep(_SETTLED_S)
     idle, begin = cpu_s(pid), time.monotonic()
@@ -70,12 +72,12 @@ def _one_more(scene: Scene, pid: int, knows: Callable[[str], bool]) -> float:
     idle_share = (cpu_s(pid) - idle) / (time.monotonic() - begin)
     for number in range(_ROUNDS):
         with actor.stage(scene.endpoint) as session:
-            time.sleep(_SETTLED_S)  # those of the round before have gone, and a session has come
+            time.sleep(_SETTLED_S)  # the robots of the round before have left, and a session has come
             before, begin = cpu_s(pid), time.monotonic()
             there = [actor.Actor(session, f"late-{pid}-{number}-{each}") for each in range(_JOINING)]
             for each in there:
                 each.appear()
-            while not knows(there[-1].name):  # not so often that asking is what is measured
+            while not knows(there[-1].name):  # polling must not dominate the measurement
                 assert time.monotonic() < begin + PATIENCE_S, "the last one never came"
                 time.sleep(_PAUSE_S)
             spent_s = cpu_s(pid) - before - idle_share * (time.monotonic() - begin)

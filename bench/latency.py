@@ -1,4 +1,4 @@
-"""How long a state is on its way to a subscriber, and an action to the agent; beside Zenoh and Starlette alone."""
+"""Latency of a state to a subscriber, and of an action to the agent, beside plain Zenoh and Starlette."""
 
 import contextlib
 import http.client
@@ -24,7 +24,7 @@ def rows(seconds: float) -> list[Row]:
 
 
 def states(raw_ms: Sequence[float], seconds: float) -> list[Row]:
-    """From the sending of a frame to the WebSocket message with its value, one robot and one subscriber."""
+    """Measure from sending a frame to its WebSocket message, for one robot and one subscriber."""
     with (
         scene() as place,
         place.robot("mover", RATE_HZ) as mover,
@@ -43,7 +43,7 @@ def states(raw_ms: Sequence[float], seconds: float) -> list[Row]:
 
 
 def actions(asked_ms: Sequence[float], seconds: float) -> list[Row]:
-    """From a POST that rotates a joint to the answer that follows the agent's acceptance, one after another."""
+    """Measure from a POST that rotates a joint to the response after the agent's acceptance, one after another."""
     with bare(1) as (url, _):
         posted_ms = timed_ms(url, seconds, _body)
     with (
@@ -70,7 +70,7 @@ def actions(asked_ms: Sequence[float], seconds: float) -> list[Row]:
 
 
 def timed_ms(url: str, seconds: float, body: Callable[[int], bytes]) -> list[float]:
-    """POSTs on one connection, each after the answer to the one before."""
+    """Send POSTs on one connection, each after the response to the one before."""
     asked, took = urlsplit(url), list[float]()
     with contextlib.closing(http.client.HTTPConnection(asked.netloc)) as connection:
         end = time.monotonic() + seconds

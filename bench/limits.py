@@ -1,9 +1,9 @@
-"""What fan-out is measured beside: servers that do nothing but send ready bytes to all who have connected.
+"""References for the fan-out: servers that only send prepared bytes to all connected clients.
 
-``python limits.py bare|starlette ws|sse RATE SIZE`` says on which port it listens and ends with its input. ``bare`` has
-one framed buffer written to each transport of uvloop, which is the kernel's part and the least there can be in Python;
-``starlette`` awaits a ``send_text`` for each WebSocket, and has a queue for each event stream. Messages look like those
-of the gateway to ``bench/readers.py`` and have SIZE bytes before they are framed.
+``python limits.py bare|starlette ws|sse RATE SIZE`` prints its port and ends when its input ends. ``bare`` writes one
+framed buffer to each transport of uvloop, which is the kernel's part and the least possible in Python; ``starlette``
+awaits a ``send_text`` for each WebSocket, and has a queue for each event stream. To ``bench/readers.py`` messages look
+like those of the gateway; they have SIZE bytes before framing.
 """
 
 import asyncio
@@ -35,7 +35,7 @@ _WS_HEAD = (
 
 
 def body(size: int) -> bytes:
-    """Its value is the present time, CLOCK_MONOTONIC, in seconds."""
+    """Return a message whose value is the present time, CLOCK_MONOTONIC, in seconds."""
     head = b'<> lf:version "1" ; numericalValue "%.9f" .\n' % time.monotonic()
     return head + b"#" * (size - len(head) - 1) + b"\n"
 
@@ -51,7 +51,7 @@ def framed(how: How, text: bytes) -> bytes:
 
 
 async def beat(rate_hz: float, act: Callable[[], Awaitable[None]]) -> None:
-    """So many times a second, fewer if that takes longer."""
+    """Call ``act`` so many times a second, or less often if it takes longer."""
     loop = asyncio.get_running_loop()
     due = loop.time()
     while True:
@@ -61,7 +61,7 @@ async def beat(rate_hz: float, act: Callable[[], Awaitable[None]]) -> None:
 
 
 class Bare(asyncio.Protocol):
-    """Answers whatever is asked, and is written to from then on."""
+    """Accepts any request, and is written to afterwards."""
 
     def __init__(self, how: How, audience: set[asyncio.Transport]) -> None:
         self._how, self._audience, self._asked = how, audience, b""

@@ -1,4 +1,4 @@
-"""Zenoh over TCP and over QUIC, from process to process, on a network with delay and with loss."""
+"""Zenoh over TCP and over QUIC between processes, on a network with delay and with loss."""
 
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -13,7 +13,7 @@ from running import free_port
 
 RATE_HZ = 100.0
 LONGER = 2.0
-"""Than others are: of a hundred packets two are lost, and a few seconds have some hundred."""
+"""Duration compared to other suites: two of a hundred packets are lost, and a few seconds have some hundred."""
 _ZENOH = {"TCP": ("tls", ""), "QUIC": ("quic", ""), "QUIC with datagrams": ("quic", "?mixed_rel=auto")}
 _ENDS = ("gateway", "agents/robot")
 
@@ -23,7 +23,7 @@ def rows(seconds: float, losses: Sequence[float] = LOSSES) -> list[Row]:
 
 
 def _measured(seconds: float, losses: Sequence[float]) -> Iterator[Row]:
-    """States of a robot that come to the gateway, and questions that go from there. Both ends prove who they are."""
+    """Measure states from a robot to the gateway, and questions in the other direction, with mutual TLS."""
     for loss in losses:
         with lossy(DELAY_MS, loss) as network, tempfile.TemporaryDirectory() as folder:
             made(Path(folder), "--agent", "robot", "--gateway", network.here)

@@ -1,7 +1,7 @@
-"""A network of its own with delay and loss: a namespace, and a link into it that a process carries packet by packet.
+"""A network with delay and loss: a network namespace, and a link to it that a process carries packet by packet.
 
-``python -m bench.lossy NAME HERE THERE HERE-ADDRESS THERE-ADDRESS DELAY-MS LOSS`` carries until its input ends. It
-needs to be root and /dev/net/tun, and no part of the kernel that few have (``sch_netem`` is one).
+``python -m bench.lossy NAME HERE THERE HERE-ADDRESS THERE-ADDRESS DELAY-MS LOSS`` runs until its input ends. It needs
+root and /dev/net/tun, but no rare kernel module (such as ``sch_netem``).
 """
 
 import contextlib
@@ -29,23 +29,23 @@ _SEED = 20_260
 
 @dataclass(frozen=True)
 class Network:
-    """``name`` is the namespace at the far end, ``here`` and ``there`` are the addresses of the two ends."""
+    """``name``: the namespace at the far end. ``here`` and ``there``: the addresses of the two ends."""
 
     name: str
     here: str
     there: str
 
     def python(self, *arguments: str) -> tuple[str, ...]:
-        """Arguments of Python that run it at the far end."""
+        """Return the command that runs Python with these arguments at the far end."""
         return ("tests/in_namespace.py", self.name, *arguments)
 
 
 @contextlib.contextmanager
 def lossy(delay_ms: float, loss: float) -> Iterator[Network]:
-    """Each packet is ``delay_ms`` on its way, in each direction, and is lost with the probability ``loss``."""
+    """Delay each packet by ``delay_ms`` in each direction, and lose it with the probability ``loss``."""
     number = os.getpid() % 250 + 1
     name, ends = f"lb{os.getpid()}", (f"lbh{os.getpid()}", f"lbt{os.getpid()}")
-    # Addresses for documentation (RFC 5737): nothing real is behind them.
+    # Addresses for documentation (RFC 5737), which nothing real has.
     found = Network(name, f"198.51.100.{number}", f"203.0.113.{number}")
     said = (name, *ends, found.here, found.there, str(delay_ms), str(loss))
     carrier = subprocess.Popen(  # noqa: S603
@@ -83,7 +83,7 @@ def main() -> None:
 
 
 def _carry(near: int, far: int, delay_s: float, loss: float) -> None:
-    """Until standard input ends. Always the same packets are lost, as far as they come in the same order."""
+    """Carry packets until standard input ends. With the same order of packets, the same ones are lost."""
     lot = random.Random(_SEED)  # noqa: S311
     under_way: list[tuple[float, int, int, bytes]] = []
     number = 0

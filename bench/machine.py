@@ -1,4 +1,4 @@
-"""On what and of what figures were measured: processors, load, versions, commit."""
+"""The machine of a measurement: processors, load, versions, commit."""
 
 import os
 import platform
@@ -43,7 +43,7 @@ def _processor() -> str:
 
 
 def _said(*command: str) -> str:
-    """What a command says, empty if there is none."""
+    """Return the output of a command, empty if it does not exist."""
     if shutil.which(command[0]) is None:
         return ""
     done = subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parent)  # noqa: S603

@@ -1,4 +1,4 @@
-"""What subscriptions that come and go leave in the gateway's memory: one row for each thousand of them."""
+"""Memory that subscriptions leave behind in the gateway: one row per thousand."""
 
 import argparse
 import asyncio
@@ -29,7 +29,7 @@ def main() -> None:
 
 
 def rows(_: float, steps: int = 3, size: int = STEP) -> list[Row]:
-    """What comes once, at the first subscriptions, is left out."""
+    """Return rows without the one-time growth at the first subscriptions."""
     found = list(cycles(steps, size))
     grown = found[-1].rss_mib - found[0].rss_mib
     name = f"memory after {steps * size:,} subscriptions that came and went"
@@ -40,7 +40,7 @@ def rows(_: float, steps: int = 3, size: int = STEP) -> list[Row]:
 
 
 class Step(NamedTuple):
-    """After so many cycles; a second, and CPU of each, of the last ones."""
+    """Figures after so many cycles; rate and processor time of the last ones."""
 
     done: int
     rss_mib: float

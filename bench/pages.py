@@ -1,4 +1,4 @@
-"""What pages cost the browser: the fleet with 200 robots of which some come and go, and a joint that moves."""
+"""The cost of pages for the browser: the fleet with 200 robots of which some come and go, and a moving joint."""
 
 import shutil
 import tempfile
@@ -18,7 +18,7 @@ _ARGUMENTS = [
     "--enable-unsafe-swiftshader",
     "--disable-background-networking",
 ]
-# Time between two animation frames, for as long as asked.
+# Times between two animation frames, for so many seconds.
 _FRAMES = """seconds => new Promise(done => {
   const gaps = [], end = performance.now() + seconds * 1000;
   let last = performance.now();
@@ -48,7 +48,7 @@ def rows(seconds: float, robots: int = 200) -> list[Row]:
 
 
 def _fleet(page: Page, robots: int, seconds: float) -> list[Row]:
-    """All send frames at 20 Hz from one thread; ten come and go twice a second."""
+    """All robots send frames at 20 Hz from one thread; ten come and go twice a second."""
     with tempfile.TemporaryDirectory() as folder:
         place = Place(Path(folder))
         with place.gateway() as (_, browser), stage(place.zenoh) as session:
@@ -108,7 +108,7 @@ def _measure(name: str, page: Page, seconds: float) -> list[Row]:
         return float(metrics["TaskDuration"])
 
     gaps: list[float] = []
-    while not gaps:  # a machine that is very busy may draw nothing in a moment
+    while not gaps:  # a very busy machine may draw no frame at all
         before = busy_s()
         gaps = page.evaluate(_FRAMES, seconds)
         busy = busy_s() - before

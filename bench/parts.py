@@ -1,5 +1,4 @@
-"""What a message and an action are made of, part by part: where a figure of other suites stays behind its goal, these
-say what is left when everything else is taken away."""
+"""The parts of a message and of an action: what remains of a figure if everything else is left out."""
 
 import asyncio
 import contextlib
@@ -53,7 +52,7 @@ def _messages(seconds: float, robots: int) -> Iterator[Row]:
 
 
 class _Sink:
-    """A stream that takes everything and sends nothing."""
+    """A stream that accepts everything and sends nothing."""
 
     framing = staticmethod(framed)
     messages = 0
@@ -73,7 +72,7 @@ class _Sink:
 
 
 class _Kept:
-    """In place of a publisher: the latest frame."""
+    """Stands in for a publisher: keeps the latest frame."""
 
     frame = b""
 
@@ -82,7 +81,7 @@ class _Kept:
 
 
 async def _rendered_us(robots: int) -> float:
-    """From frames that have come to framed messages, in this process: the median of some rounds."""
+    """Return the time from received frames to framed messages in this process: the median of some rounds."""
     fleet, invocations = Fleet(Frames()), Invocations()
     fan_out = FanOut(lambda base, sees: Tree(fleet, invocations, base, EMPTY, sees))
     fleet.frames.watched = fan_out.watched
@@ -106,7 +105,7 @@ async def _rendered_us(robots: int) -> float:
         for each in crowd:
             if fleet.apply(Moved(each.name), time.time_ns()):
                 fan_out.moved(each.name)
-        while _Sink.messages - before < robots * JOINTS:  # noqa: ASYNC110 - turns of the loop are what is measured
+        while _Sink.messages - before < robots * JOINTS:  # noqa: ASYNC110 - measures turns of the loop
             await asyncio.sleep(0)
         found.append((time.process_time() - begin) / (_Sink.messages - before) * 1e6)
     return median(found)
@@ -127,7 +126,7 @@ def _appeared(fleet: Fleet, name: str) -> Robot:
 
 @contextlib.contextmanager
 def _sleepers(count: int) -> Iterator[Sequence[socket.socket]]:
-    """Connections to readers in one process, which sleeps when there is nothing to read."""
+    """Connect readers in one process that sleeps when there is nothing to read."""
     with socket.create_server(("127.0.0.1", 0), backlog=count) as server:
         port = server.getsockname()[1]
         child = multiprocessing.get_context("spawn").Process(target=_read, args=(port, count), daemon=True)
@@ -149,7 +148,7 @@ def _read(port: int, count: int) -> None:
         poll.register(each.fileno(), select.EPOLLIN)
     while sockets:
         for number, _ in poll.poll():
-            if not sockets[number].recv_into(room):  # as those of bench/readers.py
+            if not sockets[number].recv_into(room):  # like bench/readers.py
                 sockets.pop(number).close()
 
 
@@ -159,7 +158,7 @@ def _write_us(sockets: Sequence[socket.socket], size: int, gap_us: int, seconds:
         for first in range(0, len(sockets), size):
             pause = time.perf_counter() + gap_us / 1e6
             while time.perf_counter() < pause:
-                pass  # as a gateway is busy meanwhile
+                pass  # simulates a busy gateway
             begin = time.perf_counter()
             for each in sockets[first : first + size]:
                 each.send(_MESSAGE)
@@ -172,7 +171,7 @@ def _write_us(sockets: Sequence[socket.socket], size: int, gap_us: int, seconds:
 
 
 def _steps(seconds: float) -> Iterator[Row]:
-    """A step that looks something up in Redis: through its client, and as bytes on a socket."""
+    """Measure a look-up in Redis: through the client, and as bytes on a socket."""
     with tempfile.TemporaryDirectory() as folder, single(Path(folder)) as servers:
         (server,) = servers.nodes
         bare = _bare_ms(server, seconds / 2)

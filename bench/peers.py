@@ -1,6 +1,6 @@
-"""Other servers, started here, and the gateway beside them: GETs, and messages to many subscribers.
+"""Other servers beside the gateway: GETs, and messages to many subscribers.
 
-``PEERS_DIR`` is the folder in which they were built; bench/README.md says how. Those that are not in it are left out.
+``PEERS_DIR`` is the folder in which they were built; bench/README.md says how. Missing ones are left out.
 """
 
 import contextlib
@@ -23,7 +23,7 @@ from bench.scene import Readers
 from bench.table import Row, UnavailableError, at_least, known
 from running import eventually, free_port
 
-_SIZE = 1216  # bytes, as a value of ours in Turtle
+_SIZE = 1216  # bytes, like a value of the gateway in Turtle
 _ACCEPT = {"accept": "text/turtle, application/json;q=0.9, */*;q=0.1"}
 _HERE = Path(__file__).with_name("others")
 _KEY = "bench/value"
@@ -34,7 +34,7 @@ _START_S = 180.0  # the Solid server takes twenty seconds on an idle machine
 
 
 class Peer(NamedTuple):
-    """A server that runs: where a GET is answered, and its process."""
+    """A running server: the URL for GETs, and its process."""
 
     url: str
     pid: int
@@ -63,7 +63,7 @@ def _get(name: str, start: "_Start", folder: Path, seconds: float) -> Iterator[R
 
 
 def _fan_out(folder: Path, seconds: float) -> Iterator[Row]:
-    """Messages for each second of the router's processor, and of the gateway's, to as many subscribers of one value."""
+    """Measure messages per second of processor time, of the router and of the gateway, to subscribers of one value."""
     payload = _TEXT.ljust(_SIZE)
     for case in _CASES:
         with _router(folder) as router, contextlib.closing(session("client", connect=router.zenoh)) as publisher:
@@ -91,7 +91,7 @@ class _Router(NamedTuple):
 
 @contextlib.contextmanager
 def _running(*command: str, ready: str) -> Iterator[int]:
-    """A child that answers at ``ready`` (an HTTP URL); its process id."""
+    """Run a child that answers at ``ready`` (an HTTP URL); yield its process id."""
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as child:  # noqa: S603
         try:
             _await(ready, child)
@@ -127,7 +127,7 @@ def _router(folder: Path) -> Iterator[_Router]:
 
 @contextlib.contextmanager
 def _zenohd(folder: Path) -> Iterator[Peer]:
-    """Its REST plugin, which asks a session for each answer."""
+    """Run zenohd with its REST plugin, which queries a session for each response."""
     turtle = _TEXT.ljust(_SIZE)
     with _router(folder) as router, contextlib.closing(session("client", connect=router.zenoh)) as answering:
         answering.declare_queryable(
@@ -140,7 +140,7 @@ def _zenohd(folder: Path) -> Iterator[Peer]:
 
 @contextlib.contextmanager
 def _solid(folder: Path) -> Iterator[Peer]:
-    """The Community Solid Server, everything in memory, for anybody."""
+    """Run the Community Solid Server in memory, with public access."""
     port = free_port()
     root, server = f"http://127.0.0.1:{port}/", folder / "css/node_modules/@solid/community-server/bin/server.js"
     command = (*_node("-r", str(_HERE / "loopback.cjs"), str(server)), "-p", str(port), "-b", root, "-l", "error")

@@ -1,4 +1,4 @@
-"""Bars as SVG, a row each, made by hand: they are pictures of the table and no more."""
+"""Bar charts of the table as SVG, generated without a library."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -12,7 +12,7 @@ _COLOURS = {True: "#2e7d4f", False: "#c0392b", None: "#5b7083"}
 
 
 def bars(title: str, rows: Sequence[Row], values: Sequence[float | None]) -> str:
-    """A value of each row, on a logarithmic scale, where a tenth is as far as ten times."""
+    """Return a bar per row on a logarithmic scale, on which a tenth is as far away as ten times."""
     least, most = _decades([value for value in values if value])
     height = (len(rows) + 3) * _ROW
     width = _LABEL + _BARS + _SIDE
@@ -28,7 +28,7 @@ def bars(title: str, rows: Sequence[Row], values: Sequence[float | None]) -> str
 
 
 def _decades(values: Sequence[float]) -> tuple[int, int]:
-    """Powers of ten around all values."""
+    """Return the powers of ten around all values."""
     if not values:
         return -1, 1
     least, most = math.floor(math.log10(min(values))), math.ceil(math.log10(max(values)))

@@ -1,8 +1,8 @@
-"""Many subscribers in one light process, which counts messages and does nothing else with them.
+"""Many subscribers in one light process that only counts messages.
 
-``python readers.py PORT ws|sse|zenoh COUNT PATH,…``: subscribes to all paths in turn and says ``ready`` when each
-subscriber has its first message; to each line on its standard input it answers with one line of JSON: what has come
-since the last one.
+``python readers.py PORT ws|sse|zenoh COUNT PATH,…`` subscribes to all paths in turn, and prints ``ready`` when each
+subscriber has its first message. It answers each line on standard input with one line of JSON about the messages since
+the last line.
 """
 
 import json
@@ -15,10 +15,10 @@ import time
 from dataclasses import dataclass, field
 from typing import Any
 
-MESSAGE = b"lf:version"  # once in each message, whatever frames it
+MESSAGE = b"lf:version"  # once in each message, whatever the framing
 _VALUE = re.compile(rb'numericalValue "([^"]+)"')
 SAMPLED = 20
-"""Of all subscribers, spread evenly, the latency is looked at."""
+"""Number of subscribers, spread evenly, whose latency is measured."""
 KEY = b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n"
 ASKS = {
     "zenoh": b"Connection: Upgrade\r\nUpgrade: websocket\r\n" + KEY,
@@ -28,7 +28,7 @@ ASKS = {
 
 
 _NEWLINE = ord("\n")
-_ROOM = bytearray(1 << 18)  # to be read into: memory asked for anew each time costs more than reading
+_ROOM = bytearray(1 << 18)  # a reused buffer: allocating one for each read costs more than reading
 _VIEW = memoryview(_ROOM)
 
 
@@ -39,7 +39,7 @@ class Reader:
     messages: int = 0
     rest: bytes = b""
     seen: list[tuple[int, float]] = field(default_factory=list)
-    """When (CLOCK_MONOTONIC, ns) which values came."""
+    """Times (CLOCK_MONOTONIC, ns) and values received."""
 
     def read(self) -> int:
         kept = len(self.rest)
@@ -49,7 +49,7 @@ class Reader:
             raise ConnectionError("the gateway closed a connection")
         end = kept + size
         self.messages += _ROOM.count(MESSAGE, 0, end)
-        # Kept is less than what is counted, so that nothing is counted twice.
+        # The kept rest is shorter than what is counted, so that nothing is counted twice.
         self.rest = b"" if _ROOM[end - 1] == _NEWLINE else bytes(_VIEW[max(0, end + 1 - len(MESSAGE)) : end])
         if self.sampled:
             now_ns = time.monotonic_ns()
@@ -64,7 +64,7 @@ def opened(port: int, ask: bytes, path: str, sampled: bool) -> Reader:
 
 
 def subscribe(sock: socket.socket, key: bytes) -> None:
-    """Subscribe to a key by the messages of Zenoh's remote API: open a session, and a subscriber in it."""
+    """Subscribe to a key by Zenoh's remote API: open a session, and a subscriber in it."""
     while not sock.recv(1 << 16).endswith(b"\r\n\r\n"):
         pass
     for message in (b"\x99" + bytes(4), b"\x82\x01" + bytes(7) + bytes([len(key)]) + key + b"\x02"):
@@ -87,7 +87,7 @@ class Crowd:
             self._epoll.register(number, select.EPOLLIN)
 
     def turn(self) -> bool:
-        """Read what has come; whether there is a question on standard input."""
+        """Read what has arrived; return True if standard input has a line."""
         asked = False
         for number, _ in self._epoll.poll():
             reader = self._of.get(number)

@@ -1,7 +1,7 @@
-"""The least there can be, beside which the gateway is measured: processes of a few lines.
+"""Minimal processes as references for the gateway.
 
-``python -m bench.references bare PORT SIZE`` is Starlette that answers with constant bytes. ``robot ENDPOINT RATE``
-says states on Zenoh and answers questions; more words are authority, certificate and key of a tls or quic link.
+``python -m bench.references bare PORT SIZE`` is Starlette with constant responses. ``robot ENDPOINT RATE`` sends states
+on Zenoh and answers questions; further arguments are authority, certificate and key of a tls or quic link.
 """
 
 import contextlib
@@ -24,13 +24,13 @@ from linked_fleet_gateway.link.session_settings import settings
 
 STATE, QUESTION = "raw/state", "raw/question"
 SENT = struct.Struct("<q")
-"""With which a payload begins: when it was sent, CLOCK_MONOTONIC, ns."""
+"""Header of a payload: its time of sending, CLOCK_MONOTONIC, ns."""
 _FRAME = 480
 """Bytes of a state of twenty joints."""
 
 
 class Beat:
-    """Does something so many times a second in a thread of its own, from now on."""
+    """Calls a function so many times a second in a thread of its own, from now on."""
 
     def __init__(self, rate_hz: float, act: Callable[[], None]) -> None:
         self._rate_hz, self._act, self._ended = rate_hz, act, threading.Event()
@@ -49,7 +49,7 @@ class Beat:
 
 
 def session(mode: str, listen: str = "", connect: str = "", trust: Sequence[str] = ()) -> zenoh.Session:
-    """As agents' and gateways' are. ``trust`` are files: the authority, and the certificate and key of this end."""
+    """Open a session like those of agents and gateways. ``trust``: files of authority, certificate and key."""
     values: dict[str, object] = {
         "mode": mode,
         "listen/endpoints": [listen] if listen else [],
@@ -65,7 +65,7 @@ def session(mode: str, listen: str = "", connect: str = "", trust: Sequence[str]
 
 
 def session_of_gateway(connect: str) -> zenoh.Session:
-    """Set up exactly as a gateway's is."""
+    """Open a session configured exactly as a gateway's."""
     return _opened(settings((), (connect,), {}))
 
 
@@ -97,9 +97,9 @@ def bare(port: str, size: str) -> None:
 
 
 def robot(endpoint: str, rate_hz: str, *trust: str) -> None:
-    """States as often as an agent says them, and an answer to each question.
+    """Send states as often as an agent, and answer each question.
 
-    A state that is lost need not come again, where a link can do without: the next one is on its way.
+    States are sent as unreliable, where the link supports that: the next one follows soon.
     """
     with session("client", connect=endpoint, trust=trust) as there:
         there.declare_queryable(

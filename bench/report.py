@@ -1,4 +1,4 @@
-"""What a run found, as text, as JSON, as pictures and in docs/SPEED.md, which therefore says nothing else."""
+"""The results of a run as text, JSON, pictures and in docs/SPEED.md, which has no other source."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -18,7 +18,7 @@ _NETWORK = ("transports", "links")
 def result(
     machine: Mapping[str, Any], found: Mapping[str, Sequence[Row]], skipped: Mapping[str, str]
 ) -> dict[str, Any]:
-    """As it is written: rows in the order of the suites, each with the name of its suite."""
+    """Return the result as stored: rows in the order of the suites, each with the name of its suite."""
     rows = [{"suite": suite, **row._asdict()} for suite, rows in found.items() for row in rows]
     return {**machine, "skipped": dict(skipped), "rows": rows}
 
@@ -31,7 +31,7 @@ def of_suites(said: Mapping[str, Any]) -> dict[str, list[Row]]:
 
 
 def text(said: Mapping[str, Any]) -> str:
-    """The table, and what it was measured on, in Markdown."""
+    """Return the table and the machine, in Markdown."""
     rows = [row for rows in of_suites(said).values() for row in rows]
     goals = [row.holds for row in rows if row.holds is not None]
     lines = [
@@ -55,7 +55,7 @@ def publish(said: Mapping[str, Any]) -> None:
 
 
 def page(before: str, said: Mapping[str, Any]) -> str:
-    """The page with these figures between the marks."""
+    """Return the page with these figures between its marks."""
     begin, _, rest = before.partition(BEGIN)
     return f"{begin}{BEGIN}\n\n{text(said)}\n\n{END}{rest.partition(END)[2]}"
 
@@ -64,7 +64,7 @@ def pictures(said: Mapping[str, Any]) -> dict[Path, str]:
     suites = of_suites(said)
     beside = [row for suite, rows in suites.items() if suite not in _NETWORK for row in rows if row.ratio is not None]
     network = [row for suite in _NETWORK for row in suites.get(suite, [])]
-    network.sort(key=lambda row: row.name.partition(", ")[2])  # what is to be compared side by side
+    network.sort(key=lambda row: row.name.partition(", ")[2])  # so that rows to be compared are adjacent
     title = "Through a network of 10 ms each way: ms"
     return {
         ROOT / "docs/speed.svg": bars("Ratio to what was measured beside it", beside, [row.ratio for row in beside]),

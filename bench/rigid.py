@@ -1,6 +1,6 @@
-"""A second opinion on where robots are and what touches: kinematics in NumPy, contacts by FCL. Metre, radian.
+"""An independent collision check: kinematics in NumPy, contacts by FCL. In m and rad.
 
-It shares nothing with the check of motions but the reading of mesh files and the list of parts that are compared.
+It shares only the reading of mesh files and the list of compared parts with the gateway's check.
 """
 
 import math
@@ -34,7 +34,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class Part:
-    """A collision element; no point of it is further than ``radius`` from ``centre``, which is in its own frame."""
+    """A collision element. All its points are within ``radius`` of ``centre``, in its own frame."""
 
     link: str
     origin: Array
@@ -44,21 +44,21 @@ class Part:
 
 
 class Rigid:
-    """The parts of a URDF file in its order, and where they are."""
+    """The parts of a URDF file in order, and their poses."""
 
     def __init__(self, file: Path) -> None:
-        root = ElementTree.parse(file).getroot()  # noqa: S314 - of a package that is installed
+        root = ElementTree.parse(file).getroot()  # noqa: S314 - from an installed package
         self.joints = {each.get("name", ""): _joint(each) for each in root.findall("joint")}
         self.parts = [_part(link, each, file) for link in root.findall("link") for each in link.findall("collision")]
         self.above = {joint.child: name for name, joint in self.joints.items()}
         self._moved: dict[str, tuple[float, Array]] = {}
 
     def free(self) -> list[str]:
-        """Joints that a motion may have as its targets."""
+        """Return the joints that a motion may have as targets."""
         return [name for name, joint in self.joints.items() if joint.kind in _MOVES and joint.mimic is None]
 
     def complete(self, positions: Mapping[str, float]) -> dict[str, float]:
-        """With those that mimic others."""
+        """Return the positions, with those of joints that mimic others."""
         found = dict(positions)
         for name, joint in self.joints.items():
             if joint.mimic is not None:
@@ -67,7 +67,7 @@ class Rigid:
         return found
 
     def chain(self, link: str) -> set[str]:
-        """The joints between the root and a link."""
+        """Return the joints between the root and a link."""
         found: set[str] = set()
         while (name := self.above.get(link)) is not None:
             found.add(name)
@@ -90,7 +90,7 @@ class Rigid:
         return [place(part.link) @ part.origin for part in self.parts]
 
     def _step(self, name: str, position: float) -> Array:
-        """From the parent of a joint to its child."""
+        """Return the transformation from the parent of a joint to its child."""
         held = self._moved.get(name)
         if held is None or held[0] != position:
             joint = self.joints[name]
@@ -158,7 +158,7 @@ def _turn(axis: str, angle: float) -> Array:
 
 
 def _about(axis: Array, angle: float) -> Array:
-    """Rodrigues' formula."""
+    """Return a rotation matrix (Rodrigues' formula)."""
     x, y, z = axis / np.linalg.norm(axis)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     found: Array = np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
@@ -179,7 +179,7 @@ def _numbers(text: str) -> Array:
 
 
 class Around:
-    """Pairs of parts that are compared, and how far they are apart: those of one robot, and those that stand around."""
+    """The compared pairs of parts and their distances: within one robot, and to everything around it."""
 
     def __init__(self, rigid: Rigid, own: Sequence[tuple[int, int]], still: Sequence[tuple[Part, Array]]) -> None:
         self.rigid = rigid
@@ -193,14 +193,14 @@ class Around:
         self._middles = np.array([part.centre for part in rigid.parts])
 
     def moving(self, joints: Set[str]) -> None:
-        """Look from now on at those pairs alone that these joints move against each other."""
+        """From now on, compare only the pairs that these joints move relative to each other."""
         moved = [frozenset(joints & self.rigid.chain(part.link)) for part in self.rigid.parts]
         self._stale = np.ones(len(moved), dtype=bool)
         self._moved = np.array([bool(each) for each in moved], dtype=bool)
         self._own = self._all[[moved[i] != moved[j] for i, j in self._all.tolist()]]
 
     def near(self, positions: Mapping[str, float], within_m: float) -> Iterator[tuple[tuple[int, int], bool, float]]:
-        """Pairs that are no further apart: which, whether both are of the robot, and how far; zero for a contact."""
+        """Yield pairs within a distance: which, whether both belong to the robot, and how far; zero for a contact."""
         places = np.array(self.rigid.places(positions))
         centres = np.einsum("nij,nj->ni", places[:, :3, :3], self._middles) + places[:, :3, 3]
         for n in np.nonzero(self._moved | self._stale)[0]:

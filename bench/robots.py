@@ -1,4 +1,4 @@
-"""What a thousand robots cost one gateway and two: one table in Markdown (docs/SCALE.md says what follows from it)."""
+"""The cost of a thousand robots for one gateway and for two: a table in Markdown, discussed in docs/SCALE.md."""
 
 import argparse
 import contextlib
@@ -58,13 +58,13 @@ def table(columns: dict[str, Figures]) -> str:
 
 
 def measure(size: Size, count: int) -> Figures:
-    """All figures with so many gateways; those of a gateway are of the first one."""
+    """Return all figures with so many gateways; those of a single gateway are of the first one."""
     figures: Figures = {}
     with stage(size, count) as scene:
         for part in (joining, *(partial(at_rate, rate_hz=rate_hz) for rate_hz in size.rates_hz), pages, returning):
             found = part(scene)
             figures |= found
-            print(count, *found.items(), sep="\n  ", file=sys.stderr, flush=True)  # for who waits
+            print(count, *found.items(), sep="\n  ", file=sys.stderr, flush=True)  # progress for whoever waits
     return figures
 
 
@@ -72,7 +72,7 @@ def measure(size: Size, count: int) -> Figures:
 
 
 def joining(scene: Scene) -> Figures:
-    """All robots come at once."""
+    """Measure all robots joining at once."""
     robots = scene.size.robots
     before_kib, commands = [rss_kib(one.pid) for one in scene.gateways], scene.redis()["total_commands_processed"]
     cpu = cpu_s(scene.gateways[0].pid)
@@ -99,7 +99,7 @@ def joining(scene: Scene) -> Figures:
 
 
 def at_rate(scene: Scene, rate_hz: float) -> Figures:
-    """With frames and nobody who reads; then how old is what is read, then commands."""
+    """Measure frames without readers, then the age of values, then commands."""
     scene.crowd.ask(f"rate {rate_hz}")
     time.sleep(min(1.0, scene.size.seconds))
     one = scene.gateways[0]
@@ -126,7 +126,7 @@ def at_rate(scene: Scene, rate_hz: float) -> Figures:
 
 
 def ages(scene: Scene, said: str) -> Figures:
-    """Of values of robots in turn; over HTTP when the answer is there, over WebSockets when the message is."""
+    """Measure ages of values, robot after robot: by HTTP when the response, by WebSocket when the message is there."""
     one, read = scene.gateways[0], list[float]()
     for name in _in_turn(scene.size):
         answer = one.get(f"/{name}/joint_0/rotation")
@@ -138,7 +138,7 @@ def ages(scene: Scene, said: str) -> Figures:
 
 
 def heard(scene: Scene, count: int = 20) -> list[float]:
-    """Ages of what comes over so many WebSockets, each on another robot; what each begins with is left out."""
+    """Return the ages of messages on WebSockets of different robots, without each one's first message."""
     one, ages, ended = scene.gateways[0], list[float](), threading.Event()
 
     def listen(number: int) -> None:
@@ -164,7 +164,7 @@ def heard(scene: Scene, count: int = 20) -> list[float]:
 
 
 def commands(scene: Scene, said: str) -> Figures:
-    """From the POST to the answer that the agent has accepted, of one robot after another; then what Redis keeps."""
+    """Measure from the POST to the response after the agent's acceptance, robot after robot; then the data in Redis."""
     one, took = scene.gateways[0], list[float]()
     calls, memory, asked = _calls(scene), scene.redis()["used_memory"], 0
     for name in _in_turn(scene.size):
@@ -185,7 +185,7 @@ def commands(scene: Scene, said: str) -> Figures:
 
 
 def pages(scene: Scene, repeats: int = 5) -> Figures:
-    """How long answers take, and for how long nobody else is served meanwhile; at one frame a second and robot."""
+    """Measure response times, and the time in which nobody else is served; at one frame a second per robot."""
     figures = {}
     scene.crowd.ask("rate 1")
     one = scene.gateways[0]
@@ -199,7 +199,7 @@ def pages(scene: Scene, repeats: int = 5) -> Figures:
 
 
 def returning(scene: Scene) -> Figures:
-    """Another gateway in the place of one; the robots are all there, at 1 Hz."""
+    """Measure another gateway replacing one while all robots are present, at 1 Hz."""
     grown_kib = rss_kib(scene.gateways[0].pid)
     begin = time.monotonic()
     one, ended = _timed(scene.restart)
@@ -212,7 +212,7 @@ def returning(scene: Scene) -> Figures:
 
 
 def _in_turn(size: Size) -> Iterator[str]:
-    """Names of robots, one after another, for so many requests or for so long."""
+    """Yield names of robots, for so many requests or so long."""
     end = time.monotonic() + size.seconds
     for number in range(size.requests):
         if time.monotonic() < end:

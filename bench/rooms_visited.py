@@ -1,7 +1,8 @@
-"""Rooms of the gateway that a GET, a POST, a frame and a message pass through; ``make architecture`` prints them.
+"""The layers ("rooms") of the gateway that handle a GET, a POST, a frame and a message.
 
-A gateway and a robot run in one event loop on virtual time. While one request, frame or message is under way, each
-call of a function of the gateway is noted: its room, and whether it is called from a room below (a climb).
+``make architecture`` prints them. A gateway and a robot run in one event loop on virtual time. Each call of a gateway
+function while a request, frame or message is handled is recorded: its layer, and whether the caller is in a lower layer
+(a climb).
 """
 
 import contextlib
@@ -61,7 +62,7 @@ def visits() -> Iterator[Visits]:
 
 
 def measured(what: str, do: Callable[[], object]) -> None:
-    do()  # what is loaded at the first time
+    do()  # loads what the first call needs
     with visits() as found:
         do()
     rooms = ", ".join(sorted(found.rooms, key=lambda each: (-rank(each), each)))

@@ -1,4 +1,4 @@
-"""What the benchmarks share: a gateway process of their own, robots they play, and what /proc says of a process."""
+"""Common parts of the benchmarks: a gateway process, robots that they play, and process data from /proc."""
 
 import contextlib
 import json
@@ -23,7 +23,7 @@ READERS = Path(__file__).with_name("readers.py")
 
 
 def cpu_s(pid: int) -> float:
-    """Processor time that the threads of a process have had, in user and kernel; finer than ticks of 10 ms."""
+    """Return the processor time of a process's threads, user and kernel; finer than ticks of 10 ms."""
     spent_ns = 0
     for path in Path(f"/proc/{pid}/task").glob("*/schedstat"):
         with contextlib.suppress(FileNotFoundError, ProcessLookupError):  # a thread that has just ended
@@ -61,7 +61,7 @@ def browsing(place: Place) -> contextlib.AbstractContextManager[Browser]:
 
 @contextlib.contextmanager
 def scene(*flags: str) -> Iterator[Scene]:
-    """A gateway with nobody in it."""
+    """Run a gateway without robots."""
     with tempfile.TemporaryDirectory() as state:
         place = Place(Path(state))
         with process(*place.command(), *flags) as gateway:
@@ -71,14 +71,14 @@ def scene(*flags: str) -> Iterator[Scene]:
 
 
 class Mover:
-    """A robot with one joint, whose position is the number of the frame in steps of ``STEP``."""
+    """A robot with one joint, whose position is the frame's number times ``STEP``."""
 
     STEP = 0.001
 
     def __init__(self, actor: Actor, rate_hz: float) -> None:
         self.actor, self.rate_hz = actor, rate_hz
         self.sent_ns: list[int] = []
-        """When frame number ``i`` left, by CLOCK_MONOTONIC."""
+        """Time of sending frame number ``i`` (CLOCK_MONOTONIC)."""
         self._stop = threading.Event()
 
     @contextlib.contextmanager
@@ -102,7 +102,7 @@ class Mover:
             self.actor.put("state", self.actor.frame((number * self.STEP,)))
 
     def latencies_ms(self, seen: Sequence[Sequence[tuple[int, float]]]) -> list[float]:
-        """From the sending of a frame to the arrival of the message with its value."""
+        """Return the times from sending a frame to the arrival of its message."""
         return [(at_ns - self.sent_ns[round(value / self.STEP)]) / 1e6 for reader in seen for at_ns, value in reader]
 
 

@@ -1,4 +1,4 @@
-"""An agent whose robot stands still: what an agent costs besides its driver.
+"""An agent whose robot does not move: the cost of an agent without its driver.
 
 ``python -m bench.still_agent ENDPOINT JOINTS RATE_HZ`` runs until its standard input ends.
 """
@@ -15,7 +15,7 @@ from linked_fleet_agent.zenoh_session import open_session
 
 
 class Still:
-    """A driver of so many continuous joints, none of which moves."""
+    """A driver of so many continuous joints that never move."""
 
     def __init__(self, joints: int) -> None:
         facts = [
@@ -40,10 +40,10 @@ class Still:
         return setpoints
 
     def stop(self) -> None:
-        """It stands."""
+        """Do nothing: the robot does not move."""
 
     def close(self) -> None:
-        """It holds nothing."""
+        """Do nothing."""
 
 
 async def main() -> None:

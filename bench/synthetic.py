@@ -1,12 +1,12 @@
-"""Many robots without bodies in one process: what agents say on the wire, and nothing that moves.
+"""Many agents without robots in one process: they send what agents send, but nothing moves.
 
-``python -m bench.synthetic ENDPOINT COUNT JOINTS MODELS`` is a Zenoh router at ENDPOINT; gateways connect to it. Each
-line on its standard input is answered with one line of JSON: ``appear`` brings the robots in, ``rate HZ`` has each send
-so many frames a second from then on, ``moving COUNT`` sets how many joints of each move (one, to begin with), an empty
-line asks what has been done since the last one. It ends with its input.
+``python -m bench.synthetic ENDPOINT COUNT JOINTS MODELS`` is a Zenoh router at ENDPOINT, to which gateways connect.
+Each line on standard input is answered with one line of JSON: ``appear`` announces the robots, ``rate HZ`` sets the
+frames per second of each, ``moving COUNT`` the number of moving joints of each (initially one), and an empty line asks
+for the work since the last one. It ends when its input ends.
 
-The first joints of every robot stand at the time of its frame, in seconds since the ``epoch_ns`` of CLOCK_MONOTONIC, as
-radian: whoever reads one knows how old it is.
+The first joints of every robot have as position, in rad, the time of its frame in seconds since the ``epoch_ns`` of
+CLOCK_MONOTONIC, so that a reader can compute the age of a value.
 """
 
 import json
@@ -43,7 +43,7 @@ def name_of(number: int) -> str:
 
 
 def urdf(joints: int, model: int = 0) -> str:
-    """An arm of so many continuous joints, a chain of links with all that URDF says of them. Each model is another."""
+    """Return an arm of so many continuous joints with all elements of URDF; each model is different."""
     link = (
         '<link name="link_{0}"><inertial><origin xyz="0 0 0.05" rpy="0 0 0"/><mass value="1.5"/>'
         '<inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.005"/></inertial>'
@@ -61,7 +61,7 @@ def urdf(joints: int, model: int = 0) -> str:
 
 @dataclass
 class Robot:
-    """One run of one agent. Its frame is encoded once; of each that is sent only time and place are written anew."""
+    """One run of one agent. Its frame is encoded once; then only time and position are replaced."""
 
     name: str
     run: int
@@ -95,7 +95,7 @@ def robot(name: str, joints: int, model: str) -> Robot:
 
 
 class Crowd:
-    """All robots on one session. Frames leave in one thread, answers in those of Zenoh."""
+    """All robots on one session. Frames are sent by one thread, answers by those of Zenoh."""
 
     def __init__(self, session: zenoh.Session, count: int, joints: int, models: int) -> None:
         self.epoch_ns = time.monotonic_ns()
@@ -113,7 +113,9 @@ class Crowd:
             each.start()
 
     def appear(self) -> dict[str, int]:
-        """One after another, each with its first frame; when the first and the last had (CLOCK_MONOTONIC)."""
+        """Announce robots one after another, each with its first frame; return the first and last time
+        (CLOCK_MONOTONIC).
+        """
         first_ns = time.monotonic_ns()
         for each in self._all:
             self._declare(each)
@@ -134,7 +136,7 @@ class Crowd:
             each.join()
 
     def _declare(self, each: Robot) -> None:
-        """What agents/linked_fleet_agent/link.py declares, in its order."""
+        """Declare what agents/linked_fleet_agent/link.py declares, in the same order."""
         session, name = self._session, each.name
         each.publisher = session.declare_publisher(
             KEYS.robot(name, "state"),
@@ -151,7 +153,10 @@ class Crowd:
         each.kept.append(session.liveliness().declare_token(KEYS.presence(name, each.run)))
 
     def _in_turn(self, key: str, answer: Answer) -> Any:
-        """Answered by one thread for all: one for each would be too many, and Zenoh's own must not wait for room."""
+        """Answer in one thread for all robots.
+
+        One thread each would be too many, and Zenoh's own threads must not wait for room.
+        """
         return zenoh.handlers.Callback(lambda query: self._questions.put((query, key, answer)), indirect=False)
 
     def _answer(self) -> None:
@@ -162,7 +167,7 @@ class Crowd:
                 query.reply(key, answer(b"" if query.payload is None else query.payload.to_bytes()))
 
     def _obey(self, each: Robot, payload: bytes) -> bytes:
-        """Accept every command, and be there at once."""
+        """Accept every command, and reach its target at once."""
         command = decode(payload, Command)
         end = Progress(
             version=WIRE_VERSION, id=command.id, incarnation=command.incarnation, state="succeeded",
@@ -172,13 +177,13 @@ class Crowd:
         return encode(Accepted(id=command.id, at_ns=time.monotonic_ns()))
 
     def _end(self) -> None:
-        """After the acceptance has left, or about then."""
+        """Report the end of the motion, after or about when the acceptance is sent."""
         while (end := self._ends.get()) is not None:
             key = KEYS.robot(end[0].name, "progress")
             self._session.put(key, end[1], congestion_control=zenoh.CongestionControl.BLOCK, express=True)
 
     def _send(self) -> None:
-        """Evenly over the time; what cannot be kept up with is left out, never made up for."""
+        """Send frames evenly over time; frames that are late are left out, never made up for."""
         begin, sent, rate_hz, number = time.monotonic(), 0, 0.0, 0
         while not self._ended.wait(_TICK_S):
             if rate_hz != self.rate_hz or not self._here:

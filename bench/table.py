@@ -1,4 +1,4 @@
-"""What a benchmark says, a row for each figure, and how rows are written: as a table to read and as JSON."""
+"""The results of benchmarks, one row per figure, and their output as a table and as JSON."""
 
 import math
 from collections.abc import Sequence
@@ -6,47 +6,47 @@ from typing import NamedTuple
 
 
 class Row(NamedTuple):
-    """One figure. ``reference`` is what it was measured beside in the same run, empty if there is none."""
+    """One figure. ``reference``: what it is compared with in the same run, empty if nothing."""
 
     name: str
     unit: str
     value: float
     reference: str
     ratio: float | None
-    """Of ``value`` to the reference."""
+    """The ratio of ``value`` to the reference."""
     goal: str
     holds: bool | None
-    """Whether the goal is reached; None without one."""
+    """True if the goal is reached; None without a goal."""
 
 
 class UnavailableError(Exception):
-    """What a benchmark needs is not here; the message says what, and how to get it."""
+    """A prerequisite of a benchmark is missing; the message says which, and how to get it."""
 
 
 def at_least(name: str, unit: str, value: float, reference: str, beside: float, share: float) -> Row:
-    """A rate that is to be at least ``share`` of its reference."""
+    """Return the row of a rate whose goal is at least ``share`` of its reference."""
     ratio = value / beside
     return Row(name, unit, value, reference, ratio, f">= {share:.0%} of it", ratio >= share)
 
 
 def at_most(name: str, value_ms: float, reference: str, beside_ms: float, most_ms: float) -> Row:
-    """A time that is to be at most ``most_ms``."""
+    """Return the row of a time whose goal is at most ``most_ms``."""
     return Row(name, "ms", value_ms, reference, value_ms / beside_ms, f"<= {most_ms:g} ms", value_ms <= most_ms)
 
 
 def known(name: str, unit: str, value: float, reference: str = "", beside: float = math.nan) -> Row:
-    """A figure without a goal."""
+    """Return the row of a figure without a goal."""
     return Row(name, unit, value, reference, value / beside if reference else None, "", None)
 
 
 def percentile(values: Sequence[float], share: float) -> float:
-    """The value below which ``share`` (0 to 1) of all lie."""
+    """Return the value below which ``share`` (0 to 1) of all values lie."""
     ordered = sorted(values)
     return ordered[min(len(ordered) - 1, int(len(ordered) * share))]
 
 
 def median(runs: Sequence[Sequence[Row]]) -> list[Row]:
-    """Of each figure the median of its values and of its ratios. A goal holds that most runs reached."""
+    """Return the medians of values and ratios of each figure. A goal counts as reached if most runs reached it."""
     names = dict.fromkeys(row.name for run in runs for row in run)
     return [_middle([row for run in runs for row in run if row.name == name]) for name in names]
 
@@ -73,7 +73,7 @@ def markdown(rows: Sequence[Row]) -> str:
 
 
 def number(value: float) -> str:
-    """Three digits that count."""
+    """Format with three significant digits."""
     if value == 0 or abs(value) >= 100:
         return f"{value:,.0f}"
     return f"{value:.{max(0, 2 - math.floor(math.log10(abs(value))))}f}"

@@ -14,7 +14,7 @@ from bench.table import Row, known, percentile
 from running import PATIENCE_S, ROOT, free_port
 
 DELAY_MS = 10.0
-"""Each way; a round trip is twice as long."""
+"""In each direction; a round trip takes twice as long."""
 LOSSES = (0.0, 0.02)
 STREAMS, RATE_HZ = 10, 20.0
 _HTTP = {1: "HTTP/1.1", 2: "HTTP/2", 3: "HTTP/3"}
@@ -25,7 +25,7 @@ def rows(seconds: float, losses: Sequence[float] = LOSSES) -> list[Row]:
 
 
 def _measured(seconds: float, losses: Sequence[float]) -> Iterator[Row]:
-    """Ten values of ten robots: read at once on a new connection, then followed as event streams."""
+    """Measure ten values of ten robots: read at once on a new connection, then followed as event streams."""
     program()
     with scene("--requests-per-client", "0") as place, contextlib.ExitStack() as robots:
         movers = [robots.enter_context(place.robot(f"mover{n}", RATE_HZ)) for n in range(STREAMS)]
