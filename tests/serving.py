@@ -33,7 +33,7 @@ def run_on_sockets(test: Callable[[], Coroutine[Any, Any, None]]) -> None:
 
 
 async def until(condition: Callable[[], Any]) -> None:
-    while not condition():  # noqa: ASYNC110 - noqa: ASYNC110 - few of these conditions could set an event
+    while not condition():  # noqa: ASYNC110 - few of these conditions could set an event
         await asyncio.sleep(0.002)
 
 

@@ -92,7 +92,7 @@ async def until(probe: Callable[[], Awaitable[T]], what: str) -> T:
     """Return the first true value of ``probe``; TimeoutError naming ``what`` if there is none in time."""
     try:
         async with asyncio.timeout(PATIENCE_S):
-            while not (value := await probe()):  # noqa: ASYNC110 - noqa: ASYNC110 - in Redis
+            while not (value := await probe()):  # noqa: ASYNC110 - in Redis
                 await asyncio.sleep(0.01)
             return value
     except TimeoutError as error:

@@ -255,7 +255,7 @@ def test_a_process_that_is_stopped_does_not_miss_its_peer_and_has_what_was_sent_
 def test_a_gateway_that_connects_to_a_router_lists_at_once_who_is_there() -> None:
     async def join(scene: Scene) -> None:
         later = await scene.network.gateway("h")((), ("tcp/router",), {})
-        while not later.connected:  # noqa: ASYNC110 - noqa: ASYNC110 - like Zenoh, it does not notify
+        while not later.connected:  # noqa: ASYNC110 - like Zenoh, it does not notify
             await asyncio.sleep(0.01)
         assert await later.list_tokens(KEYS.all_presence, 1.0, list) == ([TOKEN], True)
         await later.close()
