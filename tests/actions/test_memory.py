@@ -1,4 +1,4 @@
-"""What a gateway keeps in mind until it can be remembered."""
+"""The gateway's copy of invocations while Redis cannot store them yet."""
 
 import asyncio
 import logging
@@ -23,7 +23,7 @@ MOST = 10_000
 
 
 class Slow(ActionStore):
-    """The first answer of the method ``held`` is held back as long as a busy event loop may hold it back."""
+    """Delays the first answer of the method ``held``, as a busy event loop may do."""
 
     def __init__(self, url: str, held: str) -> None:
         super().__init__(url, "n", "run")
@@ -71,7 +71,7 @@ def test_what_cannot_be_remembered_is_bounded_and_what_is_open_is_given_up_last(
 
 
 def test_a_stop_that_ends_before_it_is_recorded_is_remembered(tmp_path: Path) -> None:
-    """The robot reports the end as it answers: both are taken before anything is written."""
+    """The robot reports the end together with its answer: both arrive before anything is written."""
     stopped = Invocation("i", "r", "/r/actions/stop", {}, time.time_ns(), time.time_ns() + 10**10, stops=())
 
     async def scenario(url: str) -> None:
@@ -119,7 +119,7 @@ def test_an_end_that_overtakes_the_answer_is_remembered_with_what_the_answer_say
 
 
 def test_what_is_deleted_while_it_is_read_stays_deleted(tmp_path: Path) -> None:
-    """The answers of the store to both come by different connections, in any order."""
+    """The store's answers to both arrive on different connections, in any order."""
     invocation = Invocation("i", "r", "/r/j/actions/rotate", {"j": 1.0}, time.time_ns(), time.time_ns() + 10**10)
 
     async def scenario(url: str) -> None:
@@ -140,7 +140,7 @@ def test_what_is_deleted_while_it_is_read_stays_deleted(tmp_path: Path) -> None:
 
 def test_what_is_taken_back_while_the_store_cannot_be_reached_is_no_longer_set(tmp_path: Path) -> None:
     class CutOff(ActionStore):
-        """The next question for settings meets an outage."""
+        """The next request for settings fails as in an outage."""
 
         away = False
 
